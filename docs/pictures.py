@@ -18,7 +18,11 @@ from percept.inference import prediction_interval, t_interval, tolerance_factor,
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
-_NAMES = {"mean": "mean: the average user", "user": "user: the next user", "share": "share: 90 % of users"}
+_NAMES = {
+    "mean": "mean: the average user",
+    "user": "user: the next user",
+    "share": "share: 90 % of users",
+}
 _COLOURS = {"mean": "#0063a6", "user": "#c44900", "share": "#00784d"}
 _MISS = "#b00020"
 _LEVEL = 0.90  # Low enough that a picture of 20 studies shows some that miss
@@ -89,7 +93,9 @@ def subjects(figure: Figure) -> None:
     }
     for kind, width in widths.items():
         ax.loglog(n, width, color=_COLOURS[kind], linewidth=2, label=kind)
-    ax.axhline(stats.norm.isf(0.005), color="#333", linestyle="--", linewidth=1, label="99 % of all users")
+    ax.axhline(
+        stats.norm.isf(0.005), color="#333", linestyle="--", linewidth=1, label="99 % of all users"
+    )
     ax.set_xticks([3, 10, 30, 100, 300], ["3", "10", "30", "100", "300"])
     ax.set_yticks([0.2, 0.5, 1, 2, 5, 10], ["0.2", "0.5", "1", "2", "5", "10"])
     ax.minorticks_off()
@@ -111,7 +117,9 @@ def _report() -> None:
 
 def draw() -> None:
     """Write every picture."""
-    matplotlib.rcParams.update({"svg.hashsalt": "percept", "axes.spines.top": False, "font.size": 9})
+    matplotlib.rcParams.update(
+        {"svg.hashsalt": "percept", "axes.spines.top": False, "font.size": 9}
+    )
     matplotlib.rcParams.update({"axes.spines.right": False, "axes.titlesize": 9})
     for picture, size in ((kinds, (6.4, 2.2)), (studies, (8.0, 3.4)), (subjects, (5.2, 3.2))):
         figure = Figure(figsize=size, layout="constrained", facecolor="white")

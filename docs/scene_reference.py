@@ -54,14 +54,18 @@ def meanings(template: str) -> dict[str, str]:
 
 def _comment(rest: str) -> str:
     """Return what follows a value: its comment, and of a key without one the value as an example."""
-    value, _, comment = re.sub(r'"[^"]*"', lambda text: text[0].replace("#", "\0"), rest).partition(" #")
+    value, _, comment = re.sub(r'"[^"]*"', lambda text: text[0].replace("#", "\0"), rest).partition(
+        " #"
+    )
     return (comment.strip() or f"such as `{value.strip()}`").replace("\0", "#")
 
 
 def value_of(schema: dict[str, Any], definitions: dict[str, Any]) -> str:
     """Say in words what values a key takes."""
     if "anyOf" in schema:
-        kinds = [value_of(part, definitions) for part in schema["anyOf"] if part.get("type") != "null"]
+        kinds = [
+            value_of(part, definitions) for part in schema["anyOf"] if part.get("type") != "null"
+        ]
         return " or ".join(dict.fromkeys(kinds))
     if "$ref" in schema:
         return "a table"
@@ -80,14 +84,18 @@ def value_of(schema: dict[str, Any], definitions: dict[str, Any]) -> str:
     if kind == "array":
         items = schema["items"]
         return f"list: {value_of(items, definitions)}"
-    return {"boolean": "`true`, `false`", "string": "text", "object": "a table"}.get(str(kind), "any")
+    return {"boolean": "`true`, `false`", "string": "text", "object": "a table"}.get(
+        str(kind), "any"
+    )
 
 
 def _default(schema: dict[str, Any], *, needed: bool) -> str:
     if needed:
         return "needed"
     default = schema.get("default")
-    return "" if default in (None, [], {}, "") or isinstance(default, dict) else f"`{_toml(default)}`"
+    return (
+        "" if default in (None, [], {}, "") or isinstance(default, dict) else f"`{_toml(default)}`"
+    )
 
 
 def _toml(value: Any) -> str:
@@ -97,7 +105,9 @@ def _toml(value: Any) -> str:
 
 def _rows(table: dict[str, Any], said: dict[str, str], definitions: dict[str, Any]) -> list[str]:
     """Return a Markdown table of a table's keys."""
-    rows = ["| key | value | default | meaning |", "|---|---|---|---|"] if table["properties"] else []
+    rows = (
+        ["| key | value | default | meaning |", "|---|---|---|---|"] if table["properties"] else []
+    )
     for key, schema in table["properties"].items():
         cells = (
             f"`{key}`",
@@ -131,7 +141,9 @@ def _links(schema: Any) -> list[str]:
 
 def reference() -> str:
     """Return the page's part that follows from the code."""
-    template = resources.files("percept.commands").joinpath("scene.toml").read_text(encoding="utf-8")
+    template = (
+        resources.files("percept.commands").joinpath("scene.toml").read_text(encoding="utf-8")
+    )
     said = meanings(template)
     schema = Scene.model_json_schema()
     definitions = schema["$defs"]
@@ -144,7 +156,11 @@ def reference() -> str:
             lines += [f"{said[name][:1].upper()}{said[name][1:]}.", "", *_examples(name, template)]
         else:
             table = definitions[inner.pop(0)]
-            own = {key.rpartition(".")[2]: text for key, text in said.items() if key.startswith(f"{name}.")}
+            own = {
+                key.rpartition(".")[2]: text
+                for key, text in said.items()
+                if key.startswith(f"{name}.")
+            }
             lines += [*_said(table), "", *_rows(table, own, definitions)]
             inner += _links(table["properties"])
         if name == "model":
@@ -158,7 +174,9 @@ def reference() -> str:
 
 def _examples(name: str, template: str) -> list[str]:
     """Return a table's own lines of the commented scene."""
-    block = re.search(rf"^((?:#: )?\[{re.escape(name)}\].*?)(?:\n\n|\Z)", template, re.DOTALL | re.MULTILINE)
+    block = re.search(
+        rf"^((?:#: )?\[{re.escape(name)}\].*?)(?:\n\n|\Z)", template, re.DOTALL | re.MULTILINE
+    )
     lines = [] if block is None else block[1].rstrip().splitlines()
     return ["```toml", *(line.removeprefix("#: ") for line in lines), "```"]
 

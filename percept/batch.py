@@ -35,10 +35,10 @@ _GROUP = 128
 Status = Literal["done", "withheld", "refused", "failed"]
 _TEXT, _REAL, _COUNT = pa.string(), pa.float64(), pa.int64()
 
-#: Columns of every result: what became of the study, then its intervals in N/m and N·s/m, one row each; a
-#: study without intervals has one row. A study is "done" or "refused" by the reader or the analysis. It is
-#: "withheld" where the gate failed: classical rows only. "failed" is the machine's or an unreadable file's
-#: fault, and a later run tries again.
+#: Columns of every result: what became of the study, then its intervals in N/m and N·s/m, one row
+#: each; a study without intervals has one row. A study is "done" or "refused" by the reader or the
+#: analysis. It is "withheld" where the gate failed: classical rows only. "failed" is the machine's
+#: or an unreadable file's fault, and a later run tries again.
 SCHEMA = pa.schema(
     [
         ("study", _TEXT), ("key", _TEXT), ("status", _TEXT), ("message", _TEXT), ("subjects", _COUNT),
@@ -65,7 +65,9 @@ class StudySource:
 
     path: str
     given: Scene  # The batch's, for a study without one of its own
-    changes: Mapping[str, Any]  # Keys of `[inference]` that go before any scene's, None to leave one alone
+    changes: Mapping[
+        str, Any
+    ]  # Keys of `[inference]` that go before any scene's, None to leave one alone
 
     @property
     def scene(self) -> Scene:
@@ -76,7 +78,9 @@ class StudySource:
     def key(self) -> str:
         """Return the digest of everything that the study's rows depend on."""
         scene, files = self.scene.to_dict(), expand([self.path])[0]
-        contents = [(str(name), hashlib.sha256(Path(name).read_bytes()).hexdigest()) for name in files]
+        contents = [
+            (str(name), hashlib.sha256(Path(name).read_bytes()).hexdigest()) for name in files
+        ]
         version = numbers_version("inference", "sessions", "study", "batch")
         return digest(version, self.path, contents, scene)
 
@@ -93,7 +97,9 @@ def sources(
     """Take each path, and each that a pattern fits, as a study; those named twice once."""
     named = list(dict.fromkeys(one for path in paths for one in _studies(path)))
     if not named:
-        raise UsageError("no study was given.", hint="Name session files or folders, one per study.")
+        raise UsageError(
+            "no study was given.", hint="Name session files or folders, one per study."
+        )
     return [StudySource(path, scene or Scene(), changes or {}) for path in named]
 
 
@@ -104,7 +110,9 @@ def _studies(path: str) -> list[str]:
     found = [one for one in fitting(path) if may_be_study(one)]
     if not found:
         raise UsageError(
-            "no table and no folder of tables fits the pattern.", value=path, hint="Each match is one study."
+            "no table and no folder of tables fits the pattern.",
+            value=path,
+            hint="Each match is one study.",
         )
     return found
 
@@ -193,9 +201,14 @@ class BatchFolder:
     def combine(self, keys: Sequence[str]) -> Path:
         """Write the rows of saved studies into one table, in their order, a few in memory at a time."""
         target = self.out / TABLE_NAME
-        with whole_file(target) as aside, pq.ParquetWriter(aside, SCHEMA, compression="zstd") as writer:
+        with (
+            whole_file(target) as aside,
+            pq.ParquetWriter(aside, SCHEMA, compression="zstd") as writer,
+        ):
             for start in range(0, len(keys), _GROUP):
-                tables = [pq.ParquetFile(self._path(key)).read() for key in keys[start : start + _GROUP]]
+                tables = [
+                    pq.ParquetFile(self._path(key)).read() for key in keys[start : start + _GROUP]
+                ]
                 writer.write_table(pa.concat_tables(tables))
         return target
 
@@ -212,7 +225,9 @@ class Summary:
     skipped: int  # Of them, how many an earlier run had finished
     counts: dict[str, int]  # How many of the studies ended in each status
     failures: tuple[tuple[str, str], ...]  # Name and message of each study that is not "done"
-    inaccurate: tuple[tuple[str, str], ...]  # Of each that is done with an error above its tolerance
+    inaccurate: tuple[
+        tuple[str, str], ...
+    ]  # Of each that is done with an error above its tolerance
 
 
 def run_batch(
@@ -224,7 +239,8 @@ def run_batch(
 ) -> Summary:
     """Analyse the studies that a folder has no rows of; rows depend on the studies, not on the workers.
 
-    `progress` is told how many studies are finished, of how many, and how many of them are not done.
+    `progress` is told how many studies are finished, of how many, and how many of them are not
+    done.
     """
     counts: Counter[str] = Counter()
     keys: list[str] = []
@@ -262,7 +278,9 @@ def run_batch(
 
         for job, outcome in mapper(analyse, unfinished()):
             if isinstance(outcome, Exception):
-                outcome = encode(job.name, job.key, "failed", f"{type(outcome).__name__}: {outcome}")
+                outcome = encode(
+                    job.name, job.key, "failed", f"{type(outcome).__name__}: {outcome}"
+                )
             folder.save(job.key, outcome)
             count(job.name, outcome.status, outcome.message)
         table = folder.combine(keys)

@@ -49,7 +49,9 @@ def numbers_version(*parts: str) -> str:
     code = hashlib.sha256()
     for part in parts:
         for path in sorted((root / part).rglob("*.py")) or [root / f"{part}.py"]:
-            code.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+            code.update(
+                path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0"
+            )
     return f"percept {percept.__version__} {packages} code {code.hexdigest()}"
 
 
@@ -61,7 +63,11 @@ def digest(*parts: object) -> str:
 def _array(value: Any) -> list[object]:
     if not isinstance(value, np.ndarray) or value.dtype.hasobject:
         raise TypeError(f"{type(value).__name__} has no digest.")
-    return [value.dtype.str, value.shape, hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()]
+    return [
+        value.dtype.str,
+        value.shape,
+        hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest(),
+    ]
 
 
 def encode(run: Run) -> bytes:
@@ -98,9 +104,9 @@ def decode(data: bytes) -> Run:
 class PosteriorCache:
     """Runs that were finished before, by what they were asked; safe to share between processes.
 
-    An entry is written whole or not at all, and is discarded with a message when it is damaged. Nothing here
-    can fail an analysis: what cannot be read is computed, what cannot be written is said and left. Beyond
-    `limit` bytes the entries not used for longest go.
+    An entry is written whole or not at all, and is discarded with a message when it is damaged.
+    Nothing here can fail an analysis: what cannot be read is computed, what cannot be written is
+    said and left. Beyond `limit` bytes the entries not used for longest go.
     """
 
     def __init__(self, folder: Path, *, limit: int = LIMIT) -> None:
@@ -115,14 +121,18 @@ class PosteriorCache:
         except FileNotFoundError:
             return None
         except OSError as error:
-            _log.warning("A stored posterior cannot be read (%s) and is computed again.", _why(error))
+            _log.warning(
+                "A stored posterior cannot be read (%s) and is computed again.", _why(error)
+            )
             return None
         except Exception as damage:  # noqa: BLE001 - bytes at will can raise anything in zip, npy and JSON
             _log.warning("A stored posterior is damaged (%s): discarded, computed again.", damage)
             with suppress(OSError):
                 path.unlink()
             return None
-        with suppress(OSError):  # gone by another process, or not ours to touch: its turn comes sooner
+        with suppress(
+            OSError
+        ):  # gone by another process, or not ours to touch: its turn comes sooner
             _mark_used(path)
         _log.info("posterior %s found in %s", path.stem[:12], self.folder)
         return run
@@ -131,7 +141,9 @@ class PosteriorCache:
         """Store the run of what is asked."""
         path, data = self._path(asked), encode(run)
         if len(data) > self.limit:
-            _log.info("posterior %s takes %d bytes, more than the cache may", path.stem[:12], len(data))
+            _log.info(
+                "posterior %s takes %d bytes, more than the cache may", path.stem[:12], len(data)
+            )
             return
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -140,7 +152,9 @@ class PosteriorCache:
                 _mark_used(path)
                 self._evict()
         except OSError as error:
-            _log.warning("The posterior was not kept for next time in %s: %s.", self.folder, _why(error))
+            _log.warning(
+                "The posterior was not kept for next time in %s: %s.", self.folder, _why(error)
+            )
 
     def entries(self) -> dict[Path, int]:
         """Return the files and their sizes in bytes, the longest unused first."""
@@ -148,7 +162,10 @@ class PosteriorCache:
         for path in self.folder.glob(f"[!.]*{_SUFFIX}"):
             with suppress(FileNotFoundError):
                 found[path] = path.stat()
-        return {path: found[path].st_size for path in sorted(found, key=lambda path: found[path].st_mtime_ns)}
+        return {
+            path: found[path].st_size
+            for path in sorted(found, key=lambda path: found[path].st_mtime_ns)
+        }
 
     def clear(self) -> int:
         """Remove every entry; return how many went."""

@@ -15,7 +15,8 @@ from percept import __version__
 from percept.commands import Command
 from percept.errors import PerceptError, UsageError, did_you_mean, printable
 
-#: Commands by what they are for, each with its module of `percept.commands` and its line in the help.
+#: Commands by what they are for, each with its module of `percept.commands` and its line in the
+#: help.
 GROUPS = {
     "analyse": {
         "report": ("fit", "analyse sessions and write the report"),
@@ -106,7 +107,9 @@ def _parsed(words: Sequence[str]) -> argparse.Namespace:
     first = next((word for word in words if not word.startswith("-")), None)
     if first is not None and first not in COMMANDS:
         hint = "See percept --help."
-        raise UsageError(f"there is no command {first!r}.{did_you_mean(first, COMMANDS)}", hint=hint)
+        raise UsageError(
+            f"there is no command {first!r}.{did_you_mean(first, COMMANDS)}", hint=hint
+        )
     hint = f"See percept {first} --help." if first else "See percept --help."
     parser = build_parser([first] if first else [])
     parsed, unknown = parser.parse_known_args(words)
@@ -145,7 +148,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _complain(str(error))
         return error.exit_code
     except KeyboardInterrupt:
-        left = "keeps what is finished and goes on" if command in _RESUMED else "starts again from the data"
+        left = (
+            "keeps what is finished and goes on"
+            if command in _RESUMED
+            else "starts again from the data"
+        )
         print(f"percept: interrupted. The same command {left}.", file=sys.stderr)
         return 130
     except BrokenPipeError:
@@ -156,7 +163,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if debug:
             raise
         place = f"{error.filename}: " if error.filename else ""
-        kept = " What is finished is kept: run the same command again." if command in _RESUMED else ""
+        kept = (
+            " What is finished is kept: run the same command again." if command in _RESUMED else ""
+        )
         _complain(f"{place}cannot be read or written: {error.strerror or error}.{kept}")
         return 2
 

@@ -27,12 +27,15 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.
 def whole_file(path: Path) -> Iterator[Path]:
     """Give a hidden name beside `path` to write to; at the end that file takes the place of `path`.
 
-    `path` is never seen in part, whatever stops the process or the machine: the bytes go to the disk first.
+    `path` is never seen in part, whatever stops the process or the machine: the bytes go to the
+    disk first.
     """
     path = path.resolve()
     _remove_abandoned(path.parent)
     aside = path.with_name(f"{_ASIDE}{secrets.token_hex(8)}")
-    aside.touch(exist_ok=False)  # with the permissions any new file has, which `tempfile` would not give
+    aside.touch(
+        exist_ok=False
+    )  # with the permissions any new file has, which `tempfile` would not give
     try:
         yield aside
         _sync(aside, os.O_RDWR)
@@ -70,7 +73,8 @@ def _sync(path: Path, mode: int) -> None:
 def exclusive(folder: Path, *, wait: bool = True) -> Iterator[None]:
     """Hold a folder alone, among those who ask by this function, where the file system has locks.
 
-    The operating system locks the folder itself, so the lock ends with the process however that ends.
+    The operating system locks the folder itself, so the lock ends with the process however that
+    ends.
     """
     if sys.platform == "win32":
         yield
@@ -83,7 +87,9 @@ def exclusive(folder: Path, *, wait: bool = True) -> Iterator[None]:
             fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             hint = "Wait for it, or choose another folder."
-            raise UsageError("another run is writing into it.", file=str(folder), hint=hint) from None
+            raise UsageError(
+                "another run is writing into it.", file=str(folder), hint=hint
+            ) from None
         except OSError as error:
             if error.errno not in _NO_LOCKS:
                 raise
@@ -96,17 +102,21 @@ def exclusive(folder: Path, *, wait: bool = True) -> Iterator[None]:
 def filled_folder(out_dir: str | Path, *, last: str) -> Iterator[Path]:
     """Give an empty folder to write into; its files move to `out_dir` at the end, `last` as the last of them.
 
-    An error inside leaves `out_dir` as it was. A list of the files and their hashes goes with them, in the
-    form of ``sha256sum`` and named after `last`. A file of an earlier list that is not written again goes,
-    unless somebody changed it. Every other file stays. Of two runs into one folder the later one wins.
+    An error inside leaves `out_dir` as it was. A list of the files and their hashes goes with them,
+    in the form of ``sha256sum`` and named after `last`. A file of an earlier list that is not
+    written again goes, unless somebody changed it. Every other file stays. Of two runs into one
+    folder the later one wins.
     """
     if not str(out_dir):
-        raise UsageError("the name of the folder to write is empty.", hint="Name one, or leave it out.")
+        raise UsageError(
+            "the name of the folder to write is empty.", hint="Name one, or leave it out."
+        )
     out = Path(out_dir).resolve()
     if out.exists() and not out.is_dir():
         raise UsageError("a folder is needed here, and this is a file.", file=str(out_dir))
     missing = [parent for parent in out.parents if not parent.exists()]
-    # Only within one file system is a move all or nothing, and a folder may be where another begins.
+    # Only within one file system is a move all or nothing, and a folder may be where another
+    # begins.
     place = out if out.is_dir() else out.parent
     try:
         place.mkdir(parents=True, exist_ok=True)
@@ -170,7 +180,11 @@ def _listed(path: Path) -> dict[Path, str]:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
         return {}
-    listed = {Path(name): digest for digest, _, name in (line.partition("  ") for line in lines) if name}
+    listed = {
+        Path(name): digest for digest, _, name in (line.partition("  ") for line in lines) if name
+    }
     return {
-        path: digest for path, digest in listed.items() if not path.is_absolute() and ".." not in path.parts
+        path: digest
+        for path, digest in listed.items()
+        if not path.is_absolute() and ".." not in path.parts
     }

@@ -17,7 +17,8 @@ class NotebookRecord:
     def _repr_html_(self) -> str:
         names = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]  # always one
         caption = next(
-            (str(said) for name in ("covers", "sentence") if (said := getattr(self, name, None))), ""
+            (str(said) for name in ("covers", "sentence") if (said := getattr(self, name, None))),
+            "",
         )
         return fields_html({name: getattr(self, name) for name in names}, caption=caption)
 
@@ -25,7 +26,8 @@ class NotebookRecord:
 def fields_html(values: Mapping[str, Any], *, caption: str = "") -> str:
     """Lay named values out as a table."""
     rows = "".join(
-        f"<tr><th>{html.escape(name)}</th><td>{_html(value)}</td></tr>" for name, value in values.items()
+        f"<tr><th>{html.escape(name)}</th><td>{_html(value)}</td></tr>"
+        for name, value in values.items()
     )
     above = f"<caption>{html.escape(caption)}</caption>" if caption else ""
     return f"<table>{above}{rows}</table>"
@@ -43,7 +45,10 @@ def _brief(value: object) -> str:
     if isinstance(value, bool | str):
         return str(value)
     if dataclasses.is_dataclass(value):
-        named = (f"{field.name} {_brief(getattr(value, field.name))}" for field in dataclasses.fields(value))
+        named = (
+            f"{field.name} {_brief(getattr(value, field.name))}"
+            for field in dataclasses.fields(value)
+        )
         return f"{type(value).__name__}: {', '.join(named)}"
     shape = getattr(value, "shape", ())
     if isinstance(shape, tuple) and shape and (len(shape) > 1 or shape[0] > _MOST):
@@ -56,5 +61,9 @@ def _brief(value: object) -> str:
         return ", ".join(f"{key}: {_brief(one)}" for key, one in value.items())
     if isinstance(value, Iterable) and not isinstance(value, str):
         parts = list(value)
-        return ", ".join(_brief(one) for one in parts) if len(parts) <= _MOST else f"{len(parts)} values"
+        return (
+            ", ".join(_brief(one) for one in parts)
+            if len(parts) <= _MOST
+            else f"{len(parts)} values"
+        )
     return str(value)

@@ -1,8 +1,9 @@
 """How many subjects the next study needs.
 
-Each plan finds the smallest n whose interval is, with a stated probability (the assurance), no wider than
-wanted. The width of a classical interval is a known multiple of the SD, and the SD of a normal sample is a χ
-variable: the assurance is a χ² probability, exact, and no simulation is needed.
+Each plan finds the smallest n whose interval is, with a stated probability (the assurance), no
+wider than wanted. The width of a classical interval is a known multiple of the SD, and the SD of a
+normal sample is a χ variable: the assurance is a χ² probability, exact, and no simulation is
+needed.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ class Plan(NotebookRecord):
     n: int  # Subjects
     assurance: float  # Probability that a study of `n` subjects reaches the width
     expected: float  # Average over studies of the width, in the terms of `wanted`
-    #: Kind "mean": half-width, in the unit of the SD ("lognormal": as a fraction); others: width over that of
-    #: a known population.
+    #: Kind "mean": half-width, in the unit of the SD ("lognormal": as a fraction); others: width
+    #: over that of a known population.
     wanted: float
     level: float  # Level of the interval
     share: float | None = None  # Kind ``"share"``: share of users held
@@ -44,9 +45,14 @@ class Plan(NotebookRecord):
         """One plain sentence saying what the plan promises."""
         level = percent(self.level)
         if self.kind == "share":
-            interval = f"the interval of {percent(self.share or 0.0)} of all users, with {level} confidence,"
+            interval = (
+                f"the interval of {percent(self.share or 0.0)} of all users, with {level}"
+                " confidence,"
+            )
         else:
-            interval = f"the {level} interval of the {'average' if self.kind == 'mean' else 'next'} user"
+            interval = (
+                f"the {level} interval of the {'average' if self.kind == 'mean' else 'next'} user"
+            )
         if self.kind != "mean":
             width = f"at most {self.wanted:.4g} times as wide as that of a known population"
         elif self.family == "lognormal":
@@ -86,7 +92,10 @@ def plan_user(ratio: float, *, level: float = 0.99, assurance: float = 0.8) -> P
     """Find the n for which the prediction interval is close to the population's own."""
     half_tail = tail_of(level) / 2.0
     found = _smallest_ratio(
-        lambda n: -special.stdtrit(n - 1.0, half_tail) * np.sqrt(1.0 + 1.0 / n), ratio, half_tail, assurance
+        lambda n: -special.stdtrit(n - 1.0, half_tail) * np.sqrt(1.0 + 1.0 / n),
+        ratio,
+        half_tail,
+        assurance,
     )
     return Plan(kind="user", wanted=ratio, level=level, **found)
 
@@ -106,11 +115,15 @@ def _smallest_ratio(
 ) -> dict[str, Any]:
     """Plan for a width over that of a known population, whose SD is taken as the unit."""
     if not (np.isfinite(ratio) and ratio > 1.0):
-        raise UsageError("ratio must be above 1, to which it tends with ever more subjects.", value=ratio)
+        raise UsageError(
+            "ratio must be above 1, to which it tends with ever more subjects.", value=ratio
+        )
     return _smallest(factor, ratio, -1.0 / float(special.ndtri(half_tail)), assurance)
 
 
-def _smallest(factor: Callable[[int], Any], wanted: float, sigma: float, assurance: float) -> dict[str, Any]:
+def _smallest(
+    factor: Callable[[int], Any], wanted: float, sigma: float, assurance: float
+) -> dict[str, Any]:
     """Return the smallest n with P(factor·SD ≤ wanted) ≥ assurance, that probability, and E factor·SD."""
     if not 0.0 < assurance < 1.0:
         hint = "80 percent is written 0.8."

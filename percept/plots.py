@@ -44,7 +44,9 @@ def plot_intervals(
     rows, bars, values = [], [], []
     for name in parameters:
         for environment in study.environments:
-            label = environment if len(parameters) == 1 else f"{environment}, {quantities[name].label}"
+            label = (
+                environment if len(parameters) == 1 else f"{environment}, {quantities[name].label}"
+            )
             rows.append(label)
             values.append(values_of(document, environment, name))
             bars += [
@@ -122,12 +124,20 @@ def plot_check(study: Study, *, ax: Axes | None) -> Axes:
     subjects = study.checks.loo.subjects.sort_values("farther", kind="stable")
     count, rank = len(subjects), np.arange(1, len(subjects) + 1)
     # The order statistics of independent uniform numbers have Beta laws.
-    low, high = (stats.beta.ppf((1 + side * _LEVEL) / 2, rank, count + 1 - rank) for side in (-1, 1))
+    low, high = (
+        stats.beta.ppf((1 + side * _LEVEL) / 2, rank, count + 1 - rank) for side in (-1, 1)
+    )
     expected = rank / (count + 1)
     with rc_context(_STYLE):
         ax = _axes(ax)
         ax.fill_between(
-            expected, low, high, color=COLOURS["quiet"], alpha=0.2, linewidth=0, label=f"{_LEVEL:.0%}"
+            expected,
+            low,
+            high,
+            color=COLOURS["quiet"],
+            alpha=0.2,
+            linewidth=0,
+            label=f"{_LEVEL:.0%}",
         )
         ax.plot([0, 1], [0, 1], color=COLOURS["ink"], linestyle=(0, (7, 3)), linewidth=0.8)
         ax.plot(

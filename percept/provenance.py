@@ -53,6 +53,10 @@ def commit_of_code() -> str:
 
 def _git(*words: str) -> str:
     done = subprocess.run(
-        ["git", *words, "--", str(_PACKAGE)], cwd=_PACKAGE, capture_output=True, text=True, check=True
+        ["git", *words, "--", str(_PACKAGE)],
+        cwd=_PACKAGE,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return done.stdout.strip()

@@ -51,9 +51,12 @@ def _probability(value: float) -> float:
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
 _BETWEEN: dict[str, Any] = {"exclusiveMinimum": 0, "exclusiveMaximum": 1}
-Probability = Annotated[float, Field(strict=True, json_schema_extra=_BETWEEN), AfterValidator(_probability)]
+Probability = Annotated[
+    float, Field(strict=True, json_schema_extra=_BETWEEN), AfterValidator(_probability)
+]
 Kind = Literal["mean", "user", "share"]
-# At Nyquist itself a sampled mass has no finite impedance. Written with fewer digits it may come out below.
+# At Nyquist itself a sampled mass has no finite impedance. Written with fewer digits it may come
+# out below.
 _NYQUIST_ANGLE = math.pi - 1e-9
 
 
@@ -74,8 +77,8 @@ class ModeTable(Table):
 class DeviceTable(Table):
     """The haptic device: mass (kg) and damping (N·s/m) with flexible modes, or a measured response.
 
-    `response` names a CSV with columns omega (rad/s), real and imaginary (N·s/m), from the folder of the
-    scene's file; `period` is in s.
+    `response` names a CSV with columns omega (rad/s), real and imaginary (N·s/m), from the folder
+    of the scene's file; `period` is in s.
     """
 
     mass: NonNegative | None = None
@@ -89,8 +92,12 @@ class DeviceTable(Table):
     def _one_description(self) -> Self:
         if self.response is None and (self.mass is None or self.damping is None):
             raise ValueError("give mass and damping, or response")
-        if self.response is not None and not (self.mass is None and self.damping is None and not self.modes):
-            raise ValueError("a measured response holds mass, damping and modes: give one or the other")
+        if self.response is not None and not (
+            self.mass is None and self.damping is None and not self.modes
+        ):
+            raise ValueError(
+                "a measured response holds mass, damping and modes: give one or the other"
+            )
         return self
 
 
@@ -142,7 +149,9 @@ class InferenceTable(Table):
 
     @field_validator("kinds", "parameters", "together")
     @classmethod
-    def _each_once(cls, chosen: tuple[str, ...] | None, info: ValidationInfo) -> tuple[str, ...] | None:
+    def _each_once(
+        cls, chosen: tuple[str, ...] | None, info: ValidationInfo
+    ) -> tuple[str, ...] | None:
         if chosen is None:
             return None
         if not chosen:
@@ -150,7 +159,11 @@ class InferenceTable(Table):
         if repeated := [name for name in chosen if chosen.count(name) > 1]:
             raise ValueError(f"{repeated[0]} stands there twice")
         # One order, whatever the file's; that of quantities is known to the scene.
-        return tuple(k for k in get_args(Kind) if k in chosen) if info.field_name == "kinds" else chosen
+        return (
+            tuple(k for k in get_args(Kind) if k in chosen)
+            if info.field_name == "kinds"
+            else chosen
+        )
 
     @property
     def held_share(self) -> float:
@@ -162,8 +175,8 @@ class ModelTable(Table):
     """The hierarchical model: pooling, priors and simpler variants.
 
     `scale` gives a parameter with a reference of zero a unit to divide by, under the normal family.
-    `resolution` is the step of the adjustment. Its variance, step²/12, stands in for scatter in cells that
-    show none or whose parameters move in proportion. percept adds it nowhere else.
+    `resolution` is the step of the adjustment. Its variance, step²/12, stands in for scatter in
+    cells that show none or whose parameters move in proportion. percept adds it nowhere else.
     """
 
     pooling: Literal["partial", "none"] = "partial"
@@ -215,8 +228,9 @@ Noun = Annotated[tuple[str, str], BeforeValidator(_noun)]
 class StudyTable(Table):
     """What the study calls its environments and subjects, as a noun or as singular and plural.
 
-    Without a word environments are "conditions" where the quantities adjusted make no impedance. `factor` is
-    a column of conditions that the same subjects went through: its levels are compared two by two.
+    Without a word environments are "conditions" where the quantities adjusted make no impedance.
+    `factor` is a column of conditions that the same subjects went through: its levels are compared
+    two by two.
     """
 
     environment: Noun | None = None
@@ -280,7 +294,9 @@ class Scene(DataTables):
             for name in names or ():
                 if name not in self.quantities:
                     known = ", ".join(self.quantities)
-                    raise UsageError(f"there is no such quantity; there are {known}.", key=key, value=name)
+                    raise UsageError(
+                        f"there is no such quantity; there are {known}.", key=key, value=name
+                    )
         for key in ("parameters", "together"):
             if (names := getattr(asked, key)) is not None:
                 object.__setattr__(asked, key, tuple(q for q in self.quantities if q in names))
@@ -294,11 +310,14 @@ class Scene(DataTables):
             return self
         period = self.device.period
         raise UsageError(
-            f"does not lie below the Nyquist frequency, {math.pi / period:.6g} rad/s at a period of "
-            f"{period:g} s.",
+            f"does not lie below the Nyquist frequency, {math.pi / period:.6g} rad/s at a period of"
+            f" {period:g} s.",
             key="frequency.upper",
             value=self.frequency.upper,
-            hint="Set upper of [frequency] below that (it is 100 by default), or correct period of [device].",
+            hint=(
+                "Set upper of [frequency] below that (it is 100 by default), or correct period of"
+                " [device]."
+            ),
         )
 
     @property

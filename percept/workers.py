@@ -23,8 +23,8 @@ Found = TypeVar("Found")
 _SECONDS = 20.0
 # How often dask gives a job to another worker when it ends in an error, such as a full disk.
 _RETRIES = 1
-# What dask keeps for its dashboard grows for an hour. Sampled call stacks take some 0.4 MB per second and
-# worker, measurements some MB.
+# What dask keeps for its dashboard grows for an hour. Sampled call stacks take some 0.4 MB per
+# second and worker, measurements some MB.
 _FEW_RECORDS = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.system-monitor.log-length": 60,
@@ -39,8 +39,8 @@ class Mapper(Protocol):
     ) -> Iterator[tuple[Given, Found | Exception]]:
         """Call a function once per argument and give each with its result or error, in any order.
 
-        Arguments are taken one by one, shortly before they are worked on: there may be many, and they may
-        end early.
+        Arguments are taken one by one, shortly before they are worked on: there may be many, and
+        they may end early.
         """
         ...
 
@@ -78,12 +78,14 @@ def open_mapper(workers: int | None = None, scheduler: str | None = None) -> Ite
 def connected(workers: int | None = None, scheduler: str | None = None) -> Iterator[Client]:
     """Connect to a scheduler, or start one with workers of its own and end them afterwards.
 
-    Every worker here has one thread, and its BLAS one: the matrices are a few tens wide. Their memory stays
-    level: dask's profiler is off. For workers elsewhere that is their environment's affair
-    (``DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False``).
+    Every worker here has one thread, and its BLAS one: the matrices are a few tens wide. Their
+    memory stays level: dask's profiler is off. For workers elsewhere that is their environment's
+    affair (``DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False``).
     """
     if workers is not None and scheduler is not None:
-        raise UsageError("a scheduler has workers of its own.", hint="Give --workers or --scheduler.")
+        raise UsageError(
+            "a scheduler has workers of its own.", hint="Give --workers or --scheduler."
+        )
     if workers is not None and workers < 1:
         raise UsageError("must be at least 1.", key="--workers", value=workers)
     try:
@@ -101,7 +103,10 @@ def connected(workers: int | None = None, scheduler: str | None = None) -> Itera
             raise UsageError(
                 f"no scheduler answers ({error}).",
                 value=scheduler,
-                hint="Start one with `dask scheduler`, and workers with `dask worker ADDRESS --nthreads 1`.",
+                hint=(
+                    "Start one with `dask scheduler`, and workers with `dask worker ADDRESS"
+                    " --nthreads 1`."
+                ),
             ) from error
         with client:
             yield client
@@ -123,8 +128,9 @@ def connected(workers: int | None = None, scheduler: str | None = None) -> Itera
 def on_cluster(client: Client) -> Mapper:
     """Take the workers of a dask cluster, whose code must be this process's own.
 
-    dask gives what a lost worker was working on to another. It gives up an argument with which several
-    workers died, even one that only waited there. These come last and one by one, which tells the culprit.
+    dask gives what a lost worker was working on to another. It gives up an argument with which
+    several workers died, even one that only waited there. These come last and one by one, which
+    tells the culprit.
     """
     require_same_code(client)
 
@@ -149,7 +155,8 @@ def require_same_code(client: Client, version: str | None = None) -> None:
     """Refuse workers, also those that come later, with other code or packages than this process."""
     from distributed import WorkerPlugin
 
-    # All of percept's code: a worker that differs in any of it is not asked whether the difference counts.
+    # All of percept's code: a worker that differs in any of it is not asked whether the difference
+    # counts.
     ours = version or numbers_version(".")
 
     class SameCode(WorkerPlugin):  # type: ignore[misc]
@@ -165,7 +172,8 @@ def require_same_code(client: Client, version: str | None = None) -> None:
         raise _scheduler_lost() from error
     except Exception as error:
         raise RefusalError(
-            f"a worker cannot be used: {error}", hint="Give it and this process the same code and packages."
+            f"a worker cannot be used: {error}",
+            hint="Give it and this process the same code and packages.",
         ) from error
 
 
@@ -203,5 +211,6 @@ def _handed_out(
 
 def _scheduler_lost() -> RefusalError:
     return RefusalError(
-        "the scheduler was lost.", hint="What is finished is kept; run the same command again for the rest."
+        "the scheduler was lost.",
+        hint="What is finished is kept; run the same command again for the rest.",
     )

@@ -40,7 +40,9 @@ def oldest(pyproject: str) -> list[str]:
         wanted += project["optional-dependencies"][extra]
     found: dict[str, str] = {}
     for requirement in wanted:
-        parts = re.fullmatch(r"([\w.-]+)(?:\[[\w,]+\])?>=([\w.]+)(?:,.*)?", requirement.replace(" ", ""))
+        parts = re.fullmatch(
+            r"([\w.-]+)(?:\[[\w,]+\])?>=([\w.]+)(?:,.*)?", requirement.replace(" ", "")
+        )
         if parts is None:
             raise ValueError(f"{requirement!r} has no lower bound")
         name, version = parts.groups()

@@ -35,7 +35,9 @@ def test_exit_codes_tell_wrong_usage_from_a_refusal() -> None:
 
 
 def test_an_error_of_another_process_says_the_same() -> None:
-    error = RefusalError("is wrong.", file="a.csv", row=3, column="k_adj", value=-1.0, hint="Mend it.")
+    error = RefusalError(
+        "is wrong.", file="a.csv", row=3, column="k_adj", value=-1.0, hint="Mend it."
+    )
     again = pickle.loads(pickle.dumps(error))
     assert type(again) is RefusalError
     assert str(again) == str(error)

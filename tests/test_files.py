@@ -59,7 +59,11 @@ def test_only_old_leftovers_of_ours_are_removed(tmp_path):
     for name in (".percept-unfinished-old", ".mine"):
         os.utime(tmp_path / name, (1e9, 1e9))
     write_whole(tmp_path / "a.txt", b"x")
-    assert sorted(p.name for p in tmp_path.iterdir()) == [".mine", ".percept-unfinished-new", "a.txt"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        ".mine",
+        ".percept-unfinished-new",
+        "a.txt",
+    ]
 
 
 @posix

@@ -32,7 +32,8 @@ ALLOWED = {
     "reproduce": _ANALYSIS | {"files", "provenance", "report", "simulate"},
     "plots": {"report", "study", "errors"},
 }
-#: What a part looks up by name when it is called, though it lies above: a study shows itself through these.
+#: What a part looks up by name when it is called, though it lies above: a study shows itself
+#: through these.
 LOOKED_UP = {"study": {"percept.plots", "percept.report"}}
 #: The ends, which may import everything, and which nothing but an end imports.
 ENDS = {"cli", "commands", "bench", "__main__", "__init__"}
@@ -76,7 +77,11 @@ def imports(path):
 
 
 def test_every_part_is_listed():
-    parts = {path.stem for path in ROOT.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}
+    parts = {
+        path.stem
+        for path in ROOT.iterdir()
+        if path.suffix == ".py" or (path / "__init__.py").exists()
+    }
     assert parts == ALLOWED.keys() | ENDS
 
 

@@ -4,7 +4,10 @@ import pytest
 
 from tests.oldest import oldest
 
-HEAD = '[project]\ndependencies = ["numpy>=2.0"{more}]\n[project.optional-dependencies]\ncluster = []\n'
+HEAD = (
+    '[project]\ndependencies = ["numpy>=2.0"{more}]\n[project.optional-dependencies]\ncluster ='
+    " []\n"
+)
 HEAD += 'tables = ["a_b.c[x,y]>=1.2,<2"]\ntest = ["pytest >= 8"]\n'
 
 
@@ -14,7 +17,10 @@ def test_lower_bounds_of_dependencies_and_the_extras_under_test():
 
 @pytest.mark.parametrize(
     ("more", "message"),
-    [(', "scipy"', "'scipy' has no lower bound"), (', "a_b.c>=1"', "a_b.c has two lower bounds, 1 and 1.2")],
+    [
+        (', "scipy"', "'scipy' has no lower bound"),
+        (', "a_b.c>=1"', "a_b.c has two lower bounds, 1 and 1.2"),
+    ],
 )
 def test_what_cannot_be_held_is_said(more, message):
     with pytest.raises(ValueError, match=message):

@@ -38,7 +38,9 @@ def test_user_and_share_against_every_n():
     z = stats.norm.isf(0.025)
 
     def user(n):
-        return stats.chi2.cdf((n - 1) * (1.3 * z / stats.t.isf(0.025, n - 1)) ** 2 / (1 + 1 / n), n - 1)
+        return stats.chi2.cdf(
+            (n - 1) * (1.3 * z / stats.t.isf(0.025, n - 1)) ** 2 / (1 + 1 / n), n - 1
+        )
 
     factors = dict(zip(range(2, 400), tolerance_factor(np.arange(2, 400), 0.95, 0.9), strict=True))
 
@@ -78,7 +80,9 @@ def test_lognormal_is_a_factor_on_the_log():
 
 def test_the_planned_width_is_that_of_the_interval():
     plan = plan_mean(0.4, sd=1.0)
-    c4 = np.sqrt(2 / (plan.n - 1)) * np.exp(special.gammaln(plan.n / 2) - special.gammaln((plan.n - 1) / 2))
+    c4 = np.sqrt(2 / (plan.n - 1)) * np.exp(
+        special.gammaln(plan.n / 2) - special.gammaln((plan.n - 1) / 2)
+    )
     assert plan.expected == pytest.approx(t_interval(Moments(0.0, c4, plan.n)).upper, rel=1e-13)
 
 
@@ -88,21 +92,31 @@ def test_the_planned_width_is_that_of_the_interval():
         (plan_mean(0.5, sd=1.0), "the 99 % interval of the average user is at most ± 0.5 wide"),
         (
             plan_mean(0.5, sd=1.0, level=0.95, family="lognormal"),
-            "the 95 % interval of the average user is within a factor 1.5 of the estimate either way",
+            (
+                "the 95 % interval of the average user is within a factor 1.5 of the estimate"
+                " either way"
+            ),
         ),
         (
             plan_user(1.5),
-            "the 99 % interval of the next user is at most 1.5 times as wide as that of a known population",
+            (
+                "the 99 % interval of the next user is at most 1.5 times as wide as that of a known"
+                " population"
+            ),
         ),
         (
             plan_share(1.5, share=0.9),
-            "the interval of 90 % of all users, with 95 % confidence, is at most 1.5 times as wide as that "
-            "of a known population",
+            (
+                "the interval of 90 % of all users, with 95 % confidence, is at most 1.5 times as"
+                " wide as that of a known population"
+            ),
         ),
     ],
 )
 def test_sentence(plan, said):
-    assert plan.covers == f"With {plan.n} subjects, {said} in {100 * plan.assurance:.4g} % of studies."
+    assert (
+        plan.covers == f"With {plan.n} subjects, {said} in {100 * plan.assurance:.4g} % of studies."
+    )
 
 
 @pytest.mark.parametrize(

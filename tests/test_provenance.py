@@ -25,7 +25,9 @@ def package(tmp_path, monkeypatch):
 
     def git(*words):
         who = ("-c", "user.name=A", "-c", "user.email=a@b.c")
-        done = subprocess.run(["git", *who, *words], cwd=tmp_path, capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            ["git", *who, *words], cwd=tmp_path, capture_output=True, text=True, check=True
+        )
         return done.stdout.strip()
 
     git("init")
@@ -54,7 +56,9 @@ def test_without_a_repository_there_is_no_commit(tmp_path, monkeypatch):
 
 def test_all_of_it_in_a_sentence():
     made = Made("percept plan", "2024-05-01", "abc", {"percept": "1", "numpy": "2"})
-    assert made.sentence == "Made on 2024-05-01 by `percept plan` from commit abc. percept 1, numpy 2."
+    assert (
+        made.sentence == "Made on 2024-05-01 by `percept plan` from commit abc. percept 1, numpy 2."
+    )
 
 
 @needs_git
@@ -63,7 +67,10 @@ def test_committed_pages_name_a_commit_of_the_history(page):
     text = page.read_text(encoding="utf-8")
     (commit,) = set(re.findall(r"from commit ([0-9a-f]{7,40})(?! with changes)\b", text))
     found = subprocess.run(
-        ["git", "merge-base", "--is-ancestor", commit, "HEAD"], cwd=ROOT, capture_output=True, check=False
+        ["git", "merge-base", "--is-ancestor", commit, "HEAD"],
+        cwd=ROOT,
+        capture_output=True,
+        check=False,
     )
     if b"shallow" in found.stderr or not (ROOT / ".git").exists():
         pytest.skip("needs the whole history")

@@ -41,7 +41,10 @@ def in_a_copy(tmp_path, monkeypatch):
 
 def blocks(page):
     text = page.read_text(encoding="utf-8")
-    return [(found[1], found[2], text[: found.start()].rstrip()[-200:]) for found in BLOCK.finditer(text)]
+    return [
+        (found[1], found[2], text[: found.start()].rstrip()[-200:])
+        for found in BLOCK.finditer(text)
+    ]
 
 
 def run_line(line, capsys):
@@ -49,7 +52,9 @@ def run_line(line, capsys):
     words = shlex.split(line)
     if words[0] == "make":
         target = words[1] if words[1:] else "install"
-        assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+        assert re.search(
+            rf"^{target}:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE
+        )
     elif words[0] == "percept":
         code = main(words[1:])
         assert code == next((code for option, code in STOPS.items() if option in words), 0), line
@@ -73,7 +78,9 @@ def test_every_block_runs(page, capsys):
     for language, text, before in blocks(page):
         file = FILE.search(before)
         if file:
-            with Path(file[2]).open("w" if file[1] == "Save this as" else "a", encoding="utf-8") as there:
+            with Path(file[2]).open(
+                "w" if file[1] == "Save this as" else "a", encoding="utf-8"
+            ) as there:
                 there.write(text)
         elif language == "toml":
             Scene(**tomllib.loads(text))
@@ -88,14 +95,18 @@ def test_every_block_runs(page, capsys):
 
 
 def test_the_readme_says_what_the_coupling_of_its_example_is(tmp_path, monkeypatch):
-    files = {FILE.search(before)[2]: text for _, text, before in blocks(README) if FILE.search(before)}
+    files = {
+        FILE.search(before)[2]: text for _, text, before in blocks(README) if FILE.search(before)
+    }
     for name, text in files.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     from percept import Study, read_sessions
 
     scene = Scene.load("scene.toml").with_inference(method="classical")
-    assert f'"{Study(read_sessions("walls.csv"), scene).coupling.verdict}"' in README.read_text("utf-8")
+    assert f'"{Study(read_sessions("walls.csv"), scene).coupling.verdict}"' in README.read_text(
+        "utf-8"
+    )
 
 
 def options_of(command):
@@ -120,7 +131,9 @@ def test_commands_named_in_sentences_exist(page):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_and_pictures_lead_somewhere(page):
     links = re.findall(r"\]\(([^)#]+)", page.read_text(encoding="utf-8"))
-    assert [link for link in links if not link.startswith("http") and not (page.parent / link).exists()] == []
+    assert [
+        link for link in links if not link.startswith("http") and not (page.parent / link).exists()
+    ] == []
 
 
 def test_extras_named_in_the_readme_exist():
@@ -139,6 +152,8 @@ def test_the_scene_reference_follows_the_schema(monkeypatch):
     import scene_reference
 
     page = scene_reference.page()
-    assert scene_reference.PAGE.read_text(encoding="utf-8") == page, "run python docs/scene_reference.py"
+    assert scene_reference.PAGE.read_text(encoding="utf-8") == page, (
+        "run python docs/scene_reference.py"
+    )
     rows = [row.split(" | ") for row in re.findall(r"^\| `.*", page, re.MULTILINE)]
     assert [row[0] for row in rows if row[-1].strip(" |") == ""] == []

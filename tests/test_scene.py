@@ -12,21 +12,36 @@ from percept.sessions import ReadOptions
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[devic]\n", "devic: there is no such key; there are quantities, columns, environments, sessions,"),
-        ("[inference]\nlevle = 0.9\n", "inference.levle = 0.9: there is no such key; there are level, share"),
+        (
+            "[devic]\n",
+            "devic: there is no such key; there are quantities, columns, environments, sessions,",
+        ),
+        (
+            "[inference]\nlevle = 0.9\n",
+            "inference.levle = 0.9: there is no such key; there are level, share",
+        ),
         ("[inference]\nlevle = 0.9\n", "most_steps. Did you mean level?"),
         ("[devic]\n", "Did you mean device?"),
         ("[model.priors]\ntau_scal = 1\n", "Did you mean tau_scale?"),
         ("[environments.A]\nk_rf = 1\n", "Did you mean k_ref?"),
-        ("[device]\nmass = 1\ndamping = -2\nperiod = 1e-3\n", "device.damping = -2: must be 0 or more."),
-        ("[device]\nmass = 1\ndamping = 2\nperiod = 0.0\n", "device.period = 0.0: must be above 0."),
+        (
+            "[device]\nmass = 1\ndamping = -2\nperiod = 1e-3\n",
+            "device.damping = -2: must be 0 or more.",
+        ),
+        (
+            "[device]\nmass = 1\ndamping = 2\nperiod = 0.0\n",
+            "device.period = 0.0: must be above 0.",
+        ),
         ("[inference]\nwalkers = 64.5\n", "inference.walkers = 64.5: must be a whole number."),
         (
             "[device]\nmass = 1\ndamping = 2\nperiod = 1e-3\nmodes = [{ weight = 1 }]\n",
             "device.modes.0.weight = 1: there is no such key; there are mass, stiffness, damping.",
         ),
         (
-            "[device]\nmass = 1\ndamping = 2\nperiod = 1e-3\nmodes = [{ mass = 1, stiffness = 1, x = 2 }]\n",
+            (
+                "[device]\nmass = 1\ndamping = 2\nperiod = 1e-3\nmodes = [{ mass = 1, stiffness ="
+                " 1, x = 2 }]\n"
+            ),
             "device.modes.0.x = 2: there is no such key; there are mass, stiffness, damping.",
         ),
         ("[device]\nmass = 1\n", "device.period: is missing."),
@@ -35,7 +50,10 @@ from percept.sessions import ReadOptions
             "device.mass = True: must be a number.",
         ),
         ('[model]\nweber = "yes"\n', "model.weber = 'yes': must be true or false."),
-        ("[report.zoom]\nVE1 = [9, 9]\n", "report.zoom.VE1 = [9, 9]: a window must begin below its end."),
+        (
+            "[report.zoom]\nVE1 = [9, 9]\n",
+            "report.zoom.VE1 = [9, 9]: a window must begin below its end.",
+        ),
         (
             '[device]\nmass = 1\ndamping = 2\nresponse = "zd.csv"\nperiod = 1e-3\n',
             "device: a measured response holds mass, damping and modes: give one or the other.",
@@ -51,10 +69,15 @@ from percept.sessions import ReadOptions
         ("[frequency]\nlower = 5\nupper = 1\n", "frequency: lower, 5, must be below upper, 1."),
         (
             "[device]\nmass = 1\ndamping = 2\nperiod = 0.05\n",
-            "frequency.upper = 100.0: does not lie below the Nyquist frequency, 62.8319 rad/s at a period of "
-            "0.05 s. Set upper of [frequency] below that",
+            (
+                "frequency.upper = 100.0: does not lie below the Nyquist frequency, 62.8319 rad/s"
+                " at a period of 0.05 s. Set upper of [frequency] below that"
+            ),
         ),
-        ('[model]\npooling = "none"\n', 'model: pooling = "none" and prior = "reference" go together.'),
+        (
+            '[model]\npooling = "none"\n',
+            'model: pooling = "none" and prior = "reference" go together.',
+        ),
         (
             '[model]\npooling = "none"\nprior = "reference"\nresolution = { k = 1.0 }\n',
             'model: resolution goes with pooling = "partial".',
@@ -76,12 +99,21 @@ from percept.sessions import ReadOptions
             '[device]\nmass = 1\nresponse = "zd.csv"\nperiod = 1e-3\n',
             "device: a measured response holds mass, damping and modes: give one or the other.",
         ),
-        ("[model.priors]\ntau_scale = -3\n", "a prior scale must be positive. Leave it out of the scene"),
-        ("[inference]\nkinds = []\n", "inference.kinds = []: give at least one, or leave the key out."),
+        (
+            "[model.priors]\ntau_scale = -3\n",
+            "a prior scale must be positive. Leave it out of the scene",
+        ),
+        (
+            "[inference]\nkinds = []\n",
+            "inference.kinds = []: give at least one, or leave the key out.",
+        ),
         ('[inference]\nparameters = ["k", "k"]\n', "k stands there twice."),
         (
             "x =\n",
-            "is not TOML: Invalid value (at line 1, column 4). Text stands in quotes, and numbers begin with",
+            (
+                "is not TOML: Invalid value (at line 1, column 4). Text stands in quotes, and"
+                " numbers begin with"
+            ),
         ),
     ],
 )
@@ -102,7 +134,10 @@ def test_a_file_that_is_not_there(tmp_path):
 @pytest.mark.parametrize(
     ("tables", "said"),
     [
-        ({"columns": {"stiff": "k"}}, "columns.stiff: there is no such key; there are subject, session,"),
+        (
+            {"columns": {"stiff": "k"}},
+            "columns.stiff: there is no such key; there are subject, session,",
+        ),
         (
             {"sessions": {"comma": ","}},
             "sessions.comma = ',': there is no such key; there are decimal, delimiter",
@@ -142,7 +177,11 @@ def test_a_scene_hands_its_tables_to_the_reader():
 def test_replacing_a_setting_keeps_the_rest_and_checks_it():
     scene = Scene(inference={"level": 0.9, "seed": 4}, sessions={"decimal": ","})
     changed = scene.with_inference(level=0.95, tolerance=None)
-    assert (changed.inference.level, changed.inference.seed, changed.sessions.decimal) == (0.95, 4, ",")
+    assert (changed.inference.level, changed.inference.seed, changed.sessions.decimal) == (
+        0.95,
+        4,
+        ",",
+    )
     assert scene.inference.level == 0.9
     with pytest.raises(UsageError, match=r"inference\.tolerance = 2"):
         scene.with_inference(tolerance=2)
@@ -177,7 +216,8 @@ def test_stiffness_comes_first_and_the_average_user():
 
 
 @pytest.mark.parametrize(
-    ("lower", "upper", "at"), [(0.1, 100.0, 10.0), (10.0, 20.0, 10.0), (1.0, 4.0, 2.0), (20.0, 80.0, 40.0)]
+    ("lower", "upper", "at"),
+    [(0.1, 100.0, 10.0), (10.0, 20.0, 10.0), (1.0, 4.0, 2.0), (20.0, 80.0, 40.0)],
 )
 def test_single_values_are_read_where_the_curves_are(lower, upper, at):
     scene = Scene(frequency={"lower": lower, "upper": upper})
@@ -185,14 +225,20 @@ def test_single_values_are_read_where_the_curves_are(lower, upper, at):
 
 
 def test_a_path_is_told_how_a_file_is_read():
-    with pytest.raises(UsageError, match=r"a scene's file is read by Scene\.load\('scene\.toml'\)\."):
+    with pytest.raises(
+        UsageError, match=r"a scene's file is read by Scene\.load\('scene\.toml'\)\."
+    ):
         Scene("scene.toml")
 
 
 def test_keyword_arguments_are_refused_as_tables_are():
-    with pytest.raises(UsageError, match=r"inference\.tolerence = 0\.1: there is no such key; there are"):
+    with pytest.raises(
+        UsageError, match=r"inference\.tolerence = 0\.1: there is no such key; there are"
+    ):
         Scene(inference={"tolerence": 0.1})
-    with pytest.raises(UsageError, match="self: there is no such key; there are quantities, columns"):
+    with pytest.raises(
+        UsageError, match="self: there is no such key; there are quantities, columns"
+    ):
         Scene(self={})
     with pytest.raises(
         UsageError, match=r"frequency\.upper = 4000\.0: does not lie below the Nyquist frequency"

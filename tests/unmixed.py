@@ -16,7 +16,9 @@ def unmixed_sessions(*environments: str) -> pd.DataFrame:
 
     The posterior is a ridge that is slow to walk along.
     """
-    table = pd.read_csv(DATASETS / "hbfd_sessions.csv", dtype={"subject": str}).drop(columns="source")
+    table = pd.read_csv(DATASETS / "hbfd_sessions.csv", dtype={"subject": str}).drop(
+        columns="source"
+    )
     table = table[table["environment"].isin(environments or ("VE2", "VE4"))]
     scatter = np.exp(0.005 * np.random.default_rng(1).standard_normal(len(table)))
     return table.assign(b_adj=table["b_ref"] * table["k_adj"] / table["k_ref"] * scatter)

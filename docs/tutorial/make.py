@@ -9,8 +9,14 @@ import numpy as np
 
 _UNITS = {"stiffness": "N/mm", "damping": "N·s/m"}
 #: Stiffness (N/mm) and damping (N·s/m) of each wall, and the bias of both in its logarithm.
-_WALLS = {"foam": (0.4, 2.0, 0.12, 0.20), "rubber": (2.0, 6.0, 0.02, 0.10), "wood": (8.0, 15.0, -0.10, 0.05)}
-_COLUMNS = [f"{name} {side} ({unit})" for side in ("standard", "response") for name, unit in _UNITS.items()]
+_WALLS = {
+    "foam": (0.4, 2.0, 0.12, 0.20),
+    "rubber": (2.0, 6.0, 0.02, 0.10),
+    "wood": (8.0, 15.0, -0.10, 0.05),
+}
+_COLUMNS = [
+    f"{name} {side} ({unit})" for side in ("standard", "response") for name, unit in _UNITS.items()
+]
 _PERSON, _WALL, _TRIAL = 0.10, 0.12, 0.06  # SDs of the logarithm
 
 
@@ -27,7 +33,9 @@ def main() -> None:
                 mean = np.array(bias) + own + rng.normal(0, _WALL, 2)
                 for trial in (1, 2):
                     set_k, set_b = np.array([k, b]) * np.exp(mean + rng.normal(0, _TRIAL, 2))
-                    writer.writerow([f"P{person:02}", wall, trial, k, b, f"{set_k:.3f}", f"{set_b:.2f}"])
+                    writer.writerow(
+                        [f"P{person:02}", wall, trial, k, b, f"{set_k:.3f}", f"{set_b:.2f}"]
+                    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Ordinary studies of many shapes: what a fit costs, and whether nutpie finds the same limits.
 
-``python -m percept.bench.designs TASK`` is the process of one fit, or of nutpie on the same data. It prints
-JSON.
+``python -m percept.bench.designs TASK`` is the process of one fit, or of nutpie on the same data.
+It prints JSON.
 """
 
 from __future__ import annotations
@@ -94,13 +94,15 @@ class DesignCost:
 
     design: Annotated[
         str,
-        "Subjects x environments x trials. weak: sigma_w = 0.02. none: sigma_w = 0, k-b correlation 0.9. "
-        "irregular: a fifth of the cells missing, 1 to 4 trials (10x5: 1 to 6; 40x20: 2 to 5, none missing). "
-        "outlier: one subject three times off. k: stiffness only.",
+        "Subjects x environments x trials. weak: sigma_w = 0.02. none: sigma_w = 0, k-b correlation"
+        " 0.9. irregular: a fifth of the cells missing, 1 to 4 trials (10x5: 1 to 6; 40x20: 2 to 5,"
+        " none missing). outlier: one subject three times off. k: stiffness only.",
     ]
     seed: Annotated[int, "Of the data and of the fit."]
     allowed_s: Annotated[float, "Time the fit may take, s."]
-    in_time: Annotated[bool, "Whether the processor time is within it: the wall time of a quiet machine."]
+    in_time: Annotated[
+        bool, "Whether the processor time is within it: the wall time of a quiet machine."
+    ]
     wall_s: Annotated[float, "Wall time: density, warm-up and run, s."]
     processor_s: Annotated[float, "Processor time of the same, s."]
     coordinates: Annotated[int, "Of the density."]
@@ -118,7 +120,8 @@ class DesignCost:
         float | None, "Its stated errors over percept's: median of the limits compared."
     ] = None
     z_square: Annotated[
-        float | None, "Mean square of differences over the combined stated errors, kinds mean and user."
+        float | None,
+        "Mean square of differences over the combined stated errors, kinds mean and user.",
     ] = None
     z_beyond_3: Annotated[int | None, "Differences beyond 3 combined errors."] = None
     z_largest: Annotated[float | None, "The largest, in combined errors."] = None
@@ -135,16 +138,21 @@ def design_costs(
 ) -> list[DesignCost]:
     """Fit every design with every seed, each in a process of its own; nutpie on the data of the first seed.
 
-    What is done is kept line by line in `out`, and taken from there: nutpie's too where it is not asked for.
+    What is done is kept line by line in `out`, and taken from there: nutpie's too where it is not
+    asked for.
     """
     for name in names:
         if name not in DESIGNS:
-            raise UsageError(f"no such design; there are {', '.join(DESIGNS)}.", key="--rows", value=name)
+            raise UsageError(
+                f"no such design; there are {', '.join(DESIGNS)}.", key="--rows", value=name
+            )
     rows = []
     for name in names or DESIGNS:
         for seed in seeds:
             fit = _kept("fit", name, seed, out, log)
-            theirs = _kept("peer", name, seed, out, log, run=peer and DESIGNS[name].peer and seed == seeds[0])
+            theirs = _kept(
+                "peer", name, seed, out, log, run=peer and DESIGNS[name].peer and seed == seeds[0]
+            )
             found = _compared(fit, theirs) if theirs else {}
             allowed, cost = DESIGNS[name].allowed, fit["cost"]
             in_time = cost["processor_s"] <= allowed and cost["steps"] > 0
@@ -153,7 +161,13 @@ def design_costs(
 
 
 def _kept(
-    task: str, name: str, seed: int, out: str | Path | None, log: Callable[[str], None], *, run: bool = True
+    task: str,
+    name: str,
+    seed: int,
+    out: str | Path | None,
+    log: Callable[[str], None],
+    *,
+    run: bool = True,
 ) -> dict[str, Any]:
     """Take the result of one process from the file of `out`, or run the process; empty without either."""
     file = Path(out) / "designs.jsonl" if out else None
@@ -168,7 +182,9 @@ def _kept(
 
 def _measured(task: str, name: str, seed: int) -> dict[str, Any]:
     """Fit one study, or let nutpie sample it, in a process of its own; only the time where that fails."""
-    patience = max(_PATIENCE * DESIGNS[name].allowed, _LEAST_PATIENCE) if task == "fit" else _PEER_PATIENCE
+    patience = (
+        max(_PATIENCE * DESIGNS[name].allowed, _LEAST_PATIENCE) if task == "fit" else _PEER_PATIENCE
+    )
     begun = time.perf_counter()
     try:
         return in_a_process(__name__, [task, name, seed], timeout=patience)
@@ -201,22 +217,31 @@ def summary(rows: Sequence[DesignCost]) -> list[str]:
         ("end within their time", [row.in_time for row in rows]),
         ("stay below 1 GB of memory", [row.peak_mb < 1000.0 for row in rows]),
     ):
-        others = [f"{row.design} (seed {row.seed})" for row, one in zip(rows, kept, strict=True) if not one]
+        others = [
+            f"{row.design} (seed {row.seed})"
+            for row, one in zip(rows, kept, strict=True)
+            if not one
+        ]
         rest = f"; not {', '.join(others)}" if others else ""
         lines.append(f"{sum(kept)} of {len(rows)} fits {what}{rest}.")
     compared = [row for row in rows if row.z_square is not None]
     if compared:
         counts = np.array([row.compared for row in compared], dtype=float)
-        square, beyond = np.array([(row.z_square, row.z_beyond_3) for row in compared], dtype=float).T
+        square, beyond = np.array(
+            [(row.z_square, row.z_beyond_3) for row in compared], dtype=float
+        ).T
         lines.append(
-            f"Against nutpie, {counts.sum():.0f} limits of kinds mean and user: differences over combined "
-            f"errors have a root mean square of {math.sqrt(np.average(square, weights=counts)):.2f}; "
-            f"{beyond.sum() / counts.sum():.2%} exceed 3; the largest is "
-            f"{max(row.z_largest or 0.0 for row in compared):.2f}. The limits follow from nutpie's draws of "
-            "the scales by the conditional normal laws of the locations."
+            f"Against nutpie, {counts.sum():.0f} limits of kinds mean and user: differences over"
+            " combined errors have a root mean square of"
+            f" {math.sqrt(np.average(square, weights=counts)):.2f};"
+            f" {beyond.sum() / counts.sum():.2%} exceed 3; the largest is"
+            f" {max(row.z_largest or 0.0 for row in compared):.2f}. The limits follow from nutpie's"
+            " draws of the scales by the conditional normal laws of the locations."
         )
         coarse = [row.design for row in compared if (row.peer_error or 0.0) > 1.0]
-        lines.append(f"Nutpie's own error exceeds percept's in {', '.join(coarse) or 'none of them'}.")
+        lines.append(
+            f"Nutpie's own error exceeds percept's in {', '.join(coarse) or 'none of them'}."
+        )
     done = {row.design for row in compared}
     if alone := [name for name in dict.fromkeys(row.design for row in rows) if name not in done]:
         lines.append(f"Nutpie has not run, or gave no limits to compare, on {', '.join(alone)}.")

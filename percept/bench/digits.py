@@ -34,8 +34,8 @@ class Digits:
     quantity: Annotated[str, "What percept computes."]
     along: Annotated[
         str,
-        "What varies: data sets; subjects; variances in squared units of the response; 1 − correlation; an "
-        "offset of all responses; floor(log10(ωT)), which is 1 at Nyquist.",
+        "What varies: data sets; subjects; variances in squared units of the response; 1 −"
+        " correlation; an offset of all responses; floor(log10(ωT)), which is 1 at Nyquist.",
     ]
     at: Annotated[str | float, "Its value."]
     cases: Annotated[int, "Comparisons."]
@@ -44,7 +44,9 @@ class Digits:
         "Decimal digits percept keeps in the worst case, at most 16: of the value, for log p of "
         "1 + abs(log p), for haptics beyond what the formula's condition costs.",
     ]
-    over_promise: Annotated[float, "Worst error over the promised one: the promise is kept up to 1."]
+    over_promise: Annotated[
+        float, "Worst error over the promised one: the promise is kept up to 1."
+    ]
 
 
 def digits_of(error: float) -> float:
@@ -52,7 +54,9 @@ def digits_of(error: float) -> float:
     return 0.0 if math.isnan(error) else min(16.0, max(0.0, -math.log10(max(error, 1e-300))))
 
 
-def digits_row(quantity: str, along: str, at: str | float, errors: list[float], promise: float) -> Digits:
+def digits_row(
+    quantity: str, along: str, at: str | float, errors: list[float], promise: float
+) -> Digits:
     """One row of the table, from the relative errors of its cases."""
     worst = max(errors)
     return Digits(quantity, along, at, len(errors), digits_of(worst), worst / promise)
@@ -86,7 +90,9 @@ def small_large(which: int) -> tuple[Array, NDArray[np.int64], float]:
 def moment_digits(*, seed: int = 1) -> list[Digits]:
     """Compare means and SDs with exact rational arithmetic."""
     random = np.random.default_rng(seed)
-    samples: dict[str, Array] = {f"NumAcc{which}": number_accuracy(which)[0] for which in range(1, 5)} | {
+    samples: dict[str, Array] = {
+        f"NumAcc{which}": number_accuracy(which)[0] for which in range(1, 5)
+    } | {
         "offset 1e15": 1e15 + random.normal(size=1000),
         "constant 0.1": np.full(1000, 0.1),
         "denormal": np.asarray(5e-324 * random.integers(1, 1000, 1000)),
@@ -160,7 +166,9 @@ def density_digits(
             continue
         errors = []
         for _ in range(draws):
-            response = case.offset + 0.3 * rng.standard_normal((case.subjects, _ENVIRONMENTS, _TRIALS, 2))
+            response = case.offset + 0.3 * rng.standard_normal(
+                (case.subjects, _ENVIRONMENTS, _TRIALS, 2)
+            )
             exact = twin.exact(response, x, case.levels)
             errors.append(_density_error((formula or collapsed)(response, x, case.levels), exact))
         rows.append(digits_row("log density", case.along, case.at, errors, DENSITY_PROMISE))
@@ -170,7 +178,9 @@ def density_digits(
 def collapsed(response: Array, x: Array, levels: Levels) -> float:
     """Percept's log density of responses (subjects, environments, trials, parameters)."""
     subjects, environments, trials, size = response.shape
-    subject, environment, _ = (axis.ravel() for axis in np.indices((subjects, environments, trials)))
+    subject, environment, _ = (
+        axis.ravel() for axis in np.indices((subjects, environments, trials))
+    )
     statistics = from_trials(
         response.reshape(-1, size),
         subject,

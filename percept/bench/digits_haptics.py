@@ -44,8 +44,8 @@ def haptics_digits(
 ) -> list[Digits]:
     """Compare every quantity with 120-digit arithmetic on random cases, by decade of ωT.
 
-    ω runs from 1e-9 rad/s to Nyquist (included, and approached to within 1e-15), T from 1e-6 to 1 s,
-    parameters over thirty decades, now and then zero.
+    ω runs from 1e-9 rad/s to Nyquist (included, and approached to within 1e-15), T from 1e-6 to 1
+    s, parameters over thirty decades, now and then zero.
     """
     errors: dict[tuple[str, int], list[float]] = {}
     for values in _cases(cases, np.random.default_rng(seed)):
@@ -74,7 +74,8 @@ def _cases(count: int, rng: np.random.Generator) -> Iterator[dict[str, float]]:
             omega = float(np.exp(rng.uniform(np.log(1e-9), np.log(nyquist))))
         if rng.uniform() < 0.02:
             omega = nyquist
-        # Half of the cases are of a size met in practice, so that terms of one impedance meet and cancel.
+        # Half of the cases are of a size met in practice, so that terms of one impedance meet and
+        # cancel.
         decades = 15 if rng.uniform() < 0.5 else 2
         values = {name: float(10 ** rng.uniform(-decades, decades)) for name in _NAMES}
         values |= {name: 0.0 for name in _NAMES if rng.uniform() < 0.03}
@@ -110,7 +111,9 @@ def _coupled(discretization: str) -> Computed:
 
 
 def _magnitude(v: Values) -> Any:
-    return perceived_magnitude(v["omega"], _device(v), -v["k_e"], -v["b_e"], v["period"], mass=v["m_e"])
+    return perceived_magnitude(
+        v["omega"], _device(v), -v["k_e"], -v["b_e"], v["period"], mass=v["m_e"]
+    )
 
 
 def _box(v: Values) -> tuple[Any, Any]:
@@ -176,7 +179,9 @@ QUANTITIES: dict[str, Check] = {
         twin.required_at(twin.coupling_tustin, twin.hold_true),
         _COUPLED,
     ),
-    "stability margin": _check(_at(stability_margin, _flexible, _coupling), twin.margin, (*_FLEXIBLE, *_VC)),
+    "stability margin": _check(
+        _at(stability_margin, _flexible, _coupling), twin.margin, (*_FLEXIBLE, *_VC)
+    ),
     "required damping": _check(
         lambda v: required_damping(_coupling(v), v["period"]).damping, twin.required, _COUPLED
     ),

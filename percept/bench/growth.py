@@ -20,7 +20,12 @@ from percept.inference.hierarchy.statistics import Statistics, from_trials
 
 Task: TypeAlias = Callable[[], object]
 
-ROWS, SUBJECTS, PATTERNS, ENVIRONMENTS = "trial rows", "subjects, equal patterns", "patterns", "environments"
+ROWS, SUBJECTS, PATTERNS, ENVIRONMENTS = (
+    "trial rows",
+    "subjects, equal patterns",
+    "patterns",
+    "environments",
+)
 OMEGA, DRAWS = "frequencies", "draws"
 #: Sizes along every axis.
 SIZES: Mapping[str, tuple[int, ...]] = {
@@ -47,13 +52,15 @@ class Growth:
 
     task: Annotated[
         str,
-        "density call: 256 values of the log density. propagation: quantiles of abs(Z_h) over 1000 draws "
-        "at 10 frequencies, unless those vary.",
+        "density call: 256 values of the log density. propagation: quantiles of abs(Z_h) over 1000"
+        " draws at 10 frequencies, unless those vary.",
     ]
     along: Annotated[str, "What varies."]
     size: Annotated[int, "Its value."]
     seconds: Annotated[float, "Median processor time over the rounds."]
-    ratio: Annotated[float, "Median over the rounds of the time over the smallest size's in that round."]
+    ratio: Annotated[
+        float, "Median over the rounds of the time over the smallest size's in that round."
+    ]
     promised: Annotated[float | None, "What the ratio is promised to stay below."]
 
 
@@ -78,7 +85,9 @@ def growth_study(along: str, size: int, *, seed: int = 1) -> Statistics:
     counts = _counts(along, size)
     subjects, environments = counts.shape
     rng = np.random.default_rng(seed)
-    cell_means = 0.1 * rng.standard_normal((subjects, 1, 2)) + 0.2 * rng.standard_normal((*counts.shape, 2))
+    cell_means = 0.1 * rng.standard_normal((subjects, 1, 2)) + 0.2 * rng.standard_normal(
+        (*counts.shape, 2)
+    )
     cell = np.repeat(np.arange(counts.size), counts.ravel())
     response = cell_means.reshape(-1, 2)[cell]
     response += 0.05 * rng.standard_normal(response.shape)
@@ -101,7 +110,8 @@ def _counts(along: str, size: int) -> NDArray[np.intp]:
         return np.ones((size, _CELLS), dtype=np.intp)
     if along == ENVIRONMENTS:
         return np.ones((10, size), dtype=np.intp)
-    # From the second on: the first has no repeats, and with it a study of one pattern no trial level.
+    # From the second on: the first has no repeats, and with it a study of one pattern no trial
+    # level.
     distinct = itertools.islice(itertools.product((1, 2, 3), repeat=_CELLS), 1, size + 1)
     return np.resize(np.array(list(distinct)), (_MANY, _CELLS))
 
@@ -125,8 +135,12 @@ def _propagation(along: str, size: int) -> Task:
 
 def _rows(name: str, along: str, tasks: Mapping[int, Task], rounds: int) -> list[Growth]:
     """Time tasks in turn, round by round, after one call each that is not counted."""
-    calls = {size: max(1, round(_SHORTEST / max(_time(task), 1e-9))) for size, task in tasks.items()}
-    seconds = np.array([[_time(task, calls[size]) for size, task in tasks.items()] for _ in range(rounds)])
+    calls = {
+        size: max(1, round(_SHORTEST / max(_time(task), 1e-9))) for size, task in tasks.items()
+    }
+    seconds = np.array(
+        [[_time(task, calls[size]) for size, task in tasks.items()] for _ in range(rounds)]
+    )
     ratios = np.median(seconds / seconds[:, :1], axis=0).tolist()
     promised = _PROMISED.get(along) if name == "density call" else None
     numbers = zip(tasks, np.median(seconds, axis=0).tolist(), ratios, strict=True)

@@ -25,14 +25,19 @@ SCHEMA = "percept-measurement-2"
 def python_output(*words: str, timeout: float | None = None, **changes: str) -> str:
     """Run Python in a process of its own, its environment changed; its standard output.
 
-    It keeps percept's modules compiled. Installed packages are compiled as they are installed. A checkout
-    would be compiled again at every start where `PYTHONDONTWRITEBYTECODE` is set.
+    It keeps percept's modules compiled. Installed packages are compiled as they are installed. A
+    checkout would be compiled again at every start where `PYTHONDONTWRITEBYTECODE` is set.
     """
     kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     command = [sys.executable, *words]
     try:
         done = subprocess.run(
-            command, capture_output=True, text=True, check=False, env=kept | changes, timeout=timeout
+            command,
+            capture_output=True,
+            text=True,
+            check=False,
+            env=kept | changes,
+            timeout=timeout,
         )
     except subprocess.TimeoutExpired:
         raise RefusalError(f"not finished after {timeout:g} s.") from None
@@ -102,16 +107,23 @@ def measurement_markdown(document: Mapping[str, Any]) -> str:
         "",
         document["about"] + ("" if document["part"] == "digits" else " The studies are simulated."),
         "",
-        f"{Made(**document['made']).sentence} {at['seconds']:.0f} s on {at['processors']} processors "
-        f"({at['system']}, {at['architecture']}), load {at['load_before']:.1f} before and "
-        f"{at['load_after']:.1f} after.",
+        (
+            f"{Made(**document['made']).sentence} {at['seconds']:.0f} s on {at['processors']}"
+            f" processors ({at['system']}, {at['architecture']}), load {at['load_before']:.1f}"
+            f" before and {at['load_after']:.1f} after."
+        ),
         *(line for note in document["notes"] for line in ("", note)),
         "",
         "| " + " | ".join(names) + " |",
         "|" + "---|" * len(names),
     ]
-    lines += ["| " + " | ".join(_cell(row[name]) for name in names) + " |" for row in document["rows"]]
-    lines += ["", *(f"- {', '.join(one['names'])}: {one['meaning']}" for one in document["columns"])]
+    lines += [
+        "| " + " | ".join(_cell(row[name]) for name in names) + " |" for row in document["rows"]
+    ]
+    lines += [
+        "",
+        *(f"- {', '.join(one['names'])}: {one['meaning']}" for one in document["columns"]),
+    ]
     return "\n".join(lines) + "\n"
 
 

@@ -38,13 +38,15 @@ class PropagationCost:
     seconds: Annotated[float, "Processor time of one band: median of the sets."]
     stated: Annotated[
         float,
-        "Root mean square over omega and both limits of the stated Monte Carlo error, as a fraction of the "
-        "half-width in log abs(Z_h) of the band from all draws.",
+        "Root mean square over omega and both limits of the stated Monte Carlo error, as a fraction"
+        " of the half-width in log abs(Z_h) of the band from all draws.",
     ]
     difference: Annotated[
         float, "Root mean square difference from the band from all draws, as that fraction."
     ]
-    falls: Annotated[float, "The stated error of a sixteenth of all draws over that of these: 4 for all."]
+    falls: Annotated[
+        float, "The stated error of a sixteenth of all draws over that of these: 4 for all."
+    ]
 
 
 def propagation_costs(
@@ -65,7 +67,9 @@ def propagation_costs(
 
     def band(chosen: NDArray[np.intp]) -> tuple[Array, Array, float]:
         started = time.process_time()
-        law = mixture_law(mean[chosen], covariance[chosen], np.arange(chosen.size) // _BATCH, "lognormal")
+        law = mixture_law(
+            mean[chosen], covariance[chosen], np.arange(chosen.size) // _BATCH, "lognormal"
+        )
         limits = Magnitude(law, device, period, omega).limits(level)
         assert limits.errors is not None
         return np.log([limits.lower, limits.upper]), limits.errors, time.process_time() - started
@@ -81,7 +85,9 @@ def propagation_costs(
         )
         falls = (costs[0].stated if costs else stated) / stated
         size = len(mean) // sets
-        costs.append(PropagationCost(name, kind, sets, size, median(seconds), stated, difference, falls))
+        costs.append(
+            PropagationCost(name, kind, sets, size, median(seconds), stated, difference, falls)
+        )
     return costs
 
 

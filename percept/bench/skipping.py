@@ -39,7 +39,9 @@ class Saving:
     """The cost of one scene."""
 
     without: Annotated[str, "What is left out."]
-    seconds: Annotated[float, "Processor time of the whole process, imports included: median of the rounds."]
+    seconds: Annotated[
+        float, "Processor time of the whole process, imports included: median of the rounds."
+    ]
     share: Annotated[float, "seconds divided by the first scene's, which leaves nothing out."]
     imports: Annotated[tuple[str, ...], "Packages imported, of those some scene does without."]
     stages: Annotated[tuple[str, ...], "What the study worked out."]

@@ -22,8 +22,8 @@ _NYQUIST_GAP = "1e-80"
 _NOTHING, _EVERYTHING = 1e-50, 1e50
 
 
-# The density. Every subject sees every environment equally often. Two parameters; a subject's values are
-# stacked by environment, then trial, then parameter.
+# The density. Every subject sees every environment equally often. Two parameters; a subject's
+# values are stacked by environment, then trial, then parameter.
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,7 +44,10 @@ def exact(response: Array, x: Array, levels: Levels) -> Number:
     with mpmath.workdps(DIGITS):
         subjects, environments, trials, _ = response.shape
         covariance, design = _model(environments, trials, x, levels)
-        columns = [[mpmath.mpf(value) for value in row] for row in response.reshape(subjects, -1).T.tolist()]
+        columns = [
+            [mpmath.mpf(value) for value in row]
+            for row in response.reshape(subjects, -1).T.tolist()
+        ]
         size = len(columns)
         total = mpmath.matrix([mpmath.fsum(column) for column in columns])
         squares = mpmath.matrix(size, size)
@@ -55,9 +58,13 @@ def exact(response: Array, x: Array, levels: Levels) -> Number:
         pull = design.T * inverse
         inner = mpmath.eye(design.cols) + subjects * pull * design
         right = pull * total
-        distance = mpmath.fsum(inverse[i, j] * squares[i, j] for i in range(size) for j in range(size))
+        distance = mpmath.fsum(
+            inverse[i, j] * squares[i, j] for i in range(size) for j in range(size)
+        )
         distance -= (right.T * inner**-1 * right)[0]
-        log_determinant = subjects * mpmath.log(mpmath.det(covariance)) + mpmath.log(mpmath.det(inner))
+        log_determinant = subjects * mpmath.log(mpmath.det(covariance)) + mpmath.log(
+            mpmath.det(inner)
+        )
         return -(distance + log_determinant + subjects * size * mpmath.log(2 * mpmath.pi)) / 2
 
 
@@ -69,7 +76,8 @@ def _model(environments: int, trials: int, x: Array, levels: Levels) -> tuple[Nu
     rows = [(j, r, p) for j in range(environments) for r in range(trials) for p in range(2)]
     covariance = [
         [
-            (1 if p == q else 1 - rest) * (shared**2 + (j == h) * between**2 + ((j, r) == (h, s)) * trial**2)
+            (1 if p == q else 1 - rest)
+            * (shared**2 + (j == h) * between**2 + ((j, r) == (h, s)) * trial**2)
             for h, s, q in rows
         ]
         for j, r, p in rows
@@ -120,10 +128,13 @@ def error_over_condition(
         return float(abs(mpmath.mpmathify(computed) - value) / max(size, total))
 
 
-def limit_error_over_condition(stiffness: float, device: float, coupling: float, period: float) -> float:
+def limit_error_over_condition(
+    stiffness: float, device: float, coupling: float, period: float
+) -> float:
     """Return the same for the largest k_c of a device and coupling damping, from the damping it needs.
 
-    The error in k_c is the misfit of the required damping over its slope; so is what each input contributes.
+    The error in k_c is the misfit of the required damping over its slope; so is what each input
+    contributes.
     """
     import mpmath
 
@@ -153,7 +164,8 @@ def _point(inputs: Mapping[str, Number], mp: Any) -> SimpleNamespace:
     """Add z = exp(jωT), Tustin's s and θ to the inputs, in the arithmetic of an mpmath context."""
     theta = inputs["omega"] * inputs["period"]
     z = mp.expj(theta)
-    # On the unit circle s is imaginary; a real part is rounding, and would count where nothing else is real.
+    # On the unit circle s is imaginary; a real part is rounding, and would count where nothing else
+    # is real.
     s = mp.mpc(0, (2 / inputs["period"] * (z - 1) / (z + 1)).imag)
     return SimpleNamespace(**inputs, theta=theta, z=z, s=s, mp=mp)
 
@@ -217,7 +229,9 @@ def perceived(device: Formula, zoh: Formula, shown: Formula) -> Formula:
 direct = perceived(rigid, hold_average, environment)
 direct_flexible_true = perceived(flexible, hold_true, environment)
 coupled = perceived(rigid, hold_average, effective)
-coupled_backward = perceived(rigid, hold_average, lambda p: series(environment(p), coupling_backward(p)))
+coupled_backward = perceived(
+    rigid, hold_average, lambda p: series(environment(p), coupling_backward(p))
+)
 
 
 def magnitude(p: Any) -> Number:
@@ -279,11 +293,15 @@ def largest_required(mp: Any, stretch: Number, beta: Number) -> Number:
         return beta * y * (1 - y) / 2 + stretch**2 * y**3 / (8 * beta * (1 + y))
 
     def slope(y: Number) -> Number:
-        return beta * (1 - 2 * y) / 2 + stretch**2 * (3 * y**2 + 2 * y**3) / (8 * beta * (1 + y) ** 2)
+        return beta * (1 - 2 * y) / 2 + stretch**2 * (3 * y**2 + 2 * y**3) / (
+            8 * beta * (1 + y) ** 2
+        )
 
     if slope(mp.mpf(1)) >= 0:
         return value(mp.mpf(1))
     # An error in y enters the maximum squared.
     return value(
-        mp.findroot(slope, (mp.mpf("0.5") - mp.mpf("1e-9"), mp.mpf(1)), solver="anderson", tol=1e-90)
+        mp.findroot(
+            slope, (mp.mpf("0.5") - mp.mpf("1e-9"), mp.mpf(1)), solver="anderson", tol=1e-90
+        )
     )

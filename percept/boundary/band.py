@@ -1,7 +1,8 @@
 """The band against the environment's impedance, or a reference of another quantity: how wide, by what law.
 
-Three laws are fitted on the log scale to many sets of bands at once. Weber: w|Z|. Offset: c + w|Z|, c ≥ 0.
-Power: w|Z|^p. Each is a model of its own: a few environments cannot tell all of c, w and p apart.
+Three laws are fitted on the log scale to many sets of bands at once. Weber: w|Z|. Offset: c + w|Z|,
+c ≥ 0. Power: w|Z|^p. Each is a model of its own: a few environments cannot tell all of c, w and p
+apart.
 """
 
 from __future__ import annotations
@@ -105,7 +106,11 @@ def band_laws(
     best = np.bincount(errors.argmin(axis=0), minlength=3) / errors.shape[1]
     carrier = _carrier(environments, drawn["offset"], left_out["offset"][1])
     for (law, names), share in zip(LAWS.items(), best.tolist(), strict=True):
-        value = np.median(drawn[law], axis=0) if bands is None else fit_law(law, impedance, bands[None])[0]
+        value = (
+            np.median(drawn[law], axis=0)
+            if bands is None
+            else fit_law(law, impedance, bands[None])[0]
+        )
         lower, upper = np.quantile(drawn[law], [0.5 * (1.0 - level), 0.5 * (1.0 + level)], axis=0)
         ends = zip(value.tolist(), lower.tolist(), upper.tolist(), strict=True)
         parameters = {name: Estimate(*estimate) for name, estimate in zip(names, ends, strict=True)}
@@ -134,7 +139,9 @@ def band_statements(
             np.all(np.diff(absolute, axis=1) > 0, axis=1),
         ),
     ):
-        yield BandStatement(statement=text, probability=float(np.mean(true)), parameter=parameter, **whose)
+        yield BandStatement(
+            statement=text, probability=float(np.mean(true)), parameter=parameter, **whose
+        )
 
 
 def _carrier(environments: tuple[str, ...], fitted: Array, without: Array) -> str | None:
@@ -146,7 +153,11 @@ def _carrier(environments: tuple[str, ...], fitted: Array, without: Array) -> st
 
 
 def _sentence(
-    law: str, parameters: dict[str, Estimate], errors: dict[str, float], carried_by: str | None, size: str
+    law: str,
+    parameters: dict[str, Estimate],
+    errors: dict[str, float],
+    carried_by: str | None,
+    size: str,
 ) -> str:
     smallest = min(errors.values())
     alike = [name for name, error in errors.items() if error <= _ALIKE * smallest]
@@ -168,7 +179,10 @@ def _sentence(
     if p.lower <= 1.0 <= p.upper:
         return f"The exponent's interval holds 1: Weber's law is not ruled out. {error}"
     growing = "faster" if p.lower > 1.0 else "slower"
-    return f"The band grows {growing} than the {size}: the exponent's interval does not hold 1. {error}"
+    return (
+        f"The band grows {growing} than the {size}: the exponent's interval does not hold 1."
+        f" {error}"
+    )
 
 
 def size_name(parameter: str | None) -> str:
@@ -204,7 +218,10 @@ def law_band(law: str, parameters: Array, impedance: Array) -> Array:
 
 def leave_one_out(law: str, impedance: Array, bands: Array) -> tuple[Array, Array]:
     """Predict each environment's band from the others: log errors (S, J), and the laws fitted (J, S, ...)."""
-    fits = [fit_law(law, np.delete(impedance, j), np.delete(bands, j, axis=1)) for j in range(impedance.size)]
+    fits = [
+        fit_law(law, np.delete(impedance, j), np.delete(bands, j, axis=1))
+        for j in range(impedance.size)
+    ]
     predicted = [law_band(law, fitted, impedance[[j]])[:, 0] for j, fitted in enumerate(fits)]
     return np.log(np.stack(predicted, axis=1) / bands), np.stack(fits)
 
@@ -213,8 +230,9 @@ def _fit_offset(impedance: Array, y: Array) -> Array:
     """Minimise over the ratio c/w: given it, log w is a mean, so one search for all sets at once."""
     # From e^16 on, c + w|Z| is constant to the digits a band has.
     grid = np.linspace(np.log(impedance.min()) - 12.0, np.log(impedance.max()) + 16.0, _GRID)
-    # The grid is the same for all sets: of the squared distances only the product with it differs. The
-    # digits this loses could at most choose a neighbouring step, which the brackets hold as well.
+    # The grid is the same for all sets: of the squared distances only the product with it differs.
+    # The digits this loses could at most choose a neighbouring step, which the brackets hold as
+    # well.
     curves = np.log(np.exp(grid)[:, None] + impedance)
     curves -= curves.mean(axis=1, keepdims=True)
     best = (np.einsum("gj,gj->g", curves, curves) - 2.0 * y @ curves.T).argmin(axis=1)

@@ -35,11 +35,12 @@ class Boundary(NotebookRecord):
     method, family, joint : str
         How the region or the draws behind it were made.
     shape : str
-        "corner": both lower limits together and both upper together (Eqs 16-17); the curves can cross.
-        "envelope": exact smallest and largest magnitude over the region. "pointwise": equal-tailed limits of
-        the law of (k, b) at each omega. "simultaneous": limits between which whole curves lie with
-        probability `level`; they contain the pointwise ones. Bayesian: pointwise limits at a higher level.
-        Classical: those joined with the envelope of Hotelling's ellipse; for normal users at least the level.
+        "corner": both lower limits together and both upper together (Eqs 16-17); the curves can
+        cross. "envelope": exact smallest and largest magnitude over the region. "pointwise":
+        equal-tailed limits of the law of (k, b) at each omega. "simultaneous": limits between which
+        whole curves lie with probability `level`; they contain the pointwise ones. Bayesian:
+        pointwise limits at a higher level. Classical: those joined with the envelope of Hotelling's
+        ellipse; for normal users at least the level.
     level : float
         Level of the region, or of the curves.
     omega : ndarray, shape (M,)
@@ -51,13 +52,14 @@ class Boundary(NotebookRecord):
     coupled : ndarray, shape (M,), or None
         abs(Z_h) of the reference through the virtual coupling (Eq. 11), N·s/m.
     errors : ndarray, shape (2, M), or None
-        Monte Carlo standard errors of log lower and log upper, from batches of posterior draws; None where
-        nothing is drawn.
+        Monte Carlo standard errors of log lower and log upper, from batches of posterior draws;
+        None where nothing is drawn.
     error : float or None
-        Typical `errors` (root mean square over log omega), as a fraction of half the band's width in
-        logarithms. None without errors, and without width.
+        Typical `errors` (root mean square over log omega), as a fraction of half the band's width
+        in logarithms. None without errors, and without width.
     pointwise_level, pointwise_level_error : float or None
-        Of a Bayesian simultaneous boundary: the level of its limits at each omega, and its Monte Carlo error.
+        Of a Bayesian simultaneous boundary: the level of its limits at each omega, and its Monte
+        Carlo error.
     """
 
     environment: str

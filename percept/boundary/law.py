@@ -1,13 +1,13 @@
 """Laws of (k, b) as densities on a grid: of posterior draws, and behind the classical intervals.
 
-Given the scales, (k, b) or their logarithms are normal: the posterior law mixes one normal per draw of the
-scales. Its batches have densities of their own, from which Monte Carlo errors come.
+Given the scales, (k, b) or their logarithms are normal: the posterior law mixes one normal per draw
+of the scales. Its batches have densities of their own, from which Monte Carlo errors come.
 
-Eq. 15 comes from a distribution: X̄ + t·SD/√n, t with ν = n − 1. With stiffness and damping of the same
-subjects the matching distribution of both is the bivariate t_ν about the means with the sample covariance:
-each margin is Eq. 15's (or the prediction interval's) exactly, and k and b go together as the sample does. It
-is the posterior under the prior abs(Σ)^−2, by inverse Wishart Σ; between the margins its coverage is close
-to its level, not exact.
+Eq. 15 comes from a distribution: X̄ + t·SD/√n, t with ν = n − 1. With stiffness and damping of the
+same subjects the matching distribution of both is the bivariate t_ν about the means with the sample
+covariance: each margin is Eq. 15's (or the prediction interval's) exactly, and k and b go together
+as the sample does. It is the posterior under the prior abs(Σ)^−2, by inverse Wishart Σ; between the
+margins its coverage is close to its level, not exact.
 """
 
 from __future__ import annotations
@@ -33,14 +33,15 @@ Family = Literal["normal", "lognormal"]
 _TAILS = (0.16, 2e-6)
 # Draws that say where the grid ends.
 _ENOUGH = 1024
-# Steps of the density's grid near the middle, in half-widths of the central 68 %, and into what each is cut.
+# Steps of the density's grid near the middle, in half-widths of the central 68 %, and into what
+# each is cut.
 _STEP, _CUT = 0.16, 4
 # Correlations nearer one count as this: a law on a line has no density.
 _NEAREST = 1e-6
 # Logarithms beyond this are as good as endless: 1e40 N/m.
 _ENDLESS = 40.0 * np.log(10.0)
-# Points that stand for the law, at multiples of the powers of the plastic number: even in each coordinate and
-# in both.
+# Points that stand for the law, at multiples of the powers of the plastic number: even in each
+# coordinate and in both.
 _POINTS, _EVEN = 4096, 1.32471795724474602596 ** np.array([-1.0, -2.0])
 
 
@@ -146,7 +147,10 @@ def mixture_law(mean: Array, covariance: Array, batch: NDArray[np.intp], family:
     sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:: 1 + len(mean) // _ENOUGH]
     centre, about = mean.mean(axis=0), np.cov(mean.T, bias=True) + covariance.mean(axis=0)
 
-    ends = [[mixture_quantile(some, sd, tail, upper=upper)[0] for upper in (False, True)] for tail in _TAILS]
+    ends = [
+        [mixture_quantile(some, sd, tail, upper=upper)[0] for upper in (False, True)]
+        for tail in _TAILS
+    ]
     axes = _axes(about, np.array(ends), family)
     order = np.argsort(batch, kind="stable")
     sizes = np.bincount(batch)
@@ -198,7 +202,12 @@ def _axes(covariance: Array, quantiles: Array, family: Family) -> tuple[Axis, Ax
 
 
 def _law(
-    batches: Array, shares: Array, axes: tuple[Axis, Axis], mean: Array, covariance: Array, family: Family
+    batches: Array,
+    shares: Array,
+    axes: tuple[Axis, Axis],
+    mean: Array,
+    covariance: Array,
+    family: Family,
 ) -> PairLaw:
     """Put densities of the standard coordinates on the axes' own, each summing to one."""
     batches = batches * np.multiply.outer(*(np.cosh(axis.grid) for axis in axes))
@@ -211,7 +220,9 @@ def _law(
     return PairLaw(family, mean, covariance, axes, density, batches[: shares.size], shares)
 
 
-def confidence_law(stiffness: ArrayLike, damping: ArrayLike, *, kind: str, family: Family) -> PairLaw:
+def confidence_law(
+    stiffness: ArrayLike, damping: ArrayLike, *, kind: str, family: Family
+) -> PairLaw:
     """Return the law of (k, b) of the average or the next user behind the classical intervals."""
     k, b = (sample(x, positive=family == "lognormal", least=3) for x in (stiffness, damping))
     values = np.log([k, b]) if family == "lognormal" else np.stack([k, b])

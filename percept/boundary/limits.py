@@ -1,8 +1,9 @@
 """Limits of abs(Z_h) that follow from a law of (k, b): at each omega for itself, and over all omega together.
 
-abs(Z_h) is a distance in the plane of (b, k/Omega): given one of the two, abs(Z_h) <= r is an interval of
-the other. Its probability is a difference of two cumulated densities, and one smooth integral is left. No
-curve is drawn at random: the error of a limit is that of the posterior draws behind the law.
+abs(Z_h) is a distance in the plane of (b, k/Omega): given one of the two, abs(Z_h) <= r is an
+interval of the other. Its probability is a difference of two cumulated densities, and one smooth
+integral is left. No curve is drawn at random: the error of a limit is that of the posterior draws
+behind the law.
 """
 
 from __future__ import annotations
@@ -25,8 +26,12 @@ Array = NDArray[np.float64]
 # Three subjects have tails that 24 nodes miss by a fifth.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
 # An interval ends like a square root: nodes even in the angle take that out.
-_PLACES, _PARTS = np.sin(0.5 * np.pi * _NODES), 0.5 * np.pi * _WEIGHTS * np.cos(0.5 * np.pi * _NODES)
-# Legendre polynomials of the highest orders at the nodes: an integrand that they hold much of is rough.
+_PLACES, _PARTS = (
+    np.sin(0.5 * np.pi * _NODES),
+    0.5 * np.pi * _WEIGHTS * np.cos(0.5 * np.pi * _NODES),
+)
+# Legendre polynomials of the highest orders at the nodes: an integrand that they hold much of is
+# rough.
 _LAST = np.polynomial.legendre.legvander(_NODES, _NODES.size - 1)[:, -6:]
 _LEAST = 1e-14
 # Limits are found to this many SDs of a normal.
@@ -49,7 +54,9 @@ class Limits:
 
     lower: Array  # (M,) N·s/m
     upper: Array  # (M,) N·s/m
-    errors: Array | None  # (2, M) Monte Carlo errors of their logarithms; None of a law that is not drawn
+    errors: (
+        Array | None
+    )  # (2, M) Monte Carlo errors of their logarithms; None of a law that is not drawn
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,7 +89,11 @@ class Magnitude:
         )
         # At Nyquist a mass is endless, whatever k and b are.
         self._finite = np.isfinite(offsets).all(axis=0) & (gains > 0).all(axis=0)
-        self._law, self._gains, self._offsets = law, gains[:, self._finite], offsets[:, self._finite]
+        self._law, self._gains, self._offsets = (
+            law,
+            gains[:, self._finite],
+            offsets[:, self._finite],
+        )
         self._solved: dict[float, tuple[Array, Array]] = {}
         self._moved: dict[float, Array] = {}
 
@@ -119,7 +130,9 @@ class Magnitude:
                 step = min(1.5 * step, _FARTHEST)
             score = first + step
             if excess(score) < 0.0:
-                score = max(first + _CLOSE, float(optimize.brentq(excess, first, score, xtol=_CLOSE)))
+                score = max(
+                    first + _CLOSE, float(optimize.brentq(excess, first, score, xtol=_CLOSE))
+                )
             fall = (beyond - excess(score)) / (score - first)
         m = leaving(score)[1]
         # As `limits` will ask for it, which then finds everything known.
@@ -138,8 +151,8 @@ class Magnitude:
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return the probability (C,) that curves leave log limits (C, 2, M), and where limits bind.
 
-        Of tables (C, outer, inner), and at the frequencies `m` only. On a line of one value of b, limits
-        leave an interval of k without the union of as many others.
+        Of tables (C, outer, inner), and at the frequencies `m` only. On a line of one value of b,
+        limits leave an interval of k without the union of as many others.
         """
         inner, outer = self._law.axes
         (gain, gain_out), (offset, offset_out) = self._gains[:, m], self._offsets[:, m]
@@ -147,7 +160,9 @@ class Magnitude:
         square = (np.multiply.outer(b, gain_out) + offset_out) ** 2
         # Where a ball does not reach the line both its ends are the same.
         # Squares stay finite: far beyond the tables all limits are alike.
-        side = np.sqrt(np.maximum(np.exp(np.minimum(2.0 * logs[:, :, None], _MOST_LOG)) - square, 0.0))
+        side = np.sqrt(
+            np.maximum(np.exp(np.minimum(2.0 * logs[:, :, None], _MOST_LOG)) - square, 0.0)
+        )
         ends = [inner.place((sign * side - offset) / gain) for sign in (-1.0, 1.0)]
         left, right = (np.moveaxis(_along(table, end), 1, 0) for end in ends)
         order = left[0].argsort(axis=-1)
@@ -158,7 +173,9 @@ class Magnitude:
         gaps = np.maximum(np.minimum(np.concatenate([holes, high], axis=-1), high) - before, 0.0)
         binds = np.zeros(logs.shape[-1], dtype=bool)
         binds[left[1].argmax(axis=-1)] = binds[right[1].argmin(axis=-1)] = True
-        farthest = np.maximum.accumulate(np.where(ends_of == filled, np.arange(order.shape[-1]), 0), axis=-1)
+        farthest = np.maximum.accumulate(
+            np.where(ends_of == filled, np.arange(order.shape[-1]), 0), axis=-1
+        )
         binds[order[gaps[..., :-1] > 0.0]] = True
         binds[np.take_along_axis(order, farthest, -1)[gaps[..., 1:] > 0.0]] = True
         held = np.trapezoid(gaps.sum(axis=-1), dx=1.0 / (b.size - 1), axis=-1)
@@ -235,7 +252,9 @@ class Magnitude:
         self._solved[score] = x.reshape(2, -1), slopes.reshape(2, -1)
         return self._solved[score]
 
-    def content(self, at: NDArray[np.intp], radius: Array, inner_of: NDArray[np.intp]) -> tuple[Array, Array]:
+    def content(
+        self, at: NDArray[np.intp], radius: Array, inner_of: NDArray[np.intp]
+    ) -> tuple[Array, Array]:
         """Return P(abs(Z_h) <= radius), (Q,), at frequencies number `at`, and its slope in log radius.
 
         The interval is of k where `inner_of` is zero, of b where it is one.
@@ -250,15 +269,16 @@ class Magnitude:
     def _nodes(self, inner: int, at: NDArray[np.intp], radius: Array) -> tuple[Array, ...]:
         """Lay nodes over the outer one of k and b, and find both ends of the interval of the inner one.
 
-        Return the outer one's range (Q, 2), nodes and weights (Q, J); ends (2, Q, J) of the inner one, and
-        how fast they move with the radius' logarithm. All are places on the axes.
+        Return the outer one's range (Q, 2), nodes and weights (Q, J); ends (2, Q, J) of the inner
+        one, and how fast they move with the radius' logarithm. All are places on the axes.
         """
         axis, outer = self._law.axes[inner], self._law.axes[1 - inner]
         (gain, offset), (gain_out, offset_out) = (
             (self._gains[p, at, None], self._offsets[p, at, None]) for p in (inner, 1 - inner)
         )
         radius = radius[:, None]
-        # What the inner one adds at least leaves less to the outer one: few nodes must not fall beyond.
+        # What the inner one adds at least leaves less to the outer one: few nodes must not fall
+        # beyond.
         ends = gain * axis.native(np.array([0.0, 1.0])) + offset
         least = np.maximum(0.0, np.maximum(ends[:, :1], -ends[:, 1:]))
         reach = _leg(radius, least)
@@ -270,13 +290,18 @@ class Magnitude:
         native = (np.stack([-side, side]) - offset) / gain
         ends = axis.place(native)
         with np.errstate(divide="ignore", invalid="ignore"):
-            moves = np.where(side > 0.0, axis.rate(ends, native) * (radius / side) * (radius / gain), 0.0)
+            moves = np.where(
+                side > 0.0, axis.rate(ends, native) * (radius / side) * (radius / gain), 0.0
+            )
         return np.concatenate([left, right], axis=1), places, half * _PARTS, ends, moves
 
-    def _content(self, inner: int, at: NDArray[np.intp], radius: Array) -> tuple[Array, Array, Array]:
+    def _content(
+        self, inner: int, at: NDArray[np.intp], radius: Array
+    ) -> tuple[Array, Array, Array]:
         """Integrate over one of k and b the probability of the interval of the other.
 
-        Also return how rough the slope's integrand is: what its last Legendre coefficients amount to.
+        Also return how rough the slope's integrand is: what its last Legendre coefficients amount
+        to.
         """
         span, places, weight, ends, moves = self._nodes(inner, at, radius)
         table = self._law.cumulated[inner]
@@ -324,7 +349,9 @@ class Magnitude:
                     columns.append((row + i) * table.shape[1] + column + j)
         every = np.concatenate(columns, axis=1).ravel(), 8 * _NODES.size * np.arange(at.size + 1)
         flat = table.reshape(-1, table.shape[2])
-        matrix = sparse.csr_array((np.concatenate(weights, axis=1).ravel(), *every), (at.size, len(flat)))
+        matrix = sparse.csr_array(
+            (np.concatenate(weights, axis=1).ravel(), *every), (at.size, len(flat))
+        )
         return np.asarray(matrix @ flat)
 
 

@@ -1,9 +1,10 @@
 """Probability that a displayed impedance feels real, from posterior draws of the population of users.
 
-Each draw of the posterior is a population: limits of stiffness and of damping between which a level of all
-users have their points of equality. What is displayed is realistic under that draw where it lies inside, in
-magnitude (the exact range of abs(Z_h) over the limits) or, more strictly, in stiffness and damping both. Each
-draw is judged at every omega of a range, so that the only error left is that of the number of draws.
+Each draw of the posterior is a population: limits of stiffness and of damping between which a level
+of all users have their points of equality. What is displayed is realistic under that draw where it
+lies inside, in magnitude (the exact range of abs(Z_h) over the limits) or, more strictly, in
+stiffness and damping both. Each draw is judged at every omega of a range, so that the only error
+left is that of the number of draws.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ class Realism(NotebookRecord):
 def realism(display: Display, populations: Boxes, lower: float, upper: float) -> Realism:
     """Count the draws, a box each, under which a display stays inside between two frequencies, rad/s.
 
-    A display on its limit, to within rounding, counts as inside. So does one that no search decides, which
-    the error counts too.
+    A display on its limit, to within rounding, counts as inside. So does one that no search
+    decides, which the error counts too.
     """
     draws = populations.size
     plane = plane_departures(display, populations, lower, upper)[0] <= 0.0

@@ -27,7 +27,8 @@ from percept.study.intervals import cell_moments, known_moments
 from percept.study.responses import refuse_no_ratio
 from percept.workers import Mapper
 
-#: Studies needed of the Bayesian and of the classical method, under either truth, before any is recommended.
+#: Studies needed of the Bayesian and of the classical method, under either truth, before any is
+#: recommended.
 STUDIES = 300, 10_000
 FILE, TRUTH = "advice.csv", "truth.json"
 _COUNTED = ["subjects", "truth", "stated", "held", "error", "studies"]
@@ -36,8 +37,8 @@ _ERRORS = 2.0
 _USERS = "users of the fitted model", "normal users"
 _METHODS = {"bayesian": "Bayesian", "classical": "classical"}
 _THEORY = (
-    "Which to use: for normal users the classical intervals cover exactly what they state. The Bayesian ones "
-    "cover it on average over their priors."
+    "Which to use: for normal users the classical intervals cover exactly what they state. The"
+    " Bayesian ones cover it on average over their priors."
 )
 
 
@@ -88,7 +89,9 @@ def kept_values(study: Study, folder: Path) -> dict[str, Any]:
 
     Studies are kept by their truth: another fit's Monte Carlo error would make it another plan.
     """
-    table = study.sessions.table.to_csv() + json.dumps(study.scene.to_dict(), sort_keys=True, default=str)
+    table = study.sessions.table.to_csv() + json.dumps(
+        study.scene.to_dict(), sort_keys=True, default=str
+    )
     digest, path = hashlib.sha256(table.encode()).hexdigest(), folder / TRUTH
     kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     if kept.get("study") == digest:
@@ -103,19 +106,25 @@ def own_values(study: Study, fitted: dict[str, Any]) -> dict[str, Any]:
     """Take the mean and SD of every cell as the truth of normal users, and the fitted trial noise."""
     known = known_moments(cell_moments(study.sessions, study.parameters, "normal"), "normal")
     if missing := [
-        f"{study.sessions.quantities[p].label} in {e}" for p, e in study.reference if (p, e) not in known
+        f"{study.sessions.quantities[p].label} in {e}"
+        for p, e in study.reference
+        if (p, e) not in known
     ]:
         raise RefusalError(f"{missing[0]} has no mean and SD of its own to simulate from.")
     counts = study.sessions.table.groupby(["environment", "subject"], sort=False).size()
     of_mean = (1.0 / counts).groupby("environment", sort=False).mean().to_numpy()[:, None]
-    cells = [[(known[p, e], study.reference[p, e]) for p in study.parameters] for e in study.environments]
+    cells = [
+        [(known[p, e], study.reference[p, e]) for p in study.parameters] for e in study.environments
+    ]
     mean, sd = (
         np.array([[float(getattr(m, name)) / reference for m, reference in row] for row in cells])
         for name in ("mean", "sd")
     )
     # Chance can leave less scatter between subjects than their trials explain.
     sigma = np.sqrt(np.maximum(sd**2 - of_mean * np.square(fitted["sigma_e"]), 0.01 * sd**2))
-    hyper = {n: 0.0 if np.isscalar(value) else [0.0] * len(value) for n, value in fitted["hyper"].items()}
+    hyper = {
+        n: 0.0 if np.isscalar(value) else [0.0] * len(value) for n, value in fitted["hyper"].items()
+    }
     beta = (mean - 1.0).tolist()
     return fitted | {"hyper": hyper, "delta": beta, "beta": beta, "sigma": sigma.tolist()}
 
@@ -130,9 +139,13 @@ def plan_like(study: Study, subjects: int | None = None, **changes: Any) -> Cove
         counts = counts.loc[list(study.sessions.subjects), list(study.environments)]
         changes["trials"] = tuple(map(tuple, counts.to_numpy().tolist()))
     return CoveragePlan(
-        references=tuple(tuple(study.reference[p, e] for p in study.parameters) for e in study.environments),
+        references=tuple(
+            tuple(study.reference[p, e] for p in study.parameters) for e in study.environments
+        ),
         parameters=study.parameters,
-        quantities={p: study.sessions.quantities[p].model_dump(exclude={"name"}) for p in study.parameters},
+        quantities={
+            p: study.sessions.quantities[p].model_dump(exclude={"name"}) for p in study.parameters
+        },
         environments=study.environments,
         subjects=subjects or len(study.sessions.subjects),
         family=inference.family,
@@ -155,7 +168,9 @@ def coverage(
 ) -> pd.DataFrame:
     """Simulate and judge studies, and average."""
     if studies < 2:
-        raise UsageError("a standard error needs at least two studies.", key="studies", value=studies)
+        raise UsageError(
+            "a standard error needs at least two studies.", key="studies", value=studies
+        )
     judge = functools.partial(judge_study, plan)
     kept = Checkpoint(checkpoint, plan.key, what="judged")
     return averaged(plan, kept.complete(judge, studies, mapper=mapper, progress=progress))
@@ -166,7 +181,9 @@ def averaged(plan: CoveragePlan, judged: list[dict[str, Any]]) -> pd.DataFrame:
 
     `stated` is the level, or the confidence for kind share; `held` the mean fraction that was true.
     """
-    claims = pd.DataFrame([row for study in judged for row in study["judged"]], columns=[*LABELS, "held"])
+    claims = pd.DataFrame(
+        [row for study in judged for row in study["judged"]], columns=[*LABELS, "held"]
+    )
     rows = []
     for labels, group in claims.groupby(LABELS, sort=False):
         held, (claim, kind, *_) = group["held"].to_numpy(), labels
@@ -194,7 +211,10 @@ def standard_error(held: NDArray[np.float64]) -> float:
 def coverage_markdown(rows: pd.DataFrame) -> str:
     """Write coverage as a table in Markdown: each figure with its standard error, in per cent."""
     lines = [
-        "| claim | kind | method | family | joint | shape | users | n | stated | real | ± | studies |",
+        (
+            "| claim | kind | method | family | joint | shape | users | n | stated | real | ± |"
+            " studies |"
+        ),
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows.to_dict("records"):
@@ -234,7 +254,9 @@ def gather(
             tried, fewest = wanted, 0
             # Normal users below zero leave no lognormal fit: more studies make up for those.
             while fewest < wanted and tried <= max(studies):
-                rows = coverage(asked, tried, mapper=mapper, checkpoint=checkpoint, progress=progress)
+                rows = coverage(
+                    asked, tried, mapper=mapper, checkpoint=checkpoint, progress=progress
+                )
                 rows = rows[(rows["method"] == method) & (rows["kind"] == "user")]
                 tried, fewest = 2 * tried, rows["studies"].min() if len(rows) else 0
             tables.append(rows.assign(plan=plan.key, users=users))
@@ -259,7 +281,9 @@ def recommend(
     return [f"{_THEORY} For this design {command} would tell."]
 
 
-def _sentences(table: pd.DataFrame, intervals: pd.DataFrame, quantities: Quantities) -> Iterator[str]:
+def _sentences(
+    table: pd.DataFrame, intervals: pd.DataFrame, quantities: Quantities
+) -> Iterator[str]:
     """Recommend one method for each interval that both methods were judged for under both truths."""
     user = intervals[(intervals["kind"] == "user") & (intervals["joint"] == "marginal")]
     for (environment, parameter), shown in user.groupby(["environment", "parameter"], sort=False):
@@ -268,9 +292,13 @@ def _sentences(table: pd.DataFrame, intervals: pd.DataFrame, quantities: Quantit
             continue
         # The truth under which a method covers least decides.
         least = {m: rows[rows["method"] == m].sort_values("held").iloc[0] for m in _METHODS}
-        width = (shown["upper"] - shown["lower"]).groupby([shown["method"], shown["family"]]).first()
+        width = (
+            (shown["upper"] - shown["lower"]).groupby([shown["method"], shown["family"]]).first()
+        )
         size = {m: float(width[m, row["family"]]) for m, row in least.items()}
-        keeps = {m: row["held"] + _ERRORS * row["error"] >= row["stated"] for m, row in least.items()}
+        keeps = {
+            m: row["held"] + _ERRORS * row["error"] >= row["stated"] for m, row in least.items()
+        }
         use = max(_METHODS, key=lambda m: (keeps[m], -size[m] if keeps[m] else least[m]["held"]))
         (other,) = (m for m in _METHODS if m != use)
         covers = {
@@ -279,7 +307,7 @@ def _sentences(table: pd.DataFrame, intervals: pd.DataFrame, quantities: Quantit
         }
         stated, ratio = 100 * least[use]["stated"], size[other] / size[use]
         yield (
-            f"For {quantities[str(parameter)].label} in {environment} use the {_METHODS[use]} interval of "
-            f"the next user: it covers {covers[use]} where {stated:g} % is stated. "
-            f"The {_METHODS[other]} one covers {covers[other]} and is {ratio:.2f} times as wide."
+            f"For {quantities[str(parameter)].label} in {environment} use the {_METHODS[use]}"
+            f" interval of the next user: it covers {covers[use]} where {stated:g} % is stated. The"
+            f" {_METHODS[other]} one covers {covers[other]} and is {ratio:.2f} times as wide."
         )

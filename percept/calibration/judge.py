@@ -51,7 +51,9 @@ class CoveragePlan:
     references: tuple[tuple[float, ...], ...]  # Of `parameters`, in the environments tested
     environments: tuple[str, ...] = ()  # Their names; VE1, VE2, … where there are none
     subjects: int = 10  # Per study
-    trials: tuple[tuple[int, ...], ...] | None = None  # Of each subject in each environment; one where None
+    trials: tuple[tuple[int, ...], ...] | None = (
+        None  # Of each subject in each environment; one where None
+    )
     truth: Family = "lognormal"  # Distribution of the simulated users
     family: Family = "lognormal"  # Of the hierarchical model
     method: Literal["both", "classical", "bayesian"] = "both"  # Which methods are judged
@@ -59,19 +61,27 @@ class CoveragePlan:
     share: float | None = None  # As `InferenceTable`
     confidence: float = 0.95  # As `InferenceTable`
     tolerance: float = 0.05  # Of the sampler
-    values: dict[str, Any] | None = None  # What the studies are drawn from, as `fitted_values` gives it
+    values: dict[str, Any] | None = (
+        None  # What the studies are drawn from, as `fitted_values` gives it
+    )
     device: tuple[float, float] = (1.0, 5.0)  # kg and N·s/m
     period: float = 0.001  # Sampling period, s
     frequencies: tuple[float, float, int] = (0.1, 100.0, 11)  # From, to, rad/s, and how many
     seed: int = 1  # Of the whole
     model: dict[str, Any] = dataclasses.field(default_factory=dict)  # [model] of the analysis
     parameters: tuple[str, ...] = PARAMETERS  # One or two quantities
-    quantities: dict[str, Any] = dataclasses.field(default_factory=dict)  # [quantities] of the analysis
-    each: bool = False  # Judge the next user's intervals only, in each environment and parameter by itself
+    quantities: dict[str, Any] = dataclasses.field(
+        default_factory=dict
+    )  # [quantities] of the analysis
+    each: bool = (
+        False  # Judge the next user's intervals only, in each environment and parameter by itself
+    )
 
     def __post_init__(self) -> None:
         if len(self.references) < 2 and self.values is None:
-            raise UsageError("a coverage study needs at least two environments.", value=len(self.references))
+            raise UsageError(
+                "a coverage study needs at least two environments.", value=len(self.references)
+            )
         if self.subjects < 2:
             raise UsageError("a coverage study needs at least two subjects.", value=self.subjects)
 
@@ -145,7 +155,9 @@ class Population:
 
     def users(self, count: int, rng: np.random.Generator) -> Array:
         """Draw users, (count, P)."""
-        return self.native(rng.multivariate_normal(self.mean, self.covariance, count, method="eigh"))
+        return self.native(
+            rng.multivariate_normal(self.mean, self.covariance, count, method="eigh")
+        )
 
 
 def judge_study(plan: CoveragePlan, index: int) -> dict[str, Any]:
@@ -154,7 +166,9 @@ def judge_study(plan: CoveragePlan, index: int) -> dict[str, Any]:
     study, populations = _simulated(plan, rng)
 
     def lost(claim: str) -> dict[str, Any]:
-        return dict(zip((*LABELS, "held"), (claim, "", "bayesian", plan.family, "", "", 1.0), strict=True))
+        return dict(
+            zip((*LABELS, "held"), (claim, "", "bayesian", plan.family, "", "", 1.0), strict=True)
+        )
 
     rows = []
     try:
@@ -185,7 +199,9 @@ def _claims(
     """Yield each claim of a study, and how far it was true."""
     intervals = study.intervals
     if plan.each:
-        intervals = intervals.query("joint == 'marginal' and (method == 'bayesian' or family == 'normal')")
+        intervals = intervals.query(
+            "joint == 'marginal' and (method == 'bayesian' or family == 'normal')"
+        )
     for row in intervals.to_dict("records"):
         cell = {name: row[name] for name in ("environment", "parameter")}
         claim = EACH.format(**cell) if plan.each else "interval"
@@ -197,7 +213,11 @@ def _claims(
 def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, list[Population]]:
     """Simulate one study, and give the users of each of its environments."""
     references = np.array(plan.references)
-    trials = np.ones((plan.subjects, len(references)), int) if plan.trials is None else np.array(plan.trials)
+    trials = (
+        np.ones((plan.subjects, len(references)), int)
+        if plan.trials is None
+        else np.array(plan.trials)
+    )
     design = Design(references, trials, plan.parameters, plan.environments)
     truth = plan.true_values()
     if truth is None:
@@ -205,7 +225,9 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, lis
     table = simulate(truth, design, rng, family=plan.truth)
     lower, upper, points = plan.frequencies
     device = {"mass": plan.device[0], "damping": plan.device[1], "period": plan.period}
-    described = {"device": device} if plan.parameters == PARAMETERS else {"quantities": plan.quantities}
+    described = (
+        {"device": device} if plan.parameters == PARAMETERS else {"quantities": plan.quantities}
+    )
     scene = Scene(
         **described,
         frequency={"lower": lower, "upper": upper, "points": points},
@@ -235,7 +257,10 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, lis
         if scene.quantities[name].unit
     }
     options = ReadOptions(quantities=scene.quantities, columns=units)
-    return Study(Sessions.from_frame(table.drop(columns="source"), options=options), scene), populations
+    return (
+        Study(Sessions.from_frame(table.drop(columns="source"), options=options), scene),
+        populations,
+    )
 
 
 def _labels(claim: str, of: dict[Any, Any]) -> tuple[str, ...]:
@@ -252,12 +277,18 @@ def interval_held(row: dict[Any, Any], users: Population) -> float:
 
 
 def _held_boundaries(
-    boundaries: Iterable[Boundary], populations: dict[str, Population], study: Study, rng: np.random.Generator
+    boundaries: Iterable[Boundary],
+    populations: dict[str, Population],
+    study: Study,
+    rng: np.random.Generator,
 ) -> Iterator[_Held]:
     table = study.scene.device
     assert table is not None
     assert isinstance(study.device, Device)
-    users = {environment: population.users(_USERS, rng) for environment, population in populations.items()}
+    users = {
+        environment: population.users(_USERS, rng)
+        for environment, population in populations.items()
+    }
     for boundary in boundaries:
         if boundary.kind == "share" or boundary.shape == "corner":
             continue

@@ -47,8 +47,8 @@ SBC_DESIGNS: dict[str, Design] = {
     "weak scatter": Design.balanced(_REFERENCES, subjects=10, trials=3),
     "thirty environments": Design.balanced(np.geomspace([10.0, 0.1], [5e4, 50.0], 30), subjects=8),
 }
-#: Priors of truths and fits, where they are not the defaults. A twentieth of the scatter between trials: the
-#: data can hardly tell the scatter between subjects from none.
+#: Priors of truths and fits, where they are not the defaults. A twentieth of the scatter between
+#: trials: the data can hardly tell the scatter between subjects from none.
 _PRIORS = {"weak scatter": Priors(log_s_mean=math.log(0.005))}
 
 
@@ -58,14 +58,18 @@ class SbcPlan:
 
     design: str  # One of `SBC_DESIGNS`
     seed: int = 1  # Of the whole
-    draws: int = 199  # Independent posterior draws a true value is ranked among; one less than a multiple
+    draws: int = (
+        199  # Independent posterior draws a true value is ranked among; one less than a multiple
+    )
     bins: int = 20  # of the equal bins the ranks are counted in
     tolerance: float = 0.2  # Of the sampler, on the limits of kinds mean and user
 
     def __post_init__(self) -> None:
         if self.design not in SBC_DESIGNS:
             raise UsageError(
-                f"no such design; there are {', '.join(SBC_DESIGNS)}.", key="design", value=self.design
+                f"no such design; there are {', '.join(SBC_DESIGNS)}.",
+                key="design",
+                value=self.design,
             )
 
     @property
@@ -77,7 +81,9 @@ class SbcPlan:
 
 
 def place_study(
-    plan: SbcPlan, index: int, density: Callable[[Statistics, Priors], CollapsedDensity] = CollapsedDensity
+    plan: SbcPlan,
+    index: int,
+    density: Callable[[Statistics, Priors], CollapsedDensity] = CollapsedDensity,
 ) -> dict[str, Any]:
     """Simulate study `index` of a plan, fit it and place its true values.
 
@@ -101,7 +107,9 @@ def place_study(
     )
     # One more user in every environment.
     noise = rng.standard_normal(truth.beta.shape)
-    user = truth.beta + np.einsum("jpq,jq->jp", np.linalg.cholesky(truth.cov_u + truth.cov_w), noise)
+    user = truth.beta + np.einsum(
+        "jpq,jq->jp", np.linalg.cholesky(truth.cov_u + truth.cov_w), noise
+    )
     model = density(statistics, priors)
     settings = Settings(tolerance=plan.tolerance, seed=int(run_seed.generate_state(1)[0]))
     try:
@@ -115,7 +123,12 @@ def place_study(
 
 
 def places(
-    plan: SbcPlan, model: CollapsedDensity, run: Run, truth: TrueValues, user: Array, rng: np.random.Generator
+    plan: SbcPlan,
+    model: CollapsedDensity,
+    run: Run,
+    truth: TrueValues,
+    user: Array,
+    rng: np.random.Generator,
 ) -> dict[str, float]:
     """Rank true scales and locations among draws; give distribution functions at true means and new users."""
     points = np.concatenate(run.independent())
@@ -130,7 +143,9 @@ def places(
             labels = [f"[{p}]" for p in model.statistics.parameters]
         elif name.startswith("rho"):
             labels = [""]
-        found.update({name + label: float(value) for label, value in zip(labels, values, strict=True)})
+        found.update(
+            {name + label: float(value) for label, value in zip(labels, values, strict=True)}
+        )
 
     def rank(name: str, draws: Array, true: Array) -> None:
         add(name, ((draws.reshape(plan.draws, -1) < true).sum(axis=0) + 0.5) / (plan.draws + 1))
@@ -140,5 +155,8 @@ def places(
         rank(name, values, np.ravel(np.transpose(getattr(owner, name))))
     rank("beta", model.draw(drawn, rng)[0], beta)
     add("mean", special.ndtr((beta - laws.mean) / laws.sd).mean(axis=0))
-    add("user", special.ndtr((user - laws.mean) / np.hypot(laws.sd, laws.population_sd)).mean(axis=0))
+    add(
+        "user",
+        special.ndtr((user - laws.mean) / np.hypot(laws.sd, laws.population_sd)).mean(axis=0),
+    )
     return found

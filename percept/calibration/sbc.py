@@ -1,8 +1,9 @@
 """Simulation-based calibration (Talts et al. 2018): the posterior must hold what the prior says.
 
-Studies are drawn from the prior and fitted. Over them, a true value's rank among independent posterior
-draws is uniform, and so is the posterior distribution function at it, if the density, the sampler and
-the conditionals are right. All quantities of a design are judged together, by simultaneous bands.
+Studies are drawn from the prior and fitted. Over them, a true value's rank among independent
+posterior draws is uniform, and so is the posterior distribution function at it, if the density, the
+sampler and the conditionals are right. All quantities of a design are judged together, by
+simultaneous bands.
 """
 
 from __future__ import annotations
@@ -37,21 +38,27 @@ class EcdfBand:
     def __init__(self, count: int, bins: int, tail: float) -> None:
         self.count, self.tail = count, tail
         self.edges = np.arange(1, bins) / bins
-        self.lower: Counts = np.asarray(stats.binom.ppf(0.5 * tail, count, self.edges), dtype=np.int64)
-        self.upper: Counts = np.asarray(stats.binom.isf(0.5 * tail, count, self.edges), dtype=np.int64)
+        self.lower: Counts = np.asarray(
+            stats.binom.ppf(0.5 * tail, count, self.edges), dtype=np.int64
+        )
+        self.upper: Counts = np.asarray(
+            stats.binom.isf(0.5 * tail, count, self.edges), dtype=np.int64
+        )
 
     def probability(self) -> float:
         """Probability that uniform values stay within the bounds at all edges at once.
 
-        Counts below successive edges are a Markov chain with binomial steps, so the probability is a
-        product of small matrices (Säilynoja, Bürkner & Vehtari 2022).
+        Counts below successive edges are a Markov chain with binomial steps, so the probability is
+        a product of small matrices (Säilynoja, Bürkner & Vehtari 2022).
         """
         at = np.arange(self.lower[0], self.upper[0] + 1)
         mass = stats.binom.pmf(at, self.count, self.edges[0])
         for k in range(1, self.edges.size):
             step = (self.edges[k] - self.edges[k - 1]) / (1.0 - self.edges[k - 1])
             to = np.arange(self.lower[k], self.upper[k] + 1)
-            mass = mass @ stats.binom.pmf(to[None, :] - at[:, None], (self.count - at)[:, None], step)
+            mass = mass @ stats.binom.pmf(
+                to[None, :] - at[:, None], (self.count - at)[:, None], step
+            )
             at = to
         return float(mass.sum())
 
@@ -71,7 +78,10 @@ class EcdfBand:
 @functools.cache
 def ecdf_band(count: int, bins: int, error: float) -> EcdfBand:
     """Find the narrowest band that uniform values leave with at most the probability given."""
-    low, high = 0.0, float(np.log(bins))  # logarithms of error/tail: between one edge and a union of all
+    low, high = (
+        0.0,
+        float(np.log(bins)),
+    )  # logarithms of error/tail: between one edge and a union of all
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         if EcdfBand(count, bins, error * float(np.exp(-middle))).probability() >= 1.0 - error:
@@ -103,7 +113,9 @@ class Calibration:
     tail: float  # The band's tail probability at one edge
     lower: tuple[int, ...]  # Of the band, at each edge
     upper: tuple[int, ...]
-    quantities: tuple[Uniformity, ...]  # Every scale, correlation, location and distribution function
+    quantities: tuple[
+        Uniformity, ...
+    ]  # Every scale, correlation, location and distribution function
 
     @property
     def outside(self) -> tuple[str, ...]:
@@ -122,7 +134,10 @@ def calibrate(
     """Simulate, fit and judge studies of one design."""
     if fits < 1:
         raise UsageError("a calibration needs at least one study.", key="fits", value=fits)
-    place, kept = functools.partial(place_study, plan), Checkpoint(checkpoint, plan.key, what="placed")
+    place, kept = (
+        functools.partial(place_study, plan),
+        Checkpoint(checkpoint, plan.key, what="placed"),
+    )
     return judge_places(plan, kept.complete(place, fits, mapper=mapper, progress=progress))
 
 
@@ -140,11 +155,15 @@ def judge_places(plan: SbcPlan, placed: list[dict[str, Any]]) -> Calibration:
         tail=band.tail,
         lower=tuple(band.lower.tolist()),
         upper=tuple(band.upper.tolist()),
-        quantities=tuple(band.judge(name, np.array([one[name] for one in passed])) for name in names),
+        quantities=tuple(
+            band.judge(name, np.array([one[name] for one in passed])) for name in names
+        ),
     )
 
 
-def write_calibrations(found: Sequence[Calibration], directory: str | os.PathLike[str], made: Made) -> None:
+def write_calibrations(
+    found: Sequence[Calibration], directory: str | os.PathLike[str], made: Made
+) -> None:
     """Write verdicts as `sbc.json` (everything) and `sbc.md` (a table with how to read it).
 
     Verdicts on other designs that the folder holds already stay.
@@ -158,14 +177,13 @@ def write_calibrations(found: Sequence[Calibration], directory: str | os.PathLik
     path.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     total = sum(row["fits"] for row in rows)
     head = (
-        "# Simulation-based calibration\n\n"
-        f"{total} studies were drawn from the prior and fitted. True scales, correlations and "
-        "locations are ranked among independent posterior draws; `mean` and `user` are the posterior "
-        "distribution functions at the true mean and at a new user. Each design's quantities are judged "
-        "together by simultaneous bands that a right density leaves with a probability of at most "
-        f"{100 * ERROR:g} %. Fits the gate withheld are counted as "
-        "failed and give no ranks. With few fits only large errors show.\n\n"
-        f"{made.sentence}\n\n"
+        f"# Simulation-based calibration\n\n{total} studies were drawn from the prior and fitted."
+        " True scales, correlations and locations are ranked among independent posterior draws;"
+        " `mean` and `user` are the posterior distribution functions at the true mean and at a new"
+        " user. Each design's quantities are judged together by simultaneous bands that a right"
+        f" density leaves with a probability of at most {100 * ERROR:g} %. Fits the gate withheld"
+        " are counted as failed and give no ranks. With few fits only large errors"
+        f" show.\n\n{made.sentence}\n\n"
     )
     (to / "sbc.md").write_text(head + sbc_markdown(rows), encoding="utf-8")
 

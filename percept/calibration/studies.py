@@ -79,7 +79,10 @@ class Checkpoint:
             raise RefusalError(
                 f"{len(errors)} studies ended in an error; study {first}: "
                 f"{type(errors[first]).__name__}: {errors[first]}",
-                hint="The others are kept where there is a checkpoint: the same run again tries these only.",
+                hint=(
+                    "The others are kept where there is a checkpoint: the same run again tries"
+                    " these only."
+                ),
             ) from errors[first]
         return [results[index] for index in sorted(results)]
 

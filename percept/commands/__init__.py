@@ -1,7 +1,7 @@
 """The commands of the command line, a module per job, and what they share in `analysis`.
 
-A command is a `Command` under its name in capitals. Its `run` takes the parsed arguments, makes the slow
-imports, prints, and returns the exit code, None for 0.
+A command is a `Command` under its name in capitals. Its `run` takes the parsed arguments, makes the
+slow imports, prints, and returns the exit code, None for 0.
 """
 
 from __future__ import annotations

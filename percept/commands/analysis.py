@@ -27,7 +27,9 @@ _NOTICES = 10  # printed; percept validate lists all
 _LONG = 60.0  # seconds of a run from which on a command says how long it takes
 
 
-SESSIONS = argument("sessions", "PATH", "session files or folders, or a published summary", nargs="+")
+SESSIONS = argument(
+    "sessions", "PATH", "session files or folders, or a published summary", nargs="+"
+)
 #: The scene, and the settings of `[inference]` that have a flag.
 SETTINGS = (
     argument("--scene", "FILE", "TOML file that says what to analyse"),
@@ -35,9 +37,14 @@ SETTINGS = (
     number("--tolerance", "X", "Monte Carlo error over half-width (0.01)"),
     number("--level", "X", "confidence or credibility (0.99)"),
     argument(
-        "--family", None, "scale of the hierarchical model (lognormal)", choices=("lognormal", "normal")
+        "--family",
+        None,
+        "scale of the hierarchical model (lognormal)",
+        choices=("lognormal", "normal"),
     ),
-    argument("--method", None, "which method to run (both)", choices=("both", "classical", "bayesian")),
+    argument(
+        "--method", None, "which method to run (both)", choices=("both", "classical", "bayesian")
+    ),
     QUIET,
 )
 #: What describes a study.
@@ -57,8 +64,12 @@ WORKERS = (
 
 def checks_argument(*, usual: bool) -> Argument:
     """Describe `--checks` and `--no-checks`, which go before the scene's `[checks]`."""
-    said = f"check the model: normality, subjects left out, predictions ({'yes' if usual else 'no'})"
-    return argument("--checks", None, said, action=argparse.BooleanOptionalAction, default=usual or None)
+    said = (
+        f"check the model: normality, subjects left out, predictions ({'yes' if usual else 'no'})"
+    )
+    return argument(
+        "--checks", None, said, action=argparse.BooleanOptionalAction, default=usual or None
+    )
 
 
 def settings(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -100,7 +111,9 @@ def open_study(
         for notice in notices[:_NOTICES]:
             print(f"notice: {printable(str(notice))}", file=sys.stderr)
         if len(notices) > _NOTICES:
-            print(f"and {len(notices) - _NOTICES} more notices: see percept validate", file=sys.stderr)
+            print(
+                f"and {len(notices) - _NOTICES} more notices: see percept validate", file=sys.stderr
+            )
     study = Study(sessions, scene, progress=progress, store=_store(arguments, scene))
     if scene.device is not None and scene.device.response:
         _ = study.device  # a table that cannot be read is refused before anything is sampled
@@ -121,17 +134,24 @@ def _with_mapping(
         print(f"notice: columns are read as follows\n{proposal.text}", file=sys.stderr)
         own, tables = scene.model_dump(exclude_none=True), tomllib.loads(proposal.text)
         if scene.quantities == Scene().quantities:
-            # Stiffness and damping are what a scene without quantities means, not a part of this one.
+            # Stiffness and damping are what a scene without quantities means, not a part of this
+            # one.
             del own["quantities"]
-        return scene.with_tables(**{name: own.get(name, {}) | table for name, table in tables.items()})
+        return scene.with_tables(
+            **{name: own.get(name, {}) | table for name, table in tables.items()}
+        )
     lacking = f" It lacks {', '.join(proposal.missing)}." if proposal.missing else ""
     hint = f"Add --write-scene scene.toml to write it, or --accept to go on with it.{lacking}"
     if arguments.write_scene:
         write_new(arguments.write_scene, proposal.text)
-        hint = f"It is written: look through it, then give --scene {arguments.write_scene}.{lacking}"
+        hint = (
+            f"It is written: look through it, then give --scene {arguments.write_scene}.{lacking}"
+        )
         if arguments.scene:
             hint += f" Copy your own tables from {arguments.scene} into it."
-    message = f"the columns have other names. This is what percept would make of them:\n\n{proposal.text}"
+    message = (
+        f"the columns have other names. This is what percept would make of them:\n\n{proposal.text}"
+    )
     raise UsageError(message, file=str(arguments.sessions[0]), hint=hint) from error
 
 
@@ -169,7 +189,9 @@ def verdict(study: Study) -> int:
     """Say on standard error what the gate withholds, or the error it lets pass; return the exit code."""
     fit = study.fit
     if fit is None and study.scene.inference.method != "classical":
-        lacking = f"there are no Bayesian intervals: {dict(study.skipped).get('Bayesian intervals', '')}"
+        lacking = (
+            f"there are no Bayesian intervals: {dict(study.skipped).get('Bayesian intervals', '')}"
+        )
     elif fit is not None and not fit.run.gate.passed:
         lacking = f"Bayesian intervals are withheld: {fit.withheld}"
     else:

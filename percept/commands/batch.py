@@ -28,7 +28,8 @@ def _run(arguments: argparse.Namespace) -> int:
         from percept.batch import run_batch, sources
     except ImportError as error:
         raise UsageError(
-            f"{error.name} is not installed.", hint="Install percept with its extra: percept[cluster]."
+            f"{error.name} is not installed.",
+            hint="Install percept with its extra: percept[cluster].",
         ) from None
     from percept.workers import open_mapper
 
@@ -54,10 +55,16 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _print(summary: Summary) -> None:
     for name, message in (*summary.failures, *summary.inaccurate):
-        print(printable(message if message.startswith(name) else f"{name}: {message}"), file=sys.stderr)
+        print(
+            printable(message if message.startswith(name) else f"{name}: {message}"),
+            file=sys.stderr,
+        )
     words = ", ".join(f"{count} {status}" for status, count in sorted(summary.counts.items()))
     studies = counted(summary.studies, "study", "studies")
-    print(f"{studies} ({words}): {summary.skipped} finished before, {summary.studies - summary.skipped} now")
+    print(
+        f"{studies} ({words}): {summary.skipped} finished before,"
+        f" {summary.studies - summary.skipped} now"
+    )
     print(summary.table)
 
 

@@ -26,7 +26,9 @@ def _run(arguments: argparse.Namespace) -> None:
         return
     for part in parts or [""]:
         if part not in _PARTS:
-            raise UsageError(f"not a part that goes with others; those are {', '.join(_PARTS)}.", value=part)
+            raise UsageError(
+                f"not a part that goes with others; those are {', '.join(_PARTS)}.", value=part
+            )
     measured = {part: _measured(part, arguments) for part in parts}
     if arguments.json:
         print_json(measured)
@@ -46,7 +48,9 @@ def _measured(part: str, arguments: argparse.Namespace) -> Sequence[Any]:
         records = _PARTS[part](arguments)
     except ModuleNotFoundError as error:
         hint = "Install percept with its extra: percept[bench]."
-        raise UsageError(f"{part} needs {error.name}, which is not installed.", hint=hint) from error
+        raise UsageError(
+            f"{part} needs {error.name}, which is not installed.", hint=hint
+        ) from error
     if arguments.out:
         document = _bench("measure", "measurement")(
             part,
@@ -118,7 +122,9 @@ BENCH = Command(
         flag("--no-peer", "designs without nutpie beside them"),
         JSON,
         argument(
-            "--out", "DIR", "write PART.json and PART.md into it as they are measured (peers: benchmark)"
+            "--out",
+            "DIR",
+            "write PART.json and PART.md into it as they are measured (peers: benchmark)",
         ),
         argument("--engines", "NAME", "of peers, only these", nargs="+", default=()),
         number("--seconds", "S", "of peers, begin no run of an engine later (150)", default=150.0),

@@ -27,7 +27,17 @@ _PAIRS = [
     "upper_bayesian", "width_ratio", "shift", "overlap",
 ]  # fmt: skip
 _STEPS = ["environment", "parameter", "cause", "width", "log_width_error", "centre", "centre_error"]
-_CONTRAST = ["environment", "parameter", "kind", "method", "lower", "estimate", "upper", "p_value", "n"]
+_CONTRAST = [
+    "environment",
+    "parameter",
+    "kind",
+    "method",
+    "lower",
+    "estimate",
+    "upper",
+    "p_value",
+    "n",
+]
 _MOST_CURVES = 10
 _CURVES = """area: mean over log omega of
 abs(log(B/A)) of the lower and the upper curve; largest: log(B/A) at that omega (rad/s)."""
@@ -55,14 +65,20 @@ def _run(arguments: argparse.Namespace) -> None:
                     column=column,
                     hint=f"Keep two in the scene: [sessions] only.{column}.",
                 )
-            studies = [(f"{column} {group}", study.over(sessions)) for group, sessions in groups.items()]
+            studies = [
+                (f"{column} {group}", study.over(sessions)) for group, sessions in groups.items()
+            ]
         elif len(paths) == 1 and not arguments.other_scene:
             return _methods(open_study(arguments, progress), arguments, progress)
         elif len(paths) > 2:
-            raise UsageError("compare takes one or two studies; put the files of a study in a folder.")
+            raise UsageError(
+                "compare takes one or two studies; put the files of a study in a folder."
+            )
         else:
             studies = []
-            for path, scene in zip((paths[0], paths[-1]), (None, arguments.other_scene), strict=True):
+            for path, scene in zip(
+                (paths[0], paths[-1]), (None, arguments.other_scene), strict=True
+            ):
                 own = vars(arguments) | {"sessions": [path], "scene": scene or arguments.scene}
                 name = f"{path} under {own['scene']}" if own["scene"] else path
                 studies.append((name, open_study(argparse.Namespace(**own), progress)))
@@ -80,7 +96,9 @@ def _run(arguments: argparse.Namespace) -> None:
         _print("Intervals of A and B; width ratio B/A:", found.intervals)
     if len(found.curves):
         areas = found.curves[["area_lower", "area_upper"]].max(axis=1)
-        worst = found.curves.loc[areas.sort_values(ascending=False, kind="stable").index[:_MOST_CURVES]]
+        worst = found.curves.loc[
+            areas.sort_values(ascending=False, kind="stable").index[:_MOST_CURVES]
+        ]
         head = f"The {len(worst)} of {len(found.curves)} boundaries farthest apart. {_CURVES}"
         _print(head, worst)
     return None
@@ -100,7 +118,9 @@ def _contrasts(study: Study, arguments: argparse.Namespace, progress: Working) -
     notes = [f"{row.what}: {row.why}" for row in rows if isinstance(row, Skipped)]
     progress.stop()
     if table.empty:
-        raise RefusalError("no contrast can be worked out.", column=factor.name, hint="; ".join(notes))
+        raise RefusalError(
+            "no contrast can be worked out.", column=factor.name, hint="; ".join(notes)
+        )
     if arguments.json:
         stated = {"factor": factor.name, "levels": factor.levels, **_stated(study), "notes": notes}
         return print_json({**stated, "contrast": table})
@@ -128,7 +148,9 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
             f"only the {method} method was asked for, and nothing to compare it with.", hint=hint
         )
     if table is None or table.empty or ladder is None:
-        why = dict(study.skipped).get("Bayesian intervals", "percept fit prints what intervals there are.")
+        why = dict(study.skipped).get(
+            "Bayesian intervals", "percept fit prints what intervals there are."
+        )
         raise RefusalError("no interval of one method has a counterpart in the other.", hint=why)
     progress.stop()
     tell_error(study)
@@ -137,7 +159,9 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     command = " ".join(["percept calibrate", *arguments.sessions, *flags, "--advice"])
     advice = recommend(study, arguments.coverage, command)
     if arguments.json:
-        return print_json({**_stated(study), "comparison": table, "ladder": ladder, "advice": advice})
+        return print_json(
+            {**_stated(study), "comparison": table, "ladder": ladder, "advice": advice}
+        )
     _print(f"Intervals in pairs, {_claim(study)}:", table[_PAIRS])
     print("\nWhy they differ, step by step from the classical interval of the normal family:")
     print("\n".join(map(in_words_of(study.scene), [*ladder.sentences, *ladder.notes, "", *advice])))

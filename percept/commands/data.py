@@ -86,7 +86,8 @@ SIMULATE = Command(
     _simulate,
 )
 REPRODUCE = Command(
-    "Reproduce the paper from its published numbers: tables, figures, and every claim with its verdict.",
+    "Reproduce the paper from its published numbers: tables, figures, and every claim with its"
+    " verdict.",
     "percept reproduce --out results",
     (
         folder("reproduction"),

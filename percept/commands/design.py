@@ -19,7 +19,10 @@ _KINDS = ("mean", "user", "share")
 _NAMES = ("half_width", "sd", "family", "ratio", "level", "share", "confidence")
 
 _SOURCES = {"fit": "the values fitted to it", "prior": "the prior"}
-_REFITTED = {"classical": "the classical method", "bayesian": "the Bayesian one to a tolerance of {:g} %"}
+_REFITTED = {
+    "classical": "the classical method",
+    "bayesian": "the Bayesian one to a tolerance of {:g} %",
+}
 _HEAD = """# Coverage
 
 All studies behind this table are simulated: with the references of {paths}, {trials}, and {source}, refitted
@@ -99,9 +102,11 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         trials="one trial each" if arguments.subjects else "its subjects and trials",
         source=_SOURCES[arguments.source],
         methods=" and ".join(_REFITTED[name] for name in methods).format(100 * plans[0].tolerance),
-        curves=_CURVES.format(plans[0].device, plans[0].period, plans[0].frequencies)
-        if is_impedance(plans[0].parameters)
-        else "",
+        curves=(
+            _CURVES.format(plans[0].device, plans[0].period, plans[0].frequencies)
+            if is_impedance(plans[0].parameters)
+            else ""
+        ),
     )
     page = f"{head}{made_by(arguments.typed).sentence}\n\n{coverage_markdown(table)}"
     (out / "coverage.md").write_text(page, encoding="utf-8")
@@ -148,7 +153,11 @@ def _sbc(arguments: argparse.Namespace) -> None:
         def told(done: int, fits: int) -> None:
             working.show(f"{done} of {fits} fits, {plan.design}", done, fits)
 
-        kept: dict[str, Any] = {"mapper": mapper, "checkpoint": out / "fits.jsonl", "progress": told}
+        kept: dict[str, Any] = {
+            "mapper": mapper,
+            "checkpoint": out / "fits.jsonl",
+            "progress": told,
+        }
         calibrations = []
         for plan in plans:
             calibrations.append(calibrate(plan, arguments.fits, **kept))
@@ -179,14 +188,17 @@ PLAN = Command(
     _plan,
 )
 CALIBRATE = Command(
-    "Simulate studies like yours, refit them, and report the real coverage of every interval and boundary.",
+    "Simulate studies like yours, refit them, and report the real coverage of every interval and"
+    " boundary.",
     "percept calibrate sessions.csv --studies 200 --subjects 3 10 30 --out reports/coverage",
     (
         *STUDY,
         number("--studies", "N", "studies per design (100)", default=100),
         number("--classical", "N", "of the classical method alone (--studies)"),
         number("--subjects", "N", "subjects (the study's own)", nargs="+"),
-        argument("--from", None, "simulate from (fit)", dest="source", choices=_SOURCES, default="fit"),
+        argument(
+            "--from", None, "simulate from (fit)", dest="source", choices=_SOURCES, default="fit"
+        ),
         argument(
             "--truth",
             None,

@@ -8,13 +8,30 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from percept.commands import JSON, Command, argument, flag, folder
-from percept.commands.analysis import STUDY, Working, checks_argument, in_words_of, open_study, verdict
+from percept.commands.analysis import (
+    STUDY,
+    Working,
+    checks_argument,
+    in_words_of,
+    open_study,
+    verdict,
+)
 from percept.errors import printable
 
 if TYPE_CHECKING:
     from percept.study import Study
 
-_COLUMNS = ["environment", "parameter", "kind", "method", "family", "joint", "lower", "upper", "unit"]
+_COLUMNS = [
+    "environment",
+    "parameter",
+    "kind",
+    "method",
+    "family",
+    "joint",
+    "lower",
+    "upper",
+    "unit",
+]
 _MOST_ROWS = 30
 
 
@@ -51,7 +68,8 @@ def _print_intervals(study: Study, *, every: bool) -> None:
     print(table.to_string(index=False, float_format="{:.6g}".format, na_rep="–"))
     if not every:
         print(
-            f"--all prints all {len(study.intervals)} intervals: both families, and those that hold together."
+            f"--all prints all {len(study.intervals)} intervals: both families, and those that hold"
+            " together."
         )
 
 
@@ -61,7 +79,10 @@ def _print_checks(study: Study, say: Callable[[str], str]) -> None:
         return
     loo = study.checks.loo
     print(say(f"Predictive density of the subjects left out: {loo.elpd:.1f} ± {loo.se:.1f} nats."))
-    for message in (*(loo.messages or ("No subject is influential or an outlier.",)), *study.checks.pull):
+    for message in (
+        *(loo.messages or ("No subject is influential or an outlier.",)),
+        *study.checks.pull,
+    ):
         print(say(message))
 
 
@@ -77,7 +98,9 @@ def _report(arguments: argparse.Namespace) -> int:
         # What `verdict` says stands on standard error.
         told = ("There are no Bayesian intervals", "The Monte Carlo error reached")
         warnings = [f"warning: {said}" for said in summary["cautions"] if not said.startswith(told)]
-        print("\n".join(map(in_words_of(study.scene), [*summary["overview"]["sentences"], *warnings])))
+        print(
+            "\n".join(map(in_words_of(study.scene), [*summary["overview"]["sentences"], *warnings]))
+        )
     print(page)
     return verdict(study)
 
@@ -103,7 +126,11 @@ REPORT = Command(
         folder("report"),
         flag("--why", "say why the methods differ; samples the models between them"),
         argument(
-            "--formats", "FORM", "files of the figures: svg, pdf, png (svg)", nargs="+", default=["svg"]
+            "--formats",
+            "FORM",
+            "files of the figures: svg, pdf, png (svg)",
+            nargs="+",
+            default=["svg"],
         ),
     ),
     _report,

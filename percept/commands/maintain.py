@@ -27,7 +27,9 @@ def _doctor(_: argparse.Namespace) -> int:
     needed, broken, extras = 0, list[str](), dict[str, list[str]]()
     for requirement in map(Requirement, metadata.requires("percept") or ()):
         try:
-            fits = requirement.specifier.contains(metadata.version(requirement.name), prereleases=True)
+            fits = requirement.specifier.contains(
+                metadata.version(requirement.name), prereleases=True
+            )
         except metadata.PackageNotFoundError:
             fits = False
         extra = re.search(r"extra == .([\w-]+)", str(requirement.marker or ""))
@@ -57,14 +59,19 @@ def _cache(arguments: argparse.Namespace) -> None:
         raise UsageError("the cache is turned off.", key="PERCEPT_CACHE", value="off", hint=hint)
     if folder.exists() and not folder.is_dir():
         hint = "Let PERCEPT_CACHE name another."
-        raise UsageError("a folder is needed here, and this is a file.", file=str(folder), hint=hint)
+        raise UsageError(
+            "a folder is needed here, and this is a file.", file=str(folder), hint=hint
+        )
     cache = PosteriorCache(folder)
     if arguments.action == "clear":
         print(f"{folder}: {counted(cache.clear(), 'posterior')} removed")
         return
     entries = cache.entries()
     megabytes = sum(entries.values()) / 1e6
-    print(f"{folder}: {counted(len(entries), 'posterior')}, {megabytes:.1f} of {cache.limit / 1e6:.0f} MB")
+    print(
+        f"{folder}: {counted(len(entries), 'posterior')}, {megabytes:.1f} of"
+        f" {cache.limit / 1e6:.0f} MB"
+    )
 
 
 def _completion(arguments: argparse.Namespace) -> None:
@@ -93,7 +100,16 @@ DOCTOR = Command(
 CACHE = Command(
     _CACHE,
     "percept cache clear",
-    (argument("action", None, "what to do (show)", nargs="?", choices=("show", "clear"), default="show"),),
+    (
+        argument(
+            "action",
+            None,
+            "what to do (show)",
+            nargs="?",
+            choices=("show", "clear"),
+            default="show",
+        ),
+    ),
     _cache,
 )
 COMPLETION = Command(

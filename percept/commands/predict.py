@@ -6,7 +6,14 @@ import argparse
 import sys
 
 from percept.commands import JSON, Command, argument, number
-from percept.commands.analysis import STUDY, Working, in_words_of, open_study, print_json, tell_error
+from percept.commands.analysis import (
+    STUDY,
+    Working,
+    in_words_of,
+    open_study,
+    print_json,
+    tell_error,
+)
 
 _COLUMNS = ["parameter", "reference", "kind", "lower", "upper", "estimate", "unit", "monte_carlo"]
 
@@ -33,8 +40,8 @@ def _run(arguments: argparse.Namespace) -> None:
     worst, asked = float(prediction.intervals["monte_carlo"].max()), study.scene.inference.tolerance
     if worst > asked:
         print(
-            f"percept: these limits have Monte Carlo errors of up to {worst:.2%} of a half-width, more than "
-            f"the fit's {asked:.2%}. Ask for a smaller tolerance.",
+            f"percept: these limits have Monte Carlo errors of up to {worst:.2%} of a half-width,"
+            f" more than the fit's {asked:.2%}. Ask for a smaller tolerance.",
             file=sys.stderr,
         )
     if prediction.boundaries:
@@ -58,7 +65,14 @@ PREDICT = Command(
         *STUDY,
         number("--k", "N/m", "stiffness of the untested environment"),
         number("--b", "N·s/m", "damping of the untested environment"),
-        argument("--at", "NAME=X", "other references, in their units", type=reference, nargs="+", default=[]),
+        argument(
+            "--at",
+            "NAME=X",
+            "other references, in their units",
+            type=reference,
+            nargs="+",
+            default=[],
+        ),
         JSON,
     ),
     _run,

@@ -1,13 +1,19 @@
 """Impedances of a sampled haptic display, exact from DC to Nyquist; their bounds, stability and couplings.
 
-Angular frequencies are in rad/s, impedances in N·s/m, periods in seconds. Only numpy is needed. Equation
-numbers refer to "The effect of static virtual couplings on realistic performance of haptic systems".
+Angular frequencies are in rad/s, impedances in N·s/m, periods in seconds. Only numpy is needed.
+Equation numbers refer to "The effect of static virtual couplings on realistic performance of haptic
+systems".
 """
 
 from __future__ import annotations
 
 from percept.haptics.envelope import corner_curves, magnitude_envelope
-from percept.haptics.impedance import coupling_impedance, device_impedance, environment_impedance, hold
+from percept.haptics.impedance import (
+    coupling_impedance,
+    device_impedance,
+    environment_impedance,
+    hold,
+)
 from percept.haptics.limits import max_coupling_stiffness
 from percept.haptics.perceived import effective_impedance, perceived_impedance
 from percept.haptics.records import Coupling, Device, Environment, Mode, TabulatedDevice

@@ -32,13 +32,17 @@ def complex_array(value: ArrayLike, name: str, unit: str) -> ComplexArray:
 
 def _finite(value: ArrayLike, name: str, unit: str, what: str, kinds: str) -> NDArray[Any]:
     if np.ma.is_masked(value):
-        raise UsageError(f"{name} has masked elements.", hint="Drop the points that were not measured.")
+        raise UsageError(
+            f"{name} has masked elements.", hint="Drop the points that were not measured."
+        )
     try:
         array = np.asarray(value)
     except ValueError:
         raise UsageError(f"{name} has rows of unequal length.") from None
     if array.dtype.kind not in kinds:
-        raise UsageError(f"{name} must be {what} numbers in {unit}, not {array.dtype}.", value=value)
+        raise UsageError(
+            f"{name} must be {what} numbers in {unit}, not {array.dtype}.", value=value
+        )
     bad = ~(np.abs(array) <= LARGEST)
     if bad.any():
         raise UsageError(
@@ -80,11 +84,15 @@ def ordered_limits(
     try:
         low, high = limits
     except (TypeError, ValueError):
-        raise UsageError(f"limits of {name} must be a pair (low, high) in {unit}.", value=limits) from None
+        raise UsageError(
+            f"limits of {name} must be a pair (low, high) in {unit}.", value=limits
+        ) from None
     low = real_array(low, f"lower limit of {name}", unit)
     high = real_array(high, f"upper limit of {name}", unit)
     if np.any(low > high):
-        raise UsageError(f"lower limit of {name} is above its upper limit.", hint="Give (low, high).")
+        raise UsageError(
+            f"lower limit of {name} is above its upper limit.", hint="Give (low, high)."
+        )
     return low, high
 
 

@@ -1,9 +1,9 @@
 """Whether abs(Z_h) stays inside a region of (k, b) at every ω of a range: decided without a grid.
 
-At one ω let F be the farthest and N the nearest point of the region, as abs(Z_h) measures. Wherever abs(Z_h)
-of the display lies between N's and F's it lies inside the region's limits. On a piece of the range this asks
-for the signs of two polynomials, which Bernstein coefficients of one sign decide. Others are halved.
-Where a display leaves, a halving comes upon an ω that shows it.
+At one ω let F be the farthest and N the nearest point of the region, as abs(Z_h) measures. Wherever
+abs(Z_h) of the display lies between N's and F's it lies inside the region's limits. On a piece of
+the range this asks for the signs of two polynomials, which Bernstein coefficients of one sign
+decide. Others are halved. Where a display leaves, a halving comes upon an ω that shows it.
 """
 
 from __future__ import annotations
@@ -25,12 +25,13 @@ ON_LIMIT = 1e-10
 # The largest departure is searched to this fraction of itself.
 _FRACTION = 1e-4
 _PIECES_PER_DECADE = 1.5
-# After these halvings a piece is as narrow as the spacing of doubles allows; its bound is then widened.
+# After these halvings a piece is as narrow as the spacing of doubles allows; its bound is then
+# widened.
 _HALVINGS = 40
 # A search that needs more pieces for a display widens its bound instead.
 _MOST_PIECES = 2048
-# What a departure counts as where a curve vanishes or has a pole; and deeper inside than a factor of 1,000,
-# whose square would leave too few digits to compare.
+# What a departure counts as where a curve vanishes or has a pole; and deeper inside than a factor
+# of 1,000, whose square would leave too few digits to compare.
 _DEEP, _DEEPEST = 12.0 * float(np.log(10.0)), -3.0 * float(np.log(10.0))
 
 
@@ -49,7 +50,9 @@ class Plane:
 
     def square(self, k: Scalars, b: Scalars) -> FloatArray:
         """Return abs(Z_h)²."""
-        return np.asarray((self.gain * b + self.across) ** 2 + (self.along - self.per_rate * k) ** 2)
+        return np.asarray(
+            (self.gain * b + self.across) ** 2 + (self.along - self.per_rate * k) ** 2
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +143,11 @@ def departures(
             if gap[unsettled].min() >= _DEEP:
                 break  # no bound can be given
             gap[unsettled] = np.minimum(10 * gap[unsettled], _DEEP)
-        allowed = np.full(count, ON_LIMIT) if throughout else best + np.maximum(gap, _FRACTION * np.abs(best))
+        allowed = (
+            np.full(count, ON_LIMIT)
+            if throughout
+            else best + np.maximum(gap, _FRACTION * np.abs(best))
+        )
         squares = Squares.of(display if work.shared else display.at(work.owner), work.omega)
         by = np.expm1(2 * np.clip(allowed, _DEEPEST, _DEEP))[work.item]
         work = work.some(~squares.within(work.piece, far, near, by))
@@ -148,7 +155,11 @@ def departures(
             work = work.halved()
         elif throughout:
             break
-    bound = np.maximum(best, ON_LIMIT) if throughout else best + np.maximum(gap, _FRACTION * np.abs(best))
+    bound = (
+        np.maximum(best, ON_LIMIT)
+        if throughout
+        else best + np.maximum(gap, _FRACTION * np.abs(best))
+    )
     bound[work.item] = np.inf
     return Departures(best, where, bound)
 
@@ -170,7 +181,9 @@ def _first_pieces(display: Display, lower: float, upper: float) -> FloatArray:
 def _sampled(display: Display, omega: FloatArray) -> tuple[Plane, FloatArray]:
     """Return the plane of the limits and the square of abs(Z_h) as displayed, at ω (n,)."""
     grid = warp(omega, display.period)
-    across, along, held = distance_axes(grid, display.device, display.hold, display.environment.mass)
+    across, along, held = distance_axes(
+        grid, display.device, display.hold, display.environment.mass
+    )
     plane = Plane(*np.broadcast_arrays(held.gain, held.per_rate, across, along))
     return plane, plane.square(*_shown(display, grid))
 
@@ -191,7 +204,13 @@ class _Work:
         pieces, omega = ends.size - 1, np.stack([ends[:-1], ends[1:]])
         item: IntArray = np.repeat(np.arange(count), pieces)
         if shared:
-            return cls(omega, np.zeros(pieces, dtype=np.intp), item, np.tile(np.arange(pieces), count), True)
+            return cls(
+                omega,
+                np.zeros(pieces, dtype=np.intp),
+                item,
+                np.tile(np.arange(pieces), count),
+                True,
+            )
         return cls(np.tile(omega, count), item, item, np.arange(item.size), False)
 
     def some(self, which: BoolArray) -> _Work:
@@ -235,7 +254,11 @@ def _turning_points(display: Display, lower: float, upper: float) -> FloatArray:
     # In units of the range's middle the coefficients are of one size.
     unit = np.tan(lower * half) * np.tan(upper * half) / half**2
     x = Polynomial([0.0, unit])
-    spring, k_c, b_c = own.stiffness - own.mass * x, display.coupling.stiffness, display.coupling.damping
+    spring, k_c, b_c = (
+        own.stiffness - own.mass * x,
+        display.coupling.stiffness,
+        display.coupling.damping,
+    )
     first, second = own.damping**2 * x + spring**2, b_c**2 * x + k_c**2
     under = (own.damping + b_c) ** 2 * x + (spring + k_c) ** 2
     shown = first * b_c + second * own.damping, first * k_c + second * spring + own.mass * x * under
@@ -261,7 +284,9 @@ def plane_departures(
         column[: part.size] = part
     off: FloatArray = np.full(np.broadcast_shapes(omega.shape, (boxes.size,)), -np.inf)
     limits = boxes.stiffness, boxes.damping
-    for value, (low, high) in zip(_shown(display, warp(omega, display.period)), limits, strict=True):
+    for value, (low, high) in zip(
+        _shown(display, warp(omega, display.period)), limits, strict=True
+    ):
         width = np.where(high > low, high - low, 1.0)
         off = np.maximum(off, np.maximum(low - value, value - high) / width)
     at = off.argmax(axis=0)[None]

@@ -25,7 +25,8 @@ from percept.haptics.search import Gaps, search_grid, section_minimum, where_pos
 from percept.haptics.stability import demands
 from percept.html import NotebookRecord
 
-# An edge of the map is pulled inside by this fraction, a single coupling by less; then both are checked.
+# An edge of the map is pulled inside by this fraction, a single coupling by less; then both are
+# checked.
 _OUTLINE, _INSIDE = 1e-3, 1e-4
 # Beyond the edge by this fraction a coupling shows what binds.
 _BEYOND = 2e-3
@@ -66,7 +67,9 @@ class QualifyingRegion(NotebookRecord):
 
     damping: FloatArray = field(repr=False)  # (n,) b_c of each line, N·s/m
     intervals: tuple[FloatArray, ...] = field(repr=False)  # Per line (m, 2), low and high k_c, N/m
-    largest: QualifyingCoupling | None  # By k_c, searched between the lines too; None where nothing qualifies
+    largest: (
+        QualifyingCoupling | None
+    )  # By k_c, searched between the lines too; None where nothing qualifies
     softest: QualifyingCoupling | None
 
 
@@ -89,13 +92,18 @@ def design_couplings(
 ) -> CouplingDesign:
     """Return the couplings that are stable (Eq. 6) and keep each environment, and all, inside (Eq. 12).
 
-    Inside is meant at every ω between two `frequencies`, rad/s, and in two ways. abs(Z_h_vc) lies between
-    the smallest and the largest abs(Z_h) over the limits; effective stiffness and damping lie within them.
-    At one ω and fixed b_c each limit is a quadratic inequality in k_c, and stability an upper limit. What
-    these leave at a few ω is checked at all, and each ω that shows a coupling outside joins them. `damping`
-    are the lines of b_c, N·s/m, by default some 160 of them up to the largest that is stable.
+    Inside is meant at every ω between two `frequencies`, rad/s, and in two ways. abs(Z_h_vc) lies
+    between the smallest and the largest abs(Z_h) over the limits; effective stiffness and damping
+    lie within them. At one ω and fixed b_c each limit is a quadratic inequality in k_c, and
+    stability an upper limit. What these leave at a few ω is checked at all, and each ω that shows a
+    coupling outside joins them. `damping` are the lines of b_c, N·s/m, by default some 160 of them
+    up to the largest that is stable.
     """
-    lines = _usual_lines(device, period, hold) if damping is None else np.asarray(damping, dtype=np.float64)
+    lines = (
+        _usual_lines(device, period, hold)
+        if damping is None
+        else np.asarray(damping, dtype=np.float64)
+    )
     walls = [_Wall(device, boundary, frequencies, period, hold) for boundary in boundaries]
     groups = [[wall] for wall in walls] + ([walls] if len(walls) > 1 else [])
     regions = [_Search(device, group, period, hold).region(np.unique(lines)) for group in groups]
@@ -164,7 +172,8 @@ class _Search:
         if not np.isfinite(costs[best]):
             return None
         low, high = lines[[max(best - 1, 0)]], lines[[min(best + 1, lines.size - 1)]]
-        # Of equals the line counts: at the end of the range a section stops a hair's breadth short of it.
+        # Of equals the line counts: at the end of the range a section stops a hair's breadth short
+        # of it.
         candidates = np.stack([lines[[best]], section_minimum(cost, low, high)])
         damping = candidates[int(cost(candidates).argmin())]
         low_k, high_k = self._gaps(damping).inset(_INSIDE).lines()[0][-1 if side == 0 else 0]
@@ -177,10 +186,14 @@ class _Search:
         both = [wall.departures(Coupling(stiffness, np.repeat(damping, 2))) for wall in self.walls]
         stable = stable_stiffness(self.device, damping, self.period, self.hold)
         binds = ["stability"] if stiffness[1] > stable[0] else []
-        worst = [max((float(one[way][0][0]), float(one[way][1][0])) for one in both) for way in (0, 1)]
+        worst = [
+            max((float(one[way][0][0]), float(one[way][1][0])) for one in both) for way in (0, 1)
+        ]
         for way, name in enumerate(("magnitude", "plane")):
             binds += [name] * any(one[way][0][1] > ON_LIMIT for one in both)
-        return QualifyingCoupling(float(here[0]), float(damping[0]), *worst[0], *worst[1], tuple(binds))
+        return QualifyingCoupling(
+            float(here[0]), float(damping[0]), *worst[0], *worst[1], tuple(binds)
+        )
 
 
 class _Wall:
@@ -232,7 +245,10 @@ class _Wall:
         lower, upper = magnitude_envelope(
             omega, shown.device, *self._limits, period, mass=own.mass, hold=shown.hold
         )
-        z_e, z_d = environment_impedance(omega, own, period), device_impedance(omega, shown.device, period)
+        z_e, z_d = (
+            environment_impedance(omega, own, period),
+            device_impedance(omega, shown.device, period),
+        )
         z_h = z_d + zero_order_hold(omega, period, kind=shown.hold) * z_e
         zeta = complex_from(0.0, -warp(omega, period).inverse_rate)
         top0, top1 = z_d * z_e + b_c * z_h, zeta * z_h
@@ -242,14 +258,20 @@ class _Wall:
             # Products of sum and difference, where squares of near numbers would cancel.
             a = np.abs(zeta) ** 2 * (np.abs(z_h) - u) * (np.abs(z_h) + u)
             c = (over - u * under) * (over + u * under)
-            yield where_positive(side * np.broadcast_to(a, c.shape), side * (along - u**2 * across), side * c)
+            yield where_positive(
+                side * np.broadcast_to(a, c.shape), side * (along - u**2 * across), side * c
+            )
 
     def _by_plane(self, b_c: FloatArray) -> Iterator[FloatArray]:
         own, period = self._display.environment, self._display.period
         grid = warp(self._omega[1], period)
         z_e = environment_impedance(grid.omega, own, period)
         compliance = grid.inverse_rate**2
-        size, under, across = np.abs(z_e) ** 2, np.abs(z_e + b_c) ** 2, -z_e.imag * grid.inverse_rate
+        size, under, across = (
+            np.abs(z_e) ** 2,
+            np.abs(z_e + b_c) ** 2,
+            -z_e.imag * grid.inverse_rate,
+        )
         spring = -z_e.imag / grid.inverse_rate
         for values, pull, high_low in (
             ((own.damping, 0.0, size * b_c + own.damping * b_c**2), 0.0, self._limits[1]),
@@ -260,7 +282,9 @@ class _Wall:
                 # The limit of stiffness is meant with the environment's mass apart.
                 limit = end - pull
                 quadratic = (a - limit) * compliance, half_b - limit * across, c - limit * under
-                yield where_positive(*(side * np.broadcast_to(part, under.shape) for part in quadratic))
+                yield where_positive(
+                    *(side * np.broadcast_to(part, under.shape) for part in quadratic)
+                )
 
 
 def _apart(omega: FloatArray) -> FloatArray:

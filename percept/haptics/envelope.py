@@ -1,9 +1,10 @@
 """Range of abs(Z_h) over a region of (k, b): a box, an ellipse; and the paper's corner curves (Eqs 16, 17).
 
-abs(Z_h) is a distance in the plane of (g·b, g·k/Ω). Over any region its extremes lie on the edge, except the
-value 0 where the region holds the point it is measured from. The edge of an ellipse is a curve by angle.
-Around a plain ellipse a distance is stationary at the roots of a quartic; the curve of a log-ellipse is
-looked at every degree. Every extreme is then refined to the precision of a double.
+abs(Z_h) is a distance in the plane of (g·b, g·k/Ω). Over any region its extremes lie on the edge,
+except the value 0 where the region holds the point it is measured from. The edge of an ellipse is a
+curve by angle. Around a plain ellipse a distance is stationary at the roots of a quartic; the curve
+of a log-ellipse is looked at every degree. Every extreme is then refined to the precision of a
+double.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ Limits = tuple[ArrayLike, ArrayLike]
 # The curve of a log-ellipse is looked at every degree.
 _STEP = 2 * np.pi / 360
 _ANGLES = np.asarray(_STEP * np.arange(360), dtype=np.float64)
-# A circle's quartic has no leading term: the least it counts as, of the others. Roots move by as much.
+# A circle's quartic has no leading term: the least it counts as, of the others. Roots move by as
+# much.
 _LEADING = 1e-6
 
 
@@ -79,8 +81,8 @@ def magnitude_envelope(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the exact lowest and highest abs(Z_h) over a box of (k, b).
 
-    abs(Z_h) is a distance from one point in the plane of (g·b, g·k/Ω), where the box stays a box: its nearest
-    point is a clip, its farthest a corner.
+    abs(Z_h) is a distance from one point in the plane of (g·b, g·k/Ω), where the box stays a box:
+    its nearest point is a clip, its farthest a corner.
 
     Parameters
     ----------
@@ -110,7 +112,9 @@ def magnitude_envelope(
     q_ends = along - times(k_low, held.per_rate), along - times(k_high, held.per_rate)
     q_low, q_high = np.minimum(*q_ends), np.maximum(*q_ends)
     lower = np.hypot(_gap(p_low, p_high), _gap(q_low, q_high))
-    upper = np.hypot(np.maximum(np.abs(p_low), np.abs(p_high)), np.maximum(np.abs(q_low), np.abs(q_high)))
+    upper = np.hypot(
+        np.maximum(np.abs(p_low), np.abs(p_high)), np.maximum(np.abs(q_low), np.abs(q_high))
+    )
     return lower[()], upper[()]
 
 
@@ -149,7 +153,8 @@ def magnitude_envelope_ellipse(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the lowest and highest abs(Z_h), N·s/m, over (x − centre)ᵀ shape⁻¹ (x − centre) ≤ radius².
 
-    x is (k, b), or with `log` their natural logarithms, and `shape` a covariance of x. ω is above zero.
+    x is (k, b), or with `log` their natural logarithms, and `shape` a covariance of x. ω is above
+    zero.
     """
     curve = _Curve.of(centre, shape, radius, log=log)
     across, along, held = distance_axes(warp(omega, period), device, hold, mass)
@@ -210,7 +215,10 @@ class _Curve:
         if self.log:
             there &= (k > 0) & (b > 0)
             k, b = np.log(np.where(there, k, 1.0)), np.log(np.where(there, b, 1.0))
-        off_k, off_b = np.where(there, k, 0.0) - self.centre[0], np.where(there, b, 0.0) - self.centre[1]
+        off_k, off_b = (
+            np.where(there, k, 0.0) - self.centre[0],
+            np.where(there, b, 0.0) - self.centre[1],
+        )
         u1 = ratio(off_k, self.factor[0, 0], empty=0.0)
         u2 = ratio(off_b - times(self.factor[1, 0], u1), self.factor[1, 1], empty=0.0)
         return there & (np.hypot(u1, u2) <= 1)
@@ -236,7 +244,12 @@ def _extremes_along(curve: _Curve, plane: Plane) -> tuple[FloatArray, FloatArray
         k, b = curve.at(angle)
         k1, k2, b1, b2 = curve.slopes(angle)
         x, y = local.gain * b + local.across, local.along - local.per_rate * k
-        x1, y1, x2, y2 = local.gain * b1, -local.per_rate * k1, local.gain * b2, -local.per_rate * k2
+        x1, y1, x2, y2 = (
+            local.gain * b1,
+            -local.per_rate * k1,
+            local.gain * b2,
+            -local.per_rate * k2,
+        )
         first, second = x * x1 + y * y1, x1 * x1 + y1 * y1 + x * x2 + y * y2
         return sign[which] * first, sign[which] * second
 
@@ -270,9 +283,9 @@ def _turns_on_grid(curve: _Curve, plane: Plane) -> tuple[IntArray, FloatArray, F
 def _stationary(curve: _Curve, plane: Plane) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return where distances from a plain ellipse are stationary, as `_turns_on_grid` does.
 
-    With x = c₁ + A·cos φ + B·sin φ and y = c₂ + C·cos φ, half the slope of x² + y² is
-    AB·cos 2φ + ½(B² − A² − C²)·sin 2φ + c₁B·cos φ − (c₁A + c₂C)·sin φ. It is a quartic in e^{iφ}; its roots
-    off the unit circle do no harm.
+    With x = c₁ + A·cos φ + B·sin φ and y = c₂ + C·cos φ, half the slope of x² + y² is AB·cos 2φ +
+    ½(B² − A² − C²)·sin 2φ + c₁B·cos φ − (c₁A + c₂C)·sin φ. It is a quartic in e^{iφ}; its roots off
+    the unit circle do no harm.
     """
     k, b = curve.centre
     (along_k, _), (cross, along_b) = curve.factor

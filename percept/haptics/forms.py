@@ -1,8 +1,9 @@
 """Z_h on pieces of a range of ω as polynomials, by Bernstein coefficients that bound them from below.
 
-A polynomial of degree n on a piece is a form Σ cᵢ(1 − t)^(n−i)tⁱ, an array (n + 1, pieces). Its Bernstein
-coefficients are cᵢ/binom(n, i), and the least of them is a lower bound. Values at both ends of pieces are a
-form of degree one. The variable is x = Ω², or Ω itself for a device known by a table.
+A polynomial of degree n on a piece is a form Σ cᵢ(1 − t)^(n−i)tⁱ, an array (n + 1, pieces). Its
+Bernstein coefficients are cᵢ/binom(n, i), and the least of them is a lower bound. Values at both
+ends of pieces are a form of degree one. The variable is x = Ω², or Ω itself for a device known by a
+table.
 """
 
 from __future__ import annotations
@@ -92,7 +93,9 @@ def _shown_forms(display: Display, x: FloatArray) -> tuple[FloatArray, FloatArra
     k, b, m = (np.array([[float(v)]]) for v in (own.stiffness, own.damping, own.mass))
     if display.coupling is None:
         return k, b, np.ones((1, 1))
-    k_c, b_c = (np.atleast_1d(v)[None] for v in (display.coupling.stiffness, display.coupling.damping))
+    k_c, b_c = (
+        np.atleast_1d(v)[None] for v in (display.coupling.stiffness, display.coupling.damping)
+    )
     spring = total(k, -m * x) if m[0, 0] else k
     near = total(b**2 * x, product(spring, spring))
     beyond = total(b_c**2 * x, k_c**2)
@@ -108,8 +111,8 @@ def _shown_forms(display: Display, x: FloatArray) -> tuple[FloatArray, FloatArra
 class Squares:
     """abs(Z_h)² on pieces, times a positive polynomial: as displayed and for any (k, b) of a region.
 
-    Each is an array (ends, coefficients, pieces). The device lies between several ends where it is no
-    polynomial: the table's ω in Ω, and the true hold.
+    Each is an array (ends, coefficients, pieces). The device lies between several ends where it is
+    no polynomial: the table's ω in Ω, and the true hold.
     """
 
     shown: FloatArray  # As displayed, less `device`
@@ -132,7 +135,9 @@ class Squares:
         own = total(product(x, b, b, w2), product(k, k, w2))
         rows, first = [], ends[0]
         for real, imaginary in ends:
-            apart = (total(part, -start) for part, start in zip((real, imaginary), first, strict=True))
+            apart = (
+                total(part, -start) for part, start in zip((real, imaginary), first, strict=True)
+            )
             real_apart, imaginary_apart = apart
             mixed = product(x, vw, total(product(b, real), -product(k, imaginary)))
             alone = _square(x, real, imaginary, v2)
@@ -151,7 +156,10 @@ class Squares:
         highest = max(len(form) for row in rows for form in row)
         scale = _binomials(highest - 1)
         shape = (highest, omega.shape[1])
-        tables = [[np.broadcast_to(elevated(form, highest) / scale, shape) for form in row] for row in rows]
+        tables = [
+            [np.broadcast_to(elevated(form, highest) / scale, shape) for form in row]
+            for row in rows
+        ]
         found = [np.array(part) for part in zip(*tables, strict=True)]
         found[-1] = np.broadcast_to(found[-1].sum(axis=0), found[-1].shape)
         return cls(*found)
@@ -228,6 +236,9 @@ def _table_forms(
     ends = []
     for more in (0.0 * above, above):
         real, imaginary = value.real + more * along.real, value.imag + more * along.imag
-        turned = total(real, -half * product(imaginary, rate)), total(imaginary, half * product(real, rate))
+        turned = (
+            total(real, -half * product(imaginary, rate)),
+            total(imaginary, half * product(real, rate)),
+        )
         ends.append((product(turned[0], rate), turned[1]))
     return product(rate, rate), rate, ends

@@ -92,7 +92,8 @@ def warp(omega: ArrayLike, period: float) -> Warp:
     above = size > _PI + _NYQUIST_SLACK
     if above.any():
         raise UsageError(
-            f"omega is above the Nyquist frequency, {_PI / period:.17g} rad/s at a period of {period:g} s.",
+            f"omega is above the Nyquist frequency, {_PI / period:.17g} rad/s at a period of"
+            f" {period:g} s.",
             value=float(omega[above][0]),
             hint="Lower omega, or shorten the period.",
         )
@@ -118,10 +119,11 @@ class Element:
 def series(grid: Warp, first: Element, second: Element) -> Element:
     """Return the damping Re Z and the stiffness −Ω·Im Z of Z = Z₁Z₂/(Z₁ + Z₂); `second` has no mass.
 
-    Z₁Z₂/(Z₁ + Z₂) = a₂²Z₁ + a₁²Z₂ with aᵢ = |Zᵢ|/|Z₁ + Z₂|: both weights are positive, so a passive pair
-    keeps every digit of its damping. In the stiffness what springs and masses add to the weights is drawn
-    together to k₁k₂(k₁ + k₂): left in them, it would be a difference of large numbers near a resonance,
-    k₁ = −k₂. At an undamped resonance the stiffness is +inf (a pole has no sign).
+    Z₁Z₂/(Z₁ + Z₂) = a₂²Z₁ + a₁²Z₂ with aᵢ = |Zᵢ|/|Z₁ + Z₂|: both weights are positive, so a passive
+    pair keeps every digit of its damping. In the stiffness what springs and masses add to the
+    weights is drawn together to k₁k₂(k₁ + k₂): left in them, it would be a difference of large
+    numbers near a resonance, k₁ = −k₂. At an undamped resonance the stiffness is +inf (a pole has
+    no sign).
     """
     r1, x1 = _scaled_parts(grid, first)
     r2, x2 = _scaled_parts(grid, second)
@@ -144,8 +146,8 @@ def series(grid: Warp, first: Element, second: Element) -> Element:
     if not (at_dc | at_nyquist).any():
         return Element(stiffness, damping)
 
-    # At DC stiffness outgrows damping, at Nyquist damping outgrows stiffness and a mass outgrows both. Next
-    # to Nyquist a mass takes b₂²/m off the stiffness.
+    # At DC stiffness outgrows damping, at Nyquist damping outgrows stiffness and a mass outgrows
+    # both. Next to Nyquist a mass takes b₂²/m off the stiffness.
     stiffnesses, dampings = (first.stiffness, second.stiffness), (first.damping, second.damping)
     heavy = np.asarray(first.mass) > 0
     light1, light2 = _end_weights(dampings, stiffnesses)
@@ -153,7 +155,9 @@ def series(grid: Warp, first: Element, second: Element) -> Element:
     taken = np.where(heavy, ratio(np.square(second.damping), first.mass, empty=0.0), 0.0)
     ends = (at_dc, _end_weights(stiffnesses, dampings), 0.0), (at_nyquist, nyquist, taken)
     for there, (a1, a2), less in ends:
-        stiffness = np.where(there, a1**2 * first.stiffness + a2**2 * second.stiffness - less, stiffness)
+        stiffness = np.where(
+            there, a1**2 * first.stiffness + a2**2 * second.stiffness - less, stiffness
+        )
         damping = np.where(there, a1**2 * first.damping + a2**2 * second.damping, damping)
     return Element(stiffness, damping)
 
@@ -189,7 +193,8 @@ def device_impedance(omega: ArrayLike, device: AnyDevice, period: float) -> Comp
     Returns
     -------
     ndarray of complex
-        N·s/m, of the broadcast shape of ω and the device's parameters. At Nyquist a mass makes it infinite.
+        N·s/m, of the broadcast shape of ω and the device's parameters. At Nyquist a mass makes it
+        infinite.
 
     Raises
     ------
@@ -234,7 +239,9 @@ def _modes(grid: Warp, device: Device) -> tuple[FloatArray, FloatArray]:
     return damping, flexible
 
 
-def environment_impedance(omega: ArrayLike, environment: Environment, period: float) -> ComplexArray:
+def environment_impedance(
+    omega: ArrayLike, environment: Environment, period: float
+) -> ComplexArray:
     """Return Z_e(jω) by Tustin's method (Eq. 7).
 
     Parameters as in `device_impedance`; the environment's broadcast against ω.
@@ -300,8 +307,8 @@ def tustin_damping(coupling: Coupling, period: float, discretization: str) -> Fl
 def hold(omega: ArrayLike, period: float, *, kind: str = "average") -> ComplexArray:
     """Return ZOH(jω): the averaging hold of Eq. 8 or the true zero-order hold.
 
-    ω and T as in `device_impedance`. With h = ωT/2 the hold is cos h·e^{−jh} for the kind "average" (Eq. 8),
-    and (sin h/h)·e^{−jh} for "true".
+    ω and T as in `device_impedance`. With h = ωT/2 the hold is cos h·e^{−jh} for the kind "average"
+    (Eq. 8), and (sin h/h)·e^{−jh} for "true".
 
     Returns
     -------

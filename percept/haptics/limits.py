@@ -1,8 +1,8 @@
 """What a device can carry: the stiffest couplings, the region of stable ones, passive rendering (Eq. 10).
 
-With b the device's damping, β the coupling's in Tustin's form, K = k_c·T and ρ = b/β, Eq. 10 over all ω
-reads K ≤ 2βκ(ρ), where κ² = (8ρ − 1)(1 + ρ)²/(27ρ²) for 1/8 ≤ ρ ≤ 1/5 and κ² = 4ρ above; below 1/8 nothing
-is stable. Under the true hold it is K² ≤ 16bβ and β ≤ πb.
+With b the device's damping, β the coupling's in Tustin's form, K = k_c·T and ρ = b/β, Eq. 10 over
+all ω reads K ≤ 2βκ(ρ), where κ² = (8ρ − 1)(1 + ρ)²/(27ρ²) for 1/8 ≤ ρ ≤ 1/5 and κ² = 4ρ above;
+below 1/8 nothing is stable. Under the true hold it is K² ≤ 16bβ and β ≤ πb.
 """
 
 from __future__ import annotations
@@ -60,7 +60,8 @@ def max_coupling_stiffness(
     Raises
     ------
     UsageError
-        A negative damping, T not positive, a value that is not finite, an unknown discretization or hold.
+        A negative damping, T not positive, a value that is not finite, an unknown discretization or
+        hold.
     """
     period = checked_period(period)
     one_of(discretization, "discretization", DISCRETIZATIONS)
@@ -79,7 +80,9 @@ def max_coupling_stiffness(
         interior = (c > _DC_LIMIT) & (c < 8)
         stretch = np.where(c > _DC_LIMIT, 0.0, at_dc)
         room = np.where(interior, ratio(8 * b - b_c, b, empty=0.0), 1.0)
-        stretch = np.where(interior, 2 * b * _interior_root(np.where(interior, c, 7.0), room), stretch)
+        stretch = np.where(
+            interior, 2 * b * _interior_root(np.where(interior, c, 7.0), room), stretch
+        )
     return (stretch / period)[()]
 
 
@@ -98,8 +101,8 @@ def _stretch(b: FloatArray, beta: FloatArray, hold: str) -> FloatArray:
 def _interior_root(c: FloatArray, room: FloatArray) -> FloatArray:
     """Return δ = K/2b of the backward difference: 27δ² = (c + δ)(e − δ)(1 + c + δ)², e = `room` = 8 − c.
 
-    The difference of the two sides is convex between the root and e: Newton from e falls onto the root
-    without overshooting.
+    The difference of the two sides is convex between the root and e: Newton from e falls onto the
+    root without overshooting.
     """
     c, room = np.broadcast_arrays(c, room)
     shape, c, room = c.shape, c.ravel(), room.ravel()
@@ -160,7 +163,8 @@ def stable_region(
     # Half-cosine spacing: the edge leaves both ends like a square root.
     fraction = np.sin(np.linspace(0, np.pi / 2, points)) ** 2
     if hold == "true":
-        # The DC limit meets the axis b_c = 0 at β = 4b, beyond β = πb: the Nyquist limit is the whole edge.
+        # The DC limit meets the axis b_c = 0 at β = 4b, beyond β = πb: the Nyquist limit is the
+        # whole edge.
         damping = np.pi * device_damping * fraction
         stretch = 2 * np.pi * device_damping * (1 - fraction)
     else:
@@ -173,12 +177,15 @@ def stable_region(
 def passivity_damping(environment: Environment, period: float) -> tuple[FloatArray, FloatArray]:
     """Return the device damping, N·s/m, above which an environment rendered without coupling is passive.
 
-    First by Colgate & Schenkel, with the true zero-order hold and backward differences: without mass
-    k·T/2 + abs(b). They ask b_d > T/(2(1 − cos θ))·Re[(1 − e^{−jθ})·H(e^{jθ})] for all θ = ωT. With
-    u = sin²(θ/2) the right-hand side is k·T/2 − b(1 − 2u) − (2m/T)(3u − 4u²): convex in u, so largest at DC,
-    k·T/2 − b, or at Nyquist, k·T/2 + b + 2m/T. Then in the paper's own model (Eqs 7, 8), k·T/2 − b: there
-    Re Z_h = b_d + cos²(θ/2)(b − k·T/2) + (2m/T)·sin²(θ/2), smallest at DC where it can be negative at all.
+    First by Colgate & Schenkel, with the true zero-order hold and backward differences: without
+    mass k·T/2 + abs(b). They ask b_d > T/(2(1 − cos θ))·Re[(1 − e^{−jθ})·H(e^{jθ})] for all θ = ωT.
+    With u = sin²(θ/2) the right-hand side is k·T/2 − b(1 − 2u) − (2m/T)(3u − 4u²): convex in u, so
+    largest at DC, k·T/2 − b, or at Nyquist, k·T/2 + b + 2m/T. Then in the paper's own model (Eqs 7,
+    8), k·T/2 − b: there Re Z_h = b_d + cos²(θ/2)(b − k·T/2) + (2m/T)·sin²(θ/2), smallest at DC
+    where it can be negative at all.
     """
-    k, b, m = (np.asarray(part) for part in (environment.stiffness, environment.damping, environment.mass))
+    k, b, m = (
+        np.asarray(part) for part in (environment.stiffness, environment.damping, environment.mass)
+    )
     elastic = k * (period / 2)
     return (elastic + b + m * (2 / period))[()], (elastic - b + 0.0 * m)[()]

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.haptics.arrays import ComplexArray, FloatArray, Scalars, complex_from, real_array, times
+from percept.haptics.arrays import (
+    ComplexArray,
+    FloatArray,
+    Scalars,
+    complex_from,
+    real_array,
+    times,
+)
 from percept.haptics.impedance import (
     Element,
     Held,
@@ -29,16 +36,16 @@ def effective_impedance(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the stiffness and the damping that environment and coupling in series show at each ω.
 
-    Z_eff = Z_eZ_c/(Z_e + Z_c) has the damping Re Z_eff and the stiffness −Ω·Im Z_eff. Both may be compared
-    with limits of k and b as any environment's: the same distance form holds.
+    Z_eff = Z_eZ_c/(Z_e + Z_c) has the damping Re Z_eff and the stiffness −Ω·Im Z_eff. Both may be
+    compared with limits of k and b as any environment's: the same distance form holds.
 
     Parameters as in `perceived_impedance`.
 
     Returns
     -------
     stiffness, damping : ndarray
-        N/m and N·s/m, of the broadcast shape of all arguments. The stiffness is +inf at an undamped resonance
-        of environment and coupling.
+        N/m and N·s/m, of the broadcast shape of all arguments. The stiffness is +inf at an undamped
+        resonance of environment and coupling.
 
     Raises
     ------
@@ -59,7 +66,9 @@ def rendered(
     if coupling is None:
         return own
     return series(
-        grid, own, Element(coupling.stiffness, tustin_damping(coupling, grid.period, discretization))
+        grid,
+        own,
+        Element(coupling.stiffness, tustin_damping(coupling, grid.period, discretization)),
     )
 
 
@@ -95,13 +104,14 @@ def perceived_impedance(
     Returns
     -------
     ndarray of complex
-        N·s/m, of the broadcast shape of all arguments; limits at DC and Nyquist, infinite where the limit is.
+        N·s/m, of the broadcast shape of all arguments; limits at DC and Nyquist, infinite where the
+        limit is.
 
     Raises
     ------
     UsageError
-        ω above Nyquist or outside a device's table, T not positive, a value that is not finite, an unknown
-        hold or discretization.
+        ω above Nyquist or outside a device's table, T not positive, a value that is not finite, an
+        unknown hold or discretization.
     """
     grid = warp(omega, period)
     felt = rendered(grid, environment, coupling, discretization)
@@ -113,8 +123,8 @@ def perceived_impedance(
 def _held_parts(grid: Warp, held: Held, felt: Element) -> tuple[FloatArray, FloatArray]:
     """Return the parts of ZOH·(m·s + b + k/s), N·s/m.
 
-    Each product of gain, Ω^±1 and sin h or cos h is written out so that no factor overflows beside one that
-    vanishes; only k at DC and m at Nyquist (true hold) are left with an infinite factor.
+    Each product of gain, Ω^±1 and sin h or cos h is written out so that no factor overflows beside
+    one that vanishes; only k at DC and m at Nyquist (true hold) are left with an infinite factor.
     """
     spring, inertia = grid.period / 2, 2 / grid.period
     real = (
@@ -142,8 +152,8 @@ def perceived_magnitude(
 ) -> FloatArray:
     """Return abs(Z_h), N·s/m, as a distance, for any real k and b; a mass may be negative too.
 
-    With g the hold's gain and h = ωT/2, abs(Z_h) = abs(Z_d·e^{jh} + g·b + j·g·(m·Ω − k/Ω)): in the plane of
-    (g·b, g·k/Ω) it is the distance from one point, set by the device.
+    With g the hold's gain and h = ωT/2, abs(Z_h) = abs(Z_d·e^{jh} + g·b + j·g·(m·Ω − k/Ω)): in the
+    plane of (g·b, g·k/Ω) it is the distance from one point, set by the device.
     """
     grid = warp(omega, period)
     k, b = real_array(stiffness, "stiffness", "N/m"), real_array(damping, "damping", "N·s/m")

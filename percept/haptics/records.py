@@ -54,8 +54,8 @@ class Environment(_Parameters):
 
     Notes
     -----
-    Arrays broadcast against ω and each other by numpy's rules: with ω of shape (n, 1, 1), stiffness and
-    damping of shape (environments, draws) give results of shape (n, environments, draws).
+    Arrays broadcast against ω and each other by numpy's rules: with ω of shape (n, 1, 1), stiffness
+    and damping of shape (environments, draws) give results of shape (n, environments, draws).
     """
 
     stiffness: Scalars
@@ -156,7 +156,8 @@ class TabulatedDevice:
     Raises
     ------
     UsageError
-        Where the table is too short, unordered, of unequal lengths, or holds a value that is not finite.
+        Where the table is too short, unordered, of unequal lengths, or holds a value that is not
+        finite.
     """
 
     omega: FloatArray
@@ -205,7 +206,9 @@ def refuse_arrays(device: AnyDevice, coupling: Coupling) -> None:
     parts = [coupling.stiffness, coupling.damping]
     if isinstance(device, Device):
         parts += [device.mass, device.damping]
-        parts += [part for mode in device.modes for part in (mode.mass, mode.stiffness, mode.damping)]
+        parts += [
+            part for mode in device.modes for part in (mode.mass, mode.stiffness, mode.damping)
+        ]
     if any(np.ndim(part) for part in parts):
         raise UsageError(
             "a verdict is for one device and one coupling.",

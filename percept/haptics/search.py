@@ -32,13 +32,19 @@ def covers_range(device: AnyDevice, period: float) -> bool:
     if isinstance(device, Device):
         return True
     nyquist = np.pi / period
-    return bool(device.omega[0] <= _COVERED * nyquist and device.omega[-1] >= (1 - _COVERED) * nyquist)
+    return bool(
+        device.omega[0] <= _COVERED * nyquist and device.omega[-1] >= (1 - _COVERED) * nyquist
+    )
 
 
 def search_grid(device: AnyDevice, period: float) -> FloatArray:
     """Return ω from DC to Nyquist, or over a table, fine enough to see every mode of a device."""
     nyquist = np.pi / period
-    parts = [np.array([0.0]), np.geomspace(1e-6, 1, 600) * nyquist, np.linspace(0, 1, 600) * nyquist]
+    parts = [
+        np.array([0.0]),
+        np.geomspace(1e-6, 1, 600) * nyquist,
+        np.linspace(0, 1, 600) * nyquist,
+    ]
     first, last = 0.0, nyquist
     if isinstance(device, TabulatedDevice):
         first, last = float(device.omega[0]), min(float(device.omega[-1]), nyquist)
@@ -65,8 +71,8 @@ def lowest(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the least value of each of `count` functions, and where; each dip seen on a grid is refined.
 
-    `function` takes x (points, n) and which n of the functions to evaluate, and returns values of that shape.
-    Of dips seen the wrong one may look lower on the grid.
+    `function` takes x (points, n) and which n of the functions to evaluate, and returns values of
+    that shape. Of dips seen the wrong one may look lower on the grid.
     """
     seen = np.broadcast_to(function(grid[:, None], np.arange(count)), (grid.size, count))
     with np.errstate(invalid="ignore"):
@@ -89,8 +95,8 @@ def section_minimum(
 ) -> FloatArray:
     """Return a minimum of `function` inside each bracket (low, high), shape (n,), by many points at a time.
 
-    `function` takes and returns arrays of shape (points, n). Where several points are equally low, the first
-    decides.
+    `function` takes and returns arrays of shape (points, n). Where several points are equally low,
+    the first decides.
     """
     fractions = np.linspace(0.0, 1.0, _POINTS + 2)[:, None]
     every = np.arange(low.size)
@@ -144,7 +150,10 @@ class Gaps:
         starts = np.where(absent, np.inf, forbidden[..., 0])
         ends = np.where(absent, -np.inf, forbidden[..., 1])
         order = starts.argsort(axis=1)
-        starts, ends = np.take_along_axis(starts, order, axis=1), np.take_along_axis(ends, order, axis=1)
+        starts, ends = (
+            np.take_along_axis(starts, order, axis=1),
+            np.take_along_axis(ends, order, axis=1),
+        )
         none = np.zeros((ceiling.size, 1))
         high = np.minimum(np.concatenate([starts, none + np.inf], axis=1), ceiling[:, None])
         low = np.maximum.accumulate(np.concatenate([none, ends], axis=1), axis=1)

@@ -1,7 +1,7 @@
 """Stability with a virtual coupling: the device damping it needs, how much there is, and Llewellyn's verdict.
 
-By Eqs 1 to 4, 9 and 10 a device and its coupling are stable with every passive hand and environment where
-Re Z_d is at least what Eq. 10 asks for at every ω.
+By Eqs 1 to 4, 9 and 10 a device and its coupling are stable with every passive hand and environment
+where Re Z_d is at least what Eq. 10 asks for at every ω.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ def required_damping_at(
 ) -> FloatArray:
     """Return the Re Z_d(jω) that Eq. 10 asks for at each ω.
 
-    g·[β(1 − y)/2 + K²y²/(8β(1 + y))] with y = cos(ωT/2), g the hold's gain (y for Eq. 8), K = k_c·T and β the
-    coupling's damping in Tustin's form (b_c + K/2 for the backward difference).
+    g·[β(1 − y)/2 + K²y²/(8β(1 + y))] with y = cos(ωT/2), g the hold's gain (y for Eq. 8), K = k_c·T
+    and β the coupling's damping in Tustin's form (b_c + K/2 for the backward difference).
 
     Parameters
     ----------
@@ -75,7 +75,8 @@ def required_damping_at(
     Raises
     ------
     UsageError
-        ω above Nyquist, T not positive, a value that is not finite, an unknown discretization or hold.
+        ω above Nyquist, T not positive, a value that is not finite, an unknown discretization or
+        hold.
     """
     grid = warp(omega, period)
     viscous, elastic = demands(grid, hold)
@@ -115,8 +116,8 @@ def required_damping(
     -----
     For Eq. 8 the maximum over y = cos(ωT/2) of βy(1 − y)/2 + K²y³/(8β(1 + y)) is stationary where
     2y³ + 3y² = 1/(1 − κ²), κ = K/2β. With C = cosh(⅔·atanh κ) that is y = C − ½ and the maximum
-    β(2C − 1)/(4(C + 1)); from κ² = 0.8 on y stays at 1, that is ω = 0, with K²/16β. With the true hold the
-    maximum is at one end: β/π at Nyquist, or K²/16β at DC.
+    β(2C − 1)/(4(C + 1)); from κ² = 0.8 on y stays at 1, that is ω = 0, with K²/16β. With the true
+    hold the maximum is at one end: β/π at Nyquist, or K²/16β at DC.
     """
     period = checked_period(period)
     one_of(hold, "hold", HOLDS)
@@ -133,8 +134,11 @@ def required_damping(
     u = np.arctanh(inner) * (2 / 3)
     c = np.cosh(u)
     damping = np.where(interior, beta * ((2 * c - 1) / (4 * (c + 1))), at_dc)
-    # 1 − y = cosh(u₁) − cosh(u) as a product, u₁ that of y = 1: next to DC the difference would be lost.
-    short = np.arctanh((0.8 - inner**2) / ((_KAPPA_AT_DC + inner) * (1 - _KAPPA_AT_DC * inner))) * (2 / 3)
+    # 1 − y = cosh(u₁) − cosh(u) as a product, u₁ that of y = 1: next to DC the difference would be
+    # lost.
+    short = np.arctanh((0.8 - inner**2) / ((_KAPPA_AT_DC + inner) * (1 - _KAPPA_AT_DC * inner))) * (
+        2 / 3
+    )
     one_minus_y = 2 * np.sinh(u + short / 2) * np.sinh(short / 2)
     omega = np.where(interior, (4 / period) * np.arcsin(np.sqrt(one_minus_y / 2)), 0.0)
     return RequiredDamping(damping=stored(damping), omega=stored(omega))
@@ -156,17 +160,20 @@ def stability_margin(
     Returns
     -------
     ndarray
-        Ratio, dimensionless; inf where nothing is asked for, 0 where the device gives nothing, negative where
-        it is active.
+        Ratio, dimensionless; inf where nothing is asked for, 0 where the device gives nothing,
+        negative where it is active.
 
     Raises
     ------
     UsageError
         As `required_damping_at`, and ω outside a device's table.
     """
-    required = required_damping_at(omega, coupling, period, discretization=discretization, hold=hold)
+    required = required_damping_at(
+        omega, coupling, period, discretization=discretization, hold=hold
+    )
     available, _ = device_parts(warp(omega, period), device)
-    # Where both vanish together (at an end, without damping) the device fell short all the way there.
+    # Where both vanish together (at an end, without damping) the device fell short all the way
+    # there.
     joined = np.add(coupling.stiffness, coupling.damping) > 0
     return ratio(available, required, empty=np.where(joined, 0.0, np.inf))[()]
 
@@ -188,8 +195,8 @@ Verdict = Literal["stable", "marginal", "unstable", "undecided"]
 class AbsoluteStability(NotebookRecord):
     """Llewellyn's verdict, on stability with every passive hand and environment.
 
-    Marginal means that the smallest margin is 1 to within rounding; undecided, that nothing speaks against
-    stability, but the device's table leaves out a part of the range.
+    Marginal means that the smallest margin is 1 to within rounding; undecided, that nothing speaks
+    against stability, but the device's table leaves out a part of the range.
     """
 
     verdict: Verdict
@@ -208,9 +215,9 @@ def absolute_stability(
 ) -> AbsoluteStability:
     """Judge a device with a coupling at every ω from DC to Nyquist (Eqs 9, 10).
 
-    A rigid device is judged in closed form. With modes the smallest margin is searched on a grid that
-    resolves each mode, and refined; a table is searched over the range it covers, and cannot show stability
-    where that is not all of it.
+    A rigid device is judged in closed form. With modes the smallest margin is searched on a grid
+    that resolves each mode, and refined; a table is searched over the range it covers, and cannot
+    show stability where that is not all of it.
 
     Parameters as in `stability_margin`, for one device and one coupling.
 
@@ -227,20 +234,26 @@ def absolute_stability(
 
     Notes
     -----
-    Llewellyn's criterion also asks that no pole of Eq. 4's matrix lies outside the unit circle. None does:
-    records refuse negative masses, stiffnesses and dampings, and Tustin's method keeps the left half plane
-    inside the circle. The coupling's pole, (2β − K)/(2β + K) with K = k_c·T, lies inside it too.
+    Llewellyn's criterion also asks that no pole of Eq. 4's matrix lies outside the unit circle.
+    None does: records refuse negative masses, stiffnesses and dampings, and Tustin's method keeps
+    the left half plane inside the circle. The coupling's pole, (2β − K)/(2β + K) with K = k_c·T,
+    lies inside it too.
     """
     period = checked_period(period)
     refuse_arrays(device, coupling)
     if isinstance(device, Device) and not device.modes:
         need = required_damping(coupling, period, discretization=discretization, hold=hold)
-        smallest, binding = float(ratio(device.damping, need.damping, empty=np.inf)), float(need.omega)
+        smallest, binding = (
+            float(ratio(device.damping, need.damping, empty=np.inf)),
+            float(need.omega),
+        )
     else:
 
         def margin(omega: FloatArray, _: IntArray) -> FloatArray:
             return np.asarray(
-                stability_margin(omega, device, coupling, period, discretization=discretization, hold=hold)
+                stability_margin(
+                    omega, device, coupling, period, discretization=discretization, hold=hold
+                )
             )
 
         least, at = lowest(margin, search_grid(device, period), 1)
@@ -254,7 +267,8 @@ def absolute_stability(
     elif isinstance(device, TabulatedDevice) and not covers_range(device, period):
         verdict = "undecided"
         reason = (
-            f"From {device.omega[0]:.6g} to {device.omega[-1]:.6g} rad/s the smallest margin is "
-            f"{smallest:.6g}; of the rest, up to {np.pi / period:.6g} rad/s, the device's table says nothing."
+            f"From {device.omega[0]:.6g} to {device.omega[-1]:.6g} rad/s the smallest margin is"
+            f" {smallest:.6g}; of the rest, up to {np.pi / period:.6g} rad/s, the device's table"
+            " says nothing."
         )
     return AbsoluteStability(verdict, reason, smallest, binding)

@@ -18,12 +18,17 @@ Joint: TypeAlias = Literal["marginal", "bonferroni"]
 Side: TypeAlias = Literal["both", "lower", "upper"]
 FloatOrArray: TypeAlias = float | NDArray[np.float64]
 
-#: The columns of an interval in tables and in report.json, between environment, parameter and reference.
+#: The columns of an interval in tables and in report.json, between environment, parameter and
+#: reference.
 ROW = (
     "kind", "method", "family", "joint", "level", "share", "confidence",
     "lower", "upper", "estimate", "n", "unit", "covers",
 )  # fmt: skip
-_WHERE = {"both": "between the limits", "lower": "above the lower limit", "upper": "below the upper limit"}
+_WHERE = {
+    "both": "between the limits",
+    "lower": "above the lower limit",
+    "upper": "below the upper limit",
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,7 +117,8 @@ class Interval:
             clauses.append("widened so that the statements on both quantities are true together")
         if self.approximate:
             clauses.append(
-                "approximate, as a published mean and SD were turned into lognormal ones by moment matching"
+                "approximate, as a published mean and SD were turned into lognormal ones by moment"
+                " matching"
             )
         return "; ".join(clauses) + "."
 

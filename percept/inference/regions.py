@@ -21,8 +21,8 @@ _ON_A_LINE = 1e-13  # 1 − r² below this is rounding of the data
 class EllipseRegion(NotebookRecord):
     """An ellipse of stiffness and damping, on the scale of its family.
 
-    Points x with (x − centre)ᵀ shape⁻¹ (x − centre) ≤ radius². Under ``"lognormal"`` centre and shape
-    refer to natural logarithms, and the region is a closed curve that is no ellipse.
+    Points x with (x − centre)ᵀ shape⁻¹ (x − centre) ≤ radius². Under ``"lognormal"`` centre and
+    shape refer to natural logarithms, and the region is a closed curve that is no ellipse.
     """
 
     kind: Literal["mean", "user"]
@@ -66,16 +66,18 @@ def ellipse_region(
 ) -> EllipseRegion:
     """Work out Hotelling's ellipse, which holds stiffness and damping together at exactly `level`.
 
-    Each row holds the values of the same subjects in the same order. With two parameters the F quantile is
-    elementary: radius² = (n − 1)(α^{−2/(n−2)} − 1)·q, with α = 1 − level, and q = 1/n for the mean, 1 + 1/n
-    for the next user.
+    Each row holds the values of the same subjects in the same order. With two parameters the F
+    quantile is elementary: radius² = (n − 1)(α^{−2/(n−2)} − 1)·q, with α = 1 − level, and q = 1/n
+    for the mean, 1 + 1/n for the next user.
     """
     check_option("kind", kind, ("mean", "user"))
     check_option("family", family, ("normal", "lognormal"))
     alpha = tail_of(level)
     k, b = (sample(x, positive=family == "lognormal", least=3) for x in (stiffness, damping))
     if k.ndim != 1 or k.shape != b.shape:
-        raise UsageError(f"One stiffness and one damping per subject are needed: {k.shape}, {b.shape}.")
+        raise UsageError(
+            f"One stiffness and one damping per subject are needed: {k.shape}, {b.shape}."
+        )
     pair = np.stack([k, b])
     if family == "lognormal":
         pair = np.log(pair)
@@ -90,7 +92,9 @@ def ellipse_region(
     unit = (shifted - mean_and_sd(shifted)[0][:, None]) / sd[:, None]
     r = math.fsum(unit[0] * unit[1]) / (n - 1)
     if 1.0 - r * r < _ON_A_LINE:
-        raise RefusalError("Stiffness and damping of the subjects lie on a line: there is no ellipse.")
+        raise RefusalError(
+            "Stiffness and damping of the subjects lie on a line: there is no ellipse."
+        )
     stretch = (n - 1) * math.expm1(-2.0 * math.log(alpha) / (n - 2))
     return EllipseRegion(
         kind=kind,

@@ -81,7 +81,12 @@ def diagnostics(document: Record) -> Section | None:
     values = {
         "gate": gate,
         "measures": [
-            {"label": label, "asked": asked, "pointer": f"/diagnostics/gate/{name}", "digits": digits}
+            {
+                "label": label,
+                "asked": asked,
+                "pointer": f"/diagnostics/gate/{name}",
+                "digits": digits,
+            }
             for name, label, asked, digits in _GATE
             if isinstance(gate.get(name), (int, float))
         ],
@@ -92,14 +97,22 @@ def diagnostics(document: Record) -> Section | None:
 
 #: Tables of the checks by where they stand under /checks, with what each says.
 _CHECKS = {
-    "normality": "Shapiro–Wilk tests of the values of the subjects (normal) and of their logarithms "
-    "(lognormal): what the classical intervals of each family assume. With ten subjects only gross misfit "
-    "shows.",
-    "loo/subjects": "Each subject left out: log predictive density given the others, Pareto index of "
-    "leaving it out, and the probability of lying as far off or farther.",
-    "statistics": "Mean and SD over subjects (response scale) and the farthest subject (in SDs), against new "
-    "studies drawn from the posterior.",
-    "prior": "What the priors alone say, before any data: quantiles of the average and the next user.",
+    "normality": (
+        "Shapiro–Wilk tests of the values of the subjects (normal) and of their logarithms"
+        " (lognormal): what the classical intervals of each family assume. With ten subjects only"
+        " gross misfit shows."
+    ),
+    "loo/subjects": (
+        "Each subject left out: log predictive density given the others, Pareto index of "
+        "leaving it out, and the probability of lying as far off or farther."
+    ),
+    "statistics": (
+        "Mean and SD over subjects (response scale) and the farthest subject (in SDs), against new "
+        "studies drawn from the posterior."
+    ),
+    "prior": (
+        "What the priors alone say, before any data: quantiles of the average and the next user."
+    ),
 }
 _HEADS = {
     "elpd": "log density", "pareto_k": "Pareto index", "farther": "as far or farther", "p_value": "p",
@@ -122,14 +135,20 @@ def checks(document: Record) -> Section | None:
             table = {"caption": caption, "pointer": f"/checks/{steps}", "heads": heads}
             tables.append({**table, "rows": rows})
     bayesian = record.get("loo") is not None
-    values = {"messages": list(misfits(record)) if bayesian else [], "tables": tables, "bayesian": bayesian}
+    values = {
+        "messages": list(misfits(record)) if bayesian else [],
+        "tables": tables,
+        "bayesian": bayesian,
+    }
     return Section("checks", "Checks of the model", values)
 
 
 def data(document: Record) -> Section:
     """Return what was read, and what was left out."""
     record = document["data"]
-    counts = [{"what": what, "pointer": f"/data/counts/{escaped(what)}"} for what in record["counts"]]
+    counts = [
+        {"what": what, "pointer": f"/data/counts/{escaped(what)}"} for what in record["counts"]
+    ]
     values = {"data": record, "counts": counts, "cells": pointed(record["cells"], "/data/cells")}
     return Section("data", "Data", values)
 
@@ -176,7 +195,9 @@ def methods(document: Record) -> Section:
 
 def worst_curve(boundaries: Sequence[Record]) -> dict[str, Any] | None:
     """Name the curve through draws with the largest typical Monte Carlo error; None without such curves."""
-    drawn = [record for record in pointed(boundaries, "/boundaries") if record.get("error") is not None]
+    drawn = [
+        record for record in pointed(boundaries, "/boundaries") if record.get("error") is not None
+    ]
     if not drawn:
         return None
     worst = max(drawn, key=lambda record: float(record["error"]))
@@ -188,20 +209,30 @@ def _model(document: Record) -> str:
     """Say what the hierarchical model is made of; data and scene leave parts of it out."""
     record, model = document["data"], document["provenance"]["scene"].get("model", {})
     quantities = quantities_of(document)
-    names = [quantities[p].label for p in dict.fromkeys(row["parameter"] for row in document["intervals"])]
+    names = [
+        quantities[p].label
+        for p in dict.fromkeys(row["parameter"] for row in document["intervals"])
+    ]
     pair = len(names) == 2
     sessions, several = record["form"] == "trials", len(record["environments"]) > 1
     parts = [
-        "a regression of bias on the logarithm of the reference with a deviation for each environment"
-        if several
-        else "a bias"
+        (
+            "a regression of bias on the logarithm of the reference with a deviation for each"
+            " environment"
+            if several
+            else "a bias"
+        )
     ]
     if sessions and several and model.get("subject_effect", True):
         both = f" and correlated between {' and '.join(names)}" if pair else ""
         parts.append(f"subject effects shared by all environments{both}")
     scatter = "between-subject scatter"
     if several:
-        scatter += " alike in all environments" if model.get("common_spread") else " within each environment"
+        scatter += (
+            " alike in all environments"
+            if model.get("common_spread")
+            else " within each environment"
+        )
     if several and model.get("weber"):
         scatter += ", in proportion to the reference but for each environment’s own deviation"
     by_itself = f" ({' and '.join(names)} each by itself)" if pair and not sessions else ""
@@ -233,6 +264,8 @@ def bibtex(document: Record) -> str:
     """Return the BibTeX entries of what a document cites."""
     entries = []
     for reference in cited(document):
-        fields = ",\n".join(f"  {name} = {{{value}}}" for name, value in reference["fields"].items())
+        fields = ",\n".join(
+            f"  {name} = {{{value}}}" for name, value in reference["fields"].items()
+        )
         entries.append(f"@{reference['entry']}{{{reference['key']},\n{fields}\n}}\n")
     return "\n".join(entries)

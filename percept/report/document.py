@@ -36,19 +36,20 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
     study : Study
         What it has not computed yet is computed now.
     curves : bool
-        Whether boundaries, the coupling judged by them and the band law are wanted; else they are absent.
+        Whether boundaries, the coupling judged by them and the band law are wanted; else they are
+        absent.
     why : bool
         Whether the reasons why the methods differ are wanted: ``ladder``, else None.
 
     Returns
     -------
     dict
-        ``schema``, ``provenance``, ``data``, ``intervals``, ``contrast``, ``boundaries`` with their ``zoom``
-        windows, and ``close`` views, ``passivity``, ``coupling``, ``band``,
-        ``design``, ``sensitivity``, ``comparison``, ``ladder``, ``diagnostics``, ``checks``, ``skipped``, and
-        what is worked out from them: ``summary``. JSON values only (see `percept.report.plain`), in the units
-        of the tables: units of the quantities, and N/m, N·s/m, rad/s,
-        kg, s. No run times, no folders.
+        ``schema``, ``provenance``, ``data``, ``intervals``, ``contrast``, ``boundaries`` with their
+        ``zoom`` windows, and ``close`` views, ``passivity``, ``coupling``, ``band``, ``design``,
+        ``sensitivity``, ``comparison``, ``ladder``, ``diagnostics``, ``checks``, ``skipped``, and
+        what is worked out from them: ``summary``. JSON values only (see `percept.report.plain`), in
+        the units of the tables: units of the quantities, and N/m, N·s/m, rad/s, kg, s. No run
+        times, no folders.
     """
     boundaries = plain(study.boundaries) if curves else []
     shown = distinct(boundaries, "environment")
@@ -74,7 +75,9 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
         "skipped": [{"what": what, "why": why} for what, why in study.skipped],
     }
     if not curves and len(study.intervals):
-        document["skipped"].append({"what": "boundaries, coupling and band law", "why": _REPORT_ALONE})
+        document["skipped"].append(
+            {"what": "boundaries, coupling and band law", "why": _REPORT_ALONE}
+        )
     return document | {"summary": findings(document)}
 
 
@@ -83,8 +86,10 @@ def provenance(study: Study) -> dict[str, Any]:
     import percept
 
     return {
-        "versions": {"percept": percept.__version__, "python": platform.python_version()}
-        | {package: metadata.version(package) for package in _PACKAGES},
+        "versions": (
+            {"percept": percept.__version__, "python": platform.python_version()}
+            | {package: metadata.version(package) for package in _PACKAGES}
+        ),
         "seed": study.scene.inference.seed,
         "files": [
             {"name": PurePath(source.name).name, "sha256": source.sha256, "rows": source.rows}
@@ -105,7 +110,9 @@ def data_of(study: Study) -> dict[str, Any]:
         "environments": list(sessions.environments),
         "parameters": list(sessions.parameters),
         "quantities": {p: sessions.quantities[p].model_dump() for p in sessions.parameters},
-        "words": plain({"environment": study.scene.environment_noun, "subject": study.scene.study.subject}),
+        "words": plain(
+            {"environment": study.scene.environment_noun, "subject": study.scene.study.subject}
+        ),
         "counts": plain(sessions.counts),
         "notices": [_located(notice, "text") for notice in sessions.notices],
         "doubts": [_located(warning, "text") for warning in sessions.warnings],
@@ -142,7 +149,9 @@ def design_of(study: Study) -> dict[str, Any] | None:
     maps = []
     for method, design in designs.items():
         regions = zip((*study.environments, None), (*design.each, design.common), strict=True)
-        environments = [{"name": name} | {f: plain(getattr(r, f)) for f in fields} for name, r in regions]
+        environments = [
+            {"name": name} | {f: plain(getattr(r, f)) for f in fields} for name, r in regions
+        ]
         damping = plain(design.common.damping)
         maps.append({"method": method, "damping": damping, "environments": environments})
     family = study.scene.inference.family

@@ -73,7 +73,9 @@ def number(document: Any, pointer: str, *, digits: int = 5, style: str = "plain"
     if isinstance(value, str) and value in _INFINITE:
         return Number(_INFINITE[value], value)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise UsageError("a number was expected at this place of the report.", key=pointer, value=value)
+        raise UsageError(
+            "a number was expected at this place of the report.", key=pointer, value=value
+        )
     return Number(_written(value, digits, style), repr(value))
 
 
@@ -94,7 +96,9 @@ def _written(value: float, digits: int, style: str) -> str:
     return bare(rounded(float(value), digits))
 
 
-def digits_of(value: float | str | None, lower: float | str | None, upper: float | str | None) -> int:
+def digits_of(
+    value: float | str | None, lower: float | str | None, upper: float | str | None
+) -> int:
     """Return the significant digits worth reading: to about a hundredth of an interval's half-width."""
     limits = [float(limit) for limit in (lower, upper) if limit is not None]
     width = max(limits, default=0.0) - min(limits, default=0.0)

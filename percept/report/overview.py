@@ -33,7 +33,9 @@ _WARNINGS = 4  # the summary repeats the reader's first warnings
 def findings(document: Mapping[str, Any]) -> dict[str, Any]:
     """Work out what the first screen says from the rest of the document."""
     intervals, gate = document["intervals"], (document.get("diagnostics") or {}).get("gate")
-    missed = [gate["error_reached"]] if gate and gate["passed"] and not gate["tolerance_met"] else []
+    missed = (
+        [gate["error_reached"]] if gate and gate["passed"] and not gate["tolerance_met"] else []
+    )
     return {
         "overview": overview(document),
         "references": list(_references(intervals)),
@@ -90,7 +92,10 @@ def _row(alike: Sequence[Record], best: Mapping[str, Sequence[str]]) -> dict[str
 
     sides = ("lower", "upper")
     return (
-        {name: shown[name] for name in ("environment", "parameter", "unit", "reference", "method", "family")}
+        {
+            name: shown[name]
+            for name in ("environment", "parameter", "unit", "reference", "method", "family")
+        }
         | {"estimate": shown["estimate"], "bias": bias(shown, "estimate")}
         | {f"bias_{side}": bias(mean, side) for side in sides}
         | {f"user_{side}": None if user is None else user[side] for side in sides}
@@ -101,14 +106,24 @@ def _row(alike: Sequence[Record], best: Mapping[str, Sequence[str]]) -> dict[str
 def _realism(document: Record, best: Mapping[str, Sequence[str]]) -> list[dict[str, Any]]:
     """Return whether each reference stays inside the next user's exact envelope, directly and coupled."""
     coupling = document["coupling"] or {}
-    records = matching(coupling.get("realism") or (), kind=_KIND, shape="envelope", joint="marginal")
-    chosen = [first(matching(records, environment=name), **best) for name in distinct(records, "environment")]
+    records = matching(
+        coupling.get("realism") or (), kind=_KIND, shape="envelope", joint="marginal"
+    )
+    chosen = [
+        first(matching(records, environment=name), **best)
+        for name in distinct(records, "environment")
+    ]
     return [
-        {"environment": record["environment"], "method": record["method"], "family": record["family"]}
+        {
+            "environment": record["environment"],
+            "method": record["method"],
+            "family": record["family"],
+        }
         | {
             rendered: {
                 "verdict": record[f"verdict_{side}"],
-                # A fraction of the envelope's curve; that of effective k and b is in widths of their limits.
+                # A fraction of the envelope's curve; that of effective k and b is in widths of
+                # their limits.
                 "departure": max(0.0, record[f"departure_{side}"]),
                 "omega": record[f"departure_omega_{side}"],
                 "plane_departure": record[f"plane_departure_{side}"],
@@ -141,7 +156,14 @@ def _biases(rows: Sequence[Record], labels: Mapping[str, str]) -> list[str]:
             f"{_sizes(found)} too {word}{f' in {_names(found, clear)}' if several else ''}"
             for word, found in (
                 ("high", [row for row in clear if row["bias_lower"] > 0]),
-                ("low", [row for row in clear if row["bias_upper"] is not None and row["bias_upper"] < 0]),
+                (
+                    "low",
+                    [
+                        row
+                        for row in clear
+                        if row["bias_upper"] is not None and row["bias_upper"] < 0
+                    ],
+                ),
             )
             if found
         ]
@@ -162,7 +184,11 @@ def _sizes(rows: Sequence[Record]) -> str:
     shown = [_size(size) for size in (sizes[0], sizes[-1])]
     if shown[0] == shown[1]:
         return shown[0]
-    return f"{shown[0].removesuffix(' %')} to {shown[1]}" if shown[1].endswith("%") else " to ".join(shown)
+    return (
+        f"{shown[0].removesuffix(' %')} to {shown[1]}"
+        if shown[1].endswith("%")
+        else " to ".join(shown)
+    )
 
 
 def _size(size: float) -> str:
@@ -206,7 +232,10 @@ def _stability(document: Record) -> list[str]:
     margin = float(coupling["margin"])
     has = f"{100 * margin:.2g} % of" if margin < 1 else f"{margin:.3g} times"
     poles = " The device is measured, so its poles cannot be checked."
-    said = f"The coupling is {coupling['verdict']}: the device has {has} the damping the coupling needs."
+    said = (
+        f"The coupling is {coupling['verdict']}: the device has {has} the damping the coupling"
+        " needs."
+    )
     return [said + poles * ("poles cannot" in (coupling.get("reason") or ""))]
 
 
@@ -215,7 +244,9 @@ def _next_users(rows: Sequence[Record], labels: Mapping[str, str]) -> list[str]:
     sentences = []
     for parameter in distinct(rows, "parameter"):
         alike = matching(rows, parameter=parameter)
-        known = [row for row in alike if None not in (row["user_lower_ratio"], row["user_upper_ratio"])]
+        known = [
+            row for row in alike if None not in (row["user_lower_ratio"], row["user_upper_ratio"])
+        ]
         if not known:
             continue
         by_width = sorted(known, key=lambda row: row["user_upper_ratio"] - row["user_lower_ratio"])
@@ -234,7 +265,8 @@ def summary(document: Record) -> Section:
     """Return the first screen: sentences, the table of environments, and warnings."""
     shown = document["summary"]["overview"]
     realism = {
-        record["environment"]: record for record in pointed(shown["realism"], "/summary/overview/realism")
+        record["environment"]: record
+        for record in pointed(shown["realism"], "/summary/overview/realism")
     }
     rendered = ("directly", "coupled") if realism else ()
     rows = [
@@ -280,7 +312,9 @@ def _left_out(skipped: Sequence[Record]) -> Iterator[str]:
     """Say what the hierarchical model is missing, or that there is none."""
     for row in skipped:
         if row["what"].endswith(", in the hierarchical model"):
-            yield f"The hierarchical model leaves out {row['what'].partition(',')[0]}: {row['why']}."
+            yield (
+                f"The hierarchical model leaves out {row['what'].partition(',')[0]}: {row['why']}."
+            )
         elif row["what"] == "Bayesian intervals":
             yield f"There are no Bayesian intervals: {row['why']}"
 
@@ -306,11 +340,13 @@ def _below_zero(intervals: list[Record], data: Record) -> Iterator[str]:
         if float(row["lower"]) < 0 <= (row["reference"] or 0.0):
             cells.setdefault(row["kind"], {})[f"{row['parameter']} of {row['environment']}"] = None
     if cells:
-        labels = " or ".join(data["quantities"][p]["label"] for p in data["quantities"] if p not in signed)
+        labels = " or ".join(
+            data["quantities"][p]["label"] for p in data["quantities"] if p not in signed
+        )
         where = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in cells.items())
         yield (
-            f"Some limits of the normal family are below zero, where no {labels} can be ({where}). Limits of "
-            "the lognormal family never are."
+            f"Some limits of the normal family are below zero, where no {labels} can be ({where})."
+            " Limits of the lognormal family never are."
         )
 
 
@@ -318,8 +354,9 @@ def _active(passivity: list[Record] | None) -> Iterator[str]:
     names = [row["environment"] for row in passivity or () if not row["passive"]]
     if names:
         yield (
-            f"Without a coupling this device has too little damping to render {listed(names)} passively "
-            "(Colgate and Schenkel). They may chatter, and users may then set them wrongly."
+            f"Without a coupling this device has too little damping to render {listed(names)}"
+            " passively (Colgate and Schenkel). They may chatter, and users may then set them"
+            " wrongly."
         )
 
 
@@ -331,12 +368,14 @@ def misfits(checks: Record | None) -> Iterator[str]:
         rows = matching(checks["normality"], family=family)
         # Bonferroni over the cells tested: a study of many cells is not alarmed by chance.
         cells = [
-            f"{row['parameter']} of {row['environment']}" for row in rows if row["p_value"] * len(rows) < 0.05
+            f"{row['parameter']} of {row['environment']}"
+            for row in rows
+            if row["p_value"] * len(rows) < 0.05
         ]
         if cells:
             yield (
-                f"Shapiro–Wilk tests reject the {family} family, which its classical intervals assume, for "
-                f"{', '.join(cells)}."
+                f"Shapiro–Wilk tests reject the {family} family, which its classical intervals"
+                f" assume, for {', '.join(cells)}."
             )
     if checks.get("loo"):
         yield from checks["loo"]["messages"]

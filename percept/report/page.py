@@ -26,7 +26,11 @@ _NO_NUMBER = Markup('<span class="none">–</span>')
 
 
 def render_page(
-    document: Mapping[str, Any], plots: Mapping[str, Drawing], *, date: str, files: Collection[str] = ()
+    document: Mapping[str, Any],
+    plots: Mapping[str, Drawing],
+    *,
+    date: str,
+    files: Collection[str] = (),
 ) -> str:
     """Render the page of a document: numbers know their pointers, tables link to their own of the `files`."""
 
@@ -34,7 +38,9 @@ def render_page(
         shown = number(document, pointer, digits=digits, style=style)
         if not shown.exact:
             return _NO_NUMBER
-        return Markup('<data value="{}" data-at="{}">{}</data>').format(shown.exact, pointer, shown.text)
+        return Markup('<data value="{}" data-at="{}">{}</data>').format(
+            shown.exact, pointer, shown.text
+        )
 
     nouns = document["data"]["words"]
     environment = _environment(_PACKAGE, nouns=nouns)

@@ -26,7 +26,9 @@ def plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [plain(part) for part in value]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return {
+            field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)
+        }
     if hasattr(value, "model_dump"):
         return plain(value.model_dump())
     if hasattr(value, "tolist"):
@@ -61,7 +63,9 @@ def _indented(value: Any, indent: str) -> str:
     """Write dicts, and lists of lists or dicts, an entry a line; `json` would give each number a line too."""
     deeper = indent + " "
     if isinstance(value, dict) and value:
-        entries = [f"{_ENCODER.encode(name)}: {_indented(part, deeper)}" for name, part in value.items()]
+        entries = [
+            f"{_ENCODER.encode(name)}: {_indented(part, deeper)}" for name, part in value.items()
+        ]
     elif isinstance(value, list) and any(isinstance(part, (dict, list)) for part in value):
         entries = [_indented(part, deeper) for part in value]
     else:

@@ -35,20 +35,34 @@ from percept.report.select import (
 from percept.sessions.quantities import Quantity
 
 _SHAPES = {
-    "corner": "both lower limits of k and b together, and both upper limits together, as in the paper (Eqs "
-    "16 and 17); the two curves can cross",
-    "envelope": "the exact smallest and largest |Z_h| that any k and b within their limits can give",
+    "corner": (
+        "both lower limits of k and b together, and both upper limits together, as in the paper"
+        " (Eqs 16 and 17); the two curves can cross"
+    ),
+    "envelope": (
+        "the exact smallest and largest |Z_h| that any k and b within their limits can give"
+    ),
     "pointwise": "limits of |Z_h| by the law of k and b together, at each ω for itself",
-    "simultaneous": "limits between which a whole curve stays at every ω drawn: pointwise limits at a higher "
-    "level (Bayesian), or limits of Hotelling’s ellipse joined with the pointwise ones (classical)",
+    "simultaneous": (
+        "limits between which a whole curve stays at every ω drawn: pointwise limits at a higher"
+        " level (Bayesian), or limits of Hotelling’s ellipse joined with the pointwise ones"
+        " (classical)"
+    ),
 }
 _BINDS = {"stability": "stability", "magnitude": "|Z_h|", "plane": "k and b"}
-_LAWS = {"weber": "Weber, w·{0}", "offset": "Weber with offset, c + w·{0}", "power": "power law, w·{0}^p"}
+_LAWS = {
+    "weber": "Weber, w·{0}",
+    "offset": "Weber with offset, c + w·{0}",
+    "power": "power law, w·{0}^p",
+}
 
 
 def build_sections(document: Record) -> list[Section]:
     """Return the sections a document needs, in reading order; what it has nothing for is absent."""
-    passivity, sensitivity = "Passivity without a coupling", "Sensitivity to device mass and damping"
+    passivity, sensitivity = (
+        "Passivity without a coupling",
+        "Sensitivity to device mass and damping",
+    )
     sections = (
         summary(document), intervals(document), contrast(document), boundaries(document),
         _part(document, "passivity", "direct", passivity), coupling(document), design(document),
@@ -73,7 +87,8 @@ def intervals(document: Record) -> Section | None:
     marginal, quantities = matching(rows, joint="marginal"), quantities_of(document)
     names = distinct(marginal, "parameter")
     matrices = [
-        _matrix(matching(marginal, parameter=name), families_of(document), quantities[name]) for name in names
+        _matrix(matching(marginal, parameter=name), families_of(document), quantities[name])
+        for name in names
     ]
     values = {"matrices": matrices, "sentences": _sentences(rows)}
     return Section("intervals", "Intervals of the adjustments", values)
@@ -100,10 +115,13 @@ def _matrix(rows: list[Record], families: Sequence[str], quantity: Quantity) -> 
     }
 
 
-def _grid(rows: list[Record], families: Sequence[str]) -> tuple[list[dict[str, str]], list[dict[str, Any]]]:
+def _grid(
+    rows: list[Record], families: Sequence[str]
+) -> tuple[list[dict[str, str]], list[dict[str, Any]]]:
     """Return a column per kind and method, and a row per environment with its records under them."""
     columns = [
-        {"kind": alike[0]["kind"], "method": alike[0]["method"]} for alike in _by_kind_and_method(rows)
+        {"kind": alike[0]["kind"], "method": alike[0]["method"]}
+        for alike in _by_kind_and_method(rows)
     ]
     lines = []
     for name in distinct(rows, "environment"):
@@ -126,7 +144,9 @@ def _sentences(rows: Sequence[Record]) -> list[dict[str, Any]]:
             alone = len(distinct(matching(same, family=carried[0]["family"]), "covers")) == 1
             where = dict.fromkeys(f"{row['parameter']} of {row['environment']}" for row in carried)
             families = sorted(distinct(carried, "family"), reverse=True)
-            found.append({**carried[0], "families": families, "where": [] if alone else list(where)})
+            found.append(
+                {**carried[0], "families": families, "where": [] if alone else list(where)}
+            )
     return found
 
 
@@ -138,7 +158,13 @@ def contrast(document: Record) -> Section | None:
     quantities = quantities_of(document)
     pairs = list(dict.fromkeys((row["first"], row["second"]) for row in rows))
     tables = [
-        {"first": first, "second": second, "quantity": quantities[parameter], "of": of, "rows": alike}
+        {
+            "first": first,
+            "second": second,
+            "quantity": quantities[parameter],
+            "of": of,
+            "rows": alike,
+        }
         for first, second in pairs
         for parameter in distinct(rows, "parameter")
         for of in ("bias", "spread")
@@ -146,7 +172,9 @@ def contrast(document: Record) -> Section | None:
     ]
     means = matching(rows, of="bias", kind="mean")
     overall = matching(means, environment=None) or means
-    best = {p: ordered(METHODS[::-1], matching(overall, parameter=p), "method")[:1] for p in quantities}
+    best = {
+        p: ordered(METHODS[::-1], matching(overall, parameter=p), "method")[:1] for p in quantities
+    }
     values = {
         "tables": tables,
         "overall": [
@@ -171,7 +199,9 @@ def boundaries(document: Record) -> Section | None:
     names = distinct(records, "environment")
     values = {
         "quantities": " and ".join(distinct(document["intervals"], "parameter")),
-        "shapes": [{"name": name, "meaning": _SHAPES[name]} for name in ordered(_SHAPES, records, "shape")],
+        "shapes": [
+            {"name": name, "meaning": _SHAPES[name]} for name in ordered(_SHAPES, records, "shape")
+        ],
         "curves": [curves for name in names if (curves := _curves(document, name)) is not None],
     }
     return Section("boundaries", "Realistic performance boundaries", values)
@@ -201,7 +231,9 @@ def _curves(document: Record, name: str) -> dict[str, Any] | None:
 
 def _short(values: list[Any]) -> list[float | None]:
     """Round to seven digits; what is not finite is not drawn."""
-    return [float(f"{value:.7g}") if math.isfinite(value) else None for value in array(values).tolist()]
+    return [
+        float(f"{value:.7g}") if math.isfinite(value) else None for value in array(values).tolist()
+    ]
 
 
 def coupling(document: Record) -> Section | None:
@@ -223,7 +255,11 @@ def coupling(document: Record) -> Section | None:
         "coupling": record,
         "realism": _realism(realism, family_of(document)),
         "judged": [
-            {"environment": name, "admissible": admissible.get(name), "pointers": pointers.get(name, {})}
+            {
+                "environment": name,
+                "admissible": admissible.get(name),
+                "pointers": pointers.get(name, {}),
+            }
             for name in {**admissible, **pointers}
         ],
         "rendered": list(next(iter(pointers.values()), {})),
@@ -235,7 +271,9 @@ def coupling(document: Record) -> Section | None:
 
 def _realism(records: Sequence[Record], family: str) -> dict[str, Any] | None:
     """Return a row per environment, a column per kind and method: exact envelope, the study's family."""
-    kept = [row for row in matching(records, shape="envelope", family=family) if each_by_itself(row)]
+    kept = [
+        row for row in matching(records, shape="envelope", family=family) if each_by_itself(row)
+    ]
     if not kept:
         return None
     columns, rows = _grid(kept, [family])
@@ -245,7 +283,11 @@ def _realism(records: Sequence[Record], family: str) -> dict[str, Any] | None:
 def _by_method(records: list[Record]) -> list[dict[str, Any]]:
     """Return a row per environment and kind, with the pointer of each method's record."""
     return [
-        {"environment": environment, "kind": kind, "pointers": {r["method"]: r["pointer"] for r in cell}}
+        {
+            "environment": environment,
+            "kind": kind,
+            "pointers": {r["method"]: r["pointer"] for r in cell},
+        }
         for environment in distinct(records, "environment")
         for kind in KINDS
         if (cell := matching(records, environment=environment, kind=kind))
@@ -264,7 +306,9 @@ def design(document: Record) -> Section | None:
             binds = region["largest"]["binds"] if region["largest"] else ()
             region["binds"] = ", ".join(_BINDS[name] for name in binds)
         couplings[by_method["method"]] = regions
-    return Section("design", "Admissible couplings", {"family": record["family"], "couplings": couplings})
+    return Section(
+        "design", "Admissible couplings", {"family": record["family"], "couplings": couplings}
+    )
 
 
 def band(document: Record) -> Section | None:
@@ -275,7 +319,9 @@ def band(document: Record) -> Section | None:
     names = dict.fromkeys(row.get("parameter") for row in record["rows"])
     parts = [_band_part(document, record, parameter) for parameter in names]
     values = {"parts": parts, "trend": pointed(record.get("kappa"), "/band/kappa")}
-    return Section("band", f"Band against {'impedance' if None in names else 'the reference'}", values)
+    return Section(
+        "band", f"Band against {'impedance' if None in names else 'the reference'}", values
+    )
 
 
 def _band_part(document: Record, record: Record, parameter: str | None) -> dict[str, Any]:
@@ -302,12 +348,17 @@ def _band_part(document: Record, record: Record, parameter: str | None) -> dict[
         ],
         "family": family,
         "statements": [
-            {"statement": name, "pointers": [row["pointer"] for row in matching(statements, statement=name)]}
+            {
+                "statement": name,
+                "pointers": [row["pointer"] for row in matching(statements, statement=name)],
+            }
             for name in distinct(statements, "statement")
         ],
         "stated": [
             {"kind": row["kind"], "method": row["method"]}
-            for row in matching(statements, statement=statements[0]["statement"] if statements else None)
+            for row in matching(
+                statements, statement=statements[0]["statement"] if statements else None
+            )
         ],
         "methods": ordered(METHODS, rows, "method"),
     }

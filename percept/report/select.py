@@ -78,7 +78,9 @@ def families_of(document: Record) -> tuple[str, ...]:
 
 def array(values: Sequence[Any] | None) -> NDArray[np.float64]:
     """Return a list of the document as floats: "inf" is infinite, None is NaN, no list is empty."""
-    return np.array([np.nan if value is None else float(value) for value in values or ()], dtype=float)
+    return np.array(
+        [np.nan if value is None else float(value) for value in values or ()], dtype=float
+    )
 
 
 def distinct(records: Iterable[Record], name: str) -> list[Any]:
@@ -93,7 +95,11 @@ def each_by_itself(record: Record) -> bool:
 
 def matching(records: Iterable[Record], **wanted: Any) -> list[Record]:
     """Return the records whose fields have these values."""
-    return [record for record in records if all(record.get(name) == value for name, value in wanted.items())]
+    return [
+        record
+        for record in records
+        if all(record.get(name) == value for name, value in wanted.items())
+    ]
 
 
 def ordered(names: Iterable[str], rows: Iterable[Record], field: str) -> list[str]:
@@ -110,7 +116,9 @@ def listed(names: Sequence[str]) -> str:
 def first(records: Iterable[Record], **preferred: Sequence[Any]) -> Record | None:
     """Return the record that stands highest in every preference, earlier fields weighing more."""
     accepted = [
-        record for record in records if all(record.get(name) in values for name, values in preferred.items())
+        record
+        for record in records
+        if all(record.get(name) in values for name, values in preferred.items())
     ]
     return min(
         accepted,

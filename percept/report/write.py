@@ -44,9 +44,9 @@ def write_report(
 ) -> Path:
     """Write the page, report.json, tables, figures and the posterior of a study.
 
-    Everything is first written beside `out_dir`, then moved into it file by file, the page last: a run that
-    fails leaves nothing behind. Of the files in `out_dir` only those an earlier run wrote are replaced or
-    removed.
+    Everything is first written beside `out_dir`, then moved into it file by file, the page last: a
+    run that fails leaves nothing behind. Of the files in `out_dir` only those an earlier run wrote
+    are replaced or removed.
 
     Parameters
     ----------
@@ -101,7 +101,9 @@ def write_report(
         plots = draw_all(drawings(document), folder / "figures", formats=formats)
         step("page")
         files = {path.name for path in (*folder.iterdir(), *(folder / "tables").iterdir())}
-        page = render_page(document, plots, date=date or datetime.date.today().isoformat(), files=files)
+        page = render_page(
+            document, plots, date=date or datetime.date.today().isoformat(), files=files
+        )
         (folder / "report.html").write_text(page, encoding="utf-8")
     return Path(out_dir) / "report.html"
 
@@ -175,7 +177,9 @@ def _curves(records: Iterable[Record]) -> str:
         labels = {label: record[label] for label in _CURVE}
         none = [None] * len(record["omega"])
         curves = (record.get(name.removesuffix(" (rad/s)")) or none for name in columns)
-        rows += [labels | dict(zip(columns, point, strict=True)) for point in zip(*curves, strict=True)]
+        rows += [
+            labels | dict(zip(columns, point, strict=True)) for point in zip(*curves, strict=True)
+        ]
     return _csv(rows, (*_CURVE, *columns), "N·s/m")
 
 

@@ -1,6 +1,7 @@
 """The paper reproduced from its published numbers: every table, figure and claim.
 
-`percept reproduce` writes it all; `judge_all(load_published())` gives the claims with their verdicts.
+`percept reproduce` writes it all; `judge_all(load_published())` gives the claims with their
+verdicts.
 """
 
 from __future__ import annotations

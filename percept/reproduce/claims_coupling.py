@@ -26,7 +26,8 @@ def poles_unseen(published: Published) -> Evidence:
     """Judge whether Eqs 9 and 10 suffice without a look at the poles."""
     k, b = float(published.tuned.stiffness), float(published.tuned.damping)
     stretch = k * published.period
-    # Eq. 10 sees k_c squared and the damping b_c + k_cT/2, which these two share; 1/Z_c has this pole.
+    # Eq. 10 sees k_c squared and the damping b_c + k_cT/2, which these two share; 1/Z_c has this
+    # pole.
     mirrored = b + stretch
     own, other = (b / mirrored, mirrored / b) if stretch else (0.0, 0.0)
     return {
@@ -38,7 +39,9 @@ def poles_unseen(published: Published) -> Evidence:
 def one_coupling(published: Published) -> Evidence:
     """Judge whether Eqs 6 and 12 are about one coupling."""
     period, backward = published.period, published.needed()
-    converted = Coupling(THEORETICAL.stiffness, THEORETICAL.damping + THEORETICAL.stiffness * period / 2)
+    converted = Coupling(
+        THEORETICAL.stiffness, THEORETICAL.damping + THEORETICAL.stiffness * period / 2
+    )
     tustin, again = (
         float(required_damping(coupling, period, discretization="tustin").damping)
         for coupling in (THEORETICAL, converted)
@@ -151,7 +154,9 @@ def affects_realism(published: Published) -> Evidence:
     return {"cases": [bool(spoilt)], "names": names, "spoilt": len(spoilt), "tried": tried}
 
 
-def _inside(published: Published, wall: Wall, device: Device, box: Array, coupling: Coupling | None) -> bool:
+def _inside(
+    published: Published, wall: Wall, device: Device, box: Array, coupling: Coupling | None
+) -> bool:
     """Say whether a reference stays inside the envelope of a box of k and b at every perceivable ω."""
     span, period = published.span, published.period
     felt = felt_square(device, wall.k, wall.b, period, coupling=coupling)

@@ -27,7 +27,8 @@ from percept.reproduce.published import LOOKED_AT, Array, Evidence, Published, W
 from percept.reproduce.squares import cells, felt_square, largest_ratio, share
 
 _AND_NONE = np.concatenate([[0.0], MASSES])
-# Statements on curves are linear in mass and damping, so the four corners speak for every device between.
+# Statements on curves are linear in mass and damping, so the four corners speak for every device
+# between.
 _CORNERS = tuple(Device(m, b) for m, b in product((0.0, MASSES[-1]), (0.0, DAMPINGS[-1])))
 # A line of 0.35 mm on a panel 60 mm high with six decades covers this ratio.
 _LINE = 10 ** (6 * 0.35 / 60)
@@ -50,7 +51,12 @@ def one_device(published: Published) -> Evidence:
     """Judge whether one rigid device can show both Fig. 4 and Fig. 7b."""
     _, allowed = _extent(published, panels(published)[0])
     needed = published.needed()
-    return {"cases": [needed <= allowed], "ratio": needed / allowed, "needed": needed, "allowed": allowed}
+    return {
+        "cases": [needed <= allowed],
+        "ratio": needed / allowed,
+        "needed": needed,
+        "allowed": allowed,
+    }
 
 
 def fig_7d(published: Published) -> Evidence:
@@ -199,7 +205,9 @@ def like_shapes(published: Published) -> Evidence:
     """Judge whether higher impedance means a higher curve throughout."""
     span, device, period = published.span, published.device, published.period
     drawn = sorted((wall for wall, _ in published.drawn), key=lambda wall: wall.k)
-    edges, middles = cells([felt_square(device, wall.k, wall.b, period) for wall in drawn], *span, period)
+    edges, middles = cells(
+        [felt_square(device, wall.k, wall.b, period) for wall in drawn], *span, period
+    )
     felt = np.array([published.felt(middles, wall.environment) for wall in drawn])
     ordered = np.asarray((np.diff(felt, axis=0) > 0).all(axis=0))
     return {
@@ -219,7 +227,9 @@ def four_lines(published: Published) -> Evidence:
             largest_ratio(one, other, *published.span, published.period)
             for one, other in combinations(squares[::-1], 2)
         )
-        found = [curves(published, panel.wall, np.array([LOOKED_AT]), device) for device in _CORNERS]
+        found = [
+            curves(published, panel.wall, np.array([LOOKED_AT]), device) for device in _CORNERS
+        ]
         spread = [np.array([c.lower, c.upper, c.direct, c.coupled]) for c in found]
         at_ten[name] = min(float(lines.max() / lines.min()) for lines in spread)
     worst = max(at_ten, key=at_ten.__getitem__)

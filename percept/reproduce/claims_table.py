@@ -19,7 +19,8 @@ _SHARE_CONFIDENCE = 0.95
 _ENOUGH_SUBJECTS = 30  # Section 3.1: this number of subjects is said to represent everybody
 _CORRELATIONS = (-0.9, 0.0, 0.9)
 _DIGITS_PRINTED = 4  # of most limits of Table 1
-# Where thresholds of vibration are usually measured, Hz: the fast and slow mechanoreceptors of the hand.
+# Where thresholds of vibration are usually measured, Hz: the fast and slow mechanoreceptors of the
+# hand.
 _TOUCH_HERTZ = (40.0, 250.0)
 _HEAVIEST = 100.0  # kg; no m_e above it is looked at
 
@@ -88,7 +89,9 @@ def thirty_subjects(published: Published) -> Evidence:
 
 def normal_values(published: Published) -> Evidence:
     """Judge the premise of a normal law for stiffness and damping, which are positive."""
-    mean, sd = (np.ravel(part) for part in (published.limits.moments.mean, published.limits.moments.sd))
+    mean, sd = (
+        np.ravel(part) for part in (published.limits.moments.mean, published.limits.moments.sd)
+    )
     below, names = special.ndtr(-mean / sd), np.array(_cells(published))
     factor = float(tolerance_factor(published.limits.n, published.limits.level, _SHARE_CONFIDENCE))
     fits = mean - factor * sd > 0
@@ -123,7 +126,8 @@ def limits_suffice(published: Published) -> Evidence:
         spreads[wall.name] = max(uppers) / min(uppers) - 1
     worst = max(spreads, key=spreads.__getitem__)
     return {
-        # Corners of limits can always be drawn; a joint region only where the correlation does not matter.
+        # Corners of limits can always be drawn; a joint region only where the correlation does not
+        # matter.
         "cases": [True, spreads[worst] < 5 * 10.0**-_DIGITS_PRINTED],
         "low": _CORRELATIONS[0], "high": _CORRELATIONS[-1], "worst": worst, "spread": spreads[worst],
     }  # fmt: skip
@@ -136,7 +140,12 @@ def _upper_of_ellipse(published: Published, k: Moments, b: Moments, correlation:
     sd = np.array([k.sd, b.sd], dtype=float)
     covariance = np.outer(sd, sd) * np.array([[1.0, correlation], [correlation, 1.0]])
     _, upper = magnitude_envelope_ellipse(
-        LOOKED_AT, Device(0.0, 0.0), (float(k.mean), float(b.mean)), covariance, radius, published.period
+        LOOKED_AT,
+        Device(0.0, 0.0),
+        (float(k.mean), float(b.mean)),
+        covariance,
+        radius,
+        published.period,
     )
     return float(upper)
 
@@ -162,7 +171,12 @@ def mass_left_out(published: Published) -> Evidence:
     device, period = published.device, published.period
     rate = 2 / period * math.tan(LOOKED_AT * period / 2)
     lower, upper = zip(wall.stiffness, wall.damping, strict=True)
-    shown = [(wall.k, wall.b, None), (wall.k, wall.b, published.tuned), (*lower, None), (*upper, None)]
+    shown = [
+        (wall.k, wall.b, None),
+        (wall.k, wall.b, published.tuned),
+        (*lower, None),
+        (*upper, None),
+    ]
     squares = [
         felt_square(device, k, b, period, coupling=coupling, rate=rate, mass=VARIABLE)
         for k, b, coupling in shown
@@ -173,7 +187,9 @@ def mass_left_out(published: Published) -> Evidence:
         return min(ends) <= coupled < direct <= max(ends)
 
     edges = np.concatenate([[0.0], crossings(squares, 0.0, _HEAVIEST), [_HEAVIEST]])
-    until = next((low for low, high in pairwise(edges.tolist()) if not kept((low + high) / 2)), _HEAVIEST)
+    until = next(
+        (low for low, high in pairwise(edges.tolist()) if not kept((low + high) / 2)), _HEAVIEST
+    )
     return {"cases": [until > 0, until == _HEAVIEST], "wall": wall, "until": until}
 
 

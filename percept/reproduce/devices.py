@@ -1,7 +1,7 @@
 """What depends on the device: the statements of the paper's figures, and couplings that suit environments.
 
-The second part is the paper's future work: a coupling that follows the environment, stable and inside the
-next user's boundary.
+The second part is the paper's future work: a coupling that follows the environment, stable and
+inside the next user's boundary.
 """
 
 from __future__ import annotations
@@ -61,13 +61,19 @@ def _both_below(found: Curves) -> BoolArray:
 
 
 def _both_inside(found: Curves) -> BoolArray:
-    inside = (found.lower <= found.coupled) & (found.coupled < found.direct) & (found.direct <= found.upper)
+    inside = (
+        (found.lower <= found.coupled)
+        & (found.coupled < found.direct)
+        & (found.direct <= found.upper)
+    )
     return np.asarray(inside.all(axis=-1))
 
 
 def coupled_inside(found: Curves) -> BoolArray:
     """Say where the coupled curve stays between the boundaries."""
-    return np.asarray(((found.lower <= found.coupled) & (found.coupled <= found.upper)).all(axis=-1))
+    return np.asarray(
+        ((found.lower <= found.coupled) & (found.coupled <= found.upper)).all(axis=-1)
+    )
 
 
 def _either_side(found: Curves) -> BoolArray:
@@ -126,11 +132,14 @@ def panel_squares(published: Published, wall: Wall, device: Device | None = None
     ]
 
 
-def widest_change(published: Published, panel: Panel, device: Device | None = None) -> tuple[float, Device]:
+def widest_change(
+    published: Published, panel: Panel, device: Device | None = None
+) -> tuple[float, Device]:
     """Return the largest change of |Z_h| by the coupling, over the band's width, and the device it is with.
 
-    Both are the largest in the window. The band is narrow where its two curves cross in the window: a ridge
-    across all devices, found on a fine grid of masses for each damping and climbed from there.
+    Both are the largest in the window. The band is narrow where its two curves cross in the window:
+    a ridge across all devices, found on a fine grid of masses for each damping and climbed from
+    there.
     """
     omega = np.linspace(*panel.window, _POINTS)
 

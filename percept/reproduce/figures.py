@@ -29,7 +29,9 @@ from percept.reproduce.devices import DAMPINGS, MASSES, Adapted, over_devices
 from percept.reproduce.published import THEORETICAL, Array, Published, Wall
 
 _PAIR = (86.0, 72.0)
-_WIDE = np.geomspace(0.1, 1000.0, 241)  # rad/s; the paper's axes reach past the device's resonances at 300
+_WIDE = np.geomspace(
+    0.1, 1000.0, 241
+)  # rad/s; the paper's axes reach past the device's resonances at 300
 _MAP_MASSES = np.geomspace(MASSES[0], MASSES[-1], 141)
 _MAP_DAMPINGS = np.geomspace(DAMPINGS[0], DAMPINGS[-1], 121)
 
@@ -42,8 +44,8 @@ def drawings(published: Published, adapted: Adapted) -> list[Drawing]:
         published,
         "fig-5",
         "Fig. 5: realistic performance boundaries",
-        f"The limits of {wall.name} without a device, so that the upper limits lie above the lower ones "
-        "throughout; the reference is dashed.",
+        f"The limits of {wall.name} without a device, so that the upper limits lie above the lower"
+        " ones throughout; the reference is dashed.",
         (Device(0.0, 0.0), wall, None),
         published.omega(),
     )
@@ -52,7 +54,10 @@ def drawings(published: Published, adapted: Adapted) -> list[Drawing]:
         name, shown = panel.wall.name, (device, panel.wall, tuned)
         true = over_devices(published, panel, np.array(device.mass), np.array(device.damping))
         wide = f"Boundaries, reference, and reference through the coupling, {_device(device)}."
-        close = f"The paper reads: {panel.says}. {'So it is' if true else 'Not so'} with {_device(device)}."
+        close = (
+            f"The paper reads: {panel.says}. {'So it is' if true else 'Not so'} with"
+            f" {_device(device)}."
+        )
         found += [
             _curves(published, f"fig-7{letter}", f"Fig. 7{letter}: {name}", wide, shown, _WIDE),
             _curves(
@@ -74,7 +79,9 @@ def _fig4(published: Published) -> Drawing:
         lines = {}
         for coupling in (THEORETICAL, published.tuned):
             label = f"{float(coupling.stiffness) / 1e3:g} kN/m"
-            admittance = coupling_admittance(omega, coupling, published.period, discretization="backward")
+            admittance = coupling_admittance(
+                omega, coupling, published.period, discretization="backward"
+            )
             binds = float(required_damping(coupling, published.period).omega)
             lines[label] = np.asarray(admittance).real, binds
         draw_stability(ax, omega, bound, lines)
@@ -82,9 +89,9 @@ def _fig4(published: Published) -> Drawing:
     return Drawing(
         "fig-4",
         "Fig. 4: stability of the theoretical and the tuned coupling",
-        f"Re 1/Z_c of both couplings and its lower bound for a rigid device of {needed:.4g} N·s/m, with "
-        "which the theoretical one just touches it. The knots of the paper’s figure are resonances it gives "
-        "no numbers for.",
+        f"Re 1/Z_c of both couplings and its lower bound for a rigid device of {needed:.4g} N·s/m,"
+        " with which the theoretical one just touches it. The knots of the paper’s figure are"
+        " resonances it gives no numbers for.",
         (120.0, 80.0),
         draw,
     )
@@ -109,9 +116,12 @@ def _curves(
 
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, left=18, bottom=24, right=5)
-        at_low, at_high = corner_curves(omega, device, wall.stiffness, wall.damping, published.period)
+        at_low, at_high = corner_curves(
+            omega, device, wall.stiffness, wall.damping, published.period
+        )
         direct, coupled = (
-            published.felt(omega, wall.environment, device=device, coupling=each) for each in (None, coupling)
+            published.felt(omega, wall.environment, device=device, coupling=each)
+            for each in (None, coupling)
         )
         label = f"boundaries, {published.limits.level:.0%} limits of k and b"
         limits = Limits(label, "classical", omega, at_low, at_high, direct)
@@ -130,7 +140,12 @@ def _maps(published: Published) -> Drawing:
         for ax, panel in zip(axes, shown, strict=False):
             true = over_devices(published, panel, _MAP_MASSES, _MAP_DAMPINGS[:, None])
             ax.contourf(
-                _MAP_MASSES, _MAP_DAMPINGS, true, levels=[0.5, 1.5], colors=COLOURS["coupled"], alpha=0.35
+                _MAP_MASSES,
+                _MAP_DAMPINGS,
+                true,
+                levels=[0.5, 1.5],
+                colors=COLOURS["coupled"],
+                alpha=0.35,
             )
             ax.set_title(f"Fig. {panel.name}: {panel.says}", loc="left", fontsize=7)
         count = devices.environments_inside(published, _MAP_MASSES, _MAP_DAMPINGS[:, None])
@@ -148,16 +163,22 @@ def _maps(published: Published) -> Drawing:
         for ax in axes[::2]:
             ax.set_ylabel("device damping (N·s/m)")
         axes[0].fill_between(
-            [], [], [], color=COLOURS["coupled"], alpha=0.35, linewidth=0, label="true over the window"
+            [],
+            [],
+            [],
+            color=COLOURS["coupled"],
+            alpha=0.35,
+            linewidth=0,
+            label="true over the window",
         )
         legend(axes[0], ncols=2)
 
     return Drawing(
         "device-maps",
         "How verdicts move with the device, whose mass and damping were not published",
-        "Shaded: the reading of the paper is true over the whole window; in the last map the darker, the "
-        "more environments stay inside the next user’s boundary through the tuned coupling. Above a line the "
-        "coupling named is stable; the cross is the scene’s device.",
+        "Shaded: the reading of the paper is true over the whole window; in the last map the"
+        " darker, the more environments stay inside the next user’s boundary through the tuned"
+        " coupling. Above a line the coupling named is stable; the cross is the scene’s device.",
         (150.0, 128.0),
         draw,
     )
@@ -209,8 +230,9 @@ def _design(published: Published, adapted: Adapted) -> Drawing:
     return Drawing(
         "design",
         "Couplings that are stable and feel real, by environment",
-        f"For {_device(adapted.device)}, the damping Fig. 4 implies. Shaded: stable, and inside the next "
-        "user’s limits at every perceivable ω, by |Z_h| and by k and b. Cross: the paper’s tuned coupling.",
+        f"For {_device(adapted.device)}, the damping Fig. 4 implies. Shaded: stable, and inside the"
+        " next user’s limits at every perceivable ω, by |Z_h| and by k and b. Cross: the paper’s"
+        " tuned coupling.",
         (175.0, 16.0 + 52.0 * -(-len(regions) // 3)),
         draw,
     )

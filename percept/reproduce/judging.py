@@ -1,7 +1,7 @@
 """A claim of the paper: the sentence as printed, its verdict, and the numbers the verdict rests on.
 
-`claims.toml` holds the sentences and what is said of each. A function of the claim's name gives the cases
-that decide the verdict, and the values that stand in the text.
+`claims.toml` holds the sentences and what is said of each. A function of the claim's name gives the
+cases that decide the verdict, and the values that stand in the text.
 """
 
 from __future__ import annotations
@@ -102,15 +102,21 @@ def judge_all(published: Published) -> list[Claim]:
 def judge(published: Published, entry: Mapping[str, Any]) -> Claim:
     """Judge one sentence by the function of its name; without cases it stays open."""
     function = entry["name"].replace("-", "_")
-    module = next((m for m in (claims_coupling, claims_figures, claims_table) if hasattr(m, function)), None)
+    module = next(
+        (m for m in (claims_coupling, claims_figures, claims_table) if hasattr(m, function)), None
+    )
     values = getattr(module, function)(published) if module else {}
     verdict = verdict_of(values.get("cases"))
-    many = {n: _Many(v) for n, v in values.items() if isinstance(v, (list, tuple, dict, np.ndarray))}
+    many = {
+        n: _Many(v) for n, v in values.items() if isinstance(v, (list, tuple, dict, np.ndarray))
+    }
     said = {"p": published, **values, **many}
     numbers = []
     for name, key, unit in entry.get("numbers", ()):
         each = values[key] if isinstance(values[key], dict) else {"": values[key]}
-        numbers += [Quantity(name.format(**said, key=of), value, unit) for of, value in each.items()]
+        numbers += [
+            Quantity(name.format(**said, key=of), value, unit) for of, value in each.items()
+        ]
     stated = verdict in ("holds only if", "cannot be judged")
     return Claim(
         verdict,

@@ -70,10 +70,16 @@ class Published:
         device, windows = self.scene.device, self.scene.report.zoom
         rigid = device is not None and device.mass is not None and not device.modes
         drawn = len(windows) == 3 and set(windows) <= set(self.limits.environments)
-        windows_needed = "three windows are needed, as in Figs 7b, d and f, on environments of the table."
+        windows_needed = (
+            "three windows are needed, as in Figs 7b, d and f, on environments of the table."
+        )
         for given, key, message in (
             (rigid, "device", "the reproduction needs a rigid device: mass and damping."),
-            (self.scene.coupling, "coupling", "the reproduction needs the coupling of section 2.3."),
+            (
+                self.scene.coupling,
+                "coupling",
+                "the reproduction needs the coupling of section 2.3.",
+            ),
             (drawn, "report.zoom", windows_needed),
         ):
             if not given:
@@ -138,7 +144,9 @@ class Published:
     ) -> Array:
         """Return |Z_h|, N·s/m, with the scene's device where no other is given."""
         device = self.device if device is None else device
-        return np.abs(perceived_impedance(omega, device, environment, self.period, coupling=coupling))
+        return np.abs(
+            perceived_impedance(omega, device, environment, self.period, coupling=coupling)
+        )
 
     def through_coupling(self, wall: Wall) -> tuple[float, float]:
         """Return k and b of a reference through the tuned coupling, at the ω where Fig. 7 looks closely."""
@@ -176,7 +184,9 @@ def load_published(table: str | Path | None = None, scene: str | Path | None = N
         A file that cannot be read or lacks what the reproduction needs.
     """
     files = (Path(table or dataset("hbfd_table1.csv")), Path(scene or dataset("hbfd.toml")))
-    return Published(PublishedLimits.from_sessions(read_sessions(files[0])), Scene.load(files[1]), files)
+    return Published(
+        PublishedLimits.from_sessions(read_sessions(files[0])), Scene.load(files[1]), files
+    )
 
 
 def dataset(name: str) -> Path:

@@ -1,7 +1,8 @@
 """Squares of the paper's curves as ratios of polynomials, and every place where two of them cross.
 
-With g the hold's gain (Eq. 8) and Ω = (2/T)·tan(ωT/2), Ω²·|Z_h|²/g² is the square of a ratio of polynomials
-in Ω, or in m_e. Between two neighbouring crossings no curve changes place, so one point decides for all.
+With g the hold's gain (Eq. 8) and Ω = (2/T)·tan(ωT/2), Ω²·|Z_h|²/g² is the square of a ratio of
+polynomials in Ω, or in m_e. Between two neighbouring crossings no curve changes place, so one point
+decides for all.
 """
 
 from __future__ import annotations

@@ -109,11 +109,16 @@ def _document(
                 for path in published.files
             ],
             "device": {"mass": published.device.mass, "damping": published.device.damping},
-            "coupling": {"stiffness": published.tuned.stiffness, "damping": published.tuned.damping},
+            "coupling": {
+                "stiffness": published.tuned.stiffness,
+                "damping": published.tuned.damping,
+            },
             "period": published.period,
         },
         "counts": {verdict: verdicts.count(verdict) for verdict in get_args(Verdict)},
-        "claims": [{"number": number, **plain(claim)} for number, claim in enumerate(claims, start=1)],
+        "claims": [
+            {"number": number, **plain(claim)} for number, claim in enumerate(claims, start=1)
+        ],
         "table": _table(published),
         "future": _future(published, adapted),
         "misprints": sentences()["misprint"],
@@ -154,7 +159,12 @@ def _table(published: Published) -> list[dict[str, Any]]:
 
 def _future(published: Published, adapted: Adapted) -> dict[str, Any]:
     rows = [
-        *zip((wall.name for wall in published.walls), adapted.design.each, adapted.static, strict=True),
+        *zip(
+            (wall.name for wall in published.walls),
+            adapted.design.each,
+            adapted.static,
+            strict=True,
+        ),
         ("one for all", adapted.design.common, all(adapted.static)),
     ]
     return {
@@ -178,8 +188,14 @@ def _claims_csv(claims: Sequence[dict[str, Any]]) -> str:
     rows = []
     for claim in claims:
         margin = claim["margin"] or {"name": "", "value": None, "unit": ""}
-        others = (f"{one['name']} = {one['value']!r} {one['unit']}".rstrip() for one in claim["numbers"])
-        about = {"margin_name": margin["name"], "margin": margin["value"], "margin_unit": margin["unit"]}
+        others = (
+            f"{one['name']} = {one['value']!r} {one['unit']}".rstrip() for one in claim["numbers"]
+        )
+        about = {
+            "margin_name": margin["name"],
+            "margin": margin["value"],
+            "margin_unit": margin["unit"],
+        }
         rows.append({**claim, **about, "numbers": "; ".join(others)})
     return pd.DataFrame(rows).to_csv(index=False, lineterminator="\n")
 

@@ -18,7 +18,8 @@ TRIAL = [*IDS, "trial"]
 _OTHER_UNIT = 100.0
 #: What N/mm is in N/m: the slip of units there is.
 _THOUSAND = 1000.0
-#: A value as many times the median of its environment, or as small a part of it, is hardly ever a person's.
+#: A value as many times the median of its environment, or as small a part of it, is hardly ever a
+#: person's.
 _GROSS = 30.0
 #: Subjects an environment needs for its median to say anything of one of them.
 _FEWEST = 3
@@ -56,8 +57,13 @@ def settle_references(
             source = "the scene" if name in given else "an earlier row"
             others = int((codes[wrong] == codes[row]).sum())
             rows = f"; {others} rows have another, here the first" if others > 1 else ""
-            message = f"environment {shown([name])} has the reference {expected[row]!s} in {source}{rows}."
-            hint = "An environment has one reference; correct it, or name the environments apart, as "
+            message = (
+                f"environment {shown([name])} has the reference {expected[row]!s} in"
+                f" {source}{rows}."
+            )
+            hint = (
+                "An environment has one reference; correct it, or name the environments apart, as "
+            )
             hint += 'environment = ["…", "…"] in [columns] does.'
             problems.add(message, column=column, value=float(values[row]), hint=hint, **place(row))
         if column == MASS:
@@ -75,13 +81,20 @@ def settle_references(
 def in_order(references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...]:
     """Order environments as the scene lists them, and the rest by references, the first quantity first."""
     ranks = {name: at for at, name in enumerate(listed)}
-    ranked = references.assign(_rank=[ranks.get(str(name), len(ranks)) for name in references.index])
+    ranked = references.assign(
+        _rank=[ranks.get(str(name), len(ranks)) for name in references.index]
+    )
     by = ["_rank", *references.columns]
     return tuple(map(str, ranked.sort_values(by, kind="stable").index))
 
 
 def check_duplicates(
-    table: pd.DataFrame, place: Place, problems: Problems, *, numbered: bool, split: Sequence[str] = ()
+    table: pd.DataFrame,
+    place: Place,
+    problems: Problems,
+    *,
+    numbered: bool,
+    split: Sequence[str] = (),
 ) -> None:
     """Find rows that stand twice for one subject, session, environment, group told apart and trial."""
     cell = [*dict.fromkeys((*TRIAL, *split))]
@@ -93,7 +106,13 @@ def check_duplicates(
 
 
 def tell_duplicates(
-    table: pd.DataFrame, again: Sequence[int], where: str, place: Place, problems: Problems, *, numbered: bool
+    table: pd.DataFrame,
+    again: Sequence[int],
+    where: str,
+    place: Place,
+    problems: Problems,
+    *,
+    numbered: bool,
 ) -> None:
     """Record trials that stand twice as one problem: how many there are, and where the first stands."""
     names = ", ".join(f"{c} {shown([str(table[c].iloc[again[0]])])}" for c in IDS)
@@ -105,7 +124,8 @@ def tell_duplicates(
     hint = 'Number the trials by the order of their rows: [sessions] trial = "order".'
     if numbered:
         hint = "Remove one row, or name the column that numbers the trials in [columns]. " + hint
-    # Of trials without numbers it would keep one a cell, and drop the repeats that were asked about.
+    # Of trials without numbers it would keep one a cell, and drop the repeats that were asked
+    # about.
     event = f"keep {len(table) - len(again):,} rows" if numbered else "need a column of trials"
     hint += f' If rows are events of a trial, [sessions] keep = "last" would {event}.'
     problems.add(text, hint=hint, **place(again[0]))
@@ -124,8 +144,14 @@ def repeats_over_sessions(table: pd.DataFrame) -> list[Notice]:
     """Notice cells whose trials are from several sessions."""
     counts = table.groupby(["subject", "environment"], sort=False)["session"].nunique()
     several = int((counts > 1).sum())
-    text = f"in {several} of {counts.size} cells (a subject in an environment) trials are from several "
-    text += "sessions; all count as repeats, so that changes of a subject between sessions are part of the "
+    text = (
+        f"in {several} of {counts.size} cells (a subject in an environment) trials are from"
+        " several "
+    )
+    text += (
+        "sessions; all count as repeats, so that changes of a subject between sessions are part of"
+        " the "
+    )
     return [Notice(f"{text}scatter of trials")] if several else []
 
 
@@ -135,7 +161,11 @@ def _typical_ratio(values: npt.NDArray[np.float64], reference: npt.NDArray[np.fl
 
 
 def check_plausible(
-    table: pd.DataFrame, quantities: Iterable[Quantity], declared: Set[str], place: Place, problems: Problems
+    table: pd.DataFrame,
+    quantities: Iterable[Quantity],
+    declared: Set[str],
+    place: Place,
+    problems: Problems,
 ) -> list[Notice]:
     """Refuse median ratios of adjustments to references beyond 100, and files a thousand times the others.
 
@@ -147,10 +177,12 @@ def check_plausible(
         rows = np.flatnonzero((table[adj] > 0) & (table[ref] > 0))
         both = table.iloc[rows]
         ratio = _typical_ratio(both[adj].to_numpy(), both[ref].to_numpy())
-        # A slip makes numbers too small where the larger unit was meant. One declared unit is as likely to be
-        # the slip as the other column: it settles nothing.
+        # A slip makes numbers too small where the larger unit was meant. One declared unit is as
+        # likely to be the slip as the other column: it settles nothing.
         slip, unit = adj if ratio < 1 else ref, quantity.unit.replace("/m", "/mm") or "…"
-        hint = f"Convert the file, or declare the units of both {adj} and {ref} in [columns], such as "
+        hint = (
+            f"Convert the file, or declare the units of both {adj} and {ref} in [columns], such as "
+        )
         hint += f'{slip} = {{ name = "…", unit = "{unit}" }}.'
         found: list[tuple[int, str]] = []  # Row, what is wrong
         if not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
@@ -160,18 +192,25 @@ def check_plausible(
         for own in files if len(files) > 1 else ():
             of_file = _typical_ratio(both[adj].to_numpy()[own], both[ref].to_numpy()[own])
             if _THOUSAND / 3 < max(of_file / ratio, ratio / of_file) < _THOUSAND * 3:
-                text = f"{adj} is {of_file:.3g} times {ref} at the median of this file, and {ratio:.3g} "
+                text = (
+                    f"{adj} is {of_file:.3g} times {ref} at the median of this file, and"
+                    f" {ratio:.3g} "
+                )
                 text += "times over all files: the units of the file seem to differ by a thousand."
                 found.append((rows[own[0]], text))
         for row, text in found:
             if {adj, ref} <= declared:
                 notices.append(Notice(text, column=adj))
             else:
-                problems.add(text, column=adj, value=float(table[adj].iloc[row]), hint=hint, **place(row))
+                problems.add(
+                    text, column=adj, value=float(table[adj].iloc[row]), hint=hint, **place(row)
+                )
     return notices
 
 
-def check_summary(table: pd.DataFrame, quantities: Quantities, place: Place, problems: Problems) -> None:
+def check_summary(
+    table: pd.DataFrame, quantities: Quantities, place: Place, problems: Problems
+) -> None:
     """Check a published table: parameter, order of limits, n, level, units, and one row for each interval."""
     n, level, again = table["n"], table["level"], table.duplicated(["environment", "parameter"])
     names = " or ".join(f'"{name}"' for name in quantities)
@@ -186,16 +225,25 @@ def check_summary(table: pd.DataFrame, quantities: Quantities, place: Place, pro
     ):
         for at in np.flatnonzero(wrong).tolist():
             value = table[column].tolist()[at]
-            problems.add(message, column=column, value=value, hint="Correct or remove it.", **place(at))
-    # Of what the limits hold, the nearest to the reference: wide limits are no sign of another unit.
+            problems.add(
+                message, column=column, value=value, hint="Correct or remove it.", **place(at)
+            )
+    # Of what the limits hold, the nearest to the reference: wide limits are no sign of another
+    # unit.
     near = table["reference"].clip(table["lower"], table["upper"])
     for p, quantity in quantities.items():
         own = np.flatnonzero((table["parameter"] == p) & (near > 0) & (table["reference"] > 0))
         reference = table["reference"].to_numpy()[own]
         ratio = _typical_ratio(near.to_numpy()[own], reference)
         if not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
-            text = f"limits of {p} are typically {ratio:.3g} times the reference: their units seem to differ."
-            hint, row = f"Write references and limits in {quantity.unit or 'one unit'}.", place(int(own[0]))
+            text = (
+                f"limits of {p} are typically {ratio:.3g} times the reference: their units seem to"
+                " differ."
+            )
+            hint, row = (
+                f"Write references and limits in {quantity.unit or 'one unit'}.",
+                place(int(own[0])),
+            )
             problems.add(text, column="reference", value=float(reference[0]), hint=hint, **row)
 
 
@@ -241,12 +289,17 @@ def _gross_errors(table: pd.DataFrame, parameter: str, place: Place) -> Iterator
     if len(found):
         values = found[["subject", "environment", column, "median"]].to_numpy()
         named = ["{} at {}: {:.6g}, median {:.6g}".format(*row) for row in values]
-        text = f"{counted(len(found), 'value')} of {parameter} far from the median of the environment, here "
+        text = (
+            f"{counted(len(found), 'value')} of {parameter} far from the median of the environment,"
+            " here "
+        )
         text += f"the first: a slip? Subjects {shown(named)}"
         yield Notice(text, column=column, **place(found.index[0]))
 
 
-def _without_logarithm(table: pd.DataFrame, parameter: str, place: Place, family: str) -> Iterator[Notice]:
+def _without_logarithm(
+    table: pd.DataFrame, parameter: str, place: Place, family: str
+) -> Iterator[Notice]:
     """Count zeros and negative values, and say which way out fits them."""
     column, reference = f"{parameter}_adj", f"{parameter}_ref"
     known = table[table[column].notna()]
@@ -258,22 +311,38 @@ def _without_logarithm(table: pd.DataFrame, parameter: str, place: Place, family
         return
     normal = 'use family = "normal" in [inference]'
     if no_ratio:
-        way = f"References of zero or below have no ratio: {normal} with scale in [model]. Where the zero "
-        way += f"of the scale is arbitrary, add one offset to {reference} and {column} in [columns]."
+        way = (
+            f"References of zero or below have no ratio: {normal} with scale in [model]. Where the"
+            " zero "
+        )
+        way += (
+            f"of the scale is arbitrary, add one offset to {reference} and {column} in [columns]."
+        )
     elif few_zeros:
         least = float(known.loc[known[column] > 0, column].min())
-        way = f'If they are failed trials, [sessions] exclude = [{{ column = "{column}", below = {least!r}, '
-        way += f'why = "no adjustment" }}] leaves them out and logs them. If people meant them, {normal}.'
+        way = (
+            f'If they are failed trials, [sessions] exclude = [{{ column = "{column}", below ='
+            f" {least!r}, "
+        )
+        way += (
+            'why = "no adjustment" }] leaves them out and logs them. If people meant them,'
+            f" {normal}."
+        )
     else:
         way = f"Leaving out this many biases what is left: {normal}."
     what = _counted_share(len(low), len(known), parameter)
-    yield Notice(f"{what} zero or negative, here the first. {way}", column=column, **place(low.index[0]))
+    yield Notice(
+        f"{what} zero or negative, here the first. {way}", column=column, **place(low.index[0])
+    )
 
 
 def _counted_share(count: int, total: int, parameter: str) -> str:
     """Such as "2 values of k (20.0% of 10) are"."""
     values = counted(count, "value")
-    return f"{values} of {parameter} ({count / total:.1%} of {total:,}) {'is' if count == 1 else 'are'}"
+    return (
+        f"{values} of {parameter} ({count / total:.1%} of {total:,})"
+        f" {'is' if count == 1 else 'are'}"
+    )
 
 
 def _at_the_end(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[Notice]:
@@ -286,10 +355,19 @@ def _at_the_end(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[N
             continue
         # Zeros are told already, whatever they come from.
         if values[at] > 0:
-            rule = f'{{ column = "{column}", {way} = {float(values[beside])!r}, why = "end of the knob" }}'
+            rule = (
+                f'{{ column = "{column}", {way} = {float(values[beside])!r}, why = "end of the'
+                ' knob" }'
+            )
             text = f"{_counted_share(int(counts.iloc[at]), total, parameter)} the {which} of all, "
-            text += f"{values[at]:g}: the end of the knob? Such a value says only that the adjustment lies "
-            text += f"{way} it, and the spread is too small. [sessions] exclude = [{rule}] leaves them out "
+            text += (
+                f"{values[at]:g}: the end of the knob? Such a value says only that the adjustment"
+                " lies "
+            )
+            text += (
+                f"{way} it, and the spread is too small. [sessions] exclude = [{rule}] leaves them"
+                " out "
+            )
             first = table.index[table[column] == values[at]][0]
             yield Notice(f"{text}and logs them.", column=column, **place(first))
 
@@ -301,7 +379,9 @@ def _never_moved(table: pd.DataFrame, parameter: str) -> Iterator[Notice]:
     told = same.groupby(known["subject"], sort=False).agg(["all", "size"])
     if names := [str(name) for name in told.index[told["all"] & (told["size"] > 1)]]:
         who = f"subject{'s' * (len(names) > 1)} {shown(names)}"
-        text = f"{who} left {parameter} at the reference in every trial: was what they set recorded?"
+        text = (
+            f"{who} left {parameter} at the reference in every trial: was what they set recorded?"
+        )
         yield Notice(text, column=column)
 
 
@@ -310,7 +390,9 @@ def _pooled(table: pd.DataFrame, column: str) -> Iterator[Notice]:
     levels = table.groupby(column, sort=False)["subject"].nunique()
     if len(levels) < 2:
         return
-    sizes = ", ".join(f"{shown([str(name)])} {counted(int(n), 'subject')}" for name, n in levels.items())
+    sizes = ", ".join(
+        f"{shown([str(name)])} {counted(int(n), 'subject')}" for name, n in levels.items()
+    )
     text = f"{len(levels)} groups ({sizes}) are pooled: "
     if (table.groupby("subject", sort=False)[column].nunique() > 1).any():
         text += "a subject's trials of every group count as repeats of one another. "

@@ -34,16 +34,18 @@ class Reduced:
     Attributes
     ----------
     cells : DataFrame
-        One row per subject and environment, in order of first appearance: `subject`, `environment`, `n`
-        (trials with every parameter), `mean_k`, `mean_b` (mean response, unit-free), and the sums of
-        squares and products about the means `scatter_kk`, `scatter_kb`, `scatter_bb`. Columns of a
-        parameter that was not measured are NaN.
+        One row per subject and environment, in order of first appearance: `subject`, `environment`,
+        `n` (trials with every parameter), `mean_k`, `mean_b` (mean response, unit-free), and the
+        sums of squares and products about the means `scatter_kk`, `scatter_kb`, `scatter_bb`.
+        Columns of a parameter that was not measured are NaN.
     references : DataFrame
-        In the order the scene lists, then by reference: `environment`, `k_ref` (N/m), `b_ref` (N·s/m).
+        In the order the scene lists, then by reference: `environment`, `k_ref` (N/m), `b_ref`
+        (N·s/m).
     family : {"lognormal", "normal"}
         A response is log(adjusted/reference), or (adjusted − reference)/reference.
     sources, notices, warnings, counts, quantities
-        As of :class:`Sessions`; warnings of the first trial of every subject, session and environment.
+        As of :class:`Sessions`; warnings of the first trial of every subject, session and
+        environment.
     """
 
     cells: pd.DataFrame
@@ -67,7 +69,8 @@ def reduce_sessions(
     Parameters
     ----------
     *paths : str or Path
-        As for :func:`read_sessions`. Memory holds a few megabytes of a file at a time, and a bit per trial.
+        As for :func:`read_sessions`. Memory holds a few megabytes of a file at a time, and a bit
+        per trial.
     family : {"lognormal", "normal"}, optional
         Scale of the responses.
     columns, options
@@ -80,8 +83,8 @@ def reduce_sessions(
     Raises
     ------
     UsageError
-        As :func:`read_sessions`; reading ends with the block in which something is wrong. Units are held to
-        the first trial of every subject, session and environment.
+        As :func:`read_sessions`; reading ends with the block in which something is wrong. Units are
+        held to the first trial of every subject, session and environment.
     RefusalError
         An adjustment of zero or below on the log scale, or such a reference on either.
     """
@@ -122,7 +125,9 @@ class _Cells:
         parameters = tuple(p for p in self.options.quantities if p in table.parameters)
         if self.parameters and self.parameters != parameters:
             hint = "Reduce them one by one."
-            raise UsageError("the files do not have the same parameters.", file=table.name, hint=hint)
+            raise UsageError(
+                "the files do not have the same parameters.", file=table.name, hint=hint
+            )
         self.parameters, self.numbered = parameters, table.numbered
         self.products = _products(parameters)
 
@@ -135,9 +140,15 @@ class _Cells:
         if self.options.sessions.trial != "order":
             self._check_trials(frame, place)
         problems.raise_if_any()
-        means = pd.DataFrame({f"mean_{p}": self._response(p, frame, place) for p in self.parameters})
+        means = pd.DataFrame(
+            {f"mean_{p}": self._response(p, frame, place) for p in self.parameters}
+        )
         complete = means.notna().all(axis=1)
-        sums: dict[str, Any] = {"rows": 1, "n": complete.astype(int), **dict.fromkeys(self.products, 0.0)}
+        sums: dict[str, Any] = {
+            "rows": 1,
+            "n": complete.astype(int),
+            **dict.fromkeys(self.products, 0.0),
+        }
         parts = frame.assign(file=len(self.reading.sources), **means.where(complete, 0.0), **sums)
         self.visits.append(self._merged(parts, list(IDS)))
         if sum(map(len, self.visits)) > _VISITS:
@@ -159,11 +170,15 @@ class _Cells:
             bits[trials[rows]] = 1
             own = int.from_bytes(np.packbits(bits, bitorder="little").tobytes(), "little")
             before = self.seen.get(visit, 0)
-            again += [int(row) for row in rows if before >> int(trials[row]) & 1] if before & own else []
+            again += (
+                [int(row) for row in rows if before >> int(trials[row]) & 1] if before & own else []
+            )
             self.seen[visit] = before | own
         if again and not problems.total:
             numbered = self.numbered
-            checks.tell_duplicates(frame, sorted(again), "an earlier row", place, problems, numbered=numbered)
+            checks.tell_duplicates(
+                frame, sorted(again), "an earlier row", place, problems, numbered=numbered
+            )
 
     def _response(self, p: str, frame: pd.DataFrame, place: Place) -> pd.Series[float]:
         adjusted, reference, log = frame[f"{p}_adj"], frame[f"{p}_ref"], self.family == "lognormal"
@@ -174,7 +189,9 @@ class _Cells:
             hint = "Zero and negative adjustments need the normal family; references are positive."
             value = float(adjusted.iloc[at])
             raise RefusalError(message, column=f"{p}_adj", value=value, hint=hint, **place(at))
-        return pd.Series(np.log(adjusted / reference)) if log else (adjusted - reference) / reference
+        return (
+            pd.Series(np.log(adjusted / reference)) if log else (adjusted - reference) / reference
+        )
 
     def _merged(self, parts: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         """Merge counts, means and scatters of the same cell; of what else there is the first row stays."""
@@ -186,7 +203,8 @@ class _Cells:
         for mean in (f"mean_{p}" for p in self.parameters):
             merged[mean] = (n * parts[mean]).groupby(cell).sum() / merged["n"].clip(lower=1)
             gaps[mean] = parts[mean] - merged[mean].to_numpy()[cell]
-        # Scatters are about the means, and pandas compensates its sums: an offset costs neither any digits.
+        # Scatters are about the means, and pandas compensates its sums: an offset costs neither any
+        # digits.
         for name, (p, q) in self.products.items():
             about = parts[name] + n * gaps[f"mean_{p}"] * gaps[f"mean_{q}"]
             merged[name] = about.groupby(cell).sum()

@@ -8,13 +8,21 @@ from dataclasses import dataclass
 from itertools import product
 
 from percept.errors import UsageError, did_you_mean
-from percept.sessions.options import KEPT_COLUMNS, SUMMARY, ColumnRule, ReadOptions, canonical_columns
+from percept.sessions.options import (
+    KEPT_COLUMNS,
+    SUMMARY,
+    ColumnRule,
+    ReadOptions,
+    canonical_columns,
+)
 from percept.sessions.quantities import Quantities, numbers_of, with_mass
 from percept.sessions.records import NoDataError, shown
 
 _WORDS = {
-    "subject": "participant participant_id participant_private_id subject_nr subject_id subject_number subj "
-    "sub ppid",
+    "subject": (
+        "participant participant_id participant_private_id subject_nr subject_id subject_number"
+        " subj sub ppid"
+    ),
     "session": "session_num session_number session_id session_nr visit",
     "environment": "env environment_id ve virtual_environment reference_environment",
     "trial": "trial_num trial_number trial_no trial_index trials_thisn",
@@ -59,11 +67,15 @@ def resolve(header: Sequence[str], options: ReadOptions, *, file: str) -> Resolu
     for column in (column for column in wanted if column not in mapped):
         if column in names:
             found[column] = ColumnRule(name=column)
-        elif alias := _alias(column, aliases.get(column, frozenset({column})), header, claimed, file):
+        elif alias := _alias(
+            column, aliases.get(column, frozenset({column})), header, claimed, file
+        ):
             announced.append(f"column {alias!r} is taken as {column}")
             found[column] = ColumnRule(name=alias)
     slots = tuple(_slots(header, found, wide, options.environments, file))
-    return Resolution("summary" if summary else "trials", slots, {**found, **wide}, tuple(announced))
+    return Resolution(
+        "summary" if summary else "trials", slots, {**found, **wide}, tuple(announced)
+    )
 
 
 def _declared(canonical: str, rule: ColumnRule, header: Sequence[str], file: str) -> ColumnRule:
@@ -120,7 +132,11 @@ def _slots(
         text = re.escape(rule.name).replace(r"\{environment\}", "(?P<environment>.+)", 1)
         pattern = re.compile(text.replace(r"\{trial\}", "(?P<trial>[0-9]+)", 1), re.DOTALL)
         # "{environment}" alone fits every column: those are meant that the scene declares.
-        names = [n for n in header if n in declared] if rule.name == "{environment}" and declared else header
+        names = (
+            [n for n in header if n in declared]
+            if rule.name == "{environment}" and declared
+            else header
+        )
         for name in (name for name in names if name not in taken):
             if match := pattern.fullmatch(name):
                 key = (match["environment"], match.groupdict().get("trial"))
@@ -128,7 +144,9 @@ def _slots(
     if not places:
         message = "no column fits the pattern in [columns]."
         hint = f"The columns are {shown(header)}."
-        raise UsageError(message, file=file, row=1, column=next(iter(wide.values())).name, hint=hint)
+        raise UsageError(
+            message, file=file, row=1, column=next(iter(wide.values())).name, hint=hint
+        )
     for (environment, trial), own in places.items():
         yield Slot({**common, **own}, environment, trial)
 
@@ -137,13 +155,22 @@ def position(header: Sequence[str], name: str, file: str) -> int:
     """Return where the one column of a name stands."""
     if header.count(name) == 1:
         return header.index(name)
-    message = "two columns have this name." if name in header else "this column is wanted, and is not there."
+    message = (
+        "two columns have this name."
+        if name in header
+        else "this column is wanted, and is not there."
+    )
     hint = f"The columns are {shown(header)}.{did_you_mean(name, header)}"
     raise UsageError(message, file=file, row=1, column=name, hint=hint)
 
 
 def check_columns(
-    header: Sequence[str], found: Resolution, options: ReadOptions, named: Collection[str], *, file: str
+    header: Sequence[str],
+    found: Resolution,
+    options: ReadOptions,
+    named: Collection[str],
+    *,
+    file: str,
 ) -> None:
     """Hold a header to what an analysis of trials needs; `named` columns come from the file's name."""
     present = {*found.rules, *named}
@@ -163,7 +190,9 @@ def check_columns(
         hint = f"Name it in the scene's [columns]{from_name if 'subject' in missing else ''}."
         if any("_ref" in name for name in missing):
             hint += " References can stand in [environments]."
-        message = f"there is no column for {' and '.join(missing)}; the columns are {shown(header)}."
+        message = (
+            f"there is no column for {' and '.join(missing)}; the columns are {shown(header)}."
+        )
         kind = UsageError if present & {*numbers_of(options.quantities)} else NoDataError
         raise kind(message, file=file, row=1, column=missing[0].split(" ")[0], hint=hint)
 

@@ -31,7 +31,8 @@ LIMIT = 1 << 30
 _BROKEN = (
     zipfile.BadZipFile, zlib.error, OSError, NotImplementedError, EOFError, RuntimeError, ValueError,
 )  # fmt: skip
-#: Files are read in blocks of about this many characters; from a sixteenth of it on by pandas' parser.
+#: Files are read in blocks of about this many characters; from a sixteenth of it on by pandas'
+#: parser.
 BLOCK = 8 << 20
 #: Files of experiment software show early what they are; the bound keeps the search short.
 _EARLY = 20_000
@@ -151,10 +152,14 @@ def _inside(folder: Path) -> tuple[list[str], list[str]]:
     """Look for tables and folders of results in a folder and those below it."""
     filled = {p.parent for name in _RESULTS for p in folder.rglob(name)} - {folder}
     paths = [
-        path for path in sorted(folder.rglob("*")) if path.suffix.lower() in _SUFFIXES and path.is_file()
+        path
+        for path in sorted(folder.rglob("*"))
+        if path.suffix.lower() in _SUFFIXES and path.is_file()
     ]
     paths = [path for path in paths if filled.isdisjoint(path.parents)]
-    return [str(path) for path in paths if not _hidden(path.relative_to(folder))], sorted(map(str, filled))
+    return [str(path) for path in paths if not _hidden(path.relative_to(folder))], sorted(
+        map(str, filled)
+    )
 
 
 def _hidden(path: PurePath) -> bool:
@@ -238,7 +243,9 @@ def ids_from_name(path: str, pattern: str | None, *, file: str) -> dict[str, str
         raise UsageError(f"the name does not fit the pattern {pattern!r}.", file=file, hint=hint)
     if greedy.groupdict() != lazy.groupdict():
         hint = "Put separators into [sessions] filename that do not occur in the ids."
-        raise UsageError(f"the name fits the pattern {pattern!r} in more than one way.", file=file, hint=hint)
+        raise UsageError(
+            f"the name fits the pattern {pattern!r} in more than one way.", file=file, hint=hint
+        )
     return greedy.groupdict()
 
 
@@ -250,9 +257,13 @@ def open_text(entry: Input, declared: str | None) -> tuple[TextIO, str]:
     with entry.open() as stream:
         head = stream.read(_EARLY)
         if not head:
-            raise NoDataError("the file is empty.", file=entry.name, hint="Leave it out, or export it again.")
+            raise NoDataError(
+                "the file is empty.", file=entry.name, hint="Leave it out, or export it again."
+            )
         _refuse(head.decode("latin-1"), entry.name)
-        mark, marked = next(((m, name) for m, name in _MARKS if head.startswith(m)), (b"", declared))
+        mark, marked = next(
+            ((m, name) for m, name in _MARKS if head.startswith(m)), (b"", declared)
+        )
         *others, encoding = [marked] if marked else ["cp1252", "utf-8"]
         while problem := _undecodable(stream, encoding, entry.name, start=len(mark)):
             if not others:

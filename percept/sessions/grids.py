@@ -55,11 +55,15 @@ class Grid:
     """A rectangular stretch of a table of text."""
 
     header: list[str]
-    cells: pd.DataFrame  # Texts of the data records; columns by position, the index is the physical line
+    cells: (
+        pd.DataFrame
+    )  # Texts of the data records; columns by position, the index is the physical line
     dropped: Counter[str]  # Records left out as no data, by reason
 
     @classmethod
-    def of(cls, dialect: Dialect, records: list[list[str]], rows: list[int], *, last: bool = True) -> Grid:
+    def of(
+        cls, dialect: Dialect, records: list[list[str]], rows: list[int], *, last: bool = True
+    ) -> Grid:
         """Drop what is no data; hold the rest to one width, but for one empty trailing column."""
         dropped = Counter[str]()
         kept: list[int] = []
@@ -86,7 +90,9 @@ class Grid:
                 value = clip(dialect.delimiter.join(record))
                 raise UsageError(message, file=dialect.file, row=rows[at], value=value, hint=hint)
         lines, cells = [rows[at] for at in kept], [records[at][:columns] for at in kept]
-        return cls(header, pd.DataFrame(cells, index=lines, columns=range(columns), dtype=object), dropped)
+        return cls(
+            header, pd.DataFrame(cells, index=lines, columns=range(columns), dtype=object), dropped
+        )
 
 
 @dataclass
@@ -109,18 +115,26 @@ class Block:
     def plain(self, texts: list[int], numbers: list[int], mark: str) -> pd.DataFrame | None:
         """Read columns of a text without quotes by pandas' parser; None where cells need a closer look.
 
-        The parser takes what percept refuses: lines of any width, infinity, "True" for 1, numbers too small
-        for a double. It refuses words, and so every header and mark between the data.
+        The parser takes what percept refuses: lines of any width, infinity, "True" for 1, numbers
+        too small for a double. It refuses words, and so every header and mark between the data.
         """
         delimiter, width = self.dialect.delimiter, self.dialect.width
         text = self.text.replace("\r\n", "\n") if "\r" in self.text else self.text
-        if self.split or not delimiter.isascii() or any(sign in text for sign in ('"', "\r", _MARK)):
+        if (
+            self.split
+            or not delimiter.isascii()
+            or any(sign in text for sign in ('"', "\r", _MARK))
+        ):
             return None
         body = text.encode() + (b"" if text.endswith("\n") else b"\n")
         characters = np.frombuffer(body, dtype=np.uint8)
         ends_line = characters == ord("\n")
         ends = ends_line[ends_line | (characters == ord(delimiter))]
-        if len(ends) % width or not ends[width - 1 :: width].all() or ends.sum() * width != len(ends):
+        if (
+            len(ends) % width
+            or not ends[width - 1 :: width].all()
+            or ends.sum() * width != len(ends)
+        ):
             return None
         lowered = body.lower()
         if b"true" in lowered or b"false" in lowered:
@@ -186,7 +200,11 @@ def _stretch(stream: TextIO, file: str, size: int) -> str:
     length = 0
     while (quotes % 2 or escaped % 2) and length < size and (line := stream.readline(size)):
         lines.append(line)
-        quotes, escaped, length = quotes + line.count('"'), escaped + line.count('\\"'), length + len(line)
+        quotes, escaped, length = (
+            quotes + line.count('"'),
+            escaped + line.count('\\"'),
+            length + len(line),
+        )
     return "".join(lines)
 
 
@@ -253,7 +271,9 @@ def _with_header(block: Block, tried: Dialect) -> tuple[Dialect, Grid]:
     tried = replace(tried, names=tuple(cells[start]))
     grid = Grid.of(tried, cells[start + 1 :], rows[start + 1 :], last=block.last)
     if grid.cells.empty:
-        raise NoDataError("there are no data below the header.", hint="Leave the file out.", **place)
+        raise NoDataError(
+            "there are no data below the header.", hint="Leave the file out.", **place
+        )
     first = rows.index(int(grid.cells.index[0]))
     return replace(tried, width=len(cells[first])), grid
 
@@ -296,7 +316,8 @@ def _join(pieces: list[str], delimiter: str) -> list[str]:
     at = 0
     while at < len(pieces):
         piece, last, after = pieces[at], at, bisect(closing, at)
-        # A cell quoted at both ends without a delimiter inside was not quoted by the writer: it stays.
+        # A cell quoted at both ends without a delimiter inside was not quoted by the writer: it
+        # stays.
         whole = len(piece) > 1 and piece.endswith('"')
         if piece.startswith('"') and not whole and after < len(closing):
             last = closing[after]

@@ -48,7 +48,9 @@ def said(error: ValidationError, *, file: str | None = None) -> UsageError:
     """Say the first thing that is wrong with the keys of a table, unknown ones before all else, and where."""
     problems = error.errors(include_url=False)
     # A misspelt key is missing too; its own name says more.
-    first = min(problems, key=lambda one: not isinstance(one.get("ctx", {}).get("error"), UsageError))
+    first = min(
+        problems, key=lambda one: not isinstance(one.get("ctx", {}).get("error"), UsageError)
+    )
     context, path = first.get("ctx", {}), ".".join(map(str, first["loc"]))
     if isinstance(cause := context.get("error"), UsageError):
         cause.file, cause.key = file, ".".join(filter(None, (path, cause.key)))
@@ -89,7 +91,8 @@ class ColumnRule(Table):
     name : str
         The file's own column name. `{environment}` and `{trial}` in it make the table a wide one.
     unit : str, optional
-        Unit of the file's numbers; None means the quantity's own, N/m for stiffness and N·s/m for damping.
+        Unit of the file's numbers; None means the quantity's own, N/m for stiffness and N·s/m for
+        damping.
     path : str, optional
         Dotted path into a JSON cell ("response.k"; a number picks from a list, -1 its last item).
     also : tuple of str
@@ -154,7 +157,10 @@ def _named(value: Any) -> Any:
     """Give each quantity of a scene the name of its table; without any, k and b are adjusted."""
     if not isinstance(value, Mapping):
         return value
-    tables = {name: {"name": name, **own} if isinstance(own, Mapping) else own for name, own in value.items()}
+    tables = {
+        name: {"name": name, **own} if isinstance(own, Mapping) else own
+        for name, own in value.items()
+    }
     return tables or dict(IMPEDANCE)
 
 
@@ -175,7 +181,9 @@ class FilesTable(Table):
     def wants(self, path: str) -> bool:
         """Whether a file's name fits a pattern of `include`, if there are any, and none of `exclude`."""
         fits = PurePath(path).match
-        return (not self.include or any(map(fits, self.include))) and not any(map(fits, self.exclude))
+        return (not self.include or any(map(fits, self.include))) and not any(
+            map(fits, self.exclude)
+        )
 
 
 class SessionsTable(Table):
@@ -196,7 +204,9 @@ class SessionsTable(Table):
     @model_validator(mode="after")
     def _trials_or_events(self) -> Self:
         if self.keep is not None and self.trial is not None:
-            raise ValueError('keep = "last" needs a column of trials; trial = "order" makes each row a trial')
+            raise ValueError(
+                'keep = "last" needs a column of trials; trial = "order" makes each row a trial'
+            )
         return self
 
 
@@ -242,12 +252,14 @@ class ReadOptions(DataTables):
     columns : mapping of str to ColumnRule
         From canonical name to where it stands.
     environments : mapping of str to mapping
-        From environment id to its references, such as `k_ref` (N/m), `b_ref` (N·s/m) and `m_ref` (kg, 0
-        where not given). Environments stand in this order, those it does not name after it by reference.
+        From environment id to its references, such as `k_ref` (N/m), `b_ref` (N·s/m) and `m_ref`
+        (kg, 0 where not given). Environments stand in this order, those it does not name after it
+        by reference.
     sessions : SessionsTable
         The scene's [sessions], such as `decimal`, `keep`, `groups` and `exclude`.
     split : tuple of str
-        Columns of groups that the analysis tells apart; of the others a warning says that they are pooled.
+        Columns of groups that the analysis tells apart; of the others a warning says that they are
+        pooled.
     family : str
         That of the analysis; the normal one takes zeros and negative values.
     """

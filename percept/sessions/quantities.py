@@ -16,9 +16,13 @@ from percept.errors import UsageError, did_you_mean
 from percept.sessions.records import IDS, MASS
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
-_IMPEDANCE = {"k": {"label": "stiffness", "unit": "N/m"}, "b": {"label": "damping", "unit": "N·s/m"}}
+_IMPEDANCE = {
+    "k": {"label": "stiffness", "unit": "N/m"},
+    "b": {"label": "damping", "unit": "N·s/m"},
+}
 _SAME = {"N·s/m": frozenset({"N*s/m", "Ns/m", "N s/m"})}
-# A plain product or quotient of names; an expression such as 10**10**10 is never handed to a parser.
+# A plain product or quotient of names; an expression such as 10**10**10 is never handed to a
+# parser.
 _UNIT = re.compile(r"[A-Za-zµ°%]+[²³]?(?:[·*/ ][A-Za-zµ°%]+[²³]?){0,4}")
 
 
@@ -27,7 +31,9 @@ def known_key(names: Sequence[str], name: str, key: str, value: object = None) -
     if name not in names:
         hint = did_you_mean(name, names).strip() or None
         message = f"there is no such key; there are {', '.join(names)}."
-        raise UsageError(message, key=key, value=None if isinstance(value, Mapping) else value, hint=hint)
+        raise UsageError(
+            message, key=key, value=None if isinstance(value, Mapping) else value, hint=hint
+        )
 
 
 class Table(BaseModel):
@@ -79,7 +85,9 @@ class Quantity(Table):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if not _NAME.fullmatch(self.name) or self.name.casefold() in (*IDS, "trial"):
-            raise ValueError("a name has letters, digits and single underscores, and is not that of an id")
+            raise ValueError(
+                "a name has letters, digits and single underscores, and is not that of an id"
+            )
         usual = _IMPEDANCE.get(self.name)
         if usual is not None and self.unit != usual["unit"]:
             text = f"{self.name} is {usual['label']} in {usual['unit']}"
@@ -172,7 +180,9 @@ def _registry() -> Any:
     return pint.UnitRegistry(non_int_type=Fraction)
 
 
-def convert(values: npt.NDArray[np.float64], unit: str | None, quantity: Quantity) -> npt.NDArray[np.float64]:
+def convert(
+    values: npt.NDArray[np.float64], unit: str | None, quantity: Quantity
+) -> npt.NDArray[np.float64]:
     """Convert numbers to the quantity's unit, rounding once."""
     scale = factor(unit, quantity)
     if scale.numerator == 1:

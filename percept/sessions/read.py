@@ -19,7 +19,16 @@ from percept.sessions import checks
 from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import IMPEDANCE, Quantities, trial_columns
 from percept.sessions.reading import Reading
-from percept.sessions.records import IDS, MASS, SUMMARY_COLUMNS, Exclusion, Factor, Notice, Source, shown
+from percept.sessions.records import (
+    IDS,
+    MASS,
+    SUMMARY_COLUMNS,
+    Exclusion,
+    Factor,
+    Notice,
+    Source,
+    shown,
+)
 from percept.sessions.table import FileTable
 
 
@@ -30,13 +39,13 @@ class Sessions:
     Attributes
     ----------
     table : DataFrame
-        Trial form: `subject`, `session`, `environment` (text), `k_ref` (N/m), `b_ref` (N·s/m), `trial`
-        (whole number), `k_adj` (N/m), `b_adj` (N·s/m), then any group columns (text); a parameter that
-        was not measured is NaN throughout, a single missing adjustment is NaN. `m_ref` (kg) stands there
-        where an environment has a mass. Summary form:
-        `environment`, `parameter` ("k" or "b"), `reference`, `lower`, `upper` (N/m or N·s/m), `n`, `level`.
-        Other quantities stand in the places of k and b, in their own units.
-        Rows stand in the order of the files.
+        Trial form: `subject`, `session`, `environment` (text), `k_ref` (N/m), `b_ref` (N·s/m),
+        `trial` (whole number), `k_adj` (N/m), `b_adj` (N·s/m), then any group columns (text); a
+        parameter that was not measured is NaN throughout, a single missing adjustment is NaN.
+        `m_ref` (kg) stands there where an environment has a mass. Summary form: `environment`,
+        `parameter` ("k" or "b"), `reference`, `lower`, `upper` (N/m or N·s/m), `n`, `level`. Other
+        quantities stand in the places of k and b, in their own units. Rows stand in the order of
+        the files.
     form : {"trials", "summary"}
         Which of the two forms `table` has.
     sources : tuple of Source
@@ -48,7 +57,8 @@ class Sessions:
     counts : mapping of str to int
         Rows by what became of them.
     provenance : DataFrame
-        `file` (index into `sources`) and `row` (physical line, the header being 1) of each row of `table`.
+        `file` (index into `sources`) and `row` (physical line, the header being 1) of each row of
+        `table`.
     listed : tuple of str
         Environments in the order in which the scene lists them.
     pooled : tuple of str
@@ -145,7 +155,10 @@ class Sessions:
         return self.sources[file].name, row
 
     def _repr_html_(self) -> str:
-        told = [*(f"{number} {reason}" for reason, number in self.counts.items()), *map(str, self.notices)]
+        told = [
+            *(f"{number} {reason}" for reason, number in self.counts.items()),
+            *map(str, self.notices),
+        ]
         items = "".join(f"<li>{escape(text)}</li>" for text in told)
         return f"{self.table.head(10).to_html(escape=True, index=False)}<ul>{items}</ul>"
 
@@ -160,30 +173,33 @@ def read_sessions(
     Parameters
     ----------
     *paths : str, Path or DataFrame
-        Files, folders or glob patterns; CSV in any dialect, gz and zip archives of them, Parquet and Excel.
-        Or one DataFrame, with the columns of a session file.
+        Files, folders or glob patterns; CSV in any dialect, gz and zip archives of them, Parquet
+        and Excel. Or one DataFrame, with the columns of a session file.
     columns : mapping, optional
-        From canonical name (subject, session, environment, trial, k_ref, b_ref, k_adj, b_adj) to the files'
-        own column name or a table {name, unit, path}; it goes before `options.columns`.
+        From canonical name (subject, session, environment, trial, k_ref, b_ref, k_adj, b_adj) to
+        the files' own column name or a table {name, unit, path}; it goes before `options.columns`.
     options : ReadOptions, optional
         How to read them; the scene's tables give one by `ReadOptions.from_mapping`.
 
     Returns
     -------
     Sessions
-        Values in N/m and N·s/m, or the units of the quantities declared; rows in the order of the files.
+        Values in N/m and N·s/m, or the units of the quantities declared; rows in the order of the
+        files.
 
     Raises
     ------
     UsageError
-        What cannot be read as it stands, each problem with file, row, column, value and what to do; a
-        :class:`~percept.sessions.ReadError` lists up to ten and holds them all.
+        What cannot be read as it stands, each problem with file, row, column, value and what to do;
+        a :class:`~percept.sessions.ReadError` lists up to ten and holds them all.
     """
     options = (options or ReadOptions()).with_columns(columns)
     files = [path for path in paths if not isinstance(path, pd.DataFrame)]
     for frame in (path for path in paths if isinstance(path, pd.DataFrame)):
         if len(paths) > 1:
-            raise UsageError("a DataFrame is read alone.", hint="Put all rows into one: pandas.concat.")
+            raise UsageError(
+                "a DataFrame is read alone.", hint="Put all rows into one: pandas.concat."
+            )
         return Sessions.from_frame(frame, options=options)
     reading = Reading(options)
     return _merged(reading, reading.tables(files))
@@ -221,7 +237,9 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
         split = [name for name in options.split if name in merged]
         checks.check_duplicates(merged, place, problems, numbered=reading.numbered, split=split)
         reading.check(merged, parameters, pd.Series(1, index=merged.index))
-        reading.counts.update({f"rows without {p}": int(merged[f"{p}_adj"].isna().sum()) for p in parameters})
+        reading.counts.update(
+            {f"rows without {p}": int(merged[f"{p}_adj"].isna().sum()) for p in parameters}
+        )
         columns = [*trial_columns(quantities)]
         groups = [str(c) for c in merged if c not in (*columns, MASS, "row", "file")]
         columns += [*([MASS] if MASS in merged else []), *groups]
@@ -245,12 +263,17 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
 def refuse_gaps(sessions: Sessions, column: str) -> None:
     """Refuse a column that does not put every row of trials into a group."""
     if sessions.form == "summary":
-        message, hint = "published limits hold no subjects to divide.", "Give sessions, or two studies."
+        message, hint = (
+            "published limits hold no subjects to divide.",
+            "Give sessions, or two studies.",
+        )
         raise UsageError(message, column=column, hint=hint)
     table = sessions.table
     if column not in table:
         message = f"there is no such column; the columns are {', '.join(map(str, table))}."
-        hint = f'A column that is no part of the format is kept by [sessions] groups = ["{column}"].'
+        hint = (
+            f'A column that is no part of the format is kept by [sessions] groups = ["{column}"].'
+        )
         raise UsageError(message, column=column, hint=hint)
     blank = table[column].astype(str).str.strip() == ""
     if blank.any():
@@ -274,6 +297,8 @@ def by_level(sessions: Sessions, column: str) -> Sessions:
     cells = {factor.cell(*pair): pair for pair in ordered}
     if len(cells) < len(ordered):
         hint = "Name environments or levels without brackets."
-        raise UsageError(f"two cells would have one name: {shown(list(cells))}.", column=column, hint=hint)
+        raise UsageError(
+            f"two cells would have one name: {shown(list(cells))}.", column=column, hint=hint
+        )
     table = sessions.table.assign(environment=names + " (" + levels + ")")
     return replace(sessions, table=table, listed=tuple(cells), factor=replace(factor, cells=cells))

@@ -33,7 +33,9 @@ class Reading:
         self.left_out: list[NoDataError] = []
         self.counts: Counter[str] = Counter()
         self.numbered = False  # Whether a column of any file numbers the trials
-        self.declared_units = {name for references in options.environments.values() for name in references}
+        self.declared_units = {
+            name for references in options.environments.values() for name in references
+        }
 
     def tables(self, paths: Sequence[str | Path]) -> Generator[FileTable]:
         """Open the files; an error of one becomes a problem, so that the next is read too."""
@@ -62,13 +64,17 @@ class Reading:
             twin = next((source.name for source in self.sources if source.sha256 == sha256), None)
             if twin is not None:
                 hint = "Leave one of them out."
-                raise UsageError(f"byte for byte the same file as {twin}.", file=entry.name, hint=hint)
+                raise UsageError(
+                    f"byte for byte the same file as {twin}.", file=entry.name, hint=hint
+                )
             yield table
             self._add(table, sha256)
 
     def frame(self, frame: pd.DataFrame) -> Generator[FileTable]:
         """Take a DataFrame as a file; a row's number is its position plus 2, as if a header were line 1."""
-        block = typed_block([list(frame.columns), *frame.itertuples(index=False, name=None)], "<frame>")
+        block = typed_block(
+            [list(frame.columns), *frame.itertuples(index=False, name=None)], "<frame>"
+        )
         table = FileTable("<frame>", iter([block]), self.options, {}, self.problems)
         yield table
         self._add(table, "")
@@ -88,13 +94,17 @@ class Reading:
             for error in self.left_out:
                 self.problems.extend(error)
         self.problems.raise_if_any()
-        self.notices += [Notice(f"left out: {error.message}", error.file) for error in self.left_out]
+        self.notices += [
+            Notice(f"left out: {error.message}", error.file) for error in self.left_out
+        ]
         if not any(map(len, frames)):
             hint = f"Rows: {', '.join(f'{n} {why}' for why, n in self.counts.items())}."
             raise UsageError("no row holds an adjustment.", file=self.sources[0].name, hint=hint)
         present = {name for frame in frames if len(frame) for name in frame["environment"].unique()}
         unnamed = (name for name in self.options.environments if name not in present)
-        self.notices += [Notice("[environments] names it, and no row does", column=name) for name in unnamed]
+        self.notices += [
+            Notice("[environments] names it, and no row does", column=name) for name in unnamed
+        ]
 
     def place(self, table: pd.DataFrame) -> Place:
         """Return where a row of the table, by its position, stands."""
@@ -148,7 +158,10 @@ def _typed_rows(data: bytes, file: str, sheet: str | None) -> list[Sequence[Any]
             import pyarrow.parquet as pq
 
             table = pq.read_table(pa.BufferReader(data))
-            return [table.column_names, *zip(*(column.to_pylist() for column in table.columns), strict=True)]
+            return [
+                table.column_names,
+                *zip(*(column.to_pylist() for column in table.columns), strict=True),
+            ]
         book = pd.ExcelFile(io.BytesIO(data), engine="openpyxl")
         page = book.sheet_names[0] if sheet is None else sheet
         if page not in book.sheet_names:
@@ -165,9 +178,13 @@ def _typed_rows(data: bytes, file: str, sheet: str | None) -> list[Sequence[Any]
     # What the XML reader meets escapes: KeyError, zlib.error and others.
     except Exception as error:  # noqa: BLE001
         hint = "Write it again, or as CSV."
-        raise UsageError(f"a broken file: {str(error).rstrip('.')}.", file=file, hint=hint) from None
+        raise UsageError(
+            f"a broken file: {str(error).rstrip('.')}.", file=file, hint=hint
+        ) from None
     if not rows:
-        raise UsageError("the sheet is empty.", file=file, hint="Name another with [sessions] sheet.")
+        raise UsageError(
+            "the sheet is empty.", file=file, hint="Name another with [sessions] sheet."
+        )
     named = max((at + 1 for at, name in enumerate(rows[0]) if name != ""), default=0)
     return [row[:named] for row in rows]
 
@@ -176,7 +193,9 @@ def typed_block(rows: Iterable[Sequence[Any]], file: str) -> Block:
     """Write the typed cells of a header and rows as text."""
     names, *records = ([_text(value) for value in row] for row in rows)
     # A last column without a name is no mark of a delimiter here.
-    dialect = Dialect(file, names=tuple(name.strip() or f"column {at}" for at, name in enumerate(names, 1)))
+    dialect = Dialect(
+        file, names=tuple(name.strip() or f"column {at}" for at, name in enumerate(names, 1))
+    )
     grid = Grid.of(dialect, records, list(range(2, len(records) + 2)), last=False)
     if grid.cells.empty:
         raise NoDataError("there are no data below the header.", file=file, hint="Leave it out.")

@@ -53,7 +53,9 @@ class Notice:
     column: str | None = None
 
     def __str__(self) -> str:
-        place = ":".join(str(part) for part in (self.file, self.row, self.column) if part is not None)
+        place = ":".join(
+            str(part) for part in (self.file, self.row, self.column) if part is not None
+        )
         return f"{place}: {self.text}" if place else self.text
 
 
@@ -97,8 +99,8 @@ class ReadError(UsageError):
     Parameters
     ----------
     problems : sequence of UsageError
-        At least one, in the order they were found. The first one's file, row, column, value and hint are
-        this error's own.
+        At least one, in the order they were found. The first one's file, row, column, value and
+        hint are this error's own.
     total : int, optional
         How many there are in all, where not all were kept.
 
@@ -110,7 +112,9 @@ class ReadError(UsageError):
 
     def __init__(self, problems: Sequence[UsageError], total: int | None = None) -> None:
         first = problems[0]
-        place = {name: getattr(first, name) for name in ("file", "row", "column", "key", "value", "hint")}
+        place = {
+            name: getattr(first, name) for name in ("file", "row", "column", "key", "value", "hint")
+        }
         super().__init__(first.message, **place)
         self.problems = tuple(problems)
         self.total = len(self.problems) if total is None else total
@@ -136,7 +140,9 @@ def summarised(problems: Sequence[PerceptError]) -> list[str]:
     for alike in kinds.values():
         lines += map(str, alike[:_ALIKE])
         if more := alike[_ALIKE:]:
-            where = f"{more[0].file}, column {more[0].column!r}, rows {more[0].row} to {more[-1].row}"
+            where = (
+                f"{more[0].file}, column {more[0].column!r}, rows {more[0].row} to {more[-1].row}"
+            )
             lines.append(f"{where}: {len(more)} more of this kind")
     return lines
 
@@ -150,7 +156,9 @@ class Problems:
 
     def add(self, message: str, *, value: object = None, **place: Any) -> None:
         """Record one problem; arguments as in :class:`~percept.errors.UsageError`."""
-        self.extend(UsageError(message, value=clip(value) if isinstance(value, str) else value, **place))
+        self.extend(
+            UsageError(message, value=clip(value) if isinstance(value, str) else value, **place)
+        )
 
     def extend(self, error: UsageError) -> None:
         """Record an error, or each problem of a :class:`ReadError`."""

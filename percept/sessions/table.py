@@ -31,8 +31,8 @@ _Mask = npt.NDArray[np.bool_]
 class FileTable:
     """One file: where its columns stand, its observations, and what became of its rows.
 
-    In frames of a block the index is the physical line. Columns are canonical ones, "own:NAME" for texts and
-    "limit:NAME" for numbers of the file's other columns.
+    In frames of a block the index is the physical line. Columns are canonical ones, "own:NAME" for
+    texts and "limit:NAME" for numbers of the file's other columns.
     """
 
     def __init__(
@@ -70,15 +70,22 @@ class FileTable:
     def _prepare(self) -> None:
         """Find the file's other columns that are read."""
         own = self.options.sessions
-        self._groups = list(dict.fromkeys([*(c for c in KEPT_COLUMNS if c in self.header), *own.groups]))
+        self._groups = list(
+            dict.fromkeys([*(c for c in KEPT_COLUMNS if c in self.header), *own.groups])
+        )
         canonical = canonical_columns(self.options.quantities)
         rules = [rule for rule in own.exclude if rule.column not in canonical]
         texts = [*self._groups, *own.only, *(rule.column for rule in rules if rule.equals)]
         texts += [name for rule in self._rules.values() for name in rule.also]
         limits = [rule.column for rule in rules if not rule.equals]
-        places = {f"own:{name}": name for name in texts} | {f"limit:{name}": name for name in limits}
+        places = {f"own:{name}": name for name in texts} | {
+            f"limit:{name}": name for name in limits
+        }
         self._own = {c: position(self.header, name, self.name) for c, name in places.items()}
-        self._numbers = {*numbers_of(self.options.quantities), *(c for c in places if c.startswith("limit:"))}
+        self._numbers = {
+            *numbers_of(self.options.quantities),
+            *(c for c in places if c.startswith("limit:")),
+        }
         # Of columns with a path: a cell that lacks it, and whether any cell had it.
         self._lacking: dict[str, str] = {}
         self._picked: set[str] = set()
@@ -106,7 +113,10 @@ class FileTable:
             text = f'keep = "last" leaves out {earlier:,} of {earlier + kept:,} rows '
             text += f"({earlier / max(earlier + kept, 1):.1%}) as earlier events of a trial"
             if not self.numbered:
-                text += "; no column numbers the trials, so that of a subject in an environment one row stays"
+                text += (
+                    "; no column numbers the trials, so that of a subject in an environment one row"
+                    " stays"
+                )
             self.notices.append(Notice(text, self.name))
             yield self._frame(self._within_limits(data))
         if self.form == "trials":
@@ -132,7 +142,10 @@ class FileTable:
             units = " and ".join(quantity.unit for quantity in self.options.quantities.values())
             message, hint = f"units of a summary are {units}.", "Convert the table."
             raise UsageError(message, file=self.name, key="columns", hint=hint)
-        text, rows = {c: grid.cells[at].tolist() for c, at in columns.items()}, grid.cells.index.to_numpy()
+        text, rows = (
+            {c: grid.cells[at].tolist() for c, at in columns.items()},
+            grid.cells.index.to_numpy(),
+        )
         problems, file = self.problems, self.name
         cells = [(c, text[c]) for c in numbers]
         mark = self._mark or values.decimal_mark(cells, rows, file=file, problems=problems)
@@ -141,7 +154,9 @@ class FileTable:
             place: dict[str, Any] = {"file": file, "column": c}
             frame[c] = values.parse_numbers(text[c], rows, mark, problems, **place)
             for row in rows[[values.is_missing(cell) for cell in text[c]]].tolist():
-                problems.add("a summary leaves no cell empty.", hint="Fill it in.", row=row, **place)
+                problems.add(
+                    "a summary leaves no cell empty.", hint="Fill it in.", row=row, **place
+                )
         if "level" not in frame:
             frame["level"] = np.full(len(rows), _LEVEL)
             kept = f"means and SDs without a level are kept as their limits at {_LEVEL}"
@@ -157,7 +172,10 @@ class FileTable:
 
             # Impossible n and levels are told by the study's checks.
             possible = (n >= 2) & (level > 0) & (level < 1)
-            df, tail = np.where(possible, n - 1, np.nan), np.where(possible, (1 - level) / 2, np.nan)
+            df, tail = (
+                np.where(possible, n - 1, np.nan),
+                np.where(possible, (1 - level) / 2, np.nan),
+            )
             half = -stdtrit(df, tail) / np.sqrt(df + 1) * sd
             frame |= {"lower": mean - half, "upper": mean + half}
         return pd.DataFrame(frame | {"row": rows})
@@ -174,14 +192,19 @@ class FileTable:
             fixed = {"environment": slot.environment, "trial": slot.trial, **self.named}
             parts.append(part.assign(**{c: text for c, text in fixed.items() if text is not None}))
         # Columns of other slots are blank in this one.
-        return parts[0] if len(parts) == 1 else pd.concat(parts).fillna("").sort_index(kind="stable")
+        return (
+            parts[0] if len(parts) == 1 else pd.concat(parts).fillna("").sort_index(kind="stable")
+        )
 
     def _plain(self, block: Block) -> pd.DataFrame | None:
         """Split a plain block at the speed of pandas' parser; None where it may not be used."""
         slot = self.found.slots[0]
         columns = {**slot.columns, **self._own}
         numeric = {c for c in columns if c in self._numbers or c == "trial"}
-        numbers, texts = {columns[c] for c in numeric}, {columns[c] for c in columns.keys() - numeric}
+        numbers, texts = (
+            {columns[c] for c in numeric},
+            {columns[c] for c in columns.keys() - numeric},
+        )
         if (
             slot.environment is not None
             or any(rule.path is not None for rule in self._rules.values())
@@ -211,7 +234,9 @@ class FileTable:
             data = self._exclude(data, data[key].isin(left.equals).to_numpy(), left.why)
         for canonical, rule in self._rules.items():
             if rule.path is not None:
-                data = data.assign(**{canonical: self._picks(data[canonical], canonical, rule.path)})
+                data = data.assign(
+                    **{canonical: self._picks(data[canonical], canonical, rule.path)}
+                )
         adjusted = [f"{p}_adj" for p in self.options.quantities if p in self.parameters]
         blank = np.logical_and.reduce([_missing(data[c]) for c in adjusted])
         data = self._exclude(data, blank, "no adjustment", of_trials=True)
@@ -229,19 +254,25 @@ class FileTable:
         self.counts[reason] += int((~kept).sum())
         return data[kept]
 
-    def _exclude(self, data: pd.DataFrame, out: _Mask, why: str, *, of_trials: bool = False) -> pd.DataFrame:
+    def _exclude(
+        self, data: pd.DataFrame, out: _Mask, why: str, *, of_trials: bool = False
+    ) -> pd.DataFrame:
         """Leave rows out and log them, or `of_trials` those alone that have a subject and an environment."""
         ids = data[out].reindex(columns=[*IDS, "trial"], fill_value="").astype(str)
         for row, who, *others in ids.itertuples():
             if not of_trials or (who.strip() and others[1].strip()):
                 names = [name.removesuffix(".0") for name in others]
-                what = (f"{c} {name}" for c, name in zip(ids.columns[1:], names, strict=True) if name)
+                what = (
+                    f"{c} {name}" for c, name in zip(ids.columns[1:], names, strict=True) if name
+                )
                 self.exclusions.append(Exclusion(who, ", ".join(what), why, self.name, int(row)))
         return self._keep(data, ~out, f"excluded: {why}")
 
     def _joined(self, data: pd.DataFrame, canonical: str, also: tuple[str, ...]) -> list[str]:
         """Ids made of several columns; one that lacks a part is blank, and so is told as missing."""
-        records = list(zip(*(data[c] for c in (canonical, *(f"own:{name}" for name in also))), strict=True))
+        records = list(
+            zip(*(data[c] for c in (canonical, *(f"own:{name}" for name in also))), strict=True)
+        )
         ids = {texts: "-".join(texts) if all(map(str.strip, texts)) else "" for texts in records}
         for texts, name in ids.items():
             if name and self._joins.setdefault(name, texts) != texts:
@@ -258,8 +289,12 @@ class FileTable:
             try:
                 value = values.pick(cell, path)
             except values.CellError as error:
-                # Whether such a row holds no adjustment is the scene's to say, hence a problem, no blank.
-                hint = f"Correct the cell or the path of {canonical}, or pick rows with [sessions] only."
+                # Whether such a row holds no adjustment is the scene's to say, hence a problem, no
+                # blank.
+                hint = (
+                    f"Correct the cell or the path of {canonical}, or pick rows with [sessions]"
+                    " only."
+                )
                 self.problems.add(f"{error}.", value=cell, hint=hint, **self._place(canonical, row))
             if value is None:
                 self._lacking.setdefault(canonical, cell)
@@ -272,7 +307,9 @@ class FileTable:
         """Refuse a path that no record has; records of other kinds of trial may lack it."""
         for canonical in (c for c in self._lacking if c not in self._picked):
             key, path = f"columns.{canonical}.path", self._rules[canonical].path
-            hint = f"Correct it: it begins inside a cell such as {shown([self._lacking[canonical]])}."
+            hint = (
+                f"Correct it: it begins inside a cell such as {shown([self._lacking[canonical]])}."
+            )
             place = self._place(canonical)
             self.problems.add("no row has this path.", key=key, value=path, hint=hint, **place)
 
@@ -309,14 +346,18 @@ class FileTable:
         numbers = [c for c in map(str, data) if c in self._numbers]
         last = data.groupby(ids, sort=False, dropna=False)[numbers].ffill()
         data = data.assign(**{c: last[c].to_numpy() for c in numbers})
-        return self._keep(data, ~data.duplicated(ids, keep="last").to_numpy(), "earlier event of a trial")
+        return self._keep(
+            data, ~data.duplicated(ids, keep="last").to_numpy(), "earlier event of a trial"
+        )
 
     def _within_limits(self, data: pd.DataFrame) -> pd.DataFrame:
         """Leave out what lies beyond a rule's limits; earlier events of a trial are gone by now."""
         for rule in (rule for rule in self.options.sessions.exclude if not rule.equals):
             key = rule.column if rule.column in data else f"limit:{rule.column}"
             if key not in data or not pd.api.types.is_numeric_dtype(data[key]):
-                raise UsageError("limits need a column of numbers.", key=f"sessions.exclude {rule.column}")
+                raise UsageError(
+                    "limits need a column of numbers.", key=f"sessions.exclude {rule.column}"
+                )
             low = -np.inf if rule.below is None else rule.below
             high = np.inf if rule.above is None else rule.above
             column = data[key].to_numpy()
@@ -328,7 +369,9 @@ class FileTable:
         lacking: dict[str, Any] = dict.fromkeys(IDS, "1")
         lacking |= {f"{p}_ref": np.nan for p in self.options.quantities} | {"trial": 1}
         lacking |= {f"{p}_adj": np.nan for p in self.options.quantities}
-        if MASS in data or any(MASS in references for references in self.options.environments.values()):
+        if MASS in data or any(
+            MASS in references for references in self.options.environments.values()
+        ):
             lacking[MASS] = np.nan
         columns = {c: data.get(c, value) for c, value in lacking.items()}
         columns |= {name: data[f"own:{name}"] for name in self._groups}

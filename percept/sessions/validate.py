@@ -31,8 +31,10 @@ _WORDS = {
     "session": "session visit day",
     "environment": "environment condition standard stimulus reference cond stim level item",
     "trial": "trial repetition rep repeat",
-    "adjusted": "response resp adjusted adjustment adj match matched matching estimate estimated final "
-    "reproduced reproduction judgment judgement setting answer",
+    "adjusted": (
+        "response resp adjusted adjustment adj match matched matching estimate estimated final "
+        "reproduced reproduction judgment judgement setting answer"
+    ),
     "reference": "reference ref standard stimulus stim target true actual physical presented",
     "empty": "value mean level size magnitude the of in id nr no num number",
 }
@@ -47,7 +49,8 @@ _UNITS: Mapping[str, str] = {
     "cm": "length", "m": "length", "N": "force", "Hz": "frequency", "dB": "level", "deg": "angle",
     "N/m": "k", "N/mm": "k", "N*s/m": "b", "N·s/m": "b", "Ns/m": "b",
 }  # fmt: skip
-#: Files of a folder that are looked at, rows of each, and different numbers above which their range is told.
+#: Files of a folder that are looked at, rows of each, and different numbers above which their range
+#: is told.
 _FILES, _ROWS, _RANGE = 20, 5000, 20
 
 
@@ -64,19 +67,28 @@ def validate(*paths: str | Path, options: ReadOptions | None = None) -> dict[str
     Returns
     -------
     dict
-        Ready for JSON. `exit_code`: 0 read, 1 an analysis would refuse (fewer than two subjects), 2 problems.
-        `form`, `sources`, `counts`, `notices` (with the warnings) and `exclusions` as in
-        :class:`~percept.sessions.Sessions`, `units` of the references. `environments`: of each its `name`,
-        `references`, `subjects`, and fewest and most `trials` of one (None for published limits).
-        `problems`: message, file, row, column, key, value and hint of each; `problems_total` counts them all.
+        Ready for JSON. `exit_code`: 0 read, 1 an analysis would refuse (fewer than two subjects), 2
+        problems. `form`, `sources`, `counts`, `notices` (with the warnings) and `exclusions` as in
+        :class:`~percept.sessions.Sessions`, `units` of the references. `environments`: of each its
+        `name`, `references`, `subjects`, and fewest and most `trials` of one (None for published
+        limits). `problems`: message, file, row, column, key, value and hint of each;
+        `problems_total` counts them all.
     """
-    out: dict[str, Any] = {"exit_code": 0, "form": None, "sources": [], "counts": {}, "environments": []}
+    out: dict[str, Any] = {
+        "exit_code": 0,
+        "form": None,
+        "sources": [],
+        "counts": {},
+        "environments": [],
+    }
     out |= {"units": {}, "notices": [], "exclusions": [], "problems": [], "problems_total": 0}
     try:
         sessions = read_sessions(*paths, options=options)
     except PerceptError as error:
         names = ("message", "file", "row", "column", "key", "value", "hint")
-        problems, total = (error.problems, error.total) if isinstance(error, ReadError) else ((error,), 1)
+        problems, total = (
+            (error.problems, error.total) if isinstance(error, ReadError) else ((error,), 1)
+        )
         said = [{name: getattr(problem, name) for name in names} for problem in problems]
         return out | {"exit_code": error.exit_code, "problems": said, "problems_total": total}
     alone = sessions.form == "trials" and len(sessions.subjects) < 2
@@ -98,7 +110,12 @@ def _understood(sessions: Sessions) -> Iterator[dict[str, Any]]:
     for name, rows in sessions.by_environment():
         if sessions.form == "summary":
             references = dict(zip(rows["parameter"], rows["reference"].tolist(), strict=True))
-            yield {"name": name, "references": references, "subjects": int(rows["n"].max()), "trials": None}
+            yield {
+                "name": name,
+                "references": references,
+                "subjects": int(rows["n"].max()),
+                "trials": None,
+            }
             continue
         trials = rows.groupby("subject").size()
         references = {p: float(rows[f"{p}_ref"].iloc[0]) for p in sessions.parameters}
@@ -128,16 +145,30 @@ def format_validation(found: Mapping[str, Any], *, say: Callable[[str], str] = s
         for p, unit in found["units"].items():
             value = one["references"].get(p, np.nan)
             row[f"{p}_ref ({unit})".replace(" ()", "")] = "–" if value != value else f"{value:g}"
-        trials = "published" if one["trials"] is None else " to ".join(map(str, dict.fromkeys(one["trials"])))
+        trials = (
+            "published"
+            if one["trials"] is None
+            else " to ".join(map(str, dict.fromkeys(one["trials"])))
+        )
         rows.append(row | {say("subjects"): one["subjects"], say("trials per subject"): trials})
     lines += pd.DataFrame(rows).to_string(index=False).splitlines() if rows else []
     lines += [f"notice: {Notice(**notice)}" for notice in found["notices"]]
-    lines += ["left out: {file}:{row}: subject {who}, {what}: {why}".format(**e) for e in found["exclusions"]]
-    problems, total = [PerceptError(**problem) for problem in found["problems"]], found["problems_total"]
+    lines += [
+        "left out: {file}:{row}: subject {who}, {what}: {why}".format(**e)
+        for e in found["exclusions"]
+    ]
+    problems, total = (
+        [PerceptError(**problem) for problem in found["problems"]],
+        found["problems_total"],
+    )
     lines += summarised(problems)
     if total > len(problems):
         lines.append(f"and {total - len(problems)} more problems")
-    verdicts = ("read without problems", "read, but no analysis is possible", counted(total, "problem"))
+    verdicts = (
+        "read without problems",
+        "read, but no analysis is possible",
+        counted(total, "problem"),
+    )
     return "\n".join(map(printable, [*lines, verdicts[found["exit_code"]]]))
 
 
@@ -193,7 +224,8 @@ def propose_columns(path: str | Path, *, options: ReadOptions | None = None) -> 
     Returns
     -------
     Proposal
-        `text`, TOML of a scene; `guessed`, columns that rest on words and values; `missing`, needed ones.
+        `text`, TOML of a scene; `guessed`, columns that rest on words and values; `missing`, needed
+        ones.
 
     Raises
     ------
@@ -215,13 +247,16 @@ def propose_columns(path: str | Path, *, options: ReadOptions | None = None) -> 
 def _proposal(grid: Grid, options: ReadOptions, file: str) -> Proposal:
     cells = grid.cells.head(_ROWS)
     columns = {name: _Column(name, cells[at]) for at, name in enumerate(grid.header)}
-    remarks = [f"What percept makes of {printable(Path(file).name)}: look through it before you go on."]
+    remarks = [
+        f"What percept makes of {printable(Path(file).name)}: look through it before you go on."
+    ]
     found: dict[str, _Column] = {}
     try:
         rules = resolve(grid.header, options, file=file).rules
         found = {c: columns[rule.name] for c, rule in rules.items() if rule.name in columns}
     except PerceptError as error:
-        # Several columns with one meaning: the first that fits best is proposed, and the others are said.
+        # Several columns with one meaning: the first that fits best is proposed, and the others are
+        # said.
         remarks.append(str(error))
     known = tuple(found)
     free = [column for column in columns.values() if column not in found.values()]
@@ -230,7 +265,11 @@ def _proposal(grid: Grid, options: ReadOptions, file: str) -> Proposal:
         numbers, quantities = _numbers(free)
         found |= numbers
         # A reference may be what tells environments apart.
-        free = [column for column in free if column not in (found[c] for c in numbers if c.endswith("_adj"))]
+        free = [
+            column
+            for column in free
+            if column not in (found[c] for c in numbers if c.endswith("_adj"))
+        ]
     for canonical, words in _IDS.items():
         if canonical not in found and (column := _id(words, free)):
             found[canonical] = column
@@ -238,12 +277,18 @@ def _proposal(grid: Grid, options: ReadOptions, file: str) -> Proposal:
     if references:
         found.setdefault("environment", references[0])
     stems = dict.fromkeys(quantity_of(c) for c in found if c not in (*_IDS, MASS)) or ["NAME"]
-    needed = ["subject", "environment", *(f"{stem}_{kind}" for stem in stems for kind in ("ref", "adj"))]
+    needed = [
+        "subject",
+        "environment",
+        *(f"{stem}_{kind}" for stem in stems for kind in ("ref", "adj")),
+    ]
     declared = {name for references in options.environments.values() for name in references}
     missing = tuple(c for c in needed if c not in found and c not in declared)
     ask = "  # no name of a column gives it: fill it in"
     lines = [*(f"# {' '.join(remark.split())}" for remark in remarks), ""]
-    lines += [f"[quantities.{n}]\nunit = {_toml(u)}{'' if u else ask}\n" for n, u in quantities.items()]
+    lines += [
+        f"[quantities.{n}]\nunit = {_toml(u)}{'' if u else ask}\n" for n, u in quantities.items()
+    ]
     lines.append("[columns]")
     for canonical in sorted(found, key=lambda c: [*_IDS, c].index(c) + c.endswith("_adj")):
         column, own = found[canonical], quantities.get(quantity_of(canonical), "")
@@ -251,15 +296,22 @@ def _proposal(grid: Grid, options: ReadOptions, file: str) -> Proposal:
         if canonical not in _IDS and column.unit and column.unit != own:
             name = f"{{ name = {name}, unit = {_toml(column.unit)} }}"
         lines.append(f"{canonical} = {name}  # {column.seen()}")
-    lines += [f'# {canonical} = ""  # not found: fill in the name of its column' for canonical in missing]
+    lines += [
+        f'# {canonical} = ""  # not found: fill in the name of its column' for canonical in missing
+    ]
     ids = [column.cells for c, column in found.items() if c in _IDS]
     repeats = int(pd.concat(ids, axis=1).duplicated().sum()) if ids else 0
     if "trial" not in found and not options.sessions.keep and repeats:
-        seen = f"{counted(repeats, 'row')} of {len(cells)} repeat a subject and environment, without numbers"
+        seen = (
+            f"{counted(repeats, 'row')} of {len(cells)} repeat a subject and environment, without"
+            " numbers"
+        )
         lines += ["", "[sessions]", f'trial = "order"  # {seen}']
     rest = [c for c in columns.values() if c not in found.values()]
     lines += ["", *(f"# not used: {_toml(c.name)}: {c.seen()}" for c in rest)]
-    return Proposal("\n".join(lines).rstrip() + "\n", tuple(c for c in found if c not in known), missing)
+    return Proposal(
+        "\n".join(lines).rstrip() + "\n", tuple(c for c in found if c not in known), missing
+    )
 
 
 def _numbers(free: Sequence[_Column]) -> tuple[dict[str, _Column], dict[str, str]]:
@@ -268,14 +320,20 @@ def _numbers(free: Sequence[_Column]) -> tuple[dict[str, _Column], dict[str, str
     quantities: dict[str, str] = {}
     numeric = [column for column in free if column.numbers]
     adjusted = [column for column in numeric if _ADJUSTED & set(column.words)]
-    references = [column for column in numeric if _REFERENCE & set(column.words) and column not in adjusted]
+    references = [
+        column for column in numeric if _REFERENCE & set(column.words) and column not in adjusted
+    ]
     for column in adjusted:
         about = column.about(_ADJUSTED)
         own = [ref for ref in references if ref.about(_REFERENCE) == about]
         if not own and (len(references) == 1 or len(adjusted) == 1):
             own = references
         unit = column.unit or next((ref.unit for ref in own[:1] if ref.unit), None) or ""
-        name = about or "".join(ref.about(_REFERENCE) for ref in own[:1]) or _UNITS.get(unit, "response")
+        name = (
+            about
+            or "".join(ref.about(_REFERENCE) for ref in own[:1])
+            or _UNITS.get(unit, "response")
+        )
         name = {"stiffness": "k", "damping": "b"}.get(name, name)
         if re.match("[a-z]", name) and f"{name}_adj" not in found:
             if name not in IMPEDANCE:

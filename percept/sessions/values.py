@@ -21,11 +21,13 @@ _NUMBER = {
     ".": re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"),
     ",": re.compile(r"[+-]?(?:[0-9]+(?:,[0-9]*)?|,[0-9]+)(?:[eE][+-]?[0-9]+)?"),
 }
-# "1,286" is 1.286 with a decimal comma and 1286 with a comma between thousands; "0,435" and "12,5" are not.
+# "1,286" is 1.286 with a decimal comma and 1286 with a comma between thousands; "0,435" and "12,5"
+# are not.
 _TWO_READINGS = re.compile(r"[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}")
 _WORDS = {".": "point", ",": "comma"}
 _NUMPY = re.compile(r"np\.(?:float|int)\d+\(([^()]*)\)")
-#: What else stands in cells of numbers: a pattern, what is wrong, and what to do beside correcting it.
+#: What else stands in cells of numbers: a pattern, what is wrong, and what to do beside correcting
+#: it.
 _NO_NUMBERS = (
     (r"[+-]?[0-9]{1,3}([,.' ][0-9]{3})+([.,][0-9]*)?",
      "not a plain number: separators of thousands are not read.", "Write it without them."),
@@ -54,15 +56,22 @@ def decimal_mark(
     if not commas:
         return "." if any("." in cell for _, cells in columns for cell in cells) else None
     points = _with_mark(".", columns, rows)
-    sure = [sum(not _TWO_READINGS.fullmatch(cell) for *_, cell in cells) for cells in (commas, points)]
+    sure = [
+        sum(not _TWO_READINGS.fullmatch(cell) for *_, cell in cells) for cells in (commas, points)
+    ]
     if points:
         # Cells with one reading go before more numerous ones with two.
         return "," if (sure[0], len(commas)) > (sure[1], len(points)) else "."
     if not sure[0]:
-        hint = 'Declare [sessions] decimal = "," or decimal = "." if it separates thousands (and write them '
+        hint = (
+            'Declare [sessions] decimal = "," or decimal = "." if it separates thousands (and write'
+            " them "
+        )
         hint += "without it)."
         for row, name, cell in commas:
-            problems.add(f"{_readings(cell)}.", file=file, row=row, column=name, value=cell, hint=hint)
+            problems.add(
+                f"{_readings(cell)}.", file=file, row=row, column=name, value=cell, hint=hint
+            )
     return ","
 
 
@@ -97,7 +106,9 @@ def parse_numbers(
         text = cell.strip(_SPACE)
         if is_number(text):
             out[at] = number = float(text.replace(",", "."))
-            if not math.isinf(number) and (number or not re.search("[1-9]", re.split("[eE]", text)[0])):
+            if not math.isinf(number) and (
+                number or not re.search("[1-9]", re.split("[eE]", text)[0])
+            ):
                 continue
             message, hint = "beyond the range of double-precision numbers.", ""
         elif text.lower() in _MISSING:
@@ -114,7 +125,10 @@ def _diagnosis(text: str, mark: Mark) -> tuple[str, str]:
     if _NUMBER[other].fullmatch(text):
         found = _readings(text) if _TWO_READINGS.fullmatch(text) else f"a decimal {_WORDS[other]}"
         hint = f"Write it with a decimal {_WORDS[mark]}, and thousands without a separator, or set "
-        return f"{found}; the file is read with the decimal mark {mark!r}.", f"{hint}[sessions] decimal."
+        return (
+            f"{found}; the file is read with the decimal mark {mark!r}.",
+            f"{hint}[sessions] decimal.",
+        )
     return next((what, hint) for pattern, what, hint in _NO_NUMBERS if re.fullmatch(pattern, text))
 
 

@@ -25,7 +25,8 @@ from percept.simulate.model import SOURCE, Design, correlated_normal, session_ta
 
 #: Correlation of one parameter in two environments, and of k and b in one.
 BETWEEN, CORRELATION = 0.4, 0.3
-# Ten subjects scatter widely about stated correlations; the nearest of many draws misses them by little.
+# Ten subjects scatter widely about stated correlations; the nearest of many draws misses them by
+# little.
 _CANDIDATES = 200
 # Significant digits of adjusted values: the fewest with which the table's limits come out.
 _DIGITS = 6, 10, 15
@@ -59,22 +60,33 @@ class PublishedLimits:
             if others:
                 message = f"all rows must have the same {column}; the first has {first}."
                 raise UsageError(message, file=file, column=column, value=str(others[0]))
-        rows = table[["environment", "parameter", "reference", "lower", "upper"]].itertuples(index=False)
+        rows = table[["environment", "parameter", "reference", "lower", "upper"]].itertuples(
+            index=False
+        )
         # As they were printed, without the last digits of a double.
-        cells = {(e, p): [Decimal(f"{number:.15g}") for number in numbers] for e, p, *numbers in rows}
+        cells = {
+            (e, p): [Decimal(f"{number:.15g}") for number in numbers] for e, p, *numbers in rows
+        }
         environments, parameters = sessions.environments, sessions.parameters
         for e, p in itertools.product(environments, parameters):
             if (e, p) not in cells:
-                raise UsageError(f"there is no row for {e}, {p}, though others have one.", file=file)
+                raise UsageError(
+                    f"there is no row for {e}, {p}, though others have one.", file=file
+                )
             lower, upper = limits = cells[e, p][1:]
             if max(len(limit.as_tuple().digits) for limit in limits) > _PRINTED_DIGITS:
-                message = f"{e}, {p}: printed limits are needed, and {lower} to {upper} was worked out."
+                message = (
+                    f"{e}, {p}: printed limits are needed, and {lower} to {upper} was worked out."
+                )
                 hint = "percept fit takes means and standard deviations."
                 raise UsageError(message, file=file, hint=hint)
             if lower == upper:
-                raise UsageError(f"{e}, {p}: the limits {lower} and {upper} must differ.", file=file)
+                raise UsageError(
+                    f"{e}, {p}: the limits {lower} and {upper} must differ.", file=file
+                )
         reference, low, high = (
-            tuple(tuple(cells[e, p][at] for p in parameters) for e in environments) for at in range(3)
+            tuple(tuple(cells[e, p][at] for p in parameters) for e in environments)
+            for at in range(3)
         )
         n, level = int(table["n"].iloc[0]), float(table["level"].iloc[0])
         return cls(environments, parameters, reference, low, high, n, level)
@@ -94,8 +106,8 @@ class PublishedLimits:
 def simulate_like(published: Sessions, *, seed: int, subjects: int | None = None) -> pd.DataFrame:
     """Make a study with the means and standard deviations behind a table of published limits.
 
-    Values are exp(a + c·z) of correlated standard normal scores z. Their coefficient of variation rises with
-    c from 0 to √n, so the published one fixes c, and the mean then fixes a.
+    Values are exp(a + c·z) of correlated standard normal scores z. Their coefficient of variation
+    rises with c from 0 to √n, so the published one fixes c, and the mean then fixes a.
     """
     limits = PublishedLimits.from_sessions(published)
     count = limits.n if subjects is None else subjects
@@ -113,7 +125,9 @@ def simulate_like(published: Sessions, *, seed: int, subjects: int | None = None
     for j, p in np.ndindex(environments, parameters):
         where = f"{limits.environments[j]}, {limits.parameters[p]}"
         exact = _match(z[:, j, p], float(mean[j, p]), float(sd[j, p]), where)
-        adjusted[:, j, p] = _rounded(exact, limits.factor, (limits.lower[j][p], limits.upper[j][p]), where)
+        adjusted[:, j, p] = _rounded(
+            exact, limits.factor, (limits.lower[j][p], limits.upper[j][p]), where
+        )
     i, j = np.indices((count, environments)).reshape(2, -1)
     return session_table(design, i, j, np.ones_like(i), adjusted.reshape(-1, parameters))
 
@@ -125,7 +139,9 @@ def _scores(rng: np.random.Generator, shape: tuple[int, int, int]) -> Array:
 
     def draw() -> Array:
         u = correlated_normal(rng, (subjects, 1, parameters), CORRELATION)
-        return math.sqrt(BETWEEN) * u + math.sqrt(1 - BETWEEN) * correlated_normal(rng, shape, CORRELATION)
+        return math.sqrt(BETWEEN) * u + math.sqrt(1 - BETWEEN) * correlated_normal(
+            rng, shape, CORRELATION
+        )
 
     def miss(z: Array) -> float:
         """Distance of both average correlations from those wanted; one that does not exist is as wanted."""
@@ -158,12 +174,16 @@ def _match(z: Array, mean: float, sd: float, where: str) -> Array:
     # Beyond this slope the smallest value would underflow to zero.
     steepest = 700 / -shape.min()
     if excess(steepest) <= 0:
-        raise RefusalError(f"{where}: the scores drawn cannot be spread that far.", hint="Try another seed.")
+        raise RefusalError(
+            f"{where}: the scores drawn cannot be spread that far.", hint="Try another seed."
+        )
     values = np.exp(brentq(excess, 0.0, steepest, xtol=1e-14, rtol=1e-14) * shape)
     return mean / values.mean() * values
 
 
-def _rounded(exact: Array, factor: float, printed: tuple[Decimal, Decimal], where: str) -> list[float]:
+def _rounded(
+    exact: Array, factor: float, printed: tuple[Decimal, Decimal], where: str
+) -> list[float]:
     """Round values to the fewest digits with which their interval prints as the table's limits."""
     for digits in _DIGITS:
         values = [float(f"{value:.{digits - 1}e}") for value in exact]
@@ -173,13 +193,16 @@ def _rounded(exact: Array, factor: float, printed: tuple[Decimal, Decimal], wher
             for limit, wanted in zip((mean - half, mean + half), printed, strict=True)
         ):
             return values
-    raise RefusalError(f"{where}: no values of {_DIGITS[-1]} digits give limits that print as published.")
+    raise RefusalError(
+        f"{where}: no values of {_DIGITS[-1]} digits give limits that print as published."
+    )
 
 
 def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
     """Write simulated sessions as a CSV; equal tables give equal bytes.
 
-    Numbers have the fewest digits that read back as the same double. A file that was not simulated stays.
+    Numbers have the fewest digits that read back as the same double. A file that was not simulated
+    stays.
     """
     target = Path(path)
     if target.is_file() and not _simulated(target):

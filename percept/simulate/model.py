@@ -29,7 +29,9 @@ class Design:
     """Who adjusts what, and how often."""
 
     references: NDArray[np.float64]  # (J, P) positive, in the order of `parameters` and their units
-    trials: NDArray[np.int64]  # (I, J) trials of each subject in each environment, 0 for an empty cell
+    trials: NDArray[
+        np.int64
+    ]  # (I, J) trials of each subject in each environment, 0 for an empty cell
     parameters: tuple[str, ...] = PARAMETERS
     environments: tuple[str, ...] = ()  # (J,) names; VE1, VE2, … when empty
 
@@ -140,7 +142,9 @@ def correlated_normal(rng: np.random.Generator, shape: tuple[int, ...], rho: flo
     return z
 
 
-def draw_hyperparameters(design: Design, priors: Priors, rng: np.random.Generator) -> Hyperparameters:
+def draw_hyperparameters(
+    design: Design, priors: Priors, rng: np.random.Generator
+) -> Hyperparameters:
     """Draw what the environments share from its prior; levels the design cannot show are zero."""
     count = len(design.parameters)
     several, repeats, pair = (
@@ -170,7 +174,9 @@ def draw_hyperparameters(design: Design, priors: Priors, rng: np.random.Generato
     )
 
 
-def draw_environments(hyper: Hyperparameters, design: Design, rng: np.random.Generator) -> TrueValues:
+def draw_environments(
+    hyper: Hyperparameters, design: Design, rng: np.random.Generator
+) -> TrueValues:
     """Draw each environment's shift δ and its SDs σ and σ_e, given what the environments share."""
     x = design.decades
     delta = hyper.tau * rng.standard_normal(x.shape)
@@ -200,7 +206,9 @@ def draw_responses(values: TrueValues, design: Design, rng: np.random.Generator)
     first = np.repeat(np.cumsum(counts) - counts, counts)
     e = values.sigma_e[j] * correlated_normal(rng, (cell.size, parameters), hyper.rho_e)
     y = values.beta[j] + u[i] + w[i, j] + e
-    return Responses(subject=i, environment=j, trial=np.arange(cell.size) - first + 1, y=y, u=u, w=w)
+    return Responses(
+        subject=i, environment=j, trial=np.arange(cell.size) - first + 1, y=y, u=u, w=w
+    )
 
 
 def simulate(
@@ -235,7 +243,9 @@ def session_table(
         "session": "1",
         "environment": np.array(design.environments, dtype=object)[environment],
     }
-    columns |= {f"{name}_ref": design.references[environment, p] for p, name in enumerate(design.parameters)}
+    columns |= {
+        f"{name}_ref": design.references[environment, p] for p, name in enumerate(design.parameters)
+    }
     columns["trial"] = trial
     columns |= {f"{name}_adj": adjusted[:, p] for p, name in enumerate(design.parameters)}
     columns["source"] = SOURCE

@@ -21,7 +21,8 @@ __all__ = [
     "compare_studies",
     "predict",
 ]
-# Resolved on first use: they import the hierarchical model, which the classical method does without.
+# Resolved on first use: they import the hierarchical model, which the classical method does
+# without.
 _HOME = {
     "Fit": "fit",
     "PairComparison": "compare",

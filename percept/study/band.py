@@ -54,7 +54,11 @@ class Banded(NamedTuple):
         """Cells of each environment whose band is known, of all that are."""
         parameters = ("k", "b") if self.parameter is None else (self.parameter,)
         own = {environment: [(p, environment) for p in parameters] for environment in self.size}
-        return {environment: cells for environment, cells in own.items() if all(c in known for c in cells)}
+        return {
+            environment: cells
+            for environment, cells in own.items()
+            if all(c in known for c in cells)
+        }
 
     def ends(self, limits: CellLimits) -> dict[str, tuple[Array, Array]]:
         """Range of the size over limits of each parameter, of every environment that has them."""
@@ -67,7 +71,9 @@ class Banded(NamedTuple):
             else:
                 # Sampled this fast abs(Z_h) of no device is abs(Z_e), to a double's digits.
                 k, b = own
-                found[environment] = magnitude_envelope(self.omega, Device(0.0, 0.0), k, b, 1e-8 / self.omega)
+                found[environment] = magnitude_envelope(
+                    self.omega, Device(0.0, 0.0), k, b, 1e-8 / self.omega
+                )
         return found
 
 
@@ -83,7 +89,9 @@ def with_band(
     banded = [Banded(p, {e: reference[p, e] for e in environments}) for p in parameters]
     what = "its reference"
     if is_impedance(parameters):
-        size = {e: float(np.hypot(reference["b", e], reference["k", e] / omega)) for e in environments}
+        size = {
+            e: float(np.hypot(reference["b", e], reference["k", e] / omega)) for e in environments
+        }
         banded, what = [Banded(None, size, omega)], "the impedance of its reference"
     for one in banded:
         name, of = size_name(one.parameter), "" if len(banded) == 1 else f" of {one.parameter}"
@@ -95,7 +103,9 @@ def with_band(
         if len(environments) < 2:
             continue
         if len(kept) < FEWEST:
-            yield Skipped(f"band law{of}", f"it needs {FEWEST} environments whose {name} is not zero")
+            yield Skipped(
+                f"band law{of}", f"it needs {FEWEST} environments whose {name} is not zero"
+            )
         elif not determines_laws(list(kept.values())):
             yield Skipped(f"band law{of}", f"without one environment the others share one {name}")
         elif no_share:
@@ -112,9 +122,13 @@ def classical_replicates(
     for family, of_family in cells.items():
         every = known_moments(of_family, family)
         needed = {cell for one in banded for own in one.cells(every).values() for cell in own}
-        drawn = {cell: (every[cell], *_redrawn(every[cell], rng)) for cell in every if cell in needed}
+        drawn = {
+            cell: (every[cell], *_redrawn(every[cell], rng)) for cell in every if cell in needed
+        }
         for kind in asked.kinds:
-            limits = {cell: _limits(*of_cell, kind, family, asked) for cell, of_cell in drawn.items()}
+            limits = {
+                cell: _limits(*of_cell, kind, family, asked) for cell, of_cell in drawn.items()
+            }
             found["classical", kind, family] = limits
     return found
 
@@ -182,9 +196,13 @@ def band_study(
             if names != tuple(drawn) or not determines_laws(size):
                 continue
             redrawn = np.stack([upper - lower for lower, upper in drawn.values()], axis=1)
-            # Draws of a posterior have laws of their own; a bootstrap's scatter about the study's bands.
+            # Draws of a posterior have laws of their own; a bootstrap's scatter about the study's
+            # bands.
             fitted = None if method == "bayesian" else bands
-            of: dict[str, Any] = {**dict(zip(_LABELS, labels, strict=True)), "parameter": one.parameter}
+            of: dict[str, Any] = {
+                **dict(zip(_LABELS, labels, strict=True)),
+                "parameter": one.parameter,
+            }
             laws += band_laws(names, size, fitted, redrawn, level=asked.level, **of)
             statements += band_statements(size, redrawn, **of)
     rows = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()

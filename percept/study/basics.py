@@ -69,12 +69,17 @@ def select(what: str, asked: str | Collection[str] | None, there: Sequence[str])
     names = (asked,) if isinstance(asked, str) else tuple(asked)
     for name in names:
         if name not in there:
-            raise UsageError(f"the study has no such {what}; there are {', '.join(there)}.", value=name)
+            raise UsageError(
+                f"the study has no such {what}; there are {', '.join(there)}.", value=name
+            )
     return names
 
 
 def referenced(
-    reference: References, parameters: Sequence[str], environments: Sequence[str], quantities: Quantities
+    reference: References,
+    parameters: Sequence[str],
+    environments: Sequence[str],
+    quantities: Quantities,
 ) -> Iterator[str | Skipped]:
     """Yield the environments with a reference of stiffness and damping, which curves need."""
     if len(environments) == 1:
@@ -84,9 +89,14 @@ def referenced(
             yield Skipped("boundaries", f"only {quantities[parameters[0]].label} was adjusted")
         return
     for environment in environments:
-        names = [quantities[p].label for p in parameters if not np.isfinite(reference[p, environment])]
+        names = [
+            quantities[p].label for p in parameters if not np.isfinite(reference[p, environment])
+        ]
         yield (
-            Skipped(f"boundaries and band of {environment}", f"it has no reference {' and '.join(names)}")
+            Skipped(
+                f"boundaries and band of {environment}",
+                f"it has no reference {' and '.join(names)}",
+            )
             if names
             else environment
         )

@@ -33,7 +33,9 @@ def increasing(omega: ArrayLike) -> Array:
     return grid
 
 
-def zoom_windows(scene: Scene, environments: Sequence[str]) -> Iterator[tuple[str, list[float]] | Skipped]:
+def zoom_windows(
+    scene: Scene, environments: Sequence[str]
+) -> Iterator[tuple[str, list[float]] | Skipped]:
     """Yield the windows of omega, rad/s, that the scene asks to look at closely."""
     table = scene.frequency
     for name, (low, high) in scene.report.zoom.items():
@@ -51,7 +53,11 @@ class Drawing:
     """Boundaries of environments over a range, each environment's on one grid of its own."""
 
     def __init__(
-        self, setup: Setup, regions: Collection[Region], laws: Collection[Law], table: FrequencyTable
+        self,
+        setup: Setup,
+        regions: Collection[Region],
+        laws: Collection[Law],
+        table: FrequencyTable,
     ) -> None:
         self._setup, self._regions, self._laws, self._table = setup, regions, laws, table
         self._grids: dict[str, Array] = {}
@@ -68,11 +74,17 @@ class Drawing:
         found: list[Boundary] = []
         for environment in environments:
             grid = self.grid(environment) if omega is None else omega
-            reference, coupled = (self._setup.curve(environment, grid, coupled=c) for c in (False, True))
+            reference, coupled = (
+                self._setup.curve(environment, grid, coupled=c) for c in (False, True)
+            )
             shared: dict[str, Any] = {"omega": grid, "reference": reference}
             shared["coupled"] = coupled if self._setup.coupling is not None else None
             for region in self._regions:
-                if region.environment == environment and region.kind in kinds and region.joint in joints:
+                if (
+                    region.environment == environment
+                    and region.kind in kinds
+                    and region.joint in joints
+                ):
                     found += self._around(region, shared)
             for law in self._laws:
                 if law.environment == environment and law.kind in kinds and "joint" in joints:
@@ -83,19 +95,28 @@ class Drawing:
         """Return the frequencies that all curves of an environment are drawn at, rad/s."""
         if environment in self._grids:
             return self._grids[environment]
-        table, regions = self._table, [one for one in self._regions if one.environment == environment]
+        table, regions = (
+            self._table,
+            [one for one in self._regions if one.environment == environment],
+        )
 
         def curves(omega: Array) -> tuple[Array, Array]:
-            own = [self._setup.curve(environment, omega, coupled=coupled) for coupled in (False, True)]
+            own = [
+                self._setup.curve(environment, omega, coupled=coupled) for coupled in (False, True)
+            ]
             limits = [
-                self._setup.outline(region, shape, omega) for region in regions for shape in _shapes(region)
+                self._setup.outline(region, shape, omega)
+                for region in regions
+                for shape in _shapes(region)
             ]
             return np.stack(own), np.array(limits).reshape(-1, 2, omega.size)
 
         if table.points:
             grid = np.geomspace(table.lower, table.upper, table.points)
         else:
-            grid = drawing_grid(curves, table.lower, table.upper, self._setup.resonances(environment))
+            grid = drawing_grid(
+                curves, table.lower, table.upper, self._setup.resonances(environment)
+            )
         self._grids[environment] = grid
         return grid
 
@@ -103,7 +124,11 @@ class Drawing:
         for shape in _shapes(region):
             lower, upper = self._setup.outline(region, shape, shared["omega"])
             yield Boundary(
-                lower=lower, upper=upper, shape=shape, joint=region.joint, **(shared | region.labels)
+                lower=lower,
+                upper=upper,
+                shape=shape,
+                joint=region.joint,
+                **(shared | region.labels),
             )
 
     def _of_law(self, law: Law, shared: dict[str, Any]) -> Iterator[Boundary]:
@@ -112,8 +137,8 @@ class Drawing:
         limits = magnitude.limits(law.level)
         yield self._limits(law, "pointwise", limits, shared)
         if law.method == "classical":
-            # What holds (k, b) holds the whole curve. A calibrated level of the t law covers too little: 87 %
-            # of users where 90 % is stated.
+            # What holds (k, b) holds the whole curve. A calibrated level of the t law covers too
+            # little: 87 % of users where 90 % is stated.
             if (region := law.region) is not None:
                 lower, upper = self._setup.outline(region, "envelope", shared["omega"])
                 ends = np.minimum(lower, limits.lower), np.maximum(upper, limits.upper)

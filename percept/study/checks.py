@@ -24,12 +24,14 @@ from percept.sessions.quantities import Quantities
 from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit
 
-#: Chance of naming any outlier at all in a study the model holds for; shared over all that is looked at.
+#: Chance of naming any outlier at all in a study the model holds for; shared over all that is
+#: looked at.
 FALSE_ALARM = 0.05
 _REPLICATES = 4000
 _PRIOR_DRAWS = 40_000
 _PRIOR_QUANTILES = (0.005, 0.05, 0.25, 0.5, 0.75, 0.95, 0.995)
-#: Half-widths of the average user's interval from which a prior's pull is told; SDs of a prior taken as flat.
+#: Half-widths of the average user's interval from which a prior's pull is told; SDs of a prior
+#: taken as flat.
 _PULL, _FLAT = 0.1, 1e3
 
 
@@ -41,7 +43,9 @@ class SubjectChecks(NotebookRecord):
     se: float  # Its standard error
     good_k: float  # Pareto index up to which reweighting is trusted, with this many draws
     subjects: pd.DataFrame  # A row per subject; farther: probability of lying as far off
-    cells: pd.DataFrame  # A row per subject and cell; below: predictive probability of a smaller value
+    cells: (
+        pd.DataFrame
+    )  # A row per subject and cell; below: predictive probability of a smaller value
     messages: tuple[str, ...]  # Influential subjects and outliers by name, with what to do
 
 
@@ -50,9 +54,13 @@ class ModelChecks(NotebookRecord):
     """Checks of a hierarchical fit."""
 
     loo: SubjectChecks  # Each subject against the others
-    statistics: pd.DataFrame  # Posterior predictive check of each cell's mean, SD and farthest subject
+    statistics: (
+        pd.DataFrame
+    )  # Posterior predictive check of each cell's mean, SD and farthest subject
     prior: pd.DataFrame  # Quantiles of the average and the next user before any data
-    pull: tuple[str, ...]  # How far the prior of the common bias moves the average user, where it does
+    pull: tuple[
+        str, ...
+    ]  # How far the prior of the common bias moves the average user, where it does
 
 
 def model_checks(fit: Fit, subjects: SubjectDensity, *, level: float, seed: int) -> ModelChecks:
@@ -66,7 +74,9 @@ def model_checks(fit: Fit, subjects: SubjectDensity, *, level: float, seed: int)
     )
 
 
-def subject_tables(fit: Fit, subjects: SubjectDensity, loo: Loo, predicted: Predicted) -> SubjectChecks:
+def subject_tables(
+    fit: Fit, subjects: SubjectDensity, loo: Loo, predicted: Predicted
+) -> SubjectChecks:
     """Name the subjects and cells that lie far from what the others predict."""
     statistics = subjects.density.statistics
     table = pd.DataFrame(
@@ -104,15 +114,15 @@ def _messages(
     if len(influential):
         named = ", ".join(f"{row.subject} ({row.pareto_k:.2f})" for row in influential.itertuples())
         yield (
-            f"{named} {'is' if len(influential) == 1 else 'are'} influential (Pareto index above "
-            f"{good_k:.2f}), and their own leave-one-out results are rough. Inspect their sessions, and "
-            "report the intervals with and without them."
+            f"{named} {'is' if len(influential) == 1 else 'are'} influential (Pareto index above"
+            f" {good_k:.2f}), and their own leave-one-out results are rough. Inspect their"
+            " sessions, and report the intervals with and without them."
         )
     for row in table[table["outlier"]].itertuples():
         yield (
-            f"{row.subject} lies far from what the others predict, all cells together: as far or farther "
-            f"with probability {row.farther:.1e}. See whether the session went wrong before believing the "
-            "spread."
+            f"{row.subject} lies far from what the others predict, all cells together: as far or"
+            f" farther with probability {row.farther:.1e}. See whether the session went wrong"
+            " before believing the spread."
         )
     for cell in cells[cells["outlier"]].to_dict("records"):
         side, quantity = "below" if cell["below"] < 0.5 else "above", quantities[cell["parameter"]]
@@ -122,7 +132,9 @@ def _messages(
         )
 
 
-def _statistics(subjects: SubjectDensity, points: Array, *, level: float, seed: int) -> pd.DataFrame:
+def _statistics(
+    subjects: SubjectDensity, points: Array, *, level: float, seed: int
+) -> pd.DataFrame:
     """Compare each cell's mean, SD and farthest subject with new studies from the posterior."""
     some = points[:: max(1, len(points) // _REPLICATES)]
     drawn = replicate(subjects, some, generator(seed, Stream.CHECKED_STATISTICS))
@@ -151,7 +163,8 @@ def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> pd.Dat
     means, users = draw_prior(subjects.density, _PRIOR_DRAWS, generator(seed, Stream.PRIOR))[1:]
     rows: list[dict[str, Any]] = []
     for kind, drawn in (("mean", means), ("user", users)):
-        # The map to the quantity is increasing, so quantiles pass through it; far tails may be infinite.
+        # The map to the quantity is increasing, so quantiles pass through it; far tails may be
+        # infinite.
         with np.errstate(over="ignore"):
             found = fit.scale.native(np.quantile(drawn, _PRIOR_QUANTILES, axis=0))
         for (p, environment), c in fit.column.items():
@@ -168,9 +181,12 @@ def prior_pull(fit: Fit, subjects: SubjectDensity, *, level: float) -> tuple[str
     free = CollapsedDensity(density.statistics, flat, density.layout.options, density.resolution)
     some = fit.points[:: max(1, len(fit.points) // _REPLICATES)]
     own, other = (one.laws(some) for one in (density, free))
-    # Locations are integrated out of both densities, whose ratio tells how likely draws are under the other.
+    # Locations are integrated out of both densities, whose ratio tells how likely draws are under
+    # the other.
     weights = special.softmax(free(some) - density(some))
-    half_width = special.ndtri(0.5 * (1.0 + level)) * np.hypot(own.sd, own.mean.std(axis=0)).mean(axis=0)
+    half_width = special.ndtri(0.5 * (1.0 + level)) * np.hypot(own.sd, own.mean.std(axis=0)).mean(
+        axis=0
+    )
     moved = (own.mean.mean(axis=0) - weights @ other.mean) / half_width
     cells = ", ".join(
         f"{fit.quantities[p].label} in {e} ({moved[c]:+.2f})"
@@ -180,7 +196,10 @@ def prior_pull(fit: Fit, subjects: SubjectDensity, *, level: float) -> tuple[str
     if not cells:
         return ()
     return (
-        f"The prior of the common bias, N(0, {density.priors.alpha_sd:g}²), moves the estimate of the "
-        f"average user, in half-widths of the interval: {cells}. It expects settings near their references. "
-        "Where these or their unit are arbitrary, set a larger alpha_sd in [model.priors].",
+        (
+            f"The prior of the common bias, N(0, {density.priors.alpha_sd:g}²), moves the estimate"
+            f" of the average user, in half-widths of the interval: {cells}. It expects settings"
+            " near their references. Where these or their unit are arbitrary, set a larger"
+            " alpha_sd in [model.priors]."
+        ),
     )

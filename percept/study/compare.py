@@ -27,11 +27,12 @@ if TYPE_CHECKING:
 _DRAWS, _TURNS = 8192, 16
 _MOST_NAMED = 5
 _SAME = (
-    "A and B are the same sessions: the table of their users, whose intervals assume two samples of "
-    "different people, is left out."
+    "A and B are the same sessions: the table of their users, whose intervals assume two samples of"
+    " different people, is left out."
 )
 _CURVE_LABELS = ("environment", "kind", "method", "family")
-#: Frequencies that curves are compared at; and the fraction of the upper limit that a lower one counts as.
+#: Frequencies that curves are compared at; and the fraction of the upper limit that a lower one
+#: counts as.
 _POINTS, _FLOOR = 241, 1e-6
 
 
@@ -39,13 +40,14 @@ _POINTS, _FLOOR = 241, 1e-6
 class PairComparison(NotebookRecord):
     """Study B against study A."""
 
-    #: Both studies' limits per environment, parameter, kind, method, family and joint, and the widths' ratio.
+    #: Both studies' limits per environment, parameter, kind, method, family and joint, and the
+    #: widths' ratio.
     intervals: pd.DataFrame
-    #: Average users of B against A (ratio under the lognormal family, difference in its unit under the
-    #: normal), and the ratio of the spreads, with limits.
+    #: Average users of B against A (ratio under the lognormal family, difference in its unit under
+    #: the normal), and the ratio of the spreads, with limits.
     differences: pd.DataFrame
-    #: Mean of abs(log(B/A)) of the limits of exact envelopes over log omega, log(B/A) where it is largest in
-    #: size, and that omega, rad/s.
+    #: Mean of abs(log(B/A)) of the limits of exact envelopes over log omega, log(B/A) where it is
+    #: largest in size, and that omega, rad/s.
     curves: pd.DataFrame
     notes: tuple[str, ...] = ()  #: Why there are no differences, and what they take for granted
 
@@ -67,9 +69,13 @@ def within_subjects(sessions: Sessions, column: str) -> bool:
     shared = [str(subject) for subject in groups.index[groups > 1]]
     if shared and (cells > 1).sum() == 0:
         raise RefusalError(
-            f"{_counted(shared)} in more than one group, and no environment was adjusted in two groups.",
+            f"{_counted(shared)} in more than one group, and no environment was adjusted in two"
+            " groups.",
             column=column,
-            hint="Conditions are compared at references that they share: name environments by reference.",
+            hint=(
+                "Conditions are compared at references that they share: name environments by"
+                " reference."
+            ),
         )
     return bool(shared)
 
@@ -97,7 +103,8 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
         a, b = (getattr(study.scene.inference, name) for study in (first, second))
         if a != b:
             raise UsageError(
-                f"the two studies are analysed with a {name} of {a} and {b}.", key=f"inference.{name}"
+                f"the two studies are analysed with a {name} of {a} and {b}.",
+                key=f"inference.{name}",
             )
     if not set(first.environments) & set(second.environments):
         raise RefusalError("the two studies have no environment in common, by name.")
@@ -141,7 +148,9 @@ def _gaps(first: Study, second: Study) -> Iterator[dict[str, object]]:
     for key in (key for key in of_a if key in of_b):
         row: dict[str, object] = dict(zip(_CURVE_LABELS, key, strict=True))
         for side in ("lower", "upper"):
-            a, b = (np.maximum(getattr(of, side), _FLOOR * of.upper) for of in (of_a[key], of_b[key]))
+            a, b = (
+                np.maximum(getattr(of, side), _FLOOR * of.upper) for of in (of_a[key], of_b[key])
+            )
             ratio = np.log(b / a)
             worst = int(np.abs(ratio).argmax())
             row[f"area_{side}"] = float(np.abs(ratio).mean())
@@ -163,14 +172,15 @@ def _in_common(first: Sessions, second: Sessions) -> Iterator[str]:
     files = [source.name for source in first.sources if source.sha256 in contents]
     if shared and files:
         raise RefusalError(
-            f"{_counted(shared)} in both studies, and intervals of two samples need different people.",
+            f"{_counted(shared)} in both studies, and intervals of two samples need different"
+            " people.",
             file=files[0],
             hint="Keep each subject in one of the two: [sessions] only, in a scene, chooses rows.",
         )
     if shared:
         yield (
-            f"{_counted(shared)} in both studies by name, and taken for different people: if they are the "
-            "same, the intervals of the differences do not hold."
+            f"{_counted(shared)} in both studies by name, and taken for different people: if they"
+            " are the same, the intervals of the differences do not hold."
         )
 
 
@@ -198,12 +208,20 @@ def _classical(first: Study, second: Study) -> Iterator[dict[str, object]]:
         )
         squared = sd**2 / n
         freedom = squared.sum() ** 2 / (squared**2 / (n - 1)).sum()
-        centre, half = mean[1] - mean[0], -float(special.stdtrit(freedom, tail)) * np.sqrt(squared.sum())
+        centre, half = (
+            mean[1] - mean[0],
+            -float(special.stdtrit(freedom, tail)) * np.sqrt(squared.sum()),
+        )
         # The upper one as the reciprocal of a lower one, which keeps the digits of a small tail.
-        high, low = 1.0 / special.fdtri(n[0] - 1, n[1] - 1, tail), special.fdtri(n[1] - 1, n[0] - 1, tail)
+        high, low = (
+            1.0 / special.fdtri(n[0] - 1, n[1] - 1, tail),
+            special.fdtri(n[1] - 1, n[0] - 1, tail),
+        )
         ratio = sd[1] / sd[0]
         spread = [ratio / np.sqrt(high), ratio, ratio / np.sqrt(low)]
-        yield _row(cell, "classical", asked.family, [centre - half, centre, centre + half], None, spread)
+        yield _row(
+            cell, "classical", asked.family, [centre - half, centre, centre + half], None, spread
+        )
 
 
 def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
@@ -216,8 +234,8 @@ def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
     rng, tail = generator(asked.seed, Stream.PAIRS), 0.5 * (1.0 - asked.level)
     of_a, of_b = (_draws(fit, rng) for fit in (first.fit, second.fit))
     count = min(len(of_a[0]), len(of_b[0]))
-    # The posteriors are independent, so each pair of their draws is a draw of both: pairing each draw with
-    # several others takes a third to two thirds of the error from quantiles of ratios.
+    # The posteriors are independent, so each pair of their draws is a draw of both: pairing each
+    # draw with several others takes a third to two thirds of the error from quantiles of ratios.
     turns = rng.integers(count, size=_TURNS)
     for cell, a in first.fit.column.items():
         if (b := second.fit.column.get(cell)) is None:
@@ -227,17 +245,22 @@ def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
             np.concatenate([np.roll(part[:count, b], turn) for turn in turns]) for part in of_b
         )
         mean, sd = (mean_b - mean_a)[:, None], np.hypot(sd_a, sd_b)[:, None]
-        lower, upper = (float(mixture_quantile(mean, sd, tail, upper=side)[0][0]) for side in (False, True))
+        lower, upper = (
+            float(mixture_quantile(mean, sd, tail, upper=side)[0][0]) for side in (False, True)
+        )
         spread = np.quantile(spread_b / spread_a, [tail, 0.5, 1.0 - tail]).tolist()
         above = float(special.ndtr(mean / sd).mean())
-        yield _row(cell, "bayesian", asked.family, [lower, float(mean.mean()), upper], above, spread)
+        yield _row(
+            cell, "bayesian", asked.family, [lower, float(mean.mean()), upper], above, spread
+        )
 
 
 def _draws(fit: Fit, rng: np.random.Generator) -> list[Array]:
     """Mean, SD and spread per draw and cell, on the family's scale in their units or as logarithms."""
     some, scale = rng.permutation(len(fit.moments.mean))[:_DRAWS], fit.scale
     mean, *rest = (
-        scale.unit * part[some] for part in (fit.moments.mean, fit.moments.sd, fit.moments.population_sd)
+        scale.unit * part[some]
+        for part in (fit.moments.mean, fit.moments.sd, fit.moments.population_sd)
     )
     return [mean + (np.log(scale.origin) if scale.log else scale.origin), *rest]
 
@@ -259,5 +282,7 @@ def _row(
         "family": family,
         **dict(zip(("lower", "value", "upper"), limits, strict=True)),
         "probability_above": above,
-        **dict(zip(("spread_lower", "spread_value", "spread_upper"), map(float, spread), strict=True)),
+        **dict(
+            zip(("spread_lower", "spread_value", "spread_upper"), map(float, spread), strict=True)
+        ),
     }

@@ -80,9 +80,15 @@ class _Pair:
     def _covers(self, kind: str | None, method: str, n: int, *, log: bool) -> str:
         """Say in a sentence what a contrast's limits hold."""
         first, second = self.levels
-        how = f"{second} over {first}" if log or not kind else f"{second} less {first}, in references"
+        how = (
+            f"{second} over {first}" if log or not kind else f"{second} less {first}, in references"
+        )
         sure = percent(self.asked.confidence if kind == "share" else self.asked.level)
-        sure += " confidence" if method == "classical" else " probability under the model and its priors"
+        sure += (
+            " confidence"
+            if method == "classical"
+            else " probability under the model and its priors"
+        )
         what = f"{'ratio' if log else 'difference'} of {self.quantity.label} ({how})"
         if not kind:
             start = f"The ratio of SDs between users of {self.quantity.label} ({how})"
@@ -91,8 +97,15 @@ class _Pair:
         else:
             who = "next" if kind == "user" else "typical" if log else "average"
             start = f"The {who} user's {what}"
-        said = f"{start} lies between the limits, with {sure} (from {counted(n, 'user')} with both levels)."
-        return said if self.alone else f"{said} Each quantity is compared by itself, without correlations."
+        said = (
+            f"{start} lies between the limits, with {sure} (from {counted(n, 'user')} with both"
+            " levels)."
+        )
+        return (
+            said
+            if self.alone
+            else f"{said} Each quantity is compared by itself, without correlations."
+        )
 
 
 def contrast_rows(
@@ -102,7 +115,10 @@ def contrast_rows(
     factor, asked = sessions.factor, scene.inference
     assert factor is not None
     pairs = {
-        p: [_Pair(factor, pair, sessions.quantities[p], asked, len(parameters) == 1) for pair in factor.pairs]
+        p: [
+            _Pair(factor, pair, sessions.quantities[p], asked, len(parameters) == 1)
+            for pair in factor.pairs
+        ]
         for p in parameters
     }
     for p, of_quantity in pairs.items() if asked.method != "bayesian" else ():
@@ -114,7 +130,9 @@ def contrast_rows(
         values = _subject_means(data)
         for pair in of_quantity:
             yield from _classical(values, pair)
-    for pair in (pair for own in pairs.values() for pair in own) if asked.method != "classical" else ():
+    for pair in (
+        (pair for own in pairs.values() for pair in own) if asked.method != "classical" else ()
+    ):
         try:
             yield from _bayesian(sessions, scene, pair, **how)
         except RefusalError as refused:
@@ -151,17 +169,26 @@ def _classical(values: pd.DataFrame, pair: _Pair) -> Iterator[Row | Skipped]:
         return
     shared = [str(e) for e in both.columns[both[paired].all(axis=0)]] if paired.any() else []
     if not shared:
-        yield Skipped(f"overall contrast of {pair}", "no reference has both levels for every subject")
+        yield Skipped(
+            f"overall contrast of {pair}", "no reference has both levels for every subject"
+        )
         return
     if left := [e for e in names if e not in shared]:
         why = "some subjects lack a level there"
         yield Skipped(f"{', '.join(left)} in the overall contrast of {pair}", why)
-    ends = [level.loc[paired, shared].mean(axis=1).to_numpy(dtype=float) for level in (first, second)]
+    ends = [
+        level.loc[paired, shared].mean(axis=1).to_numpy(dtype=float) for level in (first, second)
+    ]
     yield from _of_subjects(ends, pair, shared, f"{pair}, overall", overall=True)
 
 
 def _of_subjects(
-    ends: Sequence[Array], pair: _Pair, references: Sequence[str], what: str, *, overall: bool = False
+    ends: Sequence[Array],
+    pair: _Pair,
+    references: Sequence[str],
+    what: str,
+    *,
+    overall: bool = False,
 ) -> Iterator[Row | Skipped]:
     """Yield the rows of subjects' values at both levels."""
     (first, second), asked = ends, pair.asked
@@ -184,7 +211,9 @@ def _of_subjects(
     yield pair.row(references, limits, ratio.n, p_value=ratio.p_value, **of_subjects)
 
 
-def within_model(sessions: Sessions, parameter: str, scene: Scene, levels: tuple[str, str]) -> WithinSubjects:
+def within_model(
+    sessions: Sessions, parameter: str, scene: Scene, levels: tuple[str, str]
+) -> WithinSubjects:
     """Build the model of one quantity at two levels, of the references that have both."""
     from percept.inference.hierarchy.priors import Priors
     from percept.inference.hierarchy.within import WithinSubjects
@@ -195,7 +224,9 @@ def within_model(sessions: Sessions, parameter: str, scene: Scene, levels: tuple
     assert factor is not None
     known = sessions.table[sessions.table[f"{parameter}_adj"].notna()]
     present = set(known["environment"])
-    names = [e for e in factor.environments if all(factor.cell(e, level) in present for level in levels)]
+    names = [
+        e for e in factor.environments if all(factor.cell(e, level) in present for level in levels)
+    ]
     if len(names) < 2:
         raise RefusalError("it needs two references that have both levels.")
     cells = [factor.cell(e, level) for e in names for level in levels]

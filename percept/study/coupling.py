@@ -49,9 +49,10 @@ class CouplingStudy(NotebookRecord):
     omega: Array  #: (M,) Frequencies of the criterion, rad/s
     bound: Array  #: (M,) The criterion's bound there
     admittance: Array  #: (M,) Real part of the coupling's admittance there
-    #: Per rectangle of (k, b) and shape, without and through the coupling: the verdict at every omega of the
-    #: range ("inside", "marginal" or "outside"), the largest departure (relative, negative inside) with its
-    #: omega, rad/s, and that of effective k and b, in widths; also effective k and b at `read_at`.
+    #: Per rectangle of (k, b) and shape, without and through the coupling: the verdict at every
+    #: omega of the range ("inside", "marginal" or "outside"), the largest departure (relative,
+    #: negative inside) with its omega, rad/s, and that of effective k and b, in widths; also
+    #: effective k and b at `read_at`.
     realism: pd.DataFrame
     read_at: float  #: Where single values are read, rad/s
     #: Probability over posterior draws of being realistic throughout; None without a Bayesian fit.
@@ -73,7 +74,10 @@ def study_coupling(
     rigid = isinstance(device, haptics.Device)
     need = haptics.required_damping(coupling, period, hold=hold) if rigid else None
     nyquist = np.pi / period
-    omega, reason = np.geomspace(min(1.0, 1e-3 * nyquist), nyquist, _STABILITY_POINTS), verdict.reason
+    omega, reason = (
+        np.geomspace(min(1.0, 1e-3 * nyquist), nyquist, _STABILITY_POINTS),
+        verdict.reason,
+    )
     if isinstance(device, TabulatedDevice):
         omega = device.omega[device.omega <= nyquist]
         if verdict.verdict in ("stable", "marginal"):
@@ -98,7 +102,11 @@ def study_coupling(
 
 
 def _verdicts(
-    setup: Setup, coupling: Coupling, regions: Sequence[Region], within: tuple[float, float], read_at: float
+    setup: Setup,
+    coupling: Coupling,
+    regions: Sequence[Region],
+    within: tuple[float, float],
+    read_at: float,
 ) -> Iterator[dict[str, Any]]:
     """Judge every reference against its rectangles, and their corners, at every omega of a range, rad/s."""
     for region in regions:
@@ -108,15 +116,22 @@ def _verdicts(
         reference = setup.references[region.environment]
         stiffness, damping = haptics.effective_impedance(read_at, reference, coupling, setup.period)
         for shape in BOXES:
-            row: dict[str, Any] = {name: getattr(region, name) for name in _LABELS} | {"shape": shape}
+            row: dict[str, Any] = {name: getattr(region, name) for name in _LABELS} | {
+                "shape": shape
+            }
             for side, coupled in (("uncoupled", False), ("coupled", True)):
                 display = setup.display(region.environment, coupled=coupled)
                 departed = departures(display, Boxes(k, b, corners=shape == "corner"), *within)
                 row[f"verdict_{side}"] = departed.verdict()
                 row[f"departure_{side}"] = float(np.expm1(departed.largest[0]))
                 row[f"departure_omega_{side}"] = float(departed.omega[0])
-                row[f"plane_departure_{side}"] = float(plane_departures(display, Boxes(k, b), *within)[0][0])
-            yield row | {"effective_stiffness": float(stiffness), "effective_damping": float(damping)}
+                row[f"plane_departure_{side}"] = float(
+                    plane_departures(display, Boxes(k, b), *within)[0][0]
+                )
+            yield row | {
+                "effective_stiffness": float(stiffness),
+                "effective_damping": float(damping),
+            }
 
 
 def _probability(realisms: Realisms, verdict: str) -> pd.DataFrame:
@@ -157,8 +172,12 @@ def design_by_method(
             if (r.method, r.kind, r.family, r.joint) == wanted and r.limits is not None
         }
         if boxes.keys() == setup.references.keys():
-            limits = [EnvironmentBoundary(own, *boxes[name]) for name, own in setup.references.items()]
-            found[method] = design_couplings(setup.device, limits, within, setup.period, hold=setup.hold)
+            limits = [
+                EnvironmentBoundary(own, *boxes[name]) for name, own in setup.references.items()
+            ]
+            found[method] = design_couplings(
+                setup.device, limits, within, setup.period, hold=setup.hold
+            )
     return found
 
 
@@ -171,7 +190,9 @@ def populations(fit: Fit, asked: InferenceTable) -> dict[str, Boxes]:
     return {e: Boxes((low[0], high[0]), (low[1], high[1])) for e, low, high in pairs}
 
 
-def study_realism(setup: Setup, fit: Fit, asked: InferenceTable, within: tuple[float, float]) -> Realisms:
+def study_realism(
+    setup: Setup, fit: Fit, asked: InferenceTable, within: tuple[float, float]
+) -> Realisms:
     """Judge every reference, without and through the coupling, at every frequency of a range, rad/s."""
     return {
         (environment, coupled): realism(setup.display(environment, coupled=coupled), users, *within)

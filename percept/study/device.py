@@ -61,7 +61,9 @@ class Setup:
         mass = float(self.references[region.environment].mass)
         if region.ellipse is None:
             assert region.limits is not None
-            return BOXES[shape](omega, self.device, *region.limits, self.period, mass=mass, hold=self.hold)
+            return BOXES[shape](
+                omega, self.device, *region.limits, self.period, mass=mass, hold=self.hold
+            )
         ellipse = region.ellipse
         return magnitude_envelope_ellipse(
             omega, self.device, ellipse.centre, ellipse.shape, ellipse.radius, self.period,
@@ -106,7 +108,9 @@ def setup_of(
     elif references:
         yield Skipped("boundaries of Z_h", _NO_DEVICE)
     if coupling is None:
-        yield Skipped("coupling: Z_h_vc, stability and admissible couplings", "the scene has no [coupling]")
+        yield Skipped(
+            "coupling: Z_h_vc, stability and admissible couplings", "the scene has no [coupling]"
+        )
     elif device is None:
         yield Skipped("coupling: Z_h_vc and stability", _NO_DEVICE)
 
@@ -161,8 +165,12 @@ class DeviceSensitivity(NotebookRecord):
     mass: tuple[float, ...]  # Of the devices judged, kg
     damping: tuple[float, ...]  # Of the devices judged, N·s/m
     own: tuple[int, int]  # Index of the scene's device: of its damping, of its mass
-    verdict: tuple[tuple[str | None, ...], ...]  # By damping and mass: "stable", "marginal" or "unstable"
-    inside: Mapping[str, tuple[tuple[int, ...], ...]]  # By kind: for how many environments abs(Z_h) stays in
+    verdict: tuple[
+        tuple[str | None, ...], ...
+    ]  # By damping and mass: "stable", "marginal" or "unstable"
+    inside: Mapping[
+        str, tuple[tuple[int, ...], ...]
+    ]  # By kind: for how many environments abs(Z_h) stays in
     environments: int  # How many were judged
     required_damping: float | None  # Damping that the coupling needs of a rigid device, N·s/m
     method: str  # Whose limits
@@ -185,7 +193,11 @@ def device_sensitivity(
     """Judge stability and realism again for 49 devices about the scene's; None without a region."""
     own, coupling, period, hold = setup.device, setup.coupling, setup.period, setup.hold
     assert isinstance(own, Device)
-    limits = {kind: found for kind in asked.kinds if (found := _limits(setup, regions, kind, asked.family))}
+    limits = {
+        kind: found
+        for kind in asked.kinds
+        if (found := _limits(setup, regions, kind, asked.family))
+    }
     if not limits:
         return None
     masses, dampings = _about(float(own.mass)), _about(float(own.damping))
@@ -195,10 +207,17 @@ def device_sensitivity(
     verdict, needed = np.full(shape, None).tolist(), None
     if coupling is not None:
         needed = float(haptics.required_damping(coupling, period, hold=hold).damping)
-        moved = [dataclasses.replace(own, mass=m, damping=b) for m, b in zip(mass, damping, strict=True)]
-        stable = [str(haptics.absolute_stability(one, coupling, period, hold=hold).verdict) for one in moved]
+        moved = [
+            dataclasses.replace(own, mass=m, damping=b) for m, b in zip(mass, damping, strict=True)
+        ]
+        stable = [
+            str(haptics.absolute_stability(one, coupling, period, hold=hold).verdict)
+            for one in moved
+        ]
         verdict = np.reshape(stable, shape).tolist()
-    together = dataclasses.replace(setup, device=dataclasses.replace(own, mass=mass, damping=damping))
+    together = dataclasses.replace(
+        setup, device=dataclasses.replace(own, mass=mass, damping=damping)
+    )
 
     def stays_inside(region: Region) -> NDArray[np.bool_]:
         assert region.limits is not None
@@ -214,7 +233,9 @@ def device_sensitivity(
         own=(dampings.index(float(own.damping)), masses.index(float(own.mass))),
         verdict=tuple(map(tuple, verdict)),
         inside={
-            str(kind): tuple(map(tuple, np.sum([stays_inside(one) for one in found], axis=0).tolist()))
+            str(kind): tuple(
+                map(tuple, np.sum([stays_inside(one) for one in found], axis=0).tolist())
+            )
             for kind, found in limits.items()
         },
         environments=len(some),
@@ -234,5 +255,7 @@ def _limits(setup: Setup, regions: Sequence[Region], kind: str, family: str) -> 
     # The one set last stays.
     for preferred in ("normal", "lognormal", family):
         wanted = ("classical", kind, "marginal", preferred)
-        found |= {r.environment: r for r in regions if (r.method, r.kind, r.joint, r.family) == wanted}
+        found |= {
+            r.environment: r for r in regions if (r.method, r.kind, r.joint, r.family) == wanted
+        }
     return [found[environment] for environment in setup.references if environment in found]

@@ -80,7 +80,9 @@ class Fit(Prepared):
     @cached_property
     def moments(self) -> ConditionalMoments:
         """Moments per kept draw and cell, on the response scale."""
-        return ConditionalMoments.unpack(self.run.components.reshape(-1, self.run.components.shape[-1]))
+        return ConditionalMoments.unpack(
+            self.run.components.reshape(-1, self.run.components.shape[-1])
+        )
 
     @cached_property
     def estimate(self) -> Array:
@@ -134,7 +136,9 @@ class Fit(Prepared):
 
 def prior_rows(priors: Mapping[str, float]) -> list[dict[str, Any]]:
     """Priors with their meaning."""
-    return [{"prior": name, "value": value, "meaning": MEANINGS[name]} for name, value in priors.items()]
+    return [
+        {"prior": name, "value": value, "meaning": MEANINGS[name]} for name, value in priors.items()
+    ]
 
 
 class RunStore(Protocol):
@@ -184,7 +188,10 @@ def sampled(
     """Sample a model until the limits meet the scene's tolerance, or find the run in the store."""
     estimands = estimands or estimands_of(model, asked)
     settings = Settings(
-        tolerance=asked.tolerance, seed=asked.seed, walkers=asked.walkers, most_steps=asked.most_steps
+        tolerance=asked.tolerance,
+        seed=asked.seed,
+        walkers=asked.walkers,
+        most_steps=asked.most_steps,
     )
     larger = f"[inference] tolerance above {asked.tolerance:g}"
     quicker = ", or ".join([*simpler_models(model), larger])
@@ -207,7 +214,9 @@ def sampled(
     return dataclasses.replace(run, points=points, components=components)
 
 
-def bayesian_rows(fit: Fit, asked: InferenceTable, reference: References) -> Iterator[Row | Skipped]:
+def bayesian_rows(
+    fit: Fit, asked: InferenceTable, reference: References
+) -> Iterator[Row | Skipped]:
     """Yield a row of the interval table for every interval of a fit that passed."""
     yield from fit.skipped
     if not fit.passed:
@@ -240,7 +249,9 @@ def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Pr
     return models[0] if len(models) == 1 else _side_by_side(models)
 
 
-def modelled_together(parameters: tuple[str, ...], named: tuple[str, ...] | None) -> list[tuple[str, ...]]:
+def modelled_together(
+    parameters: tuple[str, ...], named: tuple[str, ...] | None
+) -> list[tuple[str, ...]]:
     """Group parameters by the models they have: one or two have one, and of more the two that are named."""
     if len(parameters) < 3:
         return [parameters]
@@ -251,7 +262,9 @@ def modelled_together(parameters: tuple[str, ...], named: tuple[str, ...] | None
 
 def _side_by_side(models: list[Prepared]) -> Prepared:
     """Put models of different parameters together, the cells of each in a row."""
-    origin, unit = (np.concatenate([getattr(m.scale, name) for m in models]) for name in ("origin", "unit"))
+    origin, unit = (
+        np.concatenate([getattr(m.scale, name) for m in models]) for name in ("origin", "unit")
+    )
     why = "two are modelled together at most; [inference] together names them"
     skipped = [Skipped("correlations of more than two parameters", why)]
     skipped += dict.fromkeys(part for m in models for part in m.skipped)
@@ -266,7 +279,11 @@ def _side_by_side(models: list[Prepared]) -> Prepared:
 
 
 def pooled(
-    statistics: Statistics, scene: Scene, reference: Array, scale: ResponseScale, data: Trials | None = None
+    statistics: Statistics,
+    scene: Scene,
+    reference: Array,
+    scale: ResponseScale,
+    data: Trials | None = None,
 ) -> Prepared:
     """Build the hierarchical model of subjects' trials from their statistics."""
     resolution = resolution_of(statistics, scene, reference, scale)
@@ -282,7 +299,9 @@ def pooled(
     )
 
 
-def _model(statistics: Statistics, scene: Scene, resolution: Resolution | None = None) -> CollapsedDensity:
+def _model(
+    statistics: Statistics, scene: Scene, resolution: Resolution | None = None
+) -> CollapsedDensity:
     table = scene.model
     options = Options(
         subject_effect=table.subject_effect, weber=table.weber, common_spread=table.common_spread
@@ -309,12 +328,16 @@ def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) 
     ]
     scale, approximate = ResponseScale.of(reference, family), family == "lognormal"
     quantities = sessions.quantities
-    return Prepared(Product(models), scale, counts, None, approximate=approximate, quantities=quantities)
+    return Prepared(
+        Product(models), scale, counts, None, approximate=approximate, quantities=quantities
+    )
 
 
 def _unpooled(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
     """Each cell by itself, standardised by its own exact mean and SD."""
-    cells, origin, unit, counts, repeats = _all_moments(sessions, parameters, scene.inference.family)
+    cells, origin, unit, counts, repeats = _all_moments(
+        sessions, parameters, scene.inference.family
+    )
     log = scene.inference.family == "lognormal"
     scale = ResponseScale(log, np.exp(origin) if log else origin, unit)
     return Prepared(Unpooled(cells, counts), scale, counts, repeats, quantities=sessions.quantities)
@@ -329,10 +352,14 @@ def _all_moments(
         if cell.moments is None:
             raise RefusalError(
                 f"there is no posterior of {cell.where}: {cell.why}.",
-                hint='Set family = "normal", or leave the parameter or environment out in the scene.',
+                hint=(
+                    'Set family = "normal", or leave the parameter or environment out in the scene.'
+                ),
             )
     known = known_moments(cells, family)
-    mean, sd, n = (np.array([getattr(m, name) for m in known.values()]) for name in ("mean", "sd", "n"))
+    mean, sd, n = (
+        np.array([getattr(m, name) for m in known.values()]) for name in ("mean", "sd", "n")
+    )
     return tuple(known), mean, sd, n, any(m.repeats for m in known.values())
 
 

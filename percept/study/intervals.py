@@ -34,7 +34,9 @@ class Cell:
 
     quantity: Quantity
     environment: str
-    moments: Moments | None  # Of the subjects' values, the mean of their trials on the family's scale
+    moments: (
+        Moments | None
+    )  # Of the subjects' values, the mean of their trials on the family's scale
     why: str = ""  # Why there are none
 
     @classmethod
@@ -104,8 +106,12 @@ def normality_tests(sessions: Sessions, parameters: tuple[str, ...]) -> pd.DataF
                         known[f"{parameter}_adj"], known["subject"].to_numpy(), family=family
                     ).values
                     test = check_normality(values, family=family)
-                    rows.append((environment, parameter, family, test.statistic, test.p_value, test.n))
-    return pd.DataFrame(rows, columns=["environment", "parameter", "family", "statistic", "p_value", "n"])
+                    rows.append(
+                        (environment, parameter, family, test.statistic, test.p_value, test.n)
+                    )
+    return pd.DataFrame(
+        rows, columns=["environment", "parameter", "family", "statistic", "p_value", "n"]
+    )
 
 
 def known_moments(cells: Sequence[Cell], family: Family) -> dict[tuple[str, str], Moments]:
@@ -125,7 +131,9 @@ def classical_rows(
         cell.moments for of_family in cells.values() for cell in of_family
     ):
         cell = next(iter(cells.values()))[0]
-        raise RefusalError(f"there is no interval of anything: {cell.where}, say, where {cell.why}.")
+        raise RefusalError(
+            f"there is no interval of anything: {cell.where}, say, where {cell.why}."
+        )
     for family, found in cells.items():
         pair = len({cell.parameter for cell in found}) == 2
         joints: tuple[Joint, ...] = ("marginal", "bonferroni") if pair else ("marginal",)
@@ -160,7 +168,12 @@ def bayesian_row(
 
 
 def _row(interval: Interval, cell: tuple[str, str], reference: float) -> Row:
-    return {"environment": cell[1], "parameter": cell[0], "reference": reference, **interval.as_dict()}
+    return {
+        "environment": cell[1],
+        "parameter": cell[0],
+        "reference": reference,
+        **interval.as_dict(),
+    }
 
 
 def compare_intervals(intervals: pd.DataFrame, family: str) -> pd.DataFrame:
@@ -192,7 +205,10 @@ def adjustments(sessions: Sessions) -> Iterator[Row]:
     for environment, rows in sessions.by_environment():
         for parameter in sessions.parameters:
             known = rows[rows[f"{parameter}_adj"].notna()]
-            adjusted, subjects = known[f"{parameter}_adj"].to_numpy(dtype=float), known["subject"].to_numpy()
+            adjusted, subjects = (
+                known[f"{parameter}_adj"].to_numpy(dtype=float),
+                known["subject"].to_numpy(),
+            )
             values = subject_means(adjusted, subjects).values.tolist() if len(known) else []
             moments = Moments.from_values(values) if len(values) > 1 else None
             yield {

@@ -12,7 +12,11 @@ import pandas as pd
 
 from percept.errors import RefusalError
 from percept.html import NotebookRecord
-from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error, some_walkers
+from percept.inference.sampling.diagnostics import (
+    autocorrelation_time,
+    monte_carlo_error,
+    some_walkers,
+)
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import Quantities
@@ -37,10 +41,13 @@ _OF_USERS = {"scale": "users scatter by ratios on the log scale"}
 class Ladder(NotebookRecord):
     """The steps from the classical interval (Eq. 15; normal family) to the Bayesian one."""
 
-    #: A row per environment, parameter, kind and `cause`, the whole difference first. `log_width` is the log
-    #: ratio of widths, `centre` the shift of the midpoint in classical half-widths; errors are Monte Carlo's.
+    #: A row per environment, parameter, kind and `cause`, the whole difference first. `log_width`
+    #: is the log ratio of widths, `centre` the shift of the midpoint in classical half-widths;
+    #: errors are Monte Carlo's.
     effects: pd.DataFrame
-    sentences: tuple[str, ...]  # The difference in words, per environment and parameter, of the first kind
+    sentences: tuple[
+        str, ...
+    ]  # The difference in words, per environment and parameter, of the first kind
     notes: tuple[str, ...] = ()  # Environments without a ladder, and why
 
 
@@ -90,17 +97,23 @@ def climb(
             except RefusalError as error:
                 why = error.message
             if why:
-                notes.append(f"{', '.join(part.environments)}: the step of the {cause} is missing: {why}")
+                notes.append(
+                    f"{', '.join(part.environments)}: the step of the {cause} is missing: {why}"
+                )
             else:
                 steps[cause] |= _measured(one, normal.inference)
     steps[last] = _measured(fit, asked)
-    classical = intervals.query("method == 'classical' and family == 'normal' and joint == 'marginal'")
+    classical = intervals.query(
+        "method == 'classical' and family == 'normal' and joint == 'marginal'"
+    )
     start = {
         (e, p, kind): _Interval(upper - lower, 0.5 * (lower + upper))
         for e, p, kind, lower, upper in classical[[*_CELL, "lower", "upper"]].to_numpy().tolist()
     }
     effects = pd.DataFrame(_effects(start, steps), columns=_COLUMNS)
-    first = effects[effects["kind"] == asked.kinds[0]].groupby(["environment", "parameter"], sort=False)
+    first = effects[effects["kind"] == asked.kinds[0]].groupby(
+        ["environment", "parameter"], sort=False
+    )
     told = [sentence(rows, fit.quantities, repeats=bool(fit.repeats)) for _, rows in first]
     return Ladder(effects, tuple(told), tuple(notes))
 
@@ -117,7 +130,9 @@ def _measured(fit: Fit, asked: InferenceTable) -> dict[_Cell, _Interval]:
             pulls *= np.stack([lower, upper])
         on_width = (pulls[..., 1, :] - pulls[..., 0, :]) / (upper - lower)
         series = np.concatenate([on_width, 0.5 * (pulls[..., 0, :] + pulls[..., 1, :])], axis=-1)
-        errors = monte_carlo_error(series, autocorrelation_time(some_walkers(series))).reshape(2, -1)
+        errors = monte_carlo_error(series, autocorrelation_time(some_walkers(series))).reshape(
+            2, -1
+        )
         for (parameter, environment), c in fit.column.items():
             values = upper[c] - lower[c], 0.5 * (lower[c] + upper[c]), *errors[:, c]
             found[environment, parameter, str(kind)] = _Interval(*map(float, values))
@@ -137,7 +152,14 @@ def _effects(
         for cause, (one, other) in zip(["all", *steps], pairs, strict=True):
             width = float(np.log(other.width / one.width))
             errors = [float(np.hypot(one[which], other[which])) for which in (2, 3)]
-            yield *cell, cause, width, errors[0], (other.centre - one.centre) / half, errors[1] / half
+            yield (
+                *cell,
+                cause,
+                width,
+                errors[0],
+                (other.centre - one.centre) / half,
+                errors[1] / half,
+            )
 
 
 def sentence(rows: pd.DataFrame, quantities: Quantities, *, repeats: bool = False) -> str:
@@ -160,7 +182,8 @@ def sentence(rows: pd.DataFrame, quantities: Quantities, *, repeats: bool = Fals
         side = "higher" if centre["all"] > 0 else "lower"
         why = _reasons(centre, lambda value: f"{100.0 * value:+.0f} %", clauses)
         text += (
-            f" Its centre lies {100.0 * abs(centre['all']):.0f} % of the classical half-width {side}{why}."
+            f" Its centre lies {100.0 * abs(centre['all']):.0f} % of the classical half-width"
+            f" {side}{why}."
         )
     return text
 
@@ -169,16 +192,22 @@ def _noted(rows: pd.DataFrame, name: str, least: float) -> dict[str, float]:
     """Effects by cause, the largest first, without those that are small or lost in their error."""
     kept = rows[rows[name].abs() > np.maximum(least, _ERRORS * rows[f"{name}_error"])]
     order = kept[name].abs().sort_values(ascending=False, kind="stable").index
-    return {str(cause): float(value) for cause, value in kept.loc[order, ["cause", name]].to_numpy()}
+    return {
+        str(cause): float(value) for cause, value in kept.loc[order, ["cause", name]].to_numpy()
+    }
 
 
 def _ratio(log: float) -> str:
     return f"{np.exp(log):.2f}" if log < np.log(10.0) else f"{np.exp(log):.0f}"
 
 
-def _reasons(effects: dict[str, float], said: Callable[[float], str], clauses: dict[str, str]) -> str:
+def _reasons(
+    effects: dict[str, float], said: Callable[[float], str], clauses: dict[str, str]
+) -> str:
     """Name the causes, the largest first; of a difference, or of effects that cancel."""
-    causes = [f"{clauses[cause]} ({said(value)})" for cause, value in effects.items() if cause != "all"]
+    causes = [
+        f"{clauses[cause]} ({said(value)})" for cause, value in effects.items() if cause != "all"
+    ]
     if not causes:
         return ""
     return f"{', because' if 'all' in effects else ':'} {'; '.join(causes)}"

@@ -13,7 +13,11 @@ from percept import haptics
 from percept.boundary.curves import Boundary
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
-from percept.inference.hierarchy.new_environment import NewEnvironment, NewEstimands, new_environment
+from percept.inference.hierarchy.new_environment import (
+    NewEnvironment,
+    NewEstimands,
+    new_environment,
+)
 from percept.inference.record import Kind
 from percept.scene import InferenceTable
 from percept.sessions.quantities import IMPEDANCE, Quantities, Quantity, is_impedance
@@ -41,7 +45,9 @@ class Prediction(NotebookRecord):
 
     environment: str  #: Its name
     decades: dict[str, float]  #: log10 of each reference over the geometric mean of those tested
-    beyond: dict[str, float]  #: Decades by which each reference lies above the tested range; negative below
+    beyond: dict[
+        str, float
+    ]  #: Decades by which each reference lies above the tested range; negative below
     nearest: str  #: The tested environment whose references are nearest
     distance: float  #: How far that is, decades
     #: As `percept.Study.intervals`, and `monte_carlo`, the error of the limits over the half-width.
@@ -63,7 +69,9 @@ class Prediction(NotebookRecord):
             for p, d in self.beyond.items()
             if d
         ]
-        nearest = f"the nearest tested environment is {self.nearest}, {self.distance:.2g} decades away"
+        nearest = (
+            f"the nearest tested environment is {self.nearest}, {self.distance:.2g} decades away"
+        )
         if outside:
             return f"Extrapolation: {' and '.join(outside)}; {nearest}."
         return f"Inside the tested range of each parameter; {nearest}."
@@ -94,7 +102,8 @@ def predict(
     Raises
     ------
     UsageError
-        A reference that is missing, not positive, or of a parameter that the study does not analyse.
+        A reference that is missing, not positive, or of a parameter that the study does not
+        analyse.
     RefusalError
         No passed Bayesian fit, a tested reference of zero, or one environment.
     """
@@ -117,23 +126,32 @@ def predict(
     expected = expected_users(fit, x, asked)
     limits = {kind: _limits(fit, expected, kind, asked) for kind in asked.kinds}
     if max(float(one.errors.max()) for one in limits.values()) > asked.tolerance:
-        # The fit's draws were enough for the environments tested: sample until they are for this one.
+        # The fit's draws were enough for the environments tested: sample until they are for this
+        # one.
         target = NewEstimands(estimands_of(fit.model, asked), x, _REPEATS, asked.seed)
         run = sampled(fit.model, asked, target, progress=study.progress, store=study.store)
         if run.gate.passed:
             fit = dataclasses.replace(fit, run=run)
             expected = expected_users(fit, x, asked)
             # The run's own limits and errors rest on all draws that it kept.
-            ends, errors = (v.reshape(len(asked.kinds), 2, -1) for v in (run.estimates.value, run.errors))
-            limits = {k: _Limits.of(ends[i, 0], ends[i, 1], errors[i]) for i, k in enumerate(asked.kinds)}
+            ends, errors = (
+                v.reshape(len(asked.kinds), 2, -1) for v in (run.estimates.value, run.errors)
+            )
+            limits = {
+                k: _Limits.of(ends[i, 0], ends[i, 1], errors[i]) for i, k in enumerate(asked.kinds)
+            }
     scale = ResponseScale.of(reference, asked.family)
     intervals = pd.DataFrame(_rows(fit, expected, scale, asked, limits))
     boundaries: tuple[Boundary, ...] = ()
     if study.setup is not None and is_impedance(study.parameters):
         laws = [] if study.sessions.form == "summary" else list(_laws(fit, expected, scale, asked))
-        environment = haptics.Environment(stiffness=float(reference[0]), damping=float(reference[1]))
+        environment = haptics.Environment(
+            stiffness=float(reference[0]), damping=float(reference[1])
+        )
         setup = dataclasses.replace(study.setup, references={_NEW: environment})
-        drawing = Drawing(setup, regions_of(intervals, laws, None, asked), laws, study.scene.frequency)
+        drawing = Drawing(
+            setup, regions_of(intervals, laws, None, asked), laws, study.scene.frequency
+        )
         boundaries = drawing.at(None, [_NEW], asked.kinds)
     beyond = np.maximum(log - tested.max(axis=1), 0.0) + np.minimum(log - tested.min(axis=1), 0.0)
     far = np.hypot.reduce(tested - log[:, None], axis=0)
@@ -196,7 +214,9 @@ def _limits(fit: Fit, expected: NewEnvironment, kind: Kind, asked: InferenceTabl
     batch = fit.run.batches()
     own = influence.reshape(len(batch), -1, influence.shape[1]).mean(axis=1)
     means = np.stack([own[batch == number].mean(axis=0) for number in np.unique(batch)])
-    return _Limits.of(lower, upper, (means.std(axis=0, ddof=1) / np.sqrt(len(means))).reshape(2, -1))
+    return _Limits.of(
+        lower, upper, (means.std(axis=0, ddof=1) / np.sqrt(len(means))).reshape(2, -1)
+    )
 
 
 def _rows(
@@ -210,15 +230,21 @@ def _rows(
     rest = {"n": int(fit.counts.max()), "repeats": fit.repeats, "approximate": fit.approximate}
     for kind, found in limits.items():
         with np.errstate(over="ignore", under="ignore"):
-            ends = scale.native(np.stack([found.lower, found.upper, expected.laws.mean.mean(axis=0)]))
+            ends = scale.native(
+                np.stack([found.lower, found.upper, expected.laws.mean.mean(axis=0)])
+            )
         for p, parameter in enumerate(fit.parameters):
             cell, unit = (parameter, _NEW), fit.quantities[parameter].unit
             low, high, centre = ends[:, p].tolist()
-            row = bayesian_row(asked, kind, cell, (low, high, centre), float(scale.origin[p]), unit, **rest)
+            row = bayesian_row(
+                asked, kind, cell, (low, high, centre), float(scale.origin[p]), unit, **rest
+            )
             yield row | {"monte_carlo": float(found.errors[p])}
 
 
-def _laws(fit: Fit, expected: NewEnvironment, scale: ResponseScale, asked: InferenceTable) -> Iterator[Law]:
+def _laws(
+    fit: Fit, expected: NewEnvironment, scale: ResponseScale, asked: InferenceTable
+) -> Iterator[Law]:
     """Yield the laws of the average and the next user of the environment."""
     batch, n = np.repeat(fit.run.batches(), _REPEATS), int(fit.counts.max())
     every: Mapping[LawKind, int] = {"mean": _REPEATS, "user": 1}

@@ -62,10 +62,19 @@ def prepare_reduced(reduced: Reduced, scene: Scene) -> Prepared:
     mean = np.stack([grid[f"mean_{p}"][columns].to_numpy() for p in parameters], axis=1)
     # One name, "kb", for either order of the parameters.
     order = list(reduced.quantities)
-    pairs = [["scatter_" + "".join(sorted((p, q), key=order.index)) for q in parameters] for p in parameters]
-    sums = cells.groupby("environment")[list({pair for row in pairs for pair in row})].sum().loc[columns]
+    pairs = [
+        ["scatter_" + "".join(sorted((p, q), key=order.index)) for q in parameters]
+        for p in parameters
+    ]
+    sums = (
+        cells.groupby("environment")[list({pair for row in pairs for pair in row})]
+        .sum()
+        .loc[columns]
+    )
     scatter = np.array([[sums[pair].to_numpy() for pair in row] for row in pairs])
-    reference = reduced.references.set_index("environment").loc[columns, [f"{p}_ref" for p in parameters]]
+    reference = reduced.references.set_index("environment").loc[
+        columns, [f"{p}_ref" for p in parameters]
+    ]
     shown = reference.to_numpy().T
     names: Any = {"parameters": parameters, "environments": environments, "subjects": subjects}
     statistics = from_cells(count, mean, scatter, decades(shown), **names)
@@ -87,11 +96,16 @@ def _parameters(reduced: Reduced, scene: Scene) -> tuple[str, ...]:
 
 def _cells(reduced: Reduced, cells: pd.DataFrame, reference: References) -> Iterator[Cell]:
     """Yield one value per subject, the mean of the trials on the family's scale, in its unit."""
-    log, tables = reduced.family == "lognormal", dict(list(cells.groupby("environment", sort=False)))
+    log, tables = (
+        reduced.family == "lognormal",
+        dict(list(cells.groupby("environment", sort=False))),
+    )
     for (p, environment), shown in reference.items():
         if (table := tables.get(environment)) is None:
             continue
         mean, repeats = table[f"mean_{p}"].to_numpy(), bool((table["n"] > 1).any())
         values = shown * (np.exp(mean) if log else 1.0 + mean)
-        moments = Moments.from_values(values, log=log, repeats=repeats) if len(table) > 1 else TOO_FEW
+        moments = (
+            Moments.from_values(values, log=log, repeats=repeats) if len(table) > 1 else TOO_FEW
+        )
         yield Cell.of(reduced.quantities[p], environment, moments)

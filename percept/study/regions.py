@@ -29,8 +29,8 @@ Limits = tuple[float, float]
 #: A share of users has neither a law nor an ellipse.
 LawKind = Literal["mean", "user"]
 _LAWS: tuple[LawKind, ...] = ("mean", "user")
-# Where little is known a spread, and so a draw or a limit, may leave the range of doubles; beyond this many
-# N/m or N·s/m no curve of interest changes.
+# Where little is known a spread, and so a draw or a limit, may leave the range of doubles; beyond
+# this many N/m or N·s/m no curve of interest changes.
 _LARGEST = 1e40
 #: What a covariance of k and b needs.
 _FEWEST_SUBJECTS = 3
@@ -104,11 +104,19 @@ def regions_of(
 def rectangles(intervals: pd.DataFrame) -> Iterator[Region]:
     """Pair the intervals of stiffness and damping."""
     names = ["environment", "kind", "method", "family", "joint", "level"]
-    of_k, of_b = (intervals.loc[intervals["parameter"] == p, [*names, "lower", "upper"]] for p in ("k", "b"))
+    of_k, of_b = (
+        intervals.loc[intervals["parameter"] == p, [*names, "lower", "upper"]] for p in ("k", "b")
+    )
     both = of_k.merge(of_b, on=names, suffixes=("_k", "_b"))
-    ends = displayable(both[["lower_k", "upper_k", "lower_b", "upper_b"]].to_numpy(dtype=float)).tolist()
-    for row, (k_low, k_high, b_low, b_high) in zip(both[names].to_numpy().tolist(), ends, strict=True):
-        yield Region(limits=((k_low, k_high), (b_low, b_high)), **dict(zip(names, row, strict=True)))
+    ends = displayable(
+        both[["lower_k", "upper_k", "lower_b", "upper_b"]].to_numpy(dtype=float)
+    ).tolist()
+    for row, (k_low, k_high, b_low, b_high) in zip(
+        both[names].to_numpy().tolist(), ends, strict=True
+    ):
+        yield Region(
+            limits=((k_low, k_high), (b_low, b_high)), **dict(zip(names, row, strict=True))
+        )
 
 
 def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
@@ -125,7 +133,9 @@ def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
         ends = displayable(fit.scale.native(np.stack(halved.limits(kind, laws)[:2])))
         for environment, (k, b) in fit.pairs(ends).items():
             limits = (float(k[0]), float(k[1])), (float(b[0]), float(b[1]))
-            yield Region(environment=environment, kind=kind, joint="bonferroni", limits=limits, **labels)
+            yield Region(
+                environment=environment, kind=kind, joint="bonferroni", limits=limits, **labels
+            )
 
 
 def subject_pairs(
@@ -156,10 +166,13 @@ def subject_pairs(
             if 0 < (count := subjects.nunique()) < _FEWEST_SUBJECTS:
                 yield Skipped(
                     f"classical ellipses and curves through draws of {environment}",
-                    f"they need {_FEWEST_SUBJECTS} subjects with both parameters; there are {count}",
+                    f"they need {_FEWEST_SUBJECTS} subjects with both parameters; there are"
+                    f" {count}",
                 )
             elif count and (family == "normal" or (adjusted > 0).all()):
-                k, b = (subject_means(x, subjects.to_numpy(), family=family).values for x in adjusted.T)
+                k, b = (
+                    subject_means(x, subjects.to_numpy(), family=family).values for x in adjusted.T
+                )
                 yield Pairs(family, environment, displayable(k), displayable(b))
 
 
@@ -196,7 +209,9 @@ def _posterior_laws(fit: Fit, asked: InferenceTable, kinds: Sequence[LawKind]) -
     batch = fit.run.batches()
     for j, environment in enumerate(fit.environments):
         cells = [fit.column[parameter, environment] for parameter in ("k", "b")]
-        scale = dataclasses.replace(fit.scale, origin=fit.scale.origin[cells], unit=fit.scale.unit[cells])
+        scale = dataclasses.replace(
+            fit.scale, origin=fit.scale.origin[cells], unit=fit.scale.unit[cells]
+        )
         n = int(fit.counts[cells[0]])
         for kind in kinds:
             covariance = own[:, j] if kind == "mean" else own[:, j] + users[:, j]

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from percept.inference.hierarchy.density import Resolution
     from percept.inference.hierarchy.statistics import Statistics
 
-#: Remainder of a regression over what is regressed, below which the two are in proportion. Values printed to
-#: six figures leave 1e-6; at 5e-3 the sampler's 20 000 steps were too few already.
+#: Remainder of a regression over what is regressed, below which the two are in proportion. Values
+#: printed to six figures leave 1e-6; at 5e-3 the sampler's 20 000 steps were too few already.
 _PROPORTION = 1e-3
 
 
@@ -68,16 +68,24 @@ class Trials:
         # The classical method does without the model.
         from percept.inference.hierarchy.statistics import from_trials
 
-        labels: Any = {name: getattr(self, name) for name in ("parameters", "environments", "subjects")}
-        return from_trials(self.response, self.subject, self.environment, decades(self.reference), **labels)
+        labels: Any = {
+            name: getattr(self, name) for name in ("parameters", "environments", "subjects")
+        }
+        return from_trials(
+            self.response, self.subject, self.environment, decades(self.reference), **labels
+        )
 
 
-def references(sessions: Sessions, parameters: tuple[str, ...], environments: tuple[str, ...]) -> Array:
+def references(
+    sessions: Sessions, parameters: tuple[str, ...], environments: tuple[str, ...]
+) -> Array:
     """Return the reference of each parameter in each environment, shape (P, J)."""
     table = sessions.table
     if sessions.form == "summary":
         keyed = table.set_index(["parameter", "environment"])["reference"]
-        return np.array([[float(keyed.get((p, e), np.nan)) for e in environments] for p in parameters])
+        return np.array(
+            [[float(keyed.get((p, e), np.nan)) for e in environments] for p in parameters]
+        )
     first = table.groupby("environment", sort=False)[[f"{p}_ref" for p in parameters]].first()
     return first.loc[list(environments)].to_numpy(dtype=float).T
 
@@ -89,7 +97,9 @@ def decades(reference: Array) -> Array:
     return logs - logs.mean(axis=1, keepdims=True)
 
 
-def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...], *, partial: bool = False) -> Trials:
+def trials(
+    sessions: Sessions, scene: Scene, parameters: tuple[str, ...], *, partial: bool = False
+) -> Trials:
     """Take trials with all parameters asked for, unit-free; in part where values have no logarithm."""
     columns, skipped = [f"{p}_adj" for p in parameters], list[Skipped]()
     complete = sessions.table[columns].notna().all(axis=1)
@@ -110,7 +120,8 @@ def trials(sessions: Sessions, scene: Scene, parameters: tuple[str, ...], *, par
     lognormal = scene.inference.family == "lognormal"
     low = table.loc[(table[columns] <= 0).any(axis=1), "environment"].value_counts(sort=False)
     if lognormal and partial and len(low) < table["environment"].nunique():
-        # Without their environment: to leave out the lowest trials alone would bias what is left there.
+        # Without their environment: to leave out the lowest trials alone would bias what is left
+        # there.
         table = table[~table["environment"].isin(low.index)]
         skipped += [
             Skipped(
@@ -166,10 +177,15 @@ def _units(
             continue
         if scene.inference.family == "lognormal" or name not in scales:
             refuse_no_ratio(
-                {(name, e): value for e, value in zip(environments, reference[p].tolist(), strict=True)},
+                {
+                    (name, e): value
+                    for e, value in zip(environments, reference[p].tolist(), strict=True)
+                },
                 scene.quantities,
-                hint=f'Set family = "normal" and [model] scale.{name}, or analyse the other parameter '
-                f"alone with [inference] parameters.",
+                hint=(
+                    f'Set family = "normal" and [model] scale.{name}, or analyse the other'
+                    " parameter alone with [inference] parameters."
+                ),
             )
         unit[p] = scales[name]
     return unit
@@ -196,13 +212,16 @@ def refuse_no_ratio(
     for (parameter, environment), reference in references.items():
         if reference <= 0:
             raise RefusalError(
-                f"the reference {quantities[parameter].label} of {environment} is {reference:g}, {why}.",
+                f"the reference {quantities[parameter].label} of {environment} is {reference:g},"
+                f" {why}.",
                 column=f"{parameter}_ref",
                 hint=hint,
             )
 
 
-def resolution_of(statistics: Statistics, scene: Scene, reference: Array, scale: ResponseScale) -> Resolution:
+def resolution_of(
+    statistics: Statistics, scene: Scene, reference: Array, scale: ResponseScale
+) -> Resolution:
     """Step²/12 on the response scale, in cells whose scatter is less than the step shows; or refuse those."""
     from percept.inference.hierarchy.density import Resolution
 
@@ -217,7 +236,9 @@ def resolution_of(statistics: Statistics, scene: Scene, reference: Array, scale:
     size = np.array([steps.get(p, 0.0) for p in statistics.parameters])
     variance = (size[:, None] / unit) ** 2 / 12.0
     # Elsewhere rounding is part of the scatter that is seen, and its variance would count twice.
-    return Resolution(between=np.where(between, variance, 0.0), trial=np.where(trial, variance, 0.0))
+    return Resolution(
+        between=np.where(between, variance, 0.0), trial=np.where(trial, variance, 0.0)
+    )
 
 
 def lacking_scatter(
@@ -226,7 +247,10 @@ def lacking_scatter(
     """Find cells (P, J) whose lack of scatter between subjects, or trials, a step makes up for; or refuse."""
     between = (statistics.sd == 0) & (statistics.df > 0)
     trial = ((statistics.trial_rows**2).sum(axis=1) == 0) & (statistics.trial_df > 0)
-    for what, still in (("all subjects adjusted alike", between), ("no subject's trials differ", trial)):
+    for what, still in (
+        ("all subjects adjusted alike", between),
+        ("no subject's trials differ", trial),
+    ):
         for parameter, cells in zip(statistics.parameters, still, strict=True):
             if cells.any() and parameter not in steps:
                 quantity = quantities[parameter]
@@ -234,8 +258,10 @@ def lacking_scatter(
                 raise RefusalError(
                     f"{what} in {quantity.label} of {names}: zero scatter has no proper posterior.",
                     column=f"{parameter}_adj",
-                    hint=f"Give the adjustment's step in {quantity.unit or 'its own unit'}: "
-                    f"[model] resolution.{parameter}.",
+                    hint=(
+                        f"Give the adjustment's step in {quantity.unit or 'its own unit'}: "
+                        f"[model] resolution.{parameter}."
+                    ),
                 )
     known = np.array([parameter in steps for parameter in statistics.parameters])[:, None]
     if len(statistics.parameters) == 2:
@@ -251,12 +277,14 @@ def lacking_scatter(
                 if not known.any():
                     first, second = (quantities[p] for p in statistics.parameters)
                     raise RefusalError(
-                        f"{first.label} and {second.label} of {what} move in proportion, to within "
-                        f"{_PROPORTION:.1%}, in every environment: a correlation of one has no proper "
-                        "posterior.",
+                        f"{first.label} and {second.label} of {what} move in proportion, to within"
+                        f" {_PROPORTION:.1%}, in every environment: a correlation of one has no"
+                        " proper posterior.",
                         column=f"{second.name}_adj",
-                        hint="Analyse one of them, [inference] parameters, or give the steps: "
-                        "[model] resolution.",
+                        hint=(
+                            "Analyse one of them, [inference] parameters, or give the steps: "
+                            "[model] resolution."
+                        ),
                     )
                 lacking |= df > 0
     return between & known, trial & known

@@ -40,12 +40,21 @@ from percept.study.device import (
     fixed_device,
     setup_of,
 )
-from percept.study.intervals import COLUMNS, KEYS, Cell, Row, cell_moments, classical_rows, compare_intervals
+from percept.study.intervals import (
+    COLUMNS,
+    KEYS,
+    Cell,
+    Row,
+    cell_moments,
+    classical_rows,
+    compare_intervals,
+)
 from percept.study.regions import Law, Pairs, Region, laws_of, regions_of, subject_pairs
 from percept.study.responses import references, refuse_lone_subject
 from percept.study.views import StudyViews
 
-# What imports the hierarchical model is imported where it is needed: the classical method does without.
+# What imports the hierarchical model is imported where it is needed: the classical method does
+# without.
 if TYPE_CHECKING:
     from percept.inference.sampling.gate import Progress
     from percept.study.checks import ModelChecks
@@ -68,7 +77,8 @@ class Study(StudyViews):
     progress : callable, optional
         Told the state of the sampler after every round.
     store : RunStore, optional
-        Where finished runs of the sampler are kept, such as `percept.cache.PosteriorCache`; none by default.
+        Where finished runs of the sampler are kept, such as `percept.cache.PosteriorCache`; none by
+        default.
 
     Raises
     ------
@@ -218,7 +228,9 @@ class Study(StudyViews):
 
     @cached_property
     def _with_reference(self) -> list[str | Skipped]:
-        return list(referenced(self.reference, self.parameters, self.environments, self.sessions.quantities))
+        return list(
+            referenced(self.reference, self.parameters, self.environments, self.sessions.quantities)
+        )
 
     @property
     def with_reference(self) -> tuple[str, ...]:
@@ -228,7 +240,9 @@ class Study(StudyViews):
     @cached_property
     def _setup(self) -> list[Setup | Skipped]:
         shown = {
-            e: haptics.Environment(self.reference["k", e], self.reference["b", e], self.sessions.masses[e])
+            e: haptics.Environment(
+                self.reference["k", e], self.reference["b", e], self.sessions.masses[e]
+            )
             for e in self.with_reference
         }
         return list(setup_of(self.scene, self.device, shown))
@@ -256,11 +270,11 @@ class Study(StudyViews):
         Parameters
         ----------
         omega : array_like, shape (M,)
-            rad/s, positive, increasing, up to Nyquist, where a mass is endless, and so are all curves; None
-            for each environment's own.
+            rad/s, positive, increasing, up to Nyquist, where a mass is endless, and so are all
+            curves; None for each environment's own.
         environments, kinds, joints : collection of str, optional
-            Which environments, kinds, and treatments of k and b together ("joint" for curves of their law);
-            all by default.
+            Which environments, kinds, and treatments of k and b together ("joint" for curves of
+            their law); all by default.
 
         Returns
         -------
@@ -383,6 +397,8 @@ class Study(StudyViews):
         parts += [*self._contrasts, *self._banded, *self._pairs]
         if self.setup is not None:
             parts.append(fixed_device(self.setup, self.scene.inference.method))
-            parts += [no_design(self.setup, self.scene.inference.kinds)] if self.setup.coupling else []
+            parts += (
+                [no_design(self.setup, self.scene.inference.kinds)] if self.setup.coupling else []
+            )
         parts += [self.fit.subjects] if self.fit and self.scene.checks else []
         return tuple(dict.fromkeys(part for part in parts if isinstance(part, Skipped)))

@@ -39,8 +39,9 @@ _CALLS = {
 class StudyViews:
     """What `percept.Study` shows of its results.
 
-    Every plot draws on the matplotlib axes `ax`, or on a new figure without them, and returns the axes. It
-    raises UsageError for a name that the study does not have, RefusalError where there is nothing to plot.
+    Every plot draws on the matplotlib axes `ax`, or on a new figure without them, and returns the
+    axes. It raises UsageError for a name that the study does not have, RefusalError where there is
+    nothing to plot.
     """
 
     sessions: Sessions
@@ -73,8 +74,8 @@ class StudyViews:
         -------
         DataFrame
             `reference`, `unit`, `family`, and per method `METHOD_estimate`, `METHOD_lower` and
-            `METHOD_upper` in that unit. The family is the scene's, or the other one where it has no interval.
-            Limits hold for each parameter by itself.
+            `METHOD_upper` in that unit. The family is the scene's, or the other one where it has no
+            interval. Limits hold for each parameter by itself.
         """
         intervals, asked = self.intervals, self.scene.inference
         kinds = select("kind", kind, asked.kinds)
@@ -85,7 +86,9 @@ class StudyViews:
         rows = rows[own | ~pd.MultiIndex.from_frame(rows[_CELL]).isin(known)]
         table = rows.drop_duplicates(_CELL)[[*_CELL, "family", "unit", "reference"]]
         for method, found in rows.groupby("method", sort=False):
-            named = found[[*_CELL, *_LIMITS]].rename(columns={name: f"{method}_{name}" for name in _LIMITS})
+            named = found[[*_CELL, *_LIMITS]].rename(
+                columns={name: f"{method}_{name}" for name in _LIMITS}
+            )
             table = table.merge(named, on=_CELL, how="left")
         return table.reset_index(drop=True)
 
@@ -103,9 +106,10 @@ class StudyViews:
     def contrasts(self) -> pd.DataFrame:
         """Contrasts of the levels of `[study] factor`; empty without a factor.
 
-        A row per pair of levels (`second` against `first`), reference, parameter, `of` (bias or spread), kind
-        and method. Limits are ratios under the lognormal family; of bias under the normal one they are
-        differences in references. `environment` is None for the average over `references`.
+        A row per pair of levels (`second` against `first`), reference, parameter, `of` (bias or
+        spread), kind and method. Limits are ratios under the lognormal family; of bias under the
+        normal one they are differences in references. `environment` is None for the average over
+        `references`.
         """
         return pd.DataFrame(results(self._contrasts))
 
@@ -113,7 +117,9 @@ class StudyViews:
     def curves(self) -> pd.DataFrame:
         """The boundaries as one tidy table: a row per curve and frequency, rad/s and N·s/m."""
         names = (*_LABELS, *_CURVES)
-        tables = [pd.DataFrame({name: getattr(one, name) for name in names}) for one in self.boundaries]
+        tables = [
+            pd.DataFrame({name: getattr(one, name) for name in names}) for one in self.boundaries
+        ]
         if not tables:
             return pd.DataFrame(columns=names)
         # Without a coupling its column is empty, and still of numbers.
@@ -122,10 +128,12 @@ class StudyViews:
     def report(self, directory: str | Path, **options: Any) -> Path:
         """Write page, JSON, tables, figures and posterior into a folder, and return the page's path.
 
-        The folder is made where it does not exist; UsageError where it cannot be written. Options are those
-        of `percept.report.write_report`, such as ``formats=("pdf",)``.
+        The folder is made where it does not exist; UsageError where it cannot be written. Options
+        are those of `percept.report.write_report`, such as ``formats=("pdf",)``.
         """
-        page: Path = importlib.import_module("percept.report").write_report(self, directory, **options)
+        page: Path = importlib.import_module("percept.report").write_report(
+            self, directory, **options
+        )
         return page
 
     def plot_intervals(
@@ -149,8 +157,8 @@ class StudyViews:
     def plot_check(self, *, ax: Any = None) -> Any:
         """Plot how far each subject lies from what the others predict.
 
-        In a model that holds, the probabilities of lying as far off are uniform. The shaded band holds each
-        ordered probability of independent subjects with probability 0.99.
+        In a model that holds, the probabilities of lying as far off are uniform. The shaded band
+        holds each ordered probability of independent subjects with probability 0.99.
         """
         return _plots().plot_check(self, ax=ax)
 
@@ -164,7 +172,9 @@ class StudyViews:
         sessions, asked = self.sessions, self.scene.inference
         computed = [name.lstrip("_") for name in _KEPT if name in vars(self)]
         about = {
-            "quantities": ", ".join(sessions.quantities[name].words for name in sessions.parameters),
+            "quantities": ", ".join(
+                sessions.quantities[name].words for name in sessions.parameters
+            ),
             "environments": len(sessions.environments),
             "subjects": len(sessions.subjects) or "published limits",
             "method": f"{asked.method}, {asked.family}, level {asked.level:g}",
@@ -172,7 +182,9 @@ class StudyViews:
             "coupling": "none" if self.scene.coupling is None else "yes",
             "computed": ", ".join(computed) or "nothing yet",
         }
-        calls = "".join(f"<li><code>{html.escape(call)}</code>: {what}</li>" for call, what in _CALLS.items())
+        calls = "".join(
+            f"<li><code>{html.escape(call)}</code>: {what}</li>" for call, what in _CALLS.items()
+        )
         return f"{fields_html(about, caption='Study')}<ul>{calls}</ul>"
 
 

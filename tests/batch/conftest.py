@@ -24,5 +24,6 @@ def studies(tmp_path):
     (folder / "text.csv").write_text(HEADER + "S1,VE1,1000,5,much,4\nS2,VE1,1000,5,900,4\n")
     (folder / "empty.csv").write_text(HEADER + "S1,VE1,1000,5,,\nS2,VE1,1000,5,,\n")
     return [
-        str(folder / name) for name in ("s0.csv", "s1.csv", "text.csv", "s2.csv", "empty.csv", "s3.csv")
+        str(folder / name)
+        for name in ("s0.csv", "s1.csv", "text.csv", "s2.csv", "empty.csv", "s3.csv")
     ] + [str(folder / "missing.csv")]

@@ -15,7 +15,9 @@ def test_a_folder_goes_with_the_files_below_it_and_a_scene_of_its_own(tmp_path):
     (tmp_path / "lab" / "day1" / "s.csv").write_text(study_text(1).replace("S", "A"))
     (tmp_path / "lab" / "t.csv").write_text(study_text(2))
     (tmp_path / "lab" / "scene.toml").write_text("[inference]\nlevel = 0.9\nseed = 4\n")
-    study = source(tmp_path / "lab", Scene().with_inference(level=0.5), seed=7, level=None).read().study
+    study = (
+        source(tmp_path / "lab", Scene().with_inference(level=0.5), seed=7, level=None).read().study
+    )
     assert sorted(study.sessions.subjects) == ["A0", "A1", "A2", "S0", "S1", "S2"]
     assert (study.scene.inference.level, study.scene.inference.seed) == (0.9, 7)
 

@@ -27,7 +27,9 @@ def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path):
     told = []
     with in_threads() as client:
         mapper = on_cluster(client)
-        summary = batch(studies, tmp_path / "out", mapper, progress=lambda *state: told.append(state))
+        summary = batch(
+            studies, tmp_path / "out", mapper, progress=lambda *state: told.append(state)
+        )
     assert summary.counts == {"done": 4, "refused": 2, "failed": 1}
     assert (summary.studies, summary.skipped) == (7, 0)
     table = pq.read_table(summary.table).to_pandas()
@@ -54,7 +56,16 @@ def test_workers_here_in_threads_or_far_away_give_the_same_bytes(studies, tmp_pa
             batch(few, tmp_path / "threads", on_cluster(client), SAMPLED).table.read_bytes()
             == first.read_bytes()
         )
-    arguments = ["batch", *few, "--tolerance", "0.3", "--seed", "3", "--out", str(tmp_path / "remote")]
+    arguments = [
+        "batch",
+        *few,
+        "--tolerance",
+        "0.3",
+        "--seed",
+        "3",
+        "--out",
+        str(tmp_path / "remote"),
+    ]
     with scheduler(tmp_path, workers=1) as (_, address):
         assert main([*arguments, "--scheduler", address]) == 1
     assert "text.csv:2" in capsys.readouterr().err

@@ -25,7 +25,10 @@ def test_an_irregular_study_misses_cells_and_repeats_others():
 
 def test_one_subject_is_three_times_off_and_the_others_are_not():
     design = DESIGNS["8x4x2-outlier"]
-    off = simulated(design, 2).cell_means - simulated(dataclasses.replace(design, outlier=1.0), 2).cell_means
+    off = (
+        simulated(design, 2).cell_means
+        - simulated(dataclasses.replace(design, outlier=1.0), 2).cell_means
+    )
     assert off[0] == pytest.approx(np.full((2, 4), np.log(3.0)), rel=1e-12)
     assert np.abs(off[1:]).max() < 1e-14
 
@@ -34,7 +37,12 @@ def test_scatter_between_subjects_vanishes_where_sigma_w_does():
     """Cell means about subjects' and environments' own scatter by the trials alone, sigma_e²/3."""
     statistics = simulated(DESIGNS["24x12x3-none"], 1)
     means = statistics.cell_means
-    rest = means - means.mean(axis=2, keepdims=True) - means.mean(axis=0) + means.mean(axis=(0, 2))[:, None]
+    rest = (
+        means
+        - means.mean(axis=2, keepdims=True)
+        - means.mean(axis=0)
+        + means.mean(axis=(0, 2))[:, None]
+    )
     between = (rest**2).sum(axis=(0, 2)) / (23 * 11)
     trials = (statistics.trial_rows**2).sum(axis=(1, 2)) / statistics.trial_df.sum() / 3
     # The ratio of variances of 253 and 576 degrees of freedom has a relative SD of about 0.11.
@@ -43,7 +51,17 @@ def test_scatter_between_subjects_vanishes_where_sigma_w_does():
 
 def test_a_fit_is_measured_kept_and_not_measured_again(tmp_path, capsys):
     """Two seconds of processor time: a fit to the default tolerance is what the part measures."""
-    command = ["bench", "designs", "--rows", "6x3x1", "--seeds", "1", "--no-peer", "--out", str(tmp_path)]
+    command = [
+        "bench",
+        "designs",
+        "--rows",
+        "6x3x1",
+        "--seeds",
+        "1",
+        "--no-peer",
+        "--out",
+        str(tmp_path),
+    ]
     assert main(command) == 0
     assert "6x3x1, seed 1: fit" in capsys.readouterr().err
     kept = (tmp_path / "designs.jsonl").read_text()
@@ -66,7 +84,9 @@ def test_a_fit_is_measured_kept_and_not_measured_again(tmp_path, capsys):
 
 
 def test_an_unknown_design_is_named():
-    with pytest.raises(UsageError, match=r"--rows.*'7x7x7': no such design; there are 6x3x1, 12x8x1"):
+    with pytest.raises(
+        UsageError, match=r"--rows.*'7x7x7': no such design; there are 6x3x1, 12x8x1"
+    ):
         design_costs(["7x7x7"])
 
 
@@ -79,8 +99,14 @@ def test_the_summary_names_what_misses():
     compared = {"peer_s": 1.0, "peer_error": 0.5, "z_beyond_3": 0, "z_largest": 2.0, "compared": 30}
     rows = [
         cost("6x3x1", z_square=1.0, **compared),
-        cost("12x8x1", z_square=4.0, **(compared | {"compared": 10, "z_beyond_3": 2, "peer_error": 1.5})),
-        cost("24x12x1", in_time=False, processor_s=25.0, passed=False, peak_mb=1200.0, peer_s=600.0),
+        cost(
+            "12x8x1",
+            z_square=4.0,
+            **(compared | {"compared": 10, "z_beyond_3": 2, "peer_error": 1.5}),
+        ),
+        cost(
+            "24x12x1", in_time=False, processor_s=25.0, passed=False, peak_mb=1200.0, peer_s=600.0
+        ),
     ]
     passing, timely, memory, peer, coarse, without = summary(rows)
     assert passing == "2 of 3 fits pass the gate; not 24x12x1 (seed 1)."
@@ -102,10 +128,12 @@ def test_limits_from_draws_of_the_scales_are_those_of_the_same_points(name):
     (mean, on_mean), (user, on_user) = estimands.estimates(estimands.components(points))
     expected, influence = np.r_[mean.value, user.value], np.concatenate([on_mean, on_user], axis=1)
     draws = {
-        key: values.reshape(4, 100, *values.shape[1:]) for key, (_, values) in model.scales(points).items()
+        key: values.reshape(4, 100, *values.shape[1:])
+        for key, (_, values) in model.scales(points).items()
     }
     value, error = averaged_limits(statistics, draws)
     assert value == pytest.approx(expected, rel=1e-10)
-    # The points are independent: their standard error is known, the estimate of it within a third or so.
+    # The points are independent: their standard error is known, the estimate of it within a third
+    # or so.
     ratio = error / (influence.std(axis=0) / np.sqrt(400))
     assert 0.75 < np.median(ratio) < 1.33

@@ -11,13 +11,21 @@ from mpmath import mp
 
 from percept.bench import digits as bench
 from percept.bench import twins as twin
-from percept.bench.digits import collapsed, density_digits, moment_digits, number_accuracy, small_large
+from percept.bench.digits import (
+    collapsed,
+    density_digits,
+    moment_digits,
+    number_accuracy,
+    small_large,
+)
 from percept.inference import Moments
 from percept.inference.classical.trials import subject_means
 from tests.inference.hierarchy import exact
 
 NIST = files("scipy.stats").joinpath("tests", "data", "nist_anova")
-shipped = pytest.mark.skipif(not NIST.is_dir(), reason="this SciPy was installed without its test data")
+shipped = pytest.mark.skipif(
+    not NIST.is_dir(), reason="this SciPy was installed without its test data"
+)
 LEVELS = twin.Levels(between=0.2, shared=1e-4, trial=30.0, tau=0.5, rest=1e-7)
 X = np.array([[-1.0, 1.0], [-0.5, 0.5]])
 
@@ -26,7 +34,9 @@ def nist(name):
     """Return responses, treatments and the certified SD within treatments of a one-way set."""
     text = NIST.joinpath(f"{name}.dat").read_text(encoding="ascii")
     certified = float(re.search(r"Certified Residual\s+Standard Deviation\s+(\S+)", text)[1])
-    treatment, response = np.array([line.split() for line in text.splitlines()[60:] if line.strip()]).T
+    treatment, response = np.array(
+        [line.split() for line in text.splitlines()[60:] if line.strip()]
+    ).T
     return response.astype(float), treatment, certified
 
 
@@ -39,7 +49,9 @@ def test_means_and_sds_are_rounded_as_promised():
 def test_sums_of_squares_would_be_seen():
     # Squares of 1e6 hold their last digit at 1e-4: two digits of an SD of 0.1 are left.
     values, _, sd = number_accuracy(3)
-    direct = math.sqrt((np.dot(values, values) - values.size * values.mean() ** 2) / (values.size - 1))
+    direct = math.sqrt(
+        (np.dot(values, values) - values.size * values.mean() ** 2) / (values.size - 1)
+    )
     assert bench._moment_row("SD", "NumAcc3", direct, sd).over_promise > 1e10
     assert bench._moment_row("mean", "of zeros", 5e-324, 0.0).over_promise == math.inf
 
@@ -49,7 +61,8 @@ def test_certified_values_are_met_as_far_as_doubles_can(which, digits):
     values, mean, sd = number_accuracy(which)
     moments = Moments.from_values(values)
     assert moments.mean == mean
-    # Decimal data of offset 1e7 are off by up to 1e-9 as doubles, which leaves 8 digits of an SD of 0.1.
+    # Decimal data of offset 1e7 are off by up to 1e-9 as doubles, which leaves 8 digits of an SD of
+    # 0.1.
     assert bench.digits_of(abs(moments.sd - sd) / sd) >= digits
     assert values.size == (3 if which == 1 else 1001)
 

@@ -21,7 +21,9 @@ TRUE = {"weber": (0.12,), "offset": (0.8, 0.1), "power": (0.5, 0.8)}
 
 def simulated(law: str, count: int, seed: int = 1) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    return law_band(law, np.array([TRUE[law]]), Z) * np.exp(0.1 * rng.standard_normal((count, Z.size)))
+    return law_band(law, np.array([TRUE[law]]), Z) * np.exp(
+        0.1 * rng.standard_normal((count, Z.size))
+    )
 
 
 def laws_of(impedance: np.ndarray, draws: np.ndarray) -> dict[str, BandLaw]:
@@ -66,12 +68,17 @@ def test_offset_is_exact_to_more_digits_than_its_cost_shows() -> None:
     for row, (c, w) in zip(bands, fit_law("offset", Z, bands), strict=True):
         if not c:
             continue
-        z, y = [mpmath.mpf(v) for v in Z.tolist()], [mpmath.log(mpmath.mpf(v)) for v in row.tolist()]
+        z, y = (
+            [mpmath.mpf(v) for v in Z.tolist()],
+            [mpmath.log(mpmath.mpf(v)) for v in row.tolist()],
+        )
 
         def slope(t: mpmath.mpf, z: list[mpmath.mpf] = z, y: list[mpmath.mpf] = y) -> mpmath.mpf:
             off = [b - mpmath.log(mpmath.exp(t) + a) for a, b in zip(z, y, strict=True)]
             mean = mpmath.fsum(off) / len(off)
-            return mpmath.fsum((o - mean) / (1 + a * mpmath.exp(-t)) for o, a in zip(off, z, strict=True))
+            return mpmath.fsum(
+                (o - mean) / (1 + a * mpmath.exp(-t)) for o, a in zip(off, z, strict=True)
+            )
 
         with mpmath.workdps(40):
             exact = mpmath.exp(mpmath.findroot(slope, mpmath.log(c / w)))
@@ -91,7 +98,9 @@ def test_left_out_is_predicted_from_the_others_only() -> None:
     kept = np.arange(6) != 2
     by_hand = np.polynomial.polynomial.polyfit(np.log(Z[:6][kept]), np.log(bands[:, kept]).T, 1)
     np.testing.assert_allclose(fits[2][:, 1], by_hand[1])
-    np.testing.assert_allclose(error[:, 2], by_hand[0] + by_hand[1] * np.log(Z[2]) - np.log(bands[:, 2]))
+    np.testing.assert_allclose(
+        error[:, 2], by_hand[0] + by_hand[1] * np.log(Z[2]) - np.log(bands[:, 2])
+    )
 
 
 def test_one_environment_carrying_the_offset_is_named() -> None:
@@ -100,7 +109,9 @@ def test_one_environment_carrying_the_offset_is_named() -> None:
     draws = bands * np.exp(0.02 * np.random.default_rng(1).standard_normal((300, 5)))
     names = ("A", "B", "C", "D", "E")
     laws = list(
-        band_laws(names, z, bands, draws, method="classical", kind="mean", family="normal", level=0.9)
+        band_laws(
+            names, z, bands, draws, method="classical", kind="mean", family="normal", level=0.9
+        )
     )
     offset = next(law for law in laws if law.model == "offset")
     assert offset.carried_by == "A"
@@ -112,8 +123,12 @@ def test_one_environment_carrying_the_offset_is_named() -> None:
 
 def test_an_offset_that_two_environments_carry_is_carried_by_no_one() -> None:
     z, bands = np.array([1.0, 2.0, 100.0, 1000.0]), np.array([0.091, 0.521, 6.277, 127.897])
-    offset = laws_of(z, bands * np.exp(1e-3 * np.random.default_rng(4).standard_normal((20, 4))))["offset"]
-    without = [fit_law("offset", np.delete(z, j), np.delete(bands, j)[None])[0, 0] for j in range(4)]
+    offset = laws_of(z, bands * np.exp(1e-3 * np.random.default_rng(4).standard_normal((20, 4))))[
+        "offset"
+    ]
+    without = [
+        fit_law("offset", np.delete(z, j), np.delete(bands, j)[None])[0, 0] for j in range(4)
+    ]
     assert np.flatnonzero(np.array(without) < 0.1 * offset.parameters["c"].value).tolist() == [1, 2]
     assert offset.carried_by is None
     assert "rests on" not in offset.sentence
@@ -124,7 +139,9 @@ def powers(exponent: float, count: int = 60) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("exponent", "growing"), [(1.5, "faster"), (0.5, "slower")])
-def test_an_exponent_other_than_one_is_said_to_grow_faster_or_slower(exponent: float, growing: str) -> None:
+def test_an_exponent_other_than_one_is_said_to_grow_faster_or_slower(
+    exponent: float, growing: str
+) -> None:
     assert laws_of(Z4, powers(exponent))["power"].sentence.startswith(
         f"The band grows {growing} than the impedance: the exponent's interval does not hold 1. "
     )
@@ -165,15 +182,21 @@ def test_sentences_speak_of_their_own_law() -> None:
     assert weber.sentence.startswith(
         "The band is 0.3 times the impedance. With one environment left out, Weber's law "
     )
-    assert offset.sentence.startswith("The offset vanishes, and the band is 0.3 times the impedance. ")
+    assert offset.sentence.startswith(
+        "The offset vanishes, and the band is 0.3 times the impedance. "
+    )
     assert "the law with an offset is typically off by a factor " in offset.sentence
-    assert power.sentence.startswith("The exponent's interval holds 1: Weber's law is not ruled out. ")
+    assert power.sentence.startswith(
+        "The exponent's interval holds 1: Weber's law is not ruled out. "
+    )
     assert "the power law is typically off by a factor " in power.sentence
     rough = 0.1 + 0.3 * Z
     draws = rough * np.exp(0.4 * np.random.default_rng(9).normal(size=(400, Z.size)))
     _, reaching, _ = band_laws(names, Z, rough, draws, **said)
     assert reaching.parameters["c"].lower == 0.0 < reaching.parameters["c"].value
-    assert "an offset, whose interval reaches zero, and a share of the impedance" in reaching.sentence
+    assert (
+        "an offset, whose interval reaches zero, and a share of the impedance" in reaching.sentence
+    )
 
 
 def test_offsets_far_above_the_impedance_are_found() -> None:
@@ -182,10 +205,16 @@ def test_offsets_far_above_the_impedance_are_found() -> None:
     for bands in ([10.2, 10.0, 9.9], [10.0, 10.00001, 10.00003]):
         c, w = fit_law("offset", z, np.array([bands]))[0]
         cost = np.var(np.log(bands) - np.log(c + w * z))
-        best = min(np.var(np.log(bands) - np.log(np.exp(t) + z)) for t in np.linspace(-15.0, 25.0, 4001))
+        best = min(
+            np.var(np.log(bands) - np.log(np.exp(t) + z)) for t in np.linspace(-15.0, 25.0, 4001)
+        )
         assert cost <= best * (1.0 + 1e-5) + 1e-18
-    error, _ = leave_one_out("offset", np.array([1.0, 2.0, 4.0, 5000.0]), np.array([[10.2, 10.0, 9.9, 12.0]]))
-    assert error[0, 3] == pytest.approx(np.log(np.exp(np.mean(np.log([10.2, 10.0, 9.9]))) / 12.0), abs=1e-3)
+    error, _ = leave_one_out(
+        "offset", np.array([1.0, 2.0, 4.0, 5000.0]), np.array([[10.2, 10.0, 9.9, 12.0]])
+    )
+    assert error[0, 3] == pytest.approx(
+        np.log(np.exp(np.mean(np.log([10.2, 10.0, 9.9]))) / 12.0), abs=1e-3
+    )
 
 
 def test_without_bands_of_the_study_the_estimate_is_the_median_of_the_draws() -> None:

@@ -59,14 +59,19 @@ def test_rectangles_hold_what_bivariate_normals_hold() -> None:
     k, b, held = law.even(4096)
     for corner in ([8.95, 1.8], [9.1, 2.4], [9.2, 1.9]):
         exact = np.mean(
-            [stats.multivariate_normal(m, c).cdf(corner) for m, c in zip(mean, covariance, strict=True)]
+            [
+                stats.multivariate_normal(m, c).cdf(corner)
+                for m, c in zip(mean, covariance, strict=True)
+            ]
         )
         # A region with corners keeps about N^(-3/4) of 4096 points' own.
         assert held[(k <= corner[0]) & (b <= corner[1])].sum() == pytest.approx(exact, abs=4e-3)
 
 
 @pytest.mark.parametrize("family", ["normal", "lognormal"])
-@pytest.mark.parametrize(("kind", "interval"), [("mean", t_interval), ("user", prediction_interval)])
+@pytest.mark.parametrize(
+    ("kind", "interval"), [("mean", t_interval), ("user", prediction_interval)]
+)
 def test_margins_are_the_classical_intervals(family: str, kind: str, interval: object) -> None:
     law = confidence_law(K, B, kind=kind, family=family)  # type: ignore[arg-type]
     for p, values in enumerate((K, B)):
@@ -81,7 +86,9 @@ def test_radius_has_the_law_of_a_bivariate_t() -> None:
     points = np.stack([k - K.mean(), b - B.mean()])
     squared = np.einsum("in,ij,jn->n", points, np.linalg.inv(np.cov(K, B) / 10), points)
     for p in (0.5, 0.9, 0.99):
-        exact = 9 * ((1 - p) ** (-2 / 9) - 1)  # twice the F quantile with 2 and 9 degrees of freedom
+        exact = 9 * (
+            (1 - p) ** (-2 / 9) - 1
+        )  # twice the F quantile with 2 and 9 degrees of freedom
         assert held[squared <= exact].sum() == pytest.approx(p, abs=4e-3)
 
 
@@ -94,10 +101,14 @@ def test_samples_without_a_distribution_are_refused() -> None:
 
 def test_ellipse_of_a_law_holds_its_level_and_follows_its_family() -> None:
     covariance = np.array([[0.01, 0.6 * 0.03], [0.6 * 0.03, 0.09]])
-    law = mixture_law(np.array([[9.0, 2.0]] * 8), np.array([covariance] * 8), np.arange(8), "lognormal")
+    law = mixture_law(
+        np.array([[9.0, 2.0]] * 8), np.array([covariance] * 8), np.arange(8), "lognormal"
+    )
     ellipse = law.ellipse(kind="user", level=0.9, n=10)
     # Of one normal the radius is that of a chi square with two degrees of freedom.
     assert ellipse.radius == pytest.approx(np.sqrt(-2 * np.log(0.1)), rel=0.005)
     assert ellipse.shape[0, 1] / np.prod(ellipse.sd) == pytest.approx(0.6)
     k, b = np.exp(np.random.default_rng(3).multivariate_normal([9.0, 2.0], covariance, 40_000).T)
-    assert ellipse.contains(k, b).mean() == pytest.approx(0.9, abs=4 * np.sqrt(0.09 / 40_000) + 0.002)
+    assert ellipse.contains(k, b).mean() == pytest.approx(
+        0.9, abs=4 * np.sqrt(0.09 / 40_000) + 0.002
+    )

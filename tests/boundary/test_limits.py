@@ -30,19 +30,27 @@ def drawn_from(mean: np.ndarray, covariance: np.ndarray, seed: int) -> np.ndarra
 def laws() -> list[tuple[PairLaw, np.ndarray]]:
     mean, covariance = mixture()
     batch = np.arange(400) % 16
-    found = [(mixture_law(mean, covariance, batch, "lognormal"), np.exp(drawn_from(mean, covariance, 1)))]
+    found = [
+        (mixture_law(mean, covariance, batch, "lognormal"), np.exp(drawn_from(mean, covariance, 1)))
+    ]
     # Normal, so that k and b below zero belong to it; and k known far better than b.
     scale = np.array([1000.0, 2.0])
     mean, covariance = scale * (mean - [8.0, 1.0]), covariance * np.outer(scale, scale)
     found.append((mixture_law(mean, covariance, batch, "normal"), drawn_from(mean, covariance, 2)))
     rng = np.random.default_rng(3)
     centre, shape = np.log([K, B]).mean(axis=1), np.cov(np.log([K, B])) * 1.1
-    t = rng.multivariate_normal([0.0, 0.0], shape, DRAWS) / np.sqrt(rng.chisquare(9, DRAWS) / 9)[:, None]
+    t = (
+        rng.multivariate_normal([0.0, 0.0], shape, DRAWS)
+        / np.sqrt(rng.chisquare(9, DRAWS) / 9)[:, None]
+    )
     found.append((confidence_law(K, B, kind="user", family="lognormal"), np.exp(centre + t).T))
-    # Users so far apart in k, by some 40 powers of ten, that the grid reaches below the least number.
+    # Users so far apart in k, by some 40 powers of ten, that the grid reaches below the least
+    # number.
     mean, covariance = mixture()
     covariance = covariance * np.outer([150.0, 2.0], [150.0, 2.0])
-    found.append((mixture_law(mean, covariance, batch, "lognormal"), np.exp(drawn_from(mean, covariance, 4))))
+    found.append(
+        (mixture_law(mean, covariance, batch, "lognormal"), np.exp(drawn_from(mean, covariance, 4)))
+    )
     return found
 
 
@@ -142,15 +150,20 @@ def test_stated_error_is_the_scatter_between_sets_of_draws(draw: Callable[..., A
         law = mixture_law(*draw(320, seed), np.arange(320) % 16, "lognormal")
         magnitude = Magnitude(law, DEVICE, PERIOD, omega)
         together = magnitude.calibrate(0.99)
-        found.append((magnitude.limits(0.99), magnitude.limits(together.level, together.shifts), together))
+        found.append(
+            (magnitude.limits(0.99), magnitude.limits(together.level, together.shifts), together)
+        )
     for which in (0, 1):
         limits = [each[which] for each in found]
         scatter = np.log([(one.lower, one.upper) for one in limits]).std(axis=0, ddof=1)
         stated = np.sqrt(np.mean([np.square(one.errors) for one in limits], axis=0))
-        # An SD of 60 numbers scatters by 1/sqrt(118); the errors, of 15 degrees of freedom each, by far less.
+        # An SD of 60 numbers scatters by 1/sqrt(118); the errors, of 15 degrees of freedom each, by
+        # far less.
         assert np.abs(np.log(stated / scatter)).max() < 4.0 / np.sqrt(118.0)
     levels = np.log([1.0 - each[2].level for each in found]).std(ddof=1)
-    stated_level = np.sqrt(np.mean([(each[2].error / (1.0 - each[2].level)) ** 2 for each in found]))
+    stated_level = np.sqrt(
+        np.mean([(each[2].error / (1.0 - each[2].level)) ** 2 for each in found])
+    )
     # Batches of twenty draws bend: what they add is counted too.
     assert -4.0 / np.sqrt(118.0) < np.log(stated_level / levels) < np.log(2.5)
 
@@ -168,7 +181,10 @@ def test_sixteen_times_the_draws_divide_the_error_by_four() -> None:
 
 def test_relative_error_is_a_mean_over_log_omega_in_half_widths() -> None:
     omega = np.array([1.0, 10.0, 1000.0, 2000.0])
-    lower, upper = np.full(4, 1.0), np.array([np.e**2, np.e**2, np.e**2, 1.0])  # no width at the last
+    lower, upper = (
+        np.full(4, 1.0),
+        np.array([np.e**2, np.e**2, np.e**2, 1.0]),
+    )  # no width at the last
     error = np.array([[0.1, 0.1, 0.3, 9.0], [0.1, 0.1, 0.3, 9.0]])
     found = relative_error(omega, Limits(lower, upper, error))
     assert found is not None

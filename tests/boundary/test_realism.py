@@ -17,7 +17,9 @@ LOWER, UPPER, PERIOD, DEVICE = 0.1, 100.0, 1e-3, Device(1.0, 5.0)
 @pytest.mark.parametrize("coupling", [None, Coupling(2e4, 50.0)])
 def test_realism_is_that_of_a_loop_over_draws_and_a_fine_grid(coupling: Coupling | None) -> None:
     rng = np.random.default_rng(5)
-    omega = np.sort(np.concatenate([np.geomspace(LOWER, UPPER, 2000), np.linspace(25.0, 40.0, 2000)]))
+    omega = np.sort(
+        np.concatenate([np.geomspace(LOWER, UPPER, 2000), np.linspace(25.0, 40.0, 2000)])
+    )
     k_low, b_low = np.exp(rng.normal(6.85, 0.06, 200)), rng.normal(0.5, 0.3, 200)
     k_high, b_high = k_low * 1.15, b_low + 1.0
     own = Environment(950.0, 1.2)
@@ -32,7 +34,9 @@ def test_realism_is_that_of_a_loop_over_draws_and_a_fine_grid(coupling: Coupling
         box = (k_low[s], k_high[s]), (b_low[s], b_high[s])
         lower, upper = magnitude_envelope(omega, DEVICE, *box, PERIOD)
         magnitude[s] = ((lower <= shown) & (shown <= upper)).all()
-        plane[s] = all(((low <= v) & (v <= high)).all() for v, (low, high) in zip((k, b), box, strict=True))
+        plane[s] = all(
+            ((low <= v) & (v <= high)).all() for v, (low, high) in zip((k, b), box, strict=True)
+        )
     assert found.plane == plane.mean()
     # Between the grid's points a draw may leave that its points do not show.
     assert magnitude.mean() - 0.005 <= found.magnitude <= magnitude.mean()
@@ -61,7 +65,9 @@ def test_a_draw_that_no_search_decides_is_in_the_error() -> None:
     k, count = 1000.0, 100
     off = ON_LIMIT + np.linspace(-2e-15, 2e-15, count)
     for shift, undecided in ((0.0, True), (-1e-12, False)):
-        users = Boxes((np.full(count, 900.0), k * np.exp(-off - shift)), (np.zeros(count), np.zeros(count)))
+        users = Boxes(
+            (np.full(count, 900.0), k * np.exp(-off - shift)), (np.zeros(count), np.zeros(count))
+        )
         found = realism(Display(Device(0.0, 0.0), Environment(k, 0.0), PERIOD), users, LOWER, UPPER)
         binomial = np.sqrt(found.magnitude * (1 - found.magnitude) / count)
         assert (found.magnitude_error > max(binomial, 1 / count)) == undecided

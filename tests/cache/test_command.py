@@ -17,8 +17,8 @@ SCENE = {
     "frequency": {"lower": 1.0, "upper": 50.0, "points": 3},
     "inference": {"tolerance": 0.5, "kinds": ["user"], "method": "bayesian"},
 }
-# Each document is made by a process that did nothing else, as a command is: the last bits of a sum may depend
-# on where its numbers stand in memory.
+# Each document is made by a process that did nothing else, as a command is: the last bits of a sum
+# may depend on where its numbers stand in memory.
 MADE = """
 import sys
 from pathlib import Path

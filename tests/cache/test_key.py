@@ -24,7 +24,9 @@ def sessions_file(folder, change=0.0, *, extra=""):
                 if subject == 2 and name == "B" and trial == 2:
                     k_adj += change
                 rows.append(
-                    f"S{subject},{name},{k},{b},{trial},{k_adj!r},{b_adj!r}".replace("np.float64", "")
+                    f"S{subject},{name},{k},{b},{trial},{k_adj!r},{b_adj!r}".replace(
+                        "np.float64", ""
+                    )
                 )
     path = folder / "study.csv"
     text = HEADER + "\n".join(rows).replace("(", "").replace(")", "") + "\n" + extra
@@ -104,8 +106,26 @@ def test_what_moves_no_number_leaves_the_key(tmp_path):
 
 
 def test_types_and_shapes_tell_values_apart():
-    values = [1, 1.0, True, "1", None, (1,), ((1,),), np.array(1.0), np.array([1.0]), np.array([[1.0]])]
-    values += [np.array([1]), np.array([1], dtype=np.int32), {"a": 1}, {"a": "1"}, ("a", 1), {"b": 1}]
+    values = [
+        1,
+        1.0,
+        True,
+        "1",
+        None,
+        (1,),
+        ((1,),),
+        np.array(1.0),
+        np.array([1.0]),
+        np.array([[1.0]]),
+    ]
+    values += [
+        np.array([1]),
+        np.array([1], dtype=np.int32),
+        {"a": 1},
+        {"a": "1"},
+        ("a", 1),
+        {"b": 1},
+    ]
     values += [0.0, -0.0, 1e-300, float("nan"), float("inf"), np.array([0.0]), np.array([-0.0])]
     assert len({digest(value) for value in values}) == len(values)
     assert digest((1, 2), 3) != digest((1, 2, 3))
@@ -117,7 +137,9 @@ def test_arrays_count_by_value_however_they_lie_in_memory():
 
 
 @pytest.mark.parametrize(
-    "value", [len, object(), np.array([None]), Study], ids=["function", "object", "objects", "class"]
+    "value",
+    [len, object(), np.array([None]), Study],
+    ids=["function", "object", "objects", "class"],
 )
 def test_what_has_no_plain_value_has_no_digest(value):
     with pytest.raises(TypeError, match="has no digest"):
@@ -145,7 +167,10 @@ def test_a_key_costs_no_more_for_more_trials(tmp_path):
     for trial in range(3, 200):
         for subject in range(4):
             for name, k, b in (("A", 100.0, 1.0), ("B", 1000.0, 9.0)):
-                k_adj, b_adj = float(k * np.exp(rng.normal(0, 0.1))), float(b * np.exp(rng.normal(0, 0.2)))
+                k_adj, b_adj = (
+                    float(k * np.exp(rng.normal(0, 0.1))),
+                    float(b * np.exp(rng.normal(0, 0.2))),
+                )
                 more.append(f"S{subject},{name},{k},{b},{trial},{k_adj},{b_adj}")
     path = sessions_file(tmp_path, extra="\n".join(more) + "\n")
     many = prepare(read_sessions(path), Scene(), ("k", "b")).model

@@ -79,7 +79,9 @@ def test_a_damaged_entry_is_said_and_discarded(cache, run, caplog, harm):
     data = path.read_bytes()
     middle = len(data) // 2
     flipped = data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
-    path.write_bytes({"torn": data[:-100], "flipped": flipped, "empty": b"", "foreign": b"PAR1"}[harm])
+    path.write_bytes(
+        {"torn": data[:-100], "flipped": flipped, "empty": b"", "foreign": b"PAR1"}[harm]
+    )
     assert cache.find(("x",)) is None
     assert "damaged" in caplog.text
     assert "computed again" in caplog.text
@@ -179,7 +181,9 @@ def test_two_processes_that_store_load_and_evict_at_once_never_see_a_torn_entry(
     (tmp_path / "entry").write_bytes(encode(run))
     arguments = [sys.executable, "-c", TWO, str(tmp_path / "entry"), str(tmp_path / "c")]
     running = [
-        subprocess.Popen([*arguments, step], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        subprocess.Popen(
+            [*arguments, step], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
         for step in ("1", "5")
     ]
     for process in running:

@@ -61,7 +61,8 @@ def test_normal_users_have_the_mean_and_sd_of_their_cell(study: Study) -> None:
         trials = rows.groupby("subject").size()
         for i, parameter in enumerate(("k", "b")):
             values = (
-                rows.groupby("subject")[f"{parameter}_adj"].mean() / study.reference[parameter, environment]
+                rows.groupby("subject")[f"{parameter}_adj"].mean()
+                / study.reference[parameter, environment]
             )
             assert own.beta[j, i] == pytest.approx(values.mean() - 1.0)
             noise = own.sigma_e[j, i] ** 2 * (1.0 / trials).mean()
@@ -96,7 +97,10 @@ def test_a_recommendation_rests_on_enough_studies(plain: Study, tmp_path) -> Non
         "For stiffness in VE1", "For stiffness in VE2", "For damping in VE1", "For damping in VE2",
     ]  # fmt: skip
     for enough in ((3, 3), (2, 4)):
-        assert "percept calibrate would tell" in recommend(plain, tmp_path, "percept calibrate", enough)[0]
+        assert (
+            "percept calibrate would tell"
+            in recommend(plain, tmp_path, "percept calibrate", enough)[0]
+        )
 
 
 def covered(**held: tuple[float, float]) -> pd.DataFrame:
@@ -160,11 +164,15 @@ def test_a_study_that_cannot_be_simulated_has_theory_alone() -> None:
     assert text.startswith(
         "Which to use: for normal users the classical intervals cover exactly what they state."
     )
-    assert "Studies like this one cannot be simulated: calibration needs a passed Bayesian fit" in text
+    assert (
+        "Studies like this one cannot be simulated: calibration needs a passed Bayesian fit" in text
+    )
     assert "would tell" not in text
 
 
-def test_calibrate_writes_what_compare_recommends_by(plain: Study, tmp_path, monkeypatch, capsys) -> None:
+def test_calibrate_writes_what_compare_recommends_by(
+    plain: Study, tmp_path, monkeypatch, capsys
+) -> None:
     """The studies stand in the folder already, and are found although the study is fitted again."""
     monkeypatch.setenv("PERCEPT_CACHE", str(tmp_path / "cache"))
     PLAIN.to_csv(tmp_path / "sessions.csv", index=False)

@@ -41,7 +41,18 @@ NORMAL = Population("normal", np.array([100.0, 2.0]), np.array([0.1, 0.0]), np.d
 
 def fixed_values(*, spread: float, environments: int) -> dict[str, object]:
     """Unbiased users of one spread everywhere, k and b independent."""
-    scales = ("alpha", "gamma", "tau", "sigma_u", "s", "kappa", "omega", "s_e", "kappa_e", "omega_e")
+    scales = (
+        "alpha",
+        "gamma",
+        "tau",
+        "sigma_u",
+        "s",
+        "kappa",
+        "omega",
+        "s_e",
+        "kappa_e",
+        "omega_e",
+    )
     hyper: dict[str, object] = {name: [0.0, 0.0] for name in scales}
     hyper |= {"rho_u": 0.0, "rho_w": 0.0, "rho_e": 0.0}
     zero = [[0.0, 0.0]] * environments
@@ -118,7 +129,9 @@ def test_a_checkpoint_that_is_none(tmp_path: Path) -> None:
 
 
 def test_truth_of_a_population() -> None:
-    users = Population("lognormal", np.array([100.0, 2.0]), np.array([0.1, 0.0]), np.diag([0.04, 0.25]))
+    users = Population(
+        "lognormal", np.array([100.0, 2.0]), np.array([0.1, 0.0]), np.diag([0.04, 0.25])
+    )
     rng = np.random.default_rng(1)
     drawn = users.users(200_000, rng)
     inside = np.mean((drawn[:, 0] > 90.0) & (drawn[:, 0] < 140.0))
@@ -128,7 +141,8 @@ def test_truth_of_a_population() -> None:
     assert np.all(np.abs(users.average("normal") - drawn.mean(axis=0)) < 4 * error)
     np.testing.assert_allclose(users.average("lognormal"), [100.0 * np.exp(0.1), 2.0])
     exact = [
-        stats.norm(m, s).expect(np.log, lb=m - 8 * s if m > 8 * s else 1e-9) for m, s in ((110, 10), (2, 0.4))
+        stats.norm(m, s).expect(np.log, lb=m - 8 * s if m > 8 * s else 1e-9)
+        for m, s in ((110, 10), (2, 0.4))
     ]
     np.testing.assert_allclose(np.log(NORMAL.average("lognormal")), exact, rtol=1e-4)
 
@@ -201,7 +215,9 @@ def test_fitted_values_are_those_of_the_fit() -> None:
 
 
 def test_bayesian_claims_are_judged() -> None:
-    judged = judge_study(dataclasses.replace(PLAN, method="both", tolerance=0.2, seed=4), 0)["judged"]
+    judged = judge_study(dataclasses.replace(PLAN, method="both", tolerance=0.2, seed=4), 0)[
+        "judged"
+    ]
     claims = {(one["claim"], one["method"]) for one in judged}
     assert {("interval", "bayesian"), ("boundary throughout", "bayesian")} <= claims
     assert all(0.0 <= one["held"] <= 1.0 for one in judged)
@@ -240,7 +256,18 @@ def test_a_single_quantity_is_simulated_as_two_are() -> None:
     assert plan.parameters == ("duration",)
     assert plan.references == ((400.0,), (900.0,), (2000.0,))
     zero = [[0.0]] * 3
-    scales = ("alpha", "gamma", "tau", "sigma_u", "s", "kappa", "omega", "s_e", "kappa_e", "omega_e")
+    scales = (
+        "alpha",
+        "gamma",
+        "tau",
+        "sigma_u",
+        "s",
+        "kappa",
+        "omega",
+        "s_e",
+        "kappa_e",
+        "omega_e",
+    )
     hyper = {name: [0.0] for name in scales} | {"rho_u": 0.0, "rho_w": 0.0, "rho_e": 0.0}
     values = {"hyper": hyper, "delta": zero, "beta": zero, "sigma_e": zero, "sigma": [[0.5]] * 3}
     rows = coverage(dataclasses.replace(plan, values=values), 60)
@@ -298,7 +325,9 @@ def test_wrong_plans() -> None:
         coverage(PLAN, 1)
 
 
-@pytest.mark.skipif("PERCEPT_LONG" not in os.environ, reason="set PERCEPT_LONG for minutes of refits")
+@pytest.mark.skipif(
+    "PERCEPT_LONG" not in os.environ, reason="set PERCEPT_LONG for minutes of refits"
+)
 def test_bayesian_coverage_averaged_over_the_prior() -> None:
     plan = dataclasses.replace(PLAN, method="both", tolerance=0.1)
     rows = coverage(plan, 200)
@@ -307,12 +336,21 @@ def test_bayesian_coverage_averaged_over_the_prior() -> None:
             assert row.held > row.stated - 4 * row.error
 
 
-@pytest.mark.skipif("PERCEPT_LONG" not in os.environ, reason="set PERCEPT_LONG for minutes of refits")
+@pytest.mark.skipif(
+    "PERCEPT_LONG" not in os.environ, reason="set PERCEPT_LONG for minutes of refits"
+)
 def test_regions_hold_whole_curves_drawn_from_the_prior_and_pointwise_bands_do_not() -> None:
-    plan = dataclasses.replace(PLAN, method="both", tolerance=0.1, frequencies=(0.1, 100.0, 40), seed=2)
+    plan = dataclasses.replace(
+        PLAN, method="both", tolerance=0.1, frequencies=(0.1, 100.0, 40), seed=2
+    )
     judged = coverage(plan, int(os.environ.get("PERCEPT_STUDIES", "200")))
     for kind in ("mean", "user"):
-        whole = {"claim": "boundary throughout", "method": "bayesian", "kind": kind, "joint": "joint"}
+        whole = {
+            "claim": "boundary throughout",
+            "method": "bayesian",
+            "kind": kind,
+            "joint": "joint",
+        }
         pointwise = found(judged, shape="pointwise", **whole)
         assert pointwise.held < 0.9
         for joint in ("bonferroni", "hotelling"):

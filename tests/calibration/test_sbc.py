@@ -80,7 +80,9 @@ def ranks_under(moves, *, dimension=20, walkers=100, studies=30):
         walkers, dimension, lambda z: -0.5 * (z**2).sum(axis=1), moves=moves, vectorize=True
     )
     sampler.random_state = np.random.RandomState(4).get_state()
-    steps = sampler.sample(rng.normal(size=(walkers, dimension)), iterations=80 + 5 * studies, store=False)
+    steps = sampler.sample(
+        rng.normal(size=(walkers, dimension)), iterations=80 + 5 * studies, store=False
+    )
     placed = []
     for step, state in enumerate(steps):
         if step < 80 or step % 5:
@@ -142,7 +144,8 @@ def test_uniform_values_pass_and_one_bent_quantity_is_named():
     placed = uniform_places(300, names)
     assert judge_places(PLAN, placed).outside == ()
     bent = [
-        placed_at({**one["values"], "sigma[k,VE7]": one["values"]["sigma[k,VE7]"] ** 1.6}) for one in placed
+        placed_at({**one["values"], "sigma[k,VE7]": one["values"]["sigma[k,VE7]"] ** 1.6})
+        for one in placed
     ]
     assert judge_places(PLAN, bent).outside == ("sigma[k,VE7]",)
 
@@ -222,7 +225,16 @@ def test_fits_are_the_same_on_two_workers(tmp_path):
     found = []
     for workers in ("1", "2"):
         out = tmp_path / workers
-        asked = ["--fits", "3", "--designs", "one environment", "--workers", workers, "--out", str(out)]
+        asked = [
+            "--fits",
+            "3",
+            "--designs",
+            "one environment",
+            "--workers",
+            workers,
+            "--out",
+            str(out),
+        ]
         assert main(["sbc", *asked]) == 0
         lines = (out / "fits.jsonl").read_text().splitlines()
         found.append(sorted(lines, key=lambda line: json.loads(line)["index"]))
@@ -287,7 +299,9 @@ def test_probability_equals_enumeration():
 @pytest.mark.parametrize(("count", "error"), [(50, 0.05), (400, 0.01)])
 def test_band_holds_uniform_values_as_often_as_stated(count, error):
     band = ecdf_band(count, 20, error)
-    assert 1 - error <= band.probability() < 1 - 0.6 * error  # counts are whole: a little wide at most
+    assert (
+        1 - error <= band.probability() < 1 - 0.6 * error
+    )  # counts are whole: a little wide at most
     rng = np.random.default_rng(1)
     repeats = 4000
     held = sum(band.judge("u", rng.random(count)).inside for _ in range(repeats))

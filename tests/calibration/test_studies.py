@@ -36,7 +36,9 @@ def test_each_plan_reads_what_it_wrote(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("length", [1, 9, 25, 36])
-def test_a_line_cut_short_anywhere_is_dropped_and_writing_goes_on(tmp_path: Path, length: int) -> None:
+def test_a_line_cut_short_anywhere_is_dropped_and_writing_goes_on(
+    tmp_path: Path, length: int
+) -> None:
     path = tmp_path / "tried.jsonl"
     kept(path).append(0, of(1.5))
     whole = path.read_text()
@@ -95,7 +97,9 @@ def test_two_runs_do_not_cut_each_other_s_lines(tmp_path: Path) -> None:
         ('{"plan": "b", "index": 0, "value": 1}\n[]\n', 2),
     ],
 )
-def test_a_file_of_something_else_is_refused_and_left_alone(tmp_path: Path, text: str, row: int) -> None:
+def test_a_file_of_something_else_is_refused_and_left_alone(
+    tmp_path: Path, text: str, row: int
+) -> None:
     path = tmp_path / "tried.jsonl"
     path.write_text(text)
     with pytest.raises(UsageError, match=rf"tried\.jsonl:{row}: not a line of tried studies"):
@@ -112,7 +116,9 @@ def test_what_is_no_file_of_results_is_refused(tmp_path: Path) -> None:
     (tmp_path / "folder.jsonl").mkdir()
     (tmp_path / "bytes.jsonl").write_bytes(b"\xff\xfe\x00")
     for name in ("folder.jsonl", "bytes.jsonl"):
-        with pytest.raises(UsageError, match=rf"{name}: no file of tried studies\. Choose another folder"):
+        with pytest.raises(
+            UsageError, match=rf"{name}: no file of tried studies\. Choose another folder"
+        ):
             kept(tmp_path / name).read(3)
 
 
@@ -128,7 +134,9 @@ def test_only_what_is_not_kept_is_worked_on(tmp_path: Path) -> None:
 
 def test_an_error_is_said_when_all_others_are_done(tmp_path: Path) -> None:
     path = tmp_path / "tried.jsonl"
-    message = r"1 studies ended in an error; study 0: ZeroDivisionError: .*the same run again tries these"
+    message = (
+        r"1 studies ended in an error; study 0: ZeroDivisionError: .*the same run again tries these"
+    )
     with pytest.raises(RefusalError, match=message) as caught:
         kept(path).complete(lambda index: of(6 / index), 3)
     assert kept(path).read(9) == {1: of(6.0), 2: of(3.0)}

@@ -16,37 +16,52 @@ SESSIONS = str(DATASETS / "hbfd_sessions.csv")
 
 def calibrate(tmp_path, *more, scene=""):
     (tmp_path / "scene.toml").write_text(scene)
-    asked = ["--from", "prior", "--method", "classical", "--studies", "3", "--workers", "1", "--quiet"]
+    asked = [
+        "--from",
+        "prior",
+        "--method",
+        "classical",
+        "--studies",
+        "3",
+        "--workers",
+        "1",
+        "--quiet",
+    ]
     out = ["--out", str(tmp_path / "out"), "--scene", str(tmp_path / "scene.toml")]
     return main(["calibrate", *(more or (SESSIONS,)), *asked, *out])
 
 
 def test_the_page_says_what_was_simulated(tmp_path, capsys):
-    scene = "[device]\nmass = 0.5\ndamping = 2.0\nperiod = 2e-3\n[inference]\nlevel = 0.9\nshare = 0.6\n"
+    scene = (
+        "[device]\nmass = 0.5\ndamping = 2.0\nperiod = 2e-3\n[inference]\nlevel = 0.9\nshare ="
+        " 0.6\n"
+    )
     assert calibrate(tmp_path, scene=scene) == 0
     page = (tmp_path / "out" / "coverage.md").read_text()
     assert capsys.readouterr().out.strip() == str(tmp_path / "out" / "coverage.md")
     said = " ".join(page.split())
     assert (
-        "of hbfd_sessions.csv, its subjects and trials, and the prior, refitted by the classical method."
-        in said
+        "of hbfd_sessions.csv, its subjects and trials, and the prior, refitted by the classical"
+        " method." in said
     )
     assert (
-        "a device of 0.5 kg and 2 N·s/m at a period of 0.002 s, at 11 frequencies from 0.1 to 100 rad/s."
-        in said
+        "a device of 0.5 kg and 2 N·s/m at a period of 0.002 s, at 11 frequencies from 0.1 to 100"
+        " rad/s." in said
     )
     assert "`[model]`, modes and hold are not." in said
     with (tmp_path / "out" / "coverage.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert {row["method"] for row in rows} == {"classical"}
-    assert {float(row["stated"]) for row in rows if row["kind"] in ("mean", "user") and row["stated"]} >= {
-        0.9
-    }
+    assert {
+        float(row["stated"]) for row in rows if row["kind"] in ("mean", "user") and row["stated"]
+    } >= {0.9}
     # What holds 60 % of users holds less than what holds 99 %.
     wide = tmp_path / "wide"
     wide.mkdir()
     assert calibrate(wide, scene="[inference]\nlevel = 0.9\nshare = 0.99\n") == 0
-    assert (wide / "out" / "judged.jsonl").read_text() != (tmp_path / "out" / "judged.jsonl").read_text()
+    assert (wide / "out" / "judged.jsonl").read_text() != (
+        tmp_path / "out" / "judged.jsonl"
+    ).read_text()
 
 
 def test_a_study_of_another_quantity_has_no_curves(tmp_path):
@@ -82,7 +97,17 @@ def test_each_method_has_its_own_number_of_studies_and_a_resumed_run_its_truth(t
     scene.write_text("[inference]\ntolerance = 0.3\n")
     out = tmp_path / "out"
     truth = str(DATASETS / "hbfd_sessions.csv")
-    words = ["calibrate", truth, "--scene", str(scene), "--out", str(out), "--workers", "1", "--quiet"]
+    words = [
+        "calibrate",
+        truth,
+        "--scene",
+        str(scene),
+        "--out",
+        str(out),
+        "--workers",
+        "1",
+        "--quiet",
+    ]
     assert main([*words, "--studies", "2", "--classical", "3"]) == 0
     with (out / "coverage.csv").open() as file:
         counts = {(row["method"], row["studies"]) for row in csv.DictReader(file)}

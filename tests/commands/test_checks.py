@@ -44,7 +44,17 @@ def sessions(tmp_path):
 
 def test_fit_writes_and_prints_the_checks(sessions, tmp_path, capsys):
     out = tmp_path / "out"
-    words = ["fit", str(sessions), "--out", str(out), "--tolerance", "0.2", "--seed", "3", "--no-cache"]
+    words = [
+        "fit",
+        str(sessions),
+        "--out",
+        str(out),
+        "--tolerance",
+        "0.2",
+        "--seed",
+        "3",
+        "--no-cache",
+    ]
     assert main([*words, "--method", "bayesian", "--checks"]) == 0
     printed = capsys.readouterr().out
     assert "Predictive density of the subjects left out" in printed
@@ -61,7 +71,17 @@ def test_fit_writes_and_prints_the_checks(sessions, tmp_path, capsys):
 
 def test_nothing_is_checked_unless_asked(sessions, tmp_path, capsys):
     out = tmp_path / "out"
-    words = ["fit", str(sessions), "--out", str(out), "--tolerance", "0.2", "--seed", "3", "--no-cache"]
+    words = [
+        "fit",
+        str(sessions),
+        "--out",
+        str(out),
+        "--tolerance",
+        "0.2",
+        "--seed",
+        "3",
+        "--no-cache",
+    ]
     assert main([*words, "--method", "bayesian"]) == 0
     assert "left out" not in capsys.readouterr().out
     document = json.loads((out / "fit.json").read_text(encoding="utf-8"))

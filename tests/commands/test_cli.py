@@ -16,7 +16,13 @@ from tests.unmixed import unmixed_sessions
 
 SESSIONS = str(DATASETS / "hbfd_sessions.csv")
 HEADER = "subject,environment,k_ref,b_ref,k_adj,b_adj\n"
-ROWS = ["S1,A,10,1,9,1.1", "S1,B,100,2,95,2.2", "S2,A,10,1,11,0.8", "S2,B,100,2,99,1.7", "S3,A,10,1,8,1.3"]
+ROWS = [
+    "S1,A,10,1,9,1.1",
+    "S1,B,100,2,95,2.2",
+    "S2,A,10,1,11,0.8",
+    "S2,B,100,2,99,1.7",
+    "S3,A,10,1,8,1.3",
+]
 
 
 def write(tmp_path, lines, header=HEADER):
@@ -61,7 +67,8 @@ def test_what_no_logarithm_is_of_costs_the_model_one_environment(tmp_path, capsy
     assert main(["report", path, "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert (
-        "warning: The hierarchical model leaves out B: zero or negative values have no logarithm" in printed
+        "warning: The hierarchical model leaves out B: zero or negative values have no logarithm"
+        in printed
     )
     assert "There are no Bayesian intervals" not in printed
     assert printed.splitlines()[-1] == str(out / "report.html")
@@ -80,7 +87,11 @@ def test_names_reach_the_terminal_as_text(tmp_path, capsys):
 def test_a_locale_of_ascii_loses_no_line():
     command = [sys.executable, "-m", "percept", "predict", "--help"]
     ran = subprocess.run(
-        command, env=os.environ | {"PYTHONIOENCODING": "ascii"}, capture_output=True, check=True, text=True
+        command,
+        env=os.environ | {"PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        check=True,
+        text=True,
     )
     assert r"N\xb7s/m" in ran.stdout
 
@@ -145,8 +156,12 @@ def test_fit_prints_the_methods_side_by_side_and_the_rest_on_request(tmp_path, c
         "classical_lower",
         "classical_upper",
     ]
-    assert [line.split()[0] for line in printed[1:31]] == [f"E{e:02}" for e in range(1, 11) for _ in range(3)]
-    assert printed[31] == "--all prints all 96 intervals: both families, and those that hold together."
+    assert [line.split()[0] for line in printed[1:31]] == [
+        f"E{e:02}" for e in range(1, 11) for _ in range(3)
+    ]
+    assert (
+        printed[31] == "--all prints all 96 intervals: both families, and those that hold together."
+    )
     document = json.loads((tmp_path / "out" / "fit.json").read_text(encoding="utf-8"))
     (row,) = (
         row
@@ -160,15 +175,22 @@ def test_fit_prints_the_methods_side_by_side_and_the_rest_on_request(tmp_path, c
 
 
 def test_the_study_s_words_are_the_terminal_s(tmp_path, capsys):
-    rows = [f"{s},{e},{x},{x + 10 * s}" for e, x in (("short", 400), ("long", 800)) for s in (1, 2, 3)]
+    rows = [
+        f"{s},{e},{x},{x + 10 * s}" for e, x in (("short", 400), ("long", 800)) for s in (1, 2, 3)
+    ]
     path = write(tmp_path, rows, "subject,environment,duration_ref,duration_adj\n")
     scene = tmp_path / "scene.toml"
     scene.write_text(
-        '[quantities]\nduration = { unit = "ms" }\n[study]\nenvironment = "standard"\nsubject = "listener"\n'
+        '[quantities]\nduration = { unit = "ms" }\n[study]\nenvironment = "standard"\nsubject ='
+        ' "listener"\n'
     )
     words = [path, "--scene", str(scene)]
     classical = ["--method", "classical", "--out", str(tmp_path / "out")]
-    for command in (["validate", *words], ["fit", *words, *classical], ["report", *words, *classical]):
+    for command in (
+        ["validate", *words],
+        ["fit", *words, *classical],
+        ["report", *words, *classical],
+    ):
         assert main(command) == 0
         printed = capsys.readouterr().out
         assert "standard" in printed
@@ -179,7 +201,9 @@ def test_the_study_s_words_are_the_terminal_s(tmp_path, capsys):
 
 def test_simulate_reproduces_the_committed_sessions(tmp_path):
     out = tmp_path / "sessions.csv"
-    code = main(["simulate", "--like", str(DATASETS / "hbfd_table1.csv"), "--seed", "1", "--out", str(out)])
+    code = main(
+        ["simulate", "--like", str(DATASETS / "hbfd_table1.csv"), "--seed", "1", "--out", str(out)]
+    )
     assert code == 0
     assert out.read_bytes() == Path(SESSIONS).read_bytes()
 
@@ -278,7 +302,9 @@ def test_an_interrupted_command_says_how_to_go_on(command, said, tmp_path):
     if command == "batch":
         words += ["--workers", "1", "--out", str(tmp_path / "out")]
     with (
-        subprocess.Popen(words, stderr=subprocess.PIPE, text=True, preexec_fn=heed_interrupts) as process,
+        subprocess.Popen(
+            words, stderr=subprocess.PIPE, text=True, preexec_fn=heed_interrupts
+        ) as process,
         pipe.open("w"),  # opens once the command reads
     ):
         process.send_signal(signal.SIGINT)
@@ -302,14 +328,25 @@ def test_classical_fit_imports_no_sampler(tmp_path):
         "from percept.cli import main\n"
         f"main(['fit', {SESSIONS!r}, '--method', 'classical', '--out', {str(tmp_path / 'o')!r}])"
     )
-    assert not modules & {"emcee", "arviz_base", "arviz_stats", "matplotlib", "xarray", "jinja2", "rich"}
+    assert not modules & {
+        "emcee",
+        "arviz_base",
+        "arviz_stats",
+        "matplotlib",
+        "xarray",
+        "jinja2",
+        "rich",
+    }
 
 
 def test_fit_says_which_intervals_are_left_out(tmp_path, capsys):
     path = write(tmp_path, ["S1,A,10,1,-9,1.1", "S2,A,10,1,9,1.2", "S3,A,10,1,7,1.0"])
     assert main(["fit", path, "--method", "classical", "--out", str(tmp_path / "out")]) == 0
     left = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Left out: ")]
-    assert len([line for line in left if "classical lognormal intervals of stiffness in A" in line]) == 1
+    assert (
+        len([line for line in left if "classical lognormal intervals of stiffness in A" in line])
+        == 1
+    )
     assert not any("classical normal" in line for line in left)
 
 
@@ -318,10 +355,20 @@ def test_what_the_reader_noticed_is_said(tmp_path, capsys):
     study = write(tmp_path, [*ROWS, "S3,B,100,2,97,2.0"])
     scene = tmp_path / "scene.toml"
     scene.write_text(
-        '[columns]\nk_adj = {name = "k_adj", unit = "kN/m"}\nk_ref = {name = "k_ref", unit = "N/m"}\n',
+        '[columns]\nk_adj = {name = "k_adj", unit = "kN/m"}\nk_ref = {name = "k_ref", unit ='
+        ' "N/m"}\n',
         encoding="utf-8",
     )
-    asked = ["fit", study, "--scene", str(scene), "--method", "classical", "--out", str(tmp_path / "out")]
+    asked = [
+        "fit",
+        study,
+        "--scene",
+        str(scene),
+        "--method",
+        "classical",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert main(asked) == 0
     said = capsys.readouterr().err
     assert "notice: k_adj: k_adj is 9" in said
@@ -334,7 +381,9 @@ def test_what_the_reader_noticed_is_said(tmp_path, capsys):
 def test_a_unit_declared_by_mistake_is_refused(tmp_path, capsys, column, ratio):
     study = write(tmp_path, [*ROWS, "S3,B,100,2,97,2.0"])
     scene = tmp_path / "scene.toml"
-    scene.write_text(f'[columns]\n{column} = {{name = "{column}", unit = "N/mm"}}\n', encoding="utf-8")
+    scene.write_text(
+        f'[columns]\n{column} = {{name = "{column}", unit = "N/mm"}}\n', encoding="utf-8"
+    )
     out = tmp_path / "out"
     for asked in (["validate"], ["fit", "--method", "classical", "--out", str(out)]):
         assert main([asked[0], study, "--scene", str(scene), *asked[1:]]) == 2
@@ -351,7 +400,8 @@ def test_of_many_notices_the_first_are_said(tmp_path, capsys):
     folder.mkdir()
     for number in range(12):
         rows = "\n".join(
-            f"S{number},{e},{k},1,{k * (1.01 + 0.01 * number)},1.1,x" for e, k in (("A", 10), ("B", 99))
+            f"S{number},{e},{k},1,{k * (1.01 + 0.01 * number)},1.1,x"
+            for e, k in (("A", 10), ("B", 99))
         )
         (folder / f"s{number}.csv").write_text(
             HEADER.replace("\n", f",extra_{number}\n") + rows + "\n", encoding="utf-8"
@@ -397,7 +447,8 @@ def test_a_report_says_that_the_bayesian_numbers_are_withheld(tmp_path, capsys):
     simpler = '[model] common_spread = true or [inference] parameters = ["k"] or ["b"].'
     assert f"A model with fewer scales mixes faster: {simpler}" in captured.err
     assert re.search(
-        r"slowest quantity, (lower|upper) (mean|user|share) limit of [kb] in VE\d+; 10 are needed\. "
+        r"slowest quantity, (lower|upper) (mean|user|share) limit of [kb] in VE\d+; 10 are"
+        r" needed\. "
         r"most_steps = \d+ gives it more \(now 200\)\.",
         captured.err,
     )
@@ -427,7 +478,9 @@ def test_a_report_of_withheld_numbers_alone_is_written_and_no_success(tmp_path, 
     """With the Bayesian method alone nothing is left to show, of curves neither."""
     scene = tmp_path / "hasty.toml"
     device = "[device]\nmass = 1.0\ndamping = 5.0\nperiod = 0.001\n[frequency]\npoints = 5\n"
-    scene.write_text(f'{device}[inference]\nmethod = "bayesian"\ntolerance = 0.01\nmost_steps = 200\n')
+    scene.write_text(
+        f'{device}[inference]\nmethod = "bayesian"\ntolerance = 0.01\nmost_steps = 200\n'
+    )
     sessions = tmp_path / "unmixed.csv"
     unmixed_sessions().to_csv(sessions, index=False)
     words = ["--scene", str(scene), "--no-cache", "--quiet", "--out", str(tmp_path / "out")]

@@ -35,9 +35,15 @@ def folder(tmp_path_factory):
         out / "within.csv", index=False
     )
     table.assign(k_adj=1.1 * table["k_adj"]).to_csv(out / "elsewhere.csv", index=False)
-    (out / "first.toml").write_text('[sessions]\nonly = { subject = ["S01", "S02", "S03", "S04"] }\n')
-    (out / "last.toml").write_text('[sessions]\nonly = { subject = ["S04", "S05", "S06", "S07"] }\n')
-    (out / "others.toml").write_text('[sessions]\nonly = { subject = ["S05", "S06", "S07", "S08"] }\n')
+    (out / "first.toml").write_text(
+        '[sessions]\nonly = { subject = ["S01", "S02", "S03", "S04"] }\n'
+    )
+    (out / "last.toml").write_text(
+        '[sessions]\nonly = { subject = ["S04", "S05", "S06", "S07"] }\n'
+    )
+    (out / "others.toml").write_text(
+        '[sessions]\nonly = { subject = ["S05", "S06", "S07", "S08"] }\n'
+    )
     (out / "normal.toml").write_text("[inference]\nshare = 0.9\n")
     return out
 
@@ -49,7 +55,9 @@ def printed(words, capsys):
 
 def test_groups_are_compared_as_files_of_their_own(folder, capsys):
     scene = ["--scene", folder / "scene.toml", "--method", "classical"]
-    groups = json.loads(printed(["compare", folder / "all.csv", *scene, "--by", "hand", "--json"], capsys))
+    groups = json.loads(
+        printed(["compare", folder / "all.csv", *scene, "--by", "hand", "--json"], capsys)
+    )
     plain = [*scene[2:], "--scene", folder / "light.toml"]
     files = [folder / "left.csv", folder / "right.csv"]
     apart = json.loads(printed(["compare", *files, *plain, "--json"], capsys))
@@ -62,7 +70,14 @@ def test_groups_are_compared_as_files_of_their_own(folder, capsys):
 
 
 def test_two_devices_differ_in_curves_only(folder, capsys):
-    words = ["compare", folder / "all.csv", "--scene", folder / "scene.toml", "--method", "classical"]
+    words = [
+        "compare",
+        folder / "all.csv",
+        "--scene",
+        folder / "scene.toml",
+        "--method",
+        "classical",
+    ]
     words += ["--other-scene", folder / "light.toml"]
     found = json.loads(printed([*words, "--json"], capsys))
     assert {row["width_ratio"] for row in found["intervals"]} == {1.0}
@@ -79,7 +94,14 @@ def test_two_devices_differ_in_curves_only(folder, capsys):
 
 
 def test_the_same_sessions_under_two_settings_stand_side_by_side(folder, capsys):
-    words = ["compare", folder / "all.csv", "--other-scene", folder / "normal.toml", "--method", "classical"]
+    words = [
+        "compare",
+        folder / "all.csv",
+        "--other-scene",
+        folder / "normal.toml",
+        "--method",
+        "classical",
+    ]
     text = printed(words, capsys)
     assert "Average users" not in text
     assert "width_ratio" in text.split("Intervals of A and B")[1]
@@ -91,7 +113,14 @@ def test_columns_that_are_always_kept_are_no_news(folder, capsys):
     table["visit"] = np.where(table["subject"].isin(["S01", "S02", "S03", "S04"]), "1", "2")
     table.drop(columns="session").to_csv(folder / "visits.csv", index=False)
     (folder / "visits.toml").write_text('[columns]\nsession = "visit"\n')
-    words = ["compare", folder / "visits.csv", "--scene", folder / "visits.toml", "--method", "classical"]
+    words = [
+        "compare",
+        folder / "visits.csv",
+        "--scene",
+        folder / "visits.toml",
+        "--method",
+        "classical",
+    ]
     found = json.loads(printed([*words, "--by", "session", "--json"], capsys))
     assert found["studies"] == {"a": "session 1", "b": "session 2"}
 
@@ -117,7 +146,16 @@ def test_different_people_of_one_file_are_two_samples(folder, capsys):
 
 def test_conditions_of_the_same_subjects_are_paired(tmp_path, capsys):
     frame().to_csv(tmp_path / "hand.csv", index=False)
-    words = ["compare", tmp_path / "hand.csv", "--by", "hand", "--method", "classical", "--level", "0.95"]
+    words = [
+        "compare",
+        tmp_path / "hand.csv",
+        "--by",
+        "hand",
+        "--method",
+        "classical",
+        "--level",
+        "0.95",
+    ]
     found = json.loads(printed([*words, "--json"], capsys))
     assert (found["factor"], found["levels"]) == ("hand", ["left", "right"])
     made = study(frame()).contrasts
@@ -142,7 +180,8 @@ def test_methods_are_printed_with_their_reasons(folder, capsys, monkeypatch, tmp
     assert len(found["comparison"]) == 2 * 2 * 3
     kept = set(tmp_path.iterdir())
     text = printed(words, capsys)
-    # The study's own posterior, each environment's, and the one of the normal family: no other was sampled.
+    # The study's own posterior, each environment's, and the one of the normal family: no other was
+    # sampled.
     assert len(kept) == len(set(tmp_path.iterdir())) == 4
     assert text.startswith("\nIntervals in pairs, lognormal family, level 99 %:")
     assert len(found["ladder"]["sentences"]) == 2 * 2
@@ -175,7 +214,11 @@ def test_methods_are_printed_with_their_reasons(folder, capsys, monkeypatch, tmp
             1,
             "column 'hand': 10 subjects (S01, S02, ",
         ),
-        (["all.csv", "--scene", "first.toml", "--other-scene", "last.toml"], 1, "1 subject (S04) is in both"),
+        (
+            ["all.csv", "--scene", "first.toml", "--other-scene", "last.toml"],
+            1,
+            "1 subject (S04) is in both",
+        ),
         (["all.csv", "all.csv"], 1, "the same sessions under the same scene"),
         (
             ["unmixed.csv", "--scene", "hasty.toml"],

@@ -9,7 +9,12 @@ from percept.cli import main
 
 def test_five_lines_say_what_is_here(capsys, monkeypatch):
     monkeypatch.setenv("PERCEPT_CACHE", "off")
-    lines = ["numpy>=1", "scipy>=1", "dask>=1; extra == 'cluster'", "surely-not>=2; extra == 'cluster'"]
+    lines = [
+        "numpy>=1",
+        "scipy>=1",
+        "dask>=1; extra == 'cluster'",
+        "surely-not>=2; extra == 'cluster'",
+    ]
     monkeypatch.setattr(metadata, "requires", lambda _: lines)
     assert main(["doctor"]) == 0
     version, needed, extras, cache, verdict = capsys.readouterr().out.splitlines()

@@ -27,7 +27,16 @@ def study(tmp_path, head="id,condition,stiffness standard [N/mm],stiffness final
 
 def fit(path, *more):
     return main(
-        ["fit", str(path), "--method", "classical", "--quiet", "--out", str(path.parent / "out"), *more]
+        [
+            "fit",
+            str(path),
+            "--method",
+            "classical",
+            "--quiet",
+            "--out",
+            str(path.parent / "out"),
+            *more,
+        ]
     )
 
 
@@ -38,8 +47,13 @@ def test_nothing_is_read_under_a_mapping_that_nobody_accepted(tmp_path, capsys):
     assert f"{path}: the columns have other names. This is what percept would make of them:" in said
     assert 'subject = "id"  # 5 different: 1, 2, 3, 4 …' in said
     assert 'environment = "condition"  # 2 different: soft, hard' in said
-    assert 'k_ref = { name = "stiffness standard [N/mm]", unit = "N/mm" }  # 2 different: 0.3, 0.9' in said
-    assert 'trial = "order"  # 10 rows of 20 repeat a subject and environment, without numbers' in said
+    assert (
+        'k_ref = { name = "stiffness standard [N/mm]", unit = "N/mm" }  # 2 different: 0.3, 0.9'
+        in said
+    )
+    assert (
+        'trial = "order"  # 10 rows of 20 repeat a subject and environment, without numbers' in said
+    )
     assert '# not used: "rt": ' in said
     assert "--write-scene scene.toml to write it, or --accept to go on with it." in said
     assert not (tmp_path / "out").exists()
@@ -53,8 +67,8 @@ def test_an_accepted_mapping_is_followed_and_said(tmp_path, capsys):
     plain = study(tmp_path, "subject,environment,k_ref,k_adj,rt")
     scene = tmp_path / "own.toml"
     scene.write_text(
-        '[columns]\nk_ref = { name = "k_ref", unit = "N/mm" }\nk_adj = { name = "k_adj", unit = "N/mm" }\n'
-        '[sessions]\ntrial = "order"\n'
+        '[columns]\nk_ref = { name = "k_ref", unit = "N/mm" }\nk_adj = { name = "k_adj", unit ='
+        ' "N/mm" }\n[sessions]\ntrial = "order"\n'
     )
     assert fit(plain, "--scene", str(scene)) == 0
     assert json.loads((tmp_path / "out" / "fit.json").read_text())["intervals"] == found
@@ -104,12 +118,21 @@ def test_what_is_not_found_is_not_made_up(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("head", "mapped"),
     [
-        ("Participant ID,standard (ms),reproduced_ms", ("Participant ID", "standard (ms)", "reproduced_ms")),
-        ("subj,stimulus_duration,response_duration", ("subj", "stimulus_duration", "response_duration")),
+        (
+            "Participant ID,standard (ms),reproduced_ms",
+            ("Participant ID", "standard (ms)", "reproduced_ms"),
+        ),
+        (
+            "subj,stimulus_duration,response_duration",
+            ("subj", "stimulus_duration", "response_duration"),
+        ),
         ("pp,reference,match", ("pp", "reference", "match")),
         ("subject_nr,target,estimate", ("subject_nr", "target", "estimate")),
         ("ppid,referenceValue,finalValue", ("ppid", "referenceValue", "finalValue")),
-        ("Participant Private ID,Standard,Response", ("Participant Private ID", "Standard", "Response")),
+        (
+            "Participant Private ID,Standard,Response",
+            ("Participant Private ID", "Standard", "Response"),
+        ),
     ],
 )
 def test_names_of_studies_and_of_tools_are_known(tmp_path, head, mapped):

@@ -45,7 +45,8 @@ def test_every_key_of_every_table_is_there(tmp_path):
     for name in ("device", "coupling", "frequency", "inference", "model", "study", "report"):
         annotation = Scene.model_fields[name].annotation
         model = next(
-            (part for part in getattr(annotation, "__args__", ()) if part is not type(None)), annotation
+            (part for part in getattr(annotation, "__args__", ()) if part is not type(None)),
+            annotation,
         )
         assert set(tables[name]) == set(model.model_fields), name
     assert tables["model"]["priors"] == pytest.approx(dataclasses.asdict(Priors()), rel=1e-15)

@@ -14,7 +14,10 @@ from percept.planning import plan_mean, plan_share, plan_user
             plan_mean(0.1, sd=0.2, family="lognormal", level=0.9),
         ),
         ("--kind user --ratio 1.3 --assurance 0.9", plan_user(1.3, assurance=0.9)),
-        ("--kind share --ratio 1.4 --share 0.9 --confidence 0.8", plan_share(1.4, share=0.9, confidence=0.8)),
+        (
+            "--kind share --ratio 1.4 --share 0.9 --confidence 0.8",
+            plan_share(1.4, share=0.9, confidence=0.8),
+        ),
     ],
 )
 def test_options_reach_the_plan_of_their_kind(words, plan, capsys):

@@ -31,7 +31,11 @@ def test_extrapolation_is_said_in_both_forms(capsys):
     ("words", "code", "message"),
     [
         (["--k", "1e4"], 2, "damping of the new environment is missing"),
-        (["--k", "-1", "--b", "1"], 2, "stiffness of the new environment must be a positive number"),
+        (
+            ["--k", "-1", "--b", "1"],
+            2,
+            "stiffness of the new environment must be a positive number",
+        ),
         (["--k", "1e4", "--b", "1", "--method", "classical"], 1, "classical method has no model"),
     ],
 )

@@ -38,7 +38,10 @@ def on_a_terminal(script, *words, columns=100):
     here, there = pty.openpty()
     environment = os.environ | {"TERM": "xterm", "COLUMNS": str(columns)}
     done = subprocess.Popen(
-        [sys.executable, "-c", script, *words], stdout=subprocess.PIPE, stderr=there, env=environment
+        [sys.executable, "-c", script, *words],
+        stdout=subprocess.PIPE,
+        stderr=there,
+        env=environment,
     )
     os.close(there)
     shown = b""
@@ -70,7 +73,8 @@ def test_a_long_command_tells_the_time_left_by_its_own_rate():
     _, printed, shown = on_a_terminal(COUNTED)
     assert printed == ""
     last = shown.rpartition("502 of 1000 studies, 3 refused or failed")[2]
-    # The second study took 0.3 s or more, so 498 take 149 s; a rate over all 502 would promise under 1 s.
+    # The second study took 0.3 s or more, so 498 take 149 s; a rate over all 502 would promise
+    # under 1 s.
     minutes, seconds = re.search(r"0:(\d\d):(\d\d)\s+left", last).groups()
     assert 60 * int(minutes) + int(seconds) >= 149
 
@@ -87,11 +91,17 @@ def test_shows_what_it_does_and_then_the_sampler(columns):
         assert "left" in shown
 
 
-@pytest.mark.parametrize(("seconds", "said"), [(59.0, ""), (61.0, "about 1 min"), (191.0, "about 3 min")])
+@pytest.mark.parametrize(
+    ("seconds", "said"), [(59.0, ""), (61.0, "about 1 min"), (191.0, "about 3 min")]
+)
 def test_a_long_run_says_once_how_long_it_takes_and_what_is_quicker(seconds, said, capsys):
     with Working("fitting", shown=True) as working:
         for steps in (24, 120):
-            working(Progress(steps, 480, float("nan"), 0.01, seconds, "[inference] tolerance above 0.01"))
+            working(
+                Progress(
+                    steps, 480, float("nan"), 0.01, seconds, "[inference] tolerance above 0.01"
+                )
+            )
     told = capsys.readouterr().err
     wanted = f"percept: sampling takes {said}. Quicker: [inference] tolerance above 0.01.\n"
     assert told == (wanted if said else "")
@@ -123,7 +133,11 @@ def test_a_reader_who_has_read_enough(tmp_path):
     os.close(reading)
     words = [sys.executable, "-m", "percept", "fit", SESSIONS, "--method", "classical", "--quiet"]
     done = subprocess.run(
-        [*words, "--out", str(tmp_path)], stdout=writing, stderr=subprocess.PIPE, text=True, check=False
+        [*words, "--out", str(tmp_path)],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
     )
     os.close(writing)
     assert (done.returncode, done.stderr) == (141, "")

@@ -82,7 +82,8 @@ def _endpoints(frozen: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
         scale = math.log if old["log"] else float
         if old["log"] and not 0.0 < new["lower"] < new["upper"]:
             found.append(
-                f"{name}: was {old['lower']!r} to {old['upper']!r}, is {new['lower']!r} to {new['upper']!r}"
+                f"{name}: was {old['lower']!r} to {old['upper']!r}, is {new['lower']!r} to"
+                f" {new['upper']!r}"
             )
             continue
         half = 0.5 * (scale(old["upper"]) - scale(old["lower"]))
@@ -91,6 +92,7 @@ def _endpoints(frozen: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
             off = abs(scale(new[side]) - scale(old[side])) / half
             if not off <= FAR * error:
                 found.append(
-                    f"{name}, {side}: was {old[side]!r}, is {new[side]!r}, {off / error:.1f} standard errors"
+                    f"{name}, {side}: was {old[side]!r}, is {new[side]!r}, {off / error:.1f}"
+                    " standard errors"
                 )
     return found

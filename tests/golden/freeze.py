@@ -1,8 +1,8 @@
 """Make the frozen files: `python -m tests.golden.freeze [NAME ...]`.
 
-The files are made again only where a change alters a number on purpose. The commit then says which number
-and why.
-The Monte Carlo error of each Bayesian endpoint is not in report.json. It comes from a run of the same seed.
+The files are made again only where a change alters a number on purpose. The commit then says which
+number and why. The Monte Carlo error of each Bayesian endpoint is not in report.json. It comes from
+a run of the same seed.
 """
 
 from __future__ import annotations

@@ -3,14 +3,17 @@
 Only what users see makes them: `percept.Study` and report.json's fields. Files that are not
 in `datasets/` stand in `data/`:
 
-* `stiffness.csv`, `one_environment.csv` and `three_environments.csv` are subsets of the published sessions.
-* `repeats.csv` has 6 subjects, 3 environments and 3 trials, drawn once from the model. The SDs of k and b on
-  the log scale are 0.12 and 0.2 between subjects, 0.12 and 0.25 within an environment, 0.07 and 0.12 between
-  trials.
-* `response.csv` is a device of 0.8 kg and 4 N·s/m with a mode at 200 rad/s, as a sweep would give it.
+* `stiffness.csv`, `one_environment.csv` and `three_environments.csv` are subsets of the published
+sessions.
+* `repeats.csv` has 6 subjects, 3 environments and 3 trials, drawn once from the model. The SDs of k
+and b on
+  the log scale are 0.12 and 0.2 between subjects, 0.12 and 0.25 within an environment, 0.07 and
+  0.12 between trials.
+* `response.csv` is a device of 0.8 kg and 4 N·s/m with a mode at 200 rad/s, as a sweep would give
+it.
 
-Not frozen: probabilities of realism, simultaneous bands, limits from a bootstrap, and Bayesian numbers that
-have no Monte Carlo error.
+Not frozen: probabilities of realism, simultaneous bands, limits from a bootstrap, and Bayesian
+numbers that have no Monte Carlo error.
 """
 
 from __future__ import annotations
@@ -173,7 +176,8 @@ def _design(document: Document) -> dict[str, Any]:
             for row in region["environments"]:
                 name = _named(row, "design", "name")
                 for field in ("largest", "softest"):
-                    # Their damping is where a smooth curve turns, of which rounding leaves half the digits.
+                    # Their damping is where a smooth curve turns, of which rounding leaves half the
+                    # digits.
                     found[f"{name} {field}"] = row[field] and row[field]["stiffness"]
                 for at in range(0, len(region["damping"]), _EVERY):
                     found[f"{name} {at}"] = [[region["damping"][at]], *row["intervals"][at]]
@@ -192,7 +196,10 @@ def _curves(golden: Golden) -> dict[str, dict[str, list[float]]]:
         name = " ".join((curve.shape, curve.environment, curve.kind, curve.family, curve.joint))
         found[name] = {"lower": curve.lower.tolist(), "upper": curve.upper.tolist()}
         own = curve.reference if curve.coupled is None else curve.coupled
-        found[f"reference {curve.environment}"] = {"lower": curve.reference.tolist(), "upper": own.tolist()}
+        found[f"reference {curve.environment}"] = {
+            "lower": curve.reference.tolist(),
+            "upper": own.tolist(),
+        }
     return found
 
 

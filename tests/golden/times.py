@@ -1,7 +1,7 @@
 """Wall and processor times of five commands on the published study: `python -m tests.golden.times`.
 
-Commands run in turn, so that a busy spell of the machine meets all of them. Ratios to importing the libraries
-compare machines better than seconds do.
+Commands run in turn, so that a busy spell of the machine meets all of them. Ratios to importing the
+libraries compare machines better than seconds do.
 """
 
 from __future__ import annotations

@@ -13,7 +13,9 @@ def plain_impedance():
     def impedance(omega, device, k, b, mass=0.0):
         h = omega * T / 2
         s = 2j / T * np.tan(h)
-        return device.mass * s + device.damping + np.cos(h) * np.exp(-1j * h) * (mass * s + b + k / s)
+        return (
+            device.mass * s + device.damping + np.cos(h) * np.exp(-1j * h) * (mass * s + b + k / s)
+        )
 
     return impedance
 

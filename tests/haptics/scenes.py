@@ -66,11 +66,15 @@ class Scene:
             z_d, held = self._device(w, s), gain * mp.expjpi(-h / mp.pi)
             z_e = mp.mpf(own.damping) + mp.mpf(own.stiffness) / s
             if self.display.coupling is not None:
-                z_c = mp.mpf(self.display.coupling.damping) + mp.mpf(self.display.coupling.stiffness) / s
+                z_c = (
+                    mp.mpf(self.display.coupling.damping)
+                    + mp.mpf(self.display.coupling.stiffness) / s
+                )
                 z_e = z_e * z_c / (z_e + z_c)
             shown = abs(z_d + held * z_e)
             k, b = ([mp.mpf(end) for end in pair] for pair in limits_of(self.box))
-            # The (k, b) at which Z_h vanishes: its nearest point of the box is a clip, the farthest a corner.
+            # The (k, b) at which Z_h vanishes: its nearest point of the box is a clip, the farthest
+            # a corner.
             zero = -z_d / held
             b_at, k_at = zero.real, -zero.imag * s.imag
 
@@ -84,7 +88,11 @@ class Scene:
     def _device(self, w: mp.mpf, s: mp.mpc) -> mp.mpc:
         device = self.display.device
         if isinstance(device, TabulatedDevice):
-            row = int(np.clip(np.searchsorted(device.omega, float(w), "right") - 1, 0, device.omega.size - 2))
+            row = int(
+                np.clip(
+                    np.searchsorted(device.omega, float(w), "right") - 1, 0, device.omega.size - 2
+                )
+            )
             start, end = (mp.mpf(device.omega[i]) for i in (row, row + 1))
             first, last = (mp.mpmathify(complex(device.impedance[i])) for i in (row, row + 1))
             return first + (last - first) * (w - start) / (end - start)
@@ -140,7 +148,10 @@ def _random(rng: np.random.Generator, kind: str) -> tuple[Display, Boxes]:
         (k * np.exp(off[0] - half[0]), k * np.exp(off[0] + half[0])),
         (b * np.exp(3 * (off[1] - half[1])), b * np.exp(3 * (off[1] + half[1]))),
     )
-    return Display(device, Environment(k, b), PERIOD, None if rng.random() < 0.35 else coupling, hold), limits
+    return (
+        Display(device, Environment(k, b), PERIOD, None if rng.random() < 0.35 else coupling, hold),
+        limits,
+    )
 
 
 def _planted(display: Display, limits: Boxes, height: float) -> Boxes | None:

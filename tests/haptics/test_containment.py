@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from percept.haptics import Coupling, Device, Environment, Mode, TabulatedDevice, effective_impedance
+from percept.haptics import (
+    Coupling,
+    Device,
+    Environment,
+    Mode,
+    TabulatedDevice,
+    effective_impedance,
+)
 from percept.haptics.containment import ON_LIMIT, Boxes, departures, plane_departures
 from percept.haptics.forms import Display, Squares, product, total
 from tests.haptics.scenes import LOWER, PERIOD, UPPER, Scene, box, contradiction, scenes
@@ -24,15 +31,20 @@ def test_no_point_of_a_grid_contradicts_a_verdict():
 def test_the_largest_departure_is_that_of_a_fine_grid():
     for scene in scenes(6, 3):
         found, seen = scene.judged(), float(scene.on_grid(OMEGA).max())
-        assert found.largest[0] == pytest.approx(scene.in_fifty_digits(float(found.omega[0])), abs=1e-11)
+        assert found.largest[0] == pytest.approx(
+            scene.in_fifty_digits(float(found.omega[0])), abs=1e-11
+        )
         assert seen <= found.bound[0]
-        assert found.bound[0] - found.largest[0] <= 1.01 * max(ON_LIMIT, 1e-4 * abs(found.largest[0]))
+        assert found.bound[0] - found.largest[0] <= 1.01 * max(
+            ON_LIMIT, 1e-4 * abs(found.largest[0])
+        )
 
 
 def test_a_spike_of_a_table_between_close_rows_is_seen():
     omega = np.array([0.1, 10.0, 10.0001, 10.0002, 100.0])
     limits = box((900.0, 1100.0), (0.5, 4.0))
-    # Above its limits in damping alone, the display leaves only where the device's own damping is large.
+    # Above its limits in damping alone, the display leaves only where the device's own damping is
+    # large.
     for spike, verdict in ((0.0, "inside"), (300.0, "inside"), (1000.0, "outside")):
         table = TabulatedDevice(omega, np.array([5, 5, 5 + spike, 5, 5], dtype=complex))
         display = Display(table, Environment(1000.0, 6.0), PERIOD)
@@ -51,13 +63,18 @@ def test_a_rigid_device_on_one_corner_s_curve_is_marginal_throughout():
 
 def test_searches_together_are_those_one_by_one():
     rng = np.random.default_rng(4)
-    k, b = np.sort(rng.uniform(500, 1500, (2, 40)), axis=0), np.sort(rng.uniform(0, 9, (2, 40)), axis=0)
+    k, b = (
+        np.sort(rng.uniform(500, 1500, (2, 40)), axis=0),
+        np.sort(rng.uniform(0, 9, (2, 40)), axis=0),
+    )
     boxes = Boxes((k[0], k[1]), (b[0], b[1]))
     device, own = Device(1.0, 5.0, (Mode(0.1, 300.0, 0.05),)), Environment(1000.0, 3.0)
     couplings = Coupling(rng.uniform(1e3, 1e5, 40), rng.uniform(1, 100, 40))
     shared = departures(Display(device, own, PERIOD), boxes, LOWER, UPPER)
     each = departures(Display(device, own, PERIOD, couplings), boxes, LOWER, UPPER)
-    quick = departures(Display(device, own, PERIOD, couplings), boxes, LOWER, UPPER, throughout=True)
+    quick = departures(
+        Display(device, own, PERIOD, couplings), boxes, LOWER, UPPER, throughout=True
+    )
     np.testing.assert_array_equal(quick.largest > ON_LIMIT, each.largest > ON_LIMIT)
     assert 0 < (each.largest > 0).sum() < 40
     for i in range(40):
@@ -82,7 +99,9 @@ def test_a_mass_of_the_environment_belongs_to_what_users_adjust():
     own = Environment(1000.0, 3.0, 0.7)
     limits = box((900.0, 1100.0), (2.0, 4.0))
     direct = departures(Display(Device(1.0, 5.0), own, PERIOD), limits, LOWER, UPPER)
-    through = departures(Display(Device(1.0, 5.0), own, PERIOD, Coupling(1e12, 1.0)), limits, LOWER, UPPER)
+    through = departures(
+        Display(Device(1.0, 5.0), own, PERIOD, Coupling(1e12, 1.0)), limits, LOWER, UPPER
+    )
     assert direct.verdict() == through.verdict() == "inside"
     assert through.largest[0] == pytest.approx(direct.largest[0], rel=1e-3)
 
@@ -101,10 +120,14 @@ def test_forms_are_the_squares_they_stand_for(mass):
             scene = Scene(display, box((700.0, 700.0), (6.0, 6.0)), "")
             if mass:
                 continue
-            below = table.damping * 36 + table.across * 6 + table.stiffness * 700**2 - table.along * 700
+            below = (
+                table.damping * 36 + table.across * 6 + table.stiffness * 700**2 - table.along * 700
+            )
             ratio = (table.shown + table.device) / (below + table.device)
             # With one point for a box the departure is the ratio's logarithm, up or down.
-            assert 0.5 * np.abs(np.log(ratio)).max() == pytest.approx(scene.in_fifty_digits(3.0), rel=1e-6)
+            assert 0.5 * np.abs(np.log(ratio)).max() == pytest.approx(
+                scene.in_fifty_digits(3.0), rel=1e-6
+            )
 
 
 def test_products_and_sums_of_forms_are_those_of_polynomials():
@@ -122,8 +145,14 @@ def test_products_and_sums_of_forms_are_those_of_polynomials():
 @pytest.mark.parametrize("mass", [0.0, 0.5, 20.0])
 def test_departures_of_what_couplings_show(mass):
     """Two couplings at once, one of them soft, against limits of their own, on a fine grid."""
-    own, couplings = Environment(5e3, 3.0, mass), Coupling(np.array([2e4, 9e3]), np.array([6.0, 40.0]))
-    k, b = (np.array([3500.0, 3000.0]), np.array([5500.0, 6000.0])), (np.full(2, 1.0), np.array([2.5, 7.0]))
+    own, couplings = (
+        Environment(5e3, 3.0, mass),
+        Coupling(np.array([2e4, 9e3]), np.array([6.0, 40.0])),
+    )
+    k, b = (
+        (np.array([3500.0, 3000.0]), np.array([5500.0, 6000.0])),
+        (np.full(2, 1.0), np.array([2.5, 7.0])),
+    )
     largest, where = plane_departures(
         Display(Device(1.0, 5.0), own, PERIOD, couplings), Boxes(k, b), LOWER, UPPER
     )
@@ -146,7 +175,9 @@ def test_departures_of_what_couplings_show(mass):
 
 
 def test_an_environment_itself_departs_from_many_boxes_by_its_own_k_and_b():
-    boxes = Boxes((np.array([900.0, 1010.0]), np.array([1100.0, 1110.0])), (np.zeros(2), np.full(2, 5.0)))
+    boxes = Boxes(
+        (np.array([900.0, 1010.0]), np.array([1100.0, 1110.0])), (np.zeros(2), np.full(2, 5.0))
+    )
     largest, _ = plane_departures(
         Display(Device(1.0, 5.0), Environment(1000.0, 3.0, 0.4), PERIOD), boxes, 1.0, 9.0
     )

@@ -61,7 +61,9 @@ def test_intervals_are_what_the_forward_problem_says(boundaries):
         k = k[k > 0]
         low, high = intervals[:, 0], intervals[:, 1]
         inside = ((k[:, None] >= low) & (k[:, None] <= high)).any(axis=1)
-        near = ((k[:, None] >= low * (1 - 1.1e-3)) & (k[:, None] <= high * (1 + 1.1e-3))).any(axis=1)
+        near = ((k[:, None] >= low * (1 - 1.1e-3)) & (k[:, None] <= high * (1 + 1.1e-3))).any(
+            axis=1
+        )
         found = qualifies(Coupling(k, b_c), boundaries)
         assert found[inside].all()
         assert not found[~near].any()
@@ -90,7 +92,10 @@ def test_extremes_qualify_and_nothing_beyond_does():
     stiffest = 20.0 / best_coupling_damping(1.0, T)[1]
     assert design.common.largest.stiffness == pytest.approx(stiffest, rel=1.1e-4)
     assert design.common.largest.binds == ("stability",)
-    assert design.common.softest.stiffness >= max(region.softest.stiffness for region in design.each) * 0.999
+    assert (
+        design.common.softest.stiffness
+        >= max(region.softest.stiffness for region in design.each) * 0.999
+    )
 
 
 def test_what_binds_is_what_breaks_beyond():
@@ -175,11 +180,15 @@ def test_the_stiffest_coupling_of_a_flexible_device_is_marginal():
 
 def test_flexible_and_tabulated_devices():
     flexible = Device(1.0, 20.0, (Mode(0.05, 2e4, 0.3), Mode(0.02, 5e4, 0.2)))
-    region = design_couplings(flexible, BOUNDARIES[1:2], RANGE, T, damping=[10.0, 30.0, 90.0]).common
+    region = design_couplings(
+        flexible, BOUNDARIES[1:2], RANGE, T, damping=[10.0, 30.0, 90.0]
+    ).common
     for b_c, intervals in zip(region.damping, region.intervals, strict=True):
         top = intervals[-1, 1] / 0.999
         assert absolute_stability(flexible, Coupling(top * (1 - 1e-6), b_c), T).verdict == "stable"
-        assert absolute_stability(flexible, Coupling(top * (1 + 1e-6), b_c), T).verdict == "unstable"
+        assert (
+            absolute_stability(flexible, Coupling(top * (1 + 1e-6), b_c), T).verdict == "unstable"
+        )
     omega = np.geomspace(0.05, 3141.0, 200)
     table = TabulatedDevice(omega, 20.0 + 1j * 2 / T * np.tan(omega * T / 2))
     measured = design_couplings(table, BOUNDARIES[1:2], RANGE, T, damping=[30.0]).common
@@ -190,7 +199,9 @@ def test_flexible_and_tabulated_devices():
 def left_over(ceiling, cuts):
     """Slow twin: walk along one line from cut to cut."""
     here, found = 0.0, []
-    for low, high in sorted((low, high) for low, high in cuts.tolist() if low == low and high == high):
+    for low, high in sorted(
+        (low, high) for low, high in cuts.tolist() if low == low and high == high
+    ):
         if min(low, ceiling) > here:
             found.append((here, min(low, ceiling)))
         here = max(here, high)

@@ -5,7 +5,13 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from percept.haptics import Device, Environment, corner_curves, magnitude_envelope, perceived_impedance
+from percept.haptics import (
+    Device,
+    Environment,
+    corner_curves,
+    magnitude_envelope,
+    perceived_impedance,
+)
 from percept.haptics.envelope import magnitude_envelope_ellipse
 from percept.haptics.perceived import perceived_magnitude
 
@@ -25,7 +31,9 @@ def quartic(omega, device, centre, shape, radius, period):
         (kk, kb), (_, bb) = [[mpmath.mpf(float(v)) for v in row] for row in shape]
         k, b = (mpmath.mpf(float(v)) for v in centre)
         m, b_d, t = mpmath.mpf(device.mass), mpmath.mpf(device.damping), mpmath.mpf(period)
-        c = mpmath.matrix([y * (b + b_d - m * rate**2 * t / 2), y * (k / rate - rate * (m + b_d * t / 2))])
+        c = mpmath.matrix(
+            [y * (b + b_d - m * rate**2 * t / 2), y * (k / rate - rate * (m + b_d * t / 2))]
+        )
         r = mpmath.mpf(radius)
         l11 = mpmath.sqrt(kk)
         l21 = kb / l11
@@ -52,7 +60,8 @@ def quartic(omega, device, centre, shape, radius, period):
                 cos, sin = root.real / abs(root), root.imag / abs(root)
                 distances.append(
                     mpmath.hypot(
-                        c[0] + rows[0][0] * cos + rows[0][1] * sin, c[1] + rows[1][0] * cos + rows[1][1] * sin
+                        c[0] + rows[0][0] * cos + rows[0][1] * sin,
+                        c[1] + rows[1][0] * cos + rows[1][1] * sin,
                     )
                 )
         u1 = -c[1] / rows[1][0]
@@ -82,14 +91,23 @@ def random_ellipses(count, seed):
         sd = np.abs(centre) * 10 ** rng.uniform(-4, 1, 2)
         correlation = rng.choice([0.0, rng.uniform(-1, 1), 1 - 10 ** rng.uniform(-6, -1)])
         cross = correlation * sd[0] * sd[1]
-        yield omega, device, centre, [[sd[0] ** 2, cross], [cross, sd[1] ** 2]], rng.uniform(0.1, 4), period
+        yield (
+            omega,
+            device,
+            centre,
+            [[sd[0] ** 2, cross], [cross, sd[1] ** 2]],
+            rng.uniform(0.1, 4),
+            period,
+        )
 
 
 def test_ends_are_the_stationary_points_on_the_edge():
     inside = 0
     for omega, device, centre, shape, radius, period in random_ellipses(60, 11):
         lower, upper = magnitude_envelope_ellipse(omega, device, centre, shape, radius, period)
-        nearest, farthest, holds_origin, size = quartic(omega, device, centre, shape, radius, period)
+        nearest, farthest, holds_origin, size = quartic(
+            omega, device, centre, shape, radius, period
+        )
         inside += bool(holds_origin)
         condition = max(1.0, float(size / farthest))
         assert upper == pytest.approx(float(farthest), rel=1e-13 * condition)
@@ -120,12 +138,16 @@ def test_against_a_million_points_of_the_ellipse(omega):
     assert lower == pytest.approx(seen.min(), rel=1e-2, abs=1e-2 * seen.max())
 
 
-def test_an_ellipse_about_nothing_at_all_reaches_as_far_as_its_longer_axis(plain_impedance, ellipse_edge):
+def test_an_ellipse_about_nothing_at_all_reaches_as_far_as_its_longer_axis(
+    plain_impedance, ellipse_edge
+):
     nothing, shape = Device(0.0, 0.0), np.diag([4.0, 9.0])
     lower, upper = magnitude_envelope_ellipse(10.0, nothing, (0.0, 0.0), shape, 1.0, T)
     seen = np.abs(plain_impedance(10.0, nothing, *ellipse_edge((0.0, 0.0), shape, 1.0)))
     assert lower == 0.0
-    assert upper == pytest.approx(seen.max(), rel=1e-8)  # half the square of half a step of the edge
+    assert upper == pytest.approx(
+        seen.max(), rel=1e-8
+    )  # half the square of half a step of the edge
 
 
 def test_inside_the_box_around_it_and_touching_its_sides():
@@ -184,7 +206,8 @@ def test_log_ellipse_against_its_curve_and_its_inside(ellipse_edge):
         assert upper == pytest.approx(edge.max(), rel=1e-6)
         radii = np.sqrt(rng.uniform(0, 1, 20_000))
         within = (
-            np.array(centre)[:, None] + (ellipse_edge(centre, shape, 1.5, 20_000) - centre[:, None]) * radii
+            np.array(centre)[:, None]
+            + (ellipse_edge(centre, shape, 1.5, 20_000) - centre[:, None]) * radii
         )
         filled = perceived_magnitude(omega, device, *np.exp(within), T)
         assert lower <= min(edge.min(), filled.min()) * (1 + 1e-12)
@@ -208,7 +231,9 @@ def test_log_ellipse_finds_the_extreme_to_every_digit():
             return float(perceived_magnitude(omega, device, k, b, T))
 
         angles = np.linspace(0, 2 * np.pi, 2001)
-        edge = np.exp(centre[:, None] + 1.5 * sd[:, None] * np.array([np.cos(angles), np.sin(angles)]))
+        edge = np.exp(
+            centre[:, None] + 1.5 * sd[:, None] * np.array([np.cos(angles), np.sin(angles)])
+        )
         seen = perceived_magnitude(omega, device, *edge, T)
         lower, upper = magnitude_envelope_ellipse(omega, device, centre, shape, 1.5, T, log=True)
         for value, sign in ((lower, 1), (upper, -1)):
@@ -230,12 +255,15 @@ def test_log_ellipse_is_not_beaten_anywhere_on_its_edge(ellipse_edge):
     omega = np.sort(10 ** rng.uniform(-2, np.log10(np.pi / T), (30, 1)), axis=0)
     for index in range(30):
         device = Device(*10 ** rng.uniform([-3, -3], [1, 1]))
-        # From ellipses that are nearly straight to those whose curve turns several times, and thin ones.
+        # From ellipses that are nearly straight to those whose curve turns several times, and thin
+        # ones.
         centre, sd = rng.uniform([0, -4], [12, 5]), 10 ** rng.uniform(-3, 0.6, 2)
         cross = (rng.uniform(-0.99, 0.99) if index % 5 else 1 - 1e-10) * sd.prod()
         shape = np.array([[sd[0] ** 2, cross], [cross, sd[1] ** 2]])
         lower, upper = magnitude_envelope_ellipse(omega, device, centre, shape, 2.0, T, log=True)
-        edge = perceived_magnitude(omega, device, *np.exp(ellipse_edge(centre, shape, 2.0, 20_000)), T)
+        edge = perceived_magnitude(
+            omega, device, *np.exp(ellipse_edge(centre, shape, 2.0, 20_000)), T
+        )
         assert np.all(lower[:, 0] <= edge.min(axis=1) * (1 + 1e-11))
         assert np.all(upper[:, 0] >= edge.max(axis=1) * (1 - 1e-13))
         np.testing.assert_allclose(upper[:, 0], edge.max(axis=1), rtol=1e-5)
@@ -246,7 +274,9 @@ def test_small_log_ellipse_is_an_ellipse():
     centre = np.array([1000.0, 2.0])
     omega = np.geomspace(0.1, 3000, 20)
     by_log = magnitude_envelope_ellipse(omega, DEVICE, np.log(centre), shape, 2.0, T, log=True)
-    plain = magnitude_envelope_ellipse(omega, DEVICE, centre, shape * np.outer(centre, centre), 2.0, T)
+    plain = magnitude_envelope_ellipse(
+        omega, DEVICE, centre, shape * np.outer(centre, centre), 2.0, T
+    )
     np.testing.assert_allclose(by_log, plain, rtol=1e-6)
 
 
@@ -262,17 +292,24 @@ def test_log_ellipse_at_the_ends_and_by_broadcasting():
 def test_a_mass_of_the_environment_moves_every_curve(hold, ellipse_edge):
     """Against impedances of environments on the edge, one by one."""
     omega, mass = np.array([0.5, 20.0, 300.0]), 0.4
-    centre, shape = np.array([900.0, 3.0]), np.array([[250.0, 4.0], [4.0, 0.2]]) * [[100, 1], [1, 1]]
+    centre, shape = (
+        np.array([900.0, 3.0]),
+        np.array([[250.0, 4.0], [4.0, 0.2]]) * [[100, 1], [1, 1]],
+    )
     edge = ellipse_edge(centre, shape, 1.5)
     around = Environment(edge[0], edge[1], mass)
     felt = np.abs(perceived_impedance(omega[:, None], DEVICE, around, T, hold=hold))
-    lower, upper = magnitude_envelope_ellipse(omega, DEVICE, centre, shape, 1.5, T, mass=mass, hold=hold)
+    lower, upper = magnitude_envelope_ellipse(
+        omega, DEVICE, centre, shape, 1.5, T, mass=mass, hold=hold
+    )
     np.testing.assert_allclose(upper, felt.max(axis=1), rtol=1e-6)
     np.testing.assert_allclose(lower, felt.min(axis=1), rtol=1e-4)
     small = shape / np.outer(centre, centre)
     edge = np.exp(ellipse_edge(np.log(centre), small, 1.5))
     felt = np.abs(
-        perceived_impedance(omega[:, None], DEVICE, Environment(edge[0], edge[1], mass), T, hold=hold)
+        perceived_impedance(
+            omega[:, None], DEVICE, Environment(edge[0], edge[1], mass), T, hold=hold
+        )
     )
     lower, upper = magnitude_envelope_ellipse(
         omega, DEVICE, np.log(centre), small, 1.5, T, mass=mass, hold=hold, log=True

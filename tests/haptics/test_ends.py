@@ -40,7 +40,9 @@ def near(values, theta):
     with mpmath.workdps(twin.DIGITS):
         period = mpmath.mpf(values["period"])
         numbers = {key: mpmath.mpf(value) for key, value in values.items()}
-        numbers["omega"] = (mpmath.mpf(theta) if theta else mpmath.pi - mpmath.mpf("1e-25")) / period
+        numbers["omega"] = (
+            mpmath.mpf(theta) if theta else mpmath.pi - mpmath.mpf("1e-25")
+        ) / period
         return {
             name: complex(formula(twin._point(numbers, mpmath)))
             for name, formula in {
@@ -110,7 +112,8 @@ def test_effective_stiffness_has_its_limits():
     stiffness, _ = effective_impedance(omega, environment, coupling, 1e-3)
     assert stiffness[0] == pytest.approx(1000 * 5e4 / 51000, rel=1e-14)
     assert stiffness[1] == pytest.approx(stiffness[0], rel=1e-12)
-    # Next to Nyquist the environment's mass is immovable and takes b_c²/m off the coupling's stiffness.
+    # Next to Nyquist the environment's mass is immovable and takes b_c²/m off the coupling's
+    # stiffness.
     assert stiffness[3] == pytest.approx(5e4 - 80**2 / 0.3, rel=1e-14)
     assert stiffness[2] == pytest.approx(stiffness[3], rel=1e-6)
 
@@ -125,7 +128,9 @@ def test_device_at_the_ends():
 
 def test_hold_of_both_kinds():
     np.testing.assert_array_equal(hold([0.0, NYQUIST], 1e-3), [1.0, 0.0])
-    np.testing.assert_allclose(hold([0.0, NYQUIST], 1e-3, kind="true"), [1.0, -2j / np.pi], atol=1e-16)
+    np.testing.assert_allclose(
+        hold([0.0, NYQUIST], 1e-3, kind="true"), [1.0, -2j / np.pi], atol=1e-16
+    )
     h = 0.7
     np.testing.assert_allclose(
         hold(2 * h / 1e-3, 1e-3, kind="true"), np.sin(h) / h * np.exp(-1j * h), rtol=1e-14
@@ -139,7 +144,9 @@ def test_hold_keeps_its_digits_next_to_nyquist():
         exact = [mpmath.cos(h) * mpmath.expj(-h) for h in half]
         parts = np.array([[float(value.real), float(value.imag)] for value in exact])
     found = hold(theta, 1.0)
-    np.testing.assert_allclose(np.transpose([found.real, found.imag]), parts, rtol=1e-15)  # a few roundings
+    np.testing.assert_allclose(
+        np.transpose([found.real, found.imag]), parts, rtol=1e-15
+    )  # a few roundings
 
 
 def test_beside_an_undamped_resonance_the_stiffness_is_that_of_springs_in_series():
@@ -186,7 +193,8 @@ def test_nyquist_is_a_few_ulp_wide_and_a_hard_wall():
     assert np.isfinite(device_impedance(below, device, 1.0))
     for beyond in (np.pi + 6 * np.spacing(np.pi), -4.0):
         with pytest.raises(
-            UsageError, match=r"omega is above the Nyquist frequency, 3\.14.* rad/s at a period of 1 s"
+            UsageError,
+            match=r"omega is above the Nyquist frequency, 3\.14.* rad/s at a period of 1 s",
         ):
             device_impedance(beyond, device, 1.0)
 
@@ -206,7 +214,10 @@ def test_period_is_one_positive_number(period):
             lambda: coupling_impedance(1.0, Coupling(1, 1), 1e-3, discretization="euler"),
             "discretization must be one of 'tustin', 'backward'",
         ),
-        (lambda: perceived_magnitude(1.0, Device(1, 1), np.nan, 0.0, 1e-3), "stiffness must be finite"),
+        (
+            lambda: perceived_magnitude(1.0, Device(1, 1), np.nan, 0.0, 1e-3),
+            "stiffness must be finite",
+        ),
         (
             lambda: perceived_magnitude(1.0, Device(1, 1), -np.inf, 0.0, 1e-3),
             r"stiffness must be finite and at most 1e\+100",
@@ -228,7 +239,9 @@ parameter = st.one_of(st.just(0.0), st.floats(1e-15, 1e15))
 @settings(max_examples=150, deadline=None)
 @given(
     log_period=st.floats(-6, 0),
-    place=st.one_of(st.sampled_from([0.0, 1.0]), st.floats(0, 1), st.floats(-15, 0).map(lambda e: 10**e)),
+    place=st.one_of(
+        st.sampled_from([0.0, 1.0]), st.floats(0, 1), st.floats(-15, 0).map(lambda e: 10**e)
+    ),
     p=st.lists(parameter, min_size=10, max_size=10),
     kind=st.sampled_from(["average", "true"]),
     discretization=st.sampled_from(["tustin", "backward"]),

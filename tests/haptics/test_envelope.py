@@ -19,7 +19,9 @@ TABLE_1 = [
 ]
 
 
-@pytest.mark.parametrize("limits", [*TABLE_1, ((-300.0, 500.0), (-8.0, 9.0)), ((5.0, 5.0), (1.0, 1.0))])
+@pytest.mark.parametrize(
+    "limits", [*TABLE_1, ((-300.0, 500.0), (-8.0, 9.0)), ((5.0, 5.0), (1.0, 1.0))]
+)
 @pytest.mark.parametrize("mass", [0.0, 0.2])
 def test_against_a_million_points_of_the_box(limits, mass, plain_impedance):
     (k_low, k_high), (b_low, b_high) = limits
@@ -62,7 +64,9 @@ def test_no_point_and_no_corner_lies_outside(k, b, omega, mass, share, kind):
     assert all(lower - size <= value <= upper + size for value in values)
 
 
-@pytest.mark.parametrize(("limits", "omega"), list(zip(TABLE_1[:3], ("11.4", "31.7", "100"), strict=True)))
+@pytest.mark.parametrize(
+    ("limits", "omega"), list(zip(TABLE_1[:3], ("11.4", "31.7", "100"), strict=True))
+)
 def test_published_corner_curves_cross(limits, omega):
     device = Device(1.0, 5.0)
     (crossing,) = corner_crossings(device, *limits, T)
@@ -101,13 +105,16 @@ def test_crossings_of_a_box_without_width_in_damping():
     seen = omega[:-1][np.diff(np.sign(high - low)) != 0]
     assert seen.size
     step = omega[1] - omega[0]
-    np.testing.assert_allclose(corner_crossings(Device(1.0, 5.0), *box, T), seen, rtol=0, atol=2 * step)
+    np.testing.assert_allclose(
+        corner_crossings(Device(1.0, 5.0), *box, T), seen, rtol=0, atol=2 * step
+    )
 
 
 def test_the_range_at_negative_omega_is_that_of_the_conjugate():
     omega = np.array([0.5, 30.0, 900.0])
     here, mirrored = (
-        magnitude_envelope(sign * omega, Device(0.5, 1.0), (900.0, 1100.0), (1.0, 3.0), T) for sign in (1, -1)
+        magnitude_envelope(sign * omega, Device(0.5, 1.0), (900.0, 1100.0), (1.0, 3.0), T)
+        for sign in (1, -1)
     )
     np.testing.assert_array_equal(mirrored, here)
 

@@ -27,7 +27,9 @@ def test_imports_numpy_only():
 
 
 def test_brings_no_other_part_of_percept():
-    code = "import sys, percept.haptics; print(*(n for n in sys.modules if n.startswith('percept.')))"
+    code = (
+        "import sys, percept.haptics; print(*(n for n in sys.modules if n.startswith('percept.')))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     parts = {name.split(".")[1] for name in done.stdout.split()}
     assert parts == {"haptics", "html", "errors"}

@@ -36,7 +36,8 @@ BOTH = [(d, h) for d in ("backward", "tustin") for h in ("average", "true")]
 
 
 @pytest.mark.parametrize(
-    ("device_damping", "limit"), [(15, 37_951), (16, 52_292), (18, 79_991), (20, 106_664), (25, 170_099)]
+    ("device_damping", "limit"),
+    [(15, 37_951), (16, 52_292), (18, 79_991), (20, 106_664), (25, 170_099)],
 )
 def test_largest_stiffness_at_100(device_damping, limit):
     assert round(float(max_coupling_stiffness(device_damping, 100.0, T))) == limit
@@ -51,7 +52,9 @@ def test_best_damping_of_a_stiffness():
     coupling, device = best_coupling_damping(1 / T, T)
     assert f"{coupling:.4g}" == "0.1248"
     assert f"{device:.5g}" == "0.10695"
-    assert required_damping(Coupling(110e3, 0.0), T).damping == pytest.approx(110e3 * T / 8, rel=1e-15)
+    assert required_damping(Coupling(110e3, 0.0), T).damping == pytest.approx(
+        110e3 * T / 8, rel=1e-15
+    )
 
 
 def test_best_damping_is_the_lowest_of_many():
@@ -78,7 +81,8 @@ def test_largest_stiffness_needs_exactly_the_damping_there_is(device, ratio, cas
         assert need >= device * (1 - 1e-12)
     else:
         need = required_damping(Coupling(limit, coupling), T, **options).damping
-        # At the edge of the region K is a square root of what is left, so the forward problem is the milder.
+        # At the edge of the region K is a square root of what is left, so the forward problem is
+        # the milder.
         assert need == pytest.approx(device, rel=1e-12)
 
 
@@ -106,7 +110,10 @@ def test_smallest_limit_over_omega_is_the_rigid_limit():
 def test_of_two_dips_over_omega_that_all_but_tie_the_lower_one_counts():
     """At this b_c of a measured device the grid sees the higher of two dips as the lower."""
     table = np.loadtxt(GOLDEN / "data" / "response.csv", delimiter=",", skiprows=1)
-    device, b_c = TabulatedDevice(table[:, 0], table[:, 1] + 1j * table[:, 2]), np.array([15.498823935850876])
+    device, b_c = (
+        TabulatedDevice(table[:, 0], table[:, 1] + 1j * table[:, 2]),
+        np.array([15.498823935850876]),
+    )
     dense = stiffness_limits(np.linspace(1813.0, 1814.0, 10_001), device, b_c, T, "average").min()
     assert stable_stiffness(device, b_c, T, "average")[0] <= dense
 

@@ -25,7 +25,9 @@ TABLE = TabulatedDevice([0.1, 10.0, 3141.0], [5 + 0.1j, 6 + 10j, 9 + 3000j])
 ENVIRONMENT, COUPLING = Environment(1000.0, 2.0, 0.1), Coupling(5e4, 100.0)
 
 
-@pytest.mark.parametrize("device", [Device(1.0, 5.0), FLEXIBLE, TABLE], ids=["rigid", "flexible", "table"])
+@pytest.mark.parametrize(
+    "device", [Device(1.0, 5.0), FLEXIBLE, TABLE], ids=["rigid", "flexible", "table"]
+)
 @pytest.mark.parametrize("kind", ["average", "true"])
 def test_equations_11_to_13_as_written(device, kind):
     z_d = device_impedance(OMEGA, device, T)
@@ -40,7 +42,13 @@ def test_equations_11_to_13_as_written(device, kind):
         rate = 2 / T * np.tan(OMEGA * T / 2)
         np.testing.assert_allclose(b - 1j * k / rate, z_e * share, rtol=1e-11)
         coupled = perceived_impedance(
-            OMEGA, device, ENVIRONMENT, T, coupling=COUPLING, discretization=discretization, hold=kind
+            OMEGA,
+            device,
+            ENVIRONMENT,
+            T,
+            coupling=COUPLING,
+            discretization=discretization,
+            hold=kind,
         )
         np.testing.assert_allclose(coupled, z_d + zoh * z_e * share, rtol=1e-11)
         magnitude = perceived_magnitude(OMEGA, device, k, b, T, hold=kind)
@@ -49,7 +57,9 @@ def test_equations_11_to_13_as_written(device, kind):
 
 def test_each_equation_has_its_own_discretization():
     by_default = perceived_impedance(OMEGA, FLEXIBLE, ENVIRONMENT, T, coupling=COUPLING)
-    tustin = perceived_impedance(OMEGA, FLEXIBLE, ENVIRONMENT, T, coupling=COUPLING, discretization="tustin")
+    tustin = perceived_impedance(
+        OMEGA, FLEXIBLE, ENVIRONMENT, T, coupling=COUPLING, discretization="tustin"
+    )
     np.testing.assert_array_equal(by_default, tustin)
     z = np.exp(1j * OMEGA * T)
     np.testing.assert_allclose(
@@ -59,11 +69,14 @@ def test_each_equation_has_its_own_discretization():
 
 def test_a_rigid_coupling_is_no_coupling():
     stiff = perceived_impedance(OMEGA, FLEXIBLE, ENVIRONMENT, T, coupling=Coupling(1e18, 1e18))
-    np.testing.assert_allclose(stiff, perceived_impedance(OMEGA, FLEXIBLE, ENVIRONMENT, T), rtol=1e-12)
+    np.testing.assert_allclose(
+        stiff, perceived_impedance(OMEGA, FLEXIBLE, ENVIRONMENT, T), rtol=1e-12
+    )
 
 
 def test_coupling_makes_the_environment_softer_but_not_always_the_display():
-    # With the device's own mass in play abs(Z_h_vc) may exceed abs(Z_h); Z_eff alone is always smaller.
+    # With the device's own mass in play abs(Z_h_vc) may exceed abs(Z_h); Z_eff alone is always
+    # smaller.
     device, soft, coupling = Device(1.0, 5.0), Environment(10.0, 0.1), Coupling(50e3, 100.0)
     coupled = abs(perceived_impedance(10.0, device, soft, T, coupling=coupling))
     direct = abs(perceived_impedance(10.0, device, soft, T))
@@ -77,8 +90,12 @@ def test_coupling_makes_the_environment_softer_but_not_always_the_display():
 
 def test_static_stiffness_of_the_published_environments():
     stiffness = np.array([1000.0, 10000.0, 25000.0, 50000.0])
-    shown, _ = effective_impedance(0.0, Environment(stiffness, stiffness / 1000), Coupling(50e3, 100.0), T)
-    np.testing.assert_allclose(shown, [980.392156862745, 8333.33333333333, 16666.6666666667, 25000.0])
+    shown, _ = effective_impedance(
+        0.0, Environment(stiffness, stiffness / 1000), Coupling(50e3, 100.0), T
+    )
+    np.testing.assert_allclose(
+        shown, [980.392156862745, 8333.33333333333, 16666.6666666667, 25000.0]
+    )
 
 
 def test_device_modes_are_passive_and_add_their_mass_at_low_frequency():
@@ -91,7 +108,9 @@ def test_device_modes_are_passive_and_add_their_mass_at_low_frequency():
         assert added[0].imag == pytest.approx(mode.mass * omega[0], rel=1e-3)
         s = 2j / T * np.tan(omega[:-1] * T / 2)
         m, k, b = mode.mass, mode.stiffness, mode.damping
-        np.testing.assert_allclose(added[:-1], m * s * (b * s + k) / (m * s * s + b * s + k), rtol=1e-9)
+        np.testing.assert_allclose(
+            added[:-1], m * s * (b * s + k) / (m * s * s + b * s + k), rtol=1e-9
+        )
 
 
 def test_omega_by_environments_by_draws_equals_the_loop():
@@ -109,7 +128,11 @@ def test_omega_by_environments_by_draws_equals_the_loop():
     positive = Environment(np.abs(stiffness), np.abs(damping), 0.1)
     coupled = perceived_impedance(omega[:, None, None], FLEXIBLE, positive, T, coupling=COUPLING)
     assert coupled[2, 1, 4] == perceived_impedance(
-        40.0, FLEXIBLE, Environment(abs(stiffness[1, 4]), abs(damping[1, 4]), 0.1), T, coupling=COUPLING
+        40.0,
+        FLEXIBLE,
+        Environment(abs(stiffness[1, 4]), abs(damping[1, 4]), 0.1),
+        T,
+        coupling=COUPLING,
     )
 
 
@@ -120,5 +143,7 @@ def test_every_shape_equals_the_plain_form(shape):
     ours = perceived_magnitude(20.0, Device(0.1, 5.0), stiffness, damping, T)
     h = 20.0 * T / 2
     rate = 2 / T * np.tan(h)
-    plain = np.abs(5 + 0.1j * rate + np.cos(h) * np.exp(-1j * h) * (damping - 1j * stiffness / rate))
+    plain = np.abs(
+        5 + 0.1j * rate + np.cos(h) * np.exp(-1j * h) * (damping - 1j * stiffness / rate)
+    )
     np.testing.assert_allclose(ours, plain, rtol=1e-12)

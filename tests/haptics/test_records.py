@@ -31,16 +31,31 @@ from percept.haptics.perceived import perceived_magnitude
             lambda: Environment(stiffness=-1.0, damping=0.0),
             r"Environment stiffness must not be negative.*N/m",
         ),
-        (lambda: Environment(stiffness=[1.0, -2.0], damping=0.0), r"value -2\.0: Environment stiffness"),
+        (
+            lambda: Environment(stiffness=[1.0, -2.0], damping=0.0),
+            r"value -2\.0: Environment stiffness",
+        ),
         (lambda: Coupling(stiffness=1.0, damping=-0.5), r"Coupling damping must not be negative"),
-        (lambda: Coupling(stiffness=np.nan, damping=0.5), r"value nan: Coupling stiffness must be finite"),
-        (lambda: Device(mass=np.inf, damping=0.5), r"Device mass must be finite and at most 1e\+100 kg"),
+        (
+            lambda: Coupling(stiffness=np.nan, damping=0.5),
+            r"value nan: Coupling stiffness must be finite",
+        ),
+        (
+            lambda: Device(mass=np.inf, damping=0.5),
+            r"Device mass must be finite and at most 1e\+100 kg",
+        ),
         (
             lambda: Environment(stiffness="1000", damping=1.0),
             r"Environment stiffness must be real numbers in N/m",
         ),
-        (lambda: Environment(stiffness=True, damping=1.0), r"must be real numbers in N/m, not bool"),
-        (lambda: Mode(mass=1.0, stiffness=-3.0, damping=0.0), r"Mode stiffness must not be negative"),
+        (
+            lambda: Environment(stiffness=True, damping=1.0),
+            r"must be real numbers in N/m, not bool",
+        ),
+        (
+            lambda: Mode(mass=1.0, stiffness=-3.0, damping=0.0),
+            r"Mode stiffness must not be negative",
+        ),
         (lambda: Device(1.0, 5.0, modes=[(1, 2, 3)]), r"Device modes must be Mode records"),
     ],
 )

@@ -10,7 +10,8 @@ def test_the_lowest_of_several_dips_is_found_though_another_looks_lower_on_the_g
     place, depth = np.array([0.37, 0.43, 0.25]), np.array([1.0, 2.0, 0.5])
 
     def functions(x, which):
-        # A dip between the grid's points, and one on it that is shallower by less than the grid sees.
+        # A dip between the grid's points, and one on it that is shallower by less than the grid
+        # sees.
         deep = 50.0 * (x - place[which]) ** 2 - depth[which]
         return np.minimum(deep, 50.0 * (x - 0.9) ** 2 - depth[which] + 0.01)
 
@@ -25,7 +26,9 @@ def test_a_function_that_is_lowest_at_an_end_or_level_or_endless_is_lowest_there
     least, at = lowest(lambda x, which: slopes[which] * x, grid, 3)
     assert least.tolist() == [1.0, -2.0, 0.0]
     assert at[:2].tolist() == [1.0, 2.0]
-    least, _ = lowest(lambda x, which: np.full(np.broadcast_shapes(x.shape, which.shape), np.inf), grid, 2)
+    least, _ = lowest(
+        lambda x, which: np.full(np.broadcast_shapes(x.shape, which.shape), np.inf), grid, 2
+    )
     assert least.tolist() == [np.inf, np.inf]
 
 
@@ -39,5 +42,7 @@ def test_roots_are_found_over_many_decades_and_where_newton_alone_would_leave_th
         return np.arctan(x - exact[which]), 1 / (1 + (x - exact[which]) ** 2)
 
     low, high = np.zeros(5), np.full(5, 100.0)
-    np.testing.assert_allclose(rising_root(arctangent, high, low, high), exact, rtol=1e-15, atol=1e-14)
+    np.testing.assert_allclose(
+        rising_root(arctangent, high, low, high), exact, rtol=1e-15, atol=1e-14
+    )
     np.testing.assert_allclose(rising_root(cubic, high, low, high)[2:], exact[2:], rtol=1e-15)

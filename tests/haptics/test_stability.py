@@ -53,7 +53,9 @@ def test_low_frequency_keeps_fifteen_digits():
     assert abs(value - 4.879032258064516) <= 1e-15 * value
 
 
-OMEGA = np.concatenate([[0.0], np.geomspace(1e-3, np.pi / T, 40_001), np.linspace(0, np.pi / T, 40_001)])
+OMEGA = np.concatenate(
+    [[0.0], np.geomspace(1e-3, np.pi / T, 40_001), np.linspace(0, np.pi / T, 40_001)]
+)
 
 
 @settings(max_examples=60, deadline=None)
@@ -91,7 +93,9 @@ def test_binding_frequency_slides_into_dc():
             need.omega * np.array([0.5, 1.0, 1.5]), coupling, T, discretization="tustin"
         )
         assert value[1] >= value.max() * (1 - 4e-16)
-    past = required_damping(Coupling(np.sqrt(3.2 * (1 + 1e-9)) * beta / T, beta), T, discretization="tustin")
+    past = required_damping(
+        Coupling(np.sqrt(3.2 * (1 + 1e-9)) * beta / T, beta), T, discretization="tustin"
+    )
     assert past.omega == 0
     assert past.damping == pytest.approx(3.2 * beta / 16, rel=1e-8)
 
@@ -109,7 +113,9 @@ def test_tustin_without_damping_is_never_stable():
 def test_backward_difference_is_tustin_with_more_damping():
     omega = np.array([1e-3, 1.0, 500.0, 3000.0])
     backward = coupling_impedance(omega, Coupling(110e3, 100.0), T)
-    tustin = coupling_impedance(omega, Coupling(110e3, 100.0 + 110e3 * T / 2), T, discretization="tustin")
+    tustin = coupling_impedance(
+        omega, Coupling(110e3, 100.0 + 110e3 * T / 2), T, discretization="tustin"
+    )
     np.testing.assert_array_equal(backward, tustin)
 
 
@@ -119,7 +125,9 @@ def test_margin_is_the_ratio_of_both_sides_of_equation_10():
     coupling = Coupling(50e3, 100.0)
     bound = coupling_bound(omega, device, T)
     reached = coupling_admittance(omega, coupling, T).real
-    np.testing.assert_allclose(stability_margin(omega, device, coupling, T), reached / bound, rtol=1e-13)
+    np.testing.assert_allclose(
+        stability_margin(omega, device, coupling, T), reached / bound, rtol=1e-13
+    )
 
 
 def test_flexible_peaks_draw_knots_above_300_rad_per_s():
@@ -137,9 +145,13 @@ def test_flexible_peaks_draw_knots_above_300_rad_per_s():
 
 def test_margin_where_nothing_is_asked_or_given():
     omega = np.array([100.0, np.pi / T])
-    np.testing.assert_array_equal(stability_margin(omega, Device(1.0, 0.0), Coupling(1e3, 1.0), T), 0.0)
+    np.testing.assert_array_equal(
+        stability_margin(omega, Device(1.0, 0.0), Coupling(1e3, 1.0), T), 0.0
+    )
     np.testing.assert_array_equal(coupling_bound(omega, Device(1.0, 0.0), T), np.inf)
-    np.testing.assert_array_equal(stability_margin(omega, Device(1.0, 1.0), Coupling(0.0, 0.0), T), np.inf)
+    np.testing.assert_array_equal(
+        stability_margin(omega, Device(1.0, 1.0), Coupling(0.0, 0.0), T), np.inf
+    )
 
 
 def test_broadcasts_omega_with_couplings():
@@ -147,7 +159,8 @@ def test_broadcasts_omega_with_couplings():
     stiffness = np.array([1e3, 1e4, 1e5])
     table = required_damping_at(omega, Coupling(stiffness, 100.0), T)
     slow = [
-        [float(required_damping_at(float(w), Coupling(k, 100.0), T)) for k in stiffness] for w in omega[:, 0]
+        [float(required_damping_at(float(w), Coupling(k, 100.0), T)) for k in stiffness]
+        for w in omega[:, 0]
     ]
     np.testing.assert_array_equal(table, slow)
     assert required_damping(Coupling(stiffness, 100.0), T).damping.shape == (3,)
@@ -182,7 +195,9 @@ def llewellyn(omega, device):
     return 2 * device_impedance(omega, device, T).real * p22.real / (np.abs(p12) - p12.real)
 
 
-@pytest.mark.parametrize("device", [Device(1.0, 20.0), Device(1.0, 20.0, MODES)], ids=["rigid", "flexible"])
+@pytest.mark.parametrize(
+    "device", [Device(1.0, 20.0), Device(1.0, 20.0, MODES)], ids=["rigid", "flexible"]
+)
 def test_general_criterion_gives_the_same_margins(device):
     verdict = absolute_stability(device, COUPLING, T)
     omega = np.geomspace(100.0, 3141.0, 2000)
@@ -247,9 +262,14 @@ def test_a_table_of_a_part_of_the_range_shows_no_stability():
             continue
         assert found.verdict == "undecided"
         assert found.reason.startswith(f"From {first:g} to {last:g} rad/s the smallest margin is ")
-        assert found.reason.endswith("of the rest, up to 3141.59 rad/s, the device's table says nothing.")
+        assert found.reason.endswith(
+            "of the rest, up to 3141.59 rad/s, the device's table says nothing."
+        )
     omega = np.geomspace(0.05, 120.0, 300)
-    assert absolute_stability(TabulatedDevice(omega, 5.0 + 1j * omega), coupling, T).verdict == "undecided"
+    assert (
+        absolute_stability(TabulatedDevice(omega, 5.0 + 1j * omega), coupling, T).verdict
+        == "undecided"
+    )
     omega = np.linspace(500.0, np.pi / T, 50)
     found = absolute_stability(TabulatedDevice(omega, np.full(50, 5.0)), Coupling(100.0, 1.0), T)
     assert found.smallest_margin > 1
@@ -270,7 +290,10 @@ def test_tustin_without_damping_is_unstable():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: absolute_stability(Device(1.0, [5.0, 6.0]), COUPLING, T), "one device and one coupling"),
+        (
+            lambda: absolute_stability(Device(1.0, [5.0, 6.0]), COUPLING, T),
+            "one device and one coupling",
+        ),
         (
             lambda: absolute_stability(Device(1.0, 5.0), Coupling([1.0, 2.0], 1.0), T),
             "one device and one coupling",

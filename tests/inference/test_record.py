@@ -9,21 +9,30 @@ X = np.random.default_rng(10).lognormal(2.0, 0.3, 10)
 
 
 def bayesian(kind, **fields):
-    given = {"family": "lognormal", "level": 0.99, "lower": 1.0, "upper": 2.0, "estimate": 1.5, "n": 10}
+    given = {
+        "family": "lognormal",
+        "level": 0.99,
+        "lower": 1.0,
+        "upper": 2.0,
+        "estimate": 1.5,
+        "n": 10,
+    }
     return Interval(kind=kind, method="bayesian", **(given | fields)).covers
 
 
 def test_the_average_user_is_not_99_percent_of_users():
-    assert t_interval(X, unit="N/m").covers == (
-        "The average user's value lies between the limits, with 99 % confidence (from 10 users, in N/m); it "
-        "is not a range of users, and holds an expected 64.7 % of them."
+    assert (
+        t_interval(X, unit="N/m").covers
+        == "The average user's value lies between the limits, with 99 % confidence (from 10 users,"
+        " in N/m); it is not a range of users, and holds an expected 64.7 % of them."
     )
 
 
 def test_the_next_user():
-    assert prediction_interval(Moments(1.0, 1.0, 10, repeats=False)).covers == (
-        "The next user's value lies between the limits, with 99 % confidence (from 10 users, one trial each, "
-        "trial noise included)."
+    assert (
+        prediction_interval(Moments(1.0, 1.0, 10, repeats=False)).covers
+        == "The next user's value lies between the limits, with 99 % confidence (from 10 users, one"
+        " trial each, trial noise included)."
     )
 
 
@@ -35,14 +44,17 @@ def test_single_trials_are_said_of_published_moments_under_lognormal_too():
 
 def test_a_share_of_users_after_repeated_trials():
     moments = Moments(1.0, 1.0, 10, repeats=True)
-    assert tolerance_interval(moments, share=0.9).covers == (
-        "At least 90 % of all users lie between the limits, with 95 % confidence (from 10 users, each the "
-        "mean of repeated trials, the rest of the trial noise included)."
+    assert (
+        tolerance_interval(moments, share=0.9).covers
+        == "At least 90 % of all users lie between the limits, with 95 % confidence (from 10 users,"
+        " each the mean of repeated trials, the rest of the trial noise included)."
     )
 
 
 def test_families_name_whom_the_mean_stands_for():
-    assert t_interval(X, family="lognormal").covers.startswith("The typical user's value (the geometric mean")
+    assert t_interval(X, family="lognormal").covers.startswith(
+        "The typical user's value (the geometric mean"
+    )
 
 
 def test_one_sided_and_joint_and_approximate_are_said():
@@ -53,13 +65,15 @@ def test_one_sided_and_joint_and_approximate_are_said():
 
 
 def test_bayesian_sentences_speak_of_probability_and_leave_trial_noise_out():
-    assert bayesian("user", repeats=True) == (
-        "The next user's value lies between the limits, with 99 % probability under the model and its priors "
-        "(from 10 users, trial noise left out)."
+    assert (
+        bayesian("user", repeats=True)
+        == "The next user's value lies between the limits, with 99 % probability under the model"
+        " and its priors (from 10 users, trial noise left out)."
     )
-    assert bayesian("share", repeats=False, share=0.99, confidence=0.95) == (
-        "At least 99 % of all users lie between the limits, with 95 % probability under the model and its "
-        "priors (from 10 users, one trial each, trial noise included)."
+    assert (
+        bayesian("share", repeats=False, share=0.99, confidence=0.95)
+        == "At least 99 % of all users lie between the limits, with 95 % probability under the"
+        " model and its priors (from 10 users, one trial each, trial noise included)."
     )
     assert "trial noise" not in bayesian("mean", repeats=True)
 
@@ -71,7 +85,11 @@ def test_many_sizes_are_a_range():
 
 
 def test_the_sentence_is_one_sentence():
-    for interval in (t_interval(X), tolerance_interval(X, joint="bonferroni"), prediction_interval(X)):
+    for interval in (
+        t_interval(X),
+        tolerance_interval(X, joint="bonferroni"),
+        prediction_interval(X),
+    ):
         assert interval.covers.count(".") - interval.covers.count("64.7") == 1
 
 

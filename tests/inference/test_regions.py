@@ -17,7 +17,9 @@ def test_the_radius_is_hotellings(kind, n):
     region = ellipse_region(k, b, kind=kind, level=0.95)
     f = stats.f.isf(1.0 - 0.95, 2, n - 2)
     t2 = 2 * (n - 1) / (n - 2) * f
-    assert region.radius**2 == pytest.approx(t2 * (1 / n if kind == "mean" else 1 + 1 / n), rel=1e-12)
+    assert region.radius**2 == pytest.approx(
+        t2 * (1 / n if kind == "mean" else 1 + 1 / n), rel=1e-12
+    )
     assert region.shape == pytest.approx(np.cov(k, b), rel=1e-12)
 
 
@@ -89,13 +91,25 @@ def test_points_on_a_line_but_for_rounding_are_refused():
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
-        (lambda: ellipse_region(K, B, kind="share"), UsageError, 'kind must be one of "mean", "user"'),
-        (lambda: ellipse_region(K, B, kind="mean", family="free"), UsageError, "family must be one of"),
+        (
+            lambda: ellipse_region(K, B, kind="share"),
+            UsageError,
+            'kind must be one of "mean", "user"',
+        ),
+        (
+            lambda: ellipse_region(K, B, kind="mean", family="free"),
+            UsageError,
+            "family must be one of",
+        ),
         (lambda: ellipse_region(K, B[:9], kind="mean"), UsageError, r"\(10,\), \(9,\)"),
         (lambda: ellipse_region(K[:2], B[:2], kind="mean"), RefusalError, "At least 3 subjects"),
         (lambda: ellipse_region(LINE, 3 * LINE, kind="mean"), RefusalError, "lie on a line"),
         (lambda: ellipse_region(LINE, 0 * LINE, kind="mean"), RefusalError, "no scatter"),
-        (lambda: ellipse_region(-K, B, kind="mean", family="lognormal"), RefusalError, "zero or negative"),
+        (
+            lambda: ellipse_region(-K, B, kind="mean", family="lognormal"),
+            RefusalError,
+            "zero or negative",
+        ),
         (lambda: ellipse_region(K, B, kind="mean", level=[0.9]), UsageError, "must be one number"),
     ],
 )

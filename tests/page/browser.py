@@ -26,13 +26,22 @@ _FLAGS = (
     "--remote-debugging-pipe",
 )
 _PATIENCE = 60.0
-_NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
+_NAMES = (
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome",
+    "msedge",
+)
 
 
 def find_browser() -> str | None:
     """Path of a Chromium: that of PERCEPT_BROWSER, or the first on the path."""
     named = os.environ.get("PERCEPT_BROWSER")
-    return next((path for name in ([named] if named else _NAMES) if (path := shutil.which(name))), None)
+    return next(
+        (path for name in ([named] if named else _NAMES) if (path := shutil.which(name))), None
+    )
 
 
 def _high(pair: tuple[int, int]) -> tuple[int, int]:
@@ -61,7 +70,8 @@ class Browser:
             flags.append("--no-sandbox")
         self._process = subprocess.Popen(
             [self._executable, *flags, "about:blank"],
-            # Chromium reads commands from descriptor 3 and answers on 4; Python's own are not inherited.
+            # Chromium reads commands from descriptor 3 and answers on 4; Python's own are not
+            # inherited.
             preexec_fn=lambda: (os.dup2(from_us, 3), os.dup2(to_us, 4)),
             close_fds=False,
             stdin=subprocess.DEVNULL,
@@ -100,7 +110,9 @@ class Browser:
 
     def wait_for(self, method: str, session: str) -> None:
         """Wait for an event of a page."""
-        while not any(e.get("method") == method and e.get("sessionId") == session for e in self.events):
+        while not any(
+            e.get("method") == method and e.get("sessionId") == session for e in self.events
+        ):
             self.events.append(self._next())
 
     def _next(self) -> dict[str, Any]:
@@ -134,7 +146,9 @@ class Tab:
         self._browser = browser
         target = browser.call("Target.createTarget", url="about:blank")["targetId"]
         self._target = target
-        self._session = browser.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self._session = browser.call("Target.attachToTarget", targetId=target, flatten=True)[
+            "sessionId"
+        ]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self._call(f"{domain}.enable")
         self._call(
@@ -155,7 +169,9 @@ class Tab:
 
     def evaluate(self, expression: str) -> Any:
         """Value of a JavaScript expression, awaited where it is a promise."""
-        answer = self._call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        answer = self._call(
+            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
+        )
         if "exceptionDetails" in answer:
             raise RuntimeError(str(answer["exceptionDetails"]))
         return answer["result"].get("value")
@@ -163,7 +179,13 @@ class Tab:
     def key(self, key: str, code: str, number: int) -> None:
         """Press and release a key."""
         for kind in ("keyDown", "keyUp"):
-            self._call("Input.dispatchKeyEvent", type=kind, key=key, code=code, windowsVirtualKeyCode=number)
+            self._call(
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=key,
+                code=code,
+                windowsVirtualKeyCode=number,
+            )
 
     def mouse(self, kind: str, x: float, y: float) -> None:
         """Send one mouse event, the left button held."""
@@ -172,8 +194,16 @@ class Tab:
     def screenshot(self, path: Path, *, height: int | None = None) -> None:
         """Write a PNG of the page from its top, whole or to a height."""
         size = self._call("Page.getLayoutMetrics")["cssContentSize"]
-        clip = {"x": 0, "y": 0, "width": size["width"], "height": height or size["height"], "scale": 1}
-        answer = self._call("Page.captureScreenshot", format="png", captureBeyondViewport=True, clip=clip)
+        clip = {
+            "x": 0,
+            "y": 0,
+            "width": size["width"],
+            "height": height or size["height"],
+            "scale": 1,
+        }
+        answer = self._call(
+            "Page.captureScreenshot", format="png", captureBeyondViewport=True, clip=clip
+        )
         path.write_bytes(base64.b64decode(answer["data"]))
 
     def pdf(self) -> bytes:
@@ -190,9 +220,15 @@ class Tab:
             method, parameters = event["method"], event["params"]
             if method == "Runtime.exceptionThrown":
                 found.append(str(parameters["exceptionDetails"]))
-            elif method == "Log.entryAdded" and parameters["entry"]["level"] in ("error", "warning"):
+            elif method == "Log.entryAdded" and parameters["entry"]["level"] in (
+                "error",
+                "warning",
+            ):
                 found.append(parameters["entry"]["text"])
-            elif method == "Runtime.consoleAPICalled" and parameters["type"] in ("error", "warning"):
+            elif method == "Runtime.consoleAPICalled" and parameters["type"] in (
+                "error",
+                "warning",
+            ):
                 found.append(str(parameters["args"]))
             elif method == "Network.requestWillBeSent":
                 url = parameters["request"]["url"]

@@ -39,7 +39,9 @@ def axe_file():
 def axe():
     path = axe_file()
     if path is None:
-        pytest.skip("no axe-core: `npm install --prefix build axe-core`, or name axe.min.js in PERCEPT_AXE")
+        pytest.skip(
+            "no axe-core: `npm install --prefix build axe-core`, or name axe.min.js in PERCEPT_AXE"
+        )
     return path.read_text(encoding="utf-8")
 
 

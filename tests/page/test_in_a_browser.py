@@ -30,7 +30,10 @@ OVERFLOW = """
 @pytest.mark.parametrize("view", VIEWS)
 def test_nothing_overflows_and_the_console_is_silent(open_tab, view):
     tab = open_tab(**VIEWS[view])
-    assert tab.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth") <= 0
+    assert (
+        tab.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
+        <= 0
+    )
     assert tab.evaluate(OVERFLOW) == []
     assert tab.complaints == []
     # Kept on request, to be looked at: PERCEPT_SHOTS=folder make test-page.
@@ -41,7 +44,9 @@ def test_nothing_overflows_and_the_console_is_silent(open_tab, view):
 
 def test_tables_fit_a_printed_page(open_tab):
     tab = open_tab(**VIEWS["print"])
-    wide = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth + 1)"
+    wide = (
+        "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth + 1)"
+    )
     assert tab.evaluate(f"{wide}.map(e => e.getAttribute('aria-labelledby'))") == []
 
 
@@ -52,16 +57,20 @@ def test_axe_finds_nothing(open_tab, axe, view):
     tab.evaluate("document.querySelectorAll('details').forEach(e => { e.open = true; })")
     tab.evaluate(axe + "; 0")
     found = tab.evaluate(
-        "axe.run(document, {resultTypes: ['violations']}).then(r => r.violations.map(v => "
-        "v.impact + ' ' + v.id + ': ' + v.nodes.slice(0, 3).map(n => n.html.slice(0, 160)).join(' | ')))"
+        "axe.run(document, {resultTypes: ['violations']}).then(r => r.violations.map(v => v.impact"
+        " + ' ' + v.id + ': ' + v.nodes.slice(0, 3).map(n => n.html.slice(0, 160)).join(' | ')))"
     )
     assert found == []
 
 
 def test_the_page_is_whole_without_scripts(open_tab, page):
     with_scripts, without = open_tab(), open_tab(scripts=False)
-    count = "['table', 'figure', 'data', 'h2', 'h3', 'dd'].map(n => document.querySelectorAll(n).length)"
-    # Evaluating from outside works with page scripts off; the explorer adds figures and a heading of its own.
+    count = (
+        "['table', 'figure', 'data', 'h2', 'h3', 'dd'].map(n =>"
+        " document.querySelectorAll(n).length)"
+    )
+    # Evaluating from outside works with page scripts off; the explorer adds figures and a heading
+    # of its own.
     tables, figures, numbers, *heads = without.evaluate(count)
     assert numbers > 500
     assert tables > 10
@@ -87,7 +96,10 @@ def test_the_theme_button_turns_the_page(open_tab):
 
 
 def test_figures_follow_the_theme(open_tab):
-    line = "getComputedStyle(document.querySelector('#figure-overview_k svg [style*=classical]')).stroke"
+    line = (
+        "getComputedStyle(document.querySelector('#figure-overview_k svg"
+        " [style*=classical]')).stroke"
+    )
     assert open_tab().evaluate(line) != open_tab(dark=True).evaluate(line)
 
 
@@ -116,7 +128,9 @@ def test_unticking_a_kind_or_method_hides_it_everywhere(open_tab):
 def test_a_column_sorts_by_its_numbers_and_back(open_tab):
     tab = open_tab()
     table = "document.querySelector('#intervals table')"
-    lowers = f"[...{table}.tBodies[0].rows].map(r => Number(r.cells[2].querySelector('data').value))"
+    lowers = (
+        f"[...{table}.tBodies[0].rows].map(r => Number(r.cells[2].querySelector('data').value))"
+    )
     first = tab.evaluate(lowers)
     click = f"{table}.tHead.rows[0].cells[2].querySelector('button').click()"
     tab.evaluate(click)
@@ -169,7 +183,8 @@ def test_the_plots_answer_the_keyboard(open_tab):
     moved = tab.evaluate(reading)
     assert all(one != other for one, other in zip(before, moved, strict=True))
     tab.evaluate(
-        "document.querySelector('#explorer svg').dispatchEvent(new KeyboardEvent('keydown', {key: '+'}))"
+        "document.querySelector('#explorer svg').dispatchEvent(new KeyboardEvent('keydown', {key:"
+        " '+'}))"
     )
     low, high = tab.evaluate(RANGE)
     assert high / low == pytest.approx(1000**0.5, rel=0.01)
@@ -184,7 +199,9 @@ def test_the_reading_is_the_boundary_of_report_json(open_tab, page):
         "(s => { s.value = 'absolute'; s.dispatchEvent(new Event('change', {bubbles: true})); })"
         "(document.querySelector('#explorer select[name=scale]'))"
     )
-    readings = tab.evaluate("[...document.querySelectorAll('#explorer output')].map(e => e.textContent)")
+    readings = tab.evaluate(
+        "[...document.querySelectorAll('#explorer output')].map(e => e.textContent)"
+    )
     for text, environment in zip(readings, document["data"]["environments"], strict=True):
         omega = float(re.search(r"ω ([\d.]+) rad/s", text)[1])
         shown = float(re.search(r"reference ([\d.]+)", text)[1])
@@ -197,11 +214,13 @@ def test_the_reading_is_the_boundary_of_report_json(open_tab, page):
 def test_links_of_the_contents_lead_to_their_sections(open_tab):
     tab = open_tab()
     broken = (
-        "[...document.querySelectorAll('nav a')].filter(a => !document.querySelector(a.getAttribute('href')))"
+        "[...document.querySelectorAll('nav a')].filter(a =>"
+        " !document.querySelector(a.getAttribute('href')))"
     )
     assert tab.evaluate(f"{broken}.length") == 0
     landmarks = (
-        "['header', 'nav', 'main', 'footer'].map(n => document.querySelectorAll('body > ' + n).length)"
+        "['header', 'nav', 'main', 'footer'].map(n => document.querySelectorAll('body > ' +"
+        " n).length)"
     )
     assert tab.evaluate(landmarks) == [1, 1, 1, 1]
     levels = "[...document.querySelectorAll('h1, h2, h3, h4')].map(h => Number(h.tagName[1]))"

@@ -27,7 +27,17 @@ def test_it_has_every_part_and_only_json_values(both):
 
 
 def test_intervals_and_boundaries_have_the_promised_fields(both):
-    fields = {"environment", "parameter", "kind", "method", "family", "joint", "level", "share", "confidence"}
+    fields = {
+        "environment",
+        "parameter",
+        "kind",
+        "method",
+        "family",
+        "joint",
+        "level",
+        "share",
+        "confidence",
+    }
     fields |= {"lower", "upper", "estimate", "n", "unit", "covers"}
     assert all(fields <= row.keys() for row in both["intervals"])
     assert {row["method"] for row in both["intervals"]} == {"classical", "bayesian"}
@@ -76,7 +86,8 @@ def test_close_views_are_evaluated_where_the_scene_asks(classical):
     omega = np.array(record["omega"])
     assert (omega[0], omega[-1]) == (9.89, 10.11)
     exact = abs(haptics.perceived_impedance(omega, device, ve1, period, coupling=coupling))
-    # Coupled and plain reference are 1e-5 apart in the paper's Fig. 7b: nothing is interpolated there.
+    # Coupled and plain reference are 1e-5 apart in the paper's Fig. 7b: nothing is interpolated
+    # there.
     assert record["coupled"] == pytest.approx(exact, rel=1e-12)
     assert {row["kind"] for row in classical["close"]} == {"user"}
 
@@ -85,7 +96,14 @@ def test_six_references_of_the_paper_lie_outside_their_own_interval(classical):
     (normal,) = [row for row in classical["summary"]["references"] if row["family"] == "normal"]
     outside = {(one["environment"], one["parameter"]) for one in normal["outside"]}
     assert (normal["inside"], normal["of"]) == (4, 10)
-    assert outside == {("VE1", "k"), ("VE3", "k"), ("VE4", "k"), ("VE5", "k"), ("VE2", "b"), ("VE5", "b")}
+    assert outside == {
+        ("VE1", "k"),
+        ("VE3", "k"),
+        ("VE4", "k"),
+        ("VE5", "k"),
+        ("VE2", "b"),
+        ("VE5", "b"),
+    }
 
 
 def test_what_has_no_reference_or_limit_is_not_counted(classical):
@@ -106,7 +124,9 @@ def test_what_has_no_reference_or_limit_is_not_counted(classical):
 
 
 def test_a_summary_and_a_scene_without_device_are_documents_too():
-    study = Study(read_sessions(DATASETS / "hbfd_table1.csv"), Scene(inference={"method": "classical"}))
+    study = Study(
+        read_sessions(DATASETS / "hbfd_table1.csv"), Scene(inference={"method": "classical"})
+    )
     document = build_document(study)
     assert document["data"]["form"] == "summary"
     assert document["data"]["cells"] == []
@@ -115,7 +135,9 @@ def test_a_summary_and_a_scene_without_device_are_documents_too():
         *[None] * 3,
     ]
     assert any("device" in entry["why"] for entry in document["skipped"])
-    normal = [row for row in document["intervals"] if row["family"] == "normal" and row["kind"] == "mean"]
+    normal = [
+        row for row in document["intervals"] if row["family"] == "normal" and row["kind"] == "mean"
+    ]
     assert np.isfinite([row["lower"] for row in normal]).all()
 
 
@@ -147,7 +169,9 @@ def test_every_coupling_of_the_map_is_stable_and_inside(classical):
             if one[place] is None:
                 continue
             coupling = haptics.Coupling(one[place]["stiffness"], one[place]["damping"])
-            felt = abs(haptics.perceived_impedance(omega, device, reference, PERIOD, coupling=coupling))
+            felt = abs(
+                haptics.perceived_impedance(omega, device, reference, PERIOD, coupling=coupling)
+            )
             assert ((low * (1 - 1e-9) <= felt) & (felt <= high * (1 + 1e-9))).all()
             assert haptics.absolute_stability(device, coupling, PERIOD).verdict != "unstable"
             checked += 1
@@ -167,12 +191,16 @@ def test_no_coupling_qualifies_where_the_map_says_none(classical):
             top = haptics.max_coupling_stiffness(5.0, damping, PERIOD)
             for stiffness in np.linspace(0.01, 1, 8) * top:
                 coupling = haptics.Coupling(stiffness, damping)
-                felt = abs(haptics.perceived_impedance(omega, device, reference, PERIOD, coupling=coupling))
+                felt = abs(
+                    haptics.perceived_impedance(omega, device, reference, PERIOD, coupling=coupling)
+                )
                 assert not ((low <= felt) & (felt <= high)).all()
 
 
 def test_the_map_has_an_edge_for_a_rigid_device_only(classical, classical_study):
-    assert max(classical["design"]["stable"]["stiffness"]) == pytest.approx(5 / 0.10695 / PERIOD, rel=1e-4)
+    assert max(classical["design"]["stable"]["stiffness"]) == pytest.approx(
+        5 / 0.10695 / PERIOD, rel=1e-4
+    )
     tables = classical_study.scene.to_dict()
     tables["device"]["modes"] = [{"mass": 0.01, "stiffness": 1e4, "damping": 1.0}]
     tables["frequency"]["points"] = 5
@@ -198,5 +226,7 @@ def test_checks_of_normality_are_scipy_s_and_speak_where_they_reject():
             (wanted.statistic, wanted.pvalue), rel=1e-9
         )
     said = [text for text in document["summary"]["cautions"] if "Shapiro" in text]
-    assert said[1].endswith(f"the lognormal family, which its classical intervals assume, for k of {first}.")
+    assert said[1].endswith(
+        f"the lognormal family, which its classical intervals assume, for k of {first}."
+    )
     assert document["checks"].keys() == {"normality"}

@@ -27,7 +27,14 @@ from percept.report.figures.from_document import (
     drawings,
     interval_drawings,
 )
-from percept.report.figures.marks import Bar, Widths, beyond_range, draw_band, draw_design, draw_intervals
+from percept.report.figures.marks import (
+    Bar,
+    Widths,
+    beyond_range,
+    draw_band,
+    draw_design,
+    draw_intervals,
+)
 from percept.report.figures.output import STYLE, draw_all, drawn
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -67,7 +74,9 @@ def test_a_file_has_its_size_in_millimetres(found):
     drawing = found["band"]
     root = ET.fromstring(file(drawing))
     for side, length in zip(("width", "height"), drawing.size, strict=True):
-        assert float(root.get(side).removesuffix("pt")) == pytest.approx(length * 72 / 25.4, rel=1e-6)
+        assert float(root.get(side).removesuffix("pt")) == pytest.approx(
+            length * 72 / 25.4, rel=1e-6
+        )
 
 
 def test_embedded_fonts_in_a_pdf(found):
@@ -132,7 +141,10 @@ def renamed(document, names):
         "Umgebung {}, sehr hart und weich",
         "{} is the beginning of a name that goes on and on until nobody reads it",
         "a name that goes on and on until nobody reads it says at last that it is {}",
-        "a name that says somewhere in the middle that it is {}, and goes on and on until nobody reads it",
+        (
+            "a name that says somewhere in the middle that it is {}, and goes on and on until"
+            " nobody reads it"
+        ),
     ],
 )
 def test_labels_of_the_intervals_are_inside_the_figure_and_tell_environments_apart(both, pattern):
@@ -156,7 +168,10 @@ def test_labels_of_the_intervals_are_inside_the_figure_and_tell_environments_apa
 
 def test_the_caption_of_intervals_says_what_is_drawn(both, classical):
     _, two = interval_drawings(both)
-    assert " Each classical bar stands above the Bayesian one. Ticks: the subjects. " in two.description
+    assert (
+        " Each classical bar stands above the Bayesian one. Ticks: the subjects. "
+        in two.description
+    )
     assert " Classical limits are lognormal." in two.description
     document = copy.deepcopy(classical)
     for row in (*document["intervals"], *document["data"]["cells"]):
@@ -183,7 +198,14 @@ def drawing_of(draw, **given):
         draw(ax)
 
     return Drawing(
-        **{"name": "one", "title": "T", "description": "D", "size": (80.0, 60.0), "draw": on, **given}
+        **{
+            "name": "one",
+            "title": "T",
+            "description": "D",
+            "size": (80.0, 60.0),
+            "draw": on,
+            **given,
+        }
     )
 
 
@@ -213,7 +235,9 @@ def test_what_a_user_wrote_is_not_taken_for_colours_references_or_mathematics():
 
 def test_a_label_in_an_id_of_the_file_is_none_in_the_page():
     drawing = drawing_of(lambda ax: ax.plot([1, 2], [1, 2])[0].set_gid('coupling:5 "kN"/m'))
-    assert 'coupling:5 "kN"/m' in {element.get("id") for element in ET.fromstring(file(drawing)).iter()}
+    assert 'coupling:5 "kN"/m' in {
+        element.get("id") for element in ET.fromstring(file(drawing)).iter()
+    }
     assert "coupling:5" not in inline(drawing)
 
 
@@ -230,17 +254,25 @@ def test_a_figure_is_drawn_once_for_its_files_and_the_page(tmp_path):
 
 
 def test_without_formats_there_is_no_folder(tmp_path):
-    assert list(draw_all([drawing_of(lambda ax: None)], tmp_path / "figures", formats=())) == ["one"]
+    assert list(draw_all([drawing_of(lambda ax: None)], tmp_path / "figures", formats=())) == [
+        "one"
+    ]
     assert not (tmp_path / "figures").exists()
 
 
 def test_panels_stand_where_the_millimetres_say():
     figure = Figure(figsize=(100 / 25.4, 50 / 25.4))
-    (left, right) = panels(figure, 2, left=10, right=5, top=4, bottom=6, gap=15)
-    assert np.array(left.get_position().bounds) * [100, 50, 100, 50] == pytest.approx([10, 6, 35, 40])
-    assert np.array(right.get_position().bounds) * [100, 50, 100, 50] == pytest.approx([60, 6, 35, 40])
+    left, right = panels(figure, 2, left=10, right=5, top=4, bottom=6, gap=15)
+    assert np.array(left.get_position().bounds) * [100, 50, 100, 50] == pytest.approx(
+        [10, 6, 35, 40]
+    )
+    assert np.array(right.get_position().bounds) * [100, 50, 100, 50] == pytest.approx(
+        [60, 6, 35, 40]
+    )
     rows = panels(figure, 3, columns=2, left=10, right=5, top=4, bottom=6, gap=15, line=10)
-    assert np.array(rows[2].get_position().bounds) * [100, 50, 100, 50] == pytest.approx([10, 6, 35, 15])
+    assert np.array(rows[2].get_position().bounds) * [100, 50, 100, 50] == pytest.approx(
+        [10, 6, 35, 15]
+    )
 
 
 OMEGA = np.array([1.0, 2.0, 4.0])
@@ -262,7 +294,9 @@ def test_curves_are_the_arrays_given():
 
 def test_crossed_corner_curves_make_one_band():
     ax = axes()
-    crossed = Limits("b", "bayesian", OMEGA, np.array([3.0, 2.0, 1.0]), np.array([1.0, 2.0, 3.0]), np.ones(3))
+    crossed = Limits(
+        "b", "bayesian", OMEGA, np.array([3.0, 2.0, 1.0]), np.array([1.0, 2.0, 3.0]), np.ones(3)
+    )
     draw_magnitude(ax, OMEGA, [crossed], np.ones(3), log=False)
     low, high = ax.get_lines()[:2]
     assert low.get_ydata().tolist() == [1.0, 2.0, 1.0]
@@ -321,7 +355,9 @@ def test_bars_span_their_limits_and_end_in_arrows_where_the_axis_does():
 def test_bands_and_laws_are_drawn_where_they_are():
     ax = axes()
     impedance = np.array([1.0, 10.0])
-    widths = Widths("c", "classical", ("A", "B"), impedance, impedance / 2, {"power law": impedance / 3})
+    widths = Widths(
+        "c", "classical", ("A", "B"), impedance, impedance / 2, {"power law": impedance / 3}
+    )
     draw_band(ax, impedance, [widths], axis="impedance", unit="N·s/m")
     points, law = ax.get_lines()
     assert points.get_ydata().tolist() == [0.5, 5.0]
@@ -384,8 +420,12 @@ def test_colours_stand_out_from_the_paper(name):
 def test_methods_stay_apart_in_colour_blindness():
     # Viénot, Brettel and Mollon (1999): linear RGB as a protanope and a deuteranope sees it.
     seen_by = {
-        "protanope": np.array([[0.11238, 0.88762, 0], [0.11238, 0.88762, 0], [0.00401, -0.00401, 1]]),
-        "deuteranope": np.array([[0.29275, 0.70725, 0], [0.29275, 0.70725, 0], [-0.02234, 0.02234, 1]]),
+        "protanope": np.array(
+            [[0.11238, 0.88762, 0], [0.11238, 0.88762, 0], [0.00401, -0.00401, 1]]
+        ),
+        "deuteranope": np.array(
+            [[0.29275, 0.70725, 0], [0.29275, 0.70725, 0], [-0.02234, 0.02234, 1]]
+        ),
     }
 
     def linear(colour):
@@ -477,4 +517,7 @@ def test_binding_frequency_is_marked_and_named():
         assert dot.get_ydata()[0] == pytest.approx(expected, rel=1e-3)
     texts = [text.get_text() for text in ax.get_legend().get_texts()]
     for text, (label, verdict) in zip(texts[1:], verdicts.items(), strict=True):
-        assert text == f"{label}: {verdict.smallest_margin:.3g} × bound at {verdict.binding_omega:.4g} rad/s"
+        assert (
+            text == f"{label}: {verdict.smallest_margin:.3g} × bound at {verdict.binding_omega:.4g}"
+            " rad/s"
+        )

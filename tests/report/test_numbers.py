@@ -20,7 +20,9 @@ def read(text: str) -> Decimal:
 
 
 @given(
-    st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False).filter(lambda x: x != 0),
+    st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False).filter(
+        lambda x: x != 0
+    ),
     st.integers(1, 9),
 )
 def test_text_is_the_exact_value_rounded_once(value, digits):
@@ -79,7 +81,9 @@ def test_a_bias_has_its_sign(value, text):
     assert number({"a": value}, "/a", style="bias").text == text
 
 
-DOCUMENT = {"rows": [{"lower": 10.808, "upper": "inf", "none": None, "n": 12345, "level": 0.99, "a/b": 2}]}
+DOCUMENT = {
+    "rows": [{"lower": 10.808, "upper": "inf", "none": None, "n": 12345, "level": 0.99, "a/b": 2}]
+}
 
 
 @pytest.mark.parametrize(
@@ -114,7 +118,9 @@ def test_short_numbers_keep_the_digits_they_have(value, style, text):
     assert number({"a": value}, "/a", style=style).text == text
 
 
-@pytest.mark.parametrize("pointer", ["/rows/1/lower", "/other/0/lower", "/rows/0/lower/deeper", "/rows/x/y"])
+@pytest.mark.parametrize(
+    "pointer", ["/rows/1/lower", "/other/0/lower", "/rows/0/lower/deeper", "/rows/x/y"]
+)
 def test_a_pointer_to_nothing_is_an_error_that_names_it(pointer):
     with pytest.raises(UsageError, match="has nothing at this place") as caught:
         at(DOCUMENT, pointer)

@@ -21,7 +21,9 @@ def document(rows, *, realism=(), coupling=None):
         for name, low, estimate, high, user_low, user_high in rows
         for kind, lower, upper in (("mean", low, high), ("user", user_low, user_high))
     ]  # fmt: skip
-    found = None if coupling is None and not realism else {"realism": list(realism), **(coupling or {})}
+    found = (
+        None if coupling is None and not realism else {"realism": list(realism), **(coupling or {})}
+    )
     quantities = {"k": {"name": "k", "label": "stiffness", "symbol": "k", "unit": "N/m"}}
     return {
         "intervals": intervals,
@@ -52,8 +54,9 @@ SOFT, HARD, NONE = ("A", 12, 15, 18, 5, 40), ("B", 8, 8.7, 9.5, 6, 12), ("C", 9,
 def test_biases_are_said_where_the_interval_leaves_the_reference_out():
     said = overview(document([SOFT, HARD, NONE]))["sentences"]
     assert said[0] == "Stiffness is set 50 % too high in A and 13 % too low in B."
-    assert overview(document([NONE, ("D", 9, 10, 11, 8, 12)]))["sentences"][0] == (
-        "Stiffness shows no clear bias in any of 2 environments."
+    assert (
+        overview(document([NONE, ("D", 9, 10, 11, 8, 12)]))["sentences"][0]
+        == "Stiffness shows no clear bias in any of 2 environments."
     )
     assert overview(document([SOFT]))["sentences"][0] == "Stiffness is set 50 % too high."
     twice = overview(document([SOFT, ("D", 1100, 2530, 4000, 5, 6)]))["sentences"][0]
@@ -69,37 +72,54 @@ def test_what_feels_real_is_said_through_the_coupling():
     margin = {"margin": 0.3157, "verdict": "unstable"}
     realism = [felt("A", "inside"), felt("B", "outside"), felt("C", "outside", departure=0.58)]
     said = overview(document([SOFT], realism=realism, coupling=margin))["sentences"]
-    assert said[1] == (
-        "Through the coupling, A stays inside the next user’s boundary; B and C leave it by up to 58 %."
+    assert (
+        said[1]
+        == "Through the coupling, A stays inside the next user’s boundary; B and C leave it by up"
+        " to 58 %."
     )
-    assert said[2] == "The coupling is unstable: the device has 32 % of the damping the coupling needs."
+    assert (
+        said[2]
+        == "The coupling is unstable: the device has 32 % of the damping the coupling needs."
+    )
     touching = [felt("B", "outside", departure=14.2), felt("C", "marginal")]
-    assert overview(document([SOFT], realism=touching, coupling=margin))["sentences"][1] == (
-        "Through the coupling, C touches the limits of the next user’s boundary; "
+    assert (
+        overview(document([SOFT], realism=touching, coupling=margin))["sentences"][1]
+        == "Through the coupling, C touches the limits of the next user’s boundary; "
         "B leaves it by up to 15.2 times."
     )
     stable = overview(document([SOFT], coupling={"margin": 1.4, "verdict": "stable"}))["sentences"]
-    assert "The coupling is stable: the device has 1.4 times the damping the coupling needs." in stable
+    assert (
+        "The coupling is stable: the device has 1.4 times the damping the coupling needs." in stable
+    )
     reason = "A measured device's poles cannot be checked."
-    measured = overview(document([SOFT], coupling={"margin": 1.4, "verdict": "stable", "reason": reason}))
-    assert measured["sentences"][1].endswith("needs. The device is measured, so its poles cannot be checked.")
+    measured = overview(
+        document([SOFT], coupling={"margin": 1.4, "verdict": "stable", "reason": reason})
+    )
+    assert measured["sentences"][1].endswith(
+        "needs. The device is measured, so its poles cannot be checked."
+    )
 
 
 def test_without_a_device_the_next_user_s_range_is_said():
     said = overview(document([SOFT, HARD]))["sentences"]
-    assert said[-1] == (
-        "The next user sets stiffness to 0.6 to 1.2 times the reference (B, the narrowest) and "
+    assert (
+        said[-1]
+        == "The next user sets stiffness to 0.6 to 1.2 times the reference (B, the narrowest) and "
         "0.5 to 4 times the reference (A, the widest)."
     )
 
 
 def test_a_departure_is_the_fraction_by_which_the_boundary_is_left():
-    found = overview(document([SOFT], realism=[felt("A", "outside", departure=0.58)], coupling=STABLE))
+    found = overview(
+        document([SOFT], realism=[felt("A", "outside", departure=0.58)], coupling=STABLE)
+    )
     assert found["realism"][0]["directly"] == {
         "verdict": "outside", "departure": 0.58, "omega": 31.6,
         "plane_departure": -0.2,
     }  # fmt: skip
-    inside = overview(document([SOFT], realism=[felt("A", "inside", departure=-0.2)], coupling=STABLE))
+    inside = overview(
+        document([SOFT], realism=[felt("A", "inside", departure=-0.2)], coupling=STABLE)
+    )
     assert inside["realism"][0]["directly"]["departure"] == 0.0
 
 
@@ -115,7 +135,9 @@ def test_a_departure_is_the_fraction_by_which_the_boundary_is_left():
 )
 def test_what_the_scene_s_coupling_breaks_is_named(stability, row, breaks):
     coupling = {"margin": 1.4, "verdict": stability}
-    (found,) = overview(document([SOFT], realism=[felt("A", "inside", **row)], coupling=coupling))["realism"]
+    (found,) = overview(document([SOFT], realism=[felt("A", "inside", **row)], coupling=coupling))[
+        "realism"
+    ]
     assert found["breaks"] == breaks
 
 

@@ -129,7 +129,9 @@ def test_ids_are_unique_and_links_lead_somewhere(read):
 def test_every_table_has_a_caption_and_scoped_heads(page, read):
     captions = [a["id"] for tag, a in read.tags if tag == "p" and a.get("class") == "caption"]
     named = [
-        a["aria-labelledby"] for tag, a in read.tags if a.get("aria-labelledby", "").startswith("table-")
+        a["aria-labelledby"]
+        for tag, a in read.tags
+        if a.get("aria-labelledby", "").startswith("table-")
     ]
     assert page.count("<table") == len(captions)
     assert captions == named == [f"table-{index}" for index in range(1, 1 + len(named))]
@@ -160,7 +162,9 @@ def renamed(document, name):
         row["environment"] = name if row["environment"] == "VE1" else row["environment"]
     document["data"]["environments"] = [name, *document["data"]["environments"][1:]]
     document["data"]["notices"] = [{"text": name, "file": name, "row": 3}]
-    document["data"]["exclusions"] = [{"who": name, "what": name, "why": name, "file": name, "row": 3}]
+    document["data"]["exclusions"] = [
+        {"who": name, "what": name, "why": name, "file": name, "row": 3}
+    ]
     document["provenance"]["files"][0]["name"] = name
     document["skipped"] = [{"what": name, "why": name}]
     return document
@@ -179,7 +183,10 @@ def test_hostile_names_appear_as_text(classical):
 def test_it_says_that_couplings_and_devices_are_checked_at_every_frequency(read):
     text = " ".join("".join(read.text).split())
     assert "inside the next user’s limits (lognormal) at every ω of the range." in text
-    assert "Stiffest and softest coupling that qualifies by the Bayesian limits, checked at every ω." in text
+    assert (
+        "Stiffest and softest coupling that qualifies by the Bayesian limits, checked at every ω."
+        in text
+    )
     assert "by |Z_h| and by effective stiffness and damping, at every ω, to 0.1 %." in text
     assert "stay inside their boundary at every ω: kind mean" in text
     assert "frequencies only" not in text
@@ -201,11 +208,16 @@ def test_it_says_what_the_tolerance_covers_and_which_error_curves_have(both, rea
 
 def test_a_run_that_misses_the_tolerance_says_so_in_the_methods(both):
     missed = copy.deepcopy(both)
-    missed["diagnostics"]["gate"] |= {"tolerance_met": False, "error_reached": "", "worst_error": 0.25}
+    missed["diagnostics"]["gate"] |= {
+        "tolerance_met": False,
+        "error_reached": "",
+        "worst_error": 0.25,
+    }
     text = " ".join("".join(Reader(page_of(missed)).text).split())
     assert (
-        "Sampling ended when the Monte Carlo standard error of every limit of the Bayesian intervals was at "
-        "most 0.25 of its interval’s half-width, where 0.1 was asked, with rank" in text
+        "Sampling ended when the Monte Carlo standard error of every limit of the Bayesian"
+        " intervals was at most 0.25 of its interval’s half-width, where 0.1 was asked, with rank"
+        in text
     )
 
 
@@ -228,7 +240,10 @@ def test_without_a_coupling_there_is_the_device_alone():
     )
     assert document["coupling"] is document["design"] is None
     skipped = {entry["what"]: entry["why"] for entry in document["skipped"]}
-    assert skipped["coupling: Z_h_vc, stability and admissible couplings"] == "the scene has no [coupling]"
+    assert (
+        skipped["coupling: Z_h_vc, stability and admissible couplings"]
+        == "the scene has no [coupling]"
+    )
     assert "direct" in names_of(document)
     assert not {"coupling", "design"} & set(names_of(document))
     # b_d > kT/2 + |b|, with k and b of Table 1 and T = 1 ms.
@@ -250,12 +265,26 @@ def test_a_section_not_needed_is_absent(classical):
     tables = scene.to_dict()
     for name in ("device", "coupling"):
         tables.pop(name)
-    document = build_document(Study(read_sessions(DATASETS / "hbfd_table1.csv"), type(scene)(**tables)))
-    assert names_of(document) == ["summary", "intervals", "band", "data", "methods", "provenance", "skipped"]
+    document = build_document(
+        Study(read_sessions(DATASETS / "hbfd_table1.csv"), type(scene)(**tables))
+    )
+    assert names_of(document) == [
+        "summary",
+        "intervals",
+        "band",
+        "data",
+        "methods",
+        "provenance",
+        "skipped",
+    ]
     page = page_of(document)
-    assert "Published limits, or means and standard deviations, of 5 references are the data." in page
+    assert (
+        "Published limits, or means and standard deviations, of 5 references are the data." in page
+    )
     assert "Llewellyn" not in page
-    assert "emcee" not in re.sub(r'<script.*?</script>|"emcee.*', "", page.split('<h2 id="provenance')[0])
+    assert "emcee" not in re.sub(
+        r'<script.*?</script>|"emcee.*', "", page.split('<h2 id="provenance')[0]
+    )
 
 
 def said_of(sessions):
@@ -303,7 +332,9 @@ def test_few_subjects_and_limits_below_zero_are_cautioned_of():
 def test_why_the_methods_differ_stands_on_the_page_where_it_is_asked(both, read, tmp_path):
     """The plain report samples nothing for it, and names the command."""
     assert both["ladder"] is None
-    assert "percept report --why and percept compare name the causes" in " ".join("".join(read.text).split())
+    assert "percept report --why and percept compare name the causes" in " ".join(
+        "".join(read.text).split()
+    )
     table = table_of(subjects=5, references=[[100.0, 1e3]])
     table.drop(columns="source").to_csv(tmp_path / "sessions.csv", index=False)
     words = ["report", str(tmp_path / "sessions.csv"), "--why", "--tolerance", "0.2", "--quiet"]
@@ -315,7 +346,9 @@ def test_why_the_methods_differ_stands_on_the_page_where_it_is_asked(both, read,
         assert told in "".join(page.text)
     shown = {place for place, *_ in page.numbers if place.startswith("/ladder/")}
     columns = ("log_width", "log_width_error", "centre", "centre_error")
-    assert shown == {f"/ladder/effects/{row}/{name}" for row in range(2 * 3 * 4) for name in columns}
+    assert shown == {
+        f"/ladder/effects/{row}/{name}" for row in range(2 * 3 * 4) for name in columns
+    }
 
 
 def test_priors_in_force_are_printed_with_their_meaning(both):
@@ -330,7 +363,9 @@ def test_priors_in_force_are_printed_with_their_meaning(both):
 
 def without_device(**inference):
     scene = scene_of(method="both", **inference)
-    tables = {name: table for name, table in scene.to_dict().items() if name not in ("device", "coupling")}
+    tables = {
+        name: table for name, table in scene.to_dict().items() if name not in ("device", "coupling")
+    }
     return type(scene)(**tables)
 
 
@@ -350,7 +385,9 @@ def test_an_error_above_the_tolerance_is_said_beside_the_bayesian_numbers():
 
 
 def test_a_failed_gate_withholds_the_bayesian_numbers_and_says_why():
-    document = build_document(Study(Sessions.from_frame(unmixed_sessions()), without_device(**UNMIXED)))
+    document = build_document(
+        Study(Sessions.from_frame(unmixed_sessions()), without_device(**UNMIXED))
+    )
     gate = document["diagnostics"]["gate"]
     assert not gate["passed"]
     page = page_of(document)
@@ -372,7 +409,9 @@ def test_simulated_input_is_named_before_any_result(classical):
 
 
 def test_figures_come_with_their_words(both):
-    plot = Drawing("band", "A <b> title of |Z_h|", "What Z_h,vc shows.", (1, 1), None, "<svg></svg>")
+    plot = Drawing(
+        "band", "A <b> title of |Z_h|", "What Z_h,vc shows.", (1, 1), None, "<svg></svg>"
+    )
     page = render_page(both, {"band": plot}, date="2026-01-01")
     assert "A &lt;b&gt; title of |Z<sub>h</sub>|" in page
     assert "What Z<sub>h,vc</sub> shows." in page

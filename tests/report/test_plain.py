@@ -63,8 +63,13 @@ def test_a_nan_that_slipped_through_is_not_written():
 
 
 def test_lists_of_numbers_stand_on_one_line():
-    document = {"x": [1.0, 0.0, -0.0, 1e-5], "y": [1, True, None, "∞"], "z": [{"w": []}, [2]], "a": {}}
-    assert dumps(document) == (
-        '{\n "x": [1.0, 0.0, -0.0, 1e-05],\n "y": [1, true, null, "∞"],\n'
+    document = {
+        "x": [1.0, 0.0, -0.0, 1e-5],
+        "y": [1, True, None, "∞"],
+        "z": [{"w": []}, [2]],
+        "a": {},
+    }
+    assert (
+        dumps(document) == '{\n "x": [1.0, 0.0, -0.0, 1e-05],\n "y": [1, true, null, "∞"],\n'
         ' "z": [\n  {\n   "w": []\n  },\n  [2]\n ],\n "a": {}\n}\n'
     )

@@ -16,7 +16,9 @@ def ax():
 @pytest.fixture(scope="module")
 def bare():
     """Without device, coupling or sampler."""
-    return Study(read_sessions(DATASETS / "hbfd_sessions.csv"), Scene().with_inference(method="classical"))
+    return Study(
+        read_sessions(DATASETS / "hbfd_sessions.csv"), Scene().with_inference(method="classical")
+    )
 
 
 def bars(ax):
@@ -71,14 +73,18 @@ def test_a_boundary_is_drawn_as_it_is_computed(both_study, ax):
         for boundary in both_study.boundaries
         if all(getattr(boundary, name) == value for name, value in wanted.items())
     )
-    np.testing.assert_array_equal(drawn["classical, envelope (lognormal)"], np.c_[one.omega, one.lower])
+    np.testing.assert_array_equal(
+        drawn["classical, envelope (lognormal)"], np.c_[one.omega, one.lower]
+    )
     np.testing.assert_array_equal(drawn["reference, |Zₕ|"], np.c_[one.omega, one.reference])
     assert ax.get_title() == "VE4, kind user"
 
 
 def test_the_band_is_drawn_at_its_impedances(both_study, ax):
     assert both_study.plot_band(ax=ax) is ax
-    rows = both_study.band.rows.query("kind == 'mean' and family == 'lognormal' and method == 'bayesian'")
+    rows = both_study.band.rows.query(
+        "kind == 'mean' and family == 'lognormal' and method == 'bayesian'"
+    )
     points = next(line for line in ax.lines if line.get_label() == "Bayesian (lognormal)")
     np.testing.assert_allclose(points.get_xydata(), rows[["impedance", "band"]].to_numpy())
     with pytest.raises(UsageError, match="'x': there is no band of it"):
@@ -112,7 +118,10 @@ def test_a_check_is_drawn_with_the_band_of_uniform_order_statistics(both_study, 
 @pytest.mark.parametrize(
     ("plot", "message"),
     [
-        (lambda study: study.plot_boundary("VE1"), r"the study has no boundary\. study\.skipped says why"),
+        (
+            lambda study: study.plot_boundary("VE1"),
+            r"the study has no boundary\. study\.skipped says why",
+        ),
         (lambda study: study.plot_coupling(), "the study has no coupling to plot"),
         (lambda study: study.plot_check(), "the study has no check of a hierarchical model"),
     ],
@@ -124,11 +133,15 @@ def test_what_is_not_there_is_refused(bare, plot, message):
 
 
 def test_names_the_study_does_not_have_are_told(both_study, bare):
-    with pytest.raises(UsageError, match="'VE9': the study has no such environment; there are VE1, VE2, VE4"):
+    with pytest.raises(
+        UsageError, match="'VE9': the study has no such environment; there are VE1, VE2, VE4"
+    ):
         both_study.plot_boundary("VE9")
     with pytest.raises(UsageError, match="'m': the study has no such parameter; there are k, b"):
         bare.plot_intervals("m")
-    with pytest.raises(UsageError, match="'all': the study has no such kind; there are mean, user, share"):
+    with pytest.raises(
+        UsageError, match="'all': the study has no such kind; there are mean, user, share"
+    ):
         bare.plot_intervals(kinds=["all"])
 
 

@@ -51,7 +51,13 @@ def test_realism_stands_where_its_pointers_say(document):
     assert realism["rows"]
     for row in realism["rows"]:
         for column, cell in zip(realism["columns"], row["cells"], strict=True):
-            wanted = [row["environment"], column["kind"], column["method"], realism["family"], "envelope"]
+            wanted = [
+                row["environment"],
+                column["kind"],
+                column["method"],
+                realism["family"],
+                "envelope",
+            ]
             assert [cell[name] for name in labels] == wanted
             assert at(document, cell["pointer"]).items() <= cell.items()
 
@@ -73,7 +79,10 @@ def test_probabilities_stand_where_their_pointers_say(both):
     for row in values["judged"]:
         for name, pointer in row["pointers"].items():
             found = at(both, pointer)
-            assert (found["environment"], found["coupled"]) == (row["environment"], name == "coupled")
+            assert (found["environment"], found["coupled"]) == (
+                row["environment"],
+                name == "coupled",
+            )
 
 
 def test_every_environment_has_its_effective_impedance(classical):
@@ -93,7 +102,9 @@ def test_environments_are_told_apart_where_their_intervals_say_different_things(
     }
 
 
-REGRESSION = "a regression of bias on the logarithm of the reference with a deviation for each environment"
+REGRESSION = (
+    "a regression of bias on the logarithm of the reference with a deviation for each environment"
+)
 SHARED = "subject effects shared by all environments"
 PAIR = " and correlated between stiffness and damping"
 WITHIN = "between-subject scatter within each environment"
@@ -138,8 +149,10 @@ def model_of(*, form="trials", environments=3, parameters=("k", "b"), **model):
         ),
         (
             {"weber": True, "parameters": ("b",)},
-            f"{REGRESSION}, {SHARED}, and {WITHIN}, "
-            "in proportion to the reference but for each environment’s own deviation",
+            (
+                f"{REGRESSION}, {SHARED}, and {WITHIN}, "
+                "in proportion to the reference but for each environment’s own deviation"
+            ),
         ),
     ],
 )
@@ -185,7 +198,8 @@ def test_entries_are_balanced_and_have_their_fields(both):
     assert depth == 0
     articles = [reference for reference in cited(both) if reference["entry"] == "article"]
     assert all(
-        {"author", "title", "journal", "year", "volume", "pages"} <= one["fields"].keys() for one in articles
+        {"author", "title", "journal", "year", "volume", "pages"} <= one["fields"].keys()
+        for one in articles
     )
 
 

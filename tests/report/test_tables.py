@@ -39,7 +39,9 @@ def test_the_paper_s_table_comes_out_to_the_digit(classical):
         )
         for limit in ("lower", "upper"):
             digits = len(getattr(row, limit).replace(".", "").lstrip("0"))
-            assert float(rounded(float(found[f"{limit} ({unit})"]), digits)) == float(getattr(row, limit))
+            assert float(rounded(float(found[f"{limit} ({unit})"]), digits)) == float(
+                getattr(row, limit)
+            )
 
 
 def test_curves_have_a_row_per_frequency(classical):
@@ -73,8 +75,12 @@ def test_adjustments_are_in_the_units_of_their_heads(classical, parameter, unit)
         assert [float(row[f"{name} ({unit})"]) for row in rows] == [cell[name] for cell in cells]
 
 
-@pytest.mark.parametrize("name", ["intervals_k.csv", "intervals_b.csv", "band.csv", "boundaries.csv"])
+@pytest.mark.parametrize(
+    "name", ["intervals_k.csv", "intervals_b.csv", "band.csv", "boundaries.csv"]
+)
 def test_labels_tell_every_row_from_the_others(classical, name):
     labels = ("environment", "kind", "method", "family", "joint", "shape", "level", "omega (rad/s)")
-    rows = [tuple(row.get(label) for label in labels) for row in rows_of(csv_tables(classical)[name])]
+    rows = [
+        tuple(row.get(label) for label in labels) for row in rows_of(csv_tables(classical)[name])
+    ]
     assert len(set(rows)) == len(rows) > 1

@@ -21,8 +21,12 @@ def quick():
 def test_everything_promised_is_there(report, both):
     files = {str(path.relative_to(report)) for path in report.rglob("*") if path.is_file()}
     promised = {"report.html", "report.json", "posterior.nc", "references.bib"}
-    promised |= {f"tables/{name}.csv" for name in ("intervals_k", "intervals_b", "boundaries", "band")}
-    promised |= {f"figures/{name}.svg" for name in ("overview_k", "boundaries_close", "stability", "design")}
+    promised |= {
+        f"tables/{name}.csv" for name in ("intervals_k", "intervals_b", "boundaries", "band")
+    }
+    promised |= {
+        f"figures/{name}.svg" for name in ("overview_k", "boundaries_close", "stability", "design")
+    }
     assert promised <= files
     assert (report / "report.json").read_text(encoding="utf-8") == dumps(both)
 
@@ -62,7 +66,9 @@ def test_formats_are_those_asked_for(quick, tmp_path):
 
 def test_a_refusal_leaves_nothing_behind(tmp_path):
     table = read_sessions(DATASETS / "hbfd_sessions.csv").table
-    one = type(read_sessions(DATASETS / "hbfd_sessions.csv")).from_frame(table[table["subject"] == "S01"])
+    one = type(read_sessions(DATASETS / "hbfd_sessions.csv")).from_frame(
+        table[table["subject"] == "S01"]
+    )
     with pytest.raises(PerceptError, match="at least two subjects"):
         write_report(Study(one, Scene()), tmp_path / "deep" / "out")
     assert list(tmp_path.iterdir()) == []
@@ -107,11 +113,15 @@ def test_what_stands_in_the_way_is_refused_before_the_first_move(quick, tmp_path
     out = tmp_path / "out"
     out.mkdir()
     (out / "tables").write_text("mine")
-    with pytest.raises(UsageError, match=r"tables: a folder is needed here, and this is a file\. Rename it"):
+    with pytest.raises(
+        UsageError, match=r"tables: a folder is needed here, and this is a file\. Rename it"
+    ):
         write_report(quick, out)
     assert [path.name for path in out.iterdir()] == ["tables"]
     (out / "tables").unlink()
     (out / "report.json").mkdir()
-    with pytest.raises(UsageError, match=r"report\.json: a file is needed here, and this is a folder"):
+    with pytest.raises(
+        UsageError, match=r"report\.json: a file is needed here, and this is a folder"
+    ):
         write_report(quick, out)
     assert [path.name for path in out.iterdir()] == ["report.json"]

@@ -41,7 +41,9 @@ def changed(published):
             row = published.limits.environments.index(environment)
             columns[column][row]["kb".index(parameter)] = Decimal(text)
         frozen = {name: tuple(tuple(row) for row in rows) for name, rows in columns.items()}
-        return Published(replace(published.limits, **frozen, **fields), published.scene, published.files)
+        return Published(
+            replace(published.limits, **frozen, **fields), published.scene, published.files
+        )
 
     return change
 

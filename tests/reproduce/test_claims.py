@@ -76,10 +76,17 @@ EXPECTED = {
     ),
     "fig-7d": (
         ONLY_IF,
-        {"effective stiffness": "980.4", "largest mass, least": "9.07", "largest mass, most": "9.43"},
+        {
+            "effective stiffness": "980.4",
+            "largest mass, least": "9.07",
+            "largest mass, most": "9.43",
+        },
     ),
     "window-suffices": (ONLY_IF, {}),
-    "fig-7f": (HOLDS, {"reference above its upper limit": "0.0013", "effective stiffness": "16667"}),
+    "fig-7f": (
+        HOLDS,
+        {"reference above its upper limit": "0.0013", "effective stiffness": "16667"},
+    ),
     "users-unreal": (OPEN, {}),
     "magnitude-suffices": (NOT, {"cases inside by magnitude alone": "2"}),
     "discrimination": (
@@ -108,7 +115,9 @@ def judged(name, published):
 
 def numbers_of(claim):
     """Every number of a claim, by name."""
-    return {one.name: one.value for one in (*([claim.margin] if claim.margin else []), *claim.numbers)}
+    return {
+        one.name: one.value for one in (*([claim.margin] if claim.margin else []), *claim.numbers)
+    }
 
 
 def test_every_claim_has_its_verdict_tested(claims):
@@ -121,7 +130,9 @@ def test_verdict_and_numbers(name, claims):
     assert claims[name].verdict == verdict
     for what, printed in numbers.items():
         decimals = len(printed.partition(".")[2])
-        assert numbers_of(claims[name])[what] == pytest.approx(float(printed), abs=0.5001 * 10.0**-decimals)
+        assert numbers_of(claims[name])[what] == pytest.approx(
+            float(printed), abs=0.5001 * 10.0**-decimals
+        )
 
 
 @pytest.mark.parametrize("name", EXPECTED)
@@ -159,7 +170,9 @@ def four(omega, device, wall):
 
 READINGS = {
     "7b": lambda low, high, direct, coupled: (direct < low) & (coupled < low),
-    "7d": lambda low, high, direct, coupled: (low <= coupled) & (coupled < direct) & (direct <= high),
+    "7d": lambda low, high, direct, coupled: (
+        (low <= coupled) & (coupled < direct) & (direct <= high)
+    ),
     "7f": lambda low, high, direct, coupled: (coupled < low) & (high < direct),
 }
 SCENE = (1.0, 5.0)
@@ -171,7 +184,9 @@ def test_damping_asked_for_by_a_scan(k, b, form, claims):
     z, (tustin, zoh) = np.exp(1j * omega * T), parts(omega)
     admittance = 1 / (b + k / (tustin if form else (z - 1) / (T * z)))
     asked = (1 - np.cos(np.angle(zoh))) * abs(zoh) / (2 * admittance.real)
-    found = numbers_of(claims["one-coupling" if form else f"fig-4-{'theoretical' if k > 6e4 else 'tuned'}"])
+    found = numbers_of(
+        claims["one-coupling" if form else f"fig-4-{'theoretical' if k > 6e4 else 'tuned'}"]
+    )
     name = "damping asked for, Eq. 12's form" if form else "damping asked for"
     assert found[name] == pytest.approx(asked.max(), rel=1e-7)
     if not form:
@@ -185,7 +200,8 @@ def test_two_couplings_with_one_eq_10_and_one_stable_pole():
     np.testing.assert_allclose((1 / own).real, (1 / mirrored).real, rtol=1e-12)
     assert np.roots([150.0, -100.0]) == pytest.approx([100 / 150])
     assert np.roots([100.0, -150.0]) == pytest.approx([1.5])
-    # With the hand clamped and a passive environment, a damper of 1 N·s/m, Z_c + Z_e = 0 has this root.
+    # With the hand clamped and a passive environment, a damper of 1 N·s/m, Z_c + Z_e = 0 has this
+    # root.
     assert abs(np.roots([100.0 + 1.0, -150.0 - 1.0])) > 1
 
 
@@ -244,7 +260,9 @@ def test_the_joint_region_by_a_walk_along_its_edge(published, claims):
         edge = np.linalg.cholesky([[1, r], [r, 1]]) @ np.array([np.cos(angle), np.sin(angle)])
         k, b = mean[:, None] + radius * sd[:, None] * edge
         uppers.append(abs(b + k / s).max())
-    assert claims["limits-suffice"].margin.value == pytest.approx(max(uppers) / min(uppers) - 1, abs=2e-4)
+    assert claims["limits-suffice"].margin.value == pytest.approx(
+        max(uppers) / min(uppers) - 1, abs=2e-4
+    )
 
 
 def test_a_normal_law_by_its_own_moments(published, claims):
@@ -261,7 +279,9 @@ def test_a_normal_law_by_its_own_moments(published, claims):
     assert any(fits)
     assert not all(fits)
     over = stats.t.ppf(0.995, 29) / stats.norm.ppf(0.995)
-    assert numbers_of(claims["thirty-subjects"])["t over its normal limit"] == pytest.approx(over, rel=1e-12)
+    assert numbers_of(claims["thirty-subjects"])["t over its normal limit"] == pytest.approx(
+        over, rel=1e-12
+    )
 
 
 def test_corner_curves_cross_by_a_bisection_in_z(published, claims):
@@ -269,7 +289,9 @@ def test_corner_curves_cross_by_a_bisection_in_z(published, claims):
     for wall in published.walls:
 
         def gap(omega, wall=wall):
-            one, other = (felt(omega, SCENE, k, b) for k, b in zip(wall.stiffness, wall.damping, strict=True))
+            one, other = (
+                felt(omega, SCENE, k, b) for k, b in zip(wall.stiffness, wall.damping, strict=True)
+            )
             return other - one
 
         crossing = optimize.brentq(gap, 0.1, 300.0, xtol=1e-12)
@@ -290,7 +312,10 @@ def test_widths_and_memberships_at_ten_by_plain_arithmetic(published, claims):
         z_e, z_c = wall.b + wall.k / s, 100.0 + 50e3 / s
         for curve, shown in zip(curves, (z_e, z_e * z_c / (z_e + z_c)), strict=True):
             k, b = -shown.imag * s.imag, shown.real
-            both = wall.stiffness[0] <= k <= wall.stiffness[1] and wall.damping[0] <= b <= wall.damping[1]
+            both = (
+                wall.stiffness[0] <= k <= wall.stiffness[1]
+                and wall.damping[0] <= b <= wall.damping[1]
+            )
             alone += low <= curve <= high and not both
     assert claims["magnitude-suffices"].margin.value == alone == 2
 
@@ -321,8 +346,13 @@ def test_where_the_order_of_the_curves_ends_by_a_polynomial_of_its_own(claims):
     crossing = 2 / T * math.atan(math.sqrt(roots[roots > 0].min()) * T / 2)
     found = claims["like-shapes"].numbers[0].value
     assert found == pytest.approx(crossing, rel=1e-10)
-    assert claims["like-shapes"].margin.value == pytest.approx(math.log(found / 0.1) / math.log(1e3))
-    ordered = np.diff([felt(RANGE, SCENE, k, b) for k, b in ((10, 0.1), (1000, 1), (25e3, 25))], axis=0) > 0
+    assert claims["like-shapes"].margin.value == pytest.approx(
+        math.log(found / 0.1) / math.log(1e3)
+    )
+    ordered = (
+        np.diff([felt(RANGE, SCENE, k, b) for k, b in ((10, 0.1), (1000, 1), (25e3, 25))], axis=0)
+        > 0
+    )
     assert ordered.all(axis=0).mean() == pytest.approx(claims["like-shapes"].margin.value, abs=1e-4)
 
 
@@ -340,7 +370,10 @@ def test_the_mass_left_out_is_a_root_in_fifty_digits(published, claims):
     with mpmath.workdps(50):
         root = mpmath.findroot(difference, (found * 0.9999, found * 1.0001))
     wall, masses = published.walls[1], np.arange(0.0, 12.0, 1e-3)
-    ends = [felt(10.0, SCENE, k, b, mass=masses) for k, b in zip(wall.stiffness, wall.damping, strict=True)]
+    ends = [
+        felt(10.0, SCENE, k, b, mass=masses)
+        for k, b in zip(wall.stiffness, wall.damping, strict=True)
+    ]
     direct, coupled = (felt(10.0, SCENE, wall.k, wall.b, how, masses) for how in (False, True))
     kept = READINGS["7d"](np.minimum(*ends), np.maximum(*ends), direct, coupled)
     first = masses[kept.argmin()]
@@ -359,9 +392,9 @@ def test_readings_over_the_range_by_a_dense_scan(panel, published, claims):
         inside = (curves[0] <= curves[3]) & (curves[3] <= curves[1])
         assert claims["window-suffices"].margin.value == pytest.approx(inside.mean(), abs=2e-4)
     spread = (np.max(curves, axis=0) / np.min(curves, axis=0)).max()
-    assert numbers_of(claims["four-lines"])[f"largest ratio, Fig. 7{'ace'[panel]}"] == pytest.approx(
-        spread, rel=1e-6
-    )
+    assert numbers_of(claims["four-lines"])[
+        f"largest ratio, Fig. 7{'ace'[panel]}"
+    ] == pytest.approx(spread, rel=1e-6)
 
 
 def test_a_line_as_wide_as_the_paper_s_hides_eight_percent(claims):
@@ -382,7 +415,12 @@ def test_below_the_environment_by_a_dense_scan(published, claims):
 def linear_program(aim, wall, window, orders, **bounds):
     """Return the largest m or b_d with which curves keep an order: their |Z_h|² differ linearly in both."""
     ends = list(zip(wall.stiffness, wall.damping, strict=True))
-    shown = {"low": ends[0], "high": ends[1], "direct": (wall.k, wall.b), "coupled": (wall.k, wall.b, True)}
+    shown = {
+        "low": ends[0],
+        "high": ends[1],
+        "direct": (wall.k, wall.b),
+        "coupled": (wall.k, wall.b, True),
+    }
     rows, sides = [], []
     for omega in np.linspace(*window, 21):
         for below, above in orders:
@@ -413,7 +451,8 @@ def test_the_masses_of_fig_7d_by_a_linear_program(published, claims):
     panel = devices.panels(published)[1]
     orders = [("low", "coupled"), ("coupled", "direct"), ("direct", "high")]
     limits = [
-        linear_program(1, panel.wall, panel.window, orders, bounds=[(0, None), (b, b)]) for b in (0.0, 50.0)
+        linear_program(1, panel.wall, panel.window, orders, bounds=[(0, None), (b, b)])
+        for b in (0.0, 50.0)
     ]
     found = numbers_of(claims["fig-7d"])
     assert found["largest mass, least"] == pytest.approx(min(limits), rel=1e-6)
@@ -428,8 +467,11 @@ def test_fig_7f_is_true_of_any_device(published):
     assert READINGS["7f"](*every).all()
 
 
-def test_the_largest_change_is_where_the_band_is_equal_at_both_ends_of_the_window(published, claims):
-    # The band's width falls through zero in the window, so its largest value is least where both ends agree.
+def test_the_largest_change_is_where_the_band_is_equal_at_both_ends_of_the_window(
+    published, claims
+):
+    # The band's width falls through zero in the window, so its largest value is least where both
+    # ends agree.
     panel = devices.panels(published)[0]
     ends, fine = np.array(panel.window), np.linspace(*panel.window, 201)
 
@@ -438,7 +480,9 @@ def test_the_largest_change_is_where_the_band_is_equal_at_both_ends_of_the_windo
         return abs(coupled / direct - 1).max(axis=0) / ((high - low) / direct).max(axis=0)
 
     def uneven(m, b_d):
-        low, high = (felt(ends, (m, b_d), panel.wall.stiffness[i], panel.wall.damping[i]) for i in (0, 1))
+        low, high = (
+            felt(ends, (m, b_d), panel.wall.stiffness[i], panel.wall.damping[i]) for i in (0, 1)
+        )
         return ((high - low) / felt(ends, (m, b_d), panel.wall.k, panel.wall.b)).sum()
 
     found, peaks = numbers_of(claims["coupling-unnoticed"]), []
@@ -457,7 +501,9 @@ def test_a_flexible_mass_by_newton_s_laws(published, claims):
     # 1 kg on a spring of 300² N/m, driven at the spring's end: F = k(x − y), mÿ = F in Tustin's s.
     s, zoh = parts(RANGE)
     k = 300.0**2
-    driven = np.array([[np.full(s.shape, k), np.full(s.shape, -k)], [np.full(s.shape, -k), k + s**2]])
+    driven = np.array(
+        [[np.full(s.shape, k), np.full(s.shape, -k)], [np.full(s.shape, -k), k + s**2]]
+    )
     moved = np.linalg.solve(np.moveaxis(driven, -1, 0), np.array([1.0, 0.0])[:, None])
     flexible = 1 / (s * moved[:, 0, 0]) + 5.0
     found = numbers_of(claims["resonance-ignored"])
@@ -472,7 +518,9 @@ def test_realism_spoilt_by_the_coupling_by_a_dense_scan(published, claims):
     s, _ = parts(omega)
     gain, half = np.cos(omega * T / 2), omega * T / 2
     rate, spoilt = s.imag, 0
-    for wall, ((k_low, k_high), (b_low, b_high)) in zip(published.walls, published.next_user, strict=True):
+    for wall, ((k_low, k_high), (b_low, b_high)) in zip(
+        published.walls, published.next_user, strict=True
+    ):
         for mass in (0.0, *devices.MASSES[::14]):
             # |Z_h| is a distance in (g·b, g·k/Ω): nearest point by clipping, farthest at a corner.
             turned = (1j * mass * rate + 5.0) * np.exp(1j * half)
@@ -483,10 +531,16 @@ def test_realism_spoilt_by_the_coupling_by_a_dense_scan(published, claims):
             ]
             low = gain * np.hypot(near[0], near[1] / rate)
             high = gain * np.max(
-                [np.hypot(b - across, (k - along) / rate) for b in (b_low, b_high) for k in (k_low, k_high)],
+                [
+                    np.hypot(b - across, (k - along) / rate)
+                    for b in (b_low, b_high)
+                    for k in (k_low, k_high)
+                ],
                 axis=0,
             )
-            direct, coupled = (felt(omega, (mass, 5.0), wall.k, wall.b, how) for how in (False, True))
+            direct, coupled = (
+                felt(omega, (mass, 5.0), wall.k, wall.b, how) for how in (False, True)
+            )
             kept, lost = ((low <= one) & (one <= high) for one in (direct, coupled))
             spoilt += kept.all() and not lost.all()
     assert claims["affects-realism"].margin.value == spoilt
@@ -504,21 +558,30 @@ def test_table_1_is_printed_again(published):
     printed = {
         (name, p): (str(low), str(high))
         for name, lows, highs in zip(
-            published.limits.environments, published.limits.lower, published.limits.upper, strict=True
+            published.limits.environments,
+            published.limits.lower,
+            published.limits.upper,
+            strict=True,
         )
         for p, low, high in zip("kb", lows, highs, strict=True)
     }
-    assert {(name, p): (low, high) for name, p, low, high in table.limits_printed(published)} == printed
+    assert {
+        (name, p): (low, high) for name, p, low, high in table.limits_printed(published)
+    } == printed
 
 
-# No verdict is written down: a false sentence is judged false, and another table gives another verdict.
+# No verdict is written down: a false sentence is judged false, and another table gives another
+# verdict.
 
 
 def test_a_false_sentence_is_judged_false(published):
     # Deliberately false: with the coupling VE4 lies above both boundaries, directly below.
     panel = devices.panels(published)[2]
     upside_down = replace(
-        panel, true_of=lambda found: ((found.coupled > found.upper) & (found.direct < found.lower)).all(-1)
+        panel,
+        true_of=lambda found: ((found.coupled > found.upper) & (found.direct < found.lower)).all(
+            -1
+        ),
     )
     assert figures._share_of(published, upside_down, published.span) == 0.0
     assert verdict_of(figures._everywhere(published, upside_down)) == NOT
@@ -599,7 +662,10 @@ def test_magnitude_is_enough_where_both_parameters_are_inside(changed):
 
 def test_walls_in_order_throughout_if_they_are_stiff(changed):
     stiff = {("VE1", "k", "reference"): "100000", ("VE2", "k", "reference"): "200000"}
-    assert judged("like-shapes", changed(stiff | {("VE4", "k", "reference"): "300000"})).verdict == HOLDS
+    assert (
+        judged("like-shapes", changed(stiff | {("VE4", "k", "reference"): "300000"})).verdict
+        == HOLDS
+    )
 
 
 def test_a_stiff_wall_outweighs_the_device(published, changed):

@@ -87,7 +87,9 @@ def test_environments_inside_are_the_same_one_device_at_a_time(published):
         inside = 0
         for boundary, wall in zip(next_user_boundaries(published), published.walls, strict=True):
             limits = boundary.stiffness, boundary.damping
-            lower, upper = magnitude_envelope(omega, Device(mass, damping), *limits, published.period)
+            lower, upper = magnitude_envelope(
+                omega, Device(mass, damping), *limits, published.period
+            )
             seen = [
                 felt(one, hold, (mass, damping), wall.k, wall.b, (50e3, 100.0))
                 for one, hold in zip(s, zoh, strict=True)
@@ -157,7 +159,8 @@ def test_the_tuned_coupling_suits_those_it_suits(published, adapted):
 
 
 def test_boundaries_are_of_the_next_user(published):
-    # Massless, undamped device at low ω: |Z_h| is k/Ω, and the limits are the lognormal prediction's.
+    # Massless, undamped device at low ω: |Z_h| is k/Ω, and the limits are the lognormal
+    # prediction's.
     omega = np.array([1e-3])
     boundary = next_user_boundaries(published)[1]
     limits = boundary.stiffness, boundary.damping

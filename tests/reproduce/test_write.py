@@ -107,7 +107,12 @@ def test_claims_as_csv_hold_what_the_json_holds(written, document):
 def test_sentences_that_no_number_could_refute_are_left_open(written, document):
     page = (written / PAGE).read_text(encoding="utf-8")
     left = [claim for claim in document["claims"] if claim["verdict"] == "cannot be judged"]
-    assert [claim["name"] for claim in left] == ["worst-case", "table-1", "resonance-peaks", "users-unreal"]
+    assert [claim["name"] for claim in left] == [
+        "worst-case",
+        "table-1",
+        "resonance-peaks",
+        "users-unreal",
+    ]
     assert page.count("from published numbers; needed:") == len(left)
 
 
@@ -133,8 +138,10 @@ def test_misprints_have_a_list_of_their_own(written, document, published):
 
 
 def test_names_of_the_table_are_text_on_the_page(published, claims):
-    assert symbols("<b>VE</b> Z_h_vc b_d k_cT Z_eff, -0.5 to 99%") == (
-        "&lt;b&gt;VE&lt;/b&gt; Z<sub>h,vc</sub> b<sub>d</sub> k<sub>c</sub>T Z<sub>eff</sub>, −0.5 to 99 %"
+    assert (
+        symbols("<b>VE</b> Z_h_vc b_d k_cT Z_eff, -0.5 to 99%")
+        == "&lt;b&gt;VE&lt;/b&gt; Z<sub>h,vc</sub> b<sub>d</sub> k<sub>c</sub>T Z<sub>eff</sub>,"
+        " −0.5 to 99 %"
     )
 
 
@@ -150,7 +157,10 @@ def test_a_missing_table_is_named(capsys, tmp_path):
         ({"device": None}, "rigid device"),
         ({"coupling": None}, "coupling"),
         ({"report": {"zoom": {"VE1": (9.0, 11.0)}}}, "three windows"),
-        ({"report": {"zoom": {"A": (9.0, 11.0), "VE2": (9.0, 11.0), "VE4": (9.0, 11.0)}}}, "three windows"),
+        (
+            {"report": {"zoom": {"A": (9.0, 11.0), "VE2": (9.0, 11.0), "VE4": (9.0, 11.0)}}},
+            "three windows",
+        ),
     ],
     ids=["no device", "no coupling", "too few windows", "windows elsewhere"],
 )
@@ -179,5 +189,7 @@ def test_the_paper_is_read_by_default(published):
 def test_a_scene_that_lacks_something_is_named(tmp_path):
     path = tmp_path / "bare.toml"
     path.write_text("[device]\nmass = 1.0\ndamping = 5.0\nperiod = 0.001\n")
-    with pytest.raises(UsageError, match=r"bare\.toml, coupling: the reproduction needs the coupling"):
+    with pytest.raises(
+        UsageError, match=r"bare\.toml, coupling: the reproduction needs the coupling"
+    ):
         load_published(scene=path)

@@ -32,7 +32,9 @@ class Trial:
 class Writer:
     """A tool's way of writing trials."""
 
-    write: Callable[[Sequence[Trial]], Mapping[str, bytes]]  # From trials to the files' names and bytes
+    write: Callable[
+        [Sequence[Trial]], Mapping[str, bytes]
+    ]  # From trials to the files' names and bytes
     tables: Mapping[str, object] = field(default_factory=dict)
     decimals: int | None = None  # Digits after the decimal mark, where the tool rounds
 
@@ -57,7 +59,11 @@ def example(decimals: int | None = None) -> list[Trial]:
                 if decimals is not None:
                     k_adj, b_adj = round(k_adj, decimals), round(b_adj, decimals)
                 missing = (s, e, trial) == (1, 1, 2)
-                out.append(Trial(subject, "01", environment, trial, k, b, k_adj, None if missing else b_adj))
+                out.append(
+                    Trial(
+                        subject, "01", environment, trial, k, b, k_adj, None if missing else b_adj
+                    )
+                )
     return out
 
 
@@ -80,14 +86,18 @@ def delimited(
     return out.getvalue().encode(encoding)
 
 
-def _number(value: float | None, *, mark: str = ".", missing: str = "", decimals: int | None = None) -> str:
+def _number(
+    value: float | None, *, mark: str = ".", missing: str = "", decimals: int | None = None
+) -> str:
     if value is None:
         return missing
     text = repr(float(value)) if decimals is None else f"{value:.{decimals}f}"
     return text.replace(".", mark)
 
 
-def _records(trials: Sequence[Trial], *, names: Sequence[str] = _NAMES, **style: object) -> list[list[str]]:
+def _records(
+    trials: Sequence[Trial], *, names: Sequence[str] = _NAMES, **style: object
+) -> list[list[str]]:
     return [list(names)] + [
         [t.subject, t.session, t.environment, str(t.trial)]
         + [_number(v, **style) for v in (t.k_ref, t.b_ref, t.k_adj, t.b_adj)]  # type: ignore[arg-type]
@@ -109,13 +119,16 @@ def _psychopy_text(trials: Sequence[Trial], delimiter: str, mark: str = ".") -> 
     ]  # fmt: skip
     lines = [header]
     for t in trials:
-        numbers = [_number(v, mark=mark, missing="None") for v in (t.k_ref, t.b_ref, t.k_adj, t.b_adj)]
+        numbers = [
+            _number(v, mark=mark, missing="None") for v in (t.k_ref, t.b_ref, t.k_adj, t.b_adj)
+        ]
         lines.append(
             [t.environment, *numbers[:2], "0", "0", str(t.trial), "None", *numbers[2:],
              f"[np.float64({t.k_ref!r}), 0.36, 'said \"now\" twice']", "12.5", t.subject, t.session,
              "2026-03-01_10h12", "matching", "2024.2.4", "60.0"]
         )  # fmt: skip
-    # A cell is quoted only where it holds the delimiter; nothing in it is escaped; each line ends with one.
+    # A cell is quoted only where it holds the delimiter; nothing in it is escaped; each line ends
+    # with one.
     return "".join(
         "".join((f'"{cell}"' if delimiter in cell else cell) + delimiter for cell in line) + "\n"
         for line in lines
@@ -154,9 +167,12 @@ def _opensesame(trials: Sequence[Trial]) -> Mapping[str, bytes]:
         rows.append([str(at), *numbers[:3], "03/01/26", t.environment, numbers[3], 'he said "stop"',
                      t.session, t.subject, str(t.trial)])  # fmt: skip
     return {
-        f"subject-{at}.csv": "".join(
-            ",".join('"' + cell.replace('"', '\\"') + '"' for cell in row) + "\n" for row in rows
-        ).encode()
+        f"subject-{at}.csv": (
+            "".join(
+                ",".join('"' + cell.replace('"', '\\"') + '"' for cell in row) + "\n"
+                for row in rows
+            ).encode()
+        )
         for at, rows in enumerate(files.values())
     }
 
@@ -167,10 +183,13 @@ def _uxf(trials: Sequence[Trial], delimiter: str = ",", mark: str = ".") -> byte
     rows = [names]
     for t in trials:
         numbers = [
-            _number(v, mark=mark, missing="null", decimals=6) for v in (t.k_ref, t.b_ref, t.k_adj, t.b_adj)
+            _number(v, mark=mark, missing="null", decimals=6)
+            for v in (t.k_ref, t.b_ref, t.k_adj, t.b_adj)
         ]
         start = _number(1.5, mark=mark, decimals=6)
-        rows.append(["hbfd", t.subject, t.session, str(t.trial), "1", start, t.environment, *numbers])
+        rows.append(
+            ["hbfd", t.subject, t.session, str(t.trial), "1", start, t.environment, *numbers]
+        )
     return delimited(rows, delimiter=delimiter)
 
 
@@ -223,7 +242,11 @@ def _wide(trials: Sequence[Trial]) -> bytes:
     values = ("k_ref", "b_ref", "k_adj", "b_adj")
     rows = [["subject", "session", *(f"{v}_{e}_{n}" for e, n in cells for v in values)]]
     for subject, session in dict.fromkeys((t.subject, t.session) for t in trials):
-        own = {(t.environment, t.trial): t for t in trials if (t.subject, t.session) == (subject, session)}
+        own = {
+            (t.environment, t.trial): t
+            for t in trials
+            if (t.subject, t.session) == (subject, session)
+        }
         numbers = [_number(getattr(own[c], v)) if c in own else "" for c in cells for v in values]
         rows.append([subject, session, *numbers])
     return delimited(rows)
@@ -250,7 +273,8 @@ WRITERS: Mapping[str, Writer] = {
     "uxf": Writer(_one("trial_results.csv", _uxf), decimals=6),
     "uxf european": Writer(_one("trial_results.csv", lambda t: _uxf(t, ";", ",")), decimals=6),
     "gorilla": Writer(
-        _one("data_exp.csv", _gorilla), {"sessions": {"keep": "last", "only": {"Response Type": "action"}}}
+        _one("data_exp.csv", _gorilla),
+        {"sessions": {"keep": "last", "only": {"Response Type": "action"}}},
     ),
     "e-prime export": Writer(_one("export.txt", _eprime)),
     "excel csv": Writer(_one("excel.csv", _excel_csv)),

@@ -1,7 +1,8 @@
 """Mutated session files against the reader, which reads a file rightly or says why not.
 
-Run as `python -m tests.sessions.fuzz --files 200000`. A file is a known dialect with a few random edits.
-A scan that shares nothing with the reader checks what it accepts against the file's own text.
+Run as `python -m tests.sessions.fuzz --files 200000`. A file is a known dialect with a few random
+edits. A scan that shares nothing with the reader checks what it accepts against the file's own
+text.
 """
 
 from __future__ import annotations
@@ -129,7 +130,9 @@ def check(sessions: Sessions, data: bytes, options: ReadOptions) -> str | None:
             if value == value and value not in (here if name.endswith("_adj") else everywhere):
                 return f"{name} = {value!r} is not in row {line + 1}"
     counts = dict(sessions.counts)
-    wide = any("{environment}" in rule.name for rule in options.columns.values()) or "k_adj_" in text
+    wide = (
+        any("{environment}" in rule.name for rule in options.columns.values()) or "k_adj_" in text
+    )
     dropped = sum(number for reason, number in counts.items() if reason not in _NOT_DROPPED)
     if not wide and counts["rows read"] != len(sessions.table) + dropped:
         return f"{counts['rows read']} rows became {len(sessions.table)} and {dropped}"
@@ -181,7 +184,9 @@ def fuzz(files: int, *, seed: int = 0, seconds_per_100kb: float = 1.0) -> Outcom
     return outcome
 
 
-def _one(path: Path, data: bytes, options: ReadOptions, at: int, outcome: Outcome, allowed: float) -> None:
+def _one(
+    path: Path, data: bytes, options: ReadOptions, at: int, outcome: Outcome, allowed: float
+) -> None:
     start = time.process_time()
     try:
         sessions = read_sessions(path, options=options)
@@ -207,13 +212,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="tests.sessions.fuzz", description=__doc__)
     parser.add_argument("--files", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--seconds", type=float, default=1.0, help="allowed per 100 kB (or part of it)")
+    parser.add_argument(
+        "--seconds", type=float, default=1.0, help="allowed per 100 kB (or part of it)"
+    )
     given = parser.parse_args(arguments)
     outcome = fuzz(given.files, seed=given.seed, seconds_per_100kb=given.seconds)
     report = [
-        f"{outcome.files} files, {outcome.accepted} accepted and found again in their text, "
-        f"{sum(outcome.refused.values())} refused, {len(outcome.failures)} failures; "
-        f"slowest {outcome.slowest:.3f} s",
+        (
+            f"{outcome.files} files, {outcome.accepted} accepted and found again in their text, "
+            f"{sum(outcome.refused.values())} refused, {len(outcome.failures)} failures; "
+            f"slowest {outcome.slowest:.3f} s"
+        ),
         *(f"  {number:>7}  {reason} …" for reason, number in outcome.refused.most_common(25)),
         *(f"FAILED seed {given.seed} file {at}: {how}" for at, how in outcome.failures[:50]),
     ]

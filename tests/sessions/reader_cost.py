@@ -62,7 +62,8 @@ def read_costs(rows: int = 1_000_000, *, repeats: int = 3) -> list[ReadCost]:
 def _best(way: str, path: Path, repeats: int) -> np.ndarray:
     command = [sys.executable, "-W", "ignore", "-c", _CHILD, way, str(path)]
     runs = [
-        json.loads(subprocess.run(command, capture_output=True, check=True).stdout) for _ in range(repeats)
+        json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+        for _ in range(repeats)
     ]
     return np.min(runs, axis=0)
 
@@ -78,7 +79,9 @@ def write_study(path: str | Path, rows: int, *, seed: int = 0) -> int:
             for environment, (k, b) in _REFERENCES.items():
                 adjusted = np.exp(rng.normal(0, (0.1, 0.2), (trials, 2))) * (k, b)
                 cell = f"{subject:04d},1,{environment},{k!r},{b!r}"
-                out.writelines(f"{cell},{t},{x!r},{y!r}\n" for t, (x, y) in enumerate(adjusted.tolist(), 1))
+                out.writelines(
+                    f"{cell},{t},{x!r},{y!r}\n" for t, (x, y) in enumerate(adjusted.tolist(), 1)
+                )
     return subjects * trials * len(_REFERENCES)
 
 

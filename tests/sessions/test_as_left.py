@@ -95,7 +95,11 @@ def test_parts_of_ids_are_columns_that_are_there(tmp_path):
 
 
 def test_environments_stand_in_order_of_their_reference(tmp_path):
-    rows = [f"{s},{e},{k},{k + s}" for s in (1, 2, 3) for e, k in (("hard", 900), ("soft", 80), ("mid", 300))]
+    rows = [
+        f"{s},{e},{k},{k + s}"
+        for s in (1, 2, 3)
+        for e, k in (("hard", 900), ("soft", 80), ("mid", 300))
+    ]
     text = HEAD + "\n".join(rows) + "\n"
     found = read(tmp_path, text)
     assert found.environments == ("soft", "mid", "hard")
@@ -108,7 +112,9 @@ def test_environments_stand_as_the_scene_lists_them(tmp_path):
     text = "subject,environment,k_adj\n" + "".join(f"{s},{e},9{s}\n" for s in (1, 2) for e in "abc")
     listed = {"c": {"k_ref": 90.0}, "a": {"k_ref": 50.0}, "b": {"k_ref": 70.0}}
     assert read(tmp_path, text, environments=listed).environments == ("c", "a", "b")
-    text = HEAD + "".join(f"{s},{e},{k},9{s}\n" for s in (1, 2) for e, k in (("a", 90), ("b", 50), ("c", 70)))
+    text = HEAD + "".join(
+        f"{s},{e},{k},9{s}\n" for s in (1, 2) for e, k in (("a", 90), ("b", 50), ("c", 70))
+    )
     assert read(tmp_path, text, environments={"c": {}}).environments == ("c", "b", "a")
 
 
@@ -124,7 +130,9 @@ def test_a_mass_is_a_reference(tmp_path):
         for s in (1, 2, 3)
         for e, k, m in (("a", 90, 200), ("b", 50, ""))
     ]
-    found = read(tmp_path, head + "\n".join(rows) + "\n", columns={"m_ref": {"name": "m_ref", "unit": "g"}})
+    found = read(
+        tmp_path, head + "\n".join(rows) + "\n", columns={"m_ref": {"name": "m_ref", "unit": "g"}}
+    )
     assert found.masses == {"b": 0.0, "a": 0.2}
     error = refusal(tmp_path, head + "1,a,90,1,0.2,91,1\n2,a,90,1,0.3,91,1\n")
     assert (error.row, error.column, error.value) == (3, "m_ref", 0.3)
@@ -145,7 +153,13 @@ def test_a_mass_from_the_scene_reaches_the_curves(tmp_path):
     heavy = Environment(900.0, 2.0, 0.3)
     felt = np.abs(perceived_impedance(omega, Device(mass=1.0, damping=5.0), heavy, 0.001))
     # A box as small as a point feels as its environment does, mass and all.
-    labels = {"kind": "mean", "method": "classical", "family": "normal", "joint": "marginal", "level": 0.99}
+    labels = {
+        "kind": "mean",
+        "method": "classical",
+        "family": "normal",
+        "joint": "marginal",
+        "level": 0.99,
+    }
     point = Region(environment="a", limits=((900.0, 900.0), (2.0, 2.0)), **labels)
     for shape in ("corner", "envelope"):
         for curve in study.setup.outline(point, shape, omega):
@@ -156,7 +170,10 @@ def test_a_mass_from_the_scene_reaches_the_curves(tmp_path):
 
 def test_repeats_without_numbers_are_one_problem(tmp_path):
     text = HEAD + "".join(
-        f"{s},{e},{k},{k + r}\n" for s in (1, 2) for e, k in (("a", 10), ("b", 20)) for r in range(9)
+        f"{s},{e},{k},{k + r}\n"
+        for s in (1, 2)
+        for e, k in (("a", 10), ("b", 20))
+        for r in range(9)
     )
     error = refusal(tmp_path, text)
     assert error.total == 1
@@ -186,7 +203,10 @@ def test_many_rows_with_another_reference_are_one_problem(tmp_path):
     error = refusal(tmp_path, text)
     assert error.total == 1
     assert (error.row, error.column, error.value) == (3, "k_ref", 20.0)
-    assert "has the reference 10.0 in an earlier row; 10 rows have another, here the first." in error.message
+    assert (
+        "has the reference 10.0 in an earlier row; 10 rows have another, here the first."
+        in error.message
+    )
     assert 'environment = ["…", "…"]' in error.hint
 
 
@@ -194,9 +214,11 @@ def test_what_the_last_event_leaves_out_is_counted(tmp_path):
     text = HEAD + "".join(f"{s},a,10,{10 + r}\n" for s in (1, 2) for r in range(25))
     found = read(tmp_path, text, sessions={"keep": "last"})
     (said,) = [str(notice) for notice in found.notices if "keep" in notice.text]
-    assert said == (
-        f'{tmp_path / "f.csv"}: keep = "last" leaves out 48 of 50 rows (96.0%) as earlier events of a trial; '
-        "no column numbers the trials, so that of a subject in an environment one row stays"
+    assert (
+        said
+        == f'{tmp_path / "f.csv"}: keep = "last" leaves out 48 of 50 rows (96.0%) as earlier events'
+        " of a trial; no column numbers the trials, so that of a subject in an environment one"
+        " row stays"
     )
 
 
@@ -222,7 +244,8 @@ def test_one_file_in_another_unit_is_refused(tmp_path):
     assert (error.file, error.row, error.column) == (str(tmp_path / "s3.csv"), 2, "k_adj")
     assert error.value == 0.903
     assert (
-        "k_adj is 0.001 times k_ref at the median of this file, and 1 times over all files" in error.message
+        "k_adj is 0.001 times k_ref at the median of this file, and 1 times over all files"
+        in error.message
     )
     assert "declare the units" in error.hint
     told = {c: {"name": c, "unit": "N/m"} for c in ("k_ref", "k_adj")}
@@ -264,8 +287,10 @@ def test_what_aborted_runs_and_trackers_leave_is_left_out_with_a_notice(tmp_path
         "s4_trials.csv: left out: there are no data below the header.",
         "s5_trials.csv: left out: there are no data below the header.",
         "s6_trials.csv: left out: the file is empty.",
-        "tracker.csv: left out: there is no column for subject and environment and k_adj (or b_adj); "
-        "the columns are 'time', 'x', 'y'.",
+        (
+            "tracker.csv: left out: there is no column for subject and environment and k_adj (or"
+            " b_adj); the columns are 'time', 'x', 'y'."
+        ),
     ]
 
 
@@ -284,7 +309,9 @@ def test_where_no_file_holds_trials_every_one_is_named(tmp_path):
     (tmp_path / "b.csv").write_text("time,x\n1,2\n")
     with pytest.raises(UsageError) as caught:
         read_sessions(tmp_path)
-    assert [problem.file for problem in caught.value.problems] == [str(tmp_path / f"{n}.csv") for n in "ab"]
+    assert [problem.file for problem in caught.value.problems] == [
+        str(tmp_path / f"{n}.csv") for n in "ab"
+    ]
     with pytest.raises(UsageError, match="2 problems"):
         reduce_sessions(tmp_path)
 

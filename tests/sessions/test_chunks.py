@@ -23,7 +23,9 @@ def rows(seed=0, subjects=6, trials=40):
         for e, (k, b) in enumerate([(15.0, 0.7), (1000.0, 1.5), (50000.0, 100.0)]):
             for t in range(trials):
                 k_adj, b_adj = k * rng.lognormal(0, 0.1), b * rng.lognormal(0, 0.2)
-                out.append([f"{s:03d}", "1", f"VE{e}", repr(k), repr(b), str(t), repr(k_adj), repr(b_adj)])
+                out.append(
+                    [f"{s:03d}", "1", f"VE{e}", repr(k), repr(b), str(t), repr(k_adj), repr(b_adj)]
+                )
     return out
 
 
@@ -157,7 +159,9 @@ def test_european_files_units_and_file_names(tmp_path, monkeypatch):
     }
     options = ReadOptions.from_mapping(tables)
     got = read_sessions(file, options=options)
-    pd.testing.assert_frame_equal(got.table, whole(monkeypatch, file, options).table, check_exact=True)
+    pd.testing.assert_frame_equal(
+        got.table, whole(monkeypatch, file, options).table, check_exact=True
+    )
     assert got.table["k_ref"].iloc[0] == 15000.0
 
 
@@ -180,7 +184,9 @@ def test_moments_against_rational_arithmetic(tmp_path, family, kind):
             pairs = [(float(k_adj), float(k)), (float(b_adj), float(b))]
             response = [math.log(a / r) if family == "lognormal" else (a - r) / r for a, r in pairs]
             cells.setdefault((subject, environment), []).append((response[0], response[1]))
-    assert list(zip(reduced.cells["subject"], reduced.cells["environment"], strict=True)) == list(cells)
+    assert list(zip(reduced.cells["subject"], reduced.cells["environment"], strict=True)) == list(
+        cells
+    )
     for row, pairs in zip(reduced.cells.to_dict("records"), cells.values(), strict=True):
         (mean_k, ks, n), (mean_b, bs, _) = exact(p[0] for p in pairs), exact(p[1] for p in pairs)
         assert row["n"] == n
@@ -315,14 +321,26 @@ def test_what_the_reader_checks_over_a_study(tmp_path, monkeypatch, kind, severa
         records = [[*r[:4], "", *r[5:7], ""] if r[2] == "VE1" else r for r in records]
     paths = one_file_each(tmp_path, records) if several else [write(tmp_path / "all.csv", records)]
     options = ReadOptions.from_mapping(tables)
-    assert told(reduce_sessions, *paths, options=options) == told(read_sessions, *paths, options=options)
+    assert told(reduce_sessions, *paths, options=options) == told(
+        read_sessions, *paths, options=options
+    )
     if kind in ("one far off", "one parameter"):
-        sessions, reduced = read_sessions(*paths, options=options), reduce_sessions(*paths, options=options)
+        sessions, reduced = (
+            read_sessions(*paths, options=options),
+            reduce_sessions(*paths, options=options),
+        )
         table = sessions.table[sessions.table[["k_adj", "b_adj"]].notna().all(axis=1)]
         counted = table.groupby(["subject", "environment"], sort=False).size().reset_index(name="n")
         held = reduced.cells[reduced.cells["n"] > 0].reset_index(drop=True)
-        pd.testing.assert_frame_equal(held[["subject", "environment", "n"]], counted, check_dtype=False)
-        assert reduced.cells[reduced.cells["n"] == 0].filter(regex="mean|scatter").isna().all(axis=None)
+        pd.testing.assert_frame_equal(
+            held[["subject", "environment", "n"]], counted, check_dtype=False
+        )
+        assert (
+            reduced.cells[reduced.cells["n"] == 0]
+            .filter(regex="mean|scatter")
+            .isna()
+            .all(axis=None)
+        )
         for what in sessions.counts.keys() - {"rows without k", "rows without b"}:
             assert reduced.counts.get(what) == sessions.counts.get(what)
 
@@ -333,7 +351,9 @@ def test_blocks_warn_of_what_the_first_trials_show(tmp_path):
     records = [[*r, "old" if r[0] < "002" else "young"] for r in rows(trials=15)]
     records[1 * 45][6] = "1e9"
     records = [
-        [*r[:7], r[4], r[8]] if r[0] == "003" else r for r in records if (r[0], r[2]) != ("002", "VE1")
+        [*r[:7], r[4], r[8]] if r[0] == "003" else r
+        for r in records
+        if (r[0], r[2]) != ("002", "VE1")
     ]
     reduced = reduce_sessions(write(tmp_path / "f.csv", records, header=f"{HEAD},group"))
     texts = [notice.text for notice in reduced.warnings]
@@ -346,10 +366,14 @@ def test_blocks_warn_of_what_the_first_trials_show(tmp_path):
 
 
 def test_a_file_in_other_units_is_refused_by_blocks_too(tmp_path):
-    records = [[*r[:6], repr(float(r[6]) / 1000), r[7]] if r[0] == "001" else r for r in rows(subjects=4)]
+    records = [
+        [*r[:6], repr(float(r[6]) / 1000), r[7]] if r[0] == "001" else r for r in rows(subjects=4)
+    ]
     paths = one_file_each(tmp_path, records)
     for read in (read_sessions, reduce_sessions):
-        with pytest.raises(UsageError, match="units of the file seem to differ by a thousand") as caught:
+        with pytest.raises(
+            UsageError, match="units of the file seem to differ by a thousand"
+        ) as caught:
             read(*paths)
         assert caught.value.file == str(tmp_path / "001.csv")
 
@@ -375,6 +399,8 @@ def test_references_that_have_no_ratio(tmp_path, family, value):
 
 @pytest.mark.usefixtures("blocks")
 def test_a_reference_that_comes_too_late(tmp_path):
-    records = [[*r[:3], "" if at < 200 and r[2] == "VE0" else r[3], *r[4:]] for at, r in enumerate(rows())]
+    records = [
+        [*r[:3], "" if at < 200 and r[2] == "VE0" else r[3], *r[4:]] for at, r in enumerate(rows())
+    ]
     with pytest.raises(UsageError, match=r"environment 'VE0' has no reference\..*\[environments\."):
         reduce_sessions(write(tmp_path / "f.csv", records))

@@ -28,7 +28,9 @@ def written(folder, name, trials=None):
 def test_a_dialect_reads_to_the_same_table(tmp_path, name):
     trials, options = written(tmp_path, name)
     sessions = read_sessions(tmp_path, options=options)
-    pd.testing.assert_frame_equal(sessions.table, Sessions.from_frame(frame(trials)).table, check_exact=True)
+    pd.testing.assert_frame_equal(
+        sessions.table, Sessions.from_frame(frame(trials)).table, check_exact=True
+    )
     assert sessions.subjects == ("001", "1", "NA")
     assert sessions.environments == ("VE1", "VE2", "Wände 3")
     assert sessions.counts["rows without b"] == 1
@@ -97,7 +99,9 @@ def test_results_in_a_folder_of_sessions_are_left_out(tmp_path):
         (tmp_path / name / listing).write_text("")
     again = read_sessions(tmp_path, options=options)
     assert again.table.equals(alone.table)
-    named = [notice.file for notice in again.notices if notice.text == "a folder of results is not read"]
+    named = [
+        notice.file for notice in again.notices if notice.text == "a folder of results is not read"
+    ]
     assert named == [str(tmp_path / "old" / "fit"), str(tmp_path / "report")]
     with pytest.raises(UsageError, match=r"band\.csv: the name does not fit the pattern"):
         read_sessions(tmp_path / "report", options=options)
@@ -150,7 +154,10 @@ REFUSED = {
         b"subject\tenvironment\tk_ref\tk_adj\n2\t1\ta\t10\t11\n1\t2\ta\t10\t12\n",
         "5 cells where the header has 4",
     ),
-    "short line": (b"subject,environment,k_ref,k_adj\n1,a,10,11\n2,a,10\n", "3 cells where the header has 4"),
+    "short line": (
+        b"subject,environment,k_ref,k_adj\n1,a,10,11\n2,a,10\n",
+        "3 cells where the header has 4",
+    ),
     "open quote": (b'subject,environment,k_ref,k_adj\n"1,a,10,11\n', "a quoted cell is not closed"),
     "text after a quote": (
         b'subject,environment,k_ref,k_adj\n"1"x,a,10,11\n',

@@ -21,5 +21,6 @@ def test_both_ways_are_timed(capsys):
     assert pandas["time_ratio"] == pandas["memory_ratio"] == 1.0
     assert ours["cpu_ratio"] == ours["cpu_seconds"] / pandas["cpu_seconds"]
     assert all(
-        cost["rows"] == 500 and cost["seconds"] > 0 and cost["megabytes"] > 10 for cost in (pandas, ours)
+        cost["rows"] == 500 and cost["seconds"] > 0 and cost["megabytes"] > 10
+        for cost in (pandas, ours)
     )

@@ -17,9 +17,9 @@ from tests.sessions.dialects import WRITERS, Trial, delimited, frame
 NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
 easy = st.text(st.sampled_from("aZé01_- "), min_size=1, max_size=4).filter(str.strip)
 nasty = st.text(st.sampled_from("ab01,;\t\"\\'\n\r =+-@{}<&\u2028\ufeffé")).filter(str.strip)
-anything = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), min_size=1).filter(
-    str.strip
-)
+anything = st.text(
+    st.characters(exclude_categories=["Cs"], exclude_characters="\0"), min_size=1
+).filter(str.strip)
 ids = st.one_of(easy, nasty, anything)
 positive = st.floats(1e-300, 1e300)
 factors = st.floats(0.1, 9.0)
@@ -67,17 +67,26 @@ def test_delimited(tmp_path_factory, trials, delimiter, mark, encoding, newline,
     header = ["subject", "session", "environment", "trial", *NUMBERS]
     records = [header] + [
         [t.subject, t.session, t.environment, str(t.trial)]
-        + ["" if v is None else repr(v).replace(".", mark) for v in (t.k_ref, t.b_ref, t.k_adj, t.b_adj)]
+        + [
+            "" if v is None else repr(v).replace(".", mark)
+            for v in (t.k_ref, t.b_ref, t.k_adj, t.b_adj)
+        ]
         for t in trials
     ]
     file = tmp_path_factory.mktemp("r") / "f.csv"
     try:
         file.write_bytes(
-            delimited(records, delimiter=delimiter, newline=newline, encoding=encoding, quoting=quoting)
+            delimited(
+                records, delimiter=delimiter, newline=newline, encoding=encoding, quoting=quoting
+            )
         )
     except UnicodeEncodeError:
         return
-    options = ReadOptions(sessions={"decimal": mark, "delimiter": delimiter}) if declared else ReadOptions()
+    options = (
+        ReadOptions(sessions={"decimal": mark, "delimiter": delimiter})
+        if declared
+        else ReadOptions()
+    )
     try:
         sessions = read_sessions(file, options=options)
     except UsageError:
@@ -93,7 +102,8 @@ def test_tools(tmp_path_factory, name, trials):
     if writer.decimals is not None:
         trials = [t for t in trials if 1 < t.k_ref < 1e6 and 1 < t.b_ref < 1e6]
         trials = [
-            Trial(*(v if not isinstance(v, float) else round(v, 6) for v in vars(t).values())) for t in trials
+            Trial(*(v if not isinstance(v, float) else round(v, 6) for v in vars(t).values()))
+            for t in trials
         ]
     if name.startswith("psychopy"):
         # PsychoPy writes a line end in a cell as it is: its file is then one with a blank line.

@@ -86,7 +86,10 @@ def test_one_decimal_mark_per_file(tmp_path):
     sessions = read(tmp_path, head + "1;a;2;1,286\n", {"sessions": {"decimal": ","}})
     assert sessions.table["k_adj"].tolist() == [1.286]
     error = refusal(tmp_path, head + "1;a;2;1,286\n", {"sessions": {"decimal": "."}})
-    assert "can be read as 1.286 or as 1286; the file is read with the decimal mark '.'" in error.message
+    assert (
+        "can be read as 1.286 or as 1286; the file is read with the decimal mark '.'"
+        in error.message
+    )
     assert "thousands without a separator" in error.hint
     # A point with three digits behind it is not taken for a separator of thousands either.
     error = refusal(tmp_path, head + "1;a;2;951.541\n", {"sessions": {"decimal": ","}})
@@ -110,11 +113,16 @@ def test_cells_that_disagree_are_blamed_and_no_others(tmp_path, cells, blamed):
     error = refusal(tmp_path, "subject;environment;k_ref;k_adj\n" + rows)
     assert [problem.value for problem in error.problems] == blamed
     for problem in error.problems:
-        point, plain = problem.value.replace(",", "."), problem.value.replace(",", "").replace(".", "")
+        point, plain = (
+            problem.value.replace(",", "."),
+            problem.value.replace(",", "").replace(".", ""),
+        )
         assert problem.message.startswith(f"can be read as {point} or as {plain}; the file is")
 
 
-@given(st.floats(allow_nan=False, allow_infinity=False), st.sampled_from("eEfg"), st.integers(0, 25))
+@given(
+    st.floats(allow_nan=False, allow_infinity=False), st.sampled_from("eEfg"), st.integers(0, 25)
+)
 def test_numbers_are_correctly_rounded(value, kind, digits):
     from percept.sessions.records import Problems
     from percept.sessions.values import parse_numbers
@@ -146,10 +154,14 @@ def test_all_problems_of_a_file_are_reported_together(tmp_path):
 
 
 def test_ids_are_text_and_look_alikes_are_announced(tmp_path):
-    sessions = read(tmp_path, HEAD + "".join(f"{s},a,10,1,1,11,1\n" for s in ("001", "1", "01", "s1", "S1")))
+    sessions = read(
+        tmp_path, HEAD + "".join(f"{s},a,10,1,1,11,1\n" for s in ("001", "1", "01", "s1", "S1"))
+    )
     assert sessions.subjects == ("001", "1", "01", "s1", "S1")
     padded = read(tmp_path, "subject, environment, k_ref, k_adj\n1, a, 10, 11\n2,a,10,11\n")
-    assert "environments ' a', 'a' look alike and are kept apart" in [n.text for n in padded.notices]
+    assert "environments ' a', 'a' look alike and are kept apart" in [
+        n.text for n in padded.notices
+    ]
     texts = [notice.text for notice in sessions.notices]
     assert "subjects '001', '1', '01' look alike and are kept apart" in texts
     assert "subjects 's1', 'S1' look alike and are kept apart" in texts
@@ -202,8 +214,12 @@ def test_units_are_declared_converted_and_checked(tmp_path):
     sessions = read(tmp_path, rows, {"columns": both})
     assert any("their units seem to differ" in notice.text for notice in sessions.notices)
     with pytest.raises(UsageError) as caught:
-        ReadOptions.from_mapping({"columns": {"b_ref": {"name": "b", "unit": "N/m"}}}, file="scene.toml")
-    assert str(caught.value).startswith("scene.toml, columns.b_ref.unit = 'N/m': not a unit of damping.")
+        ReadOptions.from_mapping(
+            {"columns": {"b_ref": {"name": "b", "unit": "N/m"}}}, file="scene.toml"
+        )
+    assert str(caught.value).startswith(
+        "scene.toml, columns.b_ref.unit = 'N/m': not a unit of damping."
+    )
     for unit in ("kg", "furlong", "10**10**10", "N/m; import os", ""):
         with pytest.raises(UsageError, match="not a unit of stiffness"):
             factor(unit, IMPEDANCE["k"])
@@ -223,14 +239,18 @@ def test_units_are_declared_converted_and_checked(tmp_path):
         (30, 1, {"k_adj": "N/m"}, None, None),
     ],
 )
-def test_a_slip_of_units_is_refused_in_both_directions(tmp_path, adjusted, reference, declared, ratio, hint):
+def test_a_slip_of_units_is_refused_in_both_directions(
+    tmp_path, adjusted, reference, declared, ratio, hint
+):
     """Environments of reference zero have no ratio, and do not count."""
     rows = "subject,environment,k_ref,k_adj\n" + "".join(
         f"{s},{e},{scale * reference},{scale * adjusted * factor}\n"
         for s, factor in ((1, 0.5), (2, 1), (3, 2))
         for e, scale in (("a", 1), ("b", 10), ("zero", 0))
     ).replace("zero,0,0.0", "zero,0,3").replace("zero,0,0", "zero,0,3")
-    tables = {"columns": {column: {"name": column, "unit": unit} for column, unit in declared.items()}}
+    tables = {
+        "columns": {column: {"name": column, "unit": unit} for column, unit in declared.items()}
+    }
     if ratio is None:
         assert len(read(tmp_path, rows, tables).table) == 9
         return
@@ -245,7 +265,9 @@ def test_references_of_the_scene_have_their_unit(tmp_path):
     rows = "subject,environment,k_adj\n1,a,1.1\n2,a,0.9\n"
     scene = {"environments": {"a": {"k_ref": 1000.0}}}
     assert "k_adj is 0.000995 times k_ref" in str(refusal(tmp_path, rows, scene))
-    sessions = read(tmp_path, rows, scene | {"columns": {"k_adj": {"name": "k_adj", "unit": "N/m"}}})
+    sessions = read(
+        tmp_path, rows, scene | {"columns": {"k_adj": {"name": "k_adj", "unit": "N/m"}}}
+    )
     assert any("their units seem to differ" in notice.text for notice in sessions.notices)
 
 
@@ -281,10 +303,14 @@ def test_trials_of_several_sessions_are_announced_as_repeats(tmp_path):
         "3,2,b,1,20,9",
     ]
     announced = [
-        n.text for n in read(tmp_path, header + "\n".join(rows) + "\n").notices if "sessions" in n.text
+        n.text
+        for n in read(tmp_path, header + "\n".join(rows) + "\n").notices
+        if "sessions" in n.text
     ]
     (text,) = announced
-    assert text.startswith("in 1 of 4 cells (a subject in an environment) trials are from several sessions;")
+    assert text.startswith(
+        "in 1 of 4 cells (a subject in an environment) trials are from several sessions;"
+    )
     apart = read(tmp_path, header + "\n".join(rows[2:]) + "\n")
     assert not any("several sessions" in notice.text for notice in apart.notices)
 
@@ -302,14 +328,18 @@ def test_columns_are_found_announced_or_asked_for(tmp_path):
     assert "no column for b_adj" in str(error)
     error = refusal(tmp_path, "subject,environment,k_ref,k_adj,k_adj\n7,a,10,11,1\n")
     assert "two columns have this name" in str(error)
-    error = refusal(tmp_path, "subject,environment,k_ref,k_last\n7,a,1,2\n", columns={"k_adj": "k_lst"})
+    error = refusal(
+        tmp_path, "subject,environment,k_ref,k_last\n7,a,1,2\n", columns={"k_adj": "k_lst"}
+    )
     assert "no column has that name" in str(error)
     assert "Did you mean k_last?" in error.hint
 
 
 def test_wide_tables_by_a_pattern_of_their_names(tmp_path):
     wide = {"columns": {c: c + "_{environment}" for c in ("k_adj", "k_ref")}}
-    sessions = read(tmp_path, "subject,k_ref_A,k_adj_A,k_ref_B,k_adj_B\n1,10,11,20,21\n2,10,9,20,\n", wide)
+    sessions = read(
+        tmp_path, "subject,k_ref_A,k_adj_A,k_ref_B,k_adj_B\n1,10,11,20,21\n2,10,9,20,\n", wide
+    )
     assert sessions.table[["environment", "k_ref", "k_adj"]].to_numpy().tolist() == [
         ["A", 10.0, 11.0],
         ["B", 20.0, 21.0],
@@ -358,7 +388,9 @@ def test_ids_from_file_names(tmp_path):
         n.text for n in both.notices
     ]
     assert "does not fit the pattern" in str(refusal(tmp_path, text, tables, name="x007.csv"))
-    error = refusal(tmp_path, text, {"sessions": {"filename": "{subject}_{session}"}}, name="a_b_c.csv")
+    error = refusal(
+        tmp_path, text, {"sessions": {"filename": "{subject}_{session}"}}, name="a_b_c.csv"
+    )
     assert "in more than one way" in str(error)
 
 
@@ -407,12 +439,19 @@ def test_a_path_that_no_row_has_names_the_keys_there_are(tmp_path):
     assert error.total == 1
     assert error.message == "no row has this path."
     assert 'it begins inside a cell such as \'{"k": 11, "b": 2}\'' in error.hint
-    assert (error.column, error.key, error.value) == ("response", "columns.k_adj.path", "response.k")
+    assert (error.column, error.key, error.value) == (
+        "response",
+        "columns.k_adj.path",
+        "response.k",
+    )
     assert error.file.endswith("f.csv")
     tables["columns"]["k_adj"]["path"] = "k"
     # Record 3 has no b, which record 1 has.
     sessions = read(tmp_path, head + rows, tables)
-    assert sessions.table[["k_adj", "b_adj"]].fillna(-1).to_numpy().tolist() == [[11.0, 2.0], [9.0, -1.0]]
+    assert sessions.table[["k_adj", "b_adj"]].fillna(-1).to_numpy().tolist() == [
+        [11.0, 2.0],
+        [9.0, -1.0],
+    ]
     # A key whose every value is null is there.
     tables["columns"]["b_adj"]["path"] = "rt"
     only = {"sessions": {"only": {"subject": "3"}}}
@@ -523,7 +562,10 @@ def test_repeats_are_missing_where_there_are_some_and_cells_empty_where_there_ar
         ({"exclude": [{"column": "rt", "above": 3}]}, "this column is wanted, and is not there"),
         ({"groups": "hand"}, "this column is wanted, and is not there"),
         ({"only": {"task": "match"}}, "this column is wanted, and is not there"),
-        ({"only": {"subject": "2"}}, "no row holds an adjustment. Rows: 1 rows read, 1 subject is not 2"),
+        (
+            {"only": {"subject": "2"}},
+            "no row holds an adjustment. Rows: 1 rows read, 1 subject is not 2",
+        ),
         ({"encoding": "klingon"}, "unknown encoding"),
         ({"encoding": "ascii"}, "is not text in ascii"),
     ],
@@ -580,7 +622,9 @@ def test_published_means_become_the_limits_of_their_interval(tmp_path):
     import mpmath
 
     head = "environment,parameter,reference,mean,sd,n,level\n"
-    table = read(tmp_path, head + "VE1,k,15,14.914,3.9954,10,0.99\nVE1,b,0.7,0.68455,0.63147,10,0.99\n").table
+    table = read(
+        tmp_path, head + "VE1,k,15,14.914,3.9954,10,0.99\nVE1,b,0.7,0.68455,0.63147,10,0.99\n"
+    ).table
     with mpmath.workdps(30):
         # P(|t| > q) for nine degrees of freedom is a regularised incomplete beta function.
         beta = lambda q: mpmath.betainc(4.5, 0.5, 0, 9 / (9 + q**2), regularized=True)  # noqa: E731
@@ -596,7 +640,9 @@ def test_published_means_become_the_limits_of_their_interval(tmp_path):
     assert any("without a level are kept as their limits at 0.95" in n.text for n in bare.notices)
     # t(.975; 9) = 2.262157, from any table.
     assert row["level"] == 0.95
-    assert row["upper"] - row["lower"] == pytest.approx(2 * 2.262157 * 3.9954 / math.sqrt(10), rel=2e-7)
+    assert row["upper"] - row["lower"] == pytest.approx(
+        2 * 2.262157 * 3.9954 / math.sqrt(10), rel=2e-7
+    )
     assert row["upper"] + row["lower"] == pytest.approx(2 * 14.914, rel=1e-13)
     error = refusal(tmp_path, head + "VE1,k,15,14.9,-1,10,0.99\n")
     assert (error.column, error.message) == ("sd", "is negative.")
@@ -604,9 +650,13 @@ def test_published_means_become_the_limits_of_their_interval(tmp_path):
 
 def test_limits_go_before_a_mean_and_sd(tmp_path):
     head = "environment,parameter,reference,mean,sd,lower,upper,n,level\n"
-    found = read(tmp_path, head + "VE1,k,15,14.914,3.9954,10.8,19.0,10,0.99\nVE1,b,0.7,,,0.5,0.8,10,0.99\n")
+    found = read(
+        tmp_path, head + "VE1,k,15,14.914,3.9954,10.8,19.0,10,0.99\nVE1,b,0.7,,,0.5,0.8,10,0.99\n"
+    )
     assert found.table[["lower", "upper"]].to_numpy().tolist() == [[10.8, 19.0], [0.5, 0.8]]
-    assert "mean and sd are not used: lower and upper are there" in [notice.text for notice in found.notices]
+    assert "mean and sd are not used: lower and upper are there" in [
+        notice.text for notice in found.notices
+    ]
     error = refusal(tmp_path, head.replace(",level", "") + "VE1,k,15,15,4,11,19,10\n")
     assert "a summary needs the column level" in error.message
 
@@ -620,7 +670,10 @@ def test_limits_far_from_every_reference_are_in_another_unit(tmp_path):
     error = refusal(tmp_path, SUMMARY + "VE1,b,0.01,6,9,12,0.95\n")
     assert "in N·s/m" in error.hint
     # Limits around the reference are no sign of a unit, however far their middle is from it.
-    assert len(read(tmp_path, SUMMARY + "VE1,b,1,-1,1.001,3,0.99\nVE1,k,1,-50,450,2,0.99\n").table) == 2
+    assert (
+        len(read(tmp_path, SUMMARY + "VE1,b,1,-1,1.001,3,0.99\nVE1,k,1,-50,450,2,0.99\n").table)
+        == 2
+    )
 
 
 def test_trials_and_summary_do_not_mix(tmp_path):
@@ -638,10 +691,19 @@ def test_trials_and_summary_do_not_mix(tmp_path):
             "sessions.decimals = ',': there is no such key; there are decimal,",
         ),
         ({"sessions": {"decimal": ";"}}, "sessions.decimal = ';': must be '.' or ','."),
-        ({"sessions": {"delimiter": '"'}}, "sessions.delimiter = '\"': must be one character, not a quote."),
+        (
+            {"sessions": {"delimiter": '"'}},
+            "sessions.delimiter = '\"': must be one character, not a quote.",
+        ),
         ({"sessions": {"keep": "first"}}, "sessions.keep = 'first': must be 'last'."),
-        ({"sessions": {"filename": "subject"}}, "sessions.filename = 'subject': must name {subject}"),
-        ({"sessions": {"groups": 1.5}}, "sessions.groups = 1.5: must be a text or a list of texts."),
+        (
+            {"sessions": {"filename": "subject"}},
+            "sessions.filename = 'subject': must name {subject}",
+        ),
+        (
+            {"sessions": {"groups": 1.5}},
+            "sessions.groups = 1.5: must be a text or a list of texts.",
+        ),
         ({"sessions": {"groups": [True]}}, "sessions.groups.0 = True: must be text."),
         ({"sessions": {"only": "x"}}, "sessions.only = 'x': must be a table."),
         ({"sessions": {"sheet": 3}}, "sessions.sheet = 3: must be text."),
@@ -661,8 +723,10 @@ def test_trials_and_summary_do_not_mix(tmp_path):
         ({"columns": {"k_adj": {"unit": "N/m"}}}, "columns.k_adj.name: is missing."),
         (
             {"columns": {"k_adj": {"nme": "x"}}},
-            "columns.k_adj.nme = 'x': there is no such key; there are name, unit, path, also, offset. "
-            "Did you mean name?",
+            (
+                "columns.k_adj.nme = 'x': there is no such key; there are name, unit, path, also,"
+                " offset. Did you mean name?"
+            ),
         ),
         (
             {"columns": {"k_ajd": "x"}},
@@ -670,7 +734,10 @@ def test_trials_and_summary_do_not_mix(tmp_path):
         ),
         (
             {"columns": {"k_adj": 3}},
-            "columns.k_adj = 3: a column is a name, a list of names, or a table of name, unit and path.",
+            (
+                "columns.k_adj = 3: a column is a name, a list of names, or a table of name, unit"
+                " and path."
+            ),
         ),
         ({"columns": {"k_adj": ""}}, "columns.k_adj.name = '': must not be empty."),
         (
@@ -735,7 +802,9 @@ def test_paths_that_lead_nowhere(tmp_path):
 
 def test_an_environment_that_no_row_names_is_noticed(tmp_path):
     (tmp_path / "t.csv").write_text("subject,environment,k_adj\nS01,A,11\nS02,A,12\n")
-    options = ReadOptions.from_mapping({"environments": {"A": {"k_ref": 10.0}, "B": {"k_ref": 20.0}}})
+    options = ReadOptions.from_mapping(
+        {"environments": {"A": {"k_ref": 10.0}, "B": {"k_ref": 20.0}}}
+    )
     notices = [str(notice) for notice in read_sessions(tmp_path / "t.csv", options=options).notices]
     assert "B: [environments] names it, and no row does" in notices
     assert not any(notice.startswith("A:") for notice in notices)

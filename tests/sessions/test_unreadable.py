@@ -68,7 +68,10 @@ def test_what_cannot_be_read_is_named(tmp_path, name, data, said):
 
 @pytest.mark.parametrize(
     ("rows", "said"),
-    [([], "the sheet is empty. Name another with"), ([["subject", "k_adj"]], "there are no data below the")],
+    [
+        ([], "the sheet is empty. Name another with"),
+        ([["subject", "k_adj"]], "there are no data below the"),
+    ],
 )
 def test_sheets_without_data_are_named(tmp_path, rows, said):
     (tmp_path / "t.xlsx").write_bytes(workbook(rows))
@@ -84,7 +87,9 @@ def test_a_path_is_text():
         read_sessions(pd.DataFrame({"subject": ["S01"]}), "further.csv")
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="a file nobody can read from its start is Linux's")
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="a file nobody can read from its start is Linux's"
+)
 def test_a_file_that_the_system_does_not_give(tmp_path):
     with pytest.raises(UsageError, match="/proc/self/mem: cannot be read: Input/output error"):
         read_sessions("/proc/self/mem")
@@ -106,7 +111,9 @@ def test_units_of_a_summary(tmp_path):
         "environment,parameter,reference,n,mean,sd\nA,k,10,8,11,1\nB,k,20,8,21,2\n"
     )
     options = ReadOptions.from_mapping({"columns": {"mean": {"name": "mean", "unit": "N/mm"}}})
-    with pytest.raises(UsageError, match=r"units of a summary are N/m and N·s/m\. Convert the table"):
+    with pytest.raises(
+        UsageError, match=r"units of a summary are N/m and N·s/m\. Convert the table"
+    ):
         read_sessions(tmp_path / "t.csv", options=options)
 
 

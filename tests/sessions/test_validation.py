@@ -9,7 +9,13 @@ import pandas as pd
 import pytest
 
 from percept.errors import UsageError
-from percept.sessions import ReadOptions, format_validation, propose_columns, read_sessions, validate
+from percept.sessions import (
+    ReadOptions,
+    format_validation,
+    propose_columns,
+    read_sessions,
+    validate,
+)
 from tests import DATASETS
 from tests.sessions.dialects import WRITERS, example
 
@@ -41,7 +47,10 @@ def test_what_was_understood_is_a_line_per_environment(tmp_path):
     record = validate(
         file,
         options=ReadOptions(
-            columns={"k_ref": {"name": "k_ref", "unit": "N/mm"}, "k_adj": {"name": "k_adj", "unit": "N/mm"}}
+            columns={
+                "k_ref": {"name": "k_ref", "unit": "N/mm"},
+                "k_adj": {"name": "k_adj", "unit": "N/mm"},
+            }
         ),
     )
     lines = [" ".join(line.split()) for line in format_validation(record).splitlines()]
@@ -66,11 +75,12 @@ def test_a_conflict_is_one_line(tmp_path):
     lines = format_validation(validate(file)).splitlines()
     assert len(lines) == 3
     assert lines[0].startswith(
-        f"{file}:3, column 'k_ref', value 12.0: environment 'a' has the reference 10.0 in an earlier row; "
-        "2 rows have another, here the first. "
+        f"{file}:3, column 'k_ref', value 12.0: environment 'a' has the reference 10.0 in an"
+        " earlier row; 2 rows have another, here the first. "
     )
     assert lines[1].startswith(
-        f"{file}:6, column 'k_ref', value 11.0: environment 'b' has the reference 10.0 in an earlier row. "
+        f"{file}:6, column 'k_ref', value 11.0: environment 'b' has the reference 10.0 in an"
+        " earlier row. "
     )
     assert lines[2] == "2 problems"
 

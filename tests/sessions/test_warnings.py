@@ -38,7 +38,9 @@ def test_ordinary_studies_raise_none(tmp_path):
 )
 def test_a_value_far_from_all_others_of_its_environment(tmp_path, value, said):
     # The median of 2200, 2400, 2400 and a large value is 2400, that with a small one 2300.
-    rows = [f"{s},hard,2000,10,{k},{9 + s}" for s, k in ((1, 2200), (2, 2400), (3, 2400), (4, value))]
+    rows = [
+        f"{s},hard,2000,10,{k},{9 + s}" for s, k in ((1, 2200), (2, 2400), (3, 2400), (4, value))
+    ]
     text = "1 value of k far from the median of the environment, here the first: a slip? Subjects"
     assert warnings_of(tmp_path, rows) == ([f"s.csv:5:k_adj: {text} '{said}'"] if said else [])
 
@@ -50,8 +52,8 @@ def test_two_subjects_say_nothing_of_each_other(tmp_path):
 def test_values_without_a_logarithm(tmp_path):
     rows = [*CLEAN, "5,soft,100,1,0,1.2", "5,hard,2000,10,-3,11"]
     assert warnings_of(tmp_path, rows) == [
-        "s.csv:10:k_adj: 2 values of k (20.0% of 10) are zero or negative, here the first. Leaving out this "
-        'many biases what is left: use family = "normal" in [inference].'
+        "s.csv:10:k_adj: 2 values of k (20.0% of 10) are zero or negative, here the first. Leaving"
+        ' out this many biases what is left: use family = "normal" in [inference].'
     ]
 
 
@@ -84,11 +86,15 @@ def test_rows_of_a_filtered_table_keep_their_places(tmp_path):
 def test_validate_says_them(tmp_path):
     path = tmp_path / "s.csv"
     path.write_text("\n".join([HEADER, *CLEAN[:-1]]) + "\n")
-    assert "notice: 1 cell has no trial: '4 at hard'" in format_validation(validate(path)).splitlines()
+    assert (
+        "notice: 1 cell has no trial: '4 at hard'" in format_validation(validate(path)).splitlines()
+    )
 
 
 def test_of_many_slips_the_first_are_named(tmp_path):
-    rows = [f"{s},hard,2000,10,{100_000 + s if s > 16 else 2200 + s},{9 + s / 40}" for s in range(1, 34)]
+    rows = [
+        f"{s},hard,2000,10,{100_000 + s if s > 16 else 2200 + s},{9 + s / 40}" for s in range(1, 34)
+    ]
     rows += [f"{s},hard,2000,10,{2200 + s},{9 + s / 40}" for s in range(34, 50)]
     (text,) = warnings_of(tmp_path, rows)
     assert text.startswith("s.csv:18:k_adj: 17 values of k far from the median")
@@ -110,7 +116,9 @@ def test_many_subjects_are_looked_up_once(tmp_path):
         columns=["subject", "session", "environment", "k_ref", "b_ref", "trial", "k_adj", "b_adj"],
     )
     sessions = Sessions.from_frame(table.iloc[1:])
-    counted = Sessions(Counting(sessions.table), "trials", sessions.sources, provenance=sessions.provenance)
+    counted = Sessions(
+        Counting(sessions.table), "trials", sessions.sources, provenance=sessions.provenance
+    )
     assert [str(warning) for warning in counted.warnings] == ["1 cell has no trial: '0 at A'"]
     assert Counting.seen < 60
 
@@ -132,12 +140,19 @@ def zeros(tmp_path, values, reference="100", family="lognormal"):
 def test_the_way_out_of_values_without_a_logarithm_fits_them(tmp_path):
     some = [100 + s / 8 for s in range(30)]
     (few,) = zeros(tmp_path, [*some, 0])
-    assert few.startswith("s.csv:32:k_adj: 1 value of k (3.2% of 31) is zero or negative, here the first.")
-    assert 'exclude = [{ column = "k_adj", below = 100.0, why = "no adjustment" }] leaves them out' in few
+    assert few.startswith(
+        "s.csv:32:k_adj: 1 value of k (3.2% of 31) is zero or negative, here the first."
+    )
+    assert (
+        'exclude = [{ column = "k_adj", below = 100.0, why = "no adjustment" }] leaves them out'
+        in few
+    )
     assert few.endswith('If people meant them, use family = "normal" in [inference].')
     (many,) = zeros(tmp_path, [*some, *range(-5, 1)])
     assert many.startswith("s.csv:32:k_adj: 6 values of k (16.7% of 36) are zero or negative")
-    assert many.endswith('Leaving out this many biases what is left: use family = "normal" in [inference].')
+    assert many.endswith(
+        'Leaving out this many biases what is left: use family = "normal" in [inference].'
+    )
     (arbitrary,) = zeros(tmp_path, [-3.0, -2.5, 4.0], reference="-2")
     assert 'family = "normal" in [inference] with scale in [model]' in arbitrary
     assert "add one offset to k_ref and k_adj in [columns]" in arbitrary
@@ -157,7 +172,8 @@ def test_many_equal_extremes_are_the_end_of_the_knob(tmp_path):
     assert warnings_of(tmp_path, free) == []
     (said,) = warnings_of(tmp_path, [*free, *stuck])
     assert said.startswith(
-        "s.csv:22:k_adj: 6 values of k (23.1% of 26) are the largest of all, 160: the end of the knob?"
+        "s.csv:22:k_adj: 6 values of k (23.1% of 26) are the largest of all, 160: the end of the"
+        " knob?"
     )
     rule = '[sessions] exclude = [{ column = "k_adj", above = 159.0, why = "end of the knob" }]'
     assert rule in said
@@ -173,9 +189,10 @@ def test_groups_are_not_pooled_in_silence(tmp_path):
     rows = [f"{row},{'left' if row[0] < '3' else 'right'}" for row in CLEAN]
     path.write_text("\n".join([HEADER + ",hand", *rows]) + "\n")
     (said,) = read_sessions(path, options=ReadOptions(sessions={"groups": ["hand"]})).warnings
-    assert str(said) == (
-        "hand: 2 groups ('left' 2 subjects, 'right' 2 subjects) are pooled: every interval is of one "
-        'population that holds them all. "percept compare FILE --by hand" compares them.'
+    assert (
+        str(said)
+        == "hand: 2 groups ('left' 2 subjects, 'right' 2 subjects) are pooled: every interval is of"
+        ' one population that holds them all. "percept compare FILE --by hand" compares them.'
     )
     assert read_sessions(path, options=ReadOptions().with_groups(["hand"])).warnings == ()
     rows = [f"{row},{t},{hand}" for row in CLEAN for t, hand in enumerate(("left", "right"), 1)]

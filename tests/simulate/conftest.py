@@ -58,7 +58,11 @@ def correlations(sessions: pd.DataFrame) -> tuple[float, float]:
     names = sorted({environment for _, environment in logs})
     within = [np.corrcoef(logs["k", e], logs["b", e])[0, 1] for e in names]
     across = [
-        np.corrcoef(logs[p, e], logs[p, f])[0, 1] for p in ("k", "b") for e in names for f in names if e < f
+        np.corrcoef(logs[p, e], logs[p, f])[0, 1]
+        for p in ("k", "b")
+        for e in names
+        for f in names
+        if e < f
     ]
     assert len(across) == 20
     return float(np.mean(within)), float(np.mean(across))

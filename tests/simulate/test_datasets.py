@@ -45,7 +45,8 @@ def cells(path: Path) -> list[dict[str, str]]:
 def test_table_1_is_as_printed() -> None:
     rows = cells(DATASETS / "hbfd_table1.csv")
     found = {
-        (row["environment"], row["parameter"]): (row["reference"], row["lower"], row["upper"]) for row in rows
+        (row["environment"], row["parameter"]): (row["reference"], row["lower"], row["upper"])
+        for row in rows
     }
     assert list(found) == list(PRINTED)
     assert found == PRINTED
@@ -68,7 +69,9 @@ def test_sessions_are_a_full_positive_grid_that_says_it_is_simulated() -> None:
     assert [(row["subject"], row["environment"]) for row in rows] == [
         (f"S{i:02d}", f"VE{j}") for i in range(1, 11) for j in range(1, 6)
     ]
-    assert {(row["session"], row["trial"], row["source"]) for row in rows} == {("1", "1", "simulated")}
+    assert {(row["session"], row["trial"], row["source"]) for row in rows} == {
+        ("1", "1", "simulated")
+    }
     assert all(float(row[name]) > 0 for row in rows for name in ("k_adj", "b_adj"))
 
 
@@ -105,7 +108,11 @@ def test_measured_offsets_have_scipys_limits_and_a_page_of_their_own_words() -> 
         if row.kind in scale:
             limits = stats.t.interval(0.95, len(values) - 1, values.mean(), scale[row.kind])
             np.testing.assert_allclose((row.lower, row.upper), limits, rtol=1e-12)
-    page = render_page(build_document(study), {}, date="2026-01-01").split("<script")[0].split("<main")[1]
+    page = (
+        render_page(build_document(study), {}, date="2026-01-01")
+        .split("<script")[0]
+        .split("<main")[1]
+    )
     # What percept is called in a bibliography is no word of the study.
     text = re.sub("(?s)<pre.*?</pre>|<[^>]*>", "", page.split('id="provenance"')[0])
     assert "43 participants adjusted the offset" in text

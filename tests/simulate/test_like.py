@@ -51,7 +51,9 @@ def test_limits_keep_their_printed_decimals() -> None:
         summary(("a", "b", 1.0, 0.1, 0.3, 8, 0.95), ("a", "k", 1e4, 9500.5, 1.05e4, 8, 0.95))
     )
     assert table.parameters == ("k", "b")
-    assert [[str(limit) for limit in row[0]] for row in (table.lower, table.upper, table.reference)] == [
+    assert [
+        [str(limit) for limit in row[0]] for row in (table.lower, table.upper, table.reference)
+    ] == [
         ["9500.5", "0.1"],
         ["10500", "0.3"],
         ["10000", "1"],
@@ -84,9 +86,12 @@ def test_tables_that_are_refused(rows: list[tuple[object, ...]], message: str) -
 
 def test_means_and_sds_have_no_printed_limits() -> None:
     table = summary(
-        ("a", "k", 1, 1, 0.1, 8), columns=["environment", "parameter", "reference", "mean", "sd", "n"]
+        ("a", "k", 1, 1, 0.1, 8),
+        columns=["environment", "parameter", "reference", "mean", "sd", "n"],
     )
-    with pytest.raises(UsageError, match=r"a, k: printed limits are needed.* percept fit takes means"):
+    with pytest.raises(
+        UsageError, match=r"a, k: printed limits are needed.* percept fit takes means"
+    ):
         simulate_like(table, seed=1)
 
 
@@ -99,7 +104,17 @@ def test_the_command_reads_published_limits_by_a_scene(tmp_path: Path) -> None:
     path, scene, out = tmp_path / "limits.csv", tmp_path / "scene.toml", tmp_path / "s.csv"
     path.write_text("Wand;parameter;reference;lower;upper;n;level\na;k;10;9,50;10,50;8;0,95\n")
     scene.write_text('[columns]\nenvironment = "Wand"\n', encoding="utf-8")
-    told = ["simulate", "--like", str(path), "--scene", str(scene), "--seed", "1", "--out", str(out)]
+    told = [
+        "simulate",
+        "--like",
+        str(path),
+        "--scene",
+        str(scene),
+        "--seed",
+        "1",
+        "--out",
+        str(out),
+    ]
     assert main(told) == 0
     assert pd.read_csv(out)["k_adj"].mean() == pytest.approx(10, abs=0.005)
 
@@ -126,7 +141,8 @@ def test_same_seed_same_bytes_other_seed_other_values(tmp_path: Path) -> None:
 
 def test_correlations_as_stated() -> None:
     within, across = correlations(simulate_like(PUBLISHED, seed=3, subjects=4000))
-    # An average of correlations scatters less than one of them, whose standard error is (1 - r²)/√n.
+    # An average of correlations scatters less than one of them, whose standard error is (1 -
+    # r²)/√n.
     assert abs(within - CORRELATION) < 4 * (1 - CORRELATION**2) / math.sqrt(4000)
     assert abs(across - BETWEEN) < 4 * (1 - BETWEEN**2) / math.sqrt(4000)
 
@@ -150,13 +166,24 @@ def test_more_subjects_keep_mean_and_sd() -> None:
 
 def test_one_parameter_in_one_environment() -> None:
     study = simulate_like(summary(("wall", "b", 2, 1.5, 2.5, 2, 0.9)), seed=4)
-    assert list(study.columns) == ["subject", "session", "environment", "b_ref", "trial", "b_adj", "source"]
+    assert list(study.columns) == [
+        "subject",
+        "session",
+        "environment",
+        "b_ref",
+        "trial",
+        "b_adj",
+        "source",
+    ]
     assert study["b_adj"].mean() == pytest.approx(2.0, abs=0.05)
 
 
 def test_the_limits_of_any_quantity_are_met() -> None:
     options = ReadOptions.from_mapping({"quantities": {"duration": {"unit": "ms"}}})
-    rows = [("short", "duration", 400, 350, 470, 8, 0.95), ("long", "duration", 900, 700, 880, 8, 0.95)]
+    rows = [
+        ("short", "duration", 400, 350, 470, 8, 0.95),
+        ("long", "duration", 900, 700, 880, 8, 0.95),
+    ]
     table = Sessions.from_frame(pd.DataFrame(rows, columns=COLUMNS), options=options)
     made = simulate_like(table, seed=1)
     for environment, _, _, lower, upper, n, level in rows:
@@ -240,7 +267,8 @@ def test_only_simulated_files_are_written_over(tmp_path: Path) -> None:
         taken = tmp_path / "taken.csv"
         taken.write_text(text)
         with pytest.raises(
-            UsageError, match=r"taken\.csv: is there already, and was not simulated\. .*another name"
+            UsageError,
+            match=r"taken\.csv: is there already, and was not simulated\. .*another name",
         ):
             write_sessions(table, taken)
         assert taken.read_text() == text

@@ -76,7 +76,9 @@ def prior_draws() -> list[Hyperparameters]:
         ("rho_e", stats.beta(2, 2, loc=-1, scale=2)),
     ],
 )
-def test_default_priors(prior_draws: list[Hyperparameters], name: str, distribution: object) -> None:
+def test_default_priors(
+    prior_draws: list[Hyperparameters], name: str, distribution: object
+) -> None:
     sample = np.array([getattr(draw, name) for draw in prior_draws])
     assert uniform(sample, distribution) > UNLIKELY
     if name in ("s", "s_e"):
@@ -108,7 +110,10 @@ def test_every_prior_scale_is_used_where_it_belongs() -> None:
         log_s_mean=math.log(0.4), log_s_sd=2.0, log_s_e_mean=math.log(0.3), log_s_e_sd=3.0, **scaled
     )
     design = Design.balanced(REFERENCES, subjects=2, trials=2)
-    a, b = (draw_hyperparameters(design, priors, np.random.default_rng(3)) for priors in (default, other))
+    a, b = (
+        draw_hyperparameters(design, priors, np.random.default_rng(3))
+        for priors in (default, other)
+    )
     for prior, factor in factors.items():
         name = prior.removesuffix("_sd").removesuffix("_scale")
         assert_allclose(getattr(b, name), factor * getattr(a, name), rtol=1e-14, err_msg=name)
@@ -126,9 +131,12 @@ def test_environments_scatter_about_their_trend() -> None:
         assert_allclose(values.beta, hyper.alpha + hyper.gamma * x + values.delta, rtol=1e-12)
     standard = {
         "delta": [values.delta / hyper.tau for values in draws],
-        "sigma": [(np.log(values.sigma / hyper.s) - hyper.kappa * x) / hyper.omega for values in draws],
+        "sigma": [
+            (np.log(values.sigma / hyper.s) - hyper.kappa * x) / hyper.omega for values in draws
+        ],
         "sigma_e": [
-            (np.log(values.sigma_e / hyper.s_e) - hyper.kappa_e * x) / hyper.omega_e for values in draws
+            (np.log(values.sigma_e / hyper.s_e) - hyper.kappa_e * x) / hyper.omega_e
+            for values in draws
         ],
     }
     for sample in standard.values():
@@ -140,7 +148,9 @@ def test_environments_scatter_about_their_trend() -> None:
 
 def test_covariances_are_written_out_entry_by_entry() -> None:
     values = draw_environments(
-        hyperparameters(), Design.balanced(REFERENCES, subjects=2, trials=2), np.random.default_rng(1)
+        hyperparameters(),
+        Design.balanced(REFERENCES, subjects=2, trials=2),
+        np.random.default_rng(1),
     )
     hyper = values.hyper
     assert_allclose(values.cov_u, [[0.09, 0.6 * 0.15], [0.6 * 0.15, 0.25]], rtol=1e-14)
@@ -167,7 +177,9 @@ def test_moments_of_the_responses() -> None:
     for j in range(2):
         cov = values.cov_u + values.cov_w[j] + values.cov_e[j] / trials
         assert_covariance(means[:, j], means[:, j], cov, cov, cov)
-        assert_allclose(means[:, j].mean(axis=0), values.beta[j], atol=4 * np.sqrt(np.max(cov) / subjects))
+        assert_allclose(
+            means[:, j].mean(axis=0), values.beta[j], atol=4 * np.sqrt(np.max(cov) / subjects)
+        )
         error = np.sqrt(_wishart_variance(values.cov_e[j]) / (subjects * (trials - 1)))
         assert np.all(np.abs(within[:, j].mean(axis=0) - values.cov_e[j]) < 4 * error)
     first, second = (values.cov_u + values.cov_w[j] + values.cov_e[j] / trials for j in range(2))
@@ -201,7 +213,9 @@ def test_unequal_trials_against_a_plain_loop() -> None:
                 found = (responses.subject[row], responses.environment[row], responses.trial[row])
                 assert found == (i, j, r + 1)
                 assert_allclose(
-                    responses.y[row], values.beta[j] + responses.u[i] + responses.w[i, j], rtol=1e-14
+                    responses.y[row],
+                    values.beta[j] + responses.u[i] + responses.w[i, j],
+                    rtol=1e-14,
                 )
                 row += 1
     assert row == len(responses.y)
@@ -211,21 +225,27 @@ def test_one_environment_is_the_smaller_model() -> None:
     design = Design.balanced(REFERENCES[:1], subjects=4, trials=2)
     rng = np.random.default_rng(8)
     draws = [
-        draw_environments(draw_hyperparameters(design, Priors(), rng), design, rng) for _ in range(DRAWS)
+        draw_environments(draw_hyperparameters(design, Priors(), rng), design, rng)
+        for _ in range(DRAWS)
     ]
     for name in ("gamma", "tau", "sigma_u", "kappa", "omega", "kappa_e", "omega_e"):
         assert_array_equal([getattr(values.hyper, name) for values in draws], 0, err_msg=name)
     assert uniform([values.beta for values in draws], stats.norm(0, 1)) > UNLIKELY
     assert uniform([values.sigma for values in draws], stats.lognorm(1, scale=0.2)) > UNLIKELY
     assert uniform([values.sigma_e for values in draws], stats.lognorm(1, scale=0.1)) > UNLIKELY
-    assert uniform([values.hyper.rho_w for values in draws], stats.beta(2, 2, loc=-1, scale=2)) > UNLIKELY
+    assert (
+        uniform([values.hyper.rho_w for values in draws], stats.beta(2, 2, loc=-1, scale=2))
+        > UNLIKELY
+    )
     assert_array_equal(draw_responses(draws[0], design, rng).u, 0)
 
 
 def test_levels_the_design_cannot_show_are_absent() -> None:
     single = Design.balanced(REFERENCES, subjects=4)
     values = draw_environments(
-        draw_hyperparameters(single, Priors(), np.random.default_rng(1)), single, np.random.default_rng(2)
+        draw_hyperparameters(single, Priors(), np.random.default_rng(1)),
+        single,
+        np.random.default_rng(2),
     )
     assert_array_equal(values.cov_e, np.zeros((5, 2, 2)))
     alone = Design.balanced([[10.0], [1000.0]], subjects=4, parameters=("k",))
@@ -260,12 +280,16 @@ def test_names_sort() -> None:
 
 @pytest.mark.parametrize("reference", [0.0, -1.0, math.nan])
 def test_a_reference_that_no_response_is_a_ratio_to(reference: float) -> None:
-    with pytest.raises(UsageError, match=rf"references = {reference}: every reference must be positive"):
+    with pytest.raises(
+        UsageError, match=rf"references = {reference}: every reference must be positive"
+    ):
         Design.balanced([[10.0, reference], [1000.0, 1.0]], subjects=3)
 
 
 UNEVEN = Design(
-    np.array(REFERENCES[:3]), np.array([[1, 2, 0], [3, 1, 1]]), environments=("soft", "middle", "hard")
+    np.array(REFERENCES[:3]),
+    np.array([[1, 2, 0], [3, 1, 1]]),
+    environments=("soft", "middle", "hard"),
 )
 
 
@@ -275,7 +299,17 @@ def test_rows_are_the_responses_on_the_references(family: str) -> None:
     table = simulate(values, UNEVEN, np.random.default_rng(3), family=family)  # type: ignore[arg-type]
     responses = draw_responses(values, UNEVEN, np.random.default_rng(3))
     assert list(table.columns) == [
-        *("subject", "session", "environment", "k_ref", "b_ref", "trial", "k_adj", "b_adj", "source")
+        *(
+            "subject",
+            "session",
+            "environment",
+            "k_ref",
+            "b_ref",
+            "trial",
+            "k_adj",
+            "b_adj",
+            "source",
+        )
     ]
     cells = list(zip(table["subject"], table["environment"], table["trial"], strict=True))
     assert cells == [
@@ -289,16 +323,22 @@ def test_rows_are_the_responses_on_the_references(family: str) -> None:
         ("S02", "hard", 1),
     ]
     for (_, row), y in zip(table.iterrows(), responses.y, strict=True):
-        reference = dict(zip(UNEVEN.environments, UNEVEN.references, strict=True))[row["environment"]]
+        reference = dict(zip(UNEVEN.environments, UNEVEN.references, strict=True))[
+            row["environment"]
+        ]
         assert_array_equal((row["k_ref"], row["b_ref"]), reference)
         ratio = np.array([row["k_adj"], row["b_adj"]]) / reference
-        assert_allclose(np.log(ratio) if family == "lognormal" else ratio - 1, y, rtol=1e-9, atol=1e-13)
+        assert_allclose(
+            np.log(ratio) if family == "lognormal" else ratio - 1, y, rtol=1e-9, atol=1e-13
+        )
     assert set(table["source"]) == {"simulated"}
 
 
 @pytest.mark.parametrize("beta", [1e4, -1e4])
 def test_values_no_double_can_hold(beta: float) -> None:
     cells = np.full((3, 2), beta)
-    values = TrueValues(hyperparameters(), np.zeros((3, 2)), cells, np.ones((3, 2)), np.ones((3, 2)))
+    values = TrueValues(
+        hyperparameters(), np.zeros((3, 2)), cells, np.ones((3, 2)), np.ones((3, 2))
+    )
     with pytest.raises(RefusalError, match="leaves the range of doubles"):
         simulate(values, UNEVEN, np.random.default_rng(1))

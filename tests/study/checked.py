@@ -13,9 +13,19 @@ REFERENCES = {"k": [100.0, 1e3, 1e4], "b": [1.0, 5.0, 25.0]}
 
 def hyperparameters(count: int, **changes: float) -> Hyperparameters:
     """Moderate true values, equal for every parameter."""
-    values = {"alpha": 0.1, "gamma": 0.0, "tau": 0.1, "sigma_u": 0.08, "s": 0.15, "kappa": 0.0, "omega": 0.0}
+    values = {
+        "alpha": 0.1,
+        "gamma": 0.0,
+        "tau": 0.1,
+        "sigma_u": 0.08,
+        "s": 0.15,
+        "kappa": 0.0,
+        "omega": 0.0,
+    }
     values |= dict.fromkeys(("s_e", "kappa_e", "omega_e"), 0.0) | changes
-    arrays = {name: np.full(count, value) for name, value in values.items() if not name.startswith("rho")}
+    arrays = {
+        name: np.full(count, value) for name, value in values.items() if not name.startswith("rho")
+    }
     return Hyperparameters(
         **arrays, rho_u=changes.get("rho_u", 0.0), rho_w=changes.get("rho_w", 0.0), rho_e=0.0
     )
@@ -24,9 +34,13 @@ def hyperparameters(count: int, **changes: float) -> Hyperparameters:
 def table_of(parameters=("k",), subjects=10, references=None, seed=1, **changes):
     """Sessions as a table, one trial per cell."""
     found = references or [REFERENCES[p] for p in parameters]
-    design = Design(np.array(found).T, np.ones((subjects, len(found[0])), dtype=int), parameters=parameters)
+    design = Design(
+        np.array(found).T, np.ones((subjects, len(found[0])), dtype=int), parameters=parameters
+    )
     rng = np.random.default_rng(seed)
-    return simulate(draw_environments(hyperparameters(len(parameters), **changes), design, rng), design, rng)
+    return simulate(
+        draw_environments(hyperparameters(len(parameters), **changes), design, rng), design, rng
+    )
 
 
 def study_of(table, *, model=None, checks=None, **inference) -> Study:

@@ -14,7 +14,13 @@ from percept import Scene, Study
 from percept.boundary.band import LAWS, fit_law
 from percept.inference.hierarchy.density import ConditionalMoments
 from percept.sessions import Sessions
-from percept.study.band import Banded, Replicates, classical_replicates, posterior_replicates, weber_trend
+from percept.study.band import (
+    Banded,
+    Replicates,
+    classical_replicates,
+    posterior_replicates,
+    weber_trend,
+)
 from percept.study.basics import FAMILIES
 from percept.study.intervals import Cell, cell_moments
 from percept.study.responses import ResponseScale
@@ -47,13 +53,21 @@ def test_only_the_lowest_environment_speaks_for_the_offset(fitted: Study) -> Non
     band = fitted.band
     assert band is not None
     offset = [
-        law for law in band.laws if (law.model, law.kind, law.family) == ("offset", "mean", "lognormal")
+        law
+        for law in band.laws
+        if (law.model, law.kind, law.family) == ("offset", "mean", "lognormal")
     ]
     assert {law.method: law.carried_by for law in offset} == {"classical": "VE1", "bayesian": "VE1"}
-    said = {(s.method, s.statement.split("(")[0]): s.probability for s in band.statements if s.kind == "mean"}
+    said = {
+        (s.method, s.statement.split("(")[0]): s.probability
+        for s in band.statements
+        if s.kind == "mean"
+    }
     relative = [p for (_, text), p in said.items() if "relative to" in text]
     absolute = [
-        p for (_, text), p in said.items() if text.startswith("The band is narrower") and "rel" not in text
+        p
+        for (_, text), p in said.items()
+        if text.startswith("The band is narrower") and "rel" not in text
     ]
     assert max(relative) < 0.01
     assert min(absolute) > 0.99
@@ -66,7 +80,9 @@ def test_bands_of_the_next_user_lie_about_the_drawn_means() -> None:
     drawn = np.array([[0.5, -9.0], [-0.5, -9.0]])
     laws = ConditionalMoments(np.array([[0.0, -9.0]] * 2), np.ones((2, 2)), np.full((2, 2), 0.1))
     model = types.SimpleNamespace(
-        cells=(("k", "E"), ("b", "E")), laws=lambda points: laws, draw=lambda points, rng: (drawn, drawn)
+        cells=(("k", "E"), ("b", "E")),
+        laws=lambda points: laws,
+        draw=lambda points, rng: (drawn, drawn),
     )
     fit = types.SimpleNamespace(
         model=model,
@@ -105,7 +121,11 @@ SPREAD = {
     "offset": 0.05 + 0.2 / RATIO,
     "power": 0.15 * RATIO**-0.15,
 }
-ONE_SD = {"weber": {"w": 0.08}, "offset": {"c": 2.0, "w": 0.05}, "power": {"w": 0.15 * 10.0**0.15, "p": 0.85}}
+ONE_SD = {
+    "weber": {"w": 0.08},
+    "offset": {"c": 2.0, "w": 0.05},
+    "power": {"w": 0.15 * 10.0**0.15, "p": 0.85},
+}
 LONG = "PERCEPT_LONG" in os.environ
 STUDIES = 100 if LONG else 10
 
@@ -146,7 +166,9 @@ def cells_of(sessions: Sessions) -> dict[str, list[Cell]]:
 
 def widened(law: str, width: float) -> np.ndarray:
     """Parameters of the law of a band of `width` SDs: an exponent stays."""
-    return np.array([value * (1.0 if name == "p" else width) for name, value in ONE_SD[law].items()])
+    return np.array(
+        [value * (1.0 if name == "p" else width) for name, value in ONE_SD[law].items()]
+    )
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -154,14 +176,21 @@ def test_classical_laws_hold_the_true_parameters_as_often_as_stated(law: str) ->
     freedom = SUBJECTS - 1
     # What the logarithm of a prediction interval's width is on average: fits are on logarithms.
     expected_sd = np.exp(0.5 * (special.digamma(freedom / 2) - np.log(freedom / 2)))
-    width = 2.0 * stats.t.isf(0.5 * (1.0 - LEVEL), freedom) * np.sqrt(1.0 + 1.0 / SUBJECTS) * expected_sd
+    width = (
+        2.0
+        * stats.t.isf(0.5 * (1.0 - LEVEL), freedom)
+        * np.sqrt(1.0 + 1.0 / SUBJECTS)
+        * expected_sd
+    )
     true = widened(law, width)
     inside, centres = [], []
     for seed in range(STUDIES):
         cells, asked = cells_of(simulated(law, seed)), scene_of("classical").inference
         bands = bands_of(classical_replicates(cells, asked, [BANDED]), "classical")
         lower, centre, upper = np.quantile(
-            fit_law(law, IMPEDANCE, np.stack(list(bands.values()), axis=1)), [0.05, 0.5, 0.95], axis=0
+            fit_law(law, IMPEDANCE, np.stack(list(bands.values()), axis=1)),
+            [0.05, 0.5, 0.95],
+            axis=0,
         )
         inside.append((lower <= true) & (true <= upper))
         centres.append(centre)
@@ -189,7 +218,10 @@ def test_posterior_laws_hold_the_true_parameters(law: str) -> None:
     table = simulated(law, 3).table
     kept = Sessions.from_frame(table[table["environment"].isin(NAMES[few])])
     study = Study(
-        kept, scene_of("bayesian").with_inference(kinds=("user", "share"), tolerance=0.1 if LONG else 0.2)
+        kept,
+        scene_of("bayesian").with_inference(
+            kinds=("user", "share"), tolerance=0.1 if LONG else 0.2
+        ),
     )
     assert study.fit is not None
     assert study.fit.run.gate.passed
@@ -205,7 +237,11 @@ def test_posterior_laws_hold_the_true_parameters(law: str) -> None:
 
 
 def test_the_size_of_an_environment_ranges_over_its_limits_as_on_a_grid() -> None:
-    for k, b in (((900.0, 1100.0), (0.5, 2.0)), ((-50.0, 100.0), (-0.5, 2.0)), ((10.0, 20.0), (-3.0, -1.0))):
+    for k, b in (
+        ((900.0, 1100.0), (0.5, 2.0)),
+        ((-50.0, 100.0), (-0.5, 2.0)),
+        ((10.0, 20.0), (-3.0, -1.0)),
+    ):
         grid = np.hypot(*np.meshgrid(np.linspace(*b, 501), np.linspace(*k, 501) / 10.0))
         limits = {("k", "E"): tuple(map(np.asarray, k)), ("b", "E"): tuple(map(np.asarray, b))}
         lower, upper = Banded(None, {"E": 1.0}, 10.0).ends(limits)["E"]

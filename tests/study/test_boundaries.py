@@ -40,7 +40,9 @@ def test_every_kind_method_and_joint_treatment_has_its_boundaries(fitted: Study)
         for kind in ("mean", "user"):
             assert (method, kind, "hotelling", "envelope") in found
             assert (method, kind, "joint", "pointwise") in found
-    assert not any(kind == "share" and joint in ("hotelling", "joint") for _, kind, joint, _ in found)
+    assert not any(
+        kind == "share" and joint in ("hotelling", "joint") for _, kind, joint, _ in found
+    )
     assert {shape for *_, shape in found} == {"corner", "envelope", "pointwise", "simultaneous"}
     assert "simultaneous bands through draws" not in dict(fitted.skipped)
 
@@ -64,7 +66,9 @@ def test_all_curves_of_an_environment_stand_at_the_same_frequencies(fitted: Stud
 
 
 def bands(study: Study, shape: str) -> dict[tuple[str, ...], Boundary]:
-    return {(b.environment, b.kind, b.method, b.family): b for b in study.boundaries if b.shape == shape}
+    return {
+        (b.environment, b.kind, b.method, b.family): b for b in study.boundaries if b.shape == shape
+    }
 
 
 def test_simultaneous_bands_contain_the_pointwise_ones(fitted: Study) -> None:
@@ -89,7 +93,9 @@ def test_a_band_is_calibrated_over_its_grid_wherever_it_is_asked_for(fitted: Stu
             whole = bands(fitted, "simultaneous")["VE3", "user", read.method, read.family]
             assert read.pointwise_level == whole.pointwise_level
             at = np.log(10.0), np.log(whole.omega)
-            assert np.log(read.upper[0]) == pytest.approx(np.interp(*at, np.log(whole.upper)), abs=2e-3)
+            assert np.log(read.upper[0]) == pytest.approx(
+                np.interp(*at, np.log(whole.upper)), abs=2e-3
+            )
 
 
 def test_whole_curves_of_normal_users_lie_in_the_classical_band_at_least_at_its_level() -> None:
@@ -134,7 +140,9 @@ def test_every_curve_of_an_environment_knows_its_mass(hold: str) -> None:
 
     def displayed(k: float, b: float) -> np.ndarray:
         environment = Environment(k, b, 0.7)
-        return perceived_impedance(omega, setup.device, environment, setup.period, hold=hold)[:, None]
+        return perceived_impedance(omega, setup.device, environment, setup.period, hold=hold)[
+            :, None
+        ]
 
     none, of_k, of_b = displayed(0.0, 0.0), displayed(1.0, 0.0), displayed(0.0, 1.0)
 
@@ -163,7 +171,8 @@ def test_every_curve_of_an_environment_knows_its_mass(hold: str) -> None:
             ellipse, angle = ellipses[curve.kind, curve.family], np.linspace(0.0, 2.0 * np.pi, 4001)
             factor = np.linalg.cholesky(ellipse.shape) * ellipse.radius
             pair = ellipse.centre[:, None] + factor @ (
-                np.array([np.cos(angle), np.sin(angle)]) * rng.uniform(0.0, 1.0, (12, 1, angle.size)) ** 0.5
+                np.array([np.cos(angle), np.sin(angle)])
+                * rng.uniform(0.0, 1.0, (12, 1, angle.size)) ** 0.5
             ).transpose(1, 0, 2).reshape(2, -1)
             edge = ellipse.centre[:, None] + factor @ np.array([np.cos(angle), np.sin(angle)])
             pair = np.concatenate([pair, edge], axis=1)
@@ -185,7 +194,9 @@ def test_every_curve_of_an_environment_knows_its_mass(hold: str) -> None:
         assert (curve.upper - of.max(axis=1) <= 0.02 * width).all()
 
 
-def test_posterior_draws_lie_inside_pointwise_and_simultaneous_limits_at_their_level(fitted: Study) -> None:
+def test_posterior_draws_lie_inside_pointwise_and_simultaneous_limits_at_their_level(
+    fitted: Study,
+) -> None:
     """Draws of another kind: each curve by itself, from draws of locations and users given the scales."""
     assert fitted.fit is not None
     assert fitted.setup is not None
@@ -196,10 +207,13 @@ def test_posterior_draws_lie_inside_pointwise_and_simultaneous_limits_at_their_l
         for environment, (k, b) in fitted.fit.pairs(fitted.fit.scale.native(responses)).items():
             key = (environment, kind, "bayesian", "lognormal")
             point, together = (bands(fitted, shape)[key] for shape in ("pointwise", "simultaneous"))
-            curves = perceived_magnitude(point.omega[:, None], fitted.setup.device, k, b, fitted.setup.period)
+            curves = perceived_magnitude(
+                point.omega[:, None], fitted.setup.device, k, b, fitted.setup.period
+            )
             below, above = curves < point.lower[:, None], curves > point.upper[:, None]
             inside = (together.lower[:, None] <= curves) & (curves <= together.upper[:, None])
-            # Of each set of scales the draws are independent: their scatter is the sets' and the draws'.
+            # Of each set of scales the draws are independent: their scatter is the sets' and the
+            # draws'.
             for out, share in ((below, 0.005), (above, 0.005), (~inside.all(axis=0)[None], 0.01)):
                 sets = out.reshape(len(out), -1, repeats).mean(axis=2)
                 error = sets.std(axis=1) / np.sqrt(sets.shape[1])
@@ -311,7 +325,11 @@ def test_own_frequencies_are_taken_as_they_come(fitted):
             {"environments": "VE9"},
             r"value .VE9.: the study has no such environment; there are VE1, VE2",
         ),
-        ([1.0], {"kinds": ("foo",)}, r"value .foo.: the study has no such kind; there are mean, user, share"),
+        (
+            [1.0],
+            {"kinds": ("foo",)},
+            r"value .foo.: the study has no such kind; there are mean, user, share",
+        ),
         (
             [1.0],
             {"joints": ("both",)},
@@ -329,7 +347,10 @@ def test_windows_follow_the_scene_and_are_cut_or_left_out():
     scene = Scene(frequency={"lower": 10, "upper": 100}, report={"zoom": asked})
     found = list(zoom_windows(scene, ["A", "B", "C"]))
     assert results(found) == [("B", [90, 100])]
-    assert {one.what for one in found if isinstance(one, Skipped)} == {"zoom window of A", "zoom window of D"}
+    assert {one.what for one in found if isinstance(one, Skipped)} == {
+        "zoom window of A",
+        "zoom window of D",
+    }
 
 
 MODE = {"mass": 0.5, "stiffness": 2500.0}  # at 70.7 rad/s
@@ -337,7 +358,11 @@ MODE = {"mass": 0.5, "stiffness": 2500.0}  # at 70.7 rad/s
 
 def study(**tables):
     """One environment, whose next user alone is asked for."""
-    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical", kinds=("user",)).to_dict()
+    scene = (
+        Scene.load(DATASETS / "hbfd.toml")
+        .with_inference(method="classical", kinds=("user",))
+        .to_dict()
+    )
     scene["device"]["modes"] = [MODE]
     table = read_sessions(DATASETS / "hbfd_sessions.csv").table
     one = Sessions.from_frame(table[table["environment"] == "VE3"])

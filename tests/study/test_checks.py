@@ -25,7 +25,9 @@ def planted():
     """Subject S04 twice as stiff everywhere, and S07 off in VE2 alone."""
     table = table_of(subjects=12, seed=3)
     table.loc[table["subject"] == "S04", "k_adj"] *= np.exp(1.5)
-    table.loc[(table["subject"] == "S07") & (table["environment"] == "VE2"), "k_adj"] *= np.exp(-1.6)
+    table.loc[(table["subject"] == "S07") & (table["environment"] == "VE2"), "k_adj"] *= np.exp(
+        -1.6
+    )
     return study_of(table, checks={}, tolerance=0.1)
 
 
@@ -35,7 +37,8 @@ def test_subjects_who_fit_are_not_named(clean):
     assert not found.cells["outlier"].any()
     assert found.elpd == pytest.approx(found.subjects["elpd"].sum())
     assert len(found.cells) == 60
-    # Probabilities under the model: even over the subjects, and over the cells (which hang together).
+    # Probabilities under the model: even over the subjects, and over the cells (which hang
+    # together).
     assert stats.kstest(found.subjects["farther"], stats.uniform.cdf).pvalue > 1e-3
     assert stats.kstest(found.cells["below"], stats.uniform.cdf).pvalue > 1e-4
     assert not clean.checks.statistics["unusual"].any()
@@ -48,7 +51,9 @@ def test_planted_subjects_are_named_with_what_to_do(planted):
     # Others lie near the limit of the index, and on either side of it from one run to the next.
     assert rows.loc[["S04", "S07"], "influential"].all()
     cells = found.cells[found.cells["outlier"]]
-    assert {("S04", "VE1"), ("S04", "VE3")} <= set(zip(cells["subject"], cells["environment"], strict=True))
+    assert {("S04", "VE1"), ("S04", "VE3")} <= set(
+        zip(cells["subject"], cells["environment"], strict=True)
+    )
     text = " ".join(found.messages)
     assert "S04 lies far from what the others predict" in text
     assert "S07 lies far from what the others predict" in text
@@ -58,7 +63,8 @@ def test_planted_subjects_are_named_with_what_to_do(planted):
     (influential,) = (message for message in found.messages if "results are rough" in message)
     assert "S04" in influential
     assert "S07" in influential
-    # As a statistic of the cell, too: S04 is farther from the mean than the farthest of 12 users should be.
+    # As a statistic of the cell, too: S04 is farther from the mean than the farthest of 12 users
+    # should be.
     unusual = planted.checks.statistics.query("unusual and statistic == 'farthest'")
     assert "VE3" in set(unusual["environment"])
 
@@ -86,13 +92,22 @@ def test_tree_is_the_posterior_and_a_file_that_opens(clean, tmp_path):
     tree.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
     with xarray.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf") as opened:
         assert opened.equals(tree)
-        assert opened["posterior_predictive/new_user"].dims == ("chain", "draw", "parameter", "environment")
-        found = arviz_stats.summary(opened, var_names=["population_mean"], kind="diagnostics", fmt="xarray")
+        assert opened["posterior_predictive/new_user"].dims == (
+            "chain",
+            "draw",
+            "parameter",
+            "environment",
+        )
+        found = arviz_stats.summary(
+            opened, var_names=["population_mean"], kind="diagnostics", fmt="xarray"
+        )
         assert set(found["environment"].to_numpy()) == {"VE1", "VE2", "VE3"}
 
 
 def test_a_new_user_differs_from_the_mean_by_the_spread_between_users(clean):
-    named = {name: found.to_numpy() for name, found in clean.posterior["posterior"].data_vars.items()}
+    named = {
+        name: found.to_numpy() for name, found in clean.posterior["posterior"].data_vars.items()
+    }
     users = clean.posterior["posterior_predictive/new_user"].to_numpy()
     spread = np.hypot(named["sigma"], named["sigma_u"][..., None])
     within = np.abs(np.log(users / named["population_mean"])) < stats.norm.ppf(0.75) * spread
@@ -105,7 +120,9 @@ def test_prior_quantiles_are_in_native_units(clean):
     for (environment, parameter), reference in {("VE1", "k"): 100.0, ("VE3", "b"): 25.0}.items():
         row = prior.loc[(environment, parameter, "mean")]
         # The prior of a mean's bias is centred at none; log is near N(0, 1 + gamma and tau shares).
-        assert np.log(row["q50"] / reference) == pytest.approx(0.0, abs=5 * 1.3 * 1.26 / np.sqrt(40_000))
+        assert np.log(row["q50"] / reference) == pytest.approx(
+            0.0, abs=5 * 1.3 * 1.26 / np.sqrt(40_000)
+        )
         assert 1.0 < np.log(row["q95"] / reference) / stats.norm.ppf(0.95) < 1.4
         user = prior.loc[(environment, parameter, "user")]
         assert user["q95"] > row["q95"]
@@ -116,11 +133,16 @@ def test_the_tree_says_who_made_it_and_no_time(clean):
     tree = clean.posterior
     for name in tree.children:
         made = {key: value for key, value in tree[name].attrs.items() if key.startswith("creat")}
-        assert made == {"creation_library": "percept", "creation_library_version": percept.__version__}
+        assert made == {
+            "creation_library": "percept",
+            "creation_library_version": percept.__version__,
+        }
 
 
 def test_published_limits_have_no_subjects_to_leave_out():
-    scene = Scene(inference={"tolerance": 0.3, "method": "bayesian", "parameters": ["k"]}, checks={})
+    scene = Scene(
+        inference={"tolerance": 0.3, "method": "bayesian", "parameters": ["k"]}, checks={}
+    )
     study = Study(read_sessions(DATASETS / "hbfd_table1.csv"), scene)
     assert isinstance(study.fit.subjects, Skipped)
     assert study.checks is None

@@ -53,12 +53,16 @@ def test_limits_of_a_difference_are_welch_s_and_those_of_a_ratio_of_spreads_fish
 
 def test_published_limits_and_blank_groups_are_not_divided():
     table = read_sessions(DATASETS / "hbfd_table1.csv")
-    with pytest.raises(UsageError, match="column 'environment': published limits hold no subjects to divide"):
+    with pytest.raises(
+        UsageError, match="column 'environment': published limits hold no subjects to divide"
+    ):
         split_by(table, "environment")
     frame = sessions("A").table.assign(hand=["L", "R", "L", "", "R"])
     options = ReadOptions.from_mapping({"sessions": {"groups": ["hand"]}})
     whole = Sessions.from_frame(frame, options=options)
-    with pytest.raises(UsageError, match=r"<frame>:5, column 'hand': 1 row without a value, of no group"):
+    with pytest.raises(
+        UsageError, match=r"<frame>:5, column 'hand': 1 row without a value, of no group"
+    ):
         split_by(whole, "hand")
     # Of a part of the table the labels are those of the whole.
     some = dataclasses.replace(whole, table=whole.table.iloc[2:])
@@ -80,16 +84,22 @@ def test_a_study_against_a_shifted_copy_of_itself(fitted: Study) -> None:
     assert (b["lower"] < 1.0).all()
     assert (b["upper"] > 1.0).all()
     assert b["probability_above"].between(0.2, 0.8).all()
-    bayes = found[(found["parameter"] == "k") & (found["method"] == "bayesian")].set_index("environment")
+    bayes = found[(found["parameter"] == "k") & (found["method"] == "bayesian")].set_index(
+        "environment"
+    )
     assert bayes.loc["VE4", "probability_above"] > 0.999
     assert other.fit is not None
     for (parameter, environment), row in found.set_index(["parameter", "environment"]).iterrows():
         if row["method"] == "bayesian":
-            first, second = (log_spreads(study.fit, (parameter, environment)) for study in (fitted, other))
+            first, second = (
+                log_spreads(study.fit, (parameter, environment)) for study in (fitted, other)
+            )
             for side, tail in (("lower", 0.005), ("upper", 0.995)):
-                # Over all pairs of draws. Sixteen times 8192 pairs scatter by 0.0002, once 8192 by 0.0008,
-                # the farthest of twenty limits by some 0.002.
-                below = np.searchsorted(second, first + np.log(row[f"spread_{side}"])).mean() / len(second)
+                # Over all pairs of draws. Sixteen times 8192 pairs scatter by 0.0002, once 8192 by
+                # 0.0008, the farthest of twenty limits by some 0.002.
+                below = np.searchsorted(second, first + np.log(row[f"spread_{side}"])).mean() / len(
+                    second
+                )
                 assert abs(below - tail) < 9e-4
 
 

@@ -18,13 +18,17 @@ from tests.study.within import frame, study
 
 def means(table, response):
     """Subjects' means of a response, (subject, (level, environment))."""
-    return table.assign(y=response).pivot_table(index="subject", columns=["hand", "environment"], values="y")
+    return table.assign(y=response).pivot_table(
+        index="subject", columns=["hand", "environment"], values="y"
+    )
 
 
 def row_of(contrasts, environment, of="bias", kind="mean"):
     rows = contrasts[contrasts["of"] == of]
     rows = rows[rows["kind"] == kind] if of == "bias" else rows
-    rows = rows[rows["environment"].isna() if environment is None else rows["environment"] == environment]
+    rows = rows[
+        rows["environment"].isna() if environment is None else rows["environment"] == environment
+    ]
     (row,) = rows.to_dict("records")
     return row
 
@@ -45,7 +49,9 @@ def test_contrasts_are_those_of_subjects_means(family):
         row = row_of(found, environment)
         ends = np.array([interval.low, (right - left).mean(), interval.high])
         expected = np.exp(ends) if family == "lognormal" else ends
-        np.testing.assert_allclose([row["lower"], row["estimate"], row["upper"]], expected, rtol=1e-9)
+        np.testing.assert_allclose(
+            [row["lower"], row["estimate"], row["upper"]], expected, rtol=1e-9
+        )
         assert (row["n"], row["first"], row["second"]) == (n, "left", "right")
         assert row["p_value"] == pytest.approx(test.pvalue, rel=1e-9)
         user = row_of(found, environment, kind="user")
@@ -54,18 +60,22 @@ def test_contrasts_are_those_of_subjects_means(family):
         assert centre == pytest.approx((right - left).mean() + half, rel=1e-9)
         spread = row_of(found, environment, of="spread")
         assert spread["estimate"] == pytest.approx(right.std(ddof=1) / left.std(ddof=1), rel=1e-9)
-        assert spread["p_value"] == pytest.approx(stats.pearsonr(left + right, right - left).pvalue, rel=1e-9)
+        assert spread["p_value"] == pytest.approx(
+            stats.pearsonr(left + right, right - left).pvalue, rel=1e-9
+        )
     assert row_of(found, None)["references"] == ["VE1", "VE2", "VE3"]
 
 
 def test_contrasts_say_what_they_cover():
     found = study(frame()).contrasts
-    assert row_of(found, "VE1")["covers"] == (
-        "The typical user's ratio of stiffness (right over left) lies between the limits, with 95 % "
-        "confidence (from 8 users with both levels)."
+    assert (
+        row_of(found, "VE1")["covers"]
+        == "The typical user's ratio of stiffness (right over left) lies between the limits, with"
+        " 95 % confidence (from 8 users with both levels)."
     )
     assert row_of(found, None, kind="share")["covers"].startswith(
-        "For at least 95 % of all users the ratio of stiffness (right over left) lies between the limits"
+        "For at least 95 % of all users the ratio of stiffness (right over left) lies between the"
+        " limits"
     )
     assert row_of(study(frame(), "normal").contrasts, "VE1", kind="user")["covers"].startswith(
         "The next user's difference of stiffness (right less left, in references) lies"
@@ -77,7 +87,11 @@ def test_two_quantities_say_that_each_stands_by_itself():
     table["b_adj"] = 2.0 * (table["k_adj"] / table["k_ref"]) ** 0.5
     found = study(table).contrasts
     assert set(found["parameter"]) == {"k", "b"}
-    assert found["covers"].str.endswith("Each quantity is compared by itself, without correlations.").all()
+    assert (
+        found["covers"]
+        .str.endswith("Each quantity is compared by itself, without correlations.")
+        .all()
+    )
 
 
 def test_priors_of_the_contrast_are_the_scene_s():
@@ -102,7 +116,9 @@ def test_overall_contrasts_average_over_what_all_subjects_share():
     assert row_of(made.contrasts, "VE3")["n"] == 6
     assert dict(made.skipped) | {
         "1 subject in contrasts of stiffness, right against left": "no reference has both levels",
-        "VE3 in the overall contrast of stiffness, right against left": "some subjects lack a level there",
+        "VE3 in the overall contrast of stiffness, right against left": (
+            "some subjects lack a level there"
+        ),
     } == dict(made.skipped)
 
 
@@ -117,7 +133,9 @@ def test_three_levels_are_compared_two_by_two():
 
 def test_each_level_of_a_reference_is_a_cell_of_its_own():
     made = study(frame())
-    assert made.environments == tuple(f"VE{i} ({hand})" for i in (1, 2, 3) for hand in ("left", "right"))
+    assert made.environments == tuple(
+        f"VE{i} ({hand})" for i in (1, 2, 3) for hand in ("left", "right")
+    )
     assert made.reference["k", "VE2 (right)"] == 100.0
     again = made.over(made.sessions)
     assert again.environments == made.environments
@@ -139,11 +157,15 @@ def test_what_has_no_contrast_is_named():
     assert "[model] scale.k" in dict(study(zero, "normal").skipped)["contrasts of stiffness"]
     scaled = study(frame().assign(k_ref=0.0), "normal", model={"scale": {"k": 10.0}}).contrasts
     unscaled = study(frame().query("environment == 'VE1'"), "normal").contrasts
-    assert row_of(scaled, "VE1")["lower"] == pytest.approx(row_of(unscaled, "VE1")["lower"], rel=1e-12)
+    assert row_of(scaled, "VE1")["lower"] == pytest.approx(
+        row_of(unscaled, "VE1")["lower"], rel=1e-12
+    )
     alone = frame()
     alone = alone[(alone["subject"] == "S0") | (alone["hand"] == "left")]
     why = dict(study(alone).skipped)
-    assert why["contrast of stiffness, right against left, in VE1"].startswith("fewer than two subjects")
+    assert why["contrast of stiffness, right against left, in VE1"].startswith(
+        "fewer than two subjects"
+    )
     apart = frame().query("(environment == 'VE1') == (hand == 'left')")
     assert "overall contrast of stiffness, right against left" in dict(study(apart).skipped)
 
@@ -181,7 +203,9 @@ def test_groups_share_subjects_at_references_they_share():
     options = ReadOptions().with_groups(["hand"])
     assert within_subjects(Sessions.from_frame(frame(), options=options), "hand")
     apart = frame().query("(environment == 'VE1') == (hand == 'left')")
-    with pytest.raises(RefusalError, match=r"8 subjects .* no environment was adjusted in two groups"):
+    with pytest.raises(
+        RefusalError, match=r"8 subjects .* no environment was adjusted in two groups"
+    ):
         within_subjects(Sessions.from_frame(apart, options=options), "hand")
     different = frame().query("(subject < 'S4') == (hand == 'left')")
     assert not within_subjects(Sessions.from_frame(different, options=options), "hand")

@@ -37,7 +37,11 @@ def test_a_device_is_passive_from_colgate_s_damping(part: float) -> None:
     period, reference = 0.001, haptics.Environment(50e3, 50.0)
     needed = 0.5 * 50e3 * period + 50.0
     setup = Setup(
-        haptics.Device(1.0, part * needed), period, "average", {"E": reference}, haptics.Coupling(1e3, 1.0)
+        haptics.Device(1.0, part * needed),
+        period,
+        "average",
+        {"E": reference},
+        haptics.Coupling(1e3, 1.0),
     )
     table = setup.passivity
     assert table["needed_colgate"].tolist() == pytest.approx([needed])
@@ -114,7 +118,9 @@ def test_verdicts_of_envelopes_are_those_of_a_fine_grid(fitted: Study) -> None:
     regions = {r.environment: r for r in fitted.regions if _of_user(r)}
     table = fitted.coupling.realism
     verdicts = set()
-    for row in table[(table["shape"] == "envelope") & table.apply(_of_user, axis=1)].to_dict("records"):
+    for row in table[(table["shape"] == "envelope") & table.apply(_of_user, axis=1)].to_dict(
+        "records"
+    ):
         limits = regions[row["environment"]].limits
         assert limits is not None
         lower, upper = magnitude_envelope(omega, setup.device, *limits, setup.period)
@@ -128,4 +134,9 @@ def test_verdicts_of_envelopes_are_those_of_a_fine_grid(fitted: Study) -> None:
 
 
 def _of_user(one) -> bool:
-    return (one.method, one.kind, one.family, one.joint) == ("bayesian", "user", "lognormal", "marginal")
+    return (one.method, one.kind, one.family, one.joint) == (
+        "bayesian",
+        "user",
+        "lognormal",
+        "marginal",
+    )

@@ -42,7 +42,9 @@ def test_text_in_a_number_is_refused_with_the_file(tmp_path):
 def test_a_missing_column_is_named(tmp_path):
     path = tmp_path / "zd.csv"
     path.write_text("omega,real\n1,2\n")
-    with pytest.raises(UsageError, match="column 'imaginary': the column is missing; there are omega, real"):
+    with pytest.raises(
+        UsageError, match="column 'imaginary': the column is missing; there are omega, real"
+    ):
         read_response(str(path))
 
 
@@ -73,7 +75,9 @@ def test_its_path_starts_from_the_scene_s_folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize(("end", "value"), [("lower", 0.05), ("upper", 200.0)])
 def test_a_table_that_does_not_cover_the_scene_is_refused(tmp_path, end, value):
     write(tmp_path, "0.1,5,1", "100,6,10")
-    with pytest.raises(UsageError, match=r"covers 0.1 to 100 rad/s only.*narrow \[frequency\]") as caught:
+    with pytest.raises(
+        UsageError, match=r"covers 0.1 to 100 rad/s only.*narrow \[frequency\]"
+    ) as caught:
         device_of(scene_with(tmp_path, "../zd.csv", f"{end} = {value}\n"))
     assert (caught.value.key, caught.value.value) == (f"frequency.{end}", value)
 
@@ -87,7 +91,9 @@ def scene_of(**tables: dict[str, object] | None) -> Scene:
     """The published scene, classical, with fewer frequencies; tables replaced, or left out for None."""
     given = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical").to_dict()
     given["frequency"]["points"] = 31
-    return Scene(**{name: table for name, table in {**given, **tables}.items() if table is not None})
+    return Scene(
+        **{name: table for name, table in {**given, **tables}.items() if table is not None}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -100,10 +106,13 @@ def found_for(study: Study) -> DeviceSensitivity:
     return study.sensitivity
 
 
-def box_of(study: Study, environment: str, kind: str) -> tuple[tuple[float, float], tuple[float, float]]:
+def box_of(
+    study: Study, environment: str, kind: str
+) -> tuple[tuple[float, float], tuple[float, float]]:
     """Limits of k and b, straight from the intervals."""
     rows = study.intervals.query(
-        "environment == @environment and kind == @kind and family == 'lognormal' and joint == 'marginal'"
+        "environment == @environment and kind == @kind and family == 'lognormal' and joint =="
+        " 'marginal'"
     ).set_index("parameter")
     k, b = (tuple(rows.loc[p, ["lower", "upper"]].astype(float)) for p in ("k", "b"))
     return k, b  # type: ignore[return-value]
@@ -118,16 +127,22 @@ def test_stability_turns_where_the_required_damping_lies(study: Study) -> None:
 
 
 @pytest.mark.parametrize(("i", "j"), [(0, 6), (3, 3), (6, 0)])
-def test_counts_are_those_of_a_search_over_all_points_of_the_box(study: Study, i: int, j: int) -> None:
+def test_counts_are_those_of_a_search_over_all_points_of_the_box(
+    study: Study, i: int, j: int
+) -> None:
     found = found_for(study)
     device = haptics.Device(found.mass[j], found.damping[i])
     coupling = haptics.Coupling(50e3, 100.0)
     inside = 0
     for environment in study.environments:
         k, b = box_of(study, environment, "user")
-        reference = haptics.Environment(study.reference["k", environment], study.reference["b", environment])
+        reference = haptics.Environment(
+            study.reference["k", environment], study.reference["b", environment]
+        )
         felt = abs(haptics.perceived_impedance(OMEGA, device, reference, PERIOD, coupling=coupling))
-        grid = haptics.Environment(np.linspace(*k, 60)[None, :, None], np.linspace(*b, 60)[None, None, :])
+        grid = haptics.Environment(
+            np.linspace(*k, 60)[None, :, None], np.linspace(*b, 60)[None, None, :]
+        )
         seen = abs(haptics.perceived_impedance(OMEGA[:, None, None], device, grid, PERIOD))
         # A grid sees less than the box holds; a felt impedance clearly outside is outside for both.
         slack = 0.02 * felt
@@ -147,7 +162,10 @@ def test_modes_count_and_a_measured_device_is_left_alone(study: Study, tmp_path)
     response = tmp_path / "zd.csv"
     omega = np.geomspace(0.05, 1000.0, 50)
     impedance = haptics.device_impedance(omega, haptics.Device(1.0, 5.0), PERIOD)
-    lines = [f"{w!r},{z.real!r},{z.imag!r}" for w, z in zip(omega.tolist(), impedance.tolist(), strict=True)]
+    lines = [
+        f"{w!r},{z.real!r},{z.imag!r}"
+        for w, z in zip(omega.tolist(), impedance.tolist(), strict=True)
+    ]
     response.write_text("omega,real,imaginary\n" + "\n".join(lines) + "\n")
     measured = scene_of(device={"response": str(response), "period": PERIOD})
     assert Study(alone, measured).sensitivity is None
@@ -160,8 +178,12 @@ def test_without_a_coupling_the_reference_itself_is_judged(study: Study) -> None
     held = 0
     for name in study.environments:
         k, b = box_of(study, name, "user")
-        held += k[0] <= study.reference["k", name] <= k[1] and b[0] <= study.reference["b", name] <= b[1]
-    # A reference inside its own box of k and b is inside at every ω, with any device; others may be.
+        held += (
+            k[0] <= study.reference["k", name] <= k[1]
+            and b[0] <= study.reference["b", name] <= b[1]
+        )
+    # A reference inside its own box of k and b is inside at every ω, with any device; others may
+    # be.
     assert held == 4
     assert {count >= held for row in found.inside["user"] for count in row} == {True}
 
@@ -171,6 +193,8 @@ def test_nothing_to_vary_without_a_device(study: Study) -> None:
 
 
 def test_the_scene_s_own_device_is_found_where_a_scale_starts_at_zero(study: Study) -> None:
-    found = found_for(Study(study.sessions, scene_of(device={"mass": 1.0, "damping": 0.0, "period": PERIOD})))
+    found = found_for(
+        Study(study.sessions, scene_of(device={"mass": 1.0, "damping": 0.0, "period": PERIOD}))
+    )
     i, j = found.own
     assert (found.damping[i], found.mass[j]) == (0.0, 1.0)

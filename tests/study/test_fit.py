@@ -27,7 +27,9 @@ def test_a_step_counts_relative_to_where_the_subjects_adjusted() -> None:
     table.loc[table["environment"] == "VE2", "k_adj"] = 2000.0
     scene = Scene(model={"resolution": {"k": 10.0, "b": 0.1}})
     found = prepare(Sessions.from_frame(table), scene, ("k", "b")).model.resolution
-    np.testing.assert_allclose(found.between, [[0, (10 / 2000) ** 2 / 12, 0], [0, 0, 0]], rtol=1e-12)
+    np.testing.assert_allclose(
+        found.between, [[0, (10 / 2000) ** 2 / 12, 0], [0, 0, 0]], rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("family", ["normal", "lognormal"])
@@ -38,11 +40,15 @@ def test_published_limits_are_taken_back_to_means_and_sds(family: str) -> None:
     models = prepare(sessions, scene, ("k", "b")).model.models
     for model, parameter in zip(models, "kb", strict=True):
         rows = sessions.table[sessions.table["parameter"] == parameter]
-        lower, upper, reference = (rows[name].to_numpy(float) for name in ("lower", "upper", "reference"))
+        lower, upper, reference = (
+            rows[name].to_numpy(float) for name in ("lower", "upper", "reference")
+        )
         mean = 0.5 * (lower + upper) / reference
         sd = 0.5 * (upper - lower) / stats.t.isf(0.005, 9) * np.sqrt(10) / reference
         log_sd = np.sqrt(np.log1p((sd / mean) ** 2))
-        centre, wanted = (mean - 1.0, sd) if family == "normal" else (np.log(mean) - 0.5 * log_sd**2, log_sd)
+        centre, wanted = (
+            (mean - 1.0, sd) if family == "normal" else (np.log(mean) - 0.5 * log_sd**2, log_sd)
+        )
         statistics = model.statistics
         np.testing.assert_allclose(statistics.sd[0], wanted, rtol=1e-9)
         found = [pattern.mean[0, 0] for pattern in statistics.patterns]
@@ -76,14 +82,18 @@ def study(rng, *, subjects=5, trials=2):
 @pytest.mark.parametrize("level", ["trials", "means"])
 def test_proportion_is_refused(level, sign, rest):
     """Exact, or at a correlation of 1 - 1e-9."""
-    cell, trial, subject, environment = study(np.random.default_rng(1), trials=2 if level == "trials" else 1)
+    cell, trial, subject, environment = study(
+        np.random.default_rng(1), trials=2 if level == "trials" else 1
+    )
     part = trial if level == "trials" else cell
     part[:, 1] = sign * 0.7 * (part[:, 0] + np.sqrt(2.0 * rest) * part[:, 1])
     response = cell + trial if level == "trials" else cell
     what = "a subject's trials" if level == "trials" else "the subjects' means"
     with pytest.raises(RefusalError, match=rf"stiffness and damping of {what} move in proportion"):
         lacking_scatter(statistics(response, subject, environment), (), IMPEDANCE)
-    between, trial = lacking_scatter(statistics(response, subject, environment), ("k", "b"), IMPEDANCE)
+    between, trial = lacking_scatter(
+        statistics(response, subject, environment), ("k", "b"), IMPEDANCE
+    )
     assert trial.all() == (level == "trials")
     assert between.all() == (level == "means")
     # One step is enough to end a proportion.
@@ -143,9 +153,12 @@ def test_no_scatter_is_refused_with_the_step_to_give():
 
 def test_a_step_makes_up_for_scatter_only_where_there_is_none():
     cell, trial, subject, environment = study(np.random.default_rng(7))
-    between, _ = lacking_scatter(statistics(cell + trial, subject, environment), ("k", "b"), IMPEDANCE)
+    between, _ = lacking_scatter(
+        statistics(cell + trial, subject, environment), ("k", "b"), IMPEDANCE
+    )
     assert not between.any()
-    # Between subjects: their means alike in one cell. Between trials: every subject's alike in another.
+    # Between subjects: their means alike in one cell. Between trials: every subject's alike in
+    # another.
     cell[environment == 2, 0] = trial[environment == 2, 0] = 0.0
     trial[environment == 1, 1] = 0.0
     between, of_trials = lacking_scatter(
@@ -175,10 +188,14 @@ def test_classical_alone_refuses_one_subject_too(tmp_path):
 
 
 def test_classical_alone_refuses_where_nothing_scatters():
-    table = pd.DataFrame({"subject": ["S01", "S02", "S03"], "environment": "A", "k_ref": 10.0, "k_adj": 11.0})
+    table = pd.DataFrame(
+        {"subject": ["S01", "S02", "S03"], "environment": "A", "k_ref": 10.0, "k_adj": 11.0}
+    )
     study = percept.Study(
         Sessions.from_frame(table),
         percept.Scene().with_inference(method="classical"),
     )
-    with pytest.raises(RefusalError, match="no interval of anything: stiffness in A, say, where all"):
+    with pytest.raises(
+        RefusalError, match="no interval of anything: stiffness in A, say, where all"
+    ):
         _ = study.intervals

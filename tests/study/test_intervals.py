@@ -35,13 +35,19 @@ def test_subjects_count_once_by_the_mean_of_their_trials():
     exact = [Fraction(value) for value in stiff["values"]]
     mean = sum(exact) / 3
     assert stiff["mean"] == float(mean)
-    assert stiff["sd"] == pytest.approx(float(sum((x - mean) ** 2 for x in exact) / 2) ** 0.5, rel=1e-15)
+    assert stiff["sd"] == pytest.approx(
+        float(sum((x - mean) ** 2 for x in exact) / 2) ** 0.5, rel=1e-15
+    )
     assert (stiff["reference"], stiff["n"], stiff["unit"]) == (offset, 3, "N/m")
     assert found["A", "b"] | {"values": None} == {
         "environment": "A", "parameter": "b", "reference": 1.0, "n": 1, "mean": 3.0, "sd": None,
         "values": None, "unit": "N·s/m",
     }  # fmt: skip
-    assert (found["B", "b"]["n"], found["B", "b"]["mean"], found["B", "b"]["values"]) == (0, None, [])
+    assert (found["B", "b"]["n"], found["B", "b"]["mean"], found["B", "b"]["values"]) == (
+        0,
+        None,
+        [],
+    )
 
 
 def test_a_published_summary_has_none():
@@ -49,5 +55,7 @@ def test_a_published_summary_has_none():
 
 
 def test_equal_values_have_no_scatter_and_are_described():
-    found = list(adjustments(sessions_of([(s, "A", 10.0, 1.0, 1, 9.0, 1.5) for s in ("1", "2", "3")])))
+    found = list(
+        adjustments(sessions_of([(s, "A", 10.0, 1.0, 1, 9.0, 1.5) for s in ("1", "2", "3")]))
+    )
     assert [(one["mean"], one["sd"]) for one in found] == [(9.0, 0.0), (1.5, 0.0)]

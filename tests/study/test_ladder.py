@@ -25,7 +25,12 @@ def ladder_of(study: Study) -> Ladder:
 def outlying() -> Study:
     """Three environments of one bias and one whose users adjust 30 % lower; a fifth met by one subject."""
     table = table_of(
-        subjects=10, references=[[100.0, 1e3, 1e4, 3e4, 5e4]], alpha=0.3, tau=0.02, sigma_u=0.0, s=0.2
+        subjects=10,
+        references=[[100.0, 1e3, 1e4, 3e4, 5e4]],
+        alpha=0.3,
+        tau=0.02,
+        sigma_u=0.0,
+        s=0.2,
     )
     table.loc[table["environment"] == "VE2", "k_adj"] *= 0.7
     table = table[(table["environment"] != "VE5") | (table["subject"] == "S01")]
@@ -34,7 +39,9 @@ def outlying() -> Study:
 
 def test_the_same_method_twice_makes_no_difference_beyond_its_error() -> None:
     """Under the reference prior without pooling the posterior is Eq. 15's t, whose limits have no error."""
-    study = study_of(table_of(("k", "b"), subjects=6), model=REFERENCE, method="both", family="normal")
+    study = study_of(
+        table_of(("k", "b"), subjects=6), model=REFERENCE, method="both", family="normal"
+    )
     ladder = ladder_of(study)
     effects = ladder.effects
     assert list(effects["cause"].unique()) == ["all", "sampling"]
@@ -47,7 +54,9 @@ def test_the_same_method_twice_makes_no_difference_beyond_its_error() -> None:
     # Each draw's law is centred on the mean: the interval's centre has no error but rounding.
     assert effects["centre"].abs().max() < 1e-12
     for text in ladder.sentences:
-        assert ": both intervals of the average user have the same width and centre, to within" in text
+        assert (
+            ": both intervals of the average user have the same width and centre, to within" in text
+        )
 
 
 def test_a_tight_prior_is_named_and_no_other_environment_where_there_is_one() -> None:
@@ -75,7 +84,9 @@ def test_an_outlying_environment_is_explained_by_pooling(outlying: Study) -> Non
 
 def test_an_environment_that_cannot_stand_alone_has_a_note_and_no_ladder(outlying: Study) -> None:
     (note,) = ladder_of(outlying).notes
-    assert note.startswith("VE5: the step of the prior is missing: at least two subjects are needed")
+    assert note.startswith(
+        "VE5: the step of the prior is missing: at least two subjects are needed"
+    )
     assert set(ladder_of(outlying).effects["environment"]) == {"VE1", "VE2", "VE3", "VE4"}
 
 
@@ -101,7 +112,10 @@ def test_skewed_data_are_explained_by_the_log_scale() -> None:
     assert list(ladder.effects["cause"].unique()) == ["all", "prior", "scale"]
     (text,) = ladder.sentences
     assert "because the log scale makes the typical user the geometric mean (×" in text
-    assert "half-width lower, because the log scale makes the typical user the geometric mean (-" in text
+    assert (
+        "half-width lower, because the log scale makes the typical user the geometric mean (-"
+        in text
+    )
 
 
 def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame:
@@ -180,7 +194,8 @@ def test_pairs_by_hand(fitted: Study) -> None:
     assert len(table) == 30
     row = table.query("environment == 'VE3' and parameter == 'b' and kind == 'user'").iloc[0]
     ends = [
-        np.log(row[[f"lower_{m}", f"upper_{m}"]].to_numpy(dtype=float)) for m in ("classical", "bayesian")
+        np.log(row[[f"lower_{m}", f"upper_{m}"]].to_numpy(dtype=float))
+        for m in ("classical", "bayesian")
     ]
     (a, b), (c, d) = ends
     assert row["overlap"] == pytest.approx((min(b, d) - max(a, c)) / (max(b, d) - min(a, c)))

@@ -79,7 +79,8 @@ def test_spread_follows_its_trend_and_is_even_over_its_law(fitted: Study) -> Non
     )
     logs = 0.5 * np.log(between)
     centre = np.log(named["s"]) + named["kappa"] * x
-    # One draw from each of 400 equal slices: means and SDs are good to a fraction of a per cent of omega.
+    # One draw from each of 400 equal slices: means and SDs are good to a fraction of a per cent of
+    # omega.
     assert np.all(np.abs(logs.mean(axis=1) - centre) < 0.01 * named["omega"] + 1e-9)
     np.testing.assert_allclose(logs.std(axis=1), named["omega"], rtol=0.03)
 
@@ -97,7 +98,9 @@ def test_wider_than_at_a_tested_environment_and_flagged_outside(loose: Study) ->
     inside = predict(loose, stiffness=10_000, damping=10)
     known = loose.intervals
     known = known[
-        (known["environment"] == "VE3") & (known["method"] == "bayesian") & (known["kind"] == "mean")
+        (known["environment"] == "VE3")
+        & (known["method"] == "bayesian")
+        & (known["kind"] == "mean")
     ]
     for row in inside.intervals.query("kind == 'mean'").itertuples():
         tested = known[known["parameter"] == row.parameter].iloc[0]
@@ -137,8 +140,11 @@ def test_boundaries_hold_draws_of_their_kind(loose: Study) -> None:
     assert {("user", "marginal", "envelope"), ("user", "hotelling", "envelope")} <= shapes
     assert ("mean", "joint", "pointwise") in shapes
     known = {(b.kind, b.shape): b for b in found.boundaries if b.joint in ("joint", "marginal")}
-    # At low omega abs(Z_h) is k/omega: the pointwise band is the interval of k, within Monte Carlo error.
-    row = found.intervals[(found.intervals["kind"] == "mean") & (found.intervals["parameter"] == "k")].iloc[0]
+    # At low omega abs(Z_h) is k/omega: the pointwise band is the interval of k, within Monte Carlo
+    # error.
+    row = found.intervals[
+        (found.intervals["kind"] == "mean") & (found.intervals["parameter"] == "k")
+    ].iloc[0]
     point = known["mean", "pointwise"]
     half = 0.5 * np.log(row["upper"] / row["lower"])
     ends = np.array([point.lower[0], point.upper[0]]) * point.omega[0]
@@ -167,7 +173,8 @@ def test_published_limits_are_predicted_parameter_by_parameter(published: Study)
         count = statistics.df[0] + 1.0
         decades = statistics.x[0]
         for s in range(len(points)):
-            # One Gaussian of the means of all environments: trend, own bias, and the mean of n users.
+            # One Gaussian of the means of all environments: trend, own bias, and the mean of n
+            # users.
             tau, sigma = named["tau"][s, 0], named["sigma"][s, 0]
             joint = priors.alpha_sd**2 + priors.gamma_sd**2 * np.outer(decades, decades)
             joint += np.diag(tau**2 + sigma**2 / count)
@@ -175,10 +182,14 @@ def test_published_limits_are_predicted_parameter_by_parameter(published: Study)
             weights = np.linalg.solve(joint, cross)
             own_variance = priors.alpha_sd**2 + priors.gamma_sd**2 * x[p] ** 2 + tau**2
             assert found.mean[s, p] == pytest.approx(weights @ response, rel=1e-9, abs=1e-12)
-            assert found.covariance[s, p, p] == pytest.approx(own_variance - weights @ cross, rel=1e-8)
+            assert found.covariance[s, p, p] == pytest.approx(
+                own_variance - weights @ cross, rel=1e-8
+            )
 
 
-def test_published_limits_have_no_predicted_curve_that_needs_a_correlation(published: Study) -> None:
+def test_published_limits_have_no_predicted_curve_that_needs_a_correlation(
+    published: Study,
+) -> None:
     found = predict(published, stiffness=15_000, damping=12)
     assert {(b.joint, b.shape) for b in found.boundaries} == {
         ("marginal", "corner"),
@@ -198,11 +209,15 @@ def test_monte_carlo_error_is_a_share_of_the_half_width(loose: Study) -> None:
     fitted.__dict__["_fit"] = loose.fit
     found = predict(fitted, stiffness=2e3, damping=2.0)
     assert fitted.fit is not None
-    laws = expected_users(fitted.fit, np.array(list(found.decades.values())), fitted.scene.inference).laws
+    laws = expected_users(
+        fitted.fit, np.array(list(found.decades.values())), fitted.scene.inference
+    ).laws
     batches = 40
     for p, row in enumerate(found.intervals.itertuples()):
         # Batches of draws, each with its own limits: their scatter is the error of the whole's.
-        parts = zip(*(np.array_split(one[:, [p]], batches) for one in (laws.mean, laws.sd)), strict=True)
+        parts = zip(
+            *(np.array_split(one[:, [p]], batches) for one in (laws.mean, laws.sd)), strict=True
+        )
         ends = np.array(
             [
                 [mixture_quantile(mean, sd, 0.005, upper=upper)[0][0] for upper in (False, True)]
@@ -218,10 +233,14 @@ def test_monte_carlo_error_is_a_share_of_the_half_width(loose: Study) -> None:
 def test_refused(fitted: Study) -> None:
     with pytest.raises(UsageError, match="damping of the new environment is missing"):
         predict(fitted, stiffness=100.0)
-    with pytest.raises(UsageError, match="stiffness of the new environment must be a positive number"):
+    with pytest.raises(
+        UsageError, match="stiffness of the new environment must be a positive number"
+    ):
         predict(fitted, stiffness=-100.0, damping=1.0)
     one_parameter = Study(fitted.sessions, fitted.scene.with_inference(parameters=("k",)))
-    with pytest.raises(UsageError, match=r"b = 1\.0: the study does not analyse damping\. Leave it out"):
+    with pytest.raises(
+        UsageError, match=r"b = 1\.0: the study does not analyse damping\. Leave it out"
+    ):
         predict(one_parameter, stiffness=100.0, damping=1.0)
     classical = Study(fitted.sessions, fitted.scene.with_inference(method="classical"))
     with pytest.raises(RefusalError, match="classical method has no model"):
@@ -234,4 +253,6 @@ def test_refused(fitted: Study) -> None:
     table = fitted.sessions.table
     one = dataclasses.replace(fitted.sessions, table=table[table["environment"] == "VE3"])
     with pytest.raises(RefusalError, match="one environment says nothing on others"):
-        predict(Study(one, fitted.scene.with_inference(tolerance=0.2)), stiffness=100.0, damping=1.0)
+        predict(
+            Study(one, fitted.scene.with_inference(tolerance=0.2)), stiffness=100.0, damping=1.0
+        )

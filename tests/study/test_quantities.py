@@ -67,14 +67,27 @@ def test_zero_costs_what_needs_its_logarithm_only():
     table.loc[0, "duration_adj"] = 0.0
     study = study_of(table, DURATION | {"inference": {"method": "both", "tolerance": 0.1}})
     left = {skipped.what: skipped.why for skipped in study.skipped}
-    assert "zero or negative values have no logarithm (1 there)" in left["S0, in the hierarchical model"]
+    assert (
+        "zero or negative values have no logarithm (1 there)"
+        in left["S0, in the hierarchical model"]
+    )
     assert left["classical lognormal intervals of duration in S0"] == "a value is zero or negative"
-    assert set(study.intervals.query("family == 'normal'")["environment"]) == {"S0", "S1", "S2", "S3"}
+    assert set(study.intervals.query("family == 'normal'")["environment"]) == {
+        "S0",
+        "S1",
+        "S2",
+        "S3",
+    }
     assert set(study.intervals.query("family == 'lognormal'")["environment"]) == {"S1", "S2", "S3"}
     cautions = build_document(study)["summary"]["cautions"]
-    assert any(text.startswith("The hierarchical model leaves out S0: zero or negative") for text in cautions)
+    assert any(
+        text.startswith("The hierarchical model leaves out S0: zero or negative")
+        for text in cautions
+    )
     # What is left is the model of a study that never had the environment.
-    other = study_of(table[table["environment"] != "S0"], DURATION | {"inference": {"tolerance": 0.1}})
+    other = study_of(
+        table[table["environment"] != "S0"], DURATION | {"inference": {"tolerance": 0.1}}
+    )
     rows, own = (one.intervals.query("method == 'bayesian'") for one in (study, other))
     np.testing.assert_array_equal(rows[["lower", "upper"]], own[["lower", "upper"]])
     assert list(rows["environment"]) == list(own["environment"])
@@ -89,14 +102,18 @@ def test_the_pull_of_the_prior_is_what_a_flat_one_undoes():
     """Matches whose references are arbitrary, 50 times too small or more."""
     rng = np.random.default_rng(1)
     table = frame()
-    table["duration_adj"] *= np.exp(4.0 + 0.3 * (table.index % 4) + rng.normal(0.0, 0.5, len(table)))
+    table["duration_adj"] *= np.exp(
+        4.0 + 0.3 * (table.index % 4) + rng.normal(0.0, 0.5, len(table))
+    )
 
     def fitted(alpha_sd):
         inference = {"tolerance": 0.03, "level": 0.95}
         model = {"priors": {"alpha_sd": alpha_sd}}
         study = study_of(table, DURATION | {"inference": inference, "model": model, "checks": {}})
         return study, np.log(
-            study.intervals.query("method == 'bayesian' and kind == 'mean'")[["lower", "estimate", "upper"]]
+            study.intervals.query("method == 'bayesian' and kind == 'mean'")[
+                ["lower", "estimate", "upper"]
+            ]
         )
 
     (study, own), (flat, other) = fitted(1.0), fitted(100.0)
@@ -114,7 +131,11 @@ def test_the_pull_of_the_prior_is_what_a_flat_one_undoes():
 def test_the_page_says_the_studys_words_and_none_of_haptics():
     words = {"study": {"environment": "standard", "subject": ["dyad", "dyads"]}}
     study = study_of(frame(), DURATION | CLASSICAL | words)
-    page = render_page(build_document(study), {}, date="2026-01-01").split("<script")[0].split("<main")[1]
+    page = (
+        render_page(build_document(study), {}, date="2026-01-01")
+        .split("<script")[0]
+        .split("<main")[1]
+    )
     text = re.sub("<[^>]*>", "", page.split('id="provenance"')[0])
     assert "6 dyads adjusted the duration" in text
     assert "each of 4 standards" in page
@@ -125,12 +146,24 @@ def test_the_page_says_the_studys_words_and_none_of_haptics():
 @pytest.mark.parametrize(
     ("tables", "said"),
     [
-        ({"quantities": {"k": {"unit": "s"}}}, "k is stiffness in N/m: name another quantity apart"),
+        (
+            {"quantities": {"k": {"unit": "s"}}},
+            "k is stiffness in N/m: name another quantity apart",
+        ),
         ({"quantities": {"two words": {}}}, "letters, digits and single underscores"),
-        (DURATION | {"columns": {"duration_adj": {"name": "x", "unit": "kg"}}}, "not a unit of duration"),
-        (DURATION | {"columns": {"duration_adj": {"name": "x", "unit": "degC"}}}, "not a unit of duration"),
+        (
+            DURATION | {"columns": {"duration_adj": {"name": "x", "unit": "kg"}}},
+            "not a unit of duration",
+        ),
+        (
+            DURATION | {"columns": {"duration_adj": {"name": "x", "unit": "degC"}}},
+            "not a unit of duration",
+        ),
         (DURATION | {"columns": {"k_adj": "x"}}, "there is no such key"),
-        (DURATION | {"inference": {"parameters": ["k"]}}, "there is no such quantity; there are duration"),
+        (
+            DURATION | {"inference": {"parameters": ["k"]}},
+            "there is no such quantity; there are duration",
+        ),
         ({"inference": {"together": ["k"]}}, "two quantities have a model together"),
     ],
 )
@@ -145,7 +178,9 @@ def test_references_on_the_command_line_are_read(capsys):
     assert dict(parsed.at) == {"duration": 500.0, "x": 1000.0}
     with pytest.raises(SystemExit):
         main([*words, "duration"])
-    assert "'duration': a reference is written NAME=X, as in duration=500." in capsys.readouterr().err
+    assert (
+        "'duration': a reference is written NAME=X, as in duration=500." in capsys.readouterr().err
+    )
 
 
 def three_quantities():
@@ -158,7 +193,9 @@ def three_quantities():
 
 
 def prepared(tables):
-    study = study_of(three_quantities(), {"quantities": {"force": {}, "length": {}, "weight": {}}} | tables)
+    study = study_of(
+        three_quantities(), {"quantities": {"force": {}, "length": {}, "weight": {}}} | tables
+    )
     return prepare(study.sessions, study.scene, study.parameters)
 
 
@@ -171,8 +208,12 @@ def test_of_three_quantities_the_two_named_together_share_a_model():
     assert found.model.cells == (*pair.model.cells, *third.model.cells)
     points = np.random.default_rng(1).standard_normal((20, len(found.model.names)))
     ours, of_third = np.split(points, [len(pair.model.names)], axis=1)
-    np.testing.assert_allclose(found.model(points), pair.model(ours) + third.model(of_third), rtol=1e-12)
-    assert found.skipped[0].why == "two are modelled together at most; [inference] together names them"
+    np.testing.assert_allclose(
+        found.model(points), pair.model(ours) + third.model(of_third), rtol=1e-12
+    )
+    assert (
+        found.skipped[0].why == "two are modelled together at most; [inference] together names them"
+    )
     alone = prepared({})
     assert len(alone.model.names) < len(found.model.names)
     assert not any("rho" in name for name in alone.model.names)

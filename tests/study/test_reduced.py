@@ -70,9 +70,9 @@ def test_intervals_are_those_of_the_trials(tmp_path):
     asked = scene(tolerance=0.3, seed=3, parameters=("k",))
     ours = reduced_intervals(reduce_sessions(file), asked)
     theirs = Study(read_sessions(file), asked).intervals
-    theirs = theirs[(theirs["method"] == "bayesian") | (theirs["family"] == "lognormal")].reset_index(
-        drop=True
-    )
+    theirs = theirs[
+        (theirs["method"] == "bayesian") | (theirs["family"] == "lognormal")
+    ].reset_index(drop=True)
     same = [c for c in theirs if c not in ("lower", "upper", "estimate")]
     assert ours[same].equals(theirs[same])
     classical = (theirs["method"] == "classical").to_numpy()
@@ -111,7 +111,9 @@ def test_rows_that_lack_a_parameter_are_left_out(tmp_path):
 
 def test_what_cannot_be_done_is_said(tmp_path):
     reduced = reduce_sessions(study(tmp_path / "s.csv"))
-    with pytest.raises(UsageError, match=r"inference\.family.*reduced to .* the family 'lognormal'"):
+    with pytest.raises(
+        UsageError, match=r"inference\.family.*reduced to .* the family 'lognormal'"
+    ):
         reduced_intervals(reduced, scene(family="normal"))
     unpooled = Scene(model={"pooling": "none", "prior": "reference"})
     with pytest.raises(UsageError, match=r"model\.pooling.*cells that were reduced are pooled"):
@@ -136,9 +138,13 @@ def test_one_subject_is_refused_by_either_method(tmp_path, method):
 
 def test_nothing_but_equal_values_is_refused(tmp_path):
     rows = [f"S{s},VE1,15,1,15.5" for s in range(4)]
-    (tmp_path / "same.csv").write_text("\n".join(["subject,environment,k_ref,trial,k_adj", *rows]) + "\n")
+    (tmp_path / "same.csv").write_text(
+        "\n".join(["subject,environment,k_ref,trial,k_adj", *rows]) + "\n"
+    )
     reduced = reduce_sessions(tmp_path / "same.csv")
-    with pytest.raises(RefusalError, match=r"no interval of anything: stiffness in VE1, .* adjusted alike"):
+    with pytest.raises(
+        RefusalError, match=r"no interval of anything: stiffness in VE1, .* adjusted alike"
+    ):
         reduced_intervals(reduced, scene(method="classical"))
 
 
@@ -150,7 +156,9 @@ def test_a_failed_gate_is_told(tmp_path):
     ((what, why),) = both.attrs["skipped"]
     assert what == "Bayesian intervals"
     assert "autocorrelation times" in why
-    with pytest.raises(RefusalError, match=r"the Bayesian intervals are withheld: .*autocorrelation times"):
+    with pytest.raises(
+        RefusalError, match=r"the Bayesian intervals are withheld: .*autocorrelation times"
+    ):
         reduced_intervals(reduced, scene(method="bayesian", **UNMIXED))
 
 

@@ -18,7 +18,11 @@ def test_two_shares_of_users_together_leave_out_half_as_much_each(fitted: Study)
     model, rng = fitted.fit.model, np.random.default_rng(1)
     laws = model.laws(np.repeat(fitted.fit.points, 8, axis=0))
     centre = laws.mean + laws.sd * rng.standard_normal(laws.mean.shape)
-    found = [r for r in fitted.regions if (r.method, r.joint, r.kind) == ("bayesian", "bonferroni", "share")]
+    found = [
+        r
+        for r in fitted.regions
+        if (r.method, r.joint, r.kind) == ("bayesian", "bonferroni", "share")
+    ]
     assert len(found) == 5
     for region in found:
         assert region.limits is not None
@@ -39,17 +43,30 @@ def test_ellipses_whose_ends_no_double_holds_are_left_out() -> None:
         "frequency": {"points": 5},
     }
     table = table_of(("k", "b"), subjects=3, s=1.5)
-    ellipses = [r for r in Study(Sessions.from_frame(table), Scene(**scene)).regions if r.ellipse is not None]
+    ellipses = [
+        r
+        for r in Study(Sessions.from_frame(table), Scene(**scene)).regions
+        if r.ellipse is not None
+    ]
     assert {(r.kind, r.family) for r in ellipses} == {("mean", "normal"), ("user", "normal")}
-    near = Study(Sessions.from_frame(table_of(("k", "b"), subjects=3, s=0.01, sigma_u=0.01)), Scene(**scene))
+    near = Study(
+        Sessions.from_frame(table_of(("k", "b"), subjects=3, s=0.01, sigma_u=0.01)), Scene(**scene)
+    )
     ellipses = [r for r in near.regions if r.ellipse is not None and r.family == "lognormal"]
     assert {r.kind for r in ellipses} == {"mean", "user"}
 
 
 def test_rectangles_pair_what_agrees_and_leave_lone_rows_out() -> None:
-    rows = [("b", "VE2", 1.0, 2.0), ("k", "VE1", 3.0, 4.0), ("k", "VE2", 5.0, 6.0), ("b", "VE3", 7.0, 8.0)]
+    rows = [
+        ("b", "VE2", 1.0, 2.0),
+        ("k", "VE1", 3.0, 4.0),
+        ("k", "VE2", 5.0, 6.0),
+        ("b", "VE3", 7.0, 8.0),
+    ]
     table = pd.DataFrame(rows, columns=["parameter", "environment", "lower", "upper"])
-    table = table.assign(kind="user", method="classical", family="normal", joint="marginal", level=0.9)
+    table = table.assign(
+        kind="user", method="classical", family="normal", joint="marginal", level=0.9
+    )
     (found,) = rectangles(table)
     assert (found.environment, found.kind, found.level) == ("VE2", "user", 0.9)
     assert found.limits == ((5.0, 6.0), (1.0, 2.0))

@@ -26,7 +26,9 @@ def table(places=PLACES, subjects=6, seed=3):
             if k == b == 0:
                 k_adj, b_adj = 0.1 * rng.standard_normal(2)
             rows.append([f"s{s}", place, k, b, 1, k_adj, b_adj])
-    return pd.DataFrame(rows, columns=["subject", "environment", "k_ref", "b_ref", "trial", "k_adj", "b_adj"])
+    return pd.DataFrame(
+        rows, columns=["subject", "environment", "k_ref", "b_ref", "trial", "k_adj", "b_adj"]
+    )
 
 
 def study(data, **tables):
@@ -64,7 +66,9 @@ def test_free_space_has_boundaries_and_no_band():
     assert found.band.laws == without.laws != ()
     assert "free" in {boundary.environment for boundary in found.boundaries}
     both = study(data, **{**scene, "inference": {**scene["inference"], "method": "both"}})
-    with pytest.raises(RefusalError, match="the reference stiffness of free is 0, and has no place"):
+    with pytest.raises(
+        RefusalError, match="the reference stiffness of free is 0, and has no place"
+    ):
         predict(both, stiffness=1e3, damping=1.0)
 
 
@@ -112,7 +116,11 @@ def test_without_a_posterior_no_law_of_one_is_left_out():
             "they need 3 subjects with both parameters; there are 2",
         ),
         (
-            {"inference": {"method": "classical", "kinds": ["mean"]}, "device": DEVICE, "coupling": COUPLING},
+            {
+                "inference": {"method": "classical", "kinds": ["mean"]},
+                "device": DEVICE,
+                "coupling": COUPLING,
+            },
             lambda t: t,
             "admissible couplings",
             "they are judged by intervals of kind user",
@@ -164,7 +172,9 @@ def test_what_published_limits_do_not_hold_and_windows_below_the_range_are_said(
 
 
 def test_what_was_not_asked_for_is_not_left_out():
-    said = dict(study(table(), inference={"method": "classical", "kinds": ["user"]}, device=DEVICE).skipped)
+    said = dict(
+        study(table(), inference={"method": "classical", "kinds": ["user"]}, device=DEVICE).skipped
+    )
     assert not [what for what in said if "share" in what]
 
 
@@ -173,16 +183,17 @@ def test_a_table_of_a_part_of_the_range(tmp_path):
     lines = [f"{w!r},5.0,{w!r}" for w in omega.tolist()]
     (tmp_path / "zd.csv").write_text("omega,real,imaginary\n" + "\n".join(lines) + "\n")
     (tmp_path / "scene.toml").write_text(
-        '[device]\nresponse = "zd.csv"\nperiod = 1e-3\n[coupling]\nstiffness = 5e4\ndamping = 100.0\n'
-        '[frequency]\npoints = 11\n[inference]\nmethod = "classical"\n'
+        '[device]\nresponse = "zd.csv"\nperiod = 1e-3\n[coupling]\nstiffness = 5e4\ndamping ='
+        ' 100.0\n[frequency]\npoints = 11\n[inference]\nmethod = "classical"\n'
     )
     found = Study(Sessions.from_frame(table()), Scene.load(tmp_path / "scene.toml"))
     assert found.coupling is not None
     assert found.coupling.verdict == "undecided"
     assert found.coupling_design == {}
     said = dict(found.skipped)
-    assert said["admissible couplings"] == (
-        "the device's table covers 0.05 to 120 rad/s, and stability needs all of 0 to 3141.59"
+    assert (
+        said["admissible couplings"]
+        == "the device's table covers 0.05 to 120 rad/s, and stability needs all of 0 to 3141.59"
     )
     assert said["sensitivity to the device's mass and damping"] == "a measured response has neither"
 

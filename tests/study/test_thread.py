@@ -80,7 +80,9 @@ def test_the_way_to_the_t_quantile_is_short(monkeypatch):
 def test_same_seed_same_bits_and_another_within_monte_carlo_error():
     table = frame()
     sessions = Sessions.from_frame(table[table.environment.isin(["VE2", "VE4"])])
-    one, again, other = (Study(sessions, hbfd_scene(tolerance=0.1, seed=seed)) for seed in (1, 1, 2))
+    one, again, other = (
+        Study(sessions, hbfd_scene(tolerance=0.1, seed=seed)) for seed in (1, 1, 2)
+    )
     pd.testing.assert_frame_equal(again.intervals, one.intervals, check_exact=True)
     first, second = one.fit.run, other.fit.run
     difference = first.estimates.value - second.estimates.value
@@ -123,7 +125,9 @@ def test_corner_curves_are_equations_16_and_17(classical):
 
 
 def test_nothing_is_computed_for_what_the_scene_leaves_out():
-    bare = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), Scene().with_inference(method="classical"))
+    bare = Study(
+        read_sessions(DATASETS / "hbfd_sessions.csv"), Scene().with_inference(method="classical")
+    )
     assert bare.boundaries == ()
     assert bare.coupling is None
     assert bare.posterior is None
@@ -135,7 +139,9 @@ def test_nothing_is_computed_for_what_the_scene_leaves_out():
 
 def test_a_window_on_an_environment_that_is_not_there_is_said():
     scene = Scene(report={"zoom": {"VE1": [9.0, 11.0], "VE9": [9.0, 11.0]}})
-    study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene.with_inference(method="classical"))
+    study = Study(
+        read_sessions(DATASETS / "hbfd_sessions.csv"), scene.with_inference(method="classical")
+    )
     said = [what for what in study.skipped if what[0].startswith("zoom")]
     assert said == [("zoom window of VE9", "no environment has this name")]
 
@@ -161,7 +167,9 @@ def test_a_run_that_mixes_and_misses_its_tolerance_gives_its_numbers():
 
 
 def frame(**changes):
-    table = pd.read_csv(DATASETS / "hbfd_sessions.csv", dtype={"subject": str}).drop(columns="source")
+    table = pd.read_csv(DATASETS / "hbfd_sessions.csv", dtype={"subject": str}).drop(
+        columns="source"
+    )
     return table.assign(**changes)
 
 
@@ -195,18 +203,23 @@ def test_no_scatter_is_refused_and_resolution_answers():
     table = table[table.environment.isin(["VE1", "VE2"])]
     table.loc[table.environment == "VE2", "k_adj"] = 1000.0
     sessions = Sessions.from_frame(table)
-    with pytest.raises(RefusalError, match="all subjects adjusted alike in stiffness of VE2") as caught:
+    with pytest.raises(
+        RefusalError, match="all subjects adjusted alike in stiffness of VE2"
+    ) as caught:
         _ = Study(sessions, hbfd_scene(method="bayesian")).fit
     assert "resolution.k" in str(caught.value)
     steps = {"k": 10.0, "b": 0.1}
     scene = Scene(model={"resolution": steps}, inference={"tolerance": 0.1})
     study = Study(sessions, scene)
-    # Only where nothing scatters, about what was adjusted: rounding is part of any other cell's scatter.
+    # Only where nothing scatters, about what was adjusted: rounding is part of any other cell's
+    # scatter.
     resolution = study.fit.model.resolution
     np.testing.assert_allclose(resolution.between, [[0.0, 0.01**2 / 12], [0.0, 0.0]], rtol=1e-14)
     assert not resolution.trial.any()
     assert study.fit.run.gate.passed
-    cell = study.intervals.query("environment == 'VE2' and parameter == 'k' and method == 'bayesian'")
+    cell = study.intervals.query(
+        "environment == 'VE2' and parameter == 'k' and method == 'bayesian'"
+    )
     assert np.isfinite(cell[["lower", "upper"]].to_numpy()).all()
 
 

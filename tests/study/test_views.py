@@ -55,9 +55,9 @@ def test_the_summary_lays_methods_side_by_side(fitted, kind):
         for method in ("classical", "bayesian"):
             wanted = {"method": method, "family": "lognormal", "joint": "marginal"}
             wanted |= {name: row[name] for name in ("environment", "parameter", "kind", "unit")}
-            (one,) = intervals[np.all([intervals[k] == v for k, v in wanted.items()], axis=0)].to_dict(
-                "records"
-            )
+            (one,) = intervals[
+                np.all([intervals[k] == v for k, v in wanted.items()], axis=0)
+            ].to_dict("records")
             assert [row[f"{method}_{name}"] for name in ("estimate", "lower", "upper")] == [
                 one[name] for name in ("estimate", "lower", "upper")
             ]
@@ -66,15 +66,21 @@ def test_the_summary_lays_methods_side_by_side(fitted, kind):
 
 def test_the_other_family_stands_in_where_the_scene_s_has_no_interval():
     rows = [
-        (s, e, 10.0, v) for s, e, v in [(1, "A", -9.0), (2, "A", 9), (3, "A", 7), (1, "B", 8), (2, "B", 9)]
+        (s, e, 10.0, v)
+        for s, e, v in [(1, "A", -9.0), (2, "A", 9), (3, "A", 7), (1, "B", 8), (2, "B", 9)]
     ]
     table = pd.DataFrame(rows, columns=["subject", "environment", "k_ref", "k_adj"])
     found = Study(Sessions.from_frame(table), Scene().with_inference(method="classical")).summary()
-    assert dict(zip(found["environment"], found["family"], strict=True)) == {"A": "normal", "B": "lognormal"}
+    assert dict(zip(found["environment"], found["family"], strict=True)) == {
+        "A": "normal",
+        "B": "lognormal",
+    }
 
 
 def test_a_kind_that_was_not_asked_for_is_named():
-    with pytest.raises(UsageError, match="'share': the study has no such kind; there are mean, user"):
+    with pytest.raises(
+        UsageError, match="'share': the study has no such kind; there are mean, user"
+    ):
         classical(kinds=("mean", "user")).summary("share")
 
 
@@ -99,7 +105,9 @@ def test_without_a_device_the_table_of_curves_is_empty():
 
 
 def test_a_study_writes_its_report(tmp_path):
-    bare = Study(read_sessions(SESSIONS), Scene().with_inference(method="classical", kinds=("user",)))
+    bare = Study(
+        read_sessions(SESSIONS), Scene().with_inference(method="classical", kinds=("user",))
+    )
     page = bare.report(tmp_path / "out", formats=())
     assert page == tmp_path / "out" / "report.html"
     assert "VE5" in page.read_text(encoding="utf-8")

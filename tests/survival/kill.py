@@ -2,9 +2,10 @@
 
     python -m tests.survival.kill --kills 200
 
-Every job is a real command in a process group of its own that is ended by SIGKILL after a random share of the
-time it takes. After every kill no file may be torn; when a job has been killed its share of times it is left
-to finish, and its files must be those of the uninterrupted run, byte for byte.
+Every job is a real command in a process group of its own that is ended by SIGKILL after a random
+share of the time it takes. After every kill no file may be torn; when a job has been killed its
+share of times it is left to finish, and its files must be those of the uninterrupted run, byte for
+byte.
 """
 
 from __future__ import annotations
@@ -134,7 +135,8 @@ class Survival:
         kills : int
             How often.
         kills_per_run : int
-            Of them, how many before a run is left to finish in the folder the killed ones wrote into.
+            Of them, how many before a run is left to finish in the folder the killed ones wrote
+            into.
         told : callable
             Told the state after every run.
 
@@ -164,7 +166,9 @@ class Survival:
             self._check_whole(out)
             found = contents(out)
             if found != wanted:
-                different = sorted(k for k in wanted.keys() | found.keys() if wanted.get(k) != found.get(k))
+                different = sorted(
+                    k for k in wanted.keys() | found.keys() if wanted.get(k) != found.get(k)
+                )
                 raise AssertionError(f"{job}: other bytes after kills in {different}")
             told(f"{job}: {tally.kills} of {kills} kills, {tally.finished} runs compared")
             shutil.rmtree(out)
@@ -219,7 +223,9 @@ def check_whole(path: Path) -> None:
                 import h5py
 
                 with h5py.File(io.BytesIO(data)) as file:
-                    file.visititems(lambda _, node: node[()] if isinstance(node, h5py.Dataset) else None)
+                    file.visititems(
+                        lambda _, node: node[()] if isinstance(node, h5py.Dataset) else None
+                    )
             case ".html":
                 assert data.rstrip().endswith(b"</html>"), "the page has no end"
             case ".svg":

@@ -16,10 +16,13 @@ from percept.files import exclusive, filled_folder
 from tests import DATASETS
 from tests.survival.kill import contents
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="limits, locks and mounts are POSIX")
+pytestmark = pytest.mark.skipif(
+    sys.platform == "win32", reason="limits, locks and mounts are POSIX"
+)
 STUDY = str(DATASETS / "hbfd_sessions.csv")
 _SIZE = 1 << 20
-# The command under a limit on the size of files, which fails as a full disk does: in the middle of a write.
+# The command under a limit on the size of files, which fails as a full disk does: in the middle of
+# a write.
 LIMITED = """
 import resource, sys
 size = int(sys.argv.pop(1))
@@ -41,7 +44,9 @@ def small_disk(folder, size):
     """Mount a file system in memory of so many bytes; skip where that is not allowed."""
     folder.mkdir()
     made = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)], capture_output=True, check=False
+        ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)],
+        capture_output=True,
+        check=False,
     )
     if made.returncode != 0:
         pytest.skip("no file system can be mounted here: a limit on file sizes stands for it")
@@ -53,7 +58,16 @@ def small_disk(folder, size):
 
 def test_a_full_disk_is_said_and_the_earlier_result_stays(tmp_path):
     with small_disk(tmp_path / "disk", _SIZE) as disk:
-        words = ["fit", STUDY, "--method", "classical", "--level", "0.9", "--out", str(disk / "out")]
+        words = [
+            "fit",
+            STUDY,
+            "--method",
+            "classical",
+            "--level",
+            "0.9",
+            "--out",
+            str(disk / "out"),
+        ]
         assert main(words) == 0
         before = contents(disk)
         ballast = disk / "ballast"
@@ -77,7 +91,16 @@ def test_a_write_that_stops_half_way_is_said_and_leaves_nothing(tmp_path, comman
 
 def test_a_batch_that_finds_no_room_keeps_what_it_had_and_goes_on_later(tmp_path, capsys):
     pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
-    arguments = ["batch", STUDY, "--method", "classical", "--workers", "1", "--out", tmp_path / "out"]
+    arguments = [
+        "batch",
+        STUDY,
+        "--method",
+        "classical",
+        "--workers",
+        "1",
+        "--out",
+        tmp_path / "out",
+    ]
     failed = percept(*arguments, limit=4000)
     assert failed.returncode == 2
     assert "written: File too large" in failed.stderr
@@ -104,7 +127,16 @@ def test_two_runs_into_one_folder_leave_the_files_of_one(tmp_path):
     levels = ("0.9", "0.99")
     wanted = []
     for level in levels:
-        words = ["fit", STUDY, "--method", "classical", "--level", level, "--out", str(tmp_path / level)]
+        words = [
+            "fit",
+            STUDY,
+            "--method",
+            "classical",
+            "--level",
+            level,
+            "--out",
+            str(tmp_path / level),
+        ]
         assert main(words) == 0
         wanted.append(contents(tmp_path / level))
     arguments = [sys.executable, "-m", "percept", "fit", STUDY, "--method", "classical"]
@@ -134,7 +166,9 @@ def test_moves_of_two_runs_do_not_mix(tmp_path):
         "    print('filled', flush=True)\n"
     )
     with exclusive(out):
-        process = subprocess.Popen([sys.executable, "-c", code, str(out)], stdout=subprocess.PIPE, text=True)
+        process = subprocess.Popen(
+            [sys.executable, "-c", code, str(out)], stdout=subprocess.PIPE, text=True
+        )
         assert process.stdout.readline() == "filled\n"
         with pytest.raises(subprocess.TimeoutExpired):
             process.wait(0.5)

@@ -44,7 +44,9 @@ def scheduler(folder, workers):
     try:
         address = _address(folder / "scheduler")
         for number in range(workers):
-            running.append(_start(folder / f"{number}", "worker", address, "--nthreads", "1", *_LOOPBACK))
+            running.append(
+                _start(folder / f"{number}", "worker", address, "--nthreads", "1", *_LOOPBACK)
+            )
         if workers:
             with connected(scheduler=address) as client:
                 client.wait_for_workers(workers, timeout=60)
@@ -62,7 +64,9 @@ def scheduler(folder, workers):
 
 def _start(log, *arguments):
     with log.open("w") as file:
-        return subprocess.Popen([sys.executable, "-m", "dask", *arguments], stderr=file, env=_UNBUFFERED)
+        return subprocess.Popen(
+            [sys.executable, "-m", "dask", *arguments], stderr=file, env=_UNBUFFERED
+        )
 
 
 def _address(log):

@@ -45,7 +45,11 @@ def opened(*arguments, **options):
     ("workers", "scheduler", "message"),
     [
         (0, None, r"--workers = 0: must be at least 1"),
-        (1, "tcp://127.0.0.1:1", "a scheduler has workers of its own. Give --workers or --scheduler"),
+        (
+            1,
+            "tcp://127.0.0.1:1",
+            "a scheduler has workers of its own. Give --workers or --scheduler",
+        ),
     ],
 )
 def test_wrong_usage(workers, scheduler, message):
@@ -59,7 +63,9 @@ def test_without_dask_one_worker_works_and_more_name_the_extra(monkeypatch):
         assert list(mapper(abs, [-2])) == [(-2, 2)]
     assert mapper is in_process
     for workers, scheduler in ((2, None), (None, "tcp://127.0.0.1:1")):
-        with pytest.raises(UsageError, match=r"not installed.*percept\[cluster\], or give --workers 1"):
+        with pytest.raises(
+            UsageError, match=r"not installed.*percept\[cluster\], or give --workers 1"
+        ):
             opened(workers, scheduler)
 
 
@@ -84,5 +90,7 @@ def test_workers_of_this_machine_are_processes_with_one_thread_each_and_keep_no_
 def test_no_scheduler_at_the_address_is_said(monkeypatch):
     pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
     monkeypatch.setattr("percept.workers._SECONDS", 1.0)
-    with pytest.raises(UsageError, match=r"tcp://127.0.0.1:1.*no scheduler answers.*dask worker ADDRESS"):
+    with pytest.raises(
+        UsageError, match=r"tcp://127.0.0.1:1.*no scheduler answers.*dask worker ADDRESS"
+    ):
         connected(scheduler="tcp://127.0.0.1:1").__enter__()

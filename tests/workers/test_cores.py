@@ -17,5 +17,7 @@ print(everything)
 
 
 def test_a_process_bound_to_one_core_has_one():
-    told = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True).stdout
+    told = subprocess.run(
+        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True
+    ).stdout
     assert int(told) == cores() >= 1

@@ -112,7 +112,10 @@ def test_a_worker_with_other_code_is_refused():
 
 
 def test_a_lost_scheduler_is_said(tmp_path):
-    with scheduler(tmp_path, workers=0) as (process, address), connected(scheduler=address) as client:
+    with (
+        scheduler(tmp_path, workers=0) as (process, address),
+        connected(scheduler=address) as client,
+    ):
         threading.Timer(0.5, process.kill).start()  # no worker is there: the job waits
         with pytest.raises(RefusalError, match=r"the scheduler was lost.*What is finished is kept"):
             list(on_cluster(client)(inverse, [1]))

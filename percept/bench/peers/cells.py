@@ -1,7 +1,7 @@
 """The whole model as PyMC writes it, with repeats, missing cells and one or two parameters; nutpie on it.
 
-Cell means and the scatter between trials are what is observed. The effect of a subject in an environment is
-summed into the cell means' covariance; every other unknown is sampled.
+Cell means and the scatter between trials are what is observed. The effect of a subject in an
+environment is summed into the cell means' covariance; every other unknown is sampled.
 """
 
 from __future__ import annotations
@@ -61,7 +61,9 @@ def cells_model(statistics: Statistics, priors: Priors, *, centred: bool = False
         )  # fmt: skip
         kappa = pm.Normal("kappa" + suffix, 0.0, getattr(priors, f"kappa{suffix}_sd"), shape=size)
         omega = pm.HalfNormal("omega" + suffix, getattr(priors, f"omega{suffix}_scale"), shape=size)
-        log_sigma = about(log_s[:, None] + kappa[:, None] * x, omega, "log_sigma" + suffix, "z" + suffix)
+        log_sigma = about(
+            log_s[:, None] + kappa[:, None] * x, omega, "log_sigma" + suffix, "z" + suffix
+        )
         return pm.Deterministic("sigma" + suffix, pm.math.exp(log_sigma))
 
     with pm.Model() as model:
@@ -71,7 +73,10 @@ def cells_model(statistics: Statistics, priors: Priors, *, centred: bool = False
         delta = about(0.0, tau, "delta", "z_delta")
         beta = pm.Deterministic("beta", alpha[:, None] + gamma[:, None] * x + delta)
         sigma, rho_w = spreads(""), correlation("rho_w")
-        sigma_u, rho_u = pm.HalfNormal("sigma_u", priors.sigma_u_scale, shape=size), correlation("rho_u")
+        sigma_u, rho_u = (
+            pm.HalfNormal("sigma_u", priors.sigma_u_scale, shape=size),
+            correlation("rho_u"),
+        )
         z = pm.Normal("z_u", shape=(size, len(statistics.subjects)))
         u = [sigma_u[0] * z[0]]
         if size == 2:
@@ -113,9 +118,12 @@ def nutpie_limits(statistics: Statistics, seed: int, *, seconds: float) -> dict[
     import nutpie
 
     model = cells_model(statistics, Priors())
-    compiled = nutpie.compile_pymc_model(model, var_names=[name for name in _SCALES if name in model])
+    compiled = nutpie.compile_pymc_model(
+        model, var_names=[name for name in _SCALES if name in model]
+    )
     started = time.perf_counter()
-    # A thread per chain, whatever the processors: a run that is cut short then has draws of every chain.
+    # A thread per chain, whatever the processors: a run that is cut short then has draws of every
+    # chain.
     sampler = nutpie.sample(
         compiled, draws=_DRAWS, tune=_TUNE, chains=_CHAINS, cores=_CHAINS, seed=seed,
         target_accept=_ACCEPTANCE, progress_bar=False, save_warmup=False, blocking=False,
@@ -130,7 +138,9 @@ def nutpie_limits(statistics: Statistics, seed: int, *, seconds: float) -> dict[
     done = np.isfinite(scales["sigma_u"][..., 0]).sum(axis=1)
     if done.min() < _FEWEST:
         return {"cost": {"peer_s": wall, "peer_draws": int(done.sum())}}
-    value, error = averaged_limits(statistics, {name: kept[:, : done.min()] for name, kept in scales.items()})
+    value, error = averaged_limits(
+        statistics, {name: kept[:, : done.min()] for name, kept in scales.items()}
+    )
     cost = {
         "peer_s": wall, "peer_draws": int(_CHAINS * done.min()),
         "divergences": int(np.nansum(tree.sample_stats.diverging)),
@@ -141,7 +151,8 @@ def nutpie_limits(statistics: Statistics, seed: int, *, seconds: float) -> dict[
 def averaged_limits(statistics: Statistics, draws: Mapping[str, Array]) -> tuple[Array, Array]:
     """Limits and their errors from draws of the scales, (chains, draws, ...) by name.
 
-    Given the scales the locations are normal: their distribution functions are averaged, as percept does.
+    Given the scales the locations are normal: their distribution functions are averaged, as percept
+    does.
     """
     from arviz_stats.base.array import BaseArray
 
@@ -155,7 +166,9 @@ def averaged_limits(statistics: Statistics, draws: Mapping[str, Array]) -> tuple
     }
     step = model.draws_per_pass
     packed = [
-        model.moments(_scales({name: kept[..., i : i + step] for name, kept in flat.items()})).pack()
+        model.moments(
+            _scales({name: kept[..., i : i + step] for name, kept in flat.items()})
+        ).pack()
         for i in range(0, chains * length, step)
     ]
     parts = list(IntervalEstimands(model, kinds=("mean", "user")).estimates(np.concatenate(packed)))

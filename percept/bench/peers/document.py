@@ -65,11 +65,15 @@ def run_benchmark(
     for title, missing in left_out.items():
         log(f"{title}: left out, {', '.join(missing)} not installed; {_EXTRA}")
     if not present:
-        raise RefusalError("none of these engines is installed.", value=", ".join(engines), hint=_EXTRA)
+        raise RefusalError(
+            "none of these engines is installed.", value=", ".join(engines), hint=_EXTRA
+        )
     begun, before = time.perf_counter(), os.getloadavg()[0]
     whole: list[Whole] = []
     if repeats:
-        commands = {name: words for name, words in COMMANDS.items() if not quick or name not in LONGEST}
+        commands = {
+            name: words for name, words in COMMANDS.items() if not quick or name not in LONGEST
+        }
         if importlib.util.find_spec("pymc") is None:
             del commands["import pymc"]
             left_out["import pymc"] = ("pymc",)
@@ -97,7 +101,9 @@ class Reached:
     warm: float  # s
     cold: float  # s
     processor: float  # s
-    extrapolated: bool  # Whether no run was as accurate: the most accurate one, at time over error squared
+    extrapolated: (
+        bool  # Whether no run was as accurate: the most accurate one, at time over error squared
+    )
     warm_ratio: float  # Over percept's times to the same error, as the next two; NaN without them
     cold_ratio: float
     processor_ratio: float
@@ -155,9 +161,13 @@ def build_document(
         "machine": at,
         "studies": studies,
         "engines": [
-            {"name": one.name, "title": one.title, "unit": one.unit} for one in ENGINES if one.name in present
+            {"name": one.name, "title": one.title, "unit": one.unit}
+            for one in ENGINES
+            if one.name in present
         ],
-        "left_out": [{"name": name, "missing": missing} for name, missing in (left_out or {}).items()],
+        "left_out": [
+            {"name": name, "missing": missing} for name, missing in (left_out or {}).items()
+        ],
         "measured": measured,
         "reached": times,
         "whole": whole,
@@ -178,7 +188,9 @@ def _aims(measured: Sequence[Measured], times: Sequence[Reached]) -> list[dict[s
     best = max(ours, key=lambda one: one.effective_per_second)
     # With divergences its effective draws vary many times from run to run: what users take.
     usual = min(theirs, key=lambda one: abs(one.size - _USUAL_DRAWS))
-    at = next(row for row in times if (row.study, row.engine, row.level) == (usual.study, _PLAIN, 0.01))
+    at = next(
+        row for row in times if (row.study, row.engine, row.level) == (usual.study, _PLAIN, 0.01)
+    )
     draws = best.effective_per_second / usual.effective_per_second
     processor = best.effective_per_processor_second / usual.effective_per_processor_second
     of_draws = f"effective draws per second over nutpie’s, 4 × {usual.size:.0f} draws"
@@ -196,8 +208,8 @@ def _losses(
 ) -> list[str]:
     """Say where percept is not the fastest, and which aims and promises are not kept."""
     lines = [
-        f"{row.study}: {engine(row.engine).title} reaches {row.level:.1%} {state} in {ratio:.2f} times "
-        f"percept’s time{', extrapolated' if row.extrapolated else ''}."
+        f"{row.study}: {engine(row.engine).title} reaches {row.level:.1%} {state} in {ratio:.2f}"
+        f" times percept’s time{', extrapolated' if row.extrapolated else ''}."
         for row in times
         if row.engine != _OURS
         for state, ratio in (("warm", row.warm_ratio), ("cold", row.cold_ratio))
@@ -208,8 +220,8 @@ def _losses(
         if value < aim:
             lines.append(f"{what[0].upper()}{what[1:]}: {value:.3g}; {aim:g} is the aim.")
     return lines + [
-        f"{one.command} takes {one.ratio:.2f} times the wall time and {one.processor_ratio:.2f} times the "
-        f"processor time of {one.against}; {one.promised:g} is promised."
+        f"{one.command} takes {one.ratio:.2f} times the wall time and {one.processor_ratio:.2f}"
+        f" times the processor time of {one.against}; {one.promised:g} is promised."
         for one in compared
         if not one.kept
     ]
@@ -232,7 +244,9 @@ def write_benchmark(document: Mapping[str, Any], out_dir: str | Path) -> Path:
             made=document["made"],
             names={one["name"]: one for one in document["engines"]},
             levels=list(dict.fromkeys(row["level"] for row in document["reached"])),
-            series=list(dict.fromkeys((row["study"], row["engine"]) for row in document["reached"])),
+            series=list(
+                dict.fromkeys((row["study"], row["engine"]) for row in document["reached"])
+            ),
             at={(row["study"], row["engine"], row["level"]): row for row in document["reached"]},
         )
         (folder / PAGE).write_text(page, encoding="utf-8")
@@ -247,7 +261,9 @@ def _against_error(document: Mapping[str, Any], study: Mapping[str, Any]) -> Dra
             own = [row for row in document["measured"] if (row["study"], row["engine"]) == of]
             own.sort(key=lambda row: row["size"])
             errors, times = [100.0 * row["error"] for row in own], [row["warm"] for row in own]
-            ax.plot(errors, times, color=COLOURS[colour], marker="o", markersize=3.5, label=one["title"])
+            ax.plot(
+                errors, times, color=COLOURS[colour], marker="o", markersize=3.5, label=one["title"]
+            )
         log_scale(ax)
         ax.set_xlabel("error of the limits (% of half-width)")
         ax.set_ylabel("time (s)")
@@ -257,8 +273,8 @@ def _against_error(document: Mapping[str, Any], study: Mapping[str, Any]) -> Dra
     return Drawing(
         f"time-{study['name']}",
         f"Run time against error, {study['name']}",
-        f"{study['about']}. Median time of sampling and limits over the root mean square error of all "
-        "limits; each mark is one budget, each line one engine. Left and down is better.",
+        f"{study['about']}. Median time of sampling and limits over the root mean square error of"
+        " all limits; each mark is one budget, each line one engine. Left and down is better.",
         (170.0, 118.0),
         draw,
     )

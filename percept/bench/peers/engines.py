@@ -26,7 +26,9 @@ LEVEL, SHARE, CONFIDENCE = 0.99, 0.99, 0.95
 STUDIES = {
     "published": "10 subjects, 5 environments, one trial; k and b",
     "published-k": "10 subjects, 5 environments, one trial; k alone",
-    "24x12x3-weak": "24 subjects, 12 environments, 3 trials; scatter between subjects a fifth of the trials'",
+    "24x12x3-weak": (
+        "24 subjects, 12 environments, 3 trials; scatter between subjects a fifth of the trials'"
+    ),
     "20x100x1": "20 subjects, 100 environments, one trial; k and b",
 }
 
@@ -39,7 +41,9 @@ class Fitted:
     error: Array  # (3, 2, C) Monte Carlo standard errors
     effective: float  # Effective draws of the slowest quantity behind them
     seconds: float  # Wall time of sampling and of the limits, without compiling
-    notes: dict[str, float]  # What its user would look at: divergences, acceptance, autocorrelation time
+    notes: dict[
+        str, float
+    ]  # What its user would look at: divergences, acceptance, autocorrelation time
 
 
 #: Samples within a budget, in the engine's own unit, from a seed.
@@ -86,7 +90,9 @@ def percept_model(statistics: Statistics) -> tuple[Model, IntervalEstimands]:
     from percept.inference.hierarchy.models import IntervalEstimands
 
     model = CollapsedDensity(statistics)
-    return model, IntervalEstimands(model, kinds=KINDS, level=LEVEL, share=SHARE, confidence=CONFIDENCE)
+    return model, IntervalEstimands(
+        model, kinds=KINDS, level=LEVEL, share=SHARE, confidence=CONFIDENCE
+    )
 
 
 def percept_run(statistics: Statistics, tolerance: float, seed: int) -> Fitted:
@@ -136,7 +142,9 @@ def _emcee(statistics: Statistics) -> Sampler:
         effective = len(components) / slowest
         parts = list(estimands.estimates(components))
         value = np.concatenate([estimates.value for estimates, _ in parts])
-        error = np.concatenate([influence.std(axis=0) for _, influence in parts]) / np.sqrt(effective)
+        error = np.concatenate([influence.std(axis=0) for _, influence in parts]) / np.sqrt(
+            effective
+        )
         notes = {
             "acceptance": float(np.mean(sampler.acceptance_fraction)),
             "autocorrelation_time": slowest * _KEPT_EVERY,
@@ -194,7 +202,9 @@ def _of_tree(tree: Any, seed: int, seconds: float) -> Fitted:
     started = time.perf_counter()
     beta, spread = (np.asarray(tree.posterior[name]) for name in ("beta", "spread"))
     shape = (*beta.shape[:2], -1)
-    limits = limits_of_draws(beta.reshape(shape), spread.reshape(shape), np.random.default_rng(seed))
+    limits = limits_of_draws(
+        beta.reshape(shape), spread.reshape(shape), np.random.default_rng(seed)
+    )
     seconds += time.perf_counter() - started
     return Fitted(*limits, seconds, {"divergences": float(tree.sample_stats.diverging.sum())})
 
@@ -213,7 +223,9 @@ def share_half_widths(off: Array, spread: Array, share: float = SHARE) -> Array:
     return np.asarray(found.x * spread)
 
 
-def limits_of_draws(beta: Array, spread: Array, rng: np.random.Generator) -> tuple[Array, Array, float]:
+def limits_of_draws(
+    beta: Array, spread: Array, rng: np.random.Generator
+) -> tuple[Array, Array, float]:
     """Limits from draws (chains, draws, cells), their errors, and the effective draws of the slowest."""
     from arviz_stats.base.array import BaseArray
 
@@ -229,7 +241,9 @@ def limits_of_draws(beta: Array, spread: Array, rng: np.random.Generator) -> tup
     def error(draws: Array, **how: Any) -> Array:
         return np.asarray(array_stats.mcse(np.moveaxis(draws, -1, 0), **how))
 
-    errors = [[error(draws, method="quantile", prob=tail) for tail in tails] for draws in (beta, user)]
+    errors = [
+        [error(draws, method="quantile", prob=tail) for tail in tails] for draws in (beta, user)
+    ]
     of_share = np.hypot(error(half, method="quantile", prob=CONFIDENCE), error(beta, method="mean"))
     # 5 and 95 %: the tails whose draws are counted since Vehtari et al. (2021).
     effective = [

@@ -1,7 +1,7 @@
 """Engines and whole commands timed in processes of their own.
 
-``python -m percept.bench.peers.processes TASK`` is the process of one engine: a first run from the start of
-the process, then runs of every budget. It prints JSON.
+``python -m percept.bench.peers.processes TASK`` is the process of one engine: a first run from the
+start of the process, then runs of every budget. It prints JSON.
 """
 
 from __future__ import annotations
@@ -77,7 +77,10 @@ def _reduced(study: str, name: str, given: dict[str, Any], reference: Reference)
     start = max(given["first"] - again, 0.0)
     for size in dict.fromkeys(run["size"] for run in runs):
         group = [run for run in runs if run["size"] == size]
-        seconds, values = [run["seconds"] for run in group], np.array([run["value"] for run in group])
+        seconds, values = (
+            [run["seconds"] for run in group],
+            np.array([run["value"] for run in group]),
+        )
         claimed = np.hypot([run["error"] for run in group], reference.error)
         errors = [reference.relative_error(value) for value in values]
         warm, worked, draws = (
@@ -98,15 +101,20 @@ def _reduced(study: str, name: str, given: dict[str, Any], reference: Reference)
                 effective_per_second=draws / warm,
                 effective_per_processor_second=draws / worked,
                 agreement=float(np.sqrt(np.mean(((values - reference.value) / claimed) ** 2))),
-                notes={key: median(run["notes"][key] for run in group) for key in group[0]["notes"]},
+                notes={
+                    key: median(run["notes"][key] for run in group) for key in group[0]["notes"]
+                },
             )
         )
     return rows
 
 
 _NEEDED = "numpy, scipy.stats, pandas, emcee, arviz_base, arviz_stats, h5netcdf"
-_REPORT, _FIT = (("-m", "percept", command, "SESSIONS", "--out", "OUT") for command in ("report", "fit"))
-#: Name to arguments of Python; SESSIONS, SCENE, OUT and SEED, another in every round, are filled in.
+_REPORT, _FIT = (
+    ("-m", "percept", command, "SESSIONS", "--out", "OUT") for command in ("report", "fit")
+)
+#: Name to arguments of Python; SESSIONS, SCENE, OUT and SEED, another in every round, are filled
+#: in.
 COMMANDS = {
     "import pymc": ("-c", "import pymc"),
     "import what percept fit needs": ("-c", f"import {_NEEDED}"),
@@ -203,7 +211,9 @@ def _timed(words: Sequence[str]) -> tuple[float, float]:
 def main(given: str) -> None:
     """Run an engine as its task says and print what it gave."""
     task = json.loads(given)
-    warnings.simplefilter("ignore")  # samplers warn about runs as short as some of these are meant to be
+    warnings.simplefilter(
+        "ignore"
+    )  # samplers warn about runs as short as some of these are meant to be
     began = time.time()
     statistics = study_statistics(task["study"])
     # Reading is the same for all engines, and no part of any of them.

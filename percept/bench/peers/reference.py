@@ -1,6 +1,7 @@
 """Reference limits that errors are measured against: independent runs of percept, pooled.
 
-Their check is another density by another sampler: the page shows how far nutpie's limits lie from them.
+Their check is another density by another sampler: the page shows how far nutpie's limits lie from
+them.
 """
 
 from __future__ import annotations
@@ -42,7 +43,9 @@ class Reference:
         count = len(rows)
         value, claimed = values.mean(axis=0), np.sqrt((errors**2).mean(axis=0))
         spread = (values - value) / claimed
-        scatter = math.sqrt((spread**2).sum() / ((count - 1) * value.size)) if count > 1 else math.nan
+        scatter = (
+            math.sqrt((spread**2).sum() / ((count - 1) * value.size)) if count > 1 else math.nan
+        )
         effective = sum(row["effective"] for row in rows)
         return cls(value, claimed / math.sqrt(count), effective, count, scatter)
 

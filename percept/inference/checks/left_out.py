@@ -54,11 +54,13 @@ class Predicted:
 def leave_one_out(subjects: SubjectDensity, points: Array, *, chains: int) -> Loo:
     """Leave each subject out by reweighting draws of the scales.
 
-    The locations are integrated out of the weights, 1/p(y_i | scales, other subjects), so these vary with
-    the scales alone; weights of draws of the locations too would have far heavier tails.
+    The locations are integrated out of the weights, 1/p(y_i | scales, other subjects), so these
+    vary with the scales alone; weights of draws of the locations too would have far heavier tails.
     """
     if len(points) % chains:
-        raise UsageError(f"{len(points)} draws do not make equal chains.", key="chains", value=chains)
+        raise UsageError(
+            f"{len(points)} draws do not make equal chains.", key="chains", value=chains
+        )
     by_chain = points.reshape(chains, -1, points.shape[1])
     gap = max(1, -(-len(points) * subjects.subjects // _MOST))
     kept = by_chain[:, ::gap].reshape(-1, points.shape[1])
@@ -68,8 +70,9 @@ def leave_one_out(subjects: SubjectDensity, points: Array, *, chains: int) -> Lo
     if not np.isfinite(log_density).all():
         i = int(np.argmin(np.isfinite(log_density).all(axis=0)))
         raise RefusalError(
-            f"what the others say of {subjects.density.statistics.subjects[i]} cannot be told in double "
-            "precision: some environment rests on this subject alone, at next to no scatter.",
+            f"what the others say of {subjects.density.statistics.subjects[i]} cannot be told in"
+            " double precision: some environment rests on this subject alone, at next to no"
+            " scatter.",
             hint="Leave that environment out, or ask for no model checks.",
         )
     return _smoothed(log_density, kept, chains)
@@ -80,7 +83,9 @@ def _smoothed(log_density: Array, points: Array, chains: int) -> Loo:
     import arviz_stats
 
     shaped = log_density.reshape(chains, -1, log_density.shape[1])
-    tree = arviz_base.from_dict({"log_likelihood": {"trials": shaped}}, dims={"trials": ["subject"]})
+    tree = arviz_base.from_dict(
+        {"log_likelihood": {"trials": shaped}}, dims={"trials": ["subject"]}
+    )
     with warnings.catch_warnings():
         # Bad indices are in the record, and every user of it says so.
         warnings.filterwarnings("ignore", message="Estimated shape parameter")

@@ -16,10 +16,13 @@ Array = NDArray[np.float64]
 STATISTICS = ("mean", "sd", "farthest")
 
 
-def draw_prior(density: CollapsedDensity, draws: int, rng: np.random.Generator) -> tuple[Named, Array, Array]:
+def draw_prior(
+    density: CollapsedDensity, draws: int, rng: np.random.Generator
+) -> tuple[Named, Array, Array]:
     """Draw scales, population means and new users before any data."""
     statistics, priors = density.statistics, density.priors
-    # Without observed scatter every coordinate of log sigma is standard normal a priori, like the rest.
+    # Without observed scatter every coordinate of log sigma is standard normal a priori, like the
+    # rest.
     blank = dataclasses.replace(
         statistics, sd=np.zeros_like(statistics.sd), trial_rows=np.zeros_like(statistics.trial_rows)
     )
@@ -57,8 +60,12 @@ def replicate(subjects: SubjectDensity, points: Array, rng: np.random.Generator)
     for _, scales in subjects.batches(points):
         beta = density.locations(scales).draw(rng)
         width = beta.shape[-1]
-        drawn = np.full((width, subjects.subjects, subjects.parameters, subjects.environments), np.nan)
-        for pattern, cell in zip(density.statistics.patterns, density.cell_blocks(scales), strict=True):
+        drawn = np.full(
+            (width, subjects.subjects, subjects.parameters, subjects.environments), np.nan
+        )
+        for pattern, cell in zip(
+            density.statistics.patterns, density.cell_blocks(scales), strict=True
+        ):
             shape = (pattern.subjects, pattern.environments.size, width)
             values = np.broadcast_to(
                 beta[:, None, pattern.environments], (subjects.parameters, *shape)
@@ -66,7 +73,11 @@ def replicate(subjects: SubjectDensity, points: Array, rng: np.random.Generator)
             for column in cell.factor_columns():
                 values += np.stack(column)[:, None] * rng.standard_normal(shape)
             for column in scales.shared.factor_columns() if scales.shared is not None else ():
-                values += np.stack(column)[:, None, None] * rng.standard_normal((shape[0], 1, width))
-            drawn[:, pattern.members[:, None], :, pattern.environments] = values.transpose(1, 2, 3, 0)
+                values += np.stack(column)[:, None, None] * rng.standard_normal(
+                    (shape[0], 1, width)
+                )
+            drawn[:, pattern.members[:, None], :, pattern.environments] = values.transpose(
+                1, 2, 3, 0
+            )
         studies.append(statistics_of(drawn))
     return np.concatenate(studies)

@@ -1,14 +1,14 @@
 """Density of one subject's data given everybody else's.
 
 Subjects are what a study samples, so a subject is what is left out. Given locations and scales the
-subjects are independent; with the locations integrated out, a subject's predictive law given the others
-follows from the conditional law N(m, BB') of the locations given everybody. With V the covariance of the
-subject's cell means y about the locations, G = V^(-1/2) B and r = y - m,
+subjects are independent; with the locations integrated out, a subject's predictive law given the
+others follows from the conditional law N(m, BB') of the locations given everybody. With V the
+covariance of the subject's cell means y about the locations, G = V^(-1/2) B and r = y - m,
 
     y | others ~ N(m - B K⁻¹ B'V⁻¹ r, V + B K⁻¹ B'),    K = I - G'G,
 
-so no fit is repeated. K is near (1 - 1/N) I whatever the scales; V - BB', its other form, would lose all
-digits where the subject effect dwarfs the rest.
+so no fit is repeated. K is near (1 - 1/N) I whatever the scales; V - BB', its other form, would
+lose all digits where the subject effect dwarfs the rest.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ _LEAST = 1e-12
 class LeftOut:
     """What W sets of scales and the other subjects' data say of each of N subjects.
 
-    All NaN at scales for which doubles cannot tell a subject's share of what is known of a location: a
-    scatter below some 1e-7 of the locations' prior.
+    All NaN at scales for which doubles cannot tell a subject's share of what is known of a
+    location: a scatter below some 1e-7 of the locations' prior.
     """
 
     log_density: Array  # (W, N) Of the subject's trials, on the response scale
@@ -142,7 +142,9 @@ def _leave_out(
     predicted.log_density[:, at] = -0.5 * (log_determinant[:, None] + distance)
     predicted.distance[:, at] = distance
     variances = [cell.diagonal()] if shared is None else [cell.diagonal(), shared.diagonal()]
-    own = np.stack([np.broadcast_to(sum(parts), apart.shape[2:]) for parts in zip(*variances, strict=True)])
+    own = np.stack(
+        [np.broadcast_to(sum(parts), apart.shape[2:]) for parts in zip(*variances, strict=True)]
+    )
     shape = (len(factor), *apart.shape[1:3], -1)
     off = apart.transpose(3, 1, 2, 0) + np.matmul(root.transpose(0, 2, 1), shift).reshape(shape)
     variance = own.transpose(2, 0, 1) + np.square(root).sum(axis=1).reshape(shape[:3])

@@ -23,7 +23,8 @@ from percept.inference.classical.moments import (
 from percept.inference.classical.tolerance import factor_of_tails
 from percept.inference.record import Family, FloatOrArray, Interval, Joint, Kind, Side, percent
 
-#: SDs of standardised values, below which the values of two conditions are multiples of one another.
+#: SDs of standardised values, below which the values of two conditions are multiples of one
+#: another.
 _PROPORTION = 1e-12
 
 
@@ -31,7 +32,9 @@ _PROPORTION = 1e-12
 class Ratio(NotebookRecord):
     """A ratio to the reference, unit-free, with its equal-tailed interval."""
 
-    quantity: Literal["bias", "weber"]  # Average user over reference, or SD between users over reference
+    quantity: Literal[
+        "bias", "weber"
+    ]  # Average user over reference, or SD between users over reference
     estimate: FloatOrArray
     lower: FloatOrArray
     upper: FloatOrArray
@@ -43,7 +46,11 @@ class Ratio(NotebookRecord):
     def covers(self) -> str:
         """One plain sentence saying what the interval covers."""
         average = "typical (geometric-mean)" if self.family == "lognormal" else "average"
-        who = "standard deviation between users" if self.quantity == "weber" else f"{average} user's value"
+        who = (
+            "standard deviation between users"
+            if self.quantity == "weber"
+            else f"{average} user's value"
+        )
         sure = f"{percent(self.level)} confidence"
         return f"The {who} divided by the reference lies between the limits, with {sure}."
 
@@ -59,19 +66,21 @@ def t_interval(
 ) -> Interval:
     """Work out the interval of the average user, kind ``"mean"`` (Eq. 15): mean ± t·SD/√n.
 
-    The paper reads it as "99 percent of users". It is a statement on their mean; how many users it holds on
-    average is in `expected_share` of the result (.647 at n = 10 and level .99) and in its sentence.
+    The paper reads it as "99 percent of users". It is a statement on their mean; how many users it
+    holds on average is in `expected_share` of the result (.647 at n = 10 and level .99) and in its
+    sentence.
 
     Parameters
     ----------
     x : array_like or Moments
-        One value per subject, shape (..., n), any unit; or mean, SD and n, or published limits, as `Moments`.
+        One value per subject, shape (..., n), any unit; or mean, SD and n, or published limits, as
+        `Moments`.
     level : float
         Confidence level; 0 to 1, exclusive.
     family : {"normal", "lognormal"}
-        Distribution between users. Under ``"lognormal"`` everything happens on the logarithms and the mean
-        becomes the typical (geometric-mean) user; linear `Moments` are turned into lognormal ones by moment
-        matching.
+        Distribution between users. Under ``"lognormal"`` everything happens on the logarithms and
+        the mean becomes the typical (geometric-mean) user; linear `Moments` are turned into
+        lognormal ones by moment matching.
     joint : {"marginal", "bonferroni"}
         ``"bonferroni"``: level 1 − (1 − level)/2, so that the intervals of k and b hold together.
     side : {"both", "lower", "upper"}
@@ -145,7 +154,8 @@ def tolerance_interval(
     confidence : float
         Confidence in that share.
     joint : {"marginal", "bonferroni"}
-        ``"bonferroni"``: both share and confidence at half their tails, so that k and b hold together.
+        ``"bonferroni"``: both share and confidence at half their tails, so that k and b hold
+        together.
 
     Returns
     -------
@@ -192,7 +202,9 @@ def interval_of(
         share = level if share is None else share
         beta = tail_of(share, "share", joint=joint)
         alpha = tail_of(confidence, "confidence", joint=joint)
-        factor = np.asarray(factor_of_tails(n, beta, alpha, sided="two" if side == "both" else "one"))
+        factor = np.asarray(
+            factor_of_tails(n, beta, alpha, sided="two" if side == "both" else "one")
+        )
     mean, half_width = np.asarray(moments.mean), factor * np.asarray(moments.sd)
     lower = np.full_like(mean, -np.inf) if side == "upper" else mean - half_width
     upper = np.full_like(mean, np.inf) if side == "lower" else mean + half_width
@@ -236,7 +248,9 @@ def family_moments(x: ArrayLike | Moments, family: Family) -> tuple[Moments, boo
         where = "" if still.ndim == 0 else f" (first at index {np.argwhere(still)[0].tolist()})"
         raise RefusalError(
             f"All subjects gave the same value{where}: with no scatter there is no interval.",
-            hint="Check whether the adjustment was too coarse to show differences between subjects.",
+            hint=(
+                "Check whether the adjustment was too coarse to show differences between subjects."
+            ),
         )
     return moments, approximate
 
@@ -290,19 +304,25 @@ def weber_fraction(x: ArrayLike | Moments, reference: ArrayLike, *, level: float
     """
     moments, _ = family_moments(x, "normal")
     tail, half = tail_of(level) / 2.0, (np.asarray(moments.n) - 1.0) / 2.0
-    low, high = (half / quantile(half, tail) for quantile in (special.gammainccinv, special.gammaincinv))
+    low, high = (
+        half / quantile(half, tail) for quantile in (special.gammainccinv, special.gammaincinv)
+    )
     ends = np.asarray(moments.sd) * np.sqrt(np.stack([np.ones_like(low), low, high]))
     return _ratio("weber", ends, reference, level, "normal", moments.n)
 
 
-def _expected_share(t: NDArray[np.float64], n: NDArray[np.int64], side: Side) -> NDArray[np.float64]:
+def _expected_share(
+    t: NDArray[np.float64], n: NDArray[np.int64], side: Side
+) -> NDArray[np.float64]:
     """Share of users that mean ± t·SD/√n holds on average over studies."""
     # The next user differs from the mean by SD·√(1 + 1/n) times a t.
     within = t / np.sqrt(n + 1.0)
     if side != "both":
         return np.asarray(special.stdtr(n - 1.0, within), dtype=float)
     # One less twice the tail would lose what a small t holds.
-    return np.asarray(special.betainc(0.5, (n - 1.0) / 2.0, within**2 / (n - 1.0 + within**2)), dtype=float)
+    return np.asarray(
+        special.betainc(0.5, (n - 1.0) / 2.0, within**2 / (n - 1.0 + within**2)), dtype=float
+    )
 
 
 def _ratio(
@@ -323,7 +343,13 @@ def _ratio(
     fitted("References and samples", shown, ends[0])
     estimate, lower, upper = (plain(end / shown) for end in ends)
     return Ratio(
-        quantity=quantity, estimate=estimate, lower=lower, upper=upper, level=level, family=family, n=n
+        quantity=quantity,
+        estimate=estimate,
+        lower=lower,
+        upper=upper,
+        level=level,
+        family=family,
+        n=n,
     )
 
 
@@ -351,11 +377,14 @@ def paired_contrast(
     return interval, 2.0 * float(special.stdtr(n - 1, -t))
 
 
-def spread_ratio(first: NDArray[np.float64], second: NDArray[np.float64], *, level: float) -> SpreadRatio:
+def spread_ratio(
+    first: NDArray[np.float64], second: NDArray[np.float64], *, level: float
+) -> SpreadRatio:
     """Ratio of SDs of pairs (n,), by Pitman and Morgan.
 
-    Sum and difference of two variables are uncorrelated where their variances are equal. The interval holds
-    the ratios that the test of this correlation, n - 2 degrees of freedom, does not reject.
+    Sum and difference of two variables are uncorrelated where their variances are equal. The
+    interval holds the ratios that the test of this correlation, n - 2 degrees of freedom, does not
+    reject.
     """
     n = len(first)
     if n < 3:
@@ -363,15 +392,20 @@ def spread_ratio(first: NDArray[np.float64], second: NDArray[np.float64], *, lev
     means, sds = zip(*(mean_and_sd(values) for values in (first, second)), strict=True)
     if min(sds) == 0.0:
         raise RefusalError("all subjects adjusted alike: with no scatter there is no ratio.")
-    a, b = ((values - mean) / sd for values, mean, sd in zip((first, second), means, sds, strict=True))
+    a, b = (
+        (values - mean) / sd for values, mean, sd in zip((first, second), means, sds, strict=True)
+    )
     # (1 - r)(1 + r) of the SDs of difference and sum: 1 - r² would cancel.
     apart, together = (float(mean_and_sd(values)[1]) for values in (b - a, b + a))
     if min(apart, together) < _PROPORTION:
-        raise RefusalError("the values of both conditions move in proportion: their ratio has no interval.")
+        raise RefusalError(
+            "the values of both conditions move in proportion: their ratio has no interval."
+        )
     rest = apart * together / 2.0  # sqrt(1 - r²)
     ratio = float(sds[1] / sds[0])
     half = rest * -float(special.stdtrit(n - 2, tail_of(level) / 2.0)) / np.sqrt(n - 2)
-    # The roots of ratio² (k ± sqrt(k² - 1)), k = 1 + 2 half²; the smaller is the reciprocal of the larger.
+    # The roots of ratio² (k ± sqrt(k² - 1)), k = 1 + 2 half²; the smaller is the reciprocal of the
+    # larger.
     wide = half + np.hypot(half, 1.0)
     t = (ratio - 1.0 / ratio) * np.sqrt(n - 2) / (2.0 * rest)
     p_value = 2.0 * float(special.stdtr(n - 2, -abs(t)))

@@ -22,8 +22,8 @@ _MOST_SUBJECTS = 2.0**53  # whole numbers above this are not told apart by doubl
 class Moments(NotebookRecord):
     """What a sample says under the normal family: mean, standard deviation and size.
 
-    Fields are floats for one sample, or arrays of one shape for several (environments, parameters, studies).
-    Accepted wherever a sample is.
+    Fields are floats for one sample, or arrays of one shape for several (environments, parameters,
+    studies). Accepted wherever a sample is.
 
     Parameters
     ----------
@@ -58,13 +58,17 @@ class Moments(NotebookRecord):
         sd = finite_values(self.sd, name="standard deviations")
         if (sd < 0.0).any():
             raise UsageError("A standard deviation cannot be negative.", value=float(sd.min()))
-        mean, sd, n = fitted("Means, standard deviations and counts", mean, sd, subject_counts(self.n))
+        mean, sd, n = fitted(
+            "Means, standard deviations and counts", mean, sd, subject_counts(self.n)
+        )
         object.__setattr__(self, "mean", plain(mean))
         object.__setattr__(self, "sd", plain(sd))
         object.__setattr__(self, "n", int(n) if n.ndim == 0 else n.astype(np.int64))
 
     @classmethod
-    def from_values(cls, values: ArrayLike, *, log: bool = False, repeats: bool | None = None) -> Self:
+    def from_values(
+        cls, values: ArrayLike, *, log: bool = False, repeats: bool | None = None
+    ) -> Self:
         """Work out mean and SD of one value per subject.
 
         Parameters
@@ -79,8 +83,8 @@ class Moments(NotebookRecord):
         Returns
         -------
         Moments
-            Of shape (...): within 4 ulp of the correctly rounded mean and SD of the doubles given, or of
-            their rounded logarithms.
+            Of shape (...): within 4 ulp of the correctly rounded mean and SD of the doubles given,
+            or of their rounded logarithms.
 
         Raises
         ------
@@ -97,7 +101,9 @@ class Moments(NotebookRecord):
         return cls(mean, sd, samples.shape[-1], scale="log" if log else "linear", repeats=repeats)
 
     @classmethod
-    def from_limits(cls, lower: ArrayLike, upper: ArrayLike, n: ArrayLike, *, level: float = 0.99) -> Self:
+    def from_limits(
+        cls, lower: ArrayLike, upper: ArrayLike, n: ArrayLike, *, level: float = 0.99
+    ) -> Self:
         """Turn the published limits of a t-interval (Eq. 15) back into mean and SD.
 
         Parameters
@@ -145,8 +151,8 @@ class Moments(NotebookRecord):
         Returns
         -------
         Moments
-            Themselves, or moments of the logarithms that a lognormal with this mean and SD has: variance
-            log(1 + SD²/mean²), mean log(mean) − variance/2.
+            Themselves, or moments of the logarithms that a lognormal with this mean and SD has:
+            variance log(1 + SD²/mean²), mean log(mean) − variance/2.
 
         Raises
         ------
@@ -171,14 +177,20 @@ class Moments(NotebookRecord):
             )
         variance = np.log1p((sd / mean) ** 2)
         return Moments(
-            np.log(mean) - variance / 2.0, np.sqrt(variance), self.n, scale="log", repeats=self.repeats
+            np.log(mean) - variance / 2.0,
+            np.sqrt(variance),
+            self.n,
+            scale="log",
+            repeats=self.repeats,
         )
 
 
 def mean_and_sd(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mean and SD along the last axis, each rounded once: `statistics` sums fractions. One value has SD 0."""
     rows = samples.reshape(-1, samples.shape[-1]).tolist()
-    moments = np.array([(statistics.mean(row), _sd(row)) for row in rows]).reshape(*samples.shape[:-1], 2)
+    moments = np.array([(statistics.mean(row), _sd(row)) for row in rows]).reshape(
+        *samples.shape[:-1], 2
+    )
     return moments[..., 0], moments[..., 1]
 
 
@@ -201,7 +213,9 @@ def check_option(name: str, value: str, options: tuple[str, ...]) -> None:
         raise UsageError(f"{name} must be one of {named}.", value=value)
 
 
-def finite_values(values: ArrayLike, *, name: str = "values", positive: bool = False) -> NDArray[np.float64]:
+def finite_values(
+    values: ArrayLike, *, name: str = "values", positive: bool = False
+) -> NDArray[np.float64]:
     """Return `values` as doubles, all of them finite numbers and, where asked, fit for a logarithm."""
     if np.ma.is_masked(values):
         raise UsageError(
@@ -211,7 +225,8 @@ def finite_values(values: ArrayLike, *, name: str = "values", positive: bool = F
         given: NDArray[Any] = np.asarray(values)
     except ValueError:
         raise UsageError(
-            f"The {name} are rows of unequal length.", hint="Pass samples of different size one at a time."
+            f"The {name} are rows of unequal length.",
+            hint="Pass samples of different size one at a time.",
         ) from None
     if given.size == 0:
         raise UsageError(f"There are no {name}: the array is empty.")

@@ -4,9 +4,9 @@ Two-sided, the factor c solves, with ν = n − 1 and Φ(x + r) − Φ(x − r) 
 
     ∫₀^∞ P(χ²_ν < ν r(x)²/c²) · 2 √(n/2π) exp(−n x²/2) dx = 1 − γ.
 
-The left side is the chance that the interval holds too little. Through the lower tail of χ² it is a sum of
-positive terms as small as 1 − γ itself, so nothing cancels however close γ is to one. P enters through its
-tail 1 − P likewise. One-sided, the factor is a quantile of the noncentral t.
+The left side is the chance that the interval holds too little. Through the lower tail of χ² it is a
+sum of positive terms as small as 1 − γ itself, so nothing cancels however close γ is to one. P
+enters through its tail 1 − P likewise. One-sided, the factor is a quantile of the noncentral t.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def tolerance_factor(
 ) -> FloatOrArray:
     """Work out the exact factor of a normal tolerance interval.
 
-    Mean ± factor·SD holds at least `share` of the population with `confidence`; one-sided, so does everything
-    below mean + factor·SD (or above mean − factor·SD).
+    Mean ± factor·SD holds at least `share` of the population with `confidence`; one-sided, so does
+    everything below mean + factor·SD (or above mean − factor·SD).
 
     Parameters
     ----------
@@ -64,20 +64,26 @@ def tolerance_factor(
 
     References
     ----------
-    ISO 16269-6:2014; Krishnamoorthy and Mathew, Statistical Tolerance Regions, sections 2.2 and 2.3.
+    ISO 16269-6:2014; Krishnamoorthy and Mathew, Statistical Tolerance Regions, sections 2.2 and
+    2.3.
     """
     check_option("sided", sided, ("two", "one"))
     beta, alpha = tails(share, "share"), tails(confidence, "confidence")
     return factor_of_tails(subject_counts(n), beta, alpha, sided=sided)
 
 
-def factor_of_tails(n: ArrayLike, beta: ArrayLike, alpha: ArrayLike, *, sided: str = "two") -> FloatOrArray:
+def factor_of_tails(
+    n: ArrayLike, beta: ArrayLike, alpha: ArrayLike, *, sided: str = "two"
+) -> FloatOrArray:
     """Factor that leaves out beta = 1 − P of the population and misses it with probability alpha = 1 − γ."""
     arrays = fitted("n, share and confidence", *(np.asarray(given) for given in (n, beta, alpha)))
     if sided == "one":
         n, beta, alpha = arrays
-        # The mirrored distribution has the small probability in its lower tail, and keeps its digits.
-        return plain(-special.nctdtrit(n - 1.0, np.sqrt(n) * special.ndtri(beta), alpha) / np.sqrt(n))
+        # The mirrored distribution has the small probability in its lower tail, and keeps its
+        # digits.
+        return plain(
+            -special.nctdtrit(n - 1.0, np.sqrt(n) * special.ndtri(beta), alpha) / np.sqrt(n)
+        )
     return plain(np.vectorize(_two_sided, otypes=[float])(*arrays))
 
 
@@ -97,7 +103,8 @@ def _two_sided(n: float, beta: float, alpha: float) -> float:
             density = np.exp(half * np.log(x) - x - log_gamma)  # times x
         return float(weight @ special.gammainc(half, x)), -2.0 * float(weight @ density)
 
-    # Enough: less is held only if the mean is farther off than alpha/4 a side, or the SD below its alpha/2.
+    # Enough: less is held only if the mean is farther off than alpha/4 a side, or the SD below its
+    # alpha/2.
     farthest = _content_radius(-special.ndtri(alpha / 4.0) / math.sqrt(n), beta)
     least_sd = math.sqrt(special.gammaincinv(half, alpha / 2.0) / half)
     return math.exp(_newton(miss_probability, alpha, math.log(farthest / least_sd)))
@@ -110,16 +117,20 @@ def _content_radius(x: FloatOrArray, beta: float) -> FloatOrArray:
         density = np.exp(-0.5 * (r + x) ** 2) + np.exp(-0.5 * (r - x) ** 2)
         return special.ndtr(-(r + x)) + special.ndtr(x - r), -density / math.sqrt(2.0 * math.pi)
 
-    return _newton(held_out, beta, x - special.ndtri(beta / 2.0))  # exact at x = 0, too large elsewhere
+    return _newton(
+        held_out, beta, x - special.ndtri(beta / 2.0)
+    )  # exact at x = 0, too large elsewhere
 
 
 def _newton(
-    probability: Callable[..., tuple[FloatOrArray, FloatOrArray]], target: float, start: FloatOrArray
+    probability: Callable[..., tuple[FloatOrArray, FloatOrArray]],
+    target: float,
+    start: FloatOrArray,
 ) -> FloatOrArray:
     """Solve log probability = log target from above.
 
-    The logarithms are concave and fall, so no step passes the root. `scipy.optimize` takes brackets that
-    rounding spoils at large n, several times the time, and 0.3 s to import.
+    The logarithms are concave and fall, so no step passes the root. `scipy.optimize` takes brackets
+    that rounding spoils at large n, several times the time, and 0.3 s to import.
     """
     x = start
     for _ in range(_NEWTON_STEPS):

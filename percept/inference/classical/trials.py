@@ -11,7 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
-from percept.inference.classical.moments import Moments, check_option, finite_values, mean_and_sd, sample
+from percept.inference.classical.moments import (
+    Moments,
+    check_option,
+    finite_values,
+    mean_and_sd,
+    sample,
+)
 from percept.inference.record import Family
 
 _SHAPIRO_MOST = 5000  # beyond, the published approximation of its p-value is not valid
@@ -21,9 +27,13 @@ _SHAPIRO_MOST = 5000  # beyond, the published approximation of its p-value is no
 class SubjectMeans(NotebookRecord):
     """One value per subject, in the order in which the subjects first appear."""
 
-    values: NDArray[np.float64]  # (n,) Mean of the trials, geometric under "lognormal", in their unit
+    values: NDArray[
+        np.float64
+    ]  # (n,) Mean of the trials, geometric under "lognormal", in their unit
     family: Family  # Scale on which the trials were averaged
-    trial_sd: float | None  # SD between trials of a subject, pooled, on that scale; None without repeats
+    trial_sd: (
+        float | None
+    )  # SD between trials of a subject, pooled, on that scale; None without repeats
 
     def moments(self) -> Moments:
         """Return mean and SD of the subjects' values on the family's scale, each subject counting once."""
@@ -42,7 +52,9 @@ class Normality(NotebookRecord):
     n: int  # Subjects
 
 
-def subject_means(values: ArrayLike, subjects: ArrayLike, *, family: Family = "normal") -> SubjectMeans:
+def subject_means(
+    values: ArrayLike, subjects: ArrayLike, *, family: Family = "normal"
+) -> SubjectMeans:
     """Average the trials of each subject, however many each did: shapes (trials,)."""
     check_option("family", family, ("normal", "lognormal"))
     log = family == "lognormal"
@@ -50,10 +62,14 @@ def subject_means(values: ArrayLike, subjects: ArrayLike, *, family: Family = "n
     y = np.log(y) if log else y
     who = np.asarray(subjects)
     if y.ndim != 1 or who.shape != y.shape:
-        raise UsageError(f"One subject per trial is needed; the shapes are {y.shape} and {who.shape}.")
+        raise UsageError(
+            f"One subject per trial is needed; the shapes are {y.shape} and {who.shape}."
+        )
     # What is not equal to itself: NaN, which would otherwise count as one subject.
     if any(label is None or label != label for label in who.tolist()):
-        raise UsageError("every trial needs a subject; some have none.", hint="Leave those trials out.")
+        raise UsageError(
+            "every trial needs a subject; some have none.", hint="Leave those trials out."
+        )
     # In the order of first appearance.
     trials: dict[Any, list[float]] = {}
     for label, value in zip(who.tolist(), y.tolist(), strict=True):
@@ -88,7 +104,8 @@ def check_normality(x: ArrayLike, *, family: Family = "normal") -> Normality:
     UsageError
         Unfit values, more than one sample, an unknown family.
     RefusalError
-        Fewer than 3 or more than 5000 subjects, no scatter, zero or negative values under ``"lognormal"``.
+        Fewer than 3 or more than 5000 subjects, no scatter, zero or negative values under
+        ``"lognormal"``.
     """
     check_option("family", family, ("normal", "lognormal"))
     y = sample(x, positive=family == "lognormal", least=3)
@@ -96,7 +113,8 @@ def check_normality(x: ArrayLike, *, family: Family = "normal") -> Normality:
         raise UsageError(f"One sample at a time; the values have shape {y.shape}.")
     if y.size > _SHAPIRO_MOST:
         raise RefusalError(
-            f"The p-value of the Shapiro–Wilk test is known up to n = {_SHAPIRO_MOST}; here n = {y.size}.",
+            f"The p-value of the Shapiro–Wilk test is known up to n = {_SHAPIRO_MOST}; here n ="
+            f" {y.size}.",
             hint="With that many, look at a plot of quantiles.",
         )
     if np.ptp(y) == 0.0:

@@ -1,10 +1,10 @@
 """Covariance blocks of one or two parameters, in algebra that does not cancel.
 
 A block holds a 1 x 1 or 2 x 2 covariance for every entry of its axes. The 2 x 2 form is kept as a
-regression: the variance v of the first parameter, the slope g of the second on it and the variance w
-left over, so that A = L diag(v, w) L' with L = [[1, 0], [g, 1]]. Sums, inverses, determinants and
-distances then need positive terms only, and a correlation of 1 - 1e-9 keeps the digits that
-``v1*v2 - c*c`` would lose.
+regression: the variance v of the first parameter, the slope g of the second on it and the variance
+w left over, so that A = L diag(v, w) L' with L = [[1, 0], [g, 1]]. Sums, inverses, determinants and
+distances then need positive terms only, and a correlation of 1 - 1e-9 keeps the digits that ``v1*v2
+- c*c`` would lose.
 """
 
 from __future__ import annotations
@@ -107,7 +107,9 @@ class Block:
     def distance(self, r: Vector) -> Array:
         """Return the sum of r'A⁻¹r over the first axis of r, per entry of a covariance A."""
         squares = (np.einsum("k...,k...->...", part, part) for part in self._remainders(r))
-        return np.asarray(sum(square / v for square, v in zip(squares, self.variances, strict=True)))
+        return np.asarray(
+            sum(square / v for square, v in zip(squares, self.variances, strict=True))
+        )
 
     def factor_columns(self) -> list[Vector]:
         """Return the columns of the lower factor F of a covariance."""
@@ -139,7 +141,8 @@ def weighted_mean(parts: Block, total: Block, r: Vector, *, axis: int = -2) -> V
     if parts.slope is None or total.slope is None:
         return ((parts.variances[0] * r[0]).sum(axis=axis) / total.variances[0],)
     second = parts.variances[0] * (r[1] + parts.slope * r[0])
-    # Differences of slopes: applying K⁻¹ to P_j r_j would subtract numbers 1/(1 - rho²) times the result.
+    # Differences of slopes: applying K⁻¹ to P_j r_j would subtract numbers 1/(1 - rho²) times the
+    # result.
     first = (parts.variances[1] * r[0] + (parts.slope - total.slope) * second).sum(axis=axis)
     mean = first / total.variances[1]
     return (mean, second.sum(axis=axis) / total.variances[0] - total.slope * mean)
@@ -174,8 +177,8 @@ def gram(columns: Sequence[Array]) -> Block:
 class SharedCovariance:
     """blockdiag(D_1 … D_E) + 11' (x) S for W sets of scales, never formed.
 
-    A vector r splits into its precision-weighted mean m and the deviations from it, and
-    r'V⁻¹r = sum_j (r_j - m)'D_j⁻¹(r_j - m) + m'(S + (sum_j D_j⁻¹)⁻¹)⁻¹m: squares only, where Woodbury's
+    A vector r splits into its precision-weighted mean m and the deviations from it, and r'V⁻¹r =
+    sum_j (r_j - m)'D_j⁻¹(r_j - m) + m'(S + (sum_j D_j⁻¹)⁻¹)⁻¹m: squares only, where Woodbury's
     identity would subtract (up to 12 digits at extreme variances).
     """
 

@@ -18,7 +18,8 @@ from percept.inference.hierarchy.scales import Layout, Options, Scales
 from percept.inference.hierarchy.statistics import Statistics
 
 Array = NDArray[np.float64]
-#: Numbers of coordinates per pass: fewer waste calls, and temporaries beyond the processor's cache cost more.
+#: Numbers of coordinates per pass: fewer waste calls, and temporaries beyond the processor's cache
+#: cost more.
 _PASS = 49152
 _LOG_2PI = math.log(2.0 * math.pi)
 
@@ -73,7 +74,9 @@ class CollapsedDensity:
         if self.layout.trend and len(statistics.patterns) > 1:
             self.information = InformationProblem(statistics.patterns, self.regression.trend)
         trials = sum(p.subjects * p.trials.sum() for p in statistics.patterns)
-        self._constant = statistics.constant - 0.5 * _LOG_2PI * len(statistics.parameters) * float(trials)
+        self._constant = statistics.constant - 0.5 * _LOG_2PI * len(statistics.parameters) * float(
+            trials
+        )
         self.names, self.dimension = self.layout.names, self.layout.dimension
         self.priors_in_force = self.layout.priors_in_force
         self.cells = tuple((p, e) for p in statistics.parameters for e in statistics.environments)
@@ -84,7 +87,12 @@ class CollapsedDensity:
 
     def identity(self) -> tuple[object, ...]:
         """Everything that decides density and locations: statistics, priors, options, resolution."""
-        model: tuple[Any, ...] = (self.statistics, self.priors, self.layout.options, self.resolution)
+        model: tuple[Any, ...] = (
+            self.statistics,
+            self.priors,
+            self.layout.options,
+            self.resolution,
+        )
         return ("pooled", *(dataclasses.astuple(part) for part in model))
 
     def __call__(self, points: Array) -> Array:
@@ -160,7 +168,9 @@ class CollapsedDensity:
 
     def _by_information(self, problem: InformationProblem, scales: Scales) -> Information:
         """Locations by their information, whose digits may not do."""
-        return Information(problem, scales, self._cells(scales, problem.environment, problem.trials))
+        return Information(
+            problem, scales, self._cells(scales, problem.environment, problem.trials)
+        )
 
     def _cells(self, scales: Scales, environments: NDArray[np.intp], trials: Array) -> Block:
         """Covariance of cell means about the subject's effect, entries (E, W)."""
@@ -185,7 +195,8 @@ class CollapsedDensity:
         """Moments of beta and of the population, cells parameter by parameter."""
         law = self.locations(scales)
         sd, population_sd = (
-            np.sqrt(np.concatenate(block.diagonal())).T for block in (law.covariance, self.population(scales))
+            np.sqrt(np.concatenate(block.diagonal())).T
+            for block in (law.covariance, self.population(scales))
         )
         return ConditionalMoments(np.concatenate(law.mean).T, sd, population_sd)
 

@@ -2,12 +2,13 @@
 
 Given the scales, subject i adds to the information on beta
 
-    V_i⁻¹ = P_i - P_i 1 T_i 1'P_i,  P_ij = (Sigma_w,j + Sigma_e,j/r_ij)⁻¹,  T_i = (Sigma_u⁻¹ + sum_j P_ij)⁻¹,
+    V_i⁻¹ = P_i - P_i 1 T_i 1'P_i,  P_ij = (Sigma_w,j + Sigma_e,j/r_ij)⁻¹,  T_i = (Sigma_u⁻¹ + sum_j
+    P_ij)⁻¹,
 
-a missing cell having no precision. Cost follows subjects times environments, and trials never. The difference
-loses digits where the subject effect dwarfs the rest or a correlation nears one; the pivots of the Cholesky
-factor tell how many, and draws that lose more than `_KEPT` allows are left to the orthogonal form. Distances
-are sums of squares about the weighted means in either case.
+a missing cell having no precision. Cost follows subjects times environments, and trials never. The
+difference loses digits where the subject effect dwarfs the rest or a correlation nears one; the
+pivots of the Cholesky factor tell how many, and draws that lose more than `_KEPT` allows are left
+to the orthogonal form. Distances are sums of squares about the weighted means in either case.
 """
 
 from __future__ import annotations
@@ -42,7 +43,9 @@ class InformationProblem:
         self.environment = np.array([j for j, _ in kinds])  # (K,) of each kind of cell
         self.trials = np.array([trials for _, trials in kinds])  # (K,)
         self.weight = np.array([pattern.subjects for pattern in patterns], dtype=float)  # (G,)
-        self.cell = np.full((environments, len(patterns)), len(kinds))  # (J, G) kind; K where there is none
+        self.cell = np.full(
+            (environments, len(patterns)), len(kinds)
+        )  # (J, G) kind; K where there is none
         mean = np.zeros((size, environments, len(patterns)))
         for g, pattern in enumerate(patterns):
             cells = zip(pattern.environments.tolist(), pattern.trials, strict=True)
@@ -51,11 +54,17 @@ class InformationProblem:
         # About the environments' means, so that a common offset does not enter the products.
         share = np.where(self.cell < len(kinds), self.weight, 0.0)
         self.centre = np.einsum("jg,pjg->pj", share, mean) / share.sum(axis=1)
-        self.mean = np.where(self.cell < len(kinds), mean - self.centre[..., None], 0.0)  # (P, J, G)
-        self.member = (self.cell == np.arange(len(kinds))[:, None, None]).any(axis=1).astype(float)  # (K, G)
+        self.mean = np.where(
+            self.cell < len(kinds), mean - self.centre[..., None], 0.0
+        )  # (P, J, G)
+        self.member = (
+            (self.cell == np.arange(len(kinds))[:, None, None]).any(axis=1).astype(float)
+        )  # (K, G)
         self.count = self.member @ self.weight  # (K,) subjects
         self.value = self.mean[:, self.environment] * self.member  # (P, K, G)
-        self.in_environment = (self.environment == np.arange(environments)[:, None]).astype(float)  # (J, K)
+        self.in_environment = (self.environment == np.arange(environments)[:, None]).astype(
+            float
+        )  # (J, K)
         # As if the patterns' means were what is observed, with covariances V_g over the subjects.
         self.constant = 0.5 * size * float(np.log(self.weight) @ self.member.sum(axis=0))
         self.prior_columns = prior_columns  # (Q, P, J) of alpha and gamma, times their prior SDs
@@ -94,7 +103,9 @@ class Information:
         self._known = self._precisions.total()
         self._outer = None if scales.shared is None else scales.shared + self._known.inverse()
         left = None if scales.shared is None else (scales.shared.inverse() + self._known).inverse()
-        self._tau = np.concatenate([np.broadcast_to(t, (self._environments, t.size)) for t in scales.tau]).T
+        self._tau = np.concatenate(
+            [np.broadcast_to(t, (self._environments, t.size)) for t in scales.tau]
+        ).T
         matrix, right, before = self._normal_equations(_dense(kinds.inverse()), left)
         self._factor = _cholesky(matrix)
         pivots = np.einsum("wii->wi", self._factor)
@@ -107,7 +118,9 @@ class Information:
             subjects = scales.shared.log_determinant() - left.log_determinant()
             determinants = determinants + problem.weight @ subjects
         distance = np.einsum("wq,wq->w", self._latents, self._latents) + self._distance()
-        self.log_density = problem.constant - 0.5 * (determinants + distance) - np.log(pivots).sum(axis=1)
+        self.log_density = (
+            problem.constant - 0.5 * (determinants + distance) - np.log(pivots).sum(axis=1)
+        )
 
     def _normal_equations(self, precision: Array, left: Block | None) -> tuple[Array, Array, Array]:
         """Precision of the latents (delta, alpha, gamma), right side, and the diagonal before subtraction."""
@@ -118,9 +131,12 @@ class Information:
         per_kind = (problem.value @ problem.weight)[..., None]
         information = np.zeros((width, count, count))
         if left is not None:
-            padded = np.concatenate([precision, np.zeros((size, size, 1, width))], axis=2)[:, :, problem.cell]
+            padded = np.concatenate([precision, np.zeros((size, size, 1, width))], axis=2)[
+                :, :, problem.cell
+            ]
             root = np.sqrt(problem.weight)[:, None]
-            # P_ij times the factor of T_i: what the subject effects take away is a sum of outer products.
+            # P_ij times the factor of T_i: what the subject effects take away is a sum of outer
+            # products.
             taken = np.stack(
                 [
                     sum(padded[:, q] * (root * part) for q, part in enumerate(column))
@@ -136,7 +152,9 @@ class Information:
         at = np.arange(self._environments)
         for p in range(size):
             for q in range(size):
-                information[:, p * self._environments + at, q * self._environments + at] += own[p, q].T
+                information[:, p * self._environments + at, q * self._environments + at] += own[
+                    p, q
+                ].T
         trend = problem.prior_columns.reshape(len(problem.prior_columns), count)
         target = target.reshape(count, width).T + information @ problem.centre.ravel()
         along = information @ trend.T
@@ -167,17 +185,24 @@ class Information:
         )
         total = problem.weight @ self._squares(apart, slice(None))
         if problem.row_group.size:
-            total = total + self._squares(tuple(problem.rows[..., None]), problem.row_group).sum(axis=0)
+            total = total + self._squares(tuple(problem.rows[..., None]), problem.row_group).sum(
+                axis=0
+            )
         return total
 
     def _squares(self, apart: Vector, groups: NDArray[np.intp] | slice) -> Array:
         """r'V_g⁻¹r of vectors with entries (J, R, W) or (J, R, 1), each of its group g: shape (R, W)."""
         cells, precisions = self._cells[:, groups], self._precisions[:, groups]
         if self._outer is None:
-            return np.asarray(sum(np.einsum("jrw,jrw->rw", part, part) for part in cells.whiten(apart)))
+            return np.asarray(
+                sum(np.einsum("jrw,jrw->rw", part, part) for part in cells.whiten(apart))
+            )
         mean = weighted_mean(precisions, self._known[groups], apart, axis=0)
         inside = tuple(r - m for r, m in zip(apart, mean, strict=True))
-        whitened = (*cells.whiten(inside), *(part[None] for part in self._outer[groups].whiten(mean)))
+        whitened = (
+            *cells.whiten(inside),
+            *(part[None] for part in self._outer[groups].whiten(mean)),
+        )
         return np.asarray(sum(np.einsum("jrw,jrw->rw", part, part) for part in whitened))
 
     @functools.cached_property
@@ -194,7 +219,9 @@ class Information:
         """Columns (Q, P, J, W) whose outer products sum to the covariance of beta over all cells."""
         count = self._tau.shape[1]
         trend = self._problem.prior_columns.reshape(-1, count)
-        columns = self._inverse[:, :, :count] * self._tau[:, None] + self._inverse[:, :, count:] @ trend
+        columns = (
+            self._inverse[:, :, :count] * self._tau[:, None] + self._inverse[:, :, count:] @ trend
+        )
         return columns.transpose(1, 2, 0).reshape(-1, self._size, self._environments, len(columns))
 
     def draw(self, rng: np.random.Generator) -> Array:
@@ -205,7 +232,9 @@ class Information:
     def trend(self, rows: Array) -> tuple[Array, Array]:
         """Mean (R, W) and columns (Q, R, W) of rows (R, 2 P) of alpha and gamma over their prior SDs."""
         count = self._tau.shape[1]
-        return rows @ self._latents[:, count:].T, np.moveaxis(self._inverse[:, :, count:] @ rows.T, 0, -1)
+        return rows @ self._latents[:, count:].T, np.moveaxis(
+            self._inverse[:, :, count:] @ rows.T, 0, -1
+        )
 
 
 def _padded(kinds: Block) -> Block:
@@ -247,5 +276,7 @@ def _solve_upper(factor: Array, right: Array) -> Array:
     """Solve L'x = right."""
     x = right.copy()
     for i in reversed(range(x.shape[1])):
-        x[:, i] = (x[:, i] - np.einsum("wk,wk->w", factor[:, i + 1 :, i], x[:, i + 1 :])) / factor[:, i, i]
+        x[:, i] = (x[:, i] - np.einsum("wk,wk->w", factor[:, i + 1 :, i], x[:, i + 1 :])) / factor[
+            :, i, i
+        ]
     return x

@@ -29,7 +29,9 @@ class Product:
         self.models = tuple(models)
         self._ends = np.cumsum([len(model.names) for model in models])[:-1]
         self.names: list[str] = [name for model in models for name in model.names]
-        self.cells: tuple[tuple[str, str], ...] = tuple(cell for model in models for cell in model.cells)
+        self.cells: tuple[tuple[str, str], ...] = tuple(
+            cell for model in models for cell in model.cells
+        )
         self.priors_in_force: dict[str, float] = {}
         for model in models:
             self.priors_in_force |= model.priors_in_force
@@ -49,11 +51,15 @@ class Product:
     def laws(self, points: Array) -> ConditionalMoments:
         """Moments of all cells at coordinates (W, d)."""
         laws = [vars(model.laws(part)).values() for model, part in self.split(points)]
-        return ConditionalMoments(*(np.concatenate(part, axis=1) for part in zip(*laws, strict=True)))
+        return ConditionalMoments(
+            *(np.concatenate(part, axis=1) for part in zip(*laws, strict=True))
+        )
 
     def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw population means and new users of all cells, each (W, C)."""
-        means, users = zip(*(model.draw(part, rng) for model, part in self.split(points)), strict=True)
+        means, users = zip(
+            *(model.draw(part, rng) for model, part in self.split(points)), strict=True
+        )
         return np.concatenate(means, axis=1), np.concatenate(users, axis=1)
 
     def scales(self, points: Array) -> Named:
@@ -68,15 +74,17 @@ class Product:
 class Unpooled:
     """y ~ N(beta, sigma²) per cell, beta and log sigma flat.
 
-    Responses are standardised by the cell's own mean and SD, so that an offset costs no digits: with
-    t = log(sigma/SD) the posterior is exp(-nu t - nu exp(-2t)/2), nu = n - 1, and
-    beta | sigma ~ N(0, exp(2t)/n). The coordinate is t in units of 1/sqrt(2 nu).
+    Responses are standardised by the cell's own mean and SD, so that an offset costs no digits:
+    with t = log(sigma/SD) the posterior is exp(-nu t - nu exp(-2t)/2), nu = n - 1, and beta | sigma
+    ~ N(0, exp(2t)/n). The coordinate is t in units of 1/sqrt(2 nu).
     """
 
     def __init__(self, cells: tuple[tuple[str, str], ...], counts: NDArray[np.int64]) -> None:
         if np.any(counts < 2):
             parameter, environment = cells[int(np.argmin(counts))]
-            message = f"{parameter} in {environment} has one subject; the reference prior needs two."
+            message = (
+                f"{parameter} in {environment} has one subject; the reference prior needs two."
+            )
             raise RefusalError(message, hint='Add subjects, or use pooling = "partial".')
         self.cells = cells
         self.names = [f"log sigma[{p},{e}]" for p, e in cells]
@@ -155,4 +163,7 @@ class IntervalEstimands:
             lower, upper, influence = self.limits(kind, laws)
             sides = product(("lower", "upper"), self.cells)
             names = tuple(f"{side} {kind} limit of {p} in {e}" for side, (p, e) in sides)
-            yield Estimates(names, np.r_[lower, upper], np.tile(0.5 * (upper - lower), 2)), influence
+            yield (
+                Estimates(names, np.r_[lower, upper], np.tile(0.5 * (upper - lower), 2)),
+                influence,
+            )

@@ -32,7 +32,9 @@ class NewEnvironment:
     @property
     def laws(self) -> ConditionalMoments:
         """Each parameter by itself, cells being parameters."""
-        variances = (np.diagonal(part, axis1=1, axis2=2) for part in (self.covariance, self.population))
+        variances = (
+            np.diagonal(part, axis1=1, axis2=2) for part in (self.covariance, self.population)
+        )
         return ConditionalMoments(self.mean, *map(np.sqrt, variances))
 
 
@@ -79,7 +81,9 @@ def _given_scales(
     named = scales.named
     covariance[:, range(count), range(count)] += named["tau"].T ** 2
     log_sigma = np.log(named["s"]) + named.get("kappa", 0.0) * x[:, None]
-    sigma = np.exp(log_sigma + named.get("omega", np.zeros((count, 1))) * _even((repeats, count, width), rng))
+    sigma = np.exp(
+        log_sigma + named.get("omega", np.zeros((count, 1))) * _even((repeats, count, width), rng)
+    )
     population = _covariance(np.moveaxis(sigma, -1, 0), named.get("rho_w"))
     if "sigma_u" in named:
         population = population + _covariance(named["sigma_u"].T[:, None], named.get("rho_u"))
@@ -111,7 +115,9 @@ class NewEstimands(IntervalEstimands):
         vars(self).update(vars(estimands))
         self._x, self._repeats, self._seed = x, repeats, seed
         self._rng = np.random.default_rng(seed)
-        self.cells = tuple((parameter, "new") for parameter in dict.fromkeys(p for p, _ in estimands.cells))
+        self.cells = tuple(
+            (parameter, "new") for parameter in dict.fromkeys(p for p, _ in estimands.cells)
+        )
 
     def identity(self) -> tuple[object, ...]:
         """Return what beside the model decides the limits."""
@@ -124,5 +130,7 @@ class NewEstimands(IntervalEstimands):
 
     def estimates(self, components: Array) -> Iterator[tuple[Estimates, Array]]:
         """Limits of each kind, and the influence of each draw over all its spreads."""
-        for found, influence in super().estimates(components.reshape(len(components) * self._repeats, -1)):
+        for found, influence in super().estimates(
+            components.reshape(len(components) * self._repeats, -1)
+        ):
             yield found, influence.reshape(len(components), self._repeats, -1).mean(axis=1)

@@ -20,17 +20,25 @@ Array = NDArray[np.float64]
 MEANINGS = {
     "alpha_sd": "SD of the common bias alpha (response scale)",
     "gamma_sd": "SD of the trend gamma of the bias (response scale per decade of the reference)",
-    "tau_scale": "half-normal scale of tau, the SD of an environment's own bias delta (response scale)",
+    "tau_scale": (
+        "half-normal scale of tau, the SD of an environment's own bias delta (response scale)"
+    ),
     "sigma_u_scale": "half-normal scale of the SD of the subject effect u (response scale)",
-    "log_s_mean": "mean of log s, the typical SD between subjects in an environment (log of response scale)",
+    "log_s_mean": (
+        "mean of log s, the typical SD between subjects in an environment (log of response scale)"
+    ),
     "log_s_sd": "SD of log s",
     "kappa_sd": "SD of kappa, the trend of log sigma per decade of the reference; 0 is Weber's law",
     "omega_scale": "half-normal scale of omega, the SD of log sigma about its trend",
     "rho_shape": "shape a of Beta(a, a) for (rho + 1)/2, every correlation between k and b",
     "log_s_e_mean": "mean of log s_e, the typical between-trial SD (log of response scale)",
     "log_s_e_sd": "SD of log s_e",
-    "kappa_e_sd": "SD of kappa_e, the trend of the log between-trial SD per decade of the reference",
-    "omega_e_scale": "half-normal scale of omega_e, the SD of the log between-trial SD about its trend",
+    "kappa_e_sd": (
+        "SD of kappa_e, the trend of the log between-trial SD per decade of the reference"
+    ),
+    "omega_e_scale": (
+        "half-normal scale of omega_e, the SD of the log between-trial SD about its trend"
+    ),
     "lambda_sd": "SD of lambda, the contrast of two conditions within subjects (response scale)",
     "psi_sd": "SD of psi, the contrast of log sigma between two conditions within subjects",
 }
@@ -66,7 +74,9 @@ class Priors:
                 raise UsageError("a prior must be finite.", key=name, value=value)
             if not name.endswith("_mean") and value <= 0:
                 hint = "Leave it out of the scene for its default."
-                raise UsageError("a prior scale must be positive.", key=name, value=value, hint=hint)
+                raise UsageError(
+                    "a prior scale must be positive.", key=name, value=value, hint=hint
+                )
 
 
 Named = dict[str, tuple[tuple[str, ...], Array]]
@@ -75,7 +85,9 @@ _DIMENSIONS = {1: (), 2: ("parameter",), 3: ("parameter", "environment")}
 
 def draws_first(named: Mapping[str, Array]) -> Named:
     """Name the dimensions of draws (..., W), and put the draws first."""
-    return {name: (_DIMENSIONS[value.ndim], np.moveaxis(value, -1, 0)) for name, value in named.items()}
+    return {
+        name: (_DIMENSIONS[value.ndim], np.moveaxis(value, -1, 0)) for name, value in named.items()
+    }
 
 
 #: Beyond this many prior SDs a coordinate has no mass that doubles can weigh: exp(-35²/2) = 1e-266.
@@ -100,8 +112,8 @@ def correlation(u: Array, shape: float = 2.0) -> tuple[Array, Array]:
     """Map a standard normal to a correlation with (rho + 1)/2 ~ Beta(shape, shape)."""
     lower = special.ndtr(-np.abs(u))
     if shape == 2.0:
-        # The Beta(2, 2) quantile is trigonometric; near the end the angle's distance from pi/6 is kept.
-        # 1 - abs(rho) is 2 sin²(angle/2) + sqrt(3) sin(angle).
+        # The Beta(2, 2) quantile is trigonometric; near the end the angle's distance from pi/6 is
+        # kept. 1 - abs(rho) is 2 sin²(angle/2) + sqrt(3) sin(angle).
         sine = np.sin(np.arcsin(np.sqrt(lower)) / 3.0)
         rest = 2.0 * sine * (sine + np.sqrt(3.0 * (1.0 - sine * sine)))
     else:
@@ -116,4 +128,6 @@ def _beta_quantile(shape: float, lower: Array) -> Array:
     quantile = np.asarray(special.betaincinv(shape, shape, lower))
     log_first = (np.log(lower) + np.log(shape) + special.betaln(shape, shape)) / shape
     first = np.exp(log_first)
-    return np.where(np.isnan(quantile), first * (1.0 + (shape - 1.0) / (shape + 1.0) * first), quantile)
+    return np.where(
+        np.isnan(quantile), first * (1.0 + (shape - 1.0) / (shape + 1.0) * first), quantile
+    )

@@ -1,12 +1,13 @@
 """Locations by orthogonal regression: for studies of one pattern of counts, and for scales of any size.
 
-Cell means of pattern g in environment j are z_gj = beta_j + ubar_g + noise with beta_j = alpha + gamma x_j
-+ delta_j. With a single pattern the environments' own biases delta_j are summed out, and alpha and ubar merge
-since only their sum enters. With several patterns ubar_g is summed out and the delta_j are latents.
+Cell means of pattern g in environment j are z_gj = beta_j + ubar_g + noise with beta_j = alpha +
+gamma x_j + delta_j. With a single pattern the environments' own biases delta_j are summed out, and
+alpha and ubar merge since only their sum enters. With several patterns ubar_g is summed out and the
+delta_j are latents.
 
-With y | xi ~ N(A xi, I) and xi ~ N(0, I), everything wanted of y and of xi given y comes from the triangular
-factor of [[I], [A]]. Modified Gram-Schmidt with the target carried along is backward stable for this; normal
-equations, and Woodbury's identity, subtract large numbers instead.
+With y | xi ~ N(A xi, I) and xi ~ N(0, I), everything wanted of y and of xi given y comes from the
+triangular factor of [[I], [A]]. Modified Gram-Schmidt with the target carried along is backward
+stable for this; normal equations, and Woodbury's identity, subtract large numbers instead.
 """
 
 from __future__ import annotations
@@ -61,7 +62,8 @@ class Factored:
 def factor(design: Array, target: Array) -> Factored:
     """Factor [[I], [A]] and project the target, for every set of scales."""
     size, rows, width = design.shape
-    # The identity stands upside down, so that what can be other than zero of each column is one stretch.
+    # The identity stands upside down, so that what can be other than zero of each column is one
+    # stretch.
     work = np.zeros((size + 1, size + rows, width))
     work[:size, size:] = design
     work[size, size:] = target
@@ -81,7 +83,10 @@ def factor(design: Array, target: Array) -> Factored:
         coefficients[i] = shares[-1]
     residual = work[size]
     return Factored(
-        np.log(squares).sum(axis=0), np.einsum("mw,mw->w", residual, residual), triangle, coefficients
+        np.log(squares).sum(axis=0),
+        np.einsum("mw,mw->w", residual, residual),
+        triangle,
+        coefficients,
     )
 
 
@@ -94,7 +99,9 @@ class Whitened:
     log_determinant: Array  # (W,) log det of the noise covariance that was whitened away
     columns: list[Vector]  # What each latent adds to the means, per parameter
     locations: list[Vector]  # What each adds to the locations
-    summed: tuple[Block, Vector] | None  # Noise and mean of the one pattern, its own biases summed out
+    summed: (
+        tuple[Block, Vector] | None
+    )  # Noise and mean of the one pattern, its own biases summed out
 
 
 class LocationProblem:
@@ -114,7 +121,8 @@ class LocationProblem:
         """Whiten the pattern means and the design of the latents, level and subject effect merged or not."""
         # Covariance of each pattern's mean about its mean subject effect, entries (E, W).
         noises = [
-            cell.scaled(1.0 / pattern.subjects) for cell, pattern in zip(cells, self._patterns, strict=True)
+            cell.scaled(1.0 / pattern.subjects)
+            for cell, pattern in zip(cells, self._patterns, strict=True)
         ]
         if len(noises) == 1:
             return self._of_one_pattern(scales, noises[0], merge=merge)
@@ -165,13 +173,16 @@ class LocationProblem:
         # The subject effect moves the means and not the locations.
         apart = [(np.zeros(1),) * self._size] * (len(columns) - len(self._trend_columns))
         locations = [*self._trend_columns, *apart]
-        return Whitened(whitened[:-1], whitened[-1], log_determinant, columns, locations, (noise, mean))
+        return Whitened(
+            whitened[:-1], whitened[-1], log_determinant, columns, locations, (noise, mean)
+        )
 
 
 def _stack(columns: list[Vector], shape: tuple[int, int]) -> Vector:
     """Stack columns along a new first axis, each parameter (Q, J, W)."""
     return tuple(
-        np.stack([np.broadcast_to(part, shape) for part in parts]) for parts in zip(*columns, strict=True)
+        np.stack([np.broadcast_to(part, shape) for part in parts])
+        for parts in zip(*columns, strict=True)
     )
 
 
@@ -207,16 +218,20 @@ class Regression:
         pull = noise.plus_diagonal(variances).inverse()
         change = pull.apply(_stack(problem.columns, shape))
         columns = [
-            rows - variance * part for rows, variance, part in zip(columns, variances, change, strict=True)
+            rows - variance * part
+            for rows, variance, part in zip(columns, variances, change, strict=True)
         ]
-        constant = [variance * part for variance, part in zip(variances, pull.apply(mean), strict=True)]
+        constant = [
+            variance * part for variance, part in zip(variances, pull.apply(mean), strict=True)
+        ]
         inverse = tuple(np.broadcast_to(1.0 / variance, shape) for variance in variances)
         return columns, constant, noise.inverse().plus_diagonal(inverse).inverse()
 
     def _of_latents(self, latents: Array) -> Vector:
         columns, constant, _ = self._on_latents
         return tuple(
-            c + np.einsum("qjw,qw->jw", rows, latents) for c, rows in zip(constant, columns, strict=True)
+            c + np.einsum("qjw,qw->jw", rows, latents)
+            for c, rows in zip(constant, columns, strict=True)
         )
 
     @cached_property

@@ -74,7 +74,10 @@ class Layout:
 
     def __init__(self, statistics: Statistics, priors: Priors, options: Options) -> None:
         self.statistics, self.priors, self.options = statistics, priors, options
-        self.parameters, self.environments = len(statistics.parameters), len(statistics.environments)
+        self.parameters, self.environments = (
+            len(statistics.parameters),
+            len(statistics.environments),
+        )
         self.trend = self.environments > 1
         self.subject_effect = options.subject_effect and self.trend and not statistics.summary
         self._common_spread = options.common_spread and self.trend
@@ -93,7 +96,9 @@ class Layout:
             # A unit of these is as short as the rough likelihood is narrow.
             self.limits[sigma] *= np.sqrt(1.0 + level.spreads.weight.ravel())
             standard[sigma] = False
-        self._standard = np.flatnonzero(standard)  # Coordinates that are standard normal whatever the rest
+        self._standard = np.flatnonzero(
+            standard
+        )  # Coordinates that are standard normal whatever the rest
         self._log_constant = -0.5 * _LOG_2PI * self.dimension
 
     def _level(self, suffix: str) -> _Level:
@@ -150,10 +155,14 @@ class Layout:
 
     def scales(self, coords: Array) -> Scales:
         """Map coordinates to scales."""
-        named = {name: half_normal(coords[self._slots[name]], s) for name, s in self._half_normal.items()}
+        named = {
+            name: half_normal(coords[self._slots[name]], s) for name, s in self._half_normal.items()
+        }
         rest: dict[str, Array] = {}
         for name in self._correlations:
-            named[name], rest[name] = correlation(coords[self._slots[name].start], self.priors.rho_shape)
+            named[name], rest[name] = correlation(
+                coords[self._slots[name].start], self.priors.rho_shape
+            )
         standard = coords[self._standard]
         log_prior = self._log_constant - 0.5 * np.einsum("dw,dw->w", standard, standard)
         blocks: dict[str, Block] = {}
@@ -167,7 +176,9 @@ class Layout:
         tau = tuple(named["tau"]) if self.trend else None
         return Scales(blocks[""], shared, blocks.get("_e"), tau, named, log_prior)
 
-    def _level_sd(self, level: _Level, coords: Array, named: dict[str, Array]) -> tuple[Array, Array | float]:
+    def _level_sd(
+        self, level: _Level, coords: Array, named: dict[str, Array]
+    ) -> tuple[Array, Array | float]:
         """SDs of one level, shape (P, J, W), and the log density of their coordinates."""
         e, width = level.suffix, coords.shape[1]
         trend = np.zeros((self.parameters, 2, width))

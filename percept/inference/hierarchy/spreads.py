@@ -16,28 +16,35 @@ Array = NDArray[np.float64]
 _TINY = 1e-300
 #: Largest correlation of k and b that coordinates follow.
 _MOST_TIED = 0.9999
-#: Of log sigma about its trend, where the rough likelihood is taken, and Newton steps towards that place.
+#: Of log sigma about its trend, where the rough likelihood is taken, and Newton steps towards that
+#: place.
 _TYPICAL_OMEGA, _ROUGH_STEPS = 0.5, 40
 #: Cells that say less than this of log sigma, against a prior's 1, are left to the prior.
 _LEAST_WEIGHT = 0.1
-#: log sigma (P, J, W), multiples of the trend's prior SDs (P, 2, W) and log density (W,); one map has no P.
+#: log sigma (P, J, W), multiples of the trend's prior SDs (P, 2, W) and log density (W,); one map
+#: has no P.
 Spreads = tuple[Array, Array, Array]
 
 
 class SpreadMap:
     """Map from coordinates to the spreads of one parameter at one level, their trend integrated out.
 
-    log sigma = m + U h + omega e with h (multiples of the trend's prior SDs) and e standard normal. With a
-    rough likelihood N(log sigma; l, diag(1/w)), log sigma given omega is normal with some covariance C, and u
-    is C^(-1/2) times the distance from its mean: neither a centred nor a non-centred form is good for all
-    data. The trend follows its exact law given log sigma and omega, of which the data say nothing more.
+    log sigma = m + U h + omega e with h (multiples of the trend's prior SDs) and e standard normal.
+    With a rough likelihood N(log sigma; l, diag(1/w)), log sigma given omega is normal with some
+    covariance C, and u is C^(-1/2) times the distance from its mean: neither a centred nor a
+    non-centred form is good for all data. The trend follows its exact law given log sigma and
+    omega, of which the data say nothing more.
     """
 
-    def __init__(self, centre: float, loadings: Array, rough_mean: Array, rough_weight: Array) -> None:
+    def __init__(
+        self, centre: float, loadings: Array, rough_mean: Array, rough_weight: Array
+    ) -> None:
         cells = loadings.shape[1]
         self._centre = centre
         # Padded, so that a single cell has two singular values too.
-        self._turn, size, basis = np.linalg.svd(np.pad(loadings, ((0, 0), (0, 1))), full_matrices=False)
+        self._turn, size, basis = np.linalg.svd(
+            np.pad(loadings, ((0, 0), (0, 1))), full_matrices=False
+        )
         # U' = turn diag(size) basis: the two multiples turn(...) are independent given log sigma.
         self._size = size[:, None]
         self._basis = np.where(self._size > 0, basis[:, :cells], 0.0)
@@ -74,10 +81,10 @@ class SpreadMap:
     ) -> tuple[Array, Array]:
         """Multiples of the loadings in log sigma, (2, W), and the root of det(omega² I + B), (W,).
 
-        Given the trend the cells are independent, with variances omega²/q, q = 1 + w omega². With LL' the
-        precision of the trend's multiples given the rough likelihood and G = q^(-1/2) U L'^(-1), the
-        covariance is C = omega² q^(-1/2) (I + GG'/omega²) q^(-1/2), and its root needs that of the 2 x 2
-        matrix omega² I + B, B = G'G, alone.
+        Given the trend the cells are independent, with variances omega²/q, q = 1 + w omega². With
+        LL' the precision of the trend's multiples given the rough likelihood and G = q^(-1/2) U
+        L'^(-1), the covariance is C = omega² q^(-1/2) (I + GG'/omega²) q^(-1/2), and its root needs
+        that of the 2 x 2 matrix omega² I + B, B = G'G, alone.
         """
         n11, n12, n22 = self._products @ held
         l11 = np.sqrt(1.0 + n11)
@@ -110,8 +117,8 @@ class SpreadMap:
 class TiedSpreads:
     """Spreads of one level of one parameter or two, the second's given the first's.
 
-    The rough likelihood of log sigma of b is N(l + slope (log sigma of k - its l), (1 - tie²)/w). Near a
-    correlation of one the ratio of the two is known far better than either.
+    The rough likelihood of log sigma of b is N(l + slope (log sigma of k - its l), (1 - tie²)/w).
+    Near a correlation of one the ratio of the two is known far better than either.
     """
 
     def __init__(
@@ -120,7 +127,9 @@ class TiedSpreads:
         known = (rough_weight > 0).all(axis=0)
         self.weight = rough_weight.copy()
         self.weight[1:] /= np.where(known, 1.0 - tie * tie, 1.0)
-        self._maps = [SpreadMap(centre, *of) for of in zip(loadings, rough_mean, self.weight, strict=True)]
+        self._maps = [
+            SpreadMap(centre, *of) for of in zip(loadings, rough_mean, self.weight, strict=True)
+        ]
         ratio = rough_weight[0] / np.where(known, rough_weight[-1], 1.0)
         self._slope = np.where(known, tie * np.sqrt(ratio), 0.0)[:, None]
         self._mean = rough_mean[0][:, None]
@@ -140,8 +149,8 @@ def rough_between(
 ) -> tuple[Array, Array]:
     """Return a normal likelihood of log sigma, mean and weight (P, J), at the mode all cells have together.
 
-    A scatter sd² with df degrees of freedom has the mean sigma² + noise. Where noise explains most of it,
-    the mode of a cell by itself is chance.
+    A scatter sd² with df degrees of freedom has the mean sigma² + noise. Where noise explains most
+    of it, the mode of a cell by itself is chance.
     """
     sd, df, noise = statistics.sd, statistics.df, _trial_variance(statistics)
     if subject_effect:
@@ -194,8 +203,8 @@ def tie_trial(statistics: Statistics) -> float:
 def _tie(off: Array, size: Array, df: float) -> float:
     """Square of the correlation of k and b, two standard errors of its Fisher transform nearer to zero.
 
-    Log SDs of samples of pairs with correlation rho are correlated by rho². Departures are in units of their
-    size; of one parameter there is none.
+    Log SDs of samples of pairs with correlation rho are correlated by rho². Departures are in units
+    of their size; of one parameter there is none.
     """
     if len(off) < 2:
         return 0.0

@@ -81,7 +81,9 @@ def from_trials(
     means = means + np.where(counts > 0, rest / np.maximum(counts, 1), np.nan)
     deviation = response.T - means[:, cell]
     counts = counts.reshape(count_subjects, count_environments)
-    cell_means = means.reshape(len(parameters), count_subjects, count_environments).transpose(1, 0, 2)
+    cell_means = means.reshape(len(parameters), count_subjects, count_environments).transpose(
+        1, 0, 2
+    )
     trial_rows = np.zeros((len(parameters), len(parameters), count_environments))
     for j in range(count_environments):
         inside = deviation[:, environment == j].T
@@ -104,7 +106,9 @@ def from_cells(
     rows = np.zeros_like(scatter)
     rows[0, 0] = np.sqrt(scatter[0, 0])
     if len(parameters) == 2:
-        rows[1, 0] = np.divide(scatter[0, 1], rows[0, 0], out=np.zeros_like(rows[0, 0]), where=rows[0, 0] > 0)
+        rows[1, 0] = np.divide(
+            scatter[0, 1], rows[0, 0], out=np.zeros_like(rows[0, 0]), where=rows[0, 0] > 0
+        )
         rows[1, 1] = np.sqrt(np.maximum(scatter[1, 1] - rows[1, 0] ** 2, 0.0))
     return _of_cells(count, mean, rows, x, (parameters, environments, subjects))
 
@@ -148,7 +152,9 @@ def from_summary(
     for j, count in enumerate(n):
         members = np.arange(int(count))
         rows = np.reshape(np.sqrt(count - 1.0) * sd[j], (1, 1, 1))
-        patterns.append(Pattern(np.array([j]), np.ones(1), members, np.reshape(mean[j], (1, 1)), rows))
+        patterns.append(
+            Pattern(np.array([j]), np.ones(1), members, np.reshape(mean[j], (1, 1)), rows)
+        )
     return Statistics(
         parameters=(parameter,),
         environments=environments,
@@ -177,7 +183,9 @@ def _patterns(counts: NDArray[np.intp], cell_means: Array) -> list[Pattern]:
         rows = _contrasts(flat) if members.size <= flat.shape[1] else _triangle(flat)
         rows = rows.reshape(rows.shape[0], *mean.shape).transpose(1, 0, 2)
         patterns.append(
-            Pattern(present, pattern[present].astype(float), members, mean, np.ascontiguousarray(rows))
+            Pattern(
+                present, pattern[present].astype(float), members, mean, np.ascontiguousarray(rows)
+            )
         )
     return patterns
 

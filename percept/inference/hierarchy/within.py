@@ -4,9 +4,9 @@ Cells are references at a level, c = -1/2 at the first and 1/2 at the second:
 
     y = alpha + gamma x_j + delta_j + c (lambda + zeta_j) + u_i + c v_i + w + e
 
-with delta ~ N(0, tau²), zeta ~ N(0, tau_c²), u ~ N(0, sigma_u²) and v ~ N(0, sigma_v²). The SDs of w and e
-are each cell's own: log sigma = log s + kappa x_j + c psi + omega z. Without v the interval of the overall
-contrast is too narrow. All that is linear is integrated out.
+with delta ~ N(0, tau²), zeta ~ N(0, tau_c²), u ~ N(0, sigma_u²) and v ~ N(0, sigma_v²). The SDs of
+w and e are each cell's own: log sigma = log s + kappa x_j + c psi + omega z. Without v the interval
+of the overall contrast is too narrow. All that is linear is integrated out.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ _LOG_2PI = float(np.log(2.0 * np.pi))
 class Spread:
     """Log SDs of one level: centre + G z, G = [loadings, omega I] and z standard normal.
 
-    Coordinates follow the law of z given a rough likelihood N(log sigma; rough, 1/weight) of the data. It
-    shapes the coordinates alone: their density gives the prior its due.
+    Coordinates follow the law of z given a rough likelihood N(log sigma; rough, 1/weight) of the
+    data. It shapes the coordinates alone: their density gives the prior its due.
     """
 
     def __init__(self, centre: float, loadings: Array, rough: Array, weight: Array) -> None:
@@ -39,7 +39,9 @@ class Spread:
     def rows(self, omega: Array) -> Array:
         """Return G for every omega (W,), shape (W, M, count)."""
         own = omega[:, None, None] * np.eye(len(self._rough))
-        return np.concatenate([np.broadcast_to(self._loadings, (len(omega), *self._loadings.shape)), own], 2)
+        return np.concatenate(
+            [np.broadcast_to(self._loadings, (len(omega), *self._loadings.shape)), own], 2
+        )
 
     def multiples(self, u: Array, omega: Array) -> tuple[Array, Array]:
         """Return z at coordinates u (W, count), and the log density of u."""
@@ -48,7 +50,9 @@ class Spread:
         factor = _cholesky(precision)
         middle = _solve(precision, weighed @ (self._rough - self.centre)[:, None])
         z = (middle + _solve(np.swapaxes(factor, 1, 2), u[..., None]))[..., 0]
-        value = -0.5 * ((z**2).sum(axis=1) + _LOG_2PI * self.count) - np.log(_diagonal(factor)).sum(axis=1)
+        value = -0.5 * ((z**2).sum(axis=1) + _LOG_2PI * self.count) - np.log(_diagonal(factor)).sum(
+            axis=1
+        )
         return z, value
 
     def __call__(self, u: Array, omega: Array) -> tuple[Array, Array]:
@@ -100,14 +104,17 @@ class WithinSubjects:
             known = (df > 0) & (scatter > 0)
             logs = 0.5 * np.log(np.where(known, scatter, 1.0) / np.maximum(df, 1.0))
             loads_e = loads * [p.log_s_e_sd, p.kappa_e_sd, p.psi_sd]
-            self.spreads["sigma_e"] = Spread(p.log_s_e_mean, loads_e, logs, np.where(known, 2.0 * df, 0.0))
+            self.spreads["sigma_e"] = Spread(
+                p.log_s_e_mean, loads_e, logs, np.where(known, 2.0 * df, 0.0)
+            )
         self._omegas = [f"omega{name.removeprefix('sigma')}" for name in self.spreads]
         self._scalars = ["sigma_u", "sigma_v", "tau", "tau_c", *self._omegas]
         spread_names = ("log_s", "kappa", "psi", *statistics.environments)
         cells = [f"{s}[{cell}]" for s in self.spreads for cell in spread_names]
         self.names = [*self._scalars, *cells]
         trials = sum(part.subjects * part.trials.sum() for part in statistics.patterns)
-        # The statistics' constant is of pattern means of covariance D/n; here n of covariance D are weighed.
+        # The statistics' constant is of pattern means of covariance D/n; here n of covariance D are
+        # weighed.
         means = sum(part.environments.size * np.log(part.subjects) for part in statistics.patterns)
         self._constant = statistics.constant - 0.5 * (_LOG_2PI * float(trials) - float(means))
 
@@ -125,7 +132,9 @@ class WithinSubjects:
         named = {name: half_normal(points[:, i], wide[name]) for i, name in enumerate(scalars)}
         log_prior = -0.5 * ((points[:, : len(scalars)] ** 2).sum(axis=1) + _LOG_2PI * len(scalars))
         parts = np.split(points[:, len(scalars) :], len(self.spreads), axis=1)
-        for (name, spread), omega, own in zip(self.spreads.items(), self._omegas, parts, strict=True):
+        for (name, spread), omega, own in zip(
+            self.spreads.items(), self._omegas, parts, strict=True
+        ):
             logs, log_density = spread(own, named[omega])
             named[name] = np.exp(logs)
             log_prior = log_prior + log_density
@@ -156,7 +165,9 @@ class WithinSubjects:
         white, log_density = [], np.full(width, self._constant)
         if "sigma_e" in named:
             df, squares = self.statistics.trial_df, self.statistics.trial_rows[0, 0] ** 2
-            log_density -= (0.5 * squares / named["sigma_e"] ** 2 + df * np.log(named["sigma_e"])).sum(axis=1)
+            log_density -= (
+                0.5 * squares / named["sigma_e"] ** 2 + df * np.log(named["sigma_e"])
+            ).sum(axis=1)
         for part in self.statistics.patterns:
             e, n = part.environments, part.subjects
             noise = named["sigma"][:, e] ** 2
@@ -165,10 +176,16 @@ class WithinSubjects:
             covariance = noise[:, :, None] * np.eye(len(e)) + (named["sigma_u"] ** 2)[:, None, None]
             covariance = covariance + (named["sigma_v"] ** 2)[:, None, None] * np.outer(c[e], c[e])
             factor = _cholesky(covariance)
-            scatter = _solve(factor, np.broadcast_to(part.rows[0].T, (width, *part.rows[0].T.shape)))
-            log_density -= 0.5 * (scatter**2).sum(axis=(1, 2)) + n * np.log(_diagonal(factor)).sum(axis=1)
+            scatter = _solve(
+                factor, np.broadcast_to(part.rows[0].T, (width, *part.rows[0].T.shape))
+            )
+            log_density -= 0.5 * (scatter**2).sum(axis=(1, 2)) + n * np.log(_diagonal(factor)).sum(
+                axis=1
+            )
             design = np.sqrt(n) * _solve(factor, rows[:, e])
-            means = np.sqrt(n) * _solve(factor, np.broadcast_to(part.mean[0][:, None], (width, len(e), 1)))
+            means = np.sqrt(n) * _solve(
+                factor, np.broadcast_to(part.mean[0][:, None], (width, len(e), 1))
+            )
             turned = np.swapaxes(design, 1, 2)
             precision = precision + turned @ design
             right = right + (turned @ means)[..., 0]
@@ -177,7 +194,9 @@ class WithinSubjects:
         mean = _solve(precision, right[..., None])
         # Squares of what is left, and of the prior's: nothing is subtracted from a large number.
         squares = (mean**2).sum(axis=(1, 2))
-        squares = squares + sum(((means - design @ mean) ** 2).sum(axis=(1, 2)) for design, means in white)
+        squares = squares + sum(
+            ((means - design @ mean) ** 2).sum(axis=(1, 2)) for design, means in white
+        )
         log_density -= 0.5 * squares + np.log(_diagonal(factor)).sum(axis=1)
         return _Locations(rows, mean[..., 0], factor, log_density)
 
@@ -193,14 +212,19 @@ class WithinSubjects:
         rows = self._contrast @ law.rows
         spread = _solve(law.factor, np.swapaxes(rows, 1, 2))
         users = named["sigma_v"][:, None] ** 2 + named["sigma"] ** 2 @ (self._contrast**2).T
-        return (rows @ law.mean[..., None])[..., 0], np.sqrt((spread**2).sum(axis=1)), np.sqrt(users)
+        return (
+            (rows @ law.mean[..., None])[..., 0],
+            np.sqrt((spread**2).sum(axis=1)),
+            np.sqrt(users),
+        )
 
     def spread_ratios(self, points: Array) -> Array:
         """SD between users at the second level over that at the first, per contrast, (W, J + 1)."""
         named, _ = self.named(points)
         shared = (named["sigma_u"] ** 2 + 0.25 * named["sigma_v"] ** 2)[:, None]
         first, second = (
-            shared + named["sigma"] ** 2 @ (np.where(self._c * sign > 0, self._contrast, 0.0) ** 2).T
+            shared
+            + named["sigma"] ** 2 @ (np.where(self._c * sign > 0, self._contrast, 0.0) ** 2).T
             for sign in (-1.0, 1.0)
         )
         return np.asarray(np.sqrt(second / first))

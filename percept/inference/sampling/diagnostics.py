@@ -10,8 +10,8 @@ from scipy import fft, special
 
 Array = NDArray[np.float64]
 _WINDOW = 5.0  # Sokal's window, in autocorrelation times
-#: More values of a quantity than these, or fewer walkers per ensemble, are not needed to see how long it
-#: remembers.
+#: More values of a quantity than these, or fewer walkers per ensemble, are not needed to see how
+#: long it remembers.
 _MOST_VALUES, _FEWEST_WALKERS = 1 << 15, 8
 _BATCHES = (4, 20)  # fewest and most batches per ensemble
 
@@ -44,10 +44,14 @@ def monte_carlo_error(influence: Array, times: Array) -> Array:
     """Estimate the standard error of the estimates from their influence functions."""
     ensembles, length, walkers, count = influence.shape
     longest = float(np.max(times, initial=1.0))
-    batches = int(np.clip(length / (3.0 * longest), *_BATCHES)) if np.isfinite(longest) else _BATCHES[0]
+    batches = (
+        int(np.clip(length / (3.0 * longest), *_BATCHES)) if np.isfinite(longest) else _BATCHES[0]
+    )
     size = length // batches
     averages = (
-        influence.mean(axis=2)[:, : size * batches].reshape(ensembles, batches, size, count).mean(axis=2)
+        influence.mean(axis=2)[:, : size * batches]
+        .reshape(ensembles, batches, size, count)
+        .mean(axis=2)
     )
     by_batches = np.sqrt(averages.reshape(-1, count).var(axis=0, ddof=1) / (ensembles * batches))
     draws = ensembles * length * walkers
@@ -76,7 +80,8 @@ def split_rhat(chains: Array) -> Array:
 
 def normal_scores(values: Array) -> Array:
     """Replace values by the normal scores of their ranks."""
-    # A copy whatever the layout: of columns that lie together `ascontiguousarray` would give the values.
+    # A copy whatever the layout: of columns that lie together `ascontiguousarray` would give the
+    # values.
     columns = np.array(values.reshape(-1, values.shape[-1]).T, order="C")
     size = columns.shape[1]
     # Of all ranks there may be, with the half ranks of two tied values.

@@ -1,7 +1,7 @@
 """Endpoints as roots of smooth mixtures: a posterior is normal given each draw. And what a run estimates.
 
-The mean of normal CDFs over draws is far less noisy than an order statistic of draws: every draw informs
-every endpoint.
+The mean of normal CDFs over draws is far less noisy than an order statistic of draws: every draw
+informs every endpoint.
 """
 
 from __future__ import annotations
@@ -37,8 +37,9 @@ class Estimands(Protocol):
     def estimates(self, components: Array) -> Iterable[tuple[Estimates, Array]]:
         """Estimates from the components (S, C) of S kept draws, and their influence functions, in parts.
 
-        These, of shape (S, Q), are the first-order pull of each draw on each estimate: their mean over draws
-        is zero, and its standard error is the estimate's. Memory holds one part at a time.
+        These, of shape (S, Q), are the first-order pull of each draw on each estimate: their mean
+        over draws is zero, and its standard error is the estimate's. Memory holds one part at a
+        time.
         """
 
 
@@ -62,12 +63,13 @@ class Means:
 _SQRT_2PI = math.sqrt(2.0 * math.pi)
 #: Roots over more draws than `_MANY` start from the root over one draw in `_SPARSE`.
 _MANY, _SPARSE = 4096, 8
-#: What `root` is asked for: of few draws; of many, with smooth slopes and with the noisy ones of a share; of
-#: a start. Errors are then far below the limits' Monte Carlo error.
+#: What `root` is asked for: of few draws; of many, with smooth slopes and with the noisy ones of a
+#: share; of a start. Errors are then far below the limits' Monte Carlo error.
 _EXACT, _EXACT_OF_MANY, _EXACT_OF_SHARE, _EXACT_OF_START = 1e-16, 4e-6, 1e-8, 1e-3
 #: Draws worked on at a time: what is made on the way stays in the processor's cache.
 _BLOCK = 1024
-#: Draws, or share of the draws where that is less, that must take part in a slope for it to be believed.
+#: Draws, or share of the draws where that is less, that must take part in a slope for it to be
+#: believed.
 _FEW, _FEW_SHARE = 100.0, 0.02
 
 
@@ -91,7 +93,9 @@ def _sparse(draws: Array) -> Array:
     return np.ascontiguousarray(draws[:, ::_SPARSE])
 
 
-def _quantile(mean: Array, sd: Array, tail: float, exact: float) -> tuple[Array, Array, Array, Array]:
+def _quantile(
+    mean: Array, sd: Array, tail: float, exact: float
+) -> tuple[Array, Array, Array, Array]:
     """Upper quantile, and near it each component's probability beyond, its mean, and the mean density."""
     z = -special.ndtri(tail)
     if mean.shape[1] > _MANY:
@@ -137,8 +141,9 @@ def _beyond(x: Array, mean: Array, sd: Array, *, out: Array) -> tuple[Array, Arr
 class _Reach:
     """d(h) with Phi(h + d) + Phi(h - d) - 1 = share for unit spread, 0 where there is none.
 
-    Tabulated once per share: d is smooth in sqrt(h - h0), h0 its zero, and cubic Hermite pieces with
-    the exact derivative d'(h) = (phi(h-d) + phi(h+d))/(phi(h-d) - phi(h+d)) leave an error of 1e-13.
+    Tabulated once per share: d is smooth in sqrt(h - h0), h0 its zero, and cubic Hermite pieces
+    with the exact derivative d'(h) = (phi(h-d) + phi(h+d))/(phi(h-d) - phi(h+d)) leave an error of
+    1e-13.
     """
 
     _STEP = 2.0**-9
@@ -233,8 +238,8 @@ def share_content(
 def _rate_of_draws(half_width: Array, confidence: float) -> Array:
     """Density of half-widths (Q, S) at their quantile, by a difference of quantiles.
 
-    Where the mean is known far better than the spread a draw's probability is a step, and at a given
-    half-width the steps' slopes may all underflow, or one of them be all there is.
+    Where the mean is known far better than the spread a draw's probability is a step, and at a
+    given half-width the steps' slopes may all underflow, or one of them be all there is.
     """
     step = 0.5 * min(confidence, 1.0 - confidence)
     low, high = np.quantile(half_width, [confidence - step, confidence + step], axis=1)
@@ -283,7 +288,13 @@ class _Content:
 
 
 def _half_width(
-    centre: Array, mean: Array, sd: Array, spread: Array, share: float, confidence: float, exact: float
+    centre: Array,
+    mean: Array,
+    sd: Array,
+    spread: Array,
+    share: float,
+    confidence: float,
+    exact: float,
 ) -> tuple[Array, _Content]:
     """Half-widths about given centres, and what draws (Q, S) hold near them."""
     least = _least(spread, share)
@@ -301,7 +312,8 @@ def _half_width(
     content = _Content(np.empty(mean.shape), nothing, nothing, nothing, nothing)
 
     def short_of_confidence(log_h: Array) -> tuple[Array, Array]:
-        # Half-widths are about lognormal: in log h the normal score of the probability is about straight.
+        # Half-widths are about lognormal: in log h the normal score of the probability is about
+        # straight.
         h = np.exp(log_h)
         sums = np.zeros((4, len(h)))
         for start in range(0, mean.shape[1], _BLOCK):
@@ -335,9 +347,10 @@ def root(
 ) -> Array:
     """Find the roots of Q increasing functions side by side.
 
-    Newton's method, from the second step on by the cubic through the last two places and slopes, taken the
-    other way round: x as a function of the value. Its error is of the order of the product of the squares of
-    the last two steps. A step that leaves the bracket is replaced by its middle.
+    Newton's method, from the second step on by the cubic through the last two places and slopes,
+    taken the other way round: x as a function of the value. Its error is of the order of the
+    product of the squares of the last two steps. A step that leaves the bracket is replaced by its
+    middle.
     """
     x, before = start, None
     last = np.ones(x.shape)
@@ -358,10 +371,14 @@ def root(
     return x
 
 
-def _cubic(x0: Array, value0: Array, slope0: Array, x1: Array, value1: Array, slope1: Array) -> Array:
+def _cubic(
+    x0: Array, value0: Array, slope0: Array, x1: Array, value1: Array, slope1: Array
+) -> Array:
     """Place of the value zero on the cubic x(value) through two places; NaN where that is far off."""
     rise = value1 - value0
     t = -value0 / rise
     back = 1.0 - t
-    place = x1 + back * (back * (1.0 + 2.0 * t) * (x0 - x1) + rise * t * (back / slope0 - t / slope1))
+    place = x1 + back * (
+        back * (1.0 + 2.0 * t) * (x0 - x1) + rise * t * (back / slope0 - t / slope1)
+    )
     return np.where(np.abs(value1) < 0.5 * np.abs(value0), place, np.nan)

@@ -112,10 +112,13 @@ class Run:
     def batches(self) -> NDArray[np.intp]:
         """Return the number of the batch of each of the `independent` positions, ensemble after ensemble.
 
-        A batch holds some walkers of an ensemble at all their steps: what a walker remembers stays in it.
+        A batch holds some walkers of an ensemble at all their steps: what a walker remembers stays
+        in it.
         """
         ensembles, _, walkers, _ = self.points.shape
-        groups = np.tile(np.arange(walkers) * _GROUPS // walkers, self._independent_positions().size)
+        groups = np.tile(
+            np.arange(walkers) * _GROUPS // walkers, self._independent_positions().size
+        )
         return (np.arange(ensembles)[:, None] * _GROUPS + groups).ravel()
 
 
@@ -134,7 +137,9 @@ def judge(estimands: Estimands, components: Array) -> Judged:
     estimates, *measures = zip(
         *(
             (found, *_measured(influence.reshape(*components.shape[:3], -1)))
-            for found, influence in estimands.estimates(components.reshape(-1, components.shape[-1]))
+            for found, influence in estimands.estimates(
+                components.reshape(-1, components.shape[-1])
+            )
         ),
         strict=True,
     )
@@ -146,7 +151,8 @@ def judge(estimands: Estimands, components: Array) -> Judged:
 def _measured(series: Array) -> tuple[Array, Array, Array]:
     """Errors of influence functions (E, T, W, Q), and times and R-hat of their ranks."""
     errors = monte_carlo_error(series, autocorrelation_time(some_walkers(series)))
-    # Ranks: a heavy tail would make the memory that of its few extreme draws, and hide what is slow below it.
+    # Ranks: a heavy tail would make the memory that of its few extreme draws, and hide what is slow
+    # below it.
     scores = normal_scores(some_walkers(series, _RANKED))
     tail = (np.abs(scores) > _TAIL).astype(float)
     times = np.maximum(autocorrelation_time(scores), autocorrelation_time(tail))
@@ -184,11 +190,13 @@ def pass_gate(
         more = ""
         if math.isfinite(longest):
             # What a run too short shows of a time is too little.
-            steps = float(f"{max(2.0 * settings.most_steps, 1.5 * TIMES_NEEDED * longest * stride):.1g}")
+            steps = float(
+                f"{max(2.0 * settings.most_steps, 1.5 * TIMES_NEEDED * longest * stride):.1g}"
+            )
             more = f" most_steps = {steps:.0f} gives it more (now {settings.most_steps})."
         reasons.append(
-            f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity, {names[slow]}; "
-            f"{TIMES_NEEDED:g} are needed.{more}"
+            f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity,"
+            f" {names[slow]}; {TIMES_NEEDED:g} are needed.{more}"
         )
     if not moved.all():
         reasons.append(f"{int((~moved).sum())} walkers did not move in the second half of the run.")
@@ -205,8 +213,9 @@ def pass_gate(
     error = float(relative[worst])
     met, asked = error <= settings.tolerance, 100 * settings.tolerance
     reached = (
-        f"The Monte Carlo error reached is {100 * error:.3g} % of a half-width ({names[worst]}) where "
-        f"{asked:.3g} % was asked. A larger most_steps (now {settings.most_steps}) lowers it."
+        f"The Monte Carlo error reached is {100 * error:.3g} % of a half-width ({names[worst]})"
+        f" where {asked:.3g} % was asked. A larger most_steps (now {settings.most_steps})"
+        " lowers it."
     )
     return Gate(
         passed=not reasons,

@@ -1,8 +1,8 @@
 """emcee moves for several ensembles that advance side by side and never see each other.
 
 One sampler carries the walkers of all ensembles, so that one call evaluates the density for all of
-them; each ensemble proposes and accepts from its own generator, within its own walkers. Walkers live in the
-coordinates of a transport, where the target resembles the reference law.
+them; each ensemble proposes and accepts from its own generator, within its own walkers. Walkers
+live in the coordinates of a transport, where the target resembles the reference law.
 
 emcee's snooker move is not among them: up to release 3.1.6 it does not sample the density it is
 given, and intervals come out too narrow with clean diagnostics.
@@ -23,8 +23,8 @@ from percept.inference.sampling.transport import Target
 Array = NDArray[np.float64]
 
 
-#: Tails a little heavier than normal: a proposal must not miss what the transport did. As many degrees of
-#: freedom as dimensions, or the radius alone would tell the law from a normal one.
+#: Tails a little heavier than normal: a proposal must not miss what the transport did. As many
+#: degrees of freedom as dimensions, or the radius alone would tell the law from a normal one.
 _FEWEST_DF = 20.0
 
 
@@ -67,11 +67,11 @@ class Reference:
 
 
 Generators = Sequence[np.random.Generator]
-#: Least and most share of independent draws. Walkers leave a far tail by rotations alone, and a limit that
-#: hangs on such a tail needs them wherever the bulk is served well.
+#: Least and most share of independent draws. Walkers leave a far tail by rotations alone, and a
+#: limit that hangs on such a tail needs them wherever the bulk is served well.
 _LEAST_INDEPENDENT, _MOST_INDEPENDENT = 0.1, 0.6
-#: Walkers by whose jumps moves are compared, a fraction: those the transport serves worst leave last, and
-#: decide how long a run remembers.
+#: Walkers by whose jumps moves are compared, a fraction: those the transport serves worst leave
+#: last, and decide how long a run remembers.
 _WORST = 0.1
 #: Cost of an independent draw over that of a rotation: several steps share one density call.
 _COST_INDEPENDENT = 0.8
@@ -89,17 +89,22 @@ class ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
         self._generators = generators
         self._law = law
         self._offers: list[tuple[Array, Array, Array]] = []
-        self.steps, self.jumped = 0, 0.0  # Steps taken, and the sum of their worst walkers' squared jumps
+        self.steps, self.jumped = (
+            0,
+            0.0,
+        )  # Steps taken, and the sum of their worst walkers' squared jumps
         self.accepted: Array | int = 0  # Accepted steps per walker
 
-    def propose(self, model: emcee.model.Model, state: emcee.State) -> tuple[emcee.State, NDArray[np.bool_]]:
+    def propose(
+        self, model: emcee.model.Model, state: emcee.State
+    ) -> tuple[emcee.State, NDArray[np.bool_]]:
         """Propose for every walker once and accept or not."""
         coords, log_prob = state.coords.copy(), state.log_prob.copy()
         if not self._offers:
             offered = self._by_ensemble(coords, self._draw).swapaxes(0, 1)
             flat = np.ascontiguousarray(offered).reshape(-1, coords.shape[1])
-            # The density itself: emcee's own call goes through every value in Python, and its wrapper prints
-            # all of them when a run is interrupted.
+            # The density itself: emcee's own call goes through every value in Python, and its
+            # wrapper prints all of them when a run is interrupted.
             density = getattr(model.log_prob_fn, "f", model.log_prob_fn)
             parts = (flat, density(flat), self._law.log_density(flat))
             steps = (np.split(part, offered.shape[0]) for part in parts)
@@ -116,10 +121,14 @@ class ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
         coords[accepted], log_prob[accepted] = points[accepted], values[accepted]
         return emcee.State(coords, log_prob=log_prob), accepted
 
-    def _by_ensemble(self, coords: Array, draw: Callable[[Array, np.random.Generator], Array]) -> Array:
+    def _by_ensemble(
+        self, coords: Array, draw: Callable[[Array, np.random.Generator], Array]
+    ) -> Array:
         """Draw for the walkers (N, d) of each ensemble by its own generator."""
         groups = np.split(coords, len(self._generators))
-        return np.concatenate([draw(own, g) for own, g in zip(groups, self._generators, strict=True)])
+        return np.concatenate(
+            [draw(own, g) for own, g in zip(groups, self._generators, strict=True)]
+        )
 
     @abstractmethod
     def _draw(self, coords: Array, generator: np.random.Generator) -> Array:
@@ -151,14 +160,17 @@ def standard_moves(
     law: Reference, generators: Generators, independent: float = 0.5
 ) -> list[tuple[ReferenceMove, float]]:
     """Return the moves of a run with their shares, for `emcee.EnsembleSampler(moves=...)`."""
-    return [(IndependentMove(generators, law), independent), (PCNMove(generators, law), 1.0 - independent)]
+    return [
+        (IndependentMove(generators, law), independent),
+        (PCNMove(generators, law), 1.0 - independent),
+    ]
 
 
 def _earned(moves: Sequence[tuple[ReferenceMove, float]]) -> tuple[float, float]:
     """Share of independent draws, by the squared jumps of both kinds for the same cost; and a step's jump.
 
-    Jumps are in standard coordinates, each about the normal score of one of the target's, and of the walkers
-    that the transport serves worst.
+    Jumps are in standard coordinates, each about the normal score of one of the target's, and of
+    the walkers that the transport serves worst.
     """
     each = np.array([move.jumped / max(move.steps, 1) for move, _ in moves])
     worth = each / (_COST_INDEPENDENT, 1.0)
@@ -175,7 +187,8 @@ class Ensembles:
         flat = points.reshape(-1, points.shape[-1])
         schedule, *generators = seed.spawn(1 + len(points))
         self._generators = [np.random.Generator(np.random.PCG64(child)) for child in generators]
-        # emcee's random_state setter takes nothing but the legacy tuple, and ignores the rest in silence.
+        # emcee's random_state setter takes nothing but the legacy tuple, and ignores the rest in
+        # silence.
         random_state = np.random.RandomState(np.random.MT19937(schedule)).get_state(legacy=True)
         self._state = emcee.State(flat, log_prob=target(flat), random_state=random_state, copy=True)
         self.accepted = np.zeros(len(flat))  # (E W,) Accepted steps per walker so far

@@ -1,8 +1,9 @@
 """Sample until the gate passes and every reported endpoint is as accurate as asked, or to a cap of steps.
 
-A run that will be long begins again after its first round, which then counts as warm-up: a transport fitted
-to its draws shortens the autocorrelation time by about a third. What a run holds in memory is bounded:
-when that is full and has settled, it is closed as a part of the run, and the estimates are means over parts.
+A run that will be long begins again after its first round, which then counts as warm-up: a
+transport fitted to its draws shortens the autocorrelation time by about a third. What a run holds
+in memory is bounded: when that is full and has settled, it is closed as a part of the run, and the
+estimates are means over parts.
 """
 
 from __future__ import annotations
@@ -16,7 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.sampling.endpoints import Estimands
-from percept.inference.sampling.gate import TIMES_NEEDED, Judged, Progress, Run, Settings, judge, pass_gate
+from percept.inference.sampling.gate import (
+    TIMES_NEEDED,
+    Judged,
+    Progress,
+    Run,
+    Settings,
+    judge,
+    pass_gate,
+)
 from percept.inference.sampling.moves import Ensembles
 from percept.inference.sampling.transport import Target, Transport, Transported
 from percept.inference.sampling.warmup import starting_points, warm_up
@@ -26,27 +35,31 @@ Array = NDArray[np.float64]
 #: Steps before any are kept, and of these the last, by which the shares of the moves are chosen.
 _BURN_IN, _LEARNING = 40, 24
 _FIRST_ROUND = 144
-#: A run predicted to take this multiple of its first round begins again, with a transport fitted to it.
-#: Later, half that is enough, times how much larger its sample is than the one of the transport at work.
+#: A run predicted to take this multiple of its first round begins again, with a transport fitted to
+#: it. Later, half that is enough, times how much larger its sample is than the one of the transport
+#: at work.
 _WORTH_REFINING, _WORTH_AGAIN, _LARGER_SAMPLE = 3.0, 1.5, 6.0
 #: Times a run may begin again: each transport follows many coordinates better than the one before.
 _MOST_REFINED = 4
 #: Autocorrelation times after that, as a fraction of those before.
 _SHORTER = 0.65
-#: Walkers of an ensemble, and how many times as many a refined run may have: array calls cost least for some
-#: thousand positions.
+#: Walkers of an ensemble, and how many times as many a refined run may have: array calls cost least
+#: for some thousand positions.
 _WALKERS, _MORE_WALKERS = 64, (1, 2, 4, 8)
 #: Steps that a refined run aims at, and of its first round at least.
 _REFINED_STEPS, _REFINED_ROUND = 168, 96
-#: Steps between kept positions, a fraction of an autocorrelation time. Keeping and judging a position takes
-#: as long as a few steps: long runs keep fewer.
+#: Steps between kept positions, a fraction of an autocorrelation time. Keeping and judging a
+#: position takes as long as a few steps: long runs keep fewer.
 _STRIDE, _REFINED_STRIDE = 3, 6
 _SEGMENT = 96  # steps after which positions are mapped and progress is told
-#: Kept draws of a part of a run over all ensembles, and numbers worked out from them; two parts are held.
+#: Kept draws of a part of a run over all ensembles, and numbers worked out from them; two parts are
+#: held.
 _KEPT_LIMIT, _NUMBERS_LIMIT = 1 << 17, 1 << 25
-#: Positions a part may have whatever that takes: in fewer it could not span ten autocorrelation times.
+#: Positions a part may have whatever that takes: in fewer it could not span ten autocorrelation
+#: times.
 _FEWEST_POSITIONS = 32
-#: Steps a run takes, times the squared jump of a step: a first guess at its length, for the clock alone.
+#: Steps a run takes, times the squared jump of a step: a first guess at its length, for the clock
+#: alone.
 _STEPS_PER_JUMP = 15.0
 
 
@@ -94,9 +107,13 @@ def _refined_size(run: Run, by_error: float) -> tuple[int, int]:
         # No fewer steps than the autocorrelation time asks for, whatever the number of walkers.
         wanted = max(_REFINED_STEPS, _SHORTER * steps_to_settle(run))
         work = steps * walkers
-        most = _room(run.points, run.components) // (settings.ensembles * _FEWEST_POSITIONS * _WALKERS)
+        most = _room(run.points, run.components) // (
+            settings.ensembles * _FEWEST_POSITIONS * _WALKERS
+        )
         fitting = [n for n in _MORE_WALKERS if n <= max(most, 1)]
-        walkers = _WALKERS * min(fitting, key=lambda n: abs(math.log(work / (n * _WALKERS * wanted))))
+        walkers = _WALKERS * min(
+            fitting, key=lambda n: abs(math.log(work / (n * _WALKERS * wanted)))
+        )
         steps = work / walkers
     predicted = min(steps, 4.0 * _REFINED_ROUND, settings.most_steps - _BURN_IN)
     return walkers, math.ceil(max(predicted, _REFINED_ROUND))
@@ -120,12 +137,19 @@ class _Chain:
         stride: int,
         goal: int,
     ) -> None:
-        self._here, self._estimands, self._settings, self._stride = here, estimands, settings, stride
+        self._here, self._estimands, self._settings, self._stride = (
+            here,
+            estimands,
+            settings,
+            stride,
+        )
         self._began = time.monotonic()
         self._walkers = Ensembles(here, points, seed)
         self._walkers.advance(_BURN_IN - _LEARNING, _BURN_IN - _LEARNING)
         self._walkers.advance(_LEARNING, _LEARNING, learn=True)
-        self._kept: list[tuple[Array, Array]] = []  # Points (E, T, W, d) and components (E, T, W, C)
+        self._kept: list[
+            tuple[Array, Array]
+        ] = []  # Points (E, T, W, d) and components (E, T, W, C)
         self._closed: Run | None = None  # With the estimates of all closed parts
         self._closed_steps = 0
         room = min(_KEPT_LIMIT, _room(points, estimands.components(here.map(points[0, :1]))))
@@ -161,7 +185,9 @@ class _Chain:
             # In one order of memory: the last bits of sums depend on it.
             flat = np.ascontiguousarray(self._here.map(walked.reshape(-1, walked.shape[-1])))
             components = np.ascontiguousarray(self._estimands.components(flat))
-            self._kept.append((flat.reshape(walked.shape), components.reshape(*walked.shape[:3], -1)))
+            self._kept.append(
+                (flat.reshape(walked.shape), components.reshape(*walked.shape[:3], -1))
+            )
 
     def _tell(self, progress: Callable[[Progress], None] | None) -> None:
         """Tell how far the run is; the clock is read for this alone."""
@@ -173,21 +199,35 @@ class _Chain:
 
     def judge(self, progress: Callable[[Progress], None] | None) -> Run:
         """Estimate, measure and pass the gate or not."""
-        points, components = (np.concatenate(kept, axis=1) for kept in zip(*self._kept, strict=True))
+        points, components = (
+            np.concatenate(kept, axis=1) for kept in zip(*self._kept, strict=True)
+        )
         self._kept = [(points, components)]
         walkers, settings, stride = self._walkers, self._settings, self._stride
         judged = judge(self._estimands, components)
         moved = np.ptp(points[:, points.shape[1] // 2 :, :, 0], axis=1) > 0
         if self._closed:
             judged = self._with_closed(judged, self._closed)
-            points, components, stride = self._closed.points, self._closed.components, self._closed.stride
+            points, components, stride = (
+                self._closed.points,
+                self._closed.components,
+                self._closed.stride,
+            )
         gate = pass_gate(
             settings, judged, walkers.accepted / walkers.steps, moved,
             length=self._length, stride=self._stride, spanned=self.spanned,
         )  # fmt: skip
         times = judged.times * self._stride
         run = Run(
-            points, components, judged.estimates, judged.errors, times, gate, walkers.steps, stride, settings
+            points,
+            components,
+            judged.estimates,
+            judged.errors,
+            times,
+            gate,
+            walkers.steps,
+            stride,
+            settings,
         )
         self._error = gate.worst_error
         wanted = max(self.steps_by_error(run), self._closed_steps + steps_to_settle(run))
@@ -222,13 +262,16 @@ class _Chain:
         if self._full and run.gate.passed:
             self._closed, self._closed_steps, self._kept = run, self.spanned, []
         while not run.gate.passed and (self._full or settling > self._most * self._stride):
-            # Contiguous, as they are when taken up again: a sum's last bits depend on the order in memory.
+            # Contiguous, as they are when taken up again: a sum's last bits depend on the order in
+            # memory.
             points, components = (np.ascontiguousarray(kept[:, 1::2]) for kept in self._kept[0])
             self._kept = [(points, components)]
             self._stride *= 2
         left = self._settings.most_steps - self._walkers.steps
         self._goal = min(
-            max(needed - self._closed_steps, settling), self._most * self._stride, self._steps + left
+            max(needed - self._closed_steps, settling),
+            self._most * self._stride,
+            self._steps + left,
         )
 
     def steps_by_error(self, run: Run) -> float:

@@ -1,10 +1,10 @@
 """A fitted change of coordinates that makes a sample look standard normal.
 
 Three layers, from standard coordinates z to the target's x. The drivers, the few coordinates whose
-value widens others or bends their mean, follow one another by y_i = m_i(y_<i) + exp(s_i(y_<i)) z_i. All
-others follow the drivers in the same way, with correlated remainders. A monotone spline then takes
-every y to its x. Nothing is assumed of the target but a sample, and only this direction is ever
-needed: walkers live at z.
+value widens others or bends their mean, follow one another by y_i = m_i(y_<i) + exp(s_i(y_<i)) z_i.
+All others follow the drivers in the same way, with correlated remainders. A monotone spline then
+takes every y to its x. Nothing is assumed of the target but a sample, and only this direction is
+ever needed: walkers live at z.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ def described(names: list[str], point: Array) -> str:
 _REACH = 3.0
 _KNOTS = np.linspace(-_REACH, _REACH, 13)
 _WIDER, _BEND = 1.5, 1.0
-#: Knots that straight lines follow, and the mean square of departures, in standard errors, to be believed.
+#: Knots that straight lines follow, and the mean square of departures, in standard errors, to be
+#: believed.
 _MIDDLE, _SETTLED = 1.5, 4.0
 
 
@@ -56,13 +57,18 @@ class Spline:
         """Take standard normal quantiles to the quantiles of a sample (N, d), as far as not chance."""
         values = _settled(np.quantile(points, special.ndtr(_KNOTS), axis=0), effective).T
         # Tied quantiles would make the map flat.
-        rise = np.maximum(np.diff(values, axis=1), 1e-6 * np.ptp(values, axis=1, keepdims=True) + 1e-300)
-        knots = values[:, :1] + np.concatenate([np.zeros_like(rise[:, :1]), np.cumsum(rise, axis=1)], 1)
+        rise = np.maximum(
+            np.diff(values, axis=1), 1e-6 * np.ptp(values, axis=1, keepdims=True) + 1e-300
+        )
+        knots = values[:, :1] + np.concatenate(
+            [np.zeros_like(rise[:, :1]), np.cumsum(rise, axis=1)], 1
+        )
         # Harmonic means of neighbouring slopes keep the pieces monotone (Fritsch and Butland 1984).
         inner = 2.0 * rise[:, :-1] * rise[:, 1:] / (rise[:, :-1] + rise[:, 1:])
         left = np.concatenate([rise[:, :1], inner], axis=1)
         right = np.concatenate([inner, rise[:, -1:]], axis=1)
-        # Outside, distances grow by slope and square: a sample says little there, and too wide costs little.
+        # Outside, distances grow by slope and square: a sample says little there, and too wide
+        # costs little.
         first, last = rise[:, :1], rise[:, -1:]
         none = np.zeros_like(first)
         reach = _WIDER + _BEND
@@ -71,7 +77,9 @@ class Spline:
                 [
                     np.concatenate([knots[:, :1] - reach * first, knots], axis=1),
                     np.concatenate([(reach + _BEND) * first, left, _WIDER * last], axis=1),
-                    np.concatenate([-_BEND * first, 3.0 * rise - 2.0 * left - right, _BEND * last], axis=1),
+                    np.concatenate(
+                        [-_BEND * first, 3.0 * rise - 2.0 * left - right, _BEND * last], axis=1
+                    ),
                     np.concatenate([none, left + right - 2.0 * rise, none], axis=1),
                 ],
                 axis=2,
@@ -89,7 +97,8 @@ class Spline:
         index += pieces * np.arange(size)[:, None]
         c = np.take(self.coefficients.reshape(-1, 4), index, axis=0, mode="clip")
         c0, c1, c2, c3 = (c[..., power] for power in range(4))
-        # The cubic and its derivative, in place: c0 + t (c1 + t (c2 + t c3)) and c1 + t (2 c2 + 3 t c3).
+        # The cubic and its derivative, in place: c0 + t (c1 + t (c2 + t c3)) and c1 + t (2 c2 + 3 t
+        # c3).
         c3 *= t
         slope = (c2 + 1.5 * c3) * (2.0 * t) + c1
         value = ((c2 + c3) * t + c1) * t + c0
@@ -99,7 +108,8 @@ class Spline:
 def _settled(values: Array, effective: float) -> Array:
     """Draw quantiles (K, d) at the knots towards straight lines, as far as they differ by chance alone.
 
-    The extreme quantiles of a few hundred draws err by half a unit, and many coordinates err together.
+    The extreme quantiles of a few hundred draws err by half a unit, and many coordinates err
+    together.
     """
     middle = np.abs(_KNOTS) <= _MIDDLE
     knots = _KNOTS[middle]
@@ -116,7 +126,8 @@ def _settled(values: Array, effective: float) -> Array:
 
 _DRIVERS = 6  # most drivers
 _SIGNIFICANT = 4.0  # standard errors a bend or a widening must have to be believed
-#: Standard errors within which a correlation may count as none, and the most of the rest that are chance.
+#: Standard errors within which a correlation may count as none, and the most of the rest that are
+#: chance.
 _NOISE, _BY_CHANCE = np.arange(2.0, 6.5, 0.5), 0.5
 _ALIKE = 1e-9  # effects that differ by no more are the same
 _SHORT = 0.5  # most a coefficient of a log scale changes in one step of its fit
@@ -155,7 +166,12 @@ class Transport:
             )
         mean[others], log_scale[others], remainder = _regress(features, y[:, others], effective)
         return cls(
-            drivers, others, mean, log_scale, _factor(remainder, effective), Spline.fit(points, effective)
+            drivers,
+            others,
+            mean,
+            log_scale,
+            _factor(remainder, effective),
+            Spline.fit(points, effective),
         )
 
     def __call__(self, z: Array) -> tuple[Array, Array]:
@@ -204,7 +220,9 @@ def _effective(y: Array) -> float:
     """Estimate the independent draws that normal scores (N, d) are worth, by what their quarters differ."""
     quarters = np.array_split(y, 4)
     pairs = np.triu_indices(y.shape[1], 1)
-    moments = [np.concatenate([part.mean(axis=0), (part.T @ part / len(part))[pairs]]) for part in quarters]
+    moments = [
+        np.concatenate([part.mean(axis=0), (part.T @ part / len(part))[pairs]]) for part in quarters
+    ]
     # Each of these moments would have variance 1/N, about zero or so, in N independent draws.
     return float(min(len(y), 4.0 / np.var(moments, axis=0, ddof=1).mean()))
 
@@ -212,8 +230,8 @@ def _effective(y: Array) -> float:
 def _factor(remainder: Array, effective: float) -> Array:
     """Lower factor of the covariance of remainders (N, C), correlations within their noise left out.
 
-    A sample of few independent draws has as many chance correlations as pairs, and together they would make a
-    worse map than none.
+    A sample of few independent draws has as many chance correlations as pairs, and together they
+    would make a worse map than none.
     """
     covariance = remainder.T @ remainder / len(remainder)
     sd = np.sqrt(np.diag(covariance))
@@ -260,8 +278,8 @@ def _drivers(y: Array, effective: float) -> NDArray[np.intp]:
 def _regress(features: Array, y: Array, effective: float) -> tuple[Array, Array, Array]:
     """Regress the mean and log spread of columns y (N, C) on features (N, F), F odd.
 
-    Returns coefficients of the means and of the log spreads, (C, F), those that are significant, and the
-    remainders (N, C).
+    Returns coefficients of the means and of the log spreads, (C, F), those that are significant,
+    and the remainders (N, C).
     """
     count, size = features.shape
     linear = np.r_[0, 1:size:2]

@@ -15,7 +15,8 @@ Array = NDArray[np.float64]
 
 
 _ROUNDS = 3
-#: Steps of each adaptive run, how many of them are left out at its start, and the stride of those kept.
+#: Steps of each adaptive run, how many of them are left out at its start, and the stride of those
+#: kept.
 _RUNS = ((48, 16, 4), (80, 16, 2))
 
 
@@ -24,8 +25,8 @@ def warm_up(
 ) -> tuple[Transported, Array]:
     """Fit a transport to a density and find starting points.
 
-    Mode and curvature give the first map; importance weights refine it; short runs give the samples to which
-    the transport is fitted.
+    Mode and curvature give the first map; importance weights refine it; short runs give the samples
+    to which the transport is fitted.
     """
     adapt_seed, *run_seeds = seed.spawn(1 + len(_RUNS))
     rng = np.random.default_rng(adapt_seed)
@@ -47,11 +48,15 @@ def warm_up(
 def starting_points(here: Transported, rng: np.random.Generator, shape: tuple[int, int]) -> Array:
     """Choose starting points (E, W, d): draws taken by their weights, evened out so that many are chosen."""
     z, log_weights = _weigh(here, rng, shape)
-    chosen = rng.choice(len(z), size=shape[0] * shape[1], p=_weights(log_weights, at_least=0.05 * len(z)))
+    chosen = rng.choice(
+        len(z), size=shape[0] * shape[1], p=_weights(log_weights, at_least=0.05 * len(z))
+    )
     return z[chosen].reshape(*shape, -1)
 
 
-def _weigh(here: Transported, rng: np.random.Generator, shape: tuple[int, int]) -> tuple[Array, Array]:
+def _weigh(
+    here: Transported, rng: np.random.Generator, shape: tuple[int, int]
+) -> tuple[Array, Array]:
     """Draws from the reference law, and the log of the density over that law."""
     size = len(here.names)
     law = Reference(size)
@@ -59,7 +64,8 @@ def _weigh(here: Transported, rng: np.random.Generator, shape: tuple[int, int]) 
     values = here(z)
     if np.all(np.isneginf(values)):
         raise RefusalError(
-            f"the log density is -inf at every walker, for example at {described(here.names, z[0])}.",
+            "the log density is -inf at every walker, for example at"
+            f" {described(here.names, z[0])}.",
             hint="Check the data and the priors of these parameters.",
         )
     return z, values - law.log_density(z)
@@ -134,7 +140,9 @@ def _derivatives(density: Density, point: Array) -> tuple[Array, Array]:
     hessian[rows, columns] = mixed
     hessian[columns, rows] = mixed
     # At the edge of the impossible the differences are infinite and say nothing.
-    gradient, hessian = (np.nan_to_num(part, posinf=0.0, neginf=0.0) for part in (gradient, hessian))
+    gradient, hessian = (
+        np.nan_to_num(part, posinf=0.0, neginf=0.0) for part in (gradient, hessian)
+    )
     return gradient, hessian
 
 

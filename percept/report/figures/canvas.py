@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 
 from percept.report.numbers import SUPERSCRIPT
 
-# Blue and vermilion remain apart in every common form of colour blindness, and form tells them apart as well.
-# The names come from the page's style sheet, where the dark page has its own values.
+# Blue and vermilion remain apart in every common form of colour blindness, and form tells them
+# apart as well. The names come from the page's style sheet, where the dark page has its own values.
 COLOURS = {
     "ink": "#1c2127",
     "quiet": "#667079",
@@ -90,7 +90,9 @@ def common_range(lows: ArrayLike, highs: ArrayLike, *, log: bool) -> tuple[float
             out = np.maximum(sign * (np.log(np.maximum(values, 0.0)) if log else values - 1.0), 0.0)
         # An infinite end is cut off like any other that lies far out, and decides nothing.
         middle = float(np.median(out))
-        far = _GENEROUS * middle if 0.0 < middle < np.inf else out[np.isfinite(out)].max(initial=0.0)
+        far = (
+            _GENEROUS * middle if 0.0 < middle < np.inf else out[np.isfinite(out)].max(initial=0.0)
+        )
         end = sign * float(min(out.max(), far or 1.0))
         ends.append(float(np.exp(end)) if log else 1.0 + end)
     return ends[0], ends[1]
@@ -101,7 +103,9 @@ def mark(ax: Axes, artists: Iterable[Artist], method: str, kind: str = "") -> No
     axes = ax.figure.axes
     for artist in artists:
         # A file's ids are different.
-        count = sum(str(other.get_gid()).startswith("mark-") for own in axes for other in own.get_children())
+        count = sum(
+            str(other.get_gid()).startswith("mark-") for own in axes for other in own.get_children()
+        )
         artist.set_gid(f"mark-{method}-{kind}-{count}")
 
 
@@ -153,11 +157,16 @@ def row_labels(names: Sequence[str], *, most: float) -> list[str]:
     """Fit the names of rows or panels into a width, mm; names that look the same then are numbered."""
     labels = [_shortened(name, int(most / LETTER)) for name in names]
     if len(set(labels)) < len(labels):
-        labels = [_shortened(f"{row}. {name}", int(most / LETTER)) for row, name in enumerate(names, start=1)]
+        labels = [
+            _shortened(f"{row}. {name}", int(most / LETTER))
+            for row, name in enumerate(names, start=1)
+        ]
     return labels
 
 
 def _shortened(name: str, letters: int) -> str:
     # Names in a series differ at their ends: the middle goes.
     half = letters // 2
-    return name if len(name) <= letters else f"{name[: letters - 1 - half]}…{name[len(name) - half :]}"
+    return (
+        name if len(name) <= letters else f"{name[: letters - 1 - half]}…{name[len(name) - half :]}"
+    )

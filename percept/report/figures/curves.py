@@ -118,7 +118,8 @@ def ratio_range(groups: Sequence[Sequence[Limits]]) -> tuple[float, float]:
 
 def _ratios(limits: Sequence[Limits]) -> list[Limits]:
     return [
-        replace(pair, lower=pair.lower / pair.reference, upper=pair.upper / pair.reference) for pair in limits
+        replace(pair, lower=pair.lower / pair.reference, upper=pair.upper / pair.reference)
+        for pair in limits
     ]
 
 
@@ -137,7 +138,12 @@ def _draw(
         else:
             # The corner curves cross; the band between them is what is meant.
             low, high = np.minimum(pair.lower, pair.upper), np.maximum(pair.lower, pair.upper)
-            shade: dict[str, Any] = {"color": colour, "alpha": 0.25, "linewidth": 0, "label": pair.label}
+            shade: dict[str, Any] = {
+                "color": colour,
+                "alpha": 0.25,
+                "linewidth": 0,
+                "label": pair.label,
+            }
             drawn.append(ax.fill_between(pair.omega, low, high, **shade))
             drawn += ax.plot(pair.omega, low, color=colour, linewidth=0.6)
             drawn += ax.plot(pair.omega, high, color=colour, linewidth=0.6)
@@ -158,7 +164,9 @@ def draw_stability(
 ) -> None:
     """Draw the bound of Eq. 10, and couplings that have to stay above it, each with the ω where it binds."""
     omega, bound = np.asarray(omega, dtype=float), _drawable(bound)
-    ax.plot(omega, bound, color=COLOURS["ink"], linewidth=1.4, label="lower bound (Eq. 10)", gid="bound")
+    ax.plot(
+        omega, bound, color=COLOURS["ink"], linewidth=1.4, label="lower bound (Eq. 10)", gid="bound"
+    )
     styles = zip(cycle(_DASHES), cycle(_COLOURS), strict=False)
     for (label, (values, at)), (dashes, name) in zip(couplings.items(), styles, strict=False):
         curve, colour = _drawable(values), COLOURS[name]
@@ -231,7 +239,9 @@ def _curves_drawing(
         axes = panels(figure, len(rows), columns=columns, bottom=17, gap=gap, line=8 if log else 14)
         titles = row_labels(list(rows), most=(WIDE - 17.0) / columns - gap)
         for ax, title, (environment, some) in zip(axes, titles, rows.items(), strict=True):
-            draw_magnitude(ax, array(some[0]["omega"]), limits[environment], *reference_of(some[0]), log=log)
+            draw_magnitude(
+                ax, array(some[0]["omega"]), limits[environment], *reference_of(some[0]), log=log
+            )
             ax.set_title(title, loc="left")
         if log:
             ends = np.array([ax.get_ylim() for ax in axes])
@@ -264,14 +274,20 @@ def _ratio_drawing(rows: Mapping[str, list[Record]], families: Sequence[str]) ->
     limits = ratio_range(list(cells.values()))
 
     def draw(figure: Figure) -> None:
-        axes = panels(figure, len(rows) * len(kinds), columns=len(kinds), left=20, bottom=17, gap=6, line=2.5)
+        axes = panels(
+            figure, len(rows) * len(kinds), columns=len(kinds), left=20, bottom=17, gap=6, line=2.5
+        )
         names = row_labels(list(rows), most=_STRIP_TITLE)
         for position, ax in enumerate(axes):
             line, column = divmod(position, len(kinds))
             name, kind = list(rows)[line], kinds[column]
             row = rows[name][0]
             draw_ratio(
-                ax, array(row["omega"]), cells.get((name, kind), []), *reference_of(row), limits=limits
+                ax,
+                array(row["omega"]),
+                cells.get((name, kind), []),
+                *reference_of(row),
+                limits=limits,
             )
             ax.set_ylabel(names[line])
             if line == 0:
@@ -295,7 +311,9 @@ def like_limits(rows: list[Record], kind: str, families: Sequence[str]) -> list[
     """Return the boundaries of both methods in one family and one shape."""
     for shape in ("envelope", "pointwise"):
         alike = matching(rows, kind=kind, shape=shape)
-        chosen = [first(matching(alike, method=method), family=families) for method in reversed(METHODS)]
+        chosen = [
+            first(matching(alike, method=method), family=families) for method in reversed(METHODS)
+        ]
         if limits := [_limits(row) for row in chosen if row is not None]:
             return limits
     return []
@@ -320,9 +338,13 @@ def stability_drawings(coupling: Record | None) -> list[Drawing]:
 
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, left=18, top=3)
-        omega, bound, admittance = (array(coupling[name]) for name in ("omega", "bound", "admittance"))
+        omega, bound, admittance = (
+            array(coupling[name]) for name in ("omega", "bound", "admittance")
+        )
         # JSON has infinity as text.
-        draw_stability(ax, omega, bound, {"this coupling": (admittance, float(coupling["binding_omega"]))})
+        draw_stability(
+            ax, omega, bound, {"this coupling": (admittance, float(coupling["binding_omega"]))}
+        )
 
     return [
         Drawing(

@@ -50,9 +50,11 @@ _BARS = {
     "share": "thinnest: a share of users",
 }
 _LAWS = {"weber": "Weber", "offset": "Weber with offset", "power": "power law"}
-# Left margin of intervals, mm: at least that of short names, at most what leaves the bars half of the width.
+# Left margin of intervals, mm: at least that of short names, at most what leaves the bars half of
+# the width.
 _LEAST_MARGIN, _MOST_MARGIN = 12.0, 26.0
-# Between a label and the axis, and to the edge of the figure, mm; other viewers' lettering may be wider.
+# Between a label and the axis, and to the edge of the figure, mm; other viewers' lettering may be
+# wider.
 _MARGIN_BESIDE = 4.0
 _COLUMNS = 6  # most panels side by side
 _OVERVIEW = ("mean", "user")
@@ -75,7 +77,8 @@ def interval_drawings(document: Record) -> list[Drawing]:
         _interval_drawing(document, parameter, bars)
         for parameter in distinct(document["intervals"], "parameter")
         if (
-            bars := bars_of(document, parameter, ("mean", "user")) or bars_of(document, parameter, ("share",))
+            bars := bars_of(document, parameter, ("mean", "user"))
+            or bars_of(document, parameter, ("share",))
         )
     ]
 
@@ -119,7 +122,8 @@ def _interval_caption(
     empty = distinct(matching(rows, reference=0), "environment")
     sentences = [
         f"{'; '.join(kinds)}; dashed: the reference",
-        "Each classical bar stands above the Bayesian one" * (len({bar.method for bar in bars}) == 2),
+        "Each classical bar stands above the Bayesian one"
+        * (len({bar.method for bar in bars}) == 2),
         "Ticks: the subjects" * any(some.size for some in values),
         f"Classical limits are {of}" if of else "",
         "An arrow with a value ends a bar that leaves the axis" * beyond_range(bars),
@@ -137,7 +141,11 @@ def bars_of(document: Record, parameter: str, kinds: Sequence[str]) -> list[Bar]
         for environment in distinct(rows, "environment")
         for kind in kinds
         for method in METHODS
-        if (row := first(matching(rows, environment=environment, kind=kind, method=method), family=families))
+        if (
+            row := first(
+                matching(rows, environment=environment, kind=kind, method=method), family=families
+            )
+        )
         and (bar := _bar(row)) is not None
     ]
 
@@ -145,7 +153,9 @@ def bars_of(document: Record, parameter: str, kinds: Sequence[str]) -> list[Bar]
 def _bar(row: Record) -> Bar | None:
     if not row.get("reference") or row["lower"] is None or row["upper"] is None:
         return None
-    lower, upper, estimate = (float(row[name]) / row["reference"] for name in ("lower", "upper", "estimate"))
+    lower, upper, estimate = (
+        float(row[name]) / row["reference"] for name in ("lower", "upper", "estimate")
+    )
     return Bar(row["environment"], row["kind"], row["method"], lower, upper, estimate)
 
 
@@ -170,7 +180,9 @@ def design_drawings(document: Record) -> list[Drawing]:
     def draw(figure: Figure) -> None:
         axes = panels(figure, len(regions), columns=columns, bottom=17, gap=3, line=8)
         titles = row_labels([region["name"] or "all together" for region in regions], most=24.0)
-        maps = [[np.array(some, dtype=float).reshape(-1, 2) for some in r["intervals"]] for r in regions]
+        maps = [
+            [np.array(some, dtype=float).reshape(-1, 2) for some in r["intervals"]] for r in regions
+        ]
         marks: dict[str, Any] = {
             "stable": (array(edge["stiffness"]), array(edge["damping"])) if edge else None,
             "coupling": (used["stiffness"], used["damping"]) if used else None,
@@ -190,9 +202,9 @@ def design_drawings(document: Record) -> list[Drawing]:
         Drawing(
             "design",
             "Couplings that qualify, by stiffness and damping of the coupling",
-            "Shaded: stable with this device, and inside the next user’s boundary "
-            f"({METHOD_NAMES[best['method']]}, {design['family']}), by |Z_h| and by effective stiffness and "
-            f"damping, at every ω, to 0.1 %.{marked}",
+            "Shaded: stable with this device, and inside the next user’s boundary"
+            f" ({METHOD_NAMES[best['method']]}, {design['family']}), by |Z_h| and by effective"
+            f" stiffness and damping, at every ω, to 0.1 %.{marked}",
             (WIDE, 15.0 + 42.0 * -(-len(regions) // columns)),
             draw,
         )
@@ -203,7 +215,8 @@ def _band_drawings(document: Record) -> list[Drawing]:
     """Return a figure of bands and laws for the impedance, or for each parameter."""
     rows = (document["band"] or {}).get("rows") or ()
     return [
-        _band_drawing(document, parameter) for parameter in dict.fromkeys(r.get("parameter") for r in rows)
+        _band_drawing(document, parameter)
+        for parameter in dict.fromkeys(r.get("parameter") for r in rows)
     ]
 
 
@@ -231,7 +244,10 @@ def _band_drawing(document: Record, parameter: str | None) -> Drawing:
     """Return the figure of bands and laws."""
     kind, grid, series, words = band_series(document, parameter)
     name, title = "band", "Band against impedance"
-    said = f"|Z_e| against the environment’s own impedance at {document['band']['omega'] or 0.0:g} rad/s"
+    said = (
+        f"|Z_e| against the environment’s own impedance at {document['band']['omega'] or 0.0:g}"
+        " rad/s"
+    )
     if parameter is not None:
         quantity = quantities_of(document)[parameter]
         name, title = f"band_{parameter}", f"Band of {quantity.words} against its reference"
@@ -244,13 +260,19 @@ def _band_drawing(document: Record, parameter: str | None) -> Drawing:
 
     with_laws = ", with the fitted laws" if any(widths.laws for widths in series) else ""
     return Drawing(
-        name, f"{title}, {KIND_NAMES[kind]}", f"Width of the band of {said}{with_laws}.", (150.0, 58.0), draw
+        name,
+        f"{title}, {KIND_NAMES[kind]}",
+        f"Width of the band of {said}{with_laws}.",
+        (150.0, 58.0),
+        draw,
     )
 
 
 def _widths(band: Record, like: Record, grid: FloatArray) -> Widths:
     """Return the bands and laws of the same method, kind and family as a row."""
-    labels: dict[str, Any] = {name: like.get(name) for name in ("method", "kind", "family", "parameter")}
+    labels: dict[str, Any] = {
+        name: like.get(name) for name in ("method", "kind", "family", "parameter")
+    }
     rows, laws = matching(band["rows"], **labels), {}
     for law in matching(band["laws"], **labels):
         values = [float(fitted["value"]) for fitted in law["parameters"].values()]

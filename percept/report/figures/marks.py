@@ -75,7 +75,11 @@ def draw_intervals(
             if value != min(max(value, left), right):
                 drawn += _point_beyond(ax, edge, y, value, side, colour)
         if bar.kind == "mean" and left <= bar.estimate <= right:
-            form: _Style = {"markersize": 3.4, "markerfacecolor": COLOURS["paper"], "markeredgecolor": colour}
+            form: _Style = {
+                "markersize": 3.4,
+                "markerfacecolor": COLOURS["paper"],
+                "markeredgecolor": colour,
+            }
             drawn += ax.plot([bar.estimate], [y], _MARKERS[bar.method], **form)
         mark(ax, drawn, bar.method, bar.kind)
     for environment, subjects in zip(environments, values, strict=False):
@@ -104,7 +108,9 @@ def _ends(bars: Sequence[Bar], *, log: bool) -> tuple[float, float]:
         [bar for bar in bars if bar.environment == name]
         for name in dict.fromkeys(bar.environment for bar in bars)
     ]
-    sides = np.array([(min(b.lower for b in group), max(b.upper for b in group)) for group in groups])
+    sides = np.array(
+        [(min(b.lower for b in group), max(b.upper for b in group)) for group in groups]
+    )
     low, high = common_range(*sides.T, log=log)
     margin = 0.0 if log else 0.02 * (high - low)
     return low - margin, high + margin
@@ -116,7 +122,9 @@ def beyond_range(bars: Sequence[Bar], *, log: bool = True) -> bool:
     return any(bar.lower < left or bar.upper > right for bar in bars)
 
 
-def _point_beyond(ax: Axes, edge: float, y: float, value: float, side: str, colour: str) -> list[Artist]:
+def _point_beyond(
+    ax: Axes, edge: float, y: float, value: float, side: str, colour: str
+) -> list[Artist]:
     """Mark a bar that goes on beyond the axis, with the value it ends at."""
     arrow = {"left": "<", "right": ">"}[side]
     over = {"left": 3, "right": -3}[side]
@@ -149,7 +157,9 @@ _LAW_DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)))
 _NAME_WIDTH = 26.0  # mm
 
 
-def draw_band(ax: Axes, size: FloatArray, series: Sequence[Widths], *, axis: str, unit: str) -> None:
+def draw_band(
+    ax: Axes, size: FloatArray, series: Sequence[Widths], *, axis: str, unit: str
+) -> None:
     """Draw band against size on logarithmic axes, with the fitted laws."""
     for widths in series:
         colour, method = COLOURS[widths.method], METHOD_NAMES[widths.method]
@@ -163,10 +173,17 @@ def draw_band(ax: Axes, size: FloatArray, series: Sequence[Widths], *, axis: str
     names = row_labels(first.environments, most=_NAME_WIDTH)
     middle = float(np.sqrt(size[0] * size[-1]))
     for name, x, y in zip(names, first.size, first.band, strict=True):
-        # Bands grow with the size: what lies below a point on the left, and above it on the right, is free.
+        # Bands grow with the size: what lies below a point on the left, and above it on the right,
+        # is free.
         over, up, side = (4, -8, "left") if x < middle else (-4, 4, "right")
         ax.annotate(
-            name, (x, y), xytext=(over, up), textcoords="offset points", ha=side, fontsize=6.5, bbox=_GROUND
+            name,
+            (x, y),
+            xytext=(over, up),
+            textcoords="offset points",
+            ha=side,
+            fontsize=6.5,
+            bbox=_GROUND,
         )
     of = f" ({unit})" if unit else ""
     ax.set_xlabel(f"{axis}{of}")
@@ -207,7 +224,9 @@ def draw_design(
         # add_patch would look for the extent segment by segment; the ends are known.
         ax.add_artist(shade)
     else:
-        ax.text(0.5, 0.5, "none qualifies", ha="center", color=COLOURS["quiet"], transform=ax.transAxes)
+        ax.text(
+            0.5, 0.5, "none qualifies", ha="center", color=COLOURS["quiet"], transform=ax.transAxes
+        )
     right, top = ends or design_ends(damping, [intervals], stable=stable, coupling=coupling)
     if coupling is not None:
         x, y = coupling[0] / 1e3, coupling[1]
@@ -215,7 +234,12 @@ def draw_design(
         form: _Style = {"color": COLOURS["warn"], "label": "coupling in use", "clip_on": False}
         ax.plot([at[0]], [at[1]], "X", markersize=5, **form)
         if at != (x, y):
-            place: _Style = {"textcoords": "offset points", "ha": "right", "va": "top", "fontsize": 6}
+            place: _Style = {
+                "textcoords": "offset points",
+                "ha": "right",
+                "va": "top",
+                "fontsize": 6,
+            }
             ax.annotate(f"at {x:.4g} kN/m,\n{y:.4g} N·s/m", at, xytext=(-6, -4), **place)
     ax.set_xlim(0, right)
     ax.set_ylim(0, top)

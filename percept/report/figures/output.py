@@ -67,10 +67,12 @@ _NO_METADATA: dict[str, dict[str, Any]] = {
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     "png": {"Software": None},
 }
-# rem per mm: at the most a figure's lettering is as large as the page's small print, at the least readable.
+# rem per mm: at the most a figure's lettering is as large as the page's small print, at the least
+# readable.
 _LEAST, _MOST = 0.2, 0.3
 _HEAD = re.compile(r"<svg[^>]*>")
-# matplotlib's rule for every element would hold for the whole page; the outer element hands it down instead.
+# matplotlib's rule for every element would hold for the whole page; the outer element hands it down
+# instead.
 _OWN_STYLE = re.compile(r"<defs>\s*<style.*?</style>\s*</defs>", re.DOTALL)
 _HANDED_DOWN = 'stroke-linejoin="round" stroke-linecap="butt"'
 # Text keeps its > escaped, so that these are the tags and nothing a user wrote.
@@ -105,9 +107,11 @@ def drawn(drawing: Drawing, formats: Sequence[str]) -> tuple[dict[str, bytes], s
         drawing.draw(figure)
         text = _saved(figure, "svg", dpi=72).decode("utf-8")
         files = {
-            form: _svg_file(drawing, text)
-            if form == "svg"
-            else _saved(figure, form, dpi=_DPI, facecolor="white")
+            form: (
+                _svg_file(drawing, text)
+                if form == "svg"
+                else _saved(figure, form, dpi=_DPI, facecolor="white")
+            )
             for form in formats
         }
     return files, _inline(drawing, text)
@@ -141,13 +145,15 @@ def _inline(drawing: Drawing, text: str) -> str:
 
     def attribute(name: str) -> str:
         if mark := _MARK.fullmatch(name):
-            return "".join(f' data-{key}="{value}"' for key, value in mark.groupdict().items() if value)
+            return "".join(
+                f' data-{key}="{value}"' for key, value in mark.groupdict().items() if value
+            )
         return f' id="{name}"' if name in used else ""
 
     width, height = (side * MM * 72.0 for side in drawing.size)
     side, label = drawing.size[0], f"svg-{drawing.name}"
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
+        '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
         f'viewBox="0 0 {width:.7g} {height:.7g}" {_HANDED_DOWN} '
         f'style="min-width:{side * _LEAST:.4g}rem;max-width:{side * _MOST:.4g}rem" '
         f'role="img" aria-labelledby="{label}-title {label}-desc">'

@@ -82,7 +82,9 @@ def test_integrated_over_the_locations_it_is_the_collapsed_density(statistics, c
                 prior_of_sigma += stats.norm.logpdf(log_sigma, line, omega[:, None]).sum()
             else:
                 given["z" + suffix] = (log_sigma - line) / omega[:, None]
-        given |= {f"half_{name}": 0.5 * (1 + value) for name, value in named.items() if name[:3] == "rho"}
+        given |= {
+            f"half_{name}": 0.5 * (1 + value) for name, value in named.items() if name[:3] == "rho"
+        }
 
         def log_density(latents, given=given):
             point = {}

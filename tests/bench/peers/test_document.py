@@ -46,7 +46,8 @@ def test_times_to_an_error_are_measured_where_they_can_be():
 
 def whole(seconds):
     return [
-        Whole(name, name, (value,) * 5, value, value) for name, value in zip(COMMANDS, seconds, strict=True)
+        Whole(name, name, (value,) * 5, value, value)
+        for name, value in zip(COMMANDS, seconds, strict=True)
     ]
 
 
@@ -74,7 +75,9 @@ def test_promised_ratios_of_whole_commands():
 
 
 def test_rounds_in_which_the_machine_is_slow_cancel():
-    names = dict.fromkeys(COMMANDS, (1.0, 1.0, 3.0, 3.0, 1.0)) | {"percept fit": (2.0, 2.0, 6.0, 6.0, 6.0)}
+    names = dict.fromkeys(COMMANDS, (1.0, 1.0, 3.0, 3.0, 1.0)) | {
+        "percept fit": (2.0, 2.0, 6.0, 6.0, 6.0)
+    }
     runs = [Whole(name, name, seconds, sorted(seconds)[2], 1.0) for name, seconds in names.items()]
     found = {one.command: one.ratio for one in comparisons(runs)}
     # The ratio of the medians would be 6.
@@ -84,11 +87,14 @@ def test_rounds_in_which_the_machine_is_slow_cancel():
 def test_losses_are_said():
     slow = [dataclasses.replace(one, warm=100.0 * one.warm, cold=100.0 * one.cold) for one in OURS]
     found = document([*slow, *NUTPIE], (10.0, 4.0, 46.0, 31.0, 5.0, 5.0, 2.0))["losses"]
-    assert "published: nutpie, written plainly reaches 10.0% warm in 0.30 times percept’s time." in found
     assert (
-        "percept report takes 4.60 times the wall time and 4.60 times the processor time of import pymc; "
-        "4.5 is promised."
-    ) in found
+        "published: nutpie, written plainly reaches 10.0% warm in 0.30 times percept’s time."
+        in found
+    )
+    assert (
+        "percept report takes 4.60 times the wall time and 4.60 times the processor time of import"
+        " pymc; 4.5 is promised." in found
+    )
     quick = [dataclasses.replace(one, warm=1e-3 * one.warm, cold=1e-3 * one.cold) for one in OURS]
     quick = [dataclasses.replace(one, effective_per_second=1e5) for one in quick]
     assert document([*quick, *NUTPIE])["losses"] == []
@@ -107,7 +113,10 @@ def test_promises_against_nutpie():
 
 
 def test_a_promise_is_kept_in_wall_and_processor_time():
-    runs = [Whole(name, name, (1.0,) * 5, 1.0, 9.0 if name == "percept fit" else 1.0) for name in COMMANDS]
+    runs = [
+        Whole(name, name, (1.0,) * 5, 1.0, 9.0 if name == "percept fit" else 1.0)
+        for name in COMMANDS
+    ]
     found = {one.command: one for one in comparisons(runs)}
     assert (found["percept fit"].ratio, found["percept fit"].kept) == (1.0, False)
     assert found["percept report"].kept
@@ -127,7 +136,9 @@ class Links(html.parser.HTMLParser):
 
 
 def test_page_holds_everything_and_asks_for_nothing(tmp_path):
-    made = document([*OURS, *NUTPIE, row("percept", 0.1, 1.0, 0.05)], (10.0, 4.0, 46.0, 31.0, 5.0, 5.0, 2.0))
+    made = document(
+        [*OURS, *NUTPIE, row("percept", 0.1, 1.0, 0.05)], (10.0, 4.0, 46.0, 31.0, 5.0, 5.0, 2.0)
+    )
     page = write_benchmark(made, tmp_path / "out")
     text = page.read_text(encoding="utf-8")
     links = Links()

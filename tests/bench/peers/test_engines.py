@@ -57,7 +57,8 @@ def test_limits_of_independent_draws_of_a_known_law():
     wide = np.hypot(0.1, 0.5)
     exact = 0.2 + z * np.array([-0.1, 0.1, -wide, wide])
     apart = (value[:2].reshape(4, cells) - exact[:, None]) / error[:2].reshape(4, cells)
-    # 80 standardised errors: their mean square has an SD of sqrt(2/80), and more as they are estimated.
+    # 80 standardised errors: their mean square has an SD of sqrt(2/80), and more as they are
+    # estimated.
     assert np.mean(apart**2) == pytest.approx(1.0, abs=5 * 1.2 * np.sqrt(2 / 80))
     off = stats.norm.isf(0.5 * (1 - CONFIDENCE)) * 0.1
     half = share_half_widths(np.array(off), np.array(0.5), SHARE)
@@ -75,6 +76,7 @@ def test_errors_see_autocorrelation():
     (_, quick_error, quick), (_, error, found) = (
         limits_of_draws(draws, spread, rng) for draws in (noise, slow)
     )
-    # The mean of an AR(1) with 0.9 has (1 + 0.9)/(1 - 0.9) = 19 times the variance of independent draws.
+    # The mean of an AR(1) with 0.9 has (1 + 0.9)/(1 - 0.9) = 19 times the variance of independent
+    # draws.
     assert found < quick / 6
     assert (error[0] > 1.7 * quick_error[0]).all()

@@ -12,7 +12,10 @@ from percept.errors import RefusalError
 
 def test_commands_take_turns_and_are_timed(tmp_path):
     log = tmp_path / "log"
-    note = "import os, sys; open(sys.argv[1], 'a').write(sys.argv[2] + os.environ['PERCEPT_CACHE'] + ' ')"
+    note = (
+        "import os, sys; open(sys.argv[1], 'a').write(sys.argv[2] + os.environ['PERCEPT_CACHE'] +"
+        " ' ')"
+    )
     work = note + "; sum(range(6_000_000))"
     commands = {"note": ("-c", note, "SESSIONS", "a"), "work": ("-c", work, "SESSIONS", "b")}
     light, heavy = whole_commands(str(log), "scene.toml", repeats=2, commands=commands)
@@ -44,7 +47,17 @@ without_peers = pytest.mark.skipif(
 def test_what_is_not_installed_is_left_out_and_its_extra_named(tmp_path, capsys):
     """A whole quick benchmark of what is installed."""
     out = tmp_path / "out"
-    words = ["bench", "peers", "--engines", "percept", "nutpie", "emcee", "--quick", "--out", str(out)]
+    words = [
+        "bench",
+        "peers",
+        "--engines",
+        "percept",
+        "nutpie",
+        "emcee",
+        "--quick",
+        "--out",
+        str(out),
+    ]
     words += ["--rows", "published"]
     assert main(words) == 0
     said = capsys.readouterr().err
@@ -57,9 +70,11 @@ def test_what_is_not_installed_is_left_out_and_its_extra_named(tmp_path, capsys)
         "import what percept fit needs", "percept fit, classical",
     ]  # fmt: skip
     text = (out / "index.html").read_text(encoding="utf-8")
-    assert "Left out, since packages are not installed here: nutpie, written plainly (nutpie" in text
+    assert (
+        "Left out, since packages are not installed here: nutpie, written plainly (nutpie" in text
+    )
     assert [one["name"] for one in found["studies"]] == ["published"]
-    (ours, row) = found["measured"]
+    ours, row = found["measured"]
     # emcee's stretch moves, far too short: an error that is shown, not agreement.
     assert (row["engine"], row["repeats"]) == ("emcee", 1)
     assert row["error"] > 2.0 * ours["error"]

@@ -20,7 +20,11 @@ def stored():
 def rows(seed, sd):
     rng = np.random.default_rng(seed)
     return [
-        {"value": rng.normal(1.0, sd, (3, 2, 10)), "error": np.full((3, 2, 10), 0.1), "effective": 100.0}
+        {
+            "value": rng.normal(1.0, sd, (3, 2, 10)),
+            "error": np.full((3, 2, 10), 0.1),
+            "effective": 100.0,
+        }
         for _ in range(25)
     ]
 
@@ -35,7 +39,9 @@ def test_pooled_runs_are_averaged_and_their_errors_divided():
 
 
 def test_runs_that_claim_too_much_scatter_more():
-    assert Reference.pooled(rows(6, 0.3)).scatter == pytest.approx(3.0, abs=3 * 5 * np.sqrt(0.5 / (60 * 24)))
+    assert Reference.pooled(rows(6, 0.3)).scatter == pytest.approx(
+        3.0, abs=3 * 5 * np.sqrt(0.5 / (60 * 24))
+    )
 
 
 def test_the_stored_reference_claims_what_its_runs_show(stored):
@@ -57,7 +63,9 @@ def test_relative_error_is_in_half_widths(stored):
 
 
 def test_a_study_without_reference_is_refused():
-    with pytest.raises(RefusalError, match="no reference limits are stored; there are some for published"):
+    with pytest.raises(
+        RefusalError, match="no reference limits are stored; there are some for published"
+    ):
         stored_reference("nobody's")
 
 

@@ -15,7 +15,10 @@ def evidence_ratios(response):
     """log p(y_i | others) = log p(all) - log p(others), each evidence by quadrature."""
     whole = small.weights(small.density_of(response))[1]
     return np.array(
-        [whole - small.weights(small.density_of(np.delete(response, i)))[1] for i in range(len(response))]
+        [
+            whole - small.weights(small.density_of(np.delete(response, i)))[1]
+            for i in range(len(response))
+        ]
     )
 
 

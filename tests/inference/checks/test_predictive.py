@@ -18,8 +18,13 @@ from tests.inference.hierarchy.test_prior import OTHER
 
 def laws(priors):
     rho = stats.beta(priors.rho_shape, priors.rho_shape, loc=-1.0, scale=2.0)
-    half = {name: stats.halfnorm(scale=getattr(priors, f"{name}_scale")) for name in ("tau", "sigma_u")}
-    half |= {name: stats.halfnorm(scale=getattr(priors, f"{name}_scale")) for name in ("omega", "omega_e")}
+    half = {
+        name: stats.halfnorm(scale=getattr(priors, f"{name}_scale")) for name in ("tau", "sigma_u")
+    }
+    half |= {
+        name: stats.halfnorm(scale=getattr(priors, f"{name}_scale"))
+        for name in ("omega", "omega_e")
+    }
     log_s = {
         "s" + e: stats.lognorm(
             getattr(priors, f"log_s{e}_sd"), scale=np.exp(getattr(priors, f"log_s{e}_mean"))
@@ -47,13 +52,20 @@ def test_draws_have_their_priors(name):
         assert stats.kstest(named["sigma"][1][:, 0, 0], level.cdf).pvalue > 1e-4
         assert stats.kstest(means[:, 0], stats.norm(0.0, OTHER.alpha_sd).cdf).pvalue > 1e-4
     else:
-        sd = np.sqrt(OTHER.alpha_sd**2 + OTHER.gamma_sd**2 * study.x[0, 0] ** 2 + named["tau"][1][:, 0] ** 2)
+        sd = np.sqrt(
+            OTHER.alpha_sd**2 + OTHER.gamma_sd**2 * study.x[0, 0] ** 2 + named["tau"][1][:, 0] ** 2
+        )
         # Given tau the location is normal; the data, which have other scales, do not enter.
         assert stats.kstest(means[:, 0] / sd, stats.norm.cdf).pvalue > 1e-4
         log_sigma = np.log(named["sigma"][1][:, 0, 0])
         centre = np.log(named["s"][1][:, 0]) + named["kappa"][1][:, 0] * study.x[0, 0]
-        assert stats.kstest((log_sigma - centre) / named["omega"][1][:, 0], stats.norm.cdf).pvalue > 1e-4
-    spread = named["sigma"][1][:, 0, 0] ** 2 + (named["sigma_u"][1][:, 0] ** 2 if "sigma_u" in named else 0.0)
+        assert (
+            stats.kstest((log_sigma - centre) / named["omega"][1][:, 0], stats.norm.cdf).pvalue
+            > 1e-4
+        )
+    spread = named["sigma"][1][:, 0, 0] ** 2 + (
+        named["sigma_u"][1][:, 0] ** 2 if "sigma_u" in named else 0.0
+    )
     assert stats.kstest((users - means)[:, 0] / np.sqrt(spread), stats.norm.cdf).pvalue > 1e-4
 
 
@@ -75,9 +87,13 @@ def test_statistics_are_those_of_numpy_where_cells_are_missing():
     means[1:, :, 2] = np.nan
     found = statistics_of(means)
     np.testing.assert_allclose(found[0], np.nanmean(means, axis=0), rtol=1e-13)
-    np.testing.assert_allclose(found[1][:, :2], np.nanstd(means[..., :2], axis=0, ddof=1), rtol=1e-13)
+    np.testing.assert_allclose(
+        found[1][:, :2], np.nanstd(means[..., :2], axis=0, ddof=1), rtol=1e-13
+    )
     off = np.abs(means - np.nanmean(means, axis=0))[..., :2]
-    np.testing.assert_allclose(found[2][:, :2], np.nanmax(off, axis=0) / found[1][:, :2], rtol=1e-13)
+    np.testing.assert_allclose(
+        found[2][:, :2], np.nanmax(off, axis=0) / found[1][:, :2], rtol=1e-13
+    )
     assert np.isnan(found[1:][..., 2]).all()
 
 

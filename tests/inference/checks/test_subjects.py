@@ -21,7 +21,9 @@ def prepared(name, rng, options=None, draws=2):
 
 
 def of_trials(study, scales, w, **prior):
-    return dense_twin.trial_covariance(study.subject, study.environment, study.x, scales, w, **prior)
+    return dense_twin.trial_covariance(
+        study.subject, study.environment, study.x, scales, w, **prior
+    )
 
 
 def flat(study, who):
@@ -44,12 +46,16 @@ def test_left_out_equals_conditioning_on_the_other_trials(name, options):
     response = study.response.ravel()
     for i in range(subjects.subjects):
         inside, outside = flat(study, study.subject == i), flat(study, study.subject != i)
-        gain = np.linalg.solve(covariance[np.ix_(outside, outside)], covariance[np.ix_(outside, inside)]).T
+        gain = np.linalg.solve(
+            covariance[np.ix_(outside, outside)], covariance[np.ix_(outside, inside)]
+        ).T
         law = stats.multivariate_normal(
             gain @ response[outside],
             covariance[np.ix_(inside, inside)] - gain @ covariance[np.ix_(outside, inside)],
         )
-        assert found.log_density[w, i] == pytest.approx(law.logpdf(response[inside]), rel=1e-7, abs=1e-7)
+        assert found.log_density[w, i] == pytest.approx(
+            law.logpdf(response[inside]), rel=1e-7, abs=1e-7
+        )
         check_means(study, i, law, found, w)
 
 
@@ -60,7 +66,9 @@ def check_means(study, i, law, found, w):
     size = study.response.shape[1]
     average = np.stack(
         [
-            np.kron((study.environment[who] == j) / np.sum(study.environment[who] == j), np.eye(size)[p])
+            np.kron(
+                (study.environment[who] == j) / np.sum(study.environment[who] == j), np.eye(size)[p]
+            )
             for p in range(size)
             for j in environments
         ]
@@ -150,9 +158,14 @@ def test_scales_of_any_size_keep_the_digits_of_the_collapsed_densities():
     coords[[name.startswith("sigma[") for name in density.names]] *= 4.0
     scales = density.layout.scales(coords)
     others = without_the_first(study)
-    all_of_them, less = density.log_likelihood(scales), CollapsedDensity(others).log_likelihood(scales)
+    all_of_them, less = (
+        density.log_likelihood(scales),
+        CollapsedDensity(others).log_likelihood(scales),
+    )
     found = subjects.left_out(scales).log_density[:, 0]
     sd = scales.named["sigma"]
     assert sd.max() / sd.min() > 1e7
     # The difference itself rounds at the size of its terms.
-    np.testing.assert_array_less(np.abs(found - (all_of_them - less)), 1e-9 * (1.0 + np.abs(all_of_them)))
+    np.testing.assert_array_less(
+        np.abs(found - (all_of_them - less)), 1e-9 * (1.0 + np.abs(all_of_them))
+    )

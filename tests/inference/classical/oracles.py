@@ -1,8 +1,8 @@
 """Slow twins of the tolerance factors, in 20 digits and by another order of integration than the package's.
 
-`percept` integrates the sample mean out last and sums the lower tail of chi-square. Here the sample SD is
-integrated last, against its density, and the upper form is used: with 20 digits nothing is lost by that.
-Run as a script to write `tolerance_factors.json` again (a few minutes).
+`percept` integrates the sample mean out last and sums the lower tail of chi-square. Here the sample
+SD is integrated last, against its density, and the upper form is used: with 20 digits nothing is
+lost by that. Run as a script to write `tolerance_factors.json` again (a few minutes).
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ DIGITS = 20
 def factor(n: int, share: float, confidence: float, *, sided: str = "two") -> tuple[mp.mpf, float]:
     """Return the factor to 15 digits and more, and the relative error of the package's.
 
-    One Newton step on the 20-digit residual: an error of 1e-8 would be squared, and only the slope of the
-    step is the package's own.
+    One Newton step on the 20-digit residual: an error of 1e-8 would be squared, and only the slope
+    of the step is the package's own.
     """
     c = tolerance_factor(n, share, confidence, sided=sided)
     delta = 1e-4 * (1.0 - confidence)
@@ -70,7 +70,9 @@ def sd_density(n: int, s: mp.mpf) -> mp.mpf:
     half = mp.mpf(n - 1) / 2
     if s == 0:
         return mp.sqrt(2 / mp.pi) if n == 2 else mp.mpf(0)
-    return 2 * mp.exp(half * mp.log(half) - mp.loggamma(half) + (2 * half - 1) * mp.log(s) - half * s * s)
+    return 2 * mp.exp(
+        half * mp.log(half) - mp.loggamma(half) + (2 * half - 1) * mp.log(s) - half * s * s
+    )
 
 
 def _pieces(n: int, least: mp.mpf, scale: mp.mpf) -> list[mp.mpf]:

@@ -21,7 +21,9 @@ def test_the_mean_contrast_is_the_paired_t_test():
     found, p_value = paired_contrast(second - first, "mean", **CLAIM)
     test = stats.ttest_rel(second, first)
     expected = test.confidence_interval(0.9)
-    np.testing.assert_allclose([found.lower, found.upper], [expected.low, expected.high], rtol=1e-12)
+    np.testing.assert_allclose(
+        [found.lower, found.upper], [expected.low, expected.high], rtol=1e-12
+    )
     np.testing.assert_allclose(p_value, test.pvalue, rtol=1e-10)
 
 
@@ -40,9 +42,13 @@ def test_limits_of_spread_are_ratios_that_the_test_just_rejects(slope):
     found = spread_ratio(first, second, level=0.95)
     for end in (found.lower, found.upper):
         scaled = second / end
-        assert stats.pearsonr(first + scaled, scaled - first).pvalue == pytest.approx(0.05, rel=1e-9)
+        assert stats.pearsonr(first + scaled, scaled - first).pvalue == pytest.approx(
+            0.05, rel=1e-9
+        )
     inverse = spread_ratio(second, first, level=0.95)
-    np.testing.assert_allclose([1.0 / inverse.upper, 1.0 / inverse.lower], [found.lower, found.upper])
+    np.testing.assert_allclose(
+        [1.0 / inverse.upper, 1.0 / inverse.lower], [found.lower, found.upper]
+    )
 
 
 def test_the_interval_of_spread_covers():

@@ -13,7 +13,9 @@ LEVEL, CONFIDENCE = 0.99, 0.95
 DESIGNS = list(product(("normal", "lognormal"), (3, 5, 10, 30), (0.05, 0.2, 0.5)))
 
 
-@pytest.mark.parametrize(("design", "family", "n", "cv"), [(i, *design) for i, design in enumerate(DESIGNS)])
+@pytest.mark.parametrize(
+    ("design", "family", "n", "cv"), [(i, *design) for i, design in enumerate(DESIGNS)]
+)
 def test_each_kind_covers_what_it_says_and_the_misreading_does_not(design, family, n, cv):
     random = np.random.default_rng([1, design])
     log = family == "lognormal"

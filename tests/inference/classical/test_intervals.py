@@ -31,8 +31,12 @@ def test_t_keeps_its_digits_in_the_tail(nu, level):
     tail = (1.0 - level) / 2.0
     with mp.workdps(40):
         x, exact = mp.mpf(t), mp.mpf(tail)
-        above = mp.betainc(mp.mpf(nu) / 2, mp.mpf("0.5"), 0, nu / (nu + x * x), regularized=True) / 2
-        log_scale = mp.loggamma(mp.mpf(nu + 1) / 2) - mp.loggamma(mp.mpf(nu) / 2) - mp.log(mp.pi * nu) / 2
+        above = (
+            mp.betainc(mp.mpf(nu) / 2, mp.mpf("0.5"), 0, nu / (nu + x * x), regularized=True) / 2
+        )
+        log_scale = (
+            mp.loggamma(mp.mpf(nu + 1) / 2) - mp.loggamma(mp.mpf(nu) / 2) - mp.log(mp.pi * nu) / 2
+        )
         density = mp.exp(log_scale - mp.mpf(nu + 1) / 2 * mp.log1p(x * x / nu))
         assert abs((above - exact) / (density * x)) <= 1e-14
     assert t == pytest.approx(stats.t.isf(tail, nu), rel=1e-15)
@@ -72,7 +76,9 @@ def test_the_expected_share_against_quadrature():
     grid, weight = np.polynomial.legendre.leggauss(80)
     mean, v = 2.0 * grid[:, None], 20.0 * (grid + 1.0)
     exact = float(2.0 * 20.0 * (weight[:, None] * weight * held(mean, v)).sum())
-    assert t_interval(Moments(0.0, 1.0, n), level=level).expected_share == pytest.approx(exact, rel=1e-4)
+    assert t_interval(Moments(0.0, 1.0, n), level=level).expected_share == pytest.approx(
+        exact, rel=1e-4
+    )
 
 
 @pytest.mark.parametrize("side", ["lower", "upper"])
@@ -150,12 +156,16 @@ def test_bonferroni_halves_both_tails_of_a_share():
     assert (wide.share, wide.confidence) == (0.99, 0.95)
 
 
-@pytest.mark.parametrize(("joint", "least", "most"), [("marginal", 0.8, 0.9), ("bonferroni", 0.9, 0.95)])
+@pytest.mark.parametrize(
+    ("joint", "least", "most"), [("marginal", 0.8, 0.9), ("bonferroni", 0.9, 0.95)]
+)
 @pytest.mark.parametrize("make", [t_interval, prediction_interval])
 def test_stiffness_and_damping_hold_together(make, joint, least, most):
     studies, n = 5000, 8
     covariance = [[4.0, 1.2], [1.2, 1.0]]
-    drawn = np.random.default_rng(31).multivariate_normal([30.0, 10.0], covariance, (studies, n + 1))
+    drawn = np.random.default_rng(31).multivariate_normal(
+        [30.0, 10.0], covariance, (studies, n + 1)
+    )
     target = drawn[:, n] if make is prediction_interval else np.array([30.0, 10.0])
     interval = make(np.moveaxis(drawn[:, :n], 1, -1), level=0.9, joint=joint)
     held = np.mean(((interval.lower <= target) & (target <= interval.upper)).all(axis=1))
@@ -207,8 +217,18 @@ def test_published_limits_under_lognormal_are_approximate(make):
         ([1.0, 2.0], {"level": 1.0}, UsageError, "level must lie strictly between 0 and 1"),
         ([1.0, 2.0], {"level": np.nan}, UsageError, "level must lie strictly between 0 and 1"),
         ([1.0, 2.0], {"level": [0.9, 0.99]}, UsageError, "level must be one number"),
-        ([1.0, 2.0], {"family": "gamma"}, UsageError, 'family must be one of "normal", "lognormal"'),
-        ([1.0, 2.0], {"joint": "hotelling"}, UsageError, 'joint must be one of "marginal", "bonferroni"'),
+        (
+            [1.0, 2.0],
+            {"family": "gamma"},
+            UsageError,
+            'family must be one of "normal", "lognormal"',
+        ),
+        (
+            [1.0, 2.0],
+            {"joint": "hotelling"},
+            UsageError,
+            'joint must be one of "marginal", "bonferroni"',
+        ),
         ([1.0, 2.0], {"side": "left"}, UsageError, 'side must be one of "both", "lower", "upper"'),
         (Moments(0.0, 1.0, 5, scale="log"), {}, UsageError, "moments of logarithms"),
         (Moments(0.0, 1.0, 5), {"family": "lognormal"}, RefusalError, "positive mean"),
@@ -227,7 +247,9 @@ def test_a_share_and_its_confidence_are_one_number_each(name):
 
 @settings(max_examples=40, deadline=None)
 @given(
-    st.lists(st.integers(-1000, 1000), min_size=2, max_size=12).filter(lambda values: len(set(values)) > 1),
+    st.lists(st.integers(-1000, 1000), min_size=2, max_size=12).filter(
+        lambda values: len(set(values)) > 1
+    ),
     st.integers(-60, 60),
     st.integers(-(10**6), 10**6),
 )
@@ -273,7 +295,10 @@ def test_weber_fraction_is_chi_square():
 def test_ratios_say_what_they_are():
     said = "divided by the reference lies between the limits, with 99 % confidence."
     assert bias(X, 10.0).covers == f"The average user's value {said}"
-    assert bias(X, 10.0, family="lognormal").covers == f"The typical (geometric-mean) user's value {said}"
+    assert (
+        bias(X, 10.0, family="lognormal").covers
+        == f"The typical (geometric-mean) user's value {said}"
+    )
     assert weber_fraction(X, 10.0).covers == f"The standard deviation between users {said}"
 
 
@@ -281,7 +306,11 @@ def test_ratios_say_what_they_are():
     ("reference", "error", "message"),
     [
         (0.0, RefusalError, "zero or below has no ratio"),
-        ([1.0, 2.0], UsageError, r"References and samples have shapes that do not fit: \(2,\), \(3,\)"),
+        (
+            [1.0, 2.0],
+            UsageError,
+            r"References and samples have shapes that do not fit: \(2,\), \(3,\)",
+        ),
         (np.nan, UsageError, "references must be finite"),
     ],
 )

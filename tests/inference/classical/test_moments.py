@@ -79,7 +79,11 @@ def test_subjects_run_along_the_last_axis():
     ("call", "error", "message"),
     [
         (lambda: Moments.from_values([]), UsageError, "array is empty"),
-        (lambda: Moments.from_values([1.0]), RefusalError, "At least 2 subjects are needed; there is 1"),
+        (
+            lambda: Moments.from_values([1.0]),
+            RefusalError,
+            "At least 2 subjects are needed; there is 1",
+        ),
         (lambda: Moments.from_values([1.0, np.nan]), UsageError, r"value nan: .* index \[1\]"),
         (
             lambda: Moments.from_values([[1.0, 2.0], [np.inf, 1.0]]),
@@ -93,7 +97,11 @@ def test_subjects_run_along_the_last_axis():
         ),
         (lambda: Moments.from_values([[1.0, 2.0], [1.0]]), UsageError, "unequal length"),
         (lambda: Moments.from_values(["a", "b"]), UsageError, "must be real numbers"),
-        (lambda: Moments.from_values([1j, 2.0]), UsageError, "must be real numbers; their type is complex"),
+        (
+            lambda: Moments.from_values([1j, 2.0]),
+            UsageError,
+            "must be real numbers; their type is complex",
+        ),
         (lambda: Moments.from_values([True, False]), UsageError, "their type is bool"),
         (lambda: Moments.from_values([object(), 1.0]), UsageError, "their type is object"),
         (lambda: Moments.from_values(3.0), UsageError, "not a single number"),
@@ -102,16 +110,28 @@ def test_subjects_run_along_the_last_axis():
         (lambda: Moments(1.0, 1.0, 5.5), UsageError, "must be whole"),
         (lambda: Moments(1.0, 1.0, 1), RefusalError, "At least 2 subjects"),
         (lambda: Moments(np.ones(2), np.ones(3), 5), UsageError, "shapes that do not fit"),
-        (lambda: Moments.from_limits(2.0, 1.0, 5), UsageError, "value 2.0: A lower limit lies above"),
+        (
+            lambda: Moments.from_limits(2.0, 1.0, 5),
+            UsageError,
+            "value 2.0: A lower limit lies above",
+        ),
         (lambda: Moments.from_limits([1, 2], [2, 3, 4], 5), UsageError, "shapes that do not fit"),
-        (lambda: Moments.from_limits(1.0, 2.0, 5, level=99), UsageError, "99 percent is written 0.99"),
+        (
+            lambda: Moments.from_limits(1.0, 2.0, 5, level=99),
+            UsageError,
+            "99 percent is written 0.99",
+        ),
         (lambda: Moments(-1.0, 1.0, 5).on_scale("lognormal"), RefusalError, "positive mean"),
         (
             lambda: Moments(1.0, 1.0, 5, scale="Log"),
             UsageError,
             r"value 'Log': scale must be one of .linear., .log.",
         ),
-        (lambda: Moments(1.0, 1.0, 1e300), UsageError, "must be whole, and one that a double holds"),
+        (
+            lambda: Moments(1.0, 1.0, 1e300),
+            UsageError,
+            "must be whole, and one that a double holds",
+        ),
         (
             lambda: Moments.from_values(np.ma.masked_array([1.0, 2.0, 9e9], mask=[0, 0, 1])),
             UsageError,
@@ -164,7 +184,11 @@ def assert_within_four_ulp(samples):
 
 
 @settings(max_examples=100, deadline=None)
-@given(arrays(float, st.tuples(st.integers(1, 12), st.integers(2, 7)), elements=st.floats(-1e307, 1e307)))
+@given(
+    arrays(
+        float, st.tuples(st.integers(1, 12), st.integers(2, 7)), elements=st.floats(-1e307, 1e307)
+    )
+)
 def test_any_samples_are_within_four_ulp(samples):
     assert_within_four_ulp(samples)
 
@@ -189,7 +213,9 @@ def test_hard_samples_are_within_four_ulp(n):
 
 
 def test_means_that_cancel_keep_their_digits():
-    assert_within_four_ulp(np.array([[1e16, 1.0, -1e16], [1e300, 1.0, -1e300], [1.5e308, 1.0, -1.5e308]]))
+    assert_within_four_ulp(
+        np.array([[1e16, 1.0, -1e16], [1e300, 1.0, -1e300], [1.5e308, 1.0, -1.5e308]])
+    )
     nearly = np.random.default_rng(3).random((40, 3))
     nearly[:, 1] = -nearly[:, 0]
     nearly[:, 2] *= 1e-25
@@ -197,7 +223,8 @@ def test_means_that_cancel_keep_their_digits():
 
 
 def test_a_million_values():
-    # The deviations are whole numbers of 1/8, the spacing of doubles at 1e15: so the answer is known exactly.
+    # The deviations are whole numbers of 1/8, the spacing of doubles at 1e15: so the answer is
+    # known exactly.
     eighths = np.random.default_rng(1).integers(-40, 41, 1_000_000)
     mean, sd = mean_and_sd(1e15 + eighths / 8.0)
     n, total, squares = eighths.size, int(eighths.sum()), int((eighths**2).sum())

@@ -30,7 +30,9 @@ def test_factors_against_quadrature_in_20_digits(sided):
     assert np.abs(factors / truth - 1.0).max() <= 1e-13
 
 
-REMADE = REFERENCE if os.environ.get("PERCEPT_LONG_TESTS") else [REFERENCE[i] for i in (8, 87, 240, 300)]
+REMADE = (
+    REFERENCE if os.environ.get("PERCEPT_LONG_TESTS") else [REFERENCE[i] for i in (8, 87, 240, 300)]
+)
 
 
 @pytest.mark.parametrize("row", REMADE, ids=str)

@@ -36,9 +36,13 @@ def trial_covariance(subject, environment, x, scales, w, *, alpha_sd, gamma_sd):
 
 
 def log_likelihood(response, subject, environment, x, scales, w, *, alpha_sd=1.0, gamma_sd=0.25):
-    covariance = trial_covariance(subject, environment, x, scales, w, alpha_sd=alpha_sd, gamma_sd=gamma_sd)
+    covariance = trial_covariance(
+        subject, environment, x, scales, w, alpha_sd=alpha_sd, gamma_sd=gamma_sd
+    )
     flat = np.asarray(response).ravel()
-    return stats.multivariate_normal(np.zeros(flat.size), covariance, allow_singular=False).logpdf(flat)
+    return stats.multivariate_normal(np.zeros(flat.size), covariance, allow_singular=False).logpdf(
+        flat
+    )
 
 
 def log_prior(named, x, w, priors):
@@ -62,7 +66,9 @@ def log_prior(named, x, w, priors):
             total += stats.norm.logpdf(kappa, 0, getattr(priors, f"kappa{suffix}_sd")).sum()
         if "omega" + suffix in named:
             omega = named["omega" + suffix]
-            total += stats.halfnorm.logpdf(omega, scale=getattr(priors, f"omega{suffix}_scale")).sum()
+            total += stats.halfnorm.logpdf(
+                omega, scale=getattr(priors, f"omega{suffix}_scale")
+            ).sum()
             centre = log_s[:, None] + kappa[:, None] * x
             total += stats.norm.logpdf(log_sigma, centre, omega[:, None]).sum()
     for name in ("rho_w", "rho_e", "rho_u"):

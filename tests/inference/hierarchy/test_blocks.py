@@ -139,7 +139,9 @@ def test_whitened_squares_are_the_distance(one, r0, r1):
         # r1 - g r0 is as exact as its terms are; nothing else may be lost.
         terms = (abs(vector[1]) + abs(g * vector[0])) / mp.sqrt(mp.mpf(float(ours.variances[1][0])))
         size = mp.sqrt(distance) + terms
-        close(mp.sqrt(mp.fsum(mp.mpf(float(v[0])) ** 2 for v in white)), mp.sqrt(distance), size or 1)
+        close(
+            mp.sqrt(mp.fsum(mp.mpf(float(v[0])) ** 2 for v in white)), mp.sqrt(distance), size or 1
+        )
 
 
 def test_scalar_is_the_same_algebra_with_one_parameter():

@@ -7,7 +7,9 @@ from scipy import special
 
 from percept.inference.hierarchy import priors as coordinates
 
-POINTS = np.array([-30.0, -12.5, -8.0, -3.0, -1.0, -0.3, -1e-3, 0.0, 1e-8, 0.2, 1.0, 4.0, 8.3, 12.5, 30.0])
+POINTS = np.array(
+    [-30.0, -12.5, -8.0, -3.0, -1.0, -0.3, -1e-3, 0.0, 1e-8, 0.2, 1.0, 4.0, 8.3, 12.5, 30.0]
+)
 
 
 def exact_cdf(u):
@@ -41,7 +43,9 @@ def test_half_normal_increases_through_zero():
     values = coordinates.half_normal(np.sort(u), 0.5)
     assert np.all(np.diff(values) >= 0)
     assert np.all(values > 0)
-    assert np.isclose(coordinates.half_normal(np.zeros(1), 0.5)[0], 0.5 * special.ndtri(0.75), rtol=1e-15)
+    assert np.isclose(
+        coordinates.half_normal(np.zeros(1), 0.5)[0], 0.5 * special.ndtri(0.75), rtol=1e-15
+    )
 
 
 def test_correlation_of_beta_2_2_keeps_the_distance_from_one():

@@ -13,7 +13,9 @@ def test_likelihood_equals_dense_multivariate_normal(name):
     scales = density.layout.scales(rng.normal(size=(density.dimension, 12)))
     ours = density.log_likelihood(scales)
     twin = [
-        dense_twin.log_likelihood(study.response, study.subject, study.environment, study.x, scales, w)
+        dense_twin.log_likelihood(
+            study.response, study.subject, study.environment, study.x, scales, w
+        )
         for w in range(12)
     ]
     assert np.all(np.abs(ours - twin) <= 1e-9 * (1 + np.abs(twin)))

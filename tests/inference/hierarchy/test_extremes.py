@@ -40,12 +40,18 @@ class Case:
 def cases(draw, *, from_model):
     """Any design, with data of order one at any scales, or drawn from the model itself.
 
-    Data drawn at a correlation of 1 - 1e-9 lie in the near-singular direction to their last digits, so
-    there the ranges are narrower: no double-precision data hold what the density would read.
+    Data drawn at a correlation of 1 - 1e-9 lie in the near-singular direction to their last digits,
+    so there the ranges are narrower: no double-precision data hold what the density would read.
     """
-    subjects, environments, size = draw(st.integers(2, 4)), draw(st.integers(1, 3)), draw(st.integers(1, 2))
+    subjects, environments, size = (
+        draw(st.integers(2, 4)),
+        draw(st.integers(1, 3)),
+        draw(st.integers(1, 2)),
+    )
     sd = powers(-3.0, 0.0) if from_model else powers(-6.0, 6.0)  # variances 1e-12 to 1e12
-    correlations = st.tuples(st.sampled_from([-1.0, 1.0]), powers(-6.0 if from_model else -9.0, 0.0))
+    correlations = st.tuples(
+        st.sampled_from([-1.0, 1.0]), powers(-6.0 if from_model else -9.0, 0.0)
+    )
     count = st.integers(0, 2)
     counts = draw(
         st.lists(st.tuples(*[count] * environments), min_size=subjects, max_size=subjects).filter(
@@ -138,7 +144,11 @@ def reference(case, response, subject, environment, x, density):
         x,
         between=[exact.covariance(sd, *case.rho[1]) for sd in case.sd_w],
         shared=exact.covariance(case.sd_u, *case.rho[0]) if scales.shared is not None else None,
-        trial=[exact.covariance(sd, *case.rho[2]) for sd in case.sd_e] if scales.trial is not None else None,
+        trial=(
+            [exact.covariance(sd, *case.rho[2]) for sd in case.sd_e]
+            if scales.trial is not None
+            else None
+        ),
         tau=case.tau if scales.tau is not None else None,
     )
 

@@ -44,17 +44,23 @@ def test_shared_covariance_equals_dense(parameters, shared):
     rows = rng.normal(size=(parameters, 5, environments))
     distance = ours.scatter_distance(rows)
     white = [
-        np.reshape(c, (-1, c.shape[-1])) for piece in ours.whiten(tuple(rows[:, :1, :, None])) for c in piece
+        np.reshape(c, (-1, c.shape[-1]))
+        for piece in ours.whiten(tuple(rows[:, :1, :, None]))
+        for c in piece
     ]
     for w in range(WIDTH):
         matrix = stacked([dense(cells, (j, w)) for j in range(environments)])
         if common is not None:
             matrix += np.kron(np.ones((environments, environments)), dense(common, w))
-        np.testing.assert_allclose(ours.log_determinant()[w], np.linalg.slogdet(matrix)[1], rtol=1e-12)
+        np.testing.assert_allclose(
+            ours.log_determinant()[w], np.linalg.slogdet(matrix)[1], rtol=1e-12
+        )
         vectors = rows.transpose(1, 2, 0).reshape(5, -1)
         wanted = np.einsum("ka,ab,kb->k", vectors, np.linalg.inv(matrix), vectors)
         np.testing.assert_allclose(distance[w], wanted.sum(), rtol=1e-12)
-        np.testing.assert_allclose(sum((part[:, w] ** 2).sum() for part in white), wanted[0], rtol=1e-12)
+        np.testing.assert_allclose(
+            sum((part[:, w] ** 2).sum() for part in white), wanted[0], rtol=1e-12
+        )
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e6, 1e-6])
@@ -78,9 +84,13 @@ def test_least_squares_equals_dense(scale):
         # The part of y outside A's columns carries the distance when A is large.
         outside = y - a @ np.linalg.solve(gram, a.T @ y)
         inside = np.linalg.solve(gram, a.T @ y)
-        np.testing.assert_allclose(solved.distance[w], outside @ outside + inside @ inside, rtol=1e-8)
+        np.testing.assert_allclose(
+            solved.distance[w], outside @ outside + inside @ inside, rtol=1e-8
+        )
         if scale == 1.0:
-            np.testing.assert_allclose(solved.distance[w], y @ np.linalg.solve(covariance, y), rtol=1e-12)
+            np.testing.assert_allclose(
+                solved.distance[w], y @ np.linalg.solve(covariance, y), rtol=1e-12
+            )
         triangle = solved.triangle[:, :, w]
         np.testing.assert_array_equal(triangle, np.triu(triangle))
         np.testing.assert_allclose(triangle.T @ triangle, gram, rtol=1e-12, atol=1e-12 * gram.max())
@@ -90,5 +100,8 @@ def test_least_squares_equals_dense(scale):
                 triangle @ solved.solve(right)[:, k, w], right[:, k, w], rtol=1e-10, atol=1e-12
             )
             np.testing.assert_allclose(
-                triangle.T @ solved.solve_transposed(right)[:, k, w], right[:, k, w], rtol=1e-10, atol=1e-12
+                triangle.T @ solved.solve_transposed(right)[:, k, w],
+                right[:, k, w],
+                rtol=1e-10,
+                atol=1e-12,
             )

@@ -28,7 +28,9 @@ def test_density_and_conditional_are_the_same_in_both_forms(study, subject_effec
     orthogonal = density.locations(scales)
     for first, second in zip(law.mean, orthogonal.mean, strict=True):
         np.testing.assert_allclose(first, second, rtol=1e-9, atol=1e-12)
-    for first, second in zip(*(one.covariance.diagonal() for one in (law, orthogonal)), strict=True):
+    for first, second in zip(
+        *(one.covariance.diagonal() for one in (law, orthogonal)), strict=True
+    ):
         np.testing.assert_allclose(first, second, rtol=1e-8)
     rows = np.random.default_rng(3).normal(size=(2, 2 * len(study.x)))
     for first, second in zip(law.trend(rows), orthogonal.trend(rows), strict=True):
@@ -43,7 +45,11 @@ def test_merging_a_single_pattern_changes_nothing():
         problem = density.regression.whitened(scales, density.cell_blocks(scales), merge=merge)
         solved = factor(problem.design, problem.target)
         found.append(
-            (len(problem.columns), problem.log_determinant + solved.log_determinant, solved.distance)
+            (
+                len(problem.columns),
+                problem.log_determinant + solved.log_determinant,
+                solved.distance,
+            )
         )
     assert found[0][0] == found[1][0] - 2
     np.testing.assert_allclose(found[0][1], found[1][1], rtol=1e-11)
@@ -55,5 +61,7 @@ def test_without_subject_effect_u_is_gone_from_the_population():
     density = CollapsedDensity(study.statistics, options=Options(subject_effect=False))
     scales = density.layout.scales(np.random.default_rng(2).normal(size=(density.dimension, 5)))
     assert scales.shared is None
-    for total, within in zip(density.population(scales).diagonal(), scales.between.diagonal(), strict=True):
+    for total, within in zip(
+        density.population(scales).diagonal(), scales.between.diagonal(), strict=True
+    ):
         np.testing.assert_array_equal(total, within)

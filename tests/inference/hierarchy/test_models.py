@@ -35,7 +35,9 @@ def test_resolution_adds_its_variance():
     study = designs.study("trials", np.random.default_rng(5))
     rng = np.random.default_rng(6)
     between, trial = 0.1 * rng.random((2, 4)), 0.05 * rng.random((2, 4))
-    density = CollapsedDensity(study.statistics, resolution=Resolution(between=between, trial=trial))
+    density = CollapsedDensity(
+        study.statistics, resolution=Resolution(between=between, trial=trial)
+    )
     scales = density.layout.scales(rng.normal(size=(density.dimension, 5)))
     ours = density.log_likelihood(scales)
     for w in range(5):
@@ -50,7 +52,9 @@ def test_resolution_adds_its_variance():
             extra[:, p, :, p] += same_cell * between[p, study.environment]
             extra[:, p, :, p] += np.diag(trial[p, study.environment])
         total = covariance + extra.reshape(covariance.shape)
-        wanted = stats.multivariate_normal(np.zeros(len(total)), total).logpdf(study.response.ravel())
+        wanted = stats.multivariate_normal(np.zeros(len(total)), total).logpdf(
+            study.response.ravel()
+        )
         assert abs(ours[w] - wanted) < 1e-9 * (1 + abs(wanted))
 
 
@@ -89,18 +93,24 @@ def test_product_is_its_models_side_by_side():
     assert product.cells == models[0].cells + models[1].cells
     points = np.random.default_rng(0).normal(size=(6, len(product.names)))
     parts = np.split(points, 2, axis=1)
-    np.testing.assert_allclose(product(points), models[0](parts[0]) + models[1](parts[1]), rtol=1e-14)
+    np.testing.assert_allclose(
+        product(points), models[0](parts[0]) + models[1](parts[1]), rtol=1e-14
+    )
     laws = [model.laws(part) for model, part in zip(models, parts, strict=True)]
     joined = product.laws(points)
     for name in ("mean", "sd", "population_sd"):
-        np.testing.assert_array_equal(getattr(joined, name), np.hstack([getattr(law, name) for law in laws]))
+        np.testing.assert_array_equal(
+            getattr(joined, name), np.hstack([getattr(law, name) for law in laws])
+        )
     scales = [model.scales(part) for model, part in zip(models, parts, strict=True)]
     for name, (dimensions, values) in product.scales(points).items():
         assert dimensions == scales[0][name][0]
         np.testing.assert_array_equal(values, np.concatenate([s[name][1] for s in scales], axis=1))
     means, users = product.draw(np.repeat(points[:1], 20_000, axis=0), np.random.default_rng(5))
     spread = np.hypot(joined.sd[0], joined.population_sd[0])
-    assert np.all(np.abs(means.mean(axis=0) - joined.mean[0]) < 4.5 * joined.sd[0] / np.sqrt(20_000))
+    assert np.all(
+        np.abs(means.mean(axis=0) - joined.mean[0]) < 4.5 * joined.sd[0] / np.sqrt(20_000)
+    )
     assert np.all(np.abs(users.std(axis=0) / spread - 1) < 4.5 / np.sqrt(40_000))
 
 
@@ -126,7 +136,9 @@ def test_unpooled_integrates_to_student_t():
 
             def below(u, t=t, c=c, n=n, density=density, law=law):
                 laws = law(u)[1]
-                return density(u) * stats.norm.cdf((t / np.sqrt(n) - laws.mean[0, c]) / laws.sd[0, c])
+                return density(u) * stats.norm.cdf(
+                    (t / np.sqrt(n) - laws.mean[0, c]) / laws.sd[0, c]
+                )
 
             found = integrate.quad(below, -12, 60, limit=200, epsabs=1e-13)[0] / mass
             assert abs(found - stats.t.cdf(t, n - 1)) < 1e-8, (n, t)
@@ -143,7 +155,9 @@ def test_unpooled_laws_and_draws():
     means, users = model.draw(points, np.random.default_rng(8))
     error = 4.5 / np.sqrt(2 * 40_000)
     assert np.all(np.abs(means.std(axis=0) / laws.sd[0] - 1) < error)
-    assert np.all(np.abs(users.std(axis=0) / np.hypot(laws.sd[0], laws.population_sd[0]) - 1) < error)
+    assert np.all(
+        np.abs(users.std(axis=0) / np.hypot(laws.sd[0], laws.population_sd[0]) - 1) < error
+    )
     assert np.all(np.abs((users - means).std(axis=0) / laws.population_sd[0] - 1) < error)
     assert model.names == ["log sigma[k,VE1]", "log sigma[k,VE2]", "log sigma[b,VE1]"]
 

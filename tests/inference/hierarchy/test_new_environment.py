@@ -20,7 +20,8 @@ def model_and_points(width=5):
 def expected(model, points, repeats):
     found = new_environment(model, points, PLACE, repeats=repeats, rng=np.random.default_rng(0))
     return found, {
-        name: np.repeat(values, repeats, axis=0) for name, (_, values) in model.scales(points).items()
+        name: np.repeat(values, repeats, axis=0)
+        for name, (_, values) in model.scales(points).items()
     }
 
 
@@ -62,4 +63,6 @@ def test_estimands_average_the_pull_of_a_draw_over_its_spreads() -> None:
         lower, upper, pull = asked.limits(kind, laws)
         np.testing.assert_array_equal(found.value, np.concatenate([lower, upper]))
         np.testing.assert_allclose(influence, pull.reshape(300, 3, 4).mean(axis=1))
-    assert new.identity() != NewEstimands(asked, 2.0 * PLACE, 3, seed=0).identity() != asked.identity()
+    assert (
+        new.identity() != NewEstimands(asked, 2.0 * PLACE, 3, seed=0).identity() != asked.identity()
+    )

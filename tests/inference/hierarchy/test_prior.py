@@ -33,7 +33,9 @@ def log_jacobian(density, u, *, common_spread):
     """log abs det of the map from coordinates to variables, by central differences of fourth order."""
 
     def variables(points):
-        return dense_twin.prior_variables(density.layout.scales(points).named, common_spread=common_spread)
+        return dense_twin.prior_variables(
+            density.layout.scales(points).named, common_spread=common_spread
+        )
 
     step = 1e-3
     offsets = step * np.eye(u.size)
@@ -42,7 +44,12 @@ def log_jacobian(density, u, *, common_spread):
     return np.linalg.slogdet((8 * near - far) / (12 * step))[1]
 
 
-SMALLER = (Options(), Options(weber=True), Options(subject_effect=False), Options(common_spread=True))
+SMALLER = (
+    Options(),
+    Options(weber=True),
+    Options(subject_effect=False),
+    Options(common_spread=True),
+)
 
 
 @pytest.mark.parametrize("priors", [Priors(), OTHER], ids=["default", "other"])
@@ -74,7 +81,14 @@ def test_posterior_is_likelihood_plus_prior(name):
     scales = density.layout.scales(np.ascontiguousarray(points.T))
     for w in range(5):
         likelihood = dense_twin.log_likelihood(
-            study.response, study.subject, study.environment, study.x, scales, w, alpha_sd=2.0, gamma_sd=0.4
+            study.response,
+            study.subject,
+            study.environment,
+            study.x,
+            scales,
+            w,
+            alpha_sd=2.0,
+            gamma_sd=0.4,
         )
         wanted = likelihood + scales.log_prior[w]
         assert abs(density(points)[w] - wanted) < 1e-9 * (1 + abs(wanted))
@@ -84,7 +98,9 @@ def test_coordinates_drawn_normal_give_the_priors():
     """Kolmogorov-Smirnov on every scale that has no data in its coordinate's map."""
     study = designs.study("trials", np.random.default_rng(2))
     density = CollapsedDensity(study.statistics, OTHER)
-    named = density.layout.scales(np.random.default_rng(4).normal(size=(density.dimension, 4000))).named
+    named = density.layout.scales(
+        np.random.default_rng(4).normal(size=(density.dimension, 4000))
+    ).named
     laws = {
         "tau": stats.halfnorm(scale=0.2),
         "sigma_u": stats.halfnorm(scale=0.9),
@@ -105,11 +121,14 @@ def test_names_say_which_coordinate_is_which():
         moved = base.copy()
         moved[i] = 0.5
         changed = {
-            k for k, v in density.layout.scales(moved).named.items() if not np.array_equal(v, named[k])
+            k
+            for k, v in density.layout.scales(moved).named.items()
+            if not np.array_equal(v, named[k])
         }
         key = label.split("[")[0].replace("log_s", "s")
         assert key in changed
-        # Spreads move with omega, and their trend with both; decades off their centre tie s to kappa.
+        # Spreads move with omega, and their trend with both; decades off their centre tie s to
+        # kappa.
         suffix = "_e" if key.endswith("_e") else ""
         trend = {"s" + suffix, "kappa" + suffix}
         follows = {"omega": {"sigma" + suffix} | trend, "sigma": trend, "s": trend, "kappa": trend}

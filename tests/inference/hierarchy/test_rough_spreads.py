@@ -64,8 +64,8 @@ def share_left(log_sigma, noise):
     return 1.0 / (1.0 + noise * np.exp(-2.0 * log_sigma))
 
 
-# Between subjects s^2 = .04. Between trials s_e^2 = 8 d^2 / 5, and 1/r = (1/2 + 1/4 + 1/2)/3 = 5/12.
-# So trials explain 2 d^2 / 3 of s^2; nu = 2.
+# Between subjects s^2 = .04. Between trials s_e^2 = 8 d^2 / 5, and 1/r = (1/2 + 1/4 + 1/2)/3 =
+# 5/12. So trials explain 2 d^2 / 3 of s^2; nu = 2.
 @pytest.mark.parametrize("squared", [0.01, 0.03, 0.0564, 0.0576, 0.09])
 def test_the_likelihood_is_taken_where_trials_leave_the_spread(squared):
     layout = layout_of(repeated(math.sqrt(squared)))
@@ -86,14 +86,20 @@ def test_a_cell_that_trials_explain_is_left_to_the_prior():
 
 def test_environments_inform_each_other():
     """One environment's scatter is all the trials' own; the other's says how small spreads are."""
-    quiet = [(i, 1, 0.001 * mean + 0.1 * sign) for i, (mean, signs) in enumerate(SUBJECTS) for sign in signs]
+    quiet = [
+        (i, 1, 0.001 * mean + 0.1 * sign)
+        for i, (mean, signs) in enumerate(SUBJECTS)
+        for sign in signs
+    ]
     layout = layout_of([*repeated(0.1), *quiet], environments=2, options=APART)
     # x is 0 and 1: SD 1 of log s, .5 of kappa, and .5 of each environment about the trend.
     prior = np.ones((2, 2)) + np.diag([0.25, 0.25 + 0.25])
     df, noise = np.full(2, 2.0), np.full(2, 2.0 * 0.01 / 3.0)
     wanted = mode(np.array([0.04, 4e-8]), df, noise, prior)
     assert weights(layout) == pytest.approx(2.0 * df * share_left(wanted, noise) ** 2, rel=1e-5)
-    alone = 2.0 * 2.0 * share_left(mode(np.array([4e-8]), df[:1], noise[:1], np.eye(1)), noise[:1]) ** 2
+    alone = (
+        2.0 * 2.0 * share_left(mode(np.array([4e-8]), df[:1], noise[:1], np.eye(1)), noise[:1]) ** 2
+    )
     assert weights(layout)[1] > 1.05 * alone[0]
 
 
@@ -131,7 +137,9 @@ def test_subjects_that_differ_less_than_their_trials_are_sampled_soon():
     """Coordinates placed by all of the scatter need 630 steps here, with an autocorrelation time of 52."""
     rng = np.random.default_rng(1)
     subject, environment, _ = (axis.ravel() for axis in np.indices((40, 6, 10)))
-    response = (0.02 * rng.normal(size=(40, 6)))[subject, environment] + 0.1 * rng.normal(size=subject.size)
+    response = (0.02 * rng.normal(size=(40, 6)))[subject, environment] + 0.1 * rng.normal(
+        size=subject.size
+    )
     rows = list(zip(subject, environment, response, strict=True))
     model = CollapsedDensity(layout_of(rows, environments=6).statistics, Priors())
     run = sample(

@@ -8,7 +8,11 @@ from mpmath import mp
 from percept.inference.hierarchy.spreads import SpreadMap, TiedSpreads, _tie
 
 CENTRE = -1.6
-WEIGHTS = {"all": (18.0, 18.0, 18.0, 18.0), "uneven": (38.0, 0.0, 2.0, 18.0), "none": (0.0, 0.0, 0.0, 0.0)}
+WEIGHTS = {
+    "all": (18.0, 18.0, 18.0, 18.0),
+    "uneven": (38.0, 0.0, 2.0, 18.0),
+    "none": (0.0, 0.0, 0.0, 0.0),
+}
 LOADINGS = {
     "trend": ((1.0, 1.0, 1.0, 1.0), (-0.6, -0.1, 0.2, 0.5)),
     "off centre": ((1.0, 1.0, 1.0, 1.0), (0.6, 0.1, 0.2, 0.5)),
@@ -55,7 +59,9 @@ def test_map_is_dense_algebra(loadings, weights, omega):
     u = np.array([[2.0, -3.0, 0.1, 1.0], rng.normal(size=4)]).T
     trend = rng.normal(size=(2, 2))
     basis, weight = np.array(LOADINGS[loadings]), np.array(WEIGHTS[weights])
-    log_sigma, multiples, log_density = SpreadMap(CENTRE, basis, ROUGH, weight)(u, np.full(2, omega), trend)
+    log_sigma, multiples, log_density = SpreadMap(CENTRE, basis, ROUGH, weight)(
+        u, np.full(2, omega), trend
+    )
     with mp.workdps(60):
         for w in range(2):
             arguments = (LOADINGS[loadings], WEIGHTS[weights], mp.mpf(omega), u[:, w], trend[:, w])
@@ -76,7 +82,9 @@ def test_extreme_spreads_keep_their_digits(omega):
         arguments = (LOADINGS["trend"], WEIGHTS["uneven"], mp.mpf(omega), u[:, 0], trend[:, 0])
         value, given, log_density = dense(*arguments)
     for part, exact in zip(found, (value, given, [log_density]), strict=True):
-        np.testing.assert_allclose(part.ravel(), np.array([float(one) for one in exact]), rtol=1e-13)
+        np.testing.assert_allclose(
+            part.ravel(), np.array([float(one) for one in exact]), rtol=1e-13
+        )
 
 
 def test_tied_spreads_have_the_rough_likelihood_s_correlation():
@@ -114,7 +122,9 @@ def test_tied_spreads_leave_the_prior_as_it_is():
         for p in range(2):
             covariance = loadings[p].T @ loadings[p] + omega[p] ** 2 * np.eye(4)
             off = log_sigma[p, :, 0] - CENTRE
-            prior -= 0.5 * (off @ np.linalg.solve(covariance, off) + np.linalg.slogdet(covariance)[1])
+            prior -= 0.5 * (
+                off @ np.linalg.solve(covariance, off) + np.linalg.slogdet(covariance)[1]
+            )
         assert log_density[0] == pytest.approx(prior + log_jacobian, abs=1e-6)
 
 

@@ -147,7 +147,13 @@ def test_summary_is_the_likelihood_of_means_and_sds():
     )
     i, j = np.indices(response.shape).reshape(2, -1)
     trials = from_trials(
-        response.reshape(-1, 1), i, j, x, parameters=("k",), environments=labels, subjects=tuple("1234567")
+        response.reshape(-1, 1),
+        i,
+        j,
+        x,
+        parameters=("k",),
+        environments=labels,
+        subjects=tuple("1234567"),
     )
     assert summary.summary
     assert not trials.summary

@@ -30,7 +30,8 @@ def data(subjects=5, trials=2, *, seed=1, sd=(0.2, 0.3, 0.1, 0.05), contrast=0.2
 def model(response, subject, cell, **options):
     x = np.array([[-1.0, -1.0, 0.0, 0.0, 1.0, 1.0]])
     cells = tuple(
-        f"{REFERENCES[j]}, {'right' if level else 'left'}" for j, level in zip(AT, LEVEL, strict=True)
+        f"{REFERENCES[j]}, {'right' if level else 'left'}"
+        for j, level in zip(AT, LEVEL, strict=True)
     )
     names = tuple(f"S{i}" for i in range(subject.max() + 1))
     made = from_trials(
@@ -43,7 +44,9 @@ def model(response, subject, cell, **options):
 def test_the_density_is_that_of_the_trials(lambda_sd):
     response, subject, cell = data(trials=2)
     # Missing cells and unequal counts: patterns of their own.
-    kept = ~((subject == 2) & (cell == 3)) & ~((subject == 4) & (np.arange(len(cell)) % 2 == 0) & (cell < 2))
+    kept = ~((subject == 2) & (cell == 3)) & ~(
+        (subject == 4) & (np.arange(len(cell)) % 2 == 0) & (cell < 2)
+    )
     response, subject, cell = response[kept], subject[kept], cell[kept]
     made = model(response, subject, cell, priors=Priors(lambda_sd=lambda_sd))
     points = np.random.default_rng(2).normal(0.0, 0.7, (4, len(made.names)))
@@ -55,7 +58,9 @@ def test_the_density_is_that_of_the_trials(lambda_sd):
         own = {name: value[s] for name, value in named.items()}
         prior = 1.0 + 0.25**2 * np.outer(x, x) + lambda_sd**2 * np.outer(c, c)
         prior = prior + same * (own["tau"] ** 2 + own["tau_c"] ** 2 * np.outer(c, c))
-        user = own["sigma_u"] ** 2 + own["sigma_v"] ** 2 * np.outer(c, c) + np.diag(own["sigma"] ** 2)
+        user = (
+            own["sigma_u"] ** 2 + own["sigma_v"] ** 2 * np.outer(c, c) + np.diag(own["sigma"] ** 2)
+        )
         together = subject[:, None] == subject
         noise = np.diag(own["sigma_e"][cell] ** 2)
         covariance = prior[np.ix_(cell, cell)] + together * user[np.ix_(cell, cell)] + noise
@@ -67,7 +72,9 @@ def test_the_density_is_that_of_the_trials(lambda_sd):
         rows = np.vstack([rows, rows.mean(axis=0)])
         np.testing.assert_allclose(laws.mean[s], rows @ beta, rtol=1e-8, atol=1e-12)
         np.testing.assert_allclose(laws.sd[s], np.sqrt(np.diag(rows @ left @ rows.T)), rtol=1e-8)
-        np.testing.assert_allclose(laws.population_sd[s], np.sqrt(np.diag(rows @ user @ rows.T)), rtol=1e-10)
+        np.testing.assert_allclose(
+            laws.population_sd[s], np.sqrt(np.diag(rows @ user @ rows.T)), rtol=1e-10
+        )
         parts = [np.where(level == LEVEL, rows, 0) for level in (True, False)]
         ratio = np.sqrt(np.divide(*(np.diag(part @ user @ part.T) for part in parts)))
         np.testing.assert_allclose(made.spread_ratios(points)[s], ratio, rtol=1e-10)
@@ -96,7 +103,12 @@ def test_without_contrasts_of_their_own_subjects_make_the_overall_limits_too_nar
     """Truths from the priors, at known scales: errors over their SD have variance 1, and more without v."""
     rng, studies = np.random.default_rng(5), 400
     one = np.ones(1)
-    named = {"sigma_u": 0.3 * one, "tau": 0.1 * one, "tau_c": 0.1 * one, "sigma": np.full((1, 6), 0.1)}
+    named = {
+        "sigma_u": 0.3 * one,
+        "tau": 0.1 * one,
+        "tau_c": 0.1 * one,
+        "sigma": np.full((1, 6), 0.1),
+    }
     errors = {True: [], False: []}
     for seed in range(studies):
         contrast, zeta = rng.normal(), rng.normal(0.0, 0.1, 3)

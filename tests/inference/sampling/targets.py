@@ -53,13 +53,17 @@ class SkewedHeavy(Normal):
     def __call__(self, points):
         heavy, skewed = points[:, 1::2], points[:, ::2]
         with np.errstate(over="ignore"):
-            return -2.5 * np.log1p(heavy**2 / 4).sum(axis=1) - (skewed + np.exp(-skewed)).sum(axis=1)
+            return -2.5 * np.log1p(heavy**2 / 4).sum(axis=1) - (skewed + np.exp(-skewed)).sum(
+                axis=1
+            )
 
     def exact(self, count, rng):
         return np.stack([law.ppf(rng.random(count)) for law in self._laws], axis=1)
 
     def uniforms(self, points):
-        return np.stack([law.cdf(column) for law, column in zip(self._laws, points.T, strict=True)], axis=1)
+        return np.stack(
+            [law.cdf(column) for law, column in zip(self._laws, points.T, strict=True)], axis=1
+        )
 
 
 def deviations(uniforms):
@@ -73,7 +77,8 @@ def deviations(uniforms):
     Returns
     -------
     ndarray, shape (2 Q + 1,)
-        Student t with E - 1 degrees of freedom each; the last is the second moment over all Q together.
+        Student t with E - 1 degrees of freedom each; the last is the second moment over all Q
+        together.
     """
     ensembles, count = uniforms.shape[0], uniforms.shape[-1]
     centred = uniforms.reshape(ensembles, -1, count) - 0.5

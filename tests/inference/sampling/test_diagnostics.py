@@ -41,7 +41,12 @@ def test_autocorrelation_time_sees_walkers_apart():
 def test_normal_scores_share_the_mean_rank_of_ties():
     """Against scipy.stats: walkers that stay, and values that are all apart or all equal."""
     rng = np.random.default_rng(7)
-    columns = [rng.normal(size=60), np.repeat(rng.normal(size=20), 3), rng.integers(0, 4, 60), np.ones(60)]
+    columns = [
+        rng.normal(size=60),
+        np.repeat(rng.normal(size=20), 3),
+        rng.integers(0, 4, 60),
+        np.ones(60),
+    ]
     values = np.stack(columns, axis=1).reshape(3, 20, 4)
     ranks = np.stack([stats.rankdata(column) for column in columns], axis=1)
     wanted = stats.norm.ppf((ranks - 0.375) / 60.25).reshape(values.shape)
@@ -50,7 +55,9 @@ def test_normal_scores_share_the_mean_rank_of_ties():
 
 @pytest.mark.parametrize("order", ["C", "F"])
 def test_normal_scores_leave_their_values_alone(order):
-    values = np.asarray(np.random.default_rng(8).normal(size=(3, 20, 4)).reshape(60, 4), order=order)
+    values = np.asarray(
+        np.random.default_rng(8).normal(size=(3, 20, 4)).reshape(60, 4), order=order
+    )
     before = values.copy()
     scores = normal_scores(values)
     np.testing.assert_array_equal(values, before)
@@ -125,7 +132,9 @@ def test_normal_scores_are_those_of_ranks():
 def test_autocorrelation_time_waits_for_a_small_part_that_is_slow():
     """A tenth of the variance remembers fifty positions, and the rest none."""
     rng, shape = np.random.default_rng(1), (4, 1600, 64, 1)
-    series = np.sqrt(0.1) * autoregressive(0.98, shape, rng) + np.sqrt(0.9) * rng.standard_normal(shape)
+    series = np.sqrt(0.1) * autoregressive(0.98, shape, rng) + np.sqrt(0.9) * rng.standard_normal(
+        shape
+    )
     # Sokal's window: the first of five times the sum of the autocorrelations up to it.
     lags = np.arange(1, 400)
     times = 1.0 + 2.0 * 0.1 * np.cumsum(0.98**lags)
@@ -141,5 +150,6 @@ def test_monte_carlo_error_of_walkers_that_move_together_and_slowly():
     for _ in range(repeats):
         together = np.repeat(autoregressive(0.9, (4, 200, 1, 1), rng), 64, axis=2)
         errors.append(monte_carlo_error(together, autocorrelation_time(together))[0])
-    # 800 positions; an error from some 12 batches scatters by a fifth and is low by what batches share.
+    # 800 positions; an error from some 12 batches scatters by a fifth and is low by what batches
+    # share.
     assert 0.75 < np.mean(errors) / np.sqrt(19.0 / 800) < 1.25

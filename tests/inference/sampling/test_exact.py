@@ -55,7 +55,9 @@ def test_nist_markov_chain_case(offset, tmp_path):
     rows = [f"S{i:02d},VE1,{max(1.0, offset)!r},{value!r}" for i, value in enumerate(values)]
     path.write_text("\n".join(["subject,environment,k_ref,k_adj", *rows]) + "\n")
     inference = {"family": "normal", "level": 0.95, "kinds": ("mean",), "tolerance": 0.01}
-    study = percept.Study(percept.read_sessions(path), percept.Scene(inference=inference, model=REFERENCE))
+    study = percept.Study(
+        percept.read_sessions(path), percept.Scene(inference=inference, model=REFERENCE)
+    )
     run = study.fit.run
     assert run.gate.passed, run.gate.reasons
     with mp.workdps(40):
@@ -110,7 +112,9 @@ def test_eight_schools():
 def test_eight_schools_reference_by_quadrature():
     """The reference values above, worked out again: theta and mu integrate out, tau is left."""
     schools = EightSchools()
-    u = np.linspace(-9.0, 9.0, 4001)  # tau's normal score; equal steps are exact for what dies out so fast
+    u = np.linspace(
+        -9.0, 9.0, 4001
+    )  # tau's normal score; equal steps are exact for what dies out so fast
     points = np.zeros((u.size, 10))
     points[:, 1] = u
     tau = schools.variables(points)[:, 1]

@@ -75,14 +75,18 @@ def test_separated_modes_are_withheld():
     assert not run.gate.passed
     reasons = " ".join(run.gate.reasons)
     assert re.search(r"the ensembles disagree on E x\[[01]\]: rank R-hat", reasons)
-    assert re.search(r"autocorrelation times of its slowest quantity, E x\[[01]\]; 10 are needed", reasons)
+    assert re.search(
+        r"autocorrelation times of its slowest quantity, E x\[[01]\]; 10 are needed", reasons
+    )
     assert run.gate.rhat > 1.01
 
 
 def test_stuck_walkers_are_withheld():
     run = sample(Glitch(3), MEAN, Settings(tolerance=0.01, seed=3, most_steps=1500))
     assert not run.gate.passed
-    assert any("did not move in the second half of the run" in reason for reason in run.gate.reasons)
+    assert any(
+        "did not move in the second half of the run" in reason for reason in run.gate.reasons
+    )
 
 
 def test_a_walker_that_hardly_accepts_is_withheld():
@@ -109,9 +113,10 @@ def test_a_run_that_mixes_ends_at_its_cap_with_the_error_it_reached():
     assert run.gate.reasons == ()
     assert run.gate.rhat < 1.01
     assert not run.gate.tolerance_met
-    assert run.gate.error_reached == (
-        f"The Monte Carlo error reached is {100 * run.gate.worst_error:.3g} % of a half-width (E x[0]) where "
-        "0.001 % was asked. A larger most_steps (now 300) lowers it."
+    assert (
+        run.gate.error_reached
+        == f"The Monte Carlo error reached is {100 * run.gate.worst_error:.3g} % of a half-width (E"
+        " x[0]) where 0.001 % was asked. A larger most_steps (now 300) lowers it."
     )
     assert abs(run.estimates.value[0]) < 4 * run.errors[0]
 
@@ -179,7 +184,9 @@ def test_walkers_go_on_from_where_they_are_and_inputs_are_unharmed():
     points = np.random.default_rng(1).normal(size=(4, 64, 4))
     given = points.copy()
     first, second = (Ensembles(target, points, np.random.SeedSequence(3)) for _ in range(2))
-    pieces, again = ([walkers.advance(steps, 3) for steps in (24, 36)] for walkers in (first, second))
+    pieces, again = (
+        [walkers.advance(steps, 3) for steps in (24, 36)] for walkers in (first, second)
+    )
     for kept, kept_again in zip(pieces, again, strict=True):
         np.testing.assert_array_equal(kept_again, kept)
     assert [kept.shape for kept in pieces] == [(4, 8, 64, 4), (4, 12, 64, 4)]
@@ -190,7 +197,8 @@ def test_walkers_go_on_from_where_they_are_and_inputs_are_unharmed():
 def test_a_long_run_begins_anew_with_a_transport_of_its_first_round():
     """The first round's draws fit the transport and are not among those kept."""
     short, long = (
-        sample(Normal(4), MEAN, Settings(tolerance=tolerance, seed=2)) for tolerance in (0.02, 0.003)
+        sample(Normal(4), MEAN, Settings(tolerance=tolerance, seed=2))
+        for tolerance in (0.02, 0.003)
     )
     assert long.points.size > short.points.size
     assert not np.isin(short.points[:, :, :, 0], long.points[:, :, :, 0]).any()
@@ -216,7 +224,13 @@ def judged(components):
     accepted = np.full((len(components), components.shape[2]), 0.5)
     length = components.shape[1]
     return pass_gate(
-        Settings(tolerance=0.9), found, accepted, accepted > 0, length=length, stride=3, spanned=3 * length
+        Settings(tolerance=0.9),
+        found,
+        accepted,
+        accepted > 0,
+        length=length,
+        stride=3,
+        spanned=3 * length,
     )
 
 
@@ -227,7 +241,8 @@ def test_rare_spikes_do_not_hide_what_is_slow():
     noise[:, 1:] *= np.sqrt(1 - 0.98**2)
     slow = signal.lfilter([1.0], [1.0, -0.98], noise, axis=1)
     spikes = 1e3 * (rng.random(slow.shape) < 0.01) * rng.standard_normal(slow.shape)
-    # Steps: three times (1 + 0.98)/(1 - 0.98) = 99 positions, of which 300 positions show the most part.
+    # Steps: three times (1 + 0.98)/(1 - 0.98) = 99 positions, of which 300 positions show the most
+    # part.
     assert judged(slow).autocorrelation_time > 100
     assert judged(slow + spikes).autocorrelation_time > 50
 
@@ -272,7 +287,10 @@ def test_the_slowest_quantity_is_named_with_the_steps_it_takes():
     found = judged(np.concatenate([rng.standard_normal(slow.shape), slow], axis=3))
     assert found.slowest == "E x[1]"
     reason, *_ = found.reasons
-    assert "slowest quantity, E x[1]; 10 are needed. most_steps = 40000 gives it more (now 20000)." in reason
+    assert (
+        "slowest quantity, E x[1]; 10 are needed. most_steps = 40000 gives it more (now 20000)."
+        in reason
+    )
 
 
 def test_a_run_that_begins_anew_has_streams_of_its_own(monkeypatch):
@@ -298,4 +316,6 @@ def test_autocorrelation_times_are_in_steps_and_all_walkers_count():
     time = max(autocorrelation_time(scores)[0], autocorrelation_time(tail)[0])
     assert run.times[0] == pytest.approx(run.stride * time)
     kept = run.points[..., 0].size
-    assert run.gate.effective_draws == pytest.approx(kept * run.stride / run.gate.autocorrelation_time)
+    assert run.gate.effective_draws == pytest.approx(
+        kept * run.stride / run.gate.autocorrelation_time
+    )

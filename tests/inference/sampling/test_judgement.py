@@ -21,7 +21,9 @@ class Apart(Means):
 
     def estimates(self, components):
         for column in (0, 1):
-            yield from Means((f"E {column}",), lambda points: points).estimates(components[:, [column]])
+            yield from Means((f"E {column}",), lambda points: points).estimates(
+                components[:, [column]]
+            )
 
 
 def chains(rho=0.6, apart=0.0):
@@ -40,7 +42,9 @@ def test_parts_together_are_the_whole():
     influence = components[..., :2] - components[..., :2].mean(axis=(0, 1, 2))
     times = autocorrelation_time(influence)
     assert found.estimates.names == ("E 0", "E 1")
-    np.testing.assert_allclose(found.estimates.value, components[..., :2].mean(axis=(0, 1, 2)), rtol=1e-12)
+    np.testing.assert_allclose(
+        found.estimates.value, components[..., :2].mean(axis=(0, 1, 2)), rtol=1e-12
+    )
     errors = [monte_carlo_error(influence[..., [i]], times[[i]])[0] for i in range(2)]
     np.testing.assert_allclose(found.errors, errors, rtol=1e-9)
     scores = normal_scores(components[..., :2])

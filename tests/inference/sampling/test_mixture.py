@@ -17,7 +17,10 @@ MIXTURES = {
     "alike": lambda rng: (0.1 * rng.normal(size=40), np.exp(0.2 * rng.normal(size=40))),
     "apart": lambda rng: (10.0 * rng.normal(size=40), np.exp(0.5 * rng.normal(size=40))),
     "unequal": lambda rng: (rng.normal(size=40), np.exp(2.0 * rng.normal(size=40))),
-    "tiny on an offset": lambda rng: (1e3 + 1e-6 * rng.normal(size=40), 1e-6 * np.exp(rng.normal(size=40))),
+    "tiny on an offset": lambda rng: (
+        1e3 + 1e-6 * rng.normal(size=40),
+        1e-6 * np.exp(rng.normal(size=40)),
+    ),
     "one": lambda rng: (np.array([0.3]), np.array([2.0])),
 }
 
@@ -30,12 +33,14 @@ def test_quantile_is_the_root(mixture, tail):
         found = mixture_quantile(mean[:, None], sd[:, None], tail, upper=upper)[0][0]
         sign = 1 if upper else -1
         with mp.workdps(30):
-            components = [(mp.mpf(float(m)), mp.mpf(float(s))) for m, s in zip(mean, sd, strict=True)]
+            components = [
+                (mp.mpf(float(m)), mp.mpf(float(s))) for m, s in zip(mean, sd, strict=True)
+            ]
 
             def beyond(x, components=components, sign=sign):
-                return mp.fsum(mp.erfc(sign * (x - m) / s / mp.sqrt(2)) / 2 for m, s in components) / len(
-                    mean
-                )
+                return mp.fsum(
+                    mp.erfc(sign * (x - m) / s / mp.sqrt(2)) / 2 for m, s in components
+                ) / len(mean)
 
             slope = mp.fsum(mp.npdf(mp.mpf(float(found)), m, s) for m, s in components) / len(mean)
             error = (beyond(mp.mpf(float(found))) - mp.mpf(tail)) / slope
@@ -112,7 +117,11 @@ def exact_content(h, centre, mean, sd, spread, share):
     """P(the interval holds the share) of one draw, by quadrature over the population's mean."""
 
     def inside(beta):
-        return stats.norm.cdf(centre + h, beta, spread) - stats.norm.cdf(centre - h, beta, spread) - share
+        return (
+            stats.norm.cdf(centre + h, beta, spread)
+            - stats.norm.cdf(centre - h, beta, spread)
+            - share
+        )
 
     if inside(centre) <= 0:
         return 0.0
@@ -136,16 +145,23 @@ def test_share_content_and_half_width(share):
     centre, half, influence = share_half_width(*packed, share=share, confidence=0.95)
     assert abs(centre[0] - mean.mean()) < 1e-15
     contents = [
-        exact_content(half[0], centre[0], m, s, t, share) for m, s, t in zip(mean, sd, spread, strict=True)
+        exact_content(half[0], centre[0], m, s, t, share)
+        for m, s, t in zip(mean, sd, spread, strict=True)
     ]
-    np.testing.assert_allclose(share_content(half, centre, *packed, share)[0][:, 0], contents, atol=2e-10)
+    np.testing.assert_allclose(
+        share_content(half, centre, *packed, share)[0][:, 0], contents, atol=2e-10
+    )
     assert abs(np.mean(contents) - 0.95) < 1e-10
     assert np.all(np.abs(influence.mean(axis=0)) < 1e-10)
 
 
 def test_share_content_derivatives():
     rng = np.random.default_rng(6)
-    draws = [0.2 * rng.normal(size=(9, 1)), 0.3 + rng.random((9, 1)), np.exp(0.3 * rng.normal(size=(9, 1)))]
+    draws = [
+        0.2 * rng.normal(size=(9, 1)),
+        0.3 + rng.random((9, 1)),
+        np.exp(0.3 * rng.normal(size=(9, 1))),
+    ]
     h, centre, step = np.array([2.9]), np.array([0.1]), 1e-5
     _, by_half, by_centre = share_content(h, centre, *draws, 0.9)
     up, down = (share_content(h + d, centre, *draws, 0.9)[0] for d in (step, -step))
@@ -166,9 +182,9 @@ def test_share_influence_is_the_derivative_in_a_draw_s_weight():
         centre = np.array([weights @ mean])
 
         def held(h):
-            return share_content(np.array([h]), centre, mean[:, None], sd[:, None], spread[:, None], 0.9)[0][
-                :, 0
-            ]
+            return share_content(
+                np.array([h]), centre, mean[:, None], sd[:, None], spread[:, None], 0.9
+            )[0][:, 0]
 
         h = weighted_root(lambda h: held(h) - 0.95, weights, 0.5, 40.0)
         return np.array([centre[0] - h, centre[0] + h])
@@ -192,7 +208,9 @@ def test_share_under_the_reference_prior_is_the_classical_tolerance_interval():
     estimands = IntervalEstimands(model, share=0.99, confidence=0.95)
     run = sample(model, estimands, Settings(tolerance=0.01, seed=3))
     assert run.gate.passed, run.gate.reasons
-    limits = dict(zip(run.estimates.names, zip(run.estimates.value, run.errors, strict=True), strict=True))
+    limits = dict(
+        zip(run.estimates.names, zip(run.estimates.value, run.errors, strict=True), strict=True)
+    )
     for n, (parameter, cell) in zip(counts, cells, strict=True):
         wanted = {
             "share": float(tolerance_factor(int(n), 0.99, 0.95)),

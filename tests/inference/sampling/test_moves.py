@@ -31,7 +31,9 @@ def run(target, moves, seed, *, ensembles=ENSEMBLES, steps=STEPS):
     """Uniforms (E, T, W, Q) of ensembles that start in the target's own law."""
     rng = np.random.default_rng(seed)
     points = target.exact(ensembles * WALKERS, rng)
-    sampler = emcee.EnsembleSampler(len(points), points.shape[1], target, moves=moves, vectorize=True)
+    sampler = emcee.EnsembleSampler(
+        len(points), points.shape[1], target, moves=moves, vectorize=True
+    )
     sampler.random_state = np.random.RandomState(np.random.MT19937(seed)).get_state()
     kept = [
         target.uniforms(state.coords).reshape(ensembles, WALKERS, -1)
@@ -57,7 +59,9 @@ def test_snooker_move_is_caught(share):
     moves = [(emcee.moves.DESnookerMove(), share)]
     if share < 1:
         moves.append((emcee.moves.DEMove(), 1 - share))
-    uniforms = np.concatenate([run(Normal(20), moves, seed, ensembles=1) for seed in range(ENSEMBLES)])
+    uniforms = np.concatenate(
+        [run(Normal(20), moves, seed, ensembles=1) for seed in range(ENSEMBLES)]
+    )
     off = deviations(uniforms)
     # What it draws is too narrow, far beyond the bound the other moves are held to.
     assert off[-1] < -2 * limit(ENSEMBLES, off.size)
@@ -93,7 +97,9 @@ def test_independent_draws_are_weighed_several_steps_ahead():
 
     move = IndependentMove(generators(2), Reference(3))
     sampler = emcee.EnsembleSampler(24, 3, density, moves=move, vectorize=True)
-    start = emcee.State(np.random.default_rng(1).normal(size=(24, 3)), log_prob=np.full(24, -np.inf))
+    start = emcee.State(
+        np.random.default_rng(1).normal(size=(24, 3)), log_prob=np.full(24, -np.inf)
+    )
     drawn = []
     for state in sampler.sample(start, iterations=5, store=False, skip_initial_state_check=True):
         # From nowhere every offer is accepted at first: the value is that of the point.

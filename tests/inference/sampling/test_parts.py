@@ -38,7 +38,9 @@ class Walk(Ensembles):
     def advance(self, steps, stride, *, learn=False):
         kept = []
         for step in range(1, steps + 1):
-            self.here = 0.98 * self.here + np.sqrt(1 - 0.98**2) * self.rng.standard_normal(self.here.shape)
+            self.here = 0.98 * self.here + np.sqrt(1 - 0.98**2) * self.rng.standard_normal(
+                self.here.shape
+            )
             if step % stride == 0:
                 kept.append(self.here)
         self.accepted, self.steps = self.accepted + steps, self.steps + steps
@@ -105,7 +107,9 @@ def test_no_last_part_begins_that_could_not_settle(monkeypatch):
 def test_wherever_the_steps_end_the_errors_are_known(small, most):
     """The last part of a run at its cap is long enough to be judged, however many steps were left for it."""
     run = sample(
-        Normal(2), Means(("E x",), lambda points: points[:, :1]), Settings(tolerance=1e-5, most_steps=most)
+        Normal(2),
+        Means(("E x",), lambda points: points[:, :1]),
+        Settings(tolerance=1e-5, most_steps=most),
     )
     assert run.gate.passed
     assert not run.gate.tolerance_met
@@ -123,7 +127,9 @@ def chain(components, *, steps=120, accepted=60, estimands=MEAN, settings=None):
     here = Transported(Normal(1), Affine(np.zeros(1), np.eye(1)))
     points = np.random.default_rng(9).normal(size=(*components.shape[:3], 1))
     settings = settings or Settings(tolerance=0.005)
-    made = running._Chain(here, points[:, -1], np.random.SeedSequence(1), estimands, settings, 3, 120)
+    made = running._Chain(
+        here, points[:, -1], np.random.SeedSequence(1), estimands, settings, 3, 120
+    )
     made._walkers.steps, made._walkers.accepted = steps, np.full(ensembles * walkers, accepted)
     made._kept = [(points, components)]
     return made

@@ -34,7 +34,8 @@ def test_roots_side_by_side_are_each_exact():
 def test_the_error_is_about_the_square_of_what_is_asked():
     function, wanted = bent()
     found = root(function, wanted + 0.02, np.full(5, -5.0), np.full(5, 5.0), np.ones(5), 4e-6)
-    # Two calls: Newton's step from 0.02 leaves 1e-4, the cubic through both about the square of 2e-6.
+    # Two calls: Newton's step from 0.02 leaves 1e-4, the cubic through both about the square of
+    # 2e-6.
     assert len(function.places) == 2
     assert 1e-5 < np.abs(function.places[1] - wanted).max() < 1e-3
     assert np.abs(found - wanted).max() < 1e-12
@@ -60,6 +61,8 @@ def test_wrong_slopes_take_longer_and_lead_to_the_same_root():
     exact = Counted(np.expm1, np.exp)
     wrong = Counted(np.expm1, lambda x: 1.2 * np.exp(x))
     for function in (exact, wrong):
-        found = root(function, np.array([0.4]), np.array([-3.0]), np.array([3.0]), np.ones(1), 1e-12)
+        found = root(
+            function, np.array([0.4]), np.array([-3.0]), np.array([3.0]), np.ones(1), 1e-12
+        )
         assert abs(found[0]) < 1e-6
     assert len(wrong.places) > len(exact.places)

@@ -15,7 +15,9 @@ from percept.cli import main
 from percept.inference import prediction_interval, tolerance_interval
 from percept.sessions import Sessions
 
-LONG = pytest.mark.skipif("PERCEPT_LONG" not in os.environ, reason="set PERCEPT_LONG for minutes of fits")
+LONG = pytest.mark.skipif(
+    "PERCEPT_LONG" not in os.environ, reason="set PERCEPT_LONG for minutes of fits"
+)
 KINDS = ("mean", "user", "share")
 DECADES = {"k": (10.0, 5e4), "b": (0.1, 50.0)}
 
@@ -25,7 +27,9 @@ def responses(subjects, environments, *, seed, sd=0.2, shared=0.1):
     rng = np.random.default_rng(seed)
     bias = 0.1 * rng.standard_normal((environments, 2))
     subject = shared * rng.standard_normal((subjects, 1, 2))
-    within = np.broadcast_to(sd, environments)[:, None] * rng.standard_normal((subjects, environments, 2))
+    within = np.broadcast_to(sd, environments)[:, None] * rng.standard_normal(
+        (subjects, environments, 2)
+    )
     return bias + subject + within
 
 
@@ -127,12 +131,15 @@ def test_units_of_the_data_only_scale_the_limits(plain, unit):
 @pytest.mark.parametrize("unit", [1e-6, 1e6])
 def test_units_leave_the_classical_limits_to_the_last_digits(unit):
     first, second = (
-        study_of(table_of(responses(6, 2, seed=3), unit=u), method="classical").intervals for u in (1.0, unit)
+        study_of(table_of(responses(6, 2, seed=3), unit=u), method="classical").intervals
+        for u in (1.0, unit)
     )
     half = 0.5 * (first["upper"] - first["lower"])
     for side in ("lower", "upper"):
         # A limit near zero is a difference; its rounding goes with the half-width.
-        assert ((second[side] / unit - first[side]).abs() <= 1e-13 * (half + first[side].abs())).all()
+        assert (
+            (second[side] / unit - first[side]).abs() <= 1e-13 * (half + first[side].abs())
+        ).all()
 
 
 @pytest.mark.parametrize("sd", [1e-6, np.array([2e-7, 4.0, 0.2])], ids=["all 1e-6", "2e-7 to 4"])
@@ -140,7 +147,8 @@ def test_spreads_far_from_what_the_prior_expects(sd):
     response = responses(10, 3, seed=4, sd=sd, shared=0.0)
     fit = answered(study_of(table_of(response)))
     found = response.std(axis=0, ddof=1).T.ravel()
-    # The log SD of 10 values has a standard error of 0.24, and is drawn towards the trend by about as much.
+    # The log SD of 10 values has a standard error of 0.24, and is drawn towards the trend by about
+    # as much.
     half = half_widths(fit)[KINDS.index("user")] / (stats.t.isf(0.005, 9) * np.sqrt(1.1) * found)
     assert np.all(np.abs(np.log(half)) < 4 * 0.24)
 
@@ -149,7 +157,9 @@ def test_a_wild_subject_widens_its_environment_and_is_named():
     response = responses(10, 3, seed=5)[..., :1]
     wild = response.copy()
     wild[3, 1] += np.log(1000.0)
-    studies = [study_of(table_of(one, parameters=("k",)), tolerance=0.1) for one in (response, wild)]
+    studies = [
+        study_of(table_of(one, parameters=("k",)), tolerance=0.1) for one in (response, wild)
+    ]
     without, with_it = (half_widths(answered(study))[KINDS.index("user")] for study in studies)
     # One value of ten at 6.9 makes an SD of 2.2, ten times the others'.
     assert with_it[1] > 5.0 * without[1]
@@ -172,14 +182,18 @@ def identical(subjects=8):
     )
 
 
-def test_identical_subjects_are_refused_on_the_command_line_and_answered_with_a_step(tmp_path, capsys):
+def test_identical_subjects_are_refused_on_the_command_line_and_answered_with_a_step(
+    tmp_path, capsys
+):
     data, scene, out = tmp_path / "alike.csv", tmp_path / "scene.toml", tmp_path / "out"
     identical().to_csv(data, index=False)
     assert main(["fit", str(data), "--method", "bayesian", "--out", str(out)]) == 1
     said = capsys.readouterr().err
     assert "all subjects adjusted alike in stiffness of VE1" in said
     assert "resolution.k" in said
-    scene.write_text('[model]\nresolution = {k = 10.0}\n[inference]\ntolerance = 0.05\nmethod = "bayesian"\n')
+    scene.write_text(
+        '[model]\nresolution = {k = 10.0}\n[inference]\ntolerance = 0.05\nmethod = "bayesian"\n'
+    )
     assert main(["fit", str(data), "--scene", str(scene), "--out", str(out)]) == 0
     rows = json.loads((out / "fit.json").read_text(encoding="utf-8"))["intervals"]
     assert {row["kind"] for row in rows} == set(KINDS)
@@ -194,7 +208,9 @@ def test_identical_subjects_with_a_step_by_quadrature():
     sigma = 0.2 * np.exp(u)
     variance = sigma**2 + added
     weight = np.exp(
-        -0.5 * u**2 - 0.5 * (n - 1) * np.log(variance) + stats.norm.logpdf(y, 0, np.sqrt(1 + variance / n))
+        -0.5 * u**2
+        - 0.5 * (n - 1) * np.log(variance)
+        + stats.norm.logpdf(y, 0, np.sqrt(1 + variance / n))
     )
     weight /= weight.sum()
     # beta ~ N(0, 1) before the data.
@@ -203,8 +219,11 @@ def test_identical_subjects_with_a_step_by_quadrature():
     for kind, spread in (("mean", sd), ("user", np.hypot(sd, sigma))):
         for side, tail in enumerate((0.005, 0.995)):
             limit, error = limits[KINDS.index(kind), side, 0], errors[KINDS.index(kind), side, 0]
-            # The quadrature's tail at limits 4 errors to either side must hold the stated one between them.
-            below, above = (weight @ special.ndtr((limit + s * error - mean) / spread) for s in (-4, 4))
+            # The quadrature's tail at limits 4 errors to either side must hold the stated one
+            # between them.
+            below, above = (
+                weight @ special.ndtr((limit + s * error - mean) / spread) for s in (-4, 4)
+            )
             assert below < tail < above
 
 
@@ -235,7 +254,8 @@ def test_a_correlation_of_999_in_a_thousand_has_an_answer():
     response[..., 1] = response[..., 0] + np.sqrt(2e-3) * response[..., 1]
     fit = answered(study_of(table_of(response)))
     correlation = fit.model.scales(fit.run.points[0, -1])["rho_w"][1]
-    # Fisher's z has a standard error of 1/sqrt(f - 1) with f = 27 degrees of freedom; the prior adds little.
+    # Fisher's z has a standard error of 1/sqrt(f - 1) with f = 27 degrees of freedom; the prior
+    # adds little.
     residual = (response - response.mean(axis=0)).reshape(-1, 2)
     sample = np.corrcoef(residual.T)[0, 1]
     assert abs(np.arctanh(correlation).mean() - np.arctanh(sample)) < 4 / np.sqrt(26.0)

@@ -50,7 +50,9 @@ def test_jacobian_is_the_maps_own(fitted):
     z = 1.3 * np.random.default_rng(2).standard_normal((60, 5))
     _, found = fitted(z)
     step = 1e-5
-    columns = [(fitted(z + step * unit)[0] - fitted(z - step * unit)[0]) / (2 * step) for unit in np.eye(5)]
+    columns = [
+        (fitted(z + step * unit)[0] - fitted(z - step * unit)[0]) / (2 * step) for unit in np.eye(5)
+    ]
     wanted = np.linalg.slogdet(np.stack(columns, axis=2))[1]
     # A difference across the corner where a driver's effect ends, or the spline's, says nothing.
     close = np.abs(found - wanted) < 1e-6 * (1 + np.abs(wanted))
