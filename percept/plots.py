@@ -22,8 +22,8 @@ from percept.report.figures.from_document import (
     values_of,
 )
 from percept.report.figures.marks import draw_band, draw_intervals
-from percept.report.plain import plain
 from percept.report.select import Record, array, each_by_itself, families_of, quantities_of
+from percept.results.plain import plain
 from percept.study import Study
 from percept.study.basics import select
 

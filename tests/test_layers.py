@@ -9,7 +9,9 @@ import pytest
 import percept
 
 ROOT = Path(percept.__file__).parent
-_ANALYSIS = {"study", "boundary", "haptics", "inference", "sessions", "scene", "errors", "html"}
+_ANALYSIS = {
+    "study", "boundary", "results", "haptics", "inference", "sessions", "scene", "errors", "html",
+}  # fmt: skip
 #: Of percept's parts, those a part may import beside itself.
 ALLOWED = {
     "errors": set(),
@@ -18,8 +20,9 @@ ALLOWED = {
     "provenance": {"__version__"},
     "haptics": {"html", "errors"},
     "inference": {"html", "errors"},
-    "boundary": {"haptics", "inference", "html", "errors"},
     "sessions": {"errors"},
+    "results": {"haptics", "sessions", "html", "errors"},
+    "boundary": {"results", "haptics", "inference", "html", "errors"},
     "scene": {"sessions", "inference", "html", "errors"},
     "study": _ANALYSIS - {"study"},
     "cache": {"inference", "files", "errors"},
@@ -30,7 +33,7 @@ ALLOWED = {
     "batch": {"study", "sessions", "scene", "workers", "cache", "files", "errors"},
     "report": _ANALYSIS | {"files", "provenance", "__version__"},
     "reproduce": _ANALYSIS | {"files", "provenance", "report", "simulate"},
-    "plots": {"report", "study", "errors"},
+    "plots": {"report", "results", "study", "errors"},
 }
 #: What a part looks up by name when it is called, though it lies above: a study shows itself
 #: through these.
@@ -45,6 +48,7 @@ OUTSIDE = {
     "provenance": set(),
     "haptics": {"numpy"},
     "inference": {"numpy", "scipy", "emcee", "arviz_base", "arviz_stats", "xarray"},
+    "results": {"numpy", "pydantic"},
     "boundary": {"numpy", "scipy", "pandas"},
     "study": {"numpy", "scipy", "pandas", "xarray", "arviz_stats"},
     "planning": {"numpy", "scipy"},

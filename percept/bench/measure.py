@@ -17,7 +17,7 @@ import numpy as np
 from percept.errors import RefusalError
 from percept.files import filled_folder
 from percept.provenance import Made, made_by
-from percept.report.plain import dumps, plain
+from percept.results.plain import dumps, plain
 
 SCHEMA = "percept-measurement-2"
 

@@ -43,7 +43,7 @@ _CURVES = """ Curves belong to a device of {0[0]:g} kg and {0[1]:g} N·s/m at a 
 def _plan(arguments: argparse.Namespace) -> None:
     """Print the smallest number of subjects and what it promises."""
     from percept.planning import plan_mean, plan_share, plan_user
-    from percept.report.plain import plain
+    from percept.results.plain import plain
 
     kind = arguments.kind
     planner: Any = {"mean": plan_mean, "user": plan_user, "share": plan_share}[kind]

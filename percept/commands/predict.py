@@ -20,7 +20,7 @@ _COLUMNS = ["parameter", "reference", "kind", "lower", "upper", "estimate", "uni
 
 def _run(arguments: argparse.Namespace) -> None:
     """Print how far the environment lies from the tested ones, its intervals, and what was left out."""
-    from percept.report.plain import plain
+    from percept.results.plain import plain
     from percept.study.prediction import predict
 
     with Working("predicting", shown=not arguments.quiet) as progress:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from percept.report.document import build_document
-from percept.report.plain import dumps
 from percept.report.write import write_fit, write_report
+from percept.results.plain import dumps
 
 __all__ = ["build_document", "dumps", "write_fit", "write_report"]

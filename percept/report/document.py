@@ -13,8 +13,8 @@ import numpy as np
 from percept.haptics import Device
 from percept.haptics.limits import stable_region
 from percept.report.overview import findings
-from percept.report.plain import plain
 from percept.report.select import EACH_BY_ITSELF, distinct
+from percept.results.plain import plain
 from percept.study.intervals import adjustments, design_counts, normality_tests
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
         ``schema``, ``provenance``, ``data``, ``intervals``, ``contrast``, ``boundaries`` with their
         ``zoom`` windows, and ``close`` views, ``passivity``, ``coupling``, ``band``, ``design``,
         ``sensitivity``, ``comparison``, ``ladder``, ``diagnostics``, ``checks``, ``skipped``, and
-        what is worked out from them: ``summary``. JSON values only (see `percept.report.plain`), in
+        what is worked out from them: ``summary``. JSON values only (see `percept.results.plain`), in
         the units of the tables: units of the quantities, and N/m, N·s/m, rad/s, kg, s. No run
         times, no folders.
     """

@@ -12,8 +12,8 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.files import filled_folder
 from percept.report.document import build_document
-from percept.report.plain import dumps
 from percept.report.select import Record, matching, quantities_of
+from percept.results.plain import dumps
 
 if TYPE_CHECKING:
     from percept.study import Study

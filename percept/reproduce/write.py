@@ -15,11 +15,11 @@ from markupsafe import Markup, escape
 from percept.files import filled_folder
 from percept.inference import prediction_interval, tolerance_interval
 from percept.provenance import made_by
-from percept.report.plain import dumps, plain
 from percept.reproduce.claims_table import limits_printed
 from percept.reproduce.devices import Adapted, adapted_couplings
 from percept.reproduce.judging import Claim, Verdict, judge_all, sentences
 from percept.reproduce.published import Published
+from percept.results.plain import dumps, plain
 from percept.sessions.quantities import IMPEDANCE
 
 PAGE = "reproduction.html"

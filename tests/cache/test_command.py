@@ -9,7 +9,7 @@ from percept import Scene, Study, read_sessions
 from percept.cache import PosteriorCache
 from percept.cli import main
 from percept.report.document import build_document
-from percept.report.plain import dumps
+from percept.results.plain import dumps
 from tests.batch.conftest import study_text
 
 SCENE = {

@@ -28,7 +28,7 @@ import numpy as np
 
 import percept
 from percept.report.document import build_document
-from percept.report.plain import dumps
+from percept.results.plain import dumps
 from tests import DATASETS
 
 __all__ = ["FOLDER", "SEED", "STUDIES", "TOLERANCE", "Golden", "frozen_part"]

@@ -32,8 +32,8 @@ from percept.provenance import Made, made_by
 from percept.report.figures.canvas import COLOURS, Drawing, legend, log_scale, panels
 from percept.report.figures.output import draw_all
 from percept.report.page import render_standalone
-from percept.report.plain import dumps, plain
 from percept.reproduce.published import dataset
+from percept.results.plain import dumps, plain
 
 SCHEMA, PAGE = "percept-benchmark-2", "index.html"
 #: Errors over half-width at which times are compared.

@@ -19,7 +19,7 @@ import numpy as np
 from percept.bench.peers.engines import STUDIES, Array, percept_run, study_statistics
 from percept.calibration.studies import Checkpoint
 from percept.errors import RefusalError
-from percept.report.plain import plain
+from percept.results.plain import plain
 
 FILE = "reference.json"
 _RUNS, _TOLERANCE = 30, 0.005

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from percept.report.plain import dumps, plain
+from percept.results.plain import dumps, plain
 
 
 @dataclass(frozen=True)

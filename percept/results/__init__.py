@@ -1,0 +1,64 @@
+"""What an analysis gives, as frozen records; report.json is these records, written and read by one schema."""
+
+from percept.results.boundaries import (
+    Band,
+    BandLaw,
+    BandRow,
+    BandStatement,
+    Boundary,
+    Estimate,
+    Shape,
+    WeberTrend,
+)
+from percept.results.checks import (
+    CellOutlier,
+    Checks,
+    Diagnostics,
+    GateVerdict,
+    LeftOut,
+    NormalityTest,
+    PredictiveCheck,
+    Prior,
+    PriorQuantiles,
+    SubjectCheck,
+)
+from percept.results.coupling import (
+    AdmissibleCouplings,
+    Coupling,
+    CouplingMap,
+    EnvironmentCouplings,
+    Membership,
+    Passivity,
+    Sensitivity,
+    StableEdge,
+    Throughout,
+)
+from percept.results.data import (
+    CellValues,
+    Data,
+    DesignCounts,
+    LeftOutRow,
+    Note,
+    Nouns,
+    Provenance,
+    SourceFile,
+)
+from percept.results.intervals import (
+    ContrastRow,
+    IntervalRow,
+    Ladder,
+    LadderEffect,
+    MethodPair,
+)
+from percept.results.plain import dumps, plain
+from percept.results.results import SCHEMA, Results, Skipped
+
+__all__ = [
+    "SCHEMA", "AdmissibleCouplings", "Band", "BandLaw", "BandRow", "BandStatement", "Boundary",
+    "CellOutlier", "CellValues", "Checks", "ContrastRow", "Coupling", "CouplingMap", "Data",
+    "DesignCounts", "Diagnostics", "EnvironmentCouplings", "Estimate", "GateVerdict",
+    "IntervalRow", "Ladder", "LadderEffect", "LeftOut", "LeftOutRow", "Membership", "MethodPair",
+    "NormalityTest", "Note", "Nouns", "Passivity", "PredictiveCheck", "Prior", "PriorQuantiles",
+    "Provenance", "Results", "Sensitivity", "Shape", "Skipped", "SourceFile", "StableEdge",
+    "SubjectCheck", "Throughout", "WeberTrend", "dumps", "plain",
+]  # fmt: skip

@@ -1,0 +1,140 @@
+"""Verdicts on the device and its virtual coupling: stability, realism, and couplings that are both."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from percept.haptics.design import QualifyingCoupling
+from percept.html import NotebookRecord
+from percept.results.fields import Array, Family, Kind, Method, Verdict
+
+__all__ = [
+    "AdmissibleCouplings", "Coupling", "CouplingMap", "EnvironmentCouplings", "Membership",
+    "Passivity", "Sensitivity", "StableEdge", "Throughout",
+]  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class Passivity:
+    """Whether one reference, rendered without the coupling, is passive; dampings in N·s/m."""
+
+    environment: str
+    needed_colgate: float  # True hold and backward difference (Colgate and Schenkel)
+    needed_paper: float  # Under the paper's Eqs 7 and 8
+    device_damping: float
+    passive: bool  # By Colgate and Schenkel
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Membership:
+    """Whether a reference, without and through the coupling, stays inside a boundary at every omega.
+
+    A departure is the largest over the range, negative inside: of abs(Z_h) as a fraction of the
+    boundary's curve, of effective (k, b) in widths of their limits.
+    """
+
+    environment: str
+    method: Method
+    kind: Kind
+    family: Family
+    joint: str
+    shape: str
+    verdict_uncoupled: Verdict
+    departure_uncoupled: float
+    departure_omega_uncoupled: float  # rad/s
+    plane_departure_uncoupled: float
+    verdict_coupled: Verdict
+    departure_coupled: float
+    departure_omega_coupled: float  # rad/s
+    plane_departure_coupled: float
+    effective_stiffness: float  # Through the coupling at `Coupling.read_at`, N/m
+    effective_damping: float  # N·s/m
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Throughout:
+    """Posterior probability that what is displayed feels real at every omega of the range."""
+
+    environment: str
+    coupled: bool  # Through the coupling, or directly
+    magnitude: float  # By abs(Z_h)
+    plane: float  # By effective (k, b)
+    magnitude_error: float  # Monte Carlo standard errors
+    plane_error: float
+    draws: int
+    stable_and_realistic: float | None  # None directly, and where stability is undecided
+    stable_and_realistic_plane: float | None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Coupling(NotebookRecord):
+    """What the coupling does, with the device, over the scene's frequencies."""
+
+    stiffness: float  # Of the coupling, N/m
+    damping: float  # Of the coupling, N·s/m
+    verdict: str  # Llewellyn's criterion: "stable", "marginal", "unstable" or "undecided"
+    reason: str  # Why
+    margin: float  # Smallest ratio of what the device has to what the coupling needs
+    binding_omega: float  # Where it binds, rad/s
+    required_damping: float | None  # Damping a rigid device needs, N·s/m; None for other devices
+    required_omega: float | None  # Where that need is largest, rad/s
+    omega: Array  # (M,) Frequencies of the criterion, rad/s
+    bound: Array  # (M,) The criterion's bound there
+    admittance: Array  # (M,) Real part of the coupling's admittance there
+    realism: tuple[Membership, ...]  # Per rectangle of (k, b) and shape
+    read_at: float  # Where single values are read, rad/s
+    probability: tuple[Throughout, ...] | None = None  # None without a Bayesian fit
+
+
+@dataclasses.dataclass(frozen=True)
+class EnvironmentCouplings:
+    """The couplings that are stable and realistic for one environment, or for all together."""
+
+    name: str | None  # None for all together
+    intervals: tuple[
+        tuple[tuple[float, float], ...], ...
+    ]  # Per line of damping: low, high k_c, N/m
+    largest: QualifyingCoupling | None  # By stiffness; None where nothing qualifies
+    softest: QualifyingCoupling | None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CouplingMap:
+    """The admissible couplings by the limits of one method."""
+
+    method: Method
+    damping: Array  # (n,) b_c of each line, N·s/m
+    environments: tuple[EnvironmentCouplings, ...]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class StableEdge:
+    """The edge of what is stable in the plane of couplings."""
+
+    stiffness: Array  # (n,) k_c, N/m
+    damping: Array  # (n,) b_c, N·s/m
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AdmissibleCouplings(NotebookRecord):
+    """Couplings that are stable and keep every environment inside a boundary."""
+
+    kind: Kind
+    family: Family
+    stable: StableEdge | None  # None but for a rigid device
+    maps: tuple[CouplingMap, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Sensitivity(NotebookRecord):
+    """Verdicts for lighter, heavier, less and better damped devices."""
+
+    mass: tuple[float, ...]  # Of the devices judged, kg
+    damping: tuple[float, ...]  # Of the devices judged, N·s/m
+    own: tuple[int, int]  # Index of the scene's device: of its damping, of its mass
+    verdict: tuple[tuple[str | None, ...], ...]  # By damping and mass; None without a coupling
+    inside: dict[str, tuple[tuple[int, ...], ...]]  # By kind: environments that stay inside
+    environments: int  # How many were judged
+    required_damping: float | None  # Damping that the coupling needs of a rigid device, N·s/m
+    method: str  # Whose limits
+    family: str

@@ -1,0 +1,99 @@
+"""Intervals of what users set, contrasts of conditions, and how the two methods differ."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from percept.html import NotebookRecord
+from percept.results.fields import Family, Kind, Method
+
+__all__ = ["ContrastRow", "IntervalRow", "Ladder", "LadderEffect", "MethodPair"]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class IntervalRow(NotebookRecord):
+    """An interval of one parameter in one environment."""
+
+    environment: str
+    parameter: str
+    kind: Kind  # What it covers: the average user, the next user, or a share of all users
+    method: Method
+    family: Family  # Distribution between users
+    joint: str  # "marginal", or "bonferroni": widened so that k and b hold together
+    level: float  # Confidence or credibility
+    share: float | None  # Of all users, for kind "share"
+    confidence: float | None  # For kind "share"
+    lower: float | None  # In `unit`, as `upper`, `estimate` and `reference`
+    upper: float | None
+    estimate: float | None  # Mean (normal) or geometric mean (lognormal) of the users
+    n: int  # Subjects
+    unit: str
+    reference: float | None
+    covers: str  # The sentence that says what it covers
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ContrastRow(NotebookRecord):
+    """Two levels of a factor, the second against the first, within subjects."""
+
+    factor: str
+    first: str
+    second: str
+    environment: str | None  # None over all references
+    references: tuple[str, ...]  # Environments it rests on
+    parameter: str
+    of: str  # "bias" or "spread"
+    kind: Kind | None  # None for spread
+    method: Method
+    family: Family
+    level: float
+    share: float | None
+    confidence: float | None
+    lower: float  # A ratio (lognormal, or spread), or a difference in references
+    upper: float
+    estimate: float
+    p_value: float | None
+    n: int  # Subjects with both levels
+    covers: str
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MethodPair(NotebookRecord):
+    """The intervals of both methods of one kind and family."""
+
+    environment: str
+    parameter: str
+    kind: Kind
+    family: Family
+    lower_classical: float | None
+    upper_classical: float | None
+    estimate_classical: float | None
+    lower_bayesian: float | None
+    upper_bayesian: float | None
+    estimate_bayesian: float | None
+    width_ratio: float | None  # Bayesian over classical
+    shift: float | None  # Bayesian estimate over the classical one, less one
+    overlap: float | None  # Shared over joined length, on the family's scale
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LadderEffect:
+    """What one step from the classical interval to the Bayesian one does."""
+
+    environment: str
+    parameter: str
+    kind: Kind
+    cause: str  # "all" for the whole difference
+    log_width: float  # Log ratio of widths
+    log_width_error: float  # Its Monte Carlo standard error
+    centre: float  # Shift of the midpoint, in classical half-widths
+    centre_error: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Ladder(NotebookRecord):
+    """The steps from the classical interval (Eq. 15; normal family) to the Bayesian one."""
+
+    effects: tuple[LadderEffect, ...]
+    sentences: tuple[str, ...]  # The difference in words, per environment and parameter
+    notes: tuple[str, ...] = ()  # Environments without a ladder, and why

@@ -1,0 +1,127 @@
+"""Results: everything a report needs of a study, and report.json, which is the same as text."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from percept.errors import UsageError
+from percept.results.boundaries import Band, Boundary
+from percept.results.checks import Checks, Diagnostics
+from percept.results.coupling import AdmissibleCouplings, Coupling, Passivity, Sensitivity
+from percept.results.data import Data, Provenance
+from percept.results.intervals import ContrastRow, IntervalRow, Ladder, MethodPair
+from percept.results.plain import dumps, plain
+
+__all__ = ["SCHEMA", "Results", "Skipped"]
+
+#: Of report.json and fit.json: the name, and the version of its fields.
+SCHEMA = "percept-report/2"
+
+
+@dataclasses.dataclass(frozen=True)
+class Skipped:
+    """A result that was not computed."""
+
+    what: str
+    why: str
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Results:
+    """What a study gives, computed once; None or empty where it was not asked for.
+
+    Numbers are in the units of the quantities, and in N/m, N·s/m, rad/s, kg and s. There are no run
+    times and no folders in it: the same input and seed give the same results.
+    """
+
+    provenance: Provenance
+    data: Data
+    intervals: tuple[IntervalRow, ...]
+    contrast: tuple[ContrastRow, ...]
+    boundaries: tuple[Boundary, ...]
+    zoom: dict[str, tuple[float, float]]  # Window of omega of each environment's close view, rad/s
+    close: tuple[Boundary, ...]  # The boundaries drawn in those windows
+    passivity: tuple[Passivity, ...] | None
+    coupling: Coupling | None
+    band: Band | None
+    design: AdmissibleCouplings | None
+    sensitivity: Sensitivity | None
+    comparison: tuple[MethodPair, ...] | None
+    ladder: Ladder | None
+    diagnostics: Diagnostics | None
+    checks: Checks | None
+    skipped: tuple[Skipped, ...]
+
+    def to_json(self, **more: Any) -> str:
+        """Write the results as report.json holds them.
+
+        Parameters
+        ----------
+        **more
+            Further entries that are worked out from the results, such as the summary; `load` passes
+            them over.
+
+        Returns
+        -------
+        str
+            Every digit of every number; "inf" and "-inf" for infinities, null for NaN.
+        """
+        document = {"schema": SCHEMA}
+        for field in dataclasses.fields(self):
+            document[field.name] = plain(getattr(self, field.name))
+        for name, value in more.items():
+            document[name] = plain(value)
+        return dumps(document)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Results:
+        """Read results back from report.json or fit.json.
+
+        Parameters
+        ----------
+        path : str or Path
+            A file that `to_json` wrote.
+
+        Returns
+        -------
+        Results
+            Equal to those that were written, digit for digit.
+
+        Raises
+        ------
+        UsageError
+            A file that cannot be read, is no JSON, or has another schema; the error names the entry.
+        """
+        try:
+            document = json.loads(Path(path).read_bytes())
+        except OSError as error:
+            raise UsageError(f"cannot be read: {error.strerror}.", file=str(path)) from None
+        except (ValueError, RecursionError) as error:
+            raise UsageError(f"is not JSON: {error}.", file=str(path)) from None
+        schema = document.get("schema") if isinstance(document, dict) else None
+        if schema != SCHEMA:
+            raise UsageError(
+                f"This percept reads {SCHEMA}.",
+                file=str(path),
+                key="schema",
+                value=schema,
+                hint="Make the report again from its data.",
+            )
+        try:
+            return _schema().validate_python(document)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            place = "/".join(str(step) for step in first["loc"])
+            raise UsageError(f"{first['msg']}.", file=str(path), key=place) from None
+
+
+@cache
+def _schema() -> TypeAdapter[Results]:
+    """Return the schema of the records' own types; it takes a moment to build."""
+    return TypeAdapter(Results)
