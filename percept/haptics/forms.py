@@ -99,7 +99,7 @@ def _shown_forms(display: Display, x: FloatArray) -> tuple[FloatArray, FloatArra
     spring = total(k, -m * x) if m[0, 0] else k
     near = total(b**2 * x, product(spring, spring))
     beyond = total(b_c**2 * x, k_c**2)
-    joined = spring + k_c
+    joined = total(spring, k_c)
     under = total((b + b_c) ** 2 * x, product(joined, joined))
     stiffness = total(product(near, k_c), product(beyond, spring))
     if m[0, 0]:

@@ -8,7 +8,8 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 
 import mpmath as mp
 import numpy as np
@@ -47,7 +48,10 @@ class Scene:
     def on_grid(self, omega: np.ndarray) -> np.ndarray:
         """Departures at frequencies, by the public functions."""
         one, (k, b) = self.display, limits_of(self.box)
-        low, high = magnitude_envelope(omega, one.device, k, b, one.period, hold=one.hold)
+        mass = one.environment.mass
+        low, high = magnitude_envelope(
+            omega, one.device, k, b, one.period, mass=mass, hold=one.hold
+        )
         shown = np.abs(
             perceived_impedance(
                 omega, one.device, one.environment, one.period, coupling=one.coupling, hold=one.hold
@@ -64,7 +68,8 @@ class Scene:
             s = mp.mpc(0, 2 / period * mp.tan(h))
             gain = mp.cos(h) if self.display.hold == "average" else mp.sin(h) / h
             z_d, held = self._device(w, s), gain * mp.expjpi(-h / mp.pi)
-            z_e = mp.mpf(own.damping) + mp.mpf(own.stiffness) / s
+            inertia = mp.mpf(own.mass) * s
+            z_e = inertia + mp.mpf(own.damping) + mp.mpf(own.stiffness) / s
             if self.display.coupling is not None:
                 z_c = (
                     mp.mpf(self.display.coupling.damping)
@@ -74,12 +79,12 @@ class Scene:
             shown = abs(z_d + held * z_e)
             k, b = ([mp.mpf(end) for end in pair] for pair in limits_of(self.box))
             # The (k, b) at which Z_h vanishes: its nearest point of the box is a clip, the farthest
-            # a corner.
-            zero = -z_d / held
+            # a corner. The environment's mass is not adjusted: it counts with the device.
+            zero = -z_d / held - inertia
             b_at, k_at = zero.real, -zero.imag * s.imag
 
             def seen(k: mp.mpf, b: mp.mpf) -> mp.mpf:
-                return abs(z_d + held * (b + k / s))
+                return abs(z_d + held * (inertia + b + k / s))
 
             high = max(seen(one, other) for one in k for other in b)
             low = seen(min(max(k_at, k[0]), k[1]), min(max(b_at, b[0]), b[1]))
@@ -113,11 +118,13 @@ def box(k: tuple[float, float], b: tuple[float, float]) -> Boxes:
     return Boxes(*((np.array([low]), np.array([high])) for low, high in (k, b)))
 
 
-def scenes(count: int, seed: int) -> Iterator[Scene]:
-    """Rigid, modal and tabulated devices in turn."""
+def scenes(count: int, seed: int, *, mass: bool = False) -> Iterator[Scene]:
+    """Rigid, modal and tabulated devices in turn, with `mass` each with an environment that has one."""
     rng = np.random.default_rng(seed)
     for i in range(count):
         display, limits = _random(rng, ("rigid", "modal", "table")[i % 3])
+        if mass:
+            display = _heavy(rng, display)
         planted = ("excursion" if i % 10 < _PLANTED else "tie") if i % 10 <= _PLANTED else ""
         if planted:
             height = 10 ** rng.uniform(-9.3, -7.5) if planted == "excursion" else 0.0
@@ -152,6 +159,22 @@ def _random(rng: np.random.Generator, kind: str) -> tuple[Display, Boxes]:
         Display(device, Environment(k, b), PERIOD, None if rng.random() < 0.35 else coupling, hold),
         limits,
     )
+
+
+def heavy_tables(count: int, seed: int) -> Iterator[Scene]:
+    """Environments with a mass, displayed by tabulated devices through couplings; nothing is planted."""
+    rng = np.random.default_rng(seed)
+    while count:
+        display, limits = _random(rng, "table")
+        if display.coupling is not None:
+            yield Scene(_heavy(rng, display), limits, "")
+            count -= 1
+
+
+def _heavy(rng: np.random.Generator, display: Display) -> Display:
+    """Give the environment of a display a mass, 10 g to 10 kg."""
+    environment = replace(display.environment, mass=10 ** rng.uniform(-2, 1))
+    return replace(display, environment=environment)
 
 
 def _planted(display: Display, limits: Boxes, height: float) -> Boxes | None:
@@ -192,7 +215,8 @@ def _held_against_a_grid(count: int, points: int) -> None:
     omega = np.geomspace(LOWER, UPPER, points)
     omega[[0, -1]] = LOWER, UPPER
     told: Counter[str] = Counter()
-    for i, scene in enumerate(scenes(count, 7)):
+    heavy = count // 2
+    for i, scene in enumerate(chain(scenes(count - heavy, 7), scenes(heavy, 8, mass=True))):
         wrong, outside = contradiction(scene, omega)
         told[scene.planted or "as drawn"] += 1
         told["narrower than 1e-4"] += outside < 1e-4
