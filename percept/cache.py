@@ -23,10 +23,12 @@ from percept.files import exclusive, write_whole
 from percept.inference.sampling.endpoints import Estimates
 from percept.inference.sampling.gate import Gate, Run, Settings
 
+__all__ = ["PosteriorCache", "cache_folder", "decode", "digest", "encode", "numbers_version"]
+
 _SUFFIX = ".npz"
 _ARRAYS = ("points", "components", "errors", "times")
-#: Bytes the cache may take.
-LIMIT = 1_000_000_000
+# Bytes of all entries: some hundred posteriors of ordinary studies.
+_LIMIT = 1_000_000_000
 _log = logging.getLogger("percept.cache")
 
 
@@ -91,7 +93,7 @@ def decode(data: bytes) -> Run:
     with np.load(io.BytesIO(data), allow_pickle=False) as kept:
         rest = json.loads(kept["rest"].tobytes())
         gate = Gate(**{**rest["gate"], "reasons": tuple(rest["gate"]["reasons"])})
-        return Run(
+        run = Run(
             **{name: kept[name] for name in _ARRAYS},
             estimates=Estimates(tuple(rest["names"]), kept["value"], kept["scale"]),
             gate=gate,
@@ -99,6 +101,23 @@ def decode(data: bytes) -> Run:
             stride=rest["stride"],
             settings=Settings(**rest["settings"]),
         )
+    _require_shapes(run)
+    return run
+
+
+def _require_shapes(run: Run) -> None:
+    """Refuse arrays that no run has: the checksums of an archive say nothing of their shapes."""
+    for name in ("points", "components"):
+        array = getattr(run, name)
+        if array.ndim != 4 or array.shape[:3] != run.points.shape[:3] or 0 in array.shape:
+            raise ValueError(f"{name} of shape {array.shape}")
+    quantities = (len(run.estimates.names),)
+    per_quantity = (run.errors, run.times, run.estimates.value, run.estimates.scale)
+    if any(array.shape != quantities for array in per_quantity):
+        raise ValueError(f"arrays of other shapes than {quantities}")
+    for array in (run.points, run.components, *per_quantity):
+        if array.dtype != np.float64:
+            raise ValueError(f"an array of {array.dtype}")
 
 
 class PosteriorCache:
@@ -109,7 +128,7 @@ class PosteriorCache:
     said and left. Beyond `limit` bytes the entries not used for longest go.
     """
 
-    def __init__(self, folder: Path, *, limit: int = LIMIT) -> None:
+    def __init__(self, folder: Path, *, limit: int = _LIMIT) -> None:
         self.folder = folder
         self.limit = limit
 

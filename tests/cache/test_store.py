@@ -65,6 +65,36 @@ def test_a_run_of_other_fields_is_computed_again(cache, run, monkeypatch, caplog
     assert "damaged" in caplog.text
 
 
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [
+        ("points", lambda array: array[0]),
+        ("points", lambda array: array[:, :0]),
+        ("points", lambda array: array.astype("float32")),
+        ("components", lambda array: array[:, 1:]),
+        ("components", lambda array: np.float64(1.0)),
+        ("errors", lambda array: array[:1]),
+        ("times", lambda array: array[:, None]),
+        ("value", lambda array: array[:1]),
+        ("scale", lambda array: array[0]),
+    ],
+)
+def test_arrays_of_other_shapes_or_types_are_damage(cache, run, caplog, name, other):
+    """The archive itself is sound, as one written by hand would be."""
+    cache.keep(("x",), run)
+    (path,) = cache.entries()
+    with np.load(path) as kept:
+        arrays = dict(kept)
+    arrays[name] = np.asarray(other(arrays[name]))
+    with path.open("wb") as file:
+        np.savez(file, **arrays)
+    assert cache.find(("x",)) is None
+    assert "damaged" in caplog.text
+    assert not path.exists()
+    cache.keep(("x",), run)
+    assert cache.find(("x",)) is not None
+
+
 def test_a_kept_run_is_found_by_what_it_was_asked(cache, run):
     assert cache.find((1, "a")) is None
     cache.keep((1, "a"), run)
