@@ -15,8 +15,9 @@ from percept import __version__
 from percept.commands import Command
 from percept.errors import PerceptError, UsageError, did_you_mean, printable
 
-#: Commands by what they are for, each with its module of `percept.commands` and its line in the
-#: help.
+__all__ = ["COMMANDS", "GROUPS", "build_parser", "main"]
+
+#: Commands by what they are for, each with its module of `percept.commands` and its line in the help.
 GROUPS = {
     "analyse": {
         "report": ("fit", "analyse sessions and write the report"),
@@ -44,8 +45,11 @@ GROUPS = {
     },
 }
 COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}
-#: Commands that keep what is finished when they are interrupted.
+# Commands that keep what is finished when they are interrupted.
 _RESUMED = ("batch", "calibrate", "sbc")
+# Exit codes as a shell gives them to what a signal ends: 128 + SIGINT, and 128 + SIGPIPE.
+_INTERRUPTED = 130
+_UNREAD = 141
 
 _EXAMPLE = """example:
   percept report sessions/ --scene scene.toml --out results
@@ -55,7 +59,7 @@ percept COMMAND --help says more about a command.
 
 
 class _Parser(argparse.ArgumentParser):
-    """Tells a mistake in a line of percept's own; the help of the whole lists its commands in groups."""
+    """Reports a mistake in a line of its own; the help of `percept` lists commands in groups."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message}. See {self.prog} --help.\n")
@@ -63,17 +67,29 @@ class _Parser(argparse.ArgumentParser):
     def format_help(self) -> str:
         if self.prog != "percept":
             return super().format_help()
-        wide = max(map(len, COMMANDS))
-        groups = ""
+        width = max(map(len, COMMANDS))
+        lines = []
         for group, entries in GROUPS.items():
-            lines = [f"  {name:<{wide}}  {line}\n" for name, (_, line) in entries.items()]
-            groups += "".join([f"{group}:\n", *lines, "\n"])
+            lines.append(f"{group}:")
+            lines += [f"  {name:<{width}}  {line}" for name, (_, line) in entries.items()]
+            lines.append("")
+        groups = "\n".join(lines)
         options = super().format_help().partition("options:\n")[2]
-        return f"usage: percept COMMAND ...\n\n{self.description}\n\n{groups}options:\n{options}"
+        return f"usage: percept COMMAND ...\n\n{self.description}\n\n{groups}\noptions:\n{options}"
 
 
 def build_parser(only: Collection[str] | None = None) -> argparse.ArgumentParser:
-    """Build the parser; imports the command modules, which import no numerics."""
+    """Build the parser of the command line.
+
+    Parameters
+    ----------
+    only : collection of str, optional
+        Commands that get their arguments; the others are names with a line of help.
+
+    Returns
+    -------
+    argparse.ArgumentParser
+    """
     parser = _Parser(
         prog="percept",
         description="Realistic performance boundaries of haptic systems, classical and Bayesian.",
@@ -83,62 +99,84 @@ def build_parser(only: Collection[str] | None = None) -> argparse.ArgumentParser
     parser.add_argument("--version", action="version", version=f"percept {__version__}")
     parser.add_argument("--debug", action="store_true", help="show a traceback with an error")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
-    for name, (home, line) in COMMANDS.items():
+    for name, (module, line) in COMMANDS.items():
         if only is not None and name not in only:
             commands.add_parser(name, help=line)
             continue
-        part: Command = getattr(importlib.import_module(f"percept.commands.{home}"), name.upper())
-        command = commands.add_parser(
+        # Only the module of the command that is typed: all of them would double the time to start.
+        home = importlib.import_module(f"percept.commands.{module}")
+        command: Command = getattr(home, name.upper())
+        subparser = commands.add_parser(
             name,
             help=line,
-            description=part.description,
-            epilog=f"example:\n  {part.example}\n",
+            description=command.description,
+            epilog=f"example:\n  {command.example}\n",
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        for argument in part.arguments:
-            command.add_argument(argument.name, **argument.settings)
-        command.set_defaults(run=part.run, parser=command)
+        for argument in command.arguments:
+            subparser.add_argument(argument.name, **argument.settings)
+        subparser.set_defaults(run=command.run, parser=subparser)
     return parser
 
 
-def _parsed(words: Sequence[str]) -> argparse.Namespace:
-    """Parse the words of a command line; what percept does not know it refuses, with what is like it."""
-    # The first word that is no option is the command: no option before it takes a value.
-    first = next((word for word in words if not word.startswith("-")), None)
-    if first is not None and first not in COMMANDS:
-        hint = "See percept --help."
-        raise UsageError(
-            f"there is no command {first!r}.{did_you_mean(first, COMMANDS)}", hint=hint
-        )
-    hint = f"See percept {first} --help." if first else "See percept --help."
-    parser = build_parser([first] if first else [])
-    parsed, unknown = parser.parse_known_args(words)
-    for word in unknown:
-        if not word.startswith("-"):
-            raise UsageError("there is one argument too many.", value=word, hint=hint)
-        option = word.partition("=")[0]
-        options = getattr(parsed, "parser", parser)._option_string_actions
-        raise UsageError(f"there is no option {option}.{did_you_mean(option, options)}", hint=hint)
-    return parsed
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command."""
+    """Run a command and report what goes wrong.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        The words behind ``percept``, those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit code: 0 done, 1 the analysis refuses, 2 wrong usage or unreadable input, 130
+        interrupted, 141 nobody reads the output any more.
+    """
+    _open_closed_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A locale without ω or × is no reason to print nothing.
         sys.stdout.reconfigure(errors="backslashreplace")
-    given = sys.argv[1:] if arguments is None else arguments
-    words = [word for word in given if word != "--debug"]
     # The matrices are a few tens wide: a second BLAS thread costs more than it brings.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    debug, command = len(words) < len(given), None
+    words = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        parsed = _parsed(words)
+        return _reported(words)
+    except BrokenPipeError:
+        for stream in (sys.stdout, sys.stderr):
+            _send_nowhere(stream.fileno())
+        return _UNREAD
+
+
+def _open_closed_streams() -> None:
+    """Send output nowhere where the caller closed it.
+
+    Python then has None for the stream, and the next file opened would get the stream's number,
+    and with it what a library prints.
+    """
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) is None:
+            _send_nowhere(number)
+            setattr(sys, name, os.fdopen(number, "w", closefd=False))
+
+
+def _send_nowhere(number: int) -> None:
+    """Let a file descriptor take output and drop it."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    if nowhere != number:
+        os.dup2(nowhere, number)
+        os.close(nowhere)
+
+
+def _reported(words: list[str]) -> int:
+    """Run a command; turn an error into a message on standard error and an exit code."""
+    debug = "--debug" in words
+    words = [word for word in words if word != "--debug"]
+    command = _command_among(words)
+    try:
+        parsed = _parsed(words, command)
+        # What a page names as the command that made it.
         parsed.typed = shlex.join(["percept", *words])
-        command = parsed.command
-        if command is None:
-            build_parser(()).print_help()
-            return 0
         code = parsed.run(parsed) or 0
         sys.stdout.flush()
         return code
@@ -148,29 +186,57 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _complain(str(error))
         return error.exit_code
     except KeyboardInterrupt:
-        left = (
-            "keeps what is finished and goes on"
-            if command in _RESUMED
-            else "starts again from the data"
-        )
-        print(f"percept: interrupted. The same command {left}.", file=sys.stderr)
-        return 130
+        next_run = "starts again from the data"
+        if command in _RESUMED:
+            next_run = "keeps what is finished and goes on"
+        print(f"percept: interrupted. The same command {next_run}.", file=sys.stderr)
+        return _INTERRUPTED
     except BrokenPipeError:
-        # Nobody reads standard output any more; what is left of it goes nowhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
+        raise
     except OSError as error:
         if debug:
             raise
-        place = f"{error.filename}: " if error.filename else ""
-        kept = (
-            " What is finished is kept: run the same command again." if command in _RESUMED else ""
-        )
-        _complain(f"{place}cannot be read or written: {error.strerror or error}.{kept}")
-        return 2
+        message = f"cannot be read or written: {error.strerror or error}."
+        if error.filename:
+            message = f"{error.filename}: {message}"
+        if command in _RESUMED:
+            message += " What is finished is kept: run the same command again."
+        _complain(message)
+        return UsageError.exit_code
 
 
 def _complain(message: str) -> None:
-    """Print what is wrong; of names in it nothing reaches the terminal that would do more than be seen."""
+    """Print what is wrong, escaping what names in it would do to a terminal."""
     lines = f"percept: {message}".split("\n")
-    print("\n".join(printable(line) for line in lines), file=sys.stderr)
+    print("\n".join(map(printable, lines)), file=sys.stderr)
+
+
+def _command_among(words: Sequence[str]) -> str | None:
+    """Return the first word that is no option: no option before the command takes a value."""
+    return next((word for word in words if not word.startswith("-")), None)
+
+
+def _parsed(words: Sequence[str], command: str | None) -> argparse.Namespace:
+    """Parse the words; refuse what percept does not know, and name what is like it."""
+    if command is not None and command not in COMMANDS:
+        raise UsageError(
+            f"there is no command {command!r}.{did_you_mean(command, COMMANDS)}",
+            hint="See percept --help.",
+        )
+    hint = f"See percept {command} --help." if command else "See percept --help."
+    parser = build_parser([command] if command else [])
+    # Options of percept itself, for what is typed without a command.
+    parser.set_defaults(run=_print_help, parser=parser, build_parser=build_parser)
+    parsed, unknown = parser.parse_known_args(words)
+    for word in unknown:
+        if not word.startswith("-"):
+            raise UsageError("there is one argument too many.", value=word, hint=hint)
+        option = word.partition("=")[0]
+        options = parsed.parser._option_string_actions
+        raise UsageError(f"there is no option {option}.{did_you_mean(option, options)}", hint=hint)
+    return parsed
+
+
+def _print_help(arguments: argparse.Namespace) -> None:
+    """Print the help of the whole, for `percept` alone."""
+    arguments.parser.print_help()

@@ -78,9 +78,7 @@ def _completion(arguments: argparse.Namespace) -> None:
     """Print the script; files are completed wherever a command takes paths."""
     import shtab
 
-    from percept.cli import build_parser
-
-    parser = build_parser()
+    parser = arguments.build_parser()
     (commands,) = (action for action in parser._actions if action.dest == "command")
     assert isinstance(commands.choices, dict)
     offered = {"PATH": shtab.FILE, "FILE": shtab.FILE, "DIR": shtab.DIRECTORY}

@@ -312,6 +312,35 @@ def test_an_interrupted_command_says_how_to_go_on(command, said, tmp_path):
     assert process.returncode == 130
 
 
+def in_shell(line):
+    """A line of a shell, `percept` being this one, and what it gives."""
+    line = f'percept() {{ "{sys.executable}" -m percept "$@"; }}; {line}'
+    return subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("closed", ["2>&-", "<&- >&- 2>&-"])
+def test_streams_that_the_caller_closed_cost_nothing_but_what_they_would_show(tmp_path, closed):
+    out = tmp_path / "out"
+    words = f"percept fit '{SESSIONS}' --method classical --out '{out}' {closed}"
+    ran = in_shell(words)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert ran.stdout.count("fit.json") == (closed == "2>&-")
+    assert json.loads((out / "fit.json").read_text(encoding="utf-8"))["intervals"]
+    refused = in_shell(f"percept fit nowhere.csv {closed}")
+    assert refused.returncode == 2
+    assert refused.stdout == ""
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["percept doctor | true; exit ${PIPESTATUS[0]}",
+     "percept fit nowhere.csv 2>&1 | true; exit ${PIPESTATUS[0]}"],
+)  # fmt: skip
+def test_output_that_nobody_reads_ends_quietly_as_a_shell_tells_it(line):
+    ran = in_shell(line)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (141, "", "")
+
+
 def imported_by(code):
     script = f"import sys\n{code}\nprint(' '.join(sorted(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
