@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
-from jinja2 import Environment, FunctionLoader, StrictUndefined
+from jinja2 import FunctionLoader, StrictUndefined
+from jinja2.sandbox import SandboxedEnvironment
 from markupsafe import Markup, escape
 
 from percept.provenance import commit_of_code
@@ -19,8 +22,6 @@ if TYPE_CHECKING:
     from percept.report.figures.canvas import Drawing
 
 _PACKAGE = "percept.report"
-#: Tags and expressions of a template, which the study's words leave alone.
-_MARKUP = re.compile(r"(\{\{.*?\}\}|\{%.*?%\}|<[^>]*>)", re.DOTALL)
 #: What stands on a page where there is no number.
 _NO_NUMBER = Markup('<span class="none">–</span>')
 
@@ -42,21 +43,23 @@ def render_page(
             shown.exact, pointer, shown.text
         )
 
-    nouns = document["data"]["words"]
-    environment = _environment(_PACKAGE, nouns=nouns)
-    environment.filters["symbols"] = lambda text: _symbols(worded(text, nouns))
+    words = document["data"]["words"]
+    script = _asset(_PACKAGE, "page.js")
+    environment = _environment(_PACKAGE)
+    environment.filters["symbols"] = lambda text: _symbols(worded(text, words))
     return environment.get_template("page.html.j2").render(
         document=document,
         files=files,
         title=document["provenance"]["scene"]["report"].get("title") or title_of(document),
-        nouns=nouns,
+        noun=_nouns(words),
         sections=build_sections(document),
         date=date,
         commit=commit_of_code(),
         n=written,
         plots=plots,
         style=_asset(_PACKAGE, "page.css"),
-        script=_asset(_PACKAGE, "page.js"),
+        script=script,
+        policy=_policy(script),
     )
 
 
@@ -80,30 +83,53 @@ def render_standalone(
     environment = _environment(package, _PACKAGE)
     environment.filters["symbols"] = symbols
     style = _asset(_PACKAGE, "page.css") + Markup("").join(_asset(package, name) for name in styles)
-    return environment.get_template(template).render(plots=plots, n=written, style=style, **values)
+    return environment.get_template(template).render(
+        plots=plots, n=written, style=style, policy=_policy(), **values
+    )
 
 
-def _environment(*packages: str, nouns: Mapping[str, Sequence[str]] | None = None) -> Environment:
-    """Return the templates of packages, looked for in this order, with their own text in a study's words."""
+def _environment(*packages: str) -> SandboxedEnvironment:
+    """Return the templates of packages, looked for in this order; their source is percept's alone."""
 
     def load(name: str) -> str | None:
         files = (resources.files(package).joinpath("templates", name) for package in packages)
-        source = next((file.read_text(encoding="utf-8") for file in files if file.is_file()), None)
-        if source is None or nouns is None:
-            return source
-        parts = _MARKUP.split(source)
-        parts[::2] = [worded(text, nouns) for text in parts[::2]]
-        return "".join(parts)
+        return next((file.read_text(encoding="utf-8") for file in files if file.is_file()), None)
 
-    environment = Environment(
+    environment = SandboxedEnvironment(
         loader=FunctionLoader(load),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["initial"] = _initial
     environment.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "separators": (",", ":")}
     return environment
+
+
+def _policy(*scripts: str) -> str:
+    """Return a content security policy: these scripts run, and nothing is fetched or sent."""
+    digests = (hashlib.sha256(script.encode()).digest() for script in scripts)
+    allowed = [f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests] or ["'none'"]
+    # Figures are full of style attributes, which have no hashes.
+    return (
+        f"default-src 'none'; script-src {' '.join(allowed)}; style-src 'unsafe-inline'; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
+    )
+
+
+def _nouns(words: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    """Return what the study calls environments and subjects: one, several, and one with its article."""
+    nouns: dict[str, str] = {}
+    for usual, (singular, plural) in words.items():
+        article = "an" if singular[:1].lower() in set("aeiou") else "a"
+        nouns |= {usual: singular, f"{usual}s": plural, f"a_{usual}": f"{article} {singular}"}
+    return nouns
+
+
+def _initial(text: str) -> str:
+    """Write the first letter large, and leave the others as they are."""
+    return text[:1].upper() + text[1:]
 
 
 def _asset(package: str, name: str) -> Markup:

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import base64
 import copy
+import hashlib
 import json
 import re
 from html.parser import HTMLParser
@@ -441,3 +443,35 @@ def test_the_hold_and_the_share_are_in_words_of_the_methods(classical, hold, sai
     words = words_of(document)
     assert f"{said} at a sampling period of 0.001 s" in words
     assert "limits of a share of users hold 75 % of them with confidence 95 %" in words
+
+
+@pytest.mark.parametrize(
+    "noun",
+    [
+        "{{ cycler.__init__.__globals__.os.popen('id > owned.txt').read() }}",
+        "{{ 6*7 }}",
+        "R&D {# room",
+        "<script>owned()</script>",
+    ],
+)
+def test_the_study_s_nouns_are_values_and_never_a_template(classical, noun, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    document = copy.deepcopy(classical)
+    document["data"]["words"] = {"environment": [noun, f"{noun}s"], "subject": [noun, f"{noun}s"]}
+    page = render_page(document, {}, date="2026-01-01")
+    assert list(tmp_path.iterdir()) == []
+    assert [cell for cell in Reader(page).text if cell == noun], "not on the page as it was written"
+    assert "<script>owned" not in page
+
+
+def test_the_policy_names_the_script_by_its_digest(classical):
+    page = render_page(classical, {}, date="2026-01-01")
+    (policy,) = (
+        attributes["content"]
+        for tag, attributes in Reader(page).tags
+        if tag == "meta" and attributes.get("http-equiv") == "Content-Security-Policy"
+    )
+    script = re.search(r"<script>(.*?)</script>", page, re.DOTALL)[1]
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}';" in policy
+    assert "default-src 'none'" in policy
