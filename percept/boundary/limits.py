@@ -19,7 +19,7 @@ from percept.boundary.law import PairLaw, steps
 from percept.haptics.impedance import warp
 from percept.haptics.perceived import distance_axes
 from percept.haptics.records import AnyDevice
-from percept.inference.sampling.endpoints import root
+from percept.inference.sampling.roots import root
 
 Array = NDArray[np.float64]
 

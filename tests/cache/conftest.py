@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from percept.inference.sampling.endpoints import Estimates
+from percept.inference.sampling.estimands import Estimates
 from percept.inference.sampling.gate import Gate, Run, Settings
 
 

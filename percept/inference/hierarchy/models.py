@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
 from percept.inference.hierarchy.priors import Named
-from percept.inference.sampling.endpoints import Estimates, mixture_quantile, share_half_width
+from percept.inference.sampling.endpoints import mixture_quantile, share_half_width
+from percept.inference.sampling.estimands import Estimates
 
 if TYPE_CHECKING:
     from percept.inference.hierarchy.within import WithinSubjects

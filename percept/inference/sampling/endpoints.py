@@ -1,7 +1,11 @@
-"""Endpoints as roots of smooth mixtures: a posterior is normal given each draw. And what a run estimates.
+"""Limits of posterior intervals as roots of smooth mixtures.
 
-The mean of normal CDFs over draws is far less noisy than an order statistic of draws: every draw
-informs every endpoint.
+Given one draw of the scales, a cell's mean is normal with a known mean and SD, and so is the next
+user's value. The posterior is the equal-weight mixture of these normal laws over all draws. A limit
+is a root of the mixture's distribution function. Every draw informs every limit, so that the limit
+is far less noisy than an order statistic of draws.
+
+Arrays are large (Q quantities by S draws), and are therefore written in place.
 """
 
 from __future__ import annotations
@@ -9,376 +13,389 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterable, Iterator
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
+from scipy.interpolate import CubicHermiteSpline
+
+from percept.inference.sampling.roots import root
+
+__all__ = ["mixture_quantile", "share_content", "share_half_width"]
 
 Array = NDArray[np.float64]
 
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Estimates:
-    """Estimates of Q quantities."""
-
-    names: tuple[str, ...]  # One name per estimate
-    value: Array  # (Q,) Estimates
-    scale: Array  # (Q,)
-
-
-class Estimands(Protocol):
-    """Reported quantities of a target."""
-
-    def components(self, points: Array) -> Array:
-        """Quantities kept per draw: points (W, d) to an array (W, C)."""
-
-    def estimates(self, components: Array) -> Iterable[tuple[Estimates, Array]]:
-        """Estimates from the components (S, C) of S kept draws, and their influence functions, in parts.
-
-        These, of shape (S, Q), are the first-order pull of each draw on each estimate: their mean
-        over draws is zero, and its standard error is the estimate's. Memory holds one part at a
-        time.
-        """
-
-
-class Means:
-    """Posterior means of functions of the coordinates, their scale being the posterior SD."""
-
-    def __init__(self, names: tuple[str, ...], function: Callable[[Array], Array]) -> None:
-        self._names = names
-        self._function = function
-
-    def components(self, points: Array) -> Array:
-        """Values of the functions, shape (W, C)."""
-        return np.asarray(self._function(points))
-
-    def estimates(self, components: Array) -> Iterator[tuple[Estimates, Array]]:
-        """Means, with deviations as influence."""
-        mean = components.mean(axis=0)
-        yield Estimates(self._names, mean, components.std(axis=0)), components - mean
-
-
 _SQRT_2PI = math.sqrt(2.0 * math.pi)
-#: Roots over more draws than `_MANY` start from the root over one draw in `_SPARSE`.
-_MANY, _SPARSE = 4096, 8
-#: What `root` is asked for: of few draws; of many, with smooth slopes and with the noisy ones of a
-#: share; of a start. Errors are then far below the limits' Monte Carlo error.
-_EXACT, _EXACT_OF_MANY, _EXACT_OF_SHARE, _EXACT_OF_START = 1e-16, 4e-6, 1e-8, 1e-3
-#: Draws worked on at a time: what is made on the way stays in the processor's cache.
+#: Draws above which the search starts from the root over every `_THINNING`-th draw.
+_MANY_DRAWS = 4096
+_THINNING = 8
+#: Accuracies of `root`, whose error is about their square, in SDs of the mixture. With few draws
+#: the limit is exact; with many its error need only be far below its Monte Carlo error.
+_ACCURACY = 1e-16
+_ACCURACY_OF_MANY = 4e-6
+#: The slope of a share is noisy, which spoils the square.
+_ACCURACY_OF_SHARE = 1e-8
+_ACCURACY_OF_START = 1e-3
+#: Draws worked on at a time: their temporaries stay in the processor's cache.
 _BLOCK = 1024
-#: Draws, or share of the draws where that is less, that must take part in a slope for it to be
-#: believed.
-_FEW, _FEW_SHARE = 100.0, 0.02
+#: Effective draws that must carry a slope for it to be believed, and their least fraction.
+_FEWEST_CARRYING = 100.0
+_LEAST_CARRYING = 0.02
+#: Of the allowed error, the fraction left out beyond the bracket of a share's half-width.
+_BRACKET_TAIL = 1e-3
 
 
 def mixture_quantile(mean: Array, sd: Array, tail: float, *, upper: bool) -> tuple[Array, Array]:
-    """Quantile of equal-weight normal mixtures, and the pull of each component on it."""
+    """Quantile of equal-weight normal mixtures, and the pull of each component on it.
+
+    Parameters
+    ----------
+    mean, sd : ndarray
+        Components, shape (S, Q): S draws of Q quantities, in any unit.
+    tail : float
+        Probability beyond the quantile.
+    upper : bool
+        Whether the tail is the upper one.
+
+    Returns
+    -------
+    quantile : ndarray
+        Shape (Q,), in the same unit.
+    influence : ndarray
+        Shape (S, Q): derivative of the quantile in the weight of a draw.
+    """
     sign = 1.0 if upper else -1.0
-    exact = _EXACT_OF_MANY if len(mean) > _MANY else _EXACT
-    x, beyond, held, density = _quantile(_rows(mean) * sign, _rows(sd), tail, exact)
-    beyond -= held[:, None]
-    beyond *= (sign / density)[:, None]
-    return sign * x, beyond.T
+    accuracy = _ACCURACY_OF_MANY if len(mean) > _MANY_DRAWS else _ACCURACY
+    mixture = _Mixture(_as_rows(mean) * sign, _as_rows(sd))
+    quantile = mixture.upper_quantile(tail, accuracy)
+    influence = mixture.beyond
+    influence -= mixture.mean_beyond[:, None]
+    influence *= (sign / mixture.density)[:, None]
+    return sign * quantile, influence.T
 
 
-def _rows(draws: Array) -> Array:
+def _as_rows(draws: Array) -> Array:
     """Quantities as rows, (Q, S): loops over all draws of one are the fast ones."""
     return np.ascontiguousarray(draws.T)
 
 
-def _sparse(draws: Array) -> Array:
+def _thinned(draws: Array) -> Array:
     """Keep some of the draws of quantities (Q, S)."""
-    return np.ascontiguousarray(draws[:, ::_SPARSE])
+    return np.ascontiguousarray(draws[:, ::_THINNING])
 
 
-def _quantile(
-    mean: Array, sd: Array, tail: float, exact: float
-) -> tuple[Array, Array, Array, Array]:
-    """Upper quantile, and near it each component's probability beyond, its mean, and the mean density."""
-    z = -special.ndtri(tail)
-    if mean.shape[1] > _MANY:
-        some, sd_of_some = _sparse(mean), _sparse(sd)
-        x = _quantile(some, sd_of_some, tail, _EXACT_OF_START)[0]
-        spread = np.sqrt(some.var(axis=1) + (sd_of_some**2).mean(axis=1))
-    else:
-        spread = np.sqrt(mean.var(axis=1) + (sd * sd).mean(axis=1))
-        x = mean.mean(axis=1) + z * spread
-    # Arrays of all draws are written in place: making new ones takes as long as the arithmetic.
-    beyond = z * sd
-    beyond += mean
-    # The mixture's quantile lies between the nearest and the farthest of its components'.
-    low, high = beyond.min(axis=1), beyond.max(axis=1)
-    held, density = np.empty_like(x), np.empty_like(x)
+@dataclasses.dataclass(eq=False)
+class _Mixture:
+    """Equal-weight mixtures of normal laws, and what was found at the last x."""
 
-    def short_of_tail(x: Array) -> tuple[Array, Array]:
-        held[:], density[:] = _beyond(x, mean, sd, out=beyond)
+    mean: Array  # (Q, S)
+    sd: Array  # (Q, S)
+
+    def __post_init__(self) -> None:
+        self.beyond = np.empty_like(self.mean)  # (Q, S) Each component's probability beyond x
+        self.mean_beyond = np.empty(len(self.mean))  # (Q,) The mixture's probability beyond x
+        self.density = np.empty(len(self.mean))  # (Q,) The mixture's density at x
+
+    def upper_quantile(self, tail: float, accuracy: float) -> Array:
+        """Find x (Q,) with the stated probability beyond it."""
+        z = -special.ndtri(tail)
+        if self.mean.shape[1] > _MANY_DRAWS:
+            sparse = _Mixture(_thinned(self.mean), _thinned(self.sd))
+            spread = sparse.spread()
+            start = sparse.upper_quantile(tail, _ACCURACY_OF_START)
+        else:
+            spread = self.spread()
+            start = self.mean.mean(axis=1) + z * spread
+        # The mixture's quantile lies between the nearest and the farthest of its components'.
+        component_quantiles = np.multiply(self.sd, z, out=self.beyond)
+        component_quantiles += self.mean
+        low = component_quantiles.min(axis=1)
+        high = component_quantiles.max(axis=1)
+        start = np.clip(start, low, high)
+        shortfall = functools.partial(self._log_shortfall, tail=tail)
+        return root(shortfall, start, low, high, spread, accuracy)
+
+    def spread(self) -> Array:
+        """SD of the mixture, (Q,)."""
+        square = self.sd * self.sd
+        return np.sqrt(self.mean.var(axis=1) + square.mean(axis=1))
+
+    def _log_shortfall(self, x: Array, *, tail: float) -> tuple[Array, Array]:
+        """Log of the wanted tail over the one beyond x (Q,), and its slope.
+
+        The logarithm of a normal tail is closer to a straight line than the tail.
+        """
+        self._evaluate(x)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.log(tail / held), density / held
+            shortfall = np.log(tail / self.mean_beyond)
+            slope = self.density / self.mean_beyond
+        return shortfall, slope
 
-    x = root(short_of_tail, np.clip(x, low, high), low, high, spread, exact)
-    return x, beyond, held, density
+    def _evaluate(self, x: Array) -> None:
+        draws = self.mean.shape[1]
+        self.mean_beyond[:] = 0.0
+        self.density[:] = 0.0
+        for start in range(0, draws, _BLOCK):
+            block = np.s_[:, start : start + _BLOCK]
+            sd = self.sd[block]
+            standard = self.mean[block] - x[:, None]
+            standard /= sd
+            beyond = special.ndtr(standard, out=self.beyond[block])
+            self.mean_beyond += beyond.sum(axis=1)
+            density = _normal_density(standard)
+            density /= sd
+            self.density += density.sum(axis=1)
+        self.mean_beyond /= draws
+        self.density /= _SQRT_2PI * draws
 
 
-def _beyond(x: Array, mean: Array, sd: Array, *, out: Array) -> tuple[Array, Array]:
-    """Probability beyond x of components (Q, S), into `out`; its mean, and the mean density at x."""
-    held, density = np.zeros((2, len(x)))
-    for start in range(0, mean.shape[1], _BLOCK):
-        part = slice(start, start + _BLOCK)
-        standard = mean[:, part] - x[:, None]
-        standard /= sd[:, part]
-        special.ndtr(standard, out=out[:, part])
-        held += out[:, part].sum(axis=1)
-        standard *= standard
-        standard *= -0.5
-        np.exp(standard, out=standard)
-        standard /= sd[:, part]
-        density += standard.sum(axis=1)
-    return held / mean.shape[1], density / (_SQRT_2PI * mean.shape[1])
+def _normal_density(standard: Array) -> Array:
+    """Turn standardised values into their normal density times sqrt(2 pi), in place."""
+    standard *= standard
+    standard *= -0.5
+    return np.exp(standard, out=standard)
 
 
 class _Reach:
-    """d(h) with Phi(h + d) + Phi(h - d) - 1 = share for unit spread, 0 where there is none.
+    """Distance d that a population's mean may lie off while ±h about zero holds a share of it.
 
-    Tabulated once per share: d is smooth in sqrt(h - h0), h0 its zero, and cubic Hermite pieces
-    with the exact derivative d'(h) = (phi(h-d) + phi(h+d))/(phi(h-d) - phi(h+d)) leave an error of
-    1e-13.
+    For unit spread d solves Phi(h + d) + Phi(h - d) - 1 = share: h² is the quantile of a noncentral
+    chi-square with d² as its noncentrality. Below h0, which holds the share at d = 0, there is no
+    such distance. As d is smooth in sqrt(h - h0), it is tabulated there, with an error below 1e-12.
     """
 
+    #: Step of the table in sqrt(h - h0), a power of two: finding the piece rounds nothing.
     _STEP = 2.0**-9
+    #: Last sqrt(h - h0) of the table: beyond it one tail is zero in doubles, and d is linear in h.
+    _LAST_ROOT = 3.0
 
     def __init__(self, share: float) -> None:
-        self.zero = -float(special.ndtri(0.5 * (1.0 - share)))
-        self._share = share
-        # From h0 + 9 on, Phi(h + d) is one in double precision and d = h - z_share.
-        self._roots = np.arange(0.0, 3.0 + self._STEP, self._STEP)
-        gap = self._roots[1:] ** 2
-        d = np.concatenate([[0.0], self._solve(self.zero + gap)])
-        up, down = self._densities(self.zero + gap, d[1:])
-        rate = 2.0 * self._roots[1:] * (up + down) / (up - down)
-        # Near h0: d² = 2 (h - h0)/h0, so d = sqrt(2/h0) root.
-        rates = np.concatenate([[math.sqrt(2.0 / self.zero)], rate])
-        rates *= self._STEP
-        change = d[1:] - d[:-1]
-        # Coefficients of the pieces, from the constant on, a row for each.
-        self._pieces = np.stack(
-            [
-                d[:-1], rates[:-1],
-                3.0 * change - 2.0 * rates[:-1] - rates[1:], rates[:-1] + rates[1:] - 2.0 * change,
-            ],
-            axis=1,
-        )  # fmt: skip
-
-    def _densities(self, h: Array, d: Array) -> tuple[Array, Array]:
-        return np.exp(-0.5 * (h - d) ** 2), np.exp(-0.5 * (h + d) ** 2)
-
-    def _solve(self, h: Array) -> Array:
-        gap = h - self.zero
-        d = np.minimum(np.sqrt(gap * gap + 2.0 * gap / self.zero), h)
-        for _ in range(40):
-            error = (1.0 - self._share) - special.ndtr(d - h) - special.ndtr(-d - h)
-            up, down = self._densities(h, d)
-            d = np.clip(d + error * _SQRT_2PI / (up - down), 0.25 * d, 2.0 * d)
-        return d
+        self.least = -float(special.ndtri(0.5 * (1.0 - share)))  # h0
+        self._one_tail = special.ndtri(1.0 - share)
+        roots = np.arange(0.0, self._LAST_ROOT + self._STEP, self._STEP)
+        h = self.least + roots[1:] ** 2
+        d = np.sqrt(special.chndtrinc(h**2, 1.0, share))
+        near = _normal_density(h - d)
+        far = _normal_density(h + d)
+        by_h = (near + far) / (near - far)
+        by_root = 2.0 * roots[1:] * by_h
+        first = math.sqrt(2.0 / self.least)  # near h0: d² = 2 (h - h0)/h0
+        spline = CubicHermiteSpline(roots, np.r_[0.0, d], np.r_[first, by_root])
+        self._pieces = np.ascontiguousarray(spline.c.T)  # (pieces, 4) From the cube on
 
     def __call__(self, h: Array) -> tuple[Array, Array]:
-        """Return d and its derivative in h."""
-        gap = h - self.zero
-        np.maximum(gap, 0.0, out=gap)
-        place = np.sqrt(gap)
-        place *= 1.0 / self._STEP
-        t = np.minimum(place, len(self._pieces) - 1.0)
-        index = t.astype(np.intp)
-        t -= index
-        c0, c1, c2, c3 = np.moveaxis(np.take(self._pieces, index, axis=0, mode="clip"), -1, 0)
-        # The cubic and its derivative: c0 + t (c1 + t (c2 + t c3)) and c1 + t (2 c2 + 3 t c3).
+        """Return d and its derivative in h, zero where there is none."""
+        excess = np.maximum(h - self.least, 0.0)
+        root = np.sqrt(excess)
+        # The spline's own search for the piece would take four times the time of all the rest.
+        position = np.minimum(root / self._STEP, len(self._pieces) - 1.0)
+        piece = position.astype(np.intp)
+        coefficients = np.take(self._pieces, piece, axis=0, mode="clip")
+        c3, c2, c1, c0 = np.moveaxis(coefficients, -1, 0)
+        t = root - piece * self._STEP
         c3 *= t
         slope = (1.5 * c3 + c2) * (2.0 * t) + c1
         d = ((c3 + c2) * t + c1) * t + c0
         with np.errstate(divide="ignore", invalid="ignore"):
-            slope /= place * (2.0 * self._STEP**2)
-        slope[gap == 0] = 0.0
-        far = place >= len(self._pieces) - 1.0
-        if far.any():
-            d[far] = h[far] + special.ndtri(1.0 - self._share)
-            slope[far] = 1.0
+            slope /= 2.0 * root
+        slope[root == 0.0] = 0.0
+        beyond = root > self._LAST_ROOT
+        if beyond.any():
+            d[beyond] = h[beyond] + self._one_tail
+            slope[beyond] = 1.0
         return d, slope
 
 
-@functools.cache
-def _reach(share: float) -> _Reach:
-    return _Reach(share)
+_reach = functools.cache(_Reach)
+
+
+class ShareContent(NamedTuple):
+    """Probability, per draw, that an interval holds a share of the population, and its derivatives."""
+
+    probability: Array
+    by_half_width: Array
+    by_centre: Array
 
 
 def share_content(
-    half_width: Array, centre: Array, mean: Array, sd: Array, spread: Array, share: float
-) -> tuple[Array, Array, Array]:
-    """Probability, per draw, that centre ± half_width holds the share of the population."""
-    d, slope = _reach(share)(half_width / spread)
-    d *= spread
-    off = centre - mean
-    up, down = off + d, off - d
-    precision = 1.0 / sd
-    up *= precision
-    down *= precision
-    probability = special.ndtr(up)
-    probability -= special.ndtr(down)
-    precision *= 1.0 / _SQRT_2PI
-    for t in (up, down):
-        t *= t
-        t *= -0.5
-        np.exp(t, out=t)
-        t *= precision
-    slope *= up + down
-    up -= down
-    return probability, slope, up
-
-
-def _rate_of_draws(half_width: Array, confidence: float) -> Array:
-    """Density of half-widths (Q, S) at their quantile, by a difference of quantiles.
-
-    Where the mean is known far better than the spread a draw's probability is a step, and at a
-    given half-width the steps' slopes may all underflow, or one of them be all there is.
-    """
-    step = 0.5 * min(confidence, 1.0 - confidence)
-    low, high = np.quantile(half_width, [confidence - step, confidence + step], axis=1)
-    return np.divide(2.0 * step, high - low, out=np.zeros_like(high), where=high > low)
-
-
-def share_half_width(
-    mean: Array, sd: Array, spread: Array, *, share: float, confidence: float
-) -> tuple[Array, Array, Array]:
-    """Half-width h such that centre ± h holds a share of the population with given probability."""
-    exact = _EXACT_OF_SHARE if len(mean) > _MANY else _EXACT
-    mean, sd, spread = _rows(mean), _rows(sd), _rows(spread)
-    centre = mean.mean(axis=1)
-    h, content = _half_width(centre, mean, sd, spread, share, confidence, exact)
-    draws = mean.shape[1]
-    rate = content.rate
-    few = rate**2 * draws <= min(_FEW, _FEW_SHARE * draws) * content.square_rate
-    if few.any():
-        rate = np.where(few, _rate_of_draws(_least(spread, share), confidence), rate)
-    # Both ends move with the centre, and apart with the half-width.
-    influence = np.empty((2, *mean.shape))
-    off = np.subtract(mean, centre[:, None], out=influence[0])
-    pull = content.probability
-    pull -= content.held[:, None]
-    pull += np.multiply(content.tilt[:, None], off, out=influence[1])
-    pull *= (-1.0 / rate)[:, None]
-    np.add(off, pull, out=influence[1])
-    off -= pull
-    return centre, h, influence.reshape(-1, draws).T
-
-
-def _least(spread: Array, share: float) -> Array:
-    """Half-widths that hold the share about the population's own mean."""
-    return np.asarray(-special.ndtri(0.5 * (1.0 - share)) * spread)
-
-
-@dataclasses.dataclass(eq=False)
-class _Content:
-    """What S draws hold at the half-widths tried last."""
-
-    probability: Array  # (Q, S) Of holding the share
-    held: Array  # (Q,)
-    rate: Array  # (Q,)
-    square_rate: Array  # (Q,)
-    tilt: Array  # (Q,)
-
-
-def _half_width(
+    half_width: Array,
     centre: Array,
     mean: Array,
     sd: Array,
     spread: Array,
     share: float,
-    confidence: float,
-    exact: float,
-) -> tuple[Array, _Content]:
-    """Half-widths about given centres, and what draws (Q, S) hold near them."""
-    least = _least(spread, share)
-    low = least.min(axis=1)
-    high = least + np.abs(mean - centre[:, None])
-    high -= special.ndtri(1e-3 * (1 - confidence)) * sd
-    if mean.shape[1] > _MANY:
-        h, _ = _half_width(
-            centre, _sparse(mean), _sparse(sd), _sparse(spread), share, confidence, _EXACT_OF_START
-        )
-    else:
-        h = np.quantile(least, confidence, axis=1)
-    aim = special.ndtri(confidence)
-    nothing = np.zeros_like(h)
-    content = _Content(np.empty(mean.shape), nothing, nothing, nothing, nothing)
+) -> ShareContent:
+    """Probability, per draw, that centre ± half_width holds the share of the population.
 
-    def short_of_confidence(log_h: Array) -> tuple[Array, Array]:
-        # Half-widths are about lognormal: in log h the normal score of the probability is about
-        # straight.
-        h = np.exp(log_h)
-        sums = np.zeros((4, len(h)))
-        for start in range(0, mean.shape[1], _BLOCK):
-            part = np.s_[:, start : start + _BLOCK]
-            probability, slope, tilt = share_content(
-                h[:, None], centre[:, None], mean[part], sd[part], spread[part], share
-            )
-            content.probability[part] = probability
-            for total, each in zip(sums, (probability, slope, slope * slope, tilt), strict=True):
-                total += each.sum(axis=1)
-        content.held, content.rate, content.square_rate, content.tilt = sums / mean.shape[1]
-        score = special.ndtri(content.held)
-        with np.errstate(over="ignore", invalid="ignore"):
-            return score - aim, content.rate * h * _SQRT_2PI * np.exp(0.5 * score * score)
-
-    log_low, log_high = np.log(low), np.log(high.max(axis=1))
-    found = root(short_of_confidence, np.log(h), log_low, log_high, np.ones_like(h), exact)
-    return np.exp(found), content
-
-
-_ITERATIONS = 60
-
-
-def root(
-    function: Callable[[Array], tuple[Array, Array]],
-    start: Array,
-    low: Array,
-    high: Array,
-    scale: Array,
-    exact: float,
-) -> Array:
-    """Find the roots of Q increasing functions side by side.
-
-    Newton's method, from the second step on by the cubic through the last two places and slopes,
-    taken the other way round: x as a function of the value. Its error is of the order of the
-    product of the squares of the last two steps. A step that leaves the bracket is replaced by its
-    middle.
+    Given a draw the population is normal with SD `spread` about a mean that is N(mean, sd²).
     """
-    x, before = start, None
-    last = np.ones(x.shape)
-    for _ in range(_ITERATIONS):
-        value, slope = function(x)
-        low = np.where(value < 0, x, low)
-        high = np.where(value < 0, high, x)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            newton = x - value / slope
-            cubic = newton if before is None else _cubic(*before, x, value, slope)
-        fast, safe = ((place >= low) & (place <= high) for place in (cubic, newton))
-        after = np.where(fast, cubic, np.where(safe, newton, 0.5 * (low + high)))
-        moved = np.abs(after - x) / scale
-        # Of steps that are not the cubic's nothing is known but their own length.
-        if np.all(moved * np.where(fast, np.minimum(last, 1.0), 1.0) <= exact):
-            return after
-        before, last, x = (x, value, slope), moved, after
-    return x
+    d, by_half_width = _reach(share)(half_width / spread)
+    d *= spread
+    offset = centre - mean
+    precision = 1.0 / sd
+    upper = offset + d
+    upper *= precision
+    lower = offset - d
+    lower *= precision
+    probability = special.ndtr(upper)
+    probability -= special.ndtr(lower)
+    precision *= 1.0 / _SQRT_2PI
+    upper = _normal_density(upper)
+    upper *= precision
+    lower = _normal_density(lower)
+    lower *= precision
+    by_half_width *= upper + lower
+    upper -= lower
+    return ShareContent(probability, by_half_width, by_centre=upper)
 
 
-def _cubic(
-    x0: Array, value0: Array, slope0: Array, x1: Array, value1: Array, slope1: Array
-) -> Array:
-    """Place of the value zero on the cubic x(value) through two places; NaN where that is far off."""
-    rise = value1 - value0
-    t = -value0 / rise
-    back = 1.0 - t
-    place = x1 + back * (
-        back * (1.0 + 2.0 * t) * (x0 - x1) + rise * t * (back / slope0 - t / slope1)
-    )
-    return np.where(np.abs(value1) < 0.5 * np.abs(value0), place, np.nan)
+def share_half_width(
+    mean: Array,
+    sd: Array,
+    spread: Array,
+    *,
+    share: float,
+    confidence: float,
+) -> tuple[Array, Array, Array]:
+    """Half-width h such that centre ± h holds a share of the population with given probability.
+
+    Parameters
+    ----------
+    mean, sd : ndarray
+        Law of the population's mean given each draw, shape (S, Q).
+    spread : ndarray
+        SD of the population about its mean given each draw, shape (S, Q).
+    share : float
+        Share of the population.
+    confidence : float
+        Probability of holding it.
+
+    Returns
+    -------
+    centre, half_width : ndarray
+        Shape (Q,), in the unit of `mean`.
+    influence : ndarray
+        Shape (S, 2 Q): of all lower limits, then of all upper ones.
+    """
+    accuracy = _ACCURACY_OF_SHARE if len(mean) > _MANY_DRAWS else _ACCURACY
+    mean = _as_rows(mean)
+    spread = _as_rows(spread)
+    centre = mean.mean(axis=1)
+    draws = mean.shape[1]
+    content = _MeanContent(share, centre, mean, _as_rows(sd), spread)
+    half_width = content.half_width(confidence, accuracy)
+    slope = content.slope
+    # (sum of slopes)² over the sum of their squares counts the draws that carry the slope.
+    enough = min(_FEWEST_CARRYING, _LEAST_CARRYING * draws)
+    uncertain = slope**2 * draws <= enough * content.square_slope
+    if uncertain.any():
+        least = _reach(share).least * spread
+        differenced = _density_of_half_widths(least, confidence)
+        slope = np.where(uncertain, differenced, slope)
+    # Both limits move with the centre, and apart with the half-width.
+    influence = np.empty((2, *mean.shape))
+    offset = np.subtract(mean, centre[:, None], out=influence[0])
+    pull = content.probability
+    pull -= content.mean_probability[:, None]
+    tilt = content.tilt[:, None]
+    pull += np.multiply(tilt, offset, out=influence[1])
+    pull *= (-1.0 / slope)[:, None]
+    np.add(offset, pull, out=influence[1])
+    offset -= pull
+    return centre, half_width, influence.reshape(-1, draws).T
+
+
+def _density_of_half_widths(half_width: Array, confidence: float) -> Array:
+    """Density of half-widths (Q, S) at their quantile, by a difference of quantiles.
+
+    Where the mean is known far better than the spread, a draw's probability is a step. The slopes
+    at a given half-width may then all underflow, or a single slope may dominate.
+    """
+    step = 0.5 * min(confidence, 1.0 - confidence)
+    low = np.quantile(half_width, confidence - step, axis=1)
+    high = np.quantile(half_width, confidence + step, axis=1)
+    nothing = np.zeros_like(high)
+    return np.divide(2.0 * step, high - low, out=nothing, where=high > low)
+
+
+@dataclasses.dataclass(eq=False)
+class _MeanContent:
+    """Mean over draws of the probability of holding a share, as found at the last half-widths."""
+
+    share: float
+    centre: Array  # (Q,)
+    mean: Array  # (Q, S)
+    sd: Array  # (Q, S)
+    spread: Array  # (Q, S)
+
+    def __post_init__(self) -> None:
+        self.probability = np.empty_like(self.mean)  # (Q, S) Of each draw
+        self.mean_probability = np.empty_like(self.centre)  # (Q,)
+        self.slope = np.empty_like(self.centre)  # (Q,) Mean derivative in the half-width
+        self.square_slope = np.empty_like(self.centre)  # (Q,) Mean square of that derivative
+        self.tilt = np.empty_like(self.centre)  # (Q,) Mean derivative in the centre
+
+    def half_width(self, confidence: float, accuracy: float) -> Array:
+        """Find the half-widths (Q,) at which the mean probability is the confidence."""
+        least = _reach(self.share).least * self.spread
+        low = least.min(axis=1)
+        high = least + np.abs(self.mean - self.centre[:, None])
+        score = special.ndtri(_BRACKET_TAIL * (1.0 - confidence))
+        high -= score * self.sd
+        if self.mean.shape[1] > _MANY_DRAWS:
+            start = self._thinned().half_width(confidence, _ACCURACY_OF_START)
+        else:
+            start = np.quantile(least, confidence, axis=1)
+        log_half_width = root(
+            functools.partial(self._score_shortfall, wanted=special.ndtri(confidence)),
+            np.log(start),
+            np.log(low),
+            np.log(high.max(axis=1)),
+            np.ones_like(start),
+            accuracy,
+        )
+        return np.exp(log_half_width)
+
+    def _thinned(self) -> _MeanContent:
+        mean = _thinned(self.mean)
+        sd = _thinned(self.sd)
+        spread = _thinned(self.spread)
+        return _MeanContent(self.share, self.centre, mean, sd, spread)
+
+    def _score_shortfall(self, log_half_width: Array, *, wanted: float) -> tuple[Array, Array]:
+        """Return the normal score of the probability less the wanted one, and its slope.
+
+        Half-widths are about lognormal: in log h the score is about straight.
+        """
+        half_width = np.exp(log_half_width)
+        self._evaluate(half_width)
+        score = special.ndtri(self.mean_probability)
+        with np.errstate(over="ignore", invalid="ignore"):
+            inverse_density = np.exp(0.5 * score * score)
+            slope = self.slope * half_width * _SQRT_2PI * inverse_density
+        return score - wanted, slope
+
+    def _evaluate(self, half_width: Array) -> None:
+        draws = self.mean.shape[1]
+        centre = self.centre[:, None]
+        half_width = half_width[:, None]
+        sums = np.zeros((4, len(centre)))
+        for start in range(0, draws, _BLOCK):
+            block = np.s_[:, start : start + _BLOCK]
+            mean = self.mean[block]
+            sd = self.sd[block]
+            spread = self.spread[block]
+            content = share_content(half_width, centre, mean, sd, spread, self.share)
+            self.probability[block] = content.probability
+            slope = content.by_half_width
+            sums[0] += content.probability.sum(axis=1)
+            sums[1] += slope.sum(axis=1)
+            sums[3] += content.by_centre.sum(axis=1)
+            slope *= slope
+            sums[2] += slope.sum(axis=1)
+        means = sums / draws
+        self.mean_probability = means[0]
+        self.slope = means[1]
+        self.square_slope = means[2]
+        self.tilt = means[3]

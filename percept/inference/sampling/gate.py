@@ -17,7 +17,7 @@ from percept.inference.sampling.diagnostics import (
     some_walkers,
     split_rhat,
 )
-from percept.inference.sampling.endpoints import Estimands, Estimates
+from percept.inference.sampling.estimands import Estimands, Estimates
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.endpoints import Estimands
+from percept.inference.sampling.estimands import Estimands
 from percept.inference.sampling.gate import (
     TIMES_NEEDED,
     Judged,

@@ -10,7 +10,7 @@ from percept.errors import RefusalError, UsageError
 from percept.inference.sampling import run as running
 from percept.inference.sampling import warmup
 from percept.inference.sampling.diagnostics import autocorrelation_time, normal_scores
-from percept.inference.sampling.endpoints import Estimates, Means
+from percept.inference.sampling.estimands import Estimates, Means
 from percept.inference.sampling.gate import Judged, Settings, judge, pass_gate
 from percept.inference.sampling.moves import Ensembles
 from percept.inference.sampling.run import sample

@@ -9,7 +9,7 @@ from percept.inference.sampling.diagnostics import (
     rank_rhat,
     split_rhat,
 )
-from percept.inference.sampling.endpoints import Means
+from percept.inference.sampling.estimands import Means
 from percept.inference.sampling.gate import judge
 
 

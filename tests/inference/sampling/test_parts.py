@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from percept.inference.sampling import run as running
-from percept.inference.sampling.endpoints import Means
+from percept.inference.sampling.estimands import Means
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.moves import Ensembles
 from percept.inference.sampling.run import sample

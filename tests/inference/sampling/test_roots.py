@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from percept.inference.sampling.endpoints import root
+from percept.inference.sampling.roots import root
 
 
 class Counted:
