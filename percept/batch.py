@@ -19,7 +19,7 @@ from percept.cache import digest, numbers_version
 from percept.errors import PerceptError, UsageError
 from percept.files import exclusive, whole_file, write_whole
 from percept.scene import Scene
-from percept.sessions import ReadOptions, read_sessions
+from percept.sessions import read_sessions
 from percept.sessions.files import expand, fitting, is_pattern, may_be_study
 from percept.study import Study
 from percept.workers import Mapper
@@ -87,7 +87,7 @@ class StudySource:
     def read(self) -> Job:
         """Read the sessions."""
         scene = self.scene
-        sessions = read_sessions(self.path, options=ReadOptions.from_mapping(dict(scene)))
+        sessions = read_sessions(self.path, scene=scene)
         return Job(self.path, self.key(), Study(sessions, scene))
 
 

@@ -83,7 +83,7 @@ def read_scene(arguments: argparse.Namespace) -> tuple[Scene, ReadOptions]:
     from percept.sessions import ReadOptions
 
     scene = Scene.load(arguments.scene) if arguments.scene else Scene()
-    return scene, ReadOptions.from_mapping(dict(scene), file=arguments.scene)
+    return scene, ReadOptions.of(scene)
 
 
 def open_study(
@@ -104,7 +104,7 @@ def open_study(
         if error.row != 1:
             raise
         scene = _with_mapping(arguments, scene, options, error)
-        options = ReadOptions.from_mapping(dict(scene))
+        options = ReadOptions.of(scene)
         sessions = read_sessions(*arguments.sessions, options=options.with_groups(groups))
     if not arguments.quiet:
         notices = (*sessions.warnings, *sessions.notices)

@@ -9,7 +9,8 @@ import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import counted
-from percept.sessions.quantities import Quantities, Quantity
+from percept.sessions.options import ReadOptions
+from percept.sessions.quantities import Quantity
 from percept.sessions.records import IDS, MASS, Notice, Place, Problems, shown
 
 #: What tells a trial from others.
@@ -209,9 +210,10 @@ def check_plausible(
 
 
 def check_summary(
-    table: pd.DataFrame, quantities: Quantities, place: Place, problems: Problems
+    table: pd.DataFrame, options: ReadOptions, place: Place, problems: Problems
 ) -> None:
     """Check a published table: parameter, order of limits, n, level, units, and one row for each interval."""
+    quantities = options.quantities
     n, level, again = table["n"], table["level"], table.duplicated(["environment", "parameter"])
     names = " or ".join(f'"{name}"' for name in quantities)
     whole = (n >= 2) & (n < 2.0**53) & (n == np.round(n))
@@ -228,6 +230,7 @@ def check_summary(
             problems.add(
                 message, column=column, value=value, hint="Correct or remove it.", **place(at)
             )
+    _check_declared(table, options.environments, place, problems)
     # Of what the limits hold, the nearest to the reference: wide limits are no sign of another
     # unit.
     near = table["reference"].clip(table["lower"], table["upper"])
@@ -245,6 +248,22 @@ def check_summary(
                 place(int(own[0])),
             )
             problems.add(text, column="reference", value=float(reference[0]), hint=hint, **row)
+
+
+def _check_declared(
+    table: pd.DataFrame,
+    declared: Mapping[str, Mapping[str, float]],
+    place: Place,
+    problems: Problems,
+) -> None:
+    """Hold the references of a published table to those of the scene."""
+    cells = zip(table["environment"], table["parameter"], table["reference"], strict=True)
+    for at, (environment, parameter, reference) in enumerate(cells):
+        expected = declared.get(environment, {}).get(f"{parameter}_ref", reference)
+        if reference != expected:
+            message = f"[environments] gives {shown([environment])} the reference {expected:g}."
+            hint = "Correct the table or the scene."
+            problems.add(message, column="reference", value=reference, hint=hint, **place(at))
 
 
 def count_grid(table: pd.DataFrame, rows: pd.Series[int]) -> dict[str, int]:

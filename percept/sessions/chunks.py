@@ -14,8 +14,8 @@ import pandas as pd
 
 from percept.errors import RefusalError, UsageError
 from percept.sessions import checks
-from percept.sessions.options import ReadOptions
-from percept.sessions.quantities import IMPEDANCE, Quantities
+from percept.sessions.options import DataTables, ReadOptions
+from percept.sessions.quantities import Quantities
 from percept.sessions.reading import Reading
 from percept.sessions.records import IDS, Notice, Place, Source
 from percept.sessions.table import FileTable
@@ -43,7 +43,7 @@ class Reduced:
         (N·s/m).
     family : {"lognormal", "normal"}
         A response is log(adjusted/reference), or (adjusted − reference)/reference.
-    sources, notices, warnings, counts, quantities
+    sources, notices, warnings, counts, options
         As of :class:`Sessions`; warnings of the first trial of every subject, session and
         environment.
     """
@@ -55,12 +55,18 @@ class Reduced:
     notices: tuple[Notice, ...] = ()
     warnings: tuple[Notice, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict)
-    quantities: Quantities = field(default_factory=lambda: IMPEDANCE)
+    options: ReadOptions = field(default_factory=ReadOptions)
+
+    @property
+    def quantities(self) -> Quantities:
+        """What may be adjusted, by name."""
+        return self.options.quantities
 
 
 def reduce_sessions(
     *paths: str | Path,
     family: _Family = "lognormal",
+    scene: DataTables | None = None,
     columns: Mapping[str, Any] | None = None,
     options: ReadOptions | None = None,
 ) -> Reduced:
@@ -73,7 +79,7 @@ def reduce_sessions(
         per trial.
     family : {"lognormal", "normal"}, optional
         Scale of the responses.
-    columns, options
+    scene, columns, options
         As for :func:`read_sessions`.
 
     Returns
@@ -90,7 +96,7 @@ def reduce_sessions(
     """
     if family not in ("lognormal", "normal"):
         raise UsageError('family is "lognormal" or "normal".', value=family)
-    reading = Reading((options or ReadOptions()).with_columns(columns))
+    reading = Reading((options or ReadOptions.of(scene)).with_columns(columns))
     cells = _Cells(reading, family)
     with closing(reading.tables(paths)) as tables:
         for table in tables:
@@ -225,7 +231,7 @@ class _Cells:
         known = {f"{p}_ref": pd.Series(self.references.get(f"{p}_ref"), dtype=float) for p in names}
         references = pd.DataFrame(known).reindex(visits["environment"].unique())
         order = checks.in_order(references, self.options.environments)
-        pooled = reading.pooled(visits)
+        pooled = self.options.pooled(visits.columns)
         return Reduced(
             cells=pd.concat([cells[["subject", "environment", "n"]], measured], axis=1),
             references=references.loc[list(order)].rename_axis("environment").reset_index(),
@@ -234,7 +240,7 @@ class _Cells:
             notices=tuple(dict.fromkeys(reading.notices)),
             warnings=tuple(checks.screen(visits, self.parameters, place, pooled, family)),
             counts=dict(reading.counts),
-            quantities=self.options.quantities,
+            options=self.options,
         )
 
 

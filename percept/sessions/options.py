@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from pathlib import PurePath
 from typing import Annotated, Any, Literal, Self
 
@@ -273,6 +273,37 @@ class ReadOptions(DataTables):
         except ValidationError as error:
             raise said(error) from error
 
+    @classmethod
+    def of(cls, scene: DataTables | None) -> ReadOptions:
+        """Take what a scene says on data; the strictest reading without a scene."""
+        if scene is None:
+            return cls()
+        if not isinstance(scene, DataTables):
+            hint = "Scene.load reads a scene's file."
+            raise UsageError(f"a scene is needed, not {type(scene).__name__}.", hint=hint)
+        return scene if isinstance(scene, ReadOptions) else cls.from_mapping(dict(scene))
+
+    def require(self, scene: DataTables) -> None:
+        """Refuse a scene whose tables on data the files were not read with."""
+        lacking: list[str] = []
+        if scene.quantities != self.quantities:
+            lacking.append("quantities")
+        if not scene.columns.keys() <= self.columns.keys():
+            lacking.append("columns")
+        if scene.environments and scene.environments != self.environments:
+            lacking.append("environments")
+        groups = self.sessions.groups
+        if scene.sessions != SessionsTable() and (
+            scene.sessions.model_copy(update={"groups": groups}) != self.sessions
+            or not set(scene.sessions.groups) <= set(groups)
+        ):
+            lacking.append("sessions")
+        if lacking:
+            tables = " and ".join(f"[{name}]" for name in lacking)
+            message = f"the sessions were read without {tables} of the scene."
+            hint = "Read them with it: read_sessions(files, scene=scene)."
+            raise UsageError(message, hint=hint)
+
     def with_columns(self, columns: Mapping[str, Any] | None) -> ReadOptions:
         """Return a copy in which further columns are declared, which go before those there are."""
         both = {**self.columns, **columns} if isinstance(columns, Mapping) else columns
@@ -284,6 +315,11 @@ class ReadOptions(DataTables):
         kept = tuple(dict.fromkeys([*self.sessions.groups, *further]))
         sessions = self.sessions.model_copy(update={"groups": kept})
         return self.model_copy(update={"sessions": sessions, "split": (*self.split, *further)})
+
+    def pooled(self, columns: Container[str]) -> list[str]:
+        """Name the columns of groups, of those there are, that the analysis does not tell apart."""
+        names = dict.fromkeys(("group", *self.sessions.groups))
+        return [name for name in names if name in columns and name not in self.split]
 
     @classmethod
     def from_mapping(cls, tables: Mapping[str, Any], *, file: str | None = None) -> ReadOptions:

@@ -16,8 +16,8 @@ import pandas as pd
 
 from percept.errors import UsageError, counted
 from percept.sessions import checks
-from percept.sessions.options import ReadOptions
-from percept.sessions.quantities import IMPEDANCE, Quantities, trial_columns
+from percept.sessions.options import DataTables, ReadOptions
+from percept.sessions.quantities import Quantities, trial_columns
 from percept.sessions.reading import Reading
 from percept.sessions.records import (
     IDS,
@@ -59,16 +59,10 @@ class Sessions:
     provenance : DataFrame
         `file` (index into `sources`) and `row` (physical line, the header being 1) of each row of
         `table`.
-    listed : tuple of str
-        Environments in the order in which the scene lists them.
-    pooled : tuple of str
-        Columns of groups that the analysis does not tell apart.
-    quantities : mapping of str to Quantity
-        What may be adjusted, by name.
+    options : ReadOptions
+        How the files were read.
     factor : Factor, optional
         The factor within subjects whose levels `environment` tells apart.
-    family : str
-        That of the analysis; the normal one takes zeros and negative values.
     """
 
     table: pd.DataFrame
@@ -78,20 +72,28 @@ class Sessions:
     exclusions: tuple[Exclusion, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict)
     provenance: pd.DataFrame = field(default_factory=lambda: pd.DataFrame({"file": [], "row": []}))
-    listed: tuple[str, ...] = ()
-    pooled: tuple[str, ...] = ()
-    quantities: Quantities = field(default_factory=lambda: IMPEDANCE)
+    options: ReadOptions = field(default_factory=ReadOptions)
     factor: Factor | None = None
-    family: str = "lognormal"
 
     @classmethod
-    def from_frame(cls, frame: pd.DataFrame, *, options: ReadOptions | None = None) -> Sessions:
+    def from_frame(
+        cls,
+        frame: pd.DataFrame,
+        *,
+        scene: DataTables | None = None,
+        options: ReadOptions | None = None,
+    ) -> Sessions:
         """Build from a DataFrame as :func:`read_sessions` does from a file, its header being row 1."""
         if not isinstance(frame, pd.DataFrame):
             hint = "read_sessions reads files."
             raise UsageError(f"a DataFrame is needed, not {type(frame).__name__}.", hint=hint)
-        reading = Reading(options or ReadOptions())
+        reading = Reading(options or ReadOptions.of(scene))
         return _merged(reading, reading.frame(frame))
+
+    @property
+    def quantities(self) -> Quantities:
+        """What may be adjusted, by name."""
+        return self.options.quantities
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -120,13 +122,15 @@ class Sessions:
         else:
             wide = self.table.pivot_table("reference", "environment", "parameter", sort=False)
             references = wide.reindex(columns=list(self.quantities))
-        return checks.in_order(references, self.listed)
+        listed = self.options.environments if self.factor is None else self.factor.cells
+        return checks.in_order(references, listed)
 
     @property
     def masses(self) -> dict[str, float]:
         """Mass of each environment, kg; 0 where the study gives none."""
         if MASS not in self.table:
-            return dict.fromkeys(self.environments, 0.0)
+            declared = self.options.environments
+            return {name: declared.get(name, {}).get(MASS, 0.0) for name in self.environments}
         known = self.table.drop_duplicates("environment").set_index("environment")[MASS]
         return {name: float(known[name]) for name in self.environments}
 
@@ -146,7 +150,8 @@ class Sessions:
             known = index in self.provenance.index
             return dict(zip(("file", "row"), self.locate(index), strict=True)) if known else {}
 
-        return tuple(checks.screen(self.table, self.parameters, place, self.pooled, self.family))
+        pooled = self.options.pooled(self.table.columns)
+        return tuple(checks.screen(self.table, self.parameters, place, pooled, self.options.family))
 
     def locate(self, index: int) -> tuple[str, int]:
         """File name and physical row (the header being 1) of an observation, by its label in `table`."""
@@ -165,6 +170,7 @@ class Sessions:
 
 def read_sessions(
     *paths: str | Path | pd.DataFrame,
+    scene: DataTables | None = None,
     columns: Mapping[str, Any] | None = None,
     options: ReadOptions | None = None,
 ) -> Sessions:
@@ -175,11 +181,14 @@ def read_sessions(
     *paths : str, Path or DataFrame
         Files, folders or glob patterns; CSV in any dialect, gz and zip archives of them, Parquet
         and Excel. Or one DataFrame, with the columns of a session file.
+    scene : Scene, optional
+        Its [quantities], [columns], [sessions], [environments] and [study] factor say how the files
+        are read. Give the same scene to :class:`~percept.Study`.
     columns : mapping, optional
         From canonical name (subject, session, environment, trial, k_ref, b_ref, k_adj, b_adj) to
-        the files' own column name or a table {name, unit, path}; it goes before `options.columns`.
+        the files' own column name or a table {name, unit, path}. It goes before the scene's.
     options : ReadOptions, optional
-        How to read them; the scene's tables give one by `ReadOptions.from_mapping`.
+        How to read them, in place of a scene.
 
     Returns
     -------
@@ -193,7 +202,7 @@ def read_sessions(
         What cannot be read as it stands, each problem with file, row, column, value and what to do;
         a :class:`~percept.sessions.ReadError` lists up to ten and holds them all.
     """
-    options = (options or ReadOptions()).with_columns(columns)
+    options = (options or ReadOptions.of(scene)).with_columns(columns)
     files = [path for path in paths if not isinstance(path, pd.DataFrame)]
     for frame in (path for path in paths if isinstance(path, pd.DataFrame)):
         if len(paths) > 1:
@@ -225,7 +234,7 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
     place = reading.place(merged)
     columns, groups = list(SUMMARY_COLUMNS), list[str]()
     if "summary" in forms:
-        checks.check_summary(merged, quantities, place, problems)
+        checks.check_summary(merged, options, place, problems)
         problems.raise_if_any()
         merged["n"] = merged["n"].astype(np.int64)
         reading.counts["observations"] = len(merged)
@@ -253,10 +262,7 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
         exclusions=tuple(reading.exclusions),
         counts=dict(reading.counts),
         provenance=merged[["file", "row"]].astype(np.int64),
-        listed=tuple(options.environments),
-        pooled=reading.pooled(tidy),
-        quantities=quantities,
-        family=options.family,
+        options=options,
     )
 
 
@@ -270,9 +276,10 @@ def refuse_gaps(sessions: Sessions, column: str) -> None:
         raise UsageError(message, column=column, hint=hint)
     table = sessions.table
     if column not in table:
-        message = f"there is no such column; the columns are {', '.join(map(str, table))}."
+        message = f"the sessions have no such column; they have {', '.join(map(str, table))}."
         hint = (
-            f'A column that is no part of the format is kept by [sessions] groups = ["{column}"].'
+            "Read the files with the scene that names it: read_sessions(files, scene=scene)."
+            f' A column of groups is kept by [sessions] groups = ["{column}"].'
         )
         raise UsageError(message, column=column, hint=hint)
     blank = table[column].astype(str).str.strip() == ""
@@ -301,4 +308,4 @@ def by_level(sessions: Sessions, column: str) -> Sessions:
             f"two cells would have one name: {shown(list(cells))}.", column=column, hint=hint
         )
     table = sessions.table.assign(environment=names + " (" + levels + ")")
-    return replace(sessions, table=table, listed=tuple(cells), factor=replace(factor, cells=cells))
+    return replace(sessions, table=table, factor=replace(factor, cells=cells))

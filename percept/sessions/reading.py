@@ -111,11 +111,6 @@ class Reading:
         files, rows = table["file"].to_numpy(), table["row"].to_numpy()
         return lambda at: {"file": self.sources[int(files[at])].name, "row": int(rows[at])}
 
-    def pooled(self, table: pd.DataFrame) -> tuple[str, ...]:
-        """Columns of groups that the analysis does not tell apart."""
-        names = dict.fromkeys(("group", *self.options.sessions.groups))
-        return tuple(c for c in names if c in table and c not in self.options.split)
-
     def check(self, table: pd.DataFrame, parameters: Iterable[str], rows: pd.Series[int]) -> None:
         """Look at units, ids and cells over all files; a row stands for as many as `rows` says."""
         known = [self.options.quantities[p] for p in parameters]

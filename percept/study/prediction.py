@@ -93,7 +93,8 @@ def predict(
     stiffness, damping : float
         Of the environment, N/m and N·s/m; each where the study analyses it.
     at : mapping of str to float, optional
-        References by the name of their quantity, in its unit.
+        References by the name of their quantity, in its unit; "m" is the environment's mass, kg,
+        where the tested ones differ in theirs.
 
     Returns
     -------
@@ -110,6 +111,8 @@ def predict(
     quantities, asked = study.sessions.quantities, study.scene.inference
     named = {"k": stiffness, "b": damping}
     given = {p: value for p, value in named.items() if value is not None} | dict(at or {})
+    rendered = is_impedance(study.parameters) and "m" not in quantities
+    mass = _mass(study, given.pop("m", None)) if rendered else 0.0
     for parameter in (p for p in given if p not in study.parameters):
         known = {**IMPEDANCE, **quantities}.get(parameter)
         raise UsageError(
@@ -146,7 +149,7 @@ def predict(
     if study.setup is not None and is_impedance(study.parameters):
         laws = [] if study.sessions.form == "summary" else list(_laws(fit, expected, scale, asked))
         environment = haptics.Environment(
-            stiffness=float(reference[0]), damping=float(reference[1])
+            stiffness=float(reference[0]), damping=float(reference[1]), mass=mass
         )
         setup = dataclasses.replace(study.setup, references={_NEW: environment})
         drawing = Drawing(
@@ -195,6 +198,19 @@ def _fit(study: Study) -> Fit:
     if not study.fit.passed:
         raise RefusalError(f"the posterior is withheld: {study.fit.withheld}")
     return study.fit
+
+
+def _mass(study: Study, given: float | None) -> float:
+    """Mass of the new environment, kg: the one given, or the one that all tested environments have."""
+    tested = set(study.sessions.masses.values())
+    if given is None and len(tested) > 1:
+        masses = ", ".join(f"{mass:g}" for mass in sorted(tested))
+        message = f"the mass of the new environment is missing; tested ones have {masses} kg."
+        raise UsageError(message, key="m", hint='Give it: at={"m": …}, or --at m=….')
+    mass = next(iter(tested)) if given is None else float(given)
+    if not (np.isfinite(mass) and mass >= 0):
+        raise UsageError("the mass of the new environment is 0 or more kg.", key="m", value=mass)
+    return mass
 
 
 def _positive(quantity: Quantity, value: float | None) -> float:

@@ -83,6 +83,7 @@ def prepare_reduced(reduced: Reduced, scene: Scene) -> Prepared:
 
 def _parameters(reduced: Reduced, scene: Scene) -> tuple[str, ...]:
     """Parameters to be analysed, of a scene that fits the reduction."""
+    reduced.options.require(scene)
     if (family := scene.inference.family) != reduced.family:
         message = f"the trials were reduced to responses of the family {reduced.family!r}."
         hint = "Reduce them again, or change the scene."

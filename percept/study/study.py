@@ -83,7 +83,7 @@ class Study(StudyViews):
     Raises
     ------
     UsageError
-        Anything but Sessions.
+        Anything but Sessions, or sessions that were read without what the scene says on data.
     RefusalError
         From the properties, where the data cannot carry the analysis.
     """
@@ -102,6 +102,7 @@ class Study(StudyViews):
                 hint="read_sessions reads files, Sessions.from_frame takes a DataFrame.",
             )
         self.scene = scene or Scene()
+        sessions.options.require(self.scene)
         factor = self.scene.study.factor
         self.sessions = by_level(sessions, factor) if factor else sessions
         self.progress = progress
@@ -119,7 +120,7 @@ class Study(StudyViews):
 
     @property
     def environments(self) -> tuple[str, ...]:
-        """Environments, in order of first appearance."""
+        """Environments as the scene lists them, then by their references."""
         return self.sessions.environments
 
     @cached_property

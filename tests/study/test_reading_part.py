@@ -1,0 +1,155 @@
+"""A scene's tables on data reach Python, or the study says that they did not."""
+
+from __future__ import annotations
+
+import pytest
+
+from percept import Scene, Sessions, Study, UsageError, read_sessions
+from percept.sessions import reduce_sessions
+from percept.study.prediction import predict
+from percept.study.reduced import reduced_intervals
+
+ROWS = """participant,wall,k_ref,b_ref,stiffness,b_adj,side
+Ann,VE1,500,2,0.56,2.4,left
+Ben,VE1,500,2,0.61,1.9,left
+Cem,VE1,500,2,0.53,2.6,left
+Dee,VE1,500,2,0.64,2.2,left
+Ann,VE2,900,3,0.96,3.4,left
+Ben,VE2,900,3,1.01,2.9,left
+Cem,VE2,900,3,0.93,3.6,left
+Dee,VE2,900,3,1.04,3.2,left
+"""
+COLUMNS = {
+    "subject": "participant",
+    "environment": "wall",
+    "k_adj": {"name": "stiffness", "unit": "N/mm"},
+}
+DEVICE = {"mass": 1.0, "damping": 5.0, "period": 0.001}
+CLASSICAL = {"method": "classical"}
+
+
+@pytest.fixture
+def walls(tmp_path):
+    path = tmp_path / "walls.csv"
+    path.write_text(ROWS)
+    return path
+
+
+def scene(**tables):
+    return Scene(columns=COLUMNS, device=DEVICE, inference=CLASSICAL, **tables)
+
+
+def test_a_scene_says_how_its_files_are_read(walls):
+    given = scene(
+        sessions={"exclude": [{"column": "subject", "equals": "Dee"}]},
+        environments={"VE2": {"m_ref": 0.25}},
+    )
+    study = Study(read_sessions(walls, scene=given), given)
+    assert study.sessions.subjects == ("Ann", "Ben", "Cem")
+    assert study.sessions.table["k_adj"].max() == 1010.0
+    assert study.environments == ("VE2", "VE1")
+    assert study.setup.references["VE2"].mass == 0.25
+    frame = study.sessions.table.rename(columns={"subject": "participant", "environment": "wall"})
+    frame["stiffness"] = frame.pop("k_adj") / 1000.0
+    again = Sessions.from_frame(frame, scene=given)
+    assert again.table["k_adj"].max() == pytest.approx(1010.0)
+
+
+def test_columns_of_the_call_go_before_the_scenes(walls):
+    given = scene()
+    sessions = read_sessions(walls, scene=given, columns={"session": "side"})
+    assert set(sessions.table["session"]) == {"left"}
+    assert sessions.table["k_adj"].max() == 1040.0
+    assert Study(sessions, given).sessions is sessions
+
+
+@pytest.mark.parametrize(
+    ("tables", "named"),
+    [
+        ({"columns": COLUMNS}, "[columns]"),
+        ({"sessions": {"exclude": [{"column": "subject", "equals": "Dee"}]}}, "[sessions]"),
+        ({"sessions": {"groups": "side"}}, "[sessions]"),
+        ({"environments": {"VE1": {"m_ref": 0.5}}}, "[environments]"),
+        ({"quantities": {"duration": {"unit": "ms"}}}, "[quantities]"),
+        (
+            {"columns": COLUMNS, "environments": {"VE1": {"m_ref": 0.5}}},
+            "[columns] and [environments]",
+        ),
+    ],
+)
+def test_a_part_that_was_not_applied_is_an_error(walls, tables, named):
+    read_sessions(walls, scene=scene(sessions={"groups": "side"})).table.to_csv(walls, index=False)
+    sessions = read_sessions(walls)
+    with pytest.raises(UsageError) as caught:
+        Study(sessions, Scene(inference=CLASSICAL, **tables))
+    assert str(caught.value) == (
+        f"the sessions were read without {named} of the scene. "
+        "Read them with it: read_sessions(files, scene=scene)."
+    )
+    reduced = reduce_sessions(walls)
+    with pytest.raises(UsageError, match="were read without"):
+        reduced_intervals(reduced, Scene(inference=CLASSICAL, **tables))
+
+
+def test_a_factor_whose_column_was_not_kept_is_an_error(walls):
+    given = scene(study={"factor": "side"})
+    sessions = read_sessions(walls, scene=scene())
+    with pytest.raises(UsageError, match=r"read_sessions\(files, scene=scene\)") as caught:
+        Study(sessions, given)
+    assert caught.value.column == "side"
+
+
+def test_blocks_are_read_by_the_scene_too(walls):
+    given = scene()
+    reduced = reduce_sessions(walls, scene=given)
+    rows = reduced_intervals(reduced, given)
+    assert rows["estimate"].max() > 900.0
+
+
+def test_only_a_scene_says_how_files_are_read(walls):
+    with pytest.raises(UsageError, match=r"a scene is needed, not dict\. Scene\.load reads"):
+        read_sessions(walls, scene={"columns": COLUMNS})
+
+
+SUMMARY = """environment,parameter,reference,lower,upper,n,level
+VE1,k,500,450,650,10,0.99
+VE1,b,2,1.5,3,10,0.99
+VE2,k,900,850,1150,10,0.99
+VE2,b,3,2.5,4,10,0.99
+"""
+
+
+def test_masses_reach_published_limits_and_predictions(tmp_path):
+    path = tmp_path / "published.csv"
+    path.write_text(SUMMARY)
+    walls = {"VE1": {"m_ref": 0.5}, "VE2": {"k_ref": 900.0, "m_ref": 0.5}}
+    inference = {"tolerance": 0.2, "kinds": ["mean"], "method": "bayesian"}
+    given = Scene(device=DEVICE, environments=walls, inference=inference)
+    study = Study(read_sessions(path, scene=given), given)
+    assert study.sessions.masses == {"VE1": 0.5, "VE2": 0.5}
+    assert study.setup.references["VE1"].mass == 0.5
+    one = predict(study, stiffness=700.0, damping=2.5).boundaries
+    other = predict(study, stiffness=700.0, damping=2.5, at={"m": 0.0}).boundaries
+    assert one[0].reference != pytest.approx(other[0].reference)
+    with pytest.raises(UsageError, match="is 0 or more kg"):
+        predict(study, stiffness=700.0, damping=2.5, at={"m": -1.0})
+
+
+def test_masses_that_differ_leave_a_prediction_without_one(tmp_path):
+    path = tmp_path / "published.csv"
+    path.write_text(SUMMARY)
+    given = Scene(device=DEVICE, environments={"VE1": {"m_ref": 0.5}}, inference=CLASSICAL)
+    study = Study(read_sessions(path, scene=given), given)
+    with pytest.raises(UsageError, match=r"tested ones have 0, 0\.5 kg") as caught:
+        predict(study, stiffness=700.0, damping=2.5)
+    assert "--at m=" in caught.value.hint
+
+
+def test_references_of_a_published_table_are_held_to_the_scenes(tmp_path):
+    path = tmp_path / "published.csv"
+    path.write_text(SUMMARY)
+    given = Scene(environments={"VE2": {"k_ref": 950.0}})
+    with pytest.raises(UsageError) as caught:
+        read_sessions(path, scene=given)
+    assert "[environments] gives 'VE2' the reference 950." in str(caught.value)
+    assert (caught.value.row, caught.value.value) == (4, 900.0)
