@@ -17,12 +17,20 @@ from percept.report.document import data_of, provenance
 from percept.report.figures.canvas import COLOURS
 from percept.report.figures.curves import draw_magnitude, draw_stability, like_limits, reference_of
 from percept.report.figures.from_document import (
+    axis_of_bars,
     band_series,
     bars_of,
     values_of,
 )
 from percept.report.figures.marks import draw_band, draw_intervals
-from percept.report.select import Record, array, each_by_itself, families_of, quantities_of
+from percept.report.select import (
+    Record,
+    array,
+    compared_by_difference,
+    each_by_itself,
+    families_of,
+    quantities_of,
+)
 from percept.results.plain import plain
 from percept.study import Study
 from percept.study.basics import select
@@ -41,6 +49,12 @@ def plot_intervals(
     kinds = select("kind", kinds, study.scene.inference.kinds)
     document = _document(study, intervals=plain(study.intervals))
     quantities, log = quantities_of(document), families_of(document)[0] == "lognormal"
+    differences = compared_by_difference(document["intervals"]).intersection(parameters)
+    if differences and len(parameters) > 1:
+        raise UsageError(
+            "quantities with a reference of zero or below are drawn one at a time.",
+            hint=f"Name one of {', '.join(parameters)}.",
+        )
     rows, bars, values = [], [], []
     for name in parameters:
         for environment in study.environments:
@@ -58,9 +72,19 @@ def plot_intervals(
         raise _nothing("interval that has a reference")
     with rc_context(_STYLE):
         ax = _axes(ax)
-        draw_intervals(ax, rows, bars, values, log=log, subject=study.scene.study.subject[0])
-        words = quantities[parameters[0]].words if len(parameters) == 1 else "value"
-        ax.set_xlabel(f"adjusted {words} / reference")
+        relative = not differences
+        draw_intervals(
+            ax,
+            rows,
+            bars,
+            values,
+            log=log and relative,
+            subject=study.scene.study.subject[0],
+            centre=1.0 if relative else 0.0,
+        )
+        quantity = quantities[parameters[0]]
+        words = quantity.words if len(parameters) == 1 else "value"
+        ax.set_xlabel(axis_of_bars(f"adjusted {words}", quantity, relative=relative))
         for tick in ax.get_yticklabels():
             tick.set_parse_math(False)  # of axes that were there before, the ticks were too
         # Rows fill the axes: there is no room for a legend inside.

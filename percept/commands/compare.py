@@ -124,14 +124,15 @@ def _contrasts(study: Study, arguments: argparse.Namespace, progress: Working) -
     if arguments.json:
         stated = {"factor": factor.name, "levels": factor.levels, **_stated(study), "notes": notes}
         return print_json({**stated, "contrast": table})
-    ratio = "ratio" if study.scene.inference.family == "lognormal" else "difference, in references"
-    units = {"bias": ratio, "spread": "ratio of SDs between users"}
     print("\n".join([f"{factor.name}: the same subjects at {', '.join(factor.levels)}.", *notes]))
     print(f"Paired, {_claim(study)}.")
     table = table.assign(environment=table["environment"].fillna("overall"))
-    for names, alike in table.groupby(["first", "second", "of"], sort=False):
-        first, second, of = map(str, names)
-        _print(f"{of.capitalize()}, {second} against {first}, {units[of]}:", alike[_CONTRAST])
+    for names, alike in table.groupby(["first", "second", "of", "unit"], sort=False):
+        first, second, of, unit = map(str, names)
+        measure = "ratio of SDs between users" if of == "spread" else "ratio"
+        if unit:
+            measure = f"difference, in {unit}"
+        _print(f"{of.capitalize()}, {second} against {first}, {measure}:", alike[_CONTRAST])
     return None
 
 

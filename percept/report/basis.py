@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache, reduce
 from importlib import resources
 from typing import Any
@@ -16,6 +16,7 @@ from percept.report.select import (
     METHODS,
     Record,
     Section,
+    compared_by_difference,
     distinct,
     escaped,
     family_of,
@@ -24,6 +25,7 @@ from percept.report.select import (
     pointed,
     quantities_of,
 )
+from percept.sessions.quantities import Quantity
 
 
 def comparison(document: Record) -> Section | None:
@@ -36,24 +38,34 @@ def comparison(document: Record) -> Section | None:
         "families": distinct(rows, "family"),
         "methods": METHODS,
         "units": listed([f"{q.symbol} in {q.unit or 'its own unit'}" for q in quantities]),
-        "sentence": _apart(rows),
+        "sentence": _apart(rows, quantities_of(document)),
         "ladder": document["ladder"],
         "rows": rows,
     }
     return Section("comparison", "Classical against Bayesian", values)
 
 
-def _apart(rows: Sequence[Record]) -> str:
+def _apart(rows: Sequence[Record], quantities: Mapping[str, Quantity]) -> str:
     """Say in two sentences how far the methods lie apart."""
     ratios = [float(row["width_ratio"]) for row in rows if row.get("width_ratio") is not None]
-    shifts = [abs(float(row["shift"])) for row in rows if row.get("shift") is not None]
-    if not ratios or not shifts:
+    shifted = [row for row in rows if row.get("shift") is not None]
+    if not ratios or not shifted:
         return ""
+    farthest: dict[str | None, float] = {}  # By quantity; None for all whose shift is a fraction
+    for row in shifted:
+        name = None if row["relative"] else row["parameter"]
+        farthest[name] = max(farthest.get(name, 0.0), abs(float(row["shift"])))
+    apart = []
+    for name, size in farthest.items():
+        if name is None:
+            apart.append(percentage(size, 2))
+        else:
+            apart.append(f"{bare(rounded(size, 2))} {quantities[name].unit}".strip())
     least, most = (bare(rounded(end(ratios), 2)) for end in (min, max))
     wide = f"{least} times" if least == most else f"{least} to {most} times"
     return (
         f"Of the same family and kind, Bayesian intervals are {wide} as wide as classical ones. "
-        f"Their estimates lie at most {percentage(max(shifts), 2)} apart."
+        f"Their estimates lie at most {listed(apart)} apart."
     )
 
 
@@ -177,6 +189,7 @@ def methods(document: Record) -> Section:
         "device": scene.get("device"),
         "coupling": scene.get("coupling") if document["coupling"] else None,
         "family": family_of(document),
+        "deviation": _deviation(document),
         "kinds": kinds,
         "classical": "classical" in used,
         "classical_kinds": listed([_CLASSICAL[kind] for kind in kinds]),
@@ -191,6 +204,22 @@ def methods(document: Record) -> Section:
         "bibtex": bibtex(document),
     }
     return Section("methods", "Methods, ready to paste", values)
+
+
+def _deviation(document: Record) -> str:
+    """Say what the responses of the normal family are."""
+    quantities, differences = quantities_of(document), compared_by_difference(document["intervals"])
+    scales = document["provenance"]["scene"].get("model", {}).get("scale", {})
+    labels = {name: quantity.label for name, quantity in quantities.items()}
+    parts = []
+    if relative := [label for name, label in labels.items() if name not in differences]:
+        of = "" if not differences else f" ({' and '.join(relative)})"
+        parts.append(f"relative deviation of the adjustment from the reference{of}")
+    for name in (name for name in quantities if name in differences and name in scales):
+        of = f" of {labels[name]}" if relative or len(differences) > 1 else ""
+        size = quantities[name].amount(scales[name])
+        parts.append(f"difference{of} between adjustment and reference in steps of {size}")
+    return " and ".join(parts)
 
 
 def worst_curve(boundaries: Sequence[Record]) -> dict[str, Any] | None:

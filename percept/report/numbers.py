@@ -89,6 +89,8 @@ def _written(value: float, digits: int, style: str) -> str:
         return f"{100 * value:.10g}\u202f%".replace("-", "−")
     if style == "bias":
         return _bias(float(value))
+    if style == "difference":
+        return ("+" if value > 0 else "") + bare(rounded(float(value), digits))
     if style == "percent":
         return percentage(value, digits)
     if style == "error":

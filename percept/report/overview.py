@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from percept.errors import counted
+from percept.inference.record import percent
 from percept.report.numbers import bare, digits_of, rounded
 from percept.report.select import (
     METHODS,
     STATISTICS,
     Record,
     Section,
+    compared_by_difference,
     distinct,
     families_of,
     first,
@@ -23,6 +24,7 @@ from percept.report.select import (
     pointed,
     quantities_of,
 )
+from percept.sessions.quantities import Quantity
 
 _NAMED = 5  # more names than this are counted, not listed
 _KIND = "user"  # whose boundary decides whether an environment feels real
@@ -56,51 +58,59 @@ def overview(document: Mapping[str, Any]) -> dict[str, Any]:
     """Return the rows of the first table, how real each environment feels, and the sentences above them."""
     intervals = matching(document["intervals"], joint="marginal")
     best = {"method": METHODS[::-1], "family": families_of(document)}
-    rows = [
-        row
-        for environment in distinct(intervals, "environment")
-        for parameter in distinct(intervals, "parameter")
-        if (row := _row(matching(intervals, environment=environment, parameter=parameter), best))
-    ]
+    differences = compared_by_difference(intervals)
+    rows = []
+    for environment in distinct(intervals, "environment"):
+        for parameter in distinct(intervals, "parameter"):
+            alike = matching(intervals, environment=environment, parameter=parameter)
+            row = _row(alike, best, relative=parameter not in differences)
+            if row:
+                rows.append(row)
     realism = _realism(document, best)
-    labels = {name: quantity.label for name, quantity in quantities_of(document).items()}
-    sentences = [*_biases(rows, labels), *_feelings(realism), *_stability(document)]
-    sentences += _next_users(rows, labels)
+    quantities = quantities_of(document)
+    environments = document["data"]["words"]["environment"][1]
+    sentences = _biases(rows, quantities, environments)
+    sentences += _feelings(realism, environments)
+    sentences += _stability(document)
+    sentences += _next_users(rows, quantities)
     # The next user's ranges answer where no device lets percept judge what feels real.
     most = max(3, len(distinct(rows, "parameter")) + 2)
     return {"rows": rows, "realism": realism, "sentences": sentences[:most]}
 
 
-def _row(alike: Sequence[Record], best: Mapping[str, Sequence[str]]) -> dict[str, Any] | None:
+def _row(
+    alike: Sequence[Record], best: Mapping[str, Sequence[str]], *, relative: bool
+) -> dict[str, Any] | None:
     """Return what the table says of one quantity of one environment."""
-    mean, user = (first(matching(alike, kind=kind), **best) for kind in ("mean", _KIND))
+    mean = first(matching(alike, kind="mean"), **best)
+    user = first(matching(alike, kind=_KIND), **best)
     shown = mean or user
     if shown is None:
         return None
     reference = shown["reference"]
 
-    def ratio(interval: Record | None, name: str) -> float | None:
-        value = None if interval is None or not reference else interval[name]
-        over = math.inf if value is None else float(value) / reference
-        return over if math.isfinite(over) else None
-
     def bias(interval: Record | None, name: str) -> float | None:
-        if interval is not None and reference == 0 and isinstance(interval[name], (int, float)):
-            return float(interval[name])  # in units
-        over = ratio(interval, name)
-        return None if over is None else over - 1.0
+        value = None if interval is None else interval[name]
+        if value is None or reference is None:
+            return None
+        size = float(value) / reference - 1.0 if relative else float(value) - reference
+        return size if math.isfinite(size) else None
 
-    sides = ("lower", "upper")
-    return (
-        {
-            name: shown[name]
-            for name in ("environment", "parameter", "unit", "reference", "method", "family")
-        }
-        | {"estimate": shown["estimate"], "bias": bias(shown, "estimate")}
-        | {f"bias_{side}": bias(mean, side) for side in sides}
-        | {f"user_{side}": None if user is None else user[side] for side in sides}
-        | {f"user_{side}_ratio": ratio(user, side) for side in sides}
-    )
+    row = {
+        name: shown[name]
+        for name in ("environment", "parameter", "unit", "reference", "method", "family", "level")
+    }
+    row["estimate"] = shown["estimate"]
+    row["relative"] = relative
+    row["bias"] = bias(shown, "estimate")
+    for side in ("lower", "upper"):
+        row[f"bias_{side}"] = bias(mean, side)
+        row[f"user_{side}"] = None if user is None else user[side]
+        row[f"user_bias_{side}"] = bias(user, side)
+        row[f"user_{side}_ratio"] = None
+        if user is not None and relative and row[f"user_bias_{side}"] is not None:
+            row[f"user_{side}_ratio"] = float(user[side]) / reference
+    return row
 
 
 def _realism(document: Record, best: Mapping[str, Sequence[str]]) -> list[dict[str, Any]]:
@@ -142,53 +152,53 @@ def _realism(document: Record, best: Mapping[str, Sequence[str]]) -> list[dict[s
     ]
 
 
-def _biases(rows: Sequence[Record], labels: Mapping[str, str]) -> list[str]:
+def _biases(
+    rows: Sequence[Record], quantities: Mapping[str, Quantity], environments: str
+) -> list[str]:
     """Say for every quantity where users set too much and where too little."""
     several = len(distinct(rows, "environment")) > 1
     sentences = []
-    for parameter, ratios in itertools.product(distinct(rows, "parameter"), (True, False)):
-        clear = [
+    for parameter in distinct(rows, "parameter"):
+        judged = [
             row
             for row in matching(rows, parameter=parameter)
-            if None not in (row["bias"], row["bias_lower"]) and (row["reference"] != 0) == ratios
+            if row["bias"] is not None and row["bias_lower"] is not None
         ]
-        parts = [
-            f"{_sizes(found)} too {word}{f' in {_names(found, clear)}' if several else ''}"
-            for word, found in (
-                ("high", [row for row in clear if row["bias_lower"] > 0]),
-                (
-                    "low",
-                    [
-                        row
-                        for row in clear
-                        if row["bias_upper"] is not None and row["bias_upper"] < 0
-                    ],
-                ),
-            )
-            if found
-        ]
-        name = labels[parameter][:1].upper() + labels[parameter][1:]
+        high = [row for row in judged if row["bias_lower"] > 0]
+        low = [row for row in judged if row["bias_upper"] is not None and row["bias_upper"] < 0]
+        parts = []
+        for word, found in (("high", high), ("low", low)):
+            if found:
+                where = f" in {_names(found, judged, environments)}" if several else ""
+                parts.append(_sized(found, f"too {word}{where}"))
+        label = quantities[parameter].label
+        name = label[:1].upper() + label[1:]
         if parts:
-            sentences.append(f"{name} is set {' and '.join(parts)}.")
-        elif clear:
-            every = f" in any of {len(clear)} environments" if several else ""
+            sentences.append(f"{name} is {', and '.join(parts)}.")
+        elif judged:
+            every = f" in any of {len(judged)} {environments}" if several else ""
             sentences.append(f"{name} shows no clear bias{every}.")
     return sentences
 
 
-def _sizes(rows: Sequence[Record]) -> str:
-    sizes = sorted(abs(row["bias"]) for row in rows)
-    if rows[0]["reference"] == 0:
-        ends = dict.fromkeys(bare(rounded(size, 2)) for size in (sizes[0], sizes[-1]))
-        return f"{' to '.join(ends)} {rows[0]['unit']}".strip()
-    shown = [_size(size) for size in (sizes[0], sizes[-1])]
-    if shown[0] == shown[1]:
-        return shown[0]
-    return (
-        f"{shown[0].removesuffix(' %')} to {shown[1]}"
-        if shown[1].endswith("%")
-        else " to ".join(shown)
-    )
+def _sized(rows: Sequence[Record], said: str) -> str:
+    """Put the size of the bias to "too high in A", or the smallest and the largest with their names."""
+    by_size = sorted(rows, key=lambda row: abs(row["bias"]))
+    smallest, largest = by_size[0], by_size[-1]
+    size, most = _size_in_unit(smallest), _size_in_unit(largest)
+    if size == most:
+        return f"{size} {said}"
+    unit = most.rpartition(" ")[2]
+    if size.endswith(f" {unit}"):
+        size = size.removesuffix(f" {unit}")
+    return f"{said}, by {size} ({smallest['environment']}) to {most} ({largest['environment']})"
+
+
+def _size_in_unit(row: Record) -> str:
+    """Write the size of a bias, of the reference or in the quantity's unit, without its sign."""
+    if row["relative"]:
+        return _size(abs(row["bias"]))
+    return f"{bare(rounded(abs(row['bias']), 2))} {row['unit']}".strip()
 
 
 def _size(size: float) -> str:
@@ -200,14 +210,18 @@ def _size(size: float) -> str:
     return f"{100.0 * size:.2g} %" if size < 0.995 else f"{100 * size:.0f} %"
 
 
-def _names(rows: Sequence[Record], of: Sequence[Record]) -> str:
-    names, every = distinct(rows, "environment"), len(distinct(of, "environment"))
+def _names(rows: Sequence[Record], of: Sequence[Record], environments: str) -> str:
+    """Name the environments of rows, or count them where they are many."""
+    names = distinct(rows, "environment")
+    every = len(distinct(of, "environment"))
     if len(names) <= _NAMED:
         return listed(names)
-    return f"all {every}" if len(names) == every else f"{len(names)} of {every}"
+    if len(names) == every:
+        return f"all {every} {environments}"
+    return f"{len(names)} of {every} {environments}"
 
 
-def _feelings(realism: Sequence[Record]) -> list[str]:
+def _feelings(realism: Sequence[Record], environments: str) -> list[str]:
     """Say which references stay inside the next user's boundary through the coupling."""
     groups = {
         "inside": ("stays inside {}", "stay inside {}"),
@@ -218,7 +232,9 @@ def _feelings(realism: Sequence[Record]) -> list[str]:
     for verdict, said in groups.items():
         if found := [record for record in realism if record["coupled"]["verdict"] == verdict]:
             boundary = "it" if parts else "the next user’s boundary"
-            parts.append(f"{_names(found, realism)} {said[len(found) > 1].format(boundary)}")
+            parts.append(
+                f"{_names(found, realism, environments)} {said[len(found) > 1].format(boundary)}"
+            )
             if verdict == "outside":
                 most = max(record["coupled"]["departure"] for record in found)
                 parts[-1] += f" by up to {_size(most)}"
@@ -239,26 +255,47 @@ def _stability(document: Record) -> list[str]:
     return [said + poles * ("poles cannot" in (coupling.get("reason") or ""))]
 
 
-def _next_users(rows: Sequence[Record], labels: Mapping[str, str]) -> list[str]:
-    """Say between which multiples of the reference the next user's settings lie."""
+def _next_users(rows: Sequence[Record], quantities: Mapping[str, Quantity]) -> list[str]:
+    """Say where the next user's settings lie: in multiples of the reference, or how far from it."""
     sentences = []
     for parameter in distinct(rows, "parameter"):
-        alike = matching(rows, parameter=parameter)
         known = [
-            row for row in alike if None not in (row["user_lower_ratio"], row["user_upper_ratio"])
+            row
+            for row in matching(rows, parameter=parameter)
+            if row["user_bias_lower"] is not None and row["user_bias_upper"] is not None
         ]
         if not known:
             continue
-        by_width = sorted(known, key=lambda row: row["user_upper_ratio"] - row["user_lower_ratio"])
-        shown = by_width[-1:] if len(known) == 1 else [by_width[0], by_width[-1]]
-        ranges = [
-            " to ".join(bare(rounded(row[f"user_{side}_ratio"], 2)) for side in ("lower", "upper"))
-            + " times the reference"
-            + (f" ({row['environment']}, the {extreme})" if len(known) > 1 else "")
-            for row, extreme in zip(shown, ("narrowest", "widest"), strict=False)
-        ]
-        sentences.append(f"The next user sets {labels[parameter]} to {' and '.join(ranges)}.")
+        by_width = sorted(known, key=lambda row: row["user_bias_upper"] - row["user_bias_lower"])
+        if len(known) == 1:
+            ranges = [_user_range(known[0])]
+        else:
+            narrowest, widest = by_width[0], by_width[-1]
+            ranges = [
+                f"{_user_range(narrowest)} ({narrowest['environment']}, the narrowest)",
+                f"{_user_range(widest)} ({widest['environment']}, the widest)",
+            ]
+        sure = "confidence" if known[0]["method"] == "classical" else "probability"
+        sentences.append(
+            f"With {percent(known[0]['level'])} {sure}, the next user’s"
+            f" {quantities[parameter].label} will be {' and '.join(ranges)}."
+        )
     return sentences
+
+
+def _user_range(row: Record) -> str:
+    """Write the next user's range against the reference."""
+    lower, upper = row["user_bias_lower"], row["user_bias_upper"]
+    if row["relative"]:
+        ends = [bare(rounded(row[f"user_{side}_ratio"], 2)) for side in ("lower", "upper")]
+        return f"{' to '.join(ends)} times the reference"
+    ends = [bare(rounded(abs(end), 2)) for end in (lower, upper)]
+    sides = ["below" if end < 0 else "above" for end in (lower, upper)]
+    of = f" {row['unit']}" if row["unit"] else ""
+    if sides[0] == sides[1]:
+        nearer, farther = ends if lower >= 0 else ends[::-1]
+        return f"{nearer} to {farther}{of} {sides[0]} the reference"
+    return f"between {ends[0]}{of} below and {ends[1]}{of} above the reference"
 
 
 def summary(document: Record) -> Section:

@@ -163,6 +163,7 @@ def contrast(document: Record) -> Section | None:
             "second": second,
             "quantity": quantities[parameter],
             "of": of,
+            "unit": alike[0]["unit"],
             "rows": alike,
         }
         for first, second in pairs

@@ -93,6 +93,15 @@ def each_by_itself(record: Record) -> bool:
     return record["joint"] in EACH_BY_ITSELF
 
 
+def compared_by_difference(records: Iterable[Record]) -> set[str]:
+    """Return quantities with a reference of zero or below: a ratio to it would turn round or fail."""
+    return {
+        record["parameter"]
+        for record in records
+        if record["reference"] is not None and record["reference"] <= 0
+    }
+
+
 def matching(records: Iterable[Record], **wanted: Any) -> list[Record]:
     """Return the records whose fields have these values."""
     return [

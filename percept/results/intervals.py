@@ -49,9 +49,10 @@ class ContrastRow(NotebookRecord):
     level: float
     share: float | None
     confidence: float | None
-    lower: float  # A ratio (lognormal, or spread), or a difference in references
+    lower: float  # A ratio (lognormal, or spread), or a difference in `unit`
     upper: float
     estimate: float
+    unit: str  # Of differences: "references", or the quantity's where one of these is not positive
     p_value: float | None
     n: int  # Subjects with both levels
     covers: str
@@ -72,7 +73,8 @@ class MethodPair(NotebookRecord):
     upper_bayesian: float | None
     estimate_bayesian: float | None
     width_ratio: float | None  # Bayesian over classical
-    shift: float | None  # Bayesian estimate over the classical one, less one
+    relative: bool  # Whether all references of the parameter are positive
+    shift: float | None  # Bayesian estimate over the classical one, less one; else less the other
     overlap: float | None  # Shared over joined length, on the family's scale
 
 

@@ -96,15 +96,17 @@ def with_band(
     for one in banded:
         name, of = size_name(one.parameter), "" if len(banded) == 1 else f" of {one.parameter}"
         kept = {environment: value for environment, value in one.size.items() if value > 0}
-        for environment in (e for e in one.size if e not in kept):
-            yield Skipped(f"band{of} of {environment}", f"{what} is zero")
+        for environment, value in one.size.items():
+            if environment not in kept:
+                sign = "negative" if value < 0 else "zero"
+                yield Skipped(f"band{of} of {environment}", f"{what} is {sign}")
         if kept:
             yield one._replace(size=kept)
         if len(environments) < 2:
             continue
         if len(kept) < FEWEST:
             yield Skipped(
-                f"band law{of}", f"it needs {FEWEST} environments whose {name} is not zero"
+                f"band law{of}", f"it needs {FEWEST} environments whose {name} is positive"
             )
         elif not determines_laws(list(kept.values())):
             yield Skipped(f"band law{of}", f"without one environment the others share one {name}")

@@ -19,7 +19,7 @@ from percept.sessions.quantities import Quantity
 from percept.sessions.records import Factor
 from percept.study.basics import Array, Skipped, claim_of
 from percept.study.intervals import Row
-from percept.study.responses import Trials, lacking_scatter, trials
+from percept.study.responses import Trials, by_difference, lacking_scatter, trials
 
 # The classical contrasts do without the model.
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ class _Pair:
     quantity: Quantity
     asked: InferenceTable
     alone: bool  # Whether it is the only quantity analysed
+    scale: float | None  # Of differences in the quantity's unit; None for ratios and for references
 
     def __str__(self) -> str:
         return f"{self.quantity.label}, {self.levels[1]} against {self.levels[0]}"
@@ -53,8 +54,14 @@ class _Pair:
         """Make a row of lower, upper and estimate on the response scale; of spread where there is no kind."""
         asked, share = self.asked, kind == "share"
         log = asked.family == "lognormal"
-        with np.errstate(over="ignore"):
-            lower, upper, estimate = map(float, np.exp(ends) if kind and log else ends)
+        limits = np.asarray(ends, dtype=float)
+        if kind and log:
+            with np.errstate(over="ignore"):
+                limits = np.exp(limits)
+        elif kind and self.scale is not None:
+            limits = limits * self.scale
+        lower, upper, estimate = limits.tolist()
+        unit = "" if log or not kind else self.unit
         return {
             "factor": self.factor.name,
             "first": self.levels[0],
@@ -72,16 +79,24 @@ class _Pair:
             "lower": lower,
             "upper": upper,
             "estimate": estimate,
+            "unit": unit,
             "p_value": p_value,
             "n": n,
             "covers": self._covers(kind, method, n, log=log),
         }
 
+    @property
+    def unit(self) -> str:
+        """Unit of differences."""
+        return "references" if self.scale is None else self.quantity.unit or "its own unit"
+
     def _covers(self, kind: str | None, method: str, n: int, *, log: bool) -> str:
         """Say in a sentence what a contrast's limits hold."""
         first, second = self.levels
         how = (
-            f"{second} over {first}" if log or not kind else f"{second} less {first}, in references"
+            f"{second} over {first}"
+            if log or not kind
+            else f"{second} less {first}, in {self.unit}"
         )
         sure = percent(self.asked.confidence if kind == "share" else self.asked.level)
         sure += (
@@ -114,13 +129,14 @@ def contrast_rows(
     """Yield the contrasts of every method asked for; `how` is the sampler's progress and store."""
     factor, asked = sessions.factor, scene.inference
     assert factor is not None
-    pairs = {
-        p: [
-            _Pair(factor, pair, sessions.quantities[p], asked, len(parameters) == 1)
-            for pair in factor.pairs
+    pairs: dict[str, list[_Pair]] = {}
+    for p in parameters:
+        scale = scene.model.scale.get(p) if by_difference(sessions, p) else None
+        alone = len(parameters) == 1
+        pairs[p] = [
+            _Pair(factor, levels, sessions.quantities[p], asked, alone, scale)
+            for levels in factor.pairs
         ]
-        for p in parameters
-    }
     for p, of_quantity in pairs.items() if asked.method != "bayesian" else ():
         try:
             data = trials(sessions, scene, (p,))
@@ -231,7 +247,9 @@ def within_model(
         raise RefusalError("it needs two references that have both levels.")
     cells = [factor.cell(e, level) for e in names for level in levels]
     both = known[known["environment"].isin(cells)]
-    statistics = trials(dataclasses.replace(sessions, table=both), scene, (parameter,)).statistics
+    scaled = [parameter] if by_difference(sessions, parameter) else []
+    data = trials(dataclasses.replace(sessions, table=both), scene, (parameter,), scaled=scaled)
+    statistics = data.statistics
     lacking_scatter(statistics, (), sessions.quantities)
     at = [factor.cells[cell] for cell in statistics.environments]
     return WithinSubjects(

@@ -177,8 +177,13 @@ def _row(interval: Interval, cell: tuple[str, str], reference: float) -> Row:
 
 
 def compare_intervals(intervals: pd.DataFrame, family: str) -> pd.DataFrame:
-    """Pair the methods' marginal intervals; overlap is measured on the scale of the scene's family."""
+    """Pair the methods' marginal intervals; overlap is measured on the scale of the scene's family.
+
+    The shift of the estimates is relative, or in the quantity's unit where one of its references is
+    zero or negative.
+    """
     marginal = intervals[intervals["joint"] == "marginal"]
+    by_difference = marginal.loc[marginal["reference"] <= 0, "parameter"]
     names = ["environment", "parameter", "kind", "family"]
     pair = (
         marginal.loc[marginal["method"] == method, [*names, "lower", "upper", "estimate"]]
@@ -190,7 +195,10 @@ def compare_intervals(intervals: pd.DataFrame, family: str) -> pd.DataFrame:
         for side in ("lower", "upper")
     )
     both["width_ratio"] = (high[1] - low[1]) / (high[0] - low[0])
-    both["shift"] = both["estimate_bayesian"] / both["estimate_classical"] - 1.0
+    estimates = both["estimate_bayesian"], both["estimate_classical"]
+    both["relative"] = ~both["parameter"].isin(by_difference)
+    ratio = estimates[0] / estimates[1] - 1.0
+    both["shift"] = ratio.where(both["relative"], estimates[0] - estimates[1])
     if family == "lognormal":
         low, high = np.log(low), np.log(high)
     shared = high.min(axis=0) - low.max(axis=0)

@@ -97,10 +97,23 @@ def decades(reference: Array) -> Array:
     return logs - logs.mean(axis=1, keepdims=True)
 
 
+def by_difference(sessions: Sessions, parameter: str) -> bool:
+    """Say whether a reference is zero or negative, so that settings are compared by differences."""
+    return bool((references(sessions, (parameter,), sessions.environments) <= 0).any())
+
+
 def trials(
-    sessions: Sessions, scene: Scene, parameters: tuple[str, ...], *, partial: bool = False
+    sessions: Sessions,
+    scene: Scene,
+    parameters: tuple[str, ...],
+    *,
+    partial: bool = False,
+    scaled: Collection[str] = (),
 ) -> Trials:
-    """Take trials with all parameters asked for, unit-free; in part where values have no logarithm."""
+    """Take trials with all parameters asked for, unit-free; in part where values have no logarithm.
+
+    Deviations of parameters in `scaled` are in the scene's scale even if no reference is zero here.
+    """
     columns, skipped = [f"{p}_adj" for p in parameters], list[Skipped]()
     complete = sessions.table[columns].notna().all(axis=1)
     table = sessions.table[complete]
@@ -148,7 +161,7 @@ def trials(
     present = set(table["environment"])
     environments = tuple(name for name in sessions.environments if name in present)
     reference = references(sessions, parameters, environments)
-    unit = _units(reference, parameters, environments, scene)
+    unit = _units(reference, parameters, environments, scene, scaled)
     environment, subject = (
         pd.Categorical(table[name], categories=labels).codes.astype(np.intp)
         for name, labels in (("environment", environments), ("subject", subjects))
@@ -168,12 +181,16 @@ def trials(
 
 
 def _units(
-    reference: Array, parameters: tuple[str, ...], environments: tuple[str, ...], scene: Scene
+    reference: Array,
+    parameters: tuple[str, ...],
+    environments: tuple[str, ...],
+    scene: Scene,
+    scaled: Collection[str],
 ) -> Array:
-    """Return the unit of a response: the reference, or the scene's scale where a reference is zero."""
+    """Return the unit of a response: the reference, or the scene's scale where one is not positive."""
     unit, scales = reference.copy(), scene.model.scale
     for p, name in enumerate(parameters):
-        if np.all(reference[p] > 0):
+        if np.all(reference[p] > 0) and name not in scaled:
             continue
         if scene.inference.family == "lognormal" or name not in scales:
             refuse_no_ratio(

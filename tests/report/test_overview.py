@@ -16,7 +16,7 @@ def document(rows, *, realism=(), coupling=None):
         {
             "environment": name, "parameter": "k", "unit": "N/m", "reference": 10.0, "joint": "marginal",
             "method": "classical", "family": "lognormal", "kind": kind,
-            "lower": lower, "upper": upper, "estimate": estimate,
+            "lower": lower, "upper": upper, "estimate": estimate, "level": 0.99,
         }
         for name, low, estimate, high, user_low, user_high in rows
         for kind, lower, upper in (("mean", low, high), ("user", user_low, user_high))
@@ -24,12 +24,13 @@ def document(rows, *, realism=(), coupling=None):
     found = (
         None if coupling is None and not realism else {"realism": list(realism), **(coupling or {})}
     )
+    words = {"environment": ["environment", "environments"], "subject": ["subject", "subjects"]}
     quantities = {"k": {"name": "k", "label": "stiffness", "symbol": "k", "unit": "N/m"}}
     return {
         "intervals": intervals,
         "coupling": found,
         "provenance": {"scene": {}},
-        "data": {"quantities": quantities},
+        "data": {"quantities": quantities, "words": words},
     }
 
 
@@ -53,19 +54,22 @@ SOFT, HARD, NONE = ("A", 12, 15, 18, 5, 40), ("B", 8, 8.7, 9.5, 6, 12), ("C", 9,
 
 def test_biases_are_said_where_the_interval_leaves_the_reference_out():
     said = overview(document([SOFT, HARD, NONE]))["sentences"]
-    assert said[0] == "Stiffness is set 50 % too high in A and 13 % too low in B."
+    assert said[0] == "Stiffness is 50 % too high in A, and 13 % too low in B."
     assert (
         overview(document([NONE, ("D", 9, 10, 11, 8, 12)]))["sentences"][0]
         == "Stiffness shows no clear bias in any of 2 environments."
     )
-    assert overview(document([SOFT]))["sentences"][0] == "Stiffness is set 50 % too high."
+    assert overview(document([SOFT]))["sentences"][0] == "Stiffness is 50 % too high."
     twice = overview(document([SOFT, ("D", 1100, 2530, 4000, 5, 6)]))["sentences"][0]
-    assert twice == "Stiffness is set 50 % to 253 times too high in A and D."
+    assert twice == "Stiffness is too high in A and D, by 50 % (A) to 253 times (D)."
 
 
 def test_more_than_five_names_are_counted():
     rows = [(f"E{index}", 12, 15, 18, 5, 40) for index in range(6)] + [NONE]
-    assert overview(document(rows))["sentences"][0] == "Stiffness is set 50 % too high in 6 of 7."
+    (said, *_) = overview(document(rows))["sentences"]
+    assert said == "Stiffness is 50 % too high in 6 of 7 environments."
+    wider = overview(document([*rows[:5], ("E5", 12, 16, 18, 5, 40)]))["sentences"][0]
+    assert wider == "Stiffness is too high in all 6 environments, by 50 (E0) to 60 % (E5)."
 
 
 def test_what_feels_real_is_said_through_the_coupling():
@@ -104,8 +108,8 @@ def test_without_a_device_the_next_user_s_range_is_said():
     said = overview(document([SOFT, HARD]))["sentences"]
     assert (
         said[-1]
-        == "The next user sets stiffness to 0.6 to 1.2 times the reference (B, the narrowest) and "
-        "0.5 to 4 times the reference (A, the widest)."
+        == "With 99 % confidence, the next user’s stiffness will be 0.6 to 1.2 times the reference"
+        " (B, the narrowest) and 0.5 to 4 times the reference (A, the widest)."
     )
 
 
@@ -150,7 +154,39 @@ def test_the_bias_from_a_reference_of_zero_is_in_units():
     assert row["user_upper_ratio"] is None
     assert row["estimate"] == row["bias"] == 15
     assert (row["bias_lower"], row["bias_upper"]) == (12, 18)
-    assert found["sentences"][0] == "Stiffness is set 15 N/m too high."
+    assert found["sentences"][0] == "Stiffness is 15 N/m too high."
+
+
+@pytest.mark.parametrize(
+    ("reference", "ends", "said", "user"),
+    [
+        (-6.0, (-8, -7.19, -6.5, -9, -5), "1.2 N/m too low", "3 N/m below and 1 N/m above"),
+        (-6.0, (-5.5, -5, -4, -7, -1), "1 N/m too high", "1 N/m below and 5 N/m above"),
+        (-6.0, (-8, -7.19, -6.5, -9, -6.5), "1.2 N/m too low", "0.5 to 3 N/m below"),
+        (0.0, (1, 2, 3, 0.5, 4), "2 N/m too high", "0.5 to 4 N/m above"),
+    ],
+)
+def test_zero_and_negative_references_are_compared_by_differences(reference, ends, said, user):
+    made = document([("A", *ends)])
+    for row in made["intervals"]:
+        row["reference"] = reference
+    found = overview(made)
+    assert found["sentences"][0] == f"Stiffness is {said}."
+    assert f"{user} the reference" in found["sentences"][1]
+    (row,) = found["rows"]
+    assert row["relative"] is False
+    assert row["bias"] == pytest.approx(ends[1] - reference)
+    assert row["bias_lower"] < row["bias"] < row["bias_upper"]
+    assert row["user_lower_ratio"] is None
+
+
+def test_one_zero_reference_puts_the_whole_quantity_in_its_unit():
+    made = document([SOFT, ("D", 9, 11, 13, 5, 20)])
+    for row in made["intervals"]:
+        row["reference"] = 0.0 if row["environment"] == "D" else 10.0
+    found = overview(made)
+    assert [row["relative"] for row in found["rows"]] == [False, False]
+    assert found["sentences"][0] == "Stiffness is too high in A and D, by 5 (A) to 11 N/m (D)."
 
 
 def test_rows_are_the_bayesian_intervals_of_the_study_s_family(both):

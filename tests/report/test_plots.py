@@ -149,3 +149,27 @@ def test_a_dollar_sign_in_a_name_is_text(bare, ax):
     table = bare.sessions.table.assign(environment=bare.sessions.table["environment"] + " $x_1$")
     Study(Sessions.from_frame(table), bare.scene).plot_intervals("k", ax=ax)
     assert not any(label.get_parse_math() for label in ax.get_yticklabels())
+
+
+def test_zero_and_negative_references_are_drawn_as_differences(ax):
+    table = read_sessions(DATASETS / "hbfd_sessions.csv").table
+    table = table[["subject", "session", "trial", "environment", "k_ref", "k_adj"]].copy()
+    table["k_adj"] -= table["k_ref"] + 50.0
+    table["k_ref"] = -50.0
+    study = Study(Sessions.from_frame(table), Scene(inference={"method": "classical"}))
+    study.plot_intervals("k", kinds=["mean"], ax=ax)
+    rows = study.intervals.query("kind == 'mean' and family == 'normal' and joint == 'marginal'")
+    ends = {(row.lower + 50.0, row.upper + 50.0) for row in rows.itertuples()}
+    assert len(ends & bars(ax)) >= 3
+    assert ax.get_xlabel() == "adjusted stiffness k − reference (N/m)"
+    assert ax.get_xscale() == "linear"
+    assert [0.0, 0.0] in [list(line.get_xdata()) for line in ax.lines]
+
+
+def test_quantities_of_two_scales_are_drawn_one_at_a_time(ax):
+    table = read_sessions(DATASETS / "hbfd_sessions.csv").table.drop(columns="source")
+    study = Study(
+        Sessions.from_frame(table.assign(b_ref=0.0)), Scene(inference={"method": "classical"})
+    )
+    with pytest.raises(UsageError, match="drawn one at a time"):
+        study.plot_intervals(ax=ax)

@@ -122,6 +122,28 @@ def test_overall_contrasts_average_over_what_all_subjects_share():
     } == dict(made.skipped)
 
 
+@pytest.mark.parametrize("reference", [0.0, -6.0])
+def test_contrasts_without_a_ratio_are_in_the_quantity_s_unit(reference):
+    """At every scale: the scale only makes responses unit-free."""
+    table = frame()
+    table["k_adj"] = table["k_adj"] / table["k_ref"] + reference
+    table["k_ref"] = reference
+    wide = means(table, table["k_adj"])
+    for scale in (1.0, 10.0):
+        made = study(table, "normal", model={"scale": {"k": scale}})
+        row = row_of(made.contrasts, None)
+        right, left = (wide[level].mean(axis=1) for level in ("right", "left"))
+        assert row["estimate"] == pytest.approx((right - left).mean(), rel=1e-9)
+        interval = stats.ttest_rel(right, left).confidence_interval(0.95)
+        assert (row["lower"], row["upper"]) == pytest.approx((interval.low, interval.high))
+        assert row["unit"] == "N/m"
+        assert "(right less left, in N/m)" in row["covers"]
+        page = render_page(build_document(made), {}, date="2026-01-01")
+        assert "difference in N/m" in page
+        assert " N/m, <data" in page
+        assert "references, <data" not in page
+
+
 def test_three_levels_are_compared_two_by_two():
     found = study(frame(levels=("left", "right", "both"))).contrasts
     assert list(dict.fromkeys(zip(found["second"], found["first"], strict=True))) == [
@@ -157,8 +179,9 @@ def test_what_has_no_contrast_is_named():
     assert "[model] scale.k" in dict(study(zero, "normal").skipped)["contrasts of stiffness"]
     scaled = study(frame().assign(k_ref=0.0), "normal", model={"scale": {"k": 10.0}}).contrasts
     unscaled = study(frame().query("environment == 'VE1'"), "normal").contrasts
+    # In N/m, and in references of 10 N/m.
     assert row_of(scaled, "VE1")["lower"] == pytest.approx(
-        row_of(unscaled, "VE1")["lower"], rel=1e-12
+        10.0 * row_of(unscaled, "VE1")["lower"], rel=1e-12
     )
     alone = frame()
     alone = alone[(alone["subject"] == "S0") | (alone["hand"] == "left")]

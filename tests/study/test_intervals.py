@@ -9,7 +9,7 @@ import pytest
 
 from percept import read_sessions
 from percept.sessions import Sessions
-from percept.study.intervals import adjustments
+from percept.study.intervals import adjustments, compare_intervals
 from tests import DATASETS
 
 
@@ -59,3 +59,18 @@ def test_equal_values_have_no_scatter_and_are_described():
         adjustments(sessions_of([(s, "A", 10.0, 1.0, 1, 9.0, 1.5) for s in ("1", "2", "3")]))
     )
     assert [(one["mean"], one["sd"]) for one in found] == [(9.0, 0.0), (1.5, 0.0)]
+
+
+def test_estimates_about_a_negative_reference_shift_in_their_unit():
+    rows = [
+        {
+            "environment": "A", "parameter": p, "kind": "mean", "family": "normal",
+            "joint": "marginal", "method": method, "reference": reference,
+            "lower": estimate - 1.0, "upper": estimate + 1.0, "estimate": estimate,
+        }
+        for p, reference in (("k", -6.0), ("b", 6.0))
+        for method, estimate in (("classical", -0.5), ("bayesian", 0.5))
+    ]  # fmt: skip
+    found = compare_intervals(pd.DataFrame(rows), "normal").set_index("parameter")
+    assert found["relative"].to_dict() == {"k": False, "b": True}
+    assert found["shift"].to_dict() == {"k": 1.0, "b": -2.0}

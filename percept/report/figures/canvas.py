@@ -81,20 +81,24 @@ def panels(
 _GENEROUS = 3.0
 
 
-def common_range(lows: ArrayLike, highs: ArrayLike, *, log: bool) -> tuple[float, float]:
-    """Return the ends of an axis for groups of ratios, about 1: no group flattens the others."""
+def common_range(
+    lows: ArrayLike, highs: ArrayLike, *, log: bool, centre: float = 1.0
+) -> tuple[float, float]:
+    """Return the ends of an axis for groups about a centre, ratios about 1: no group flattens the others."""
     ends = []
     for sign, sides in ((-1.0, lows), (1.0, highs)):
         values = np.asarray(sides, dtype=float)
         with np.errstate(divide="ignore"):
-            out = np.maximum(sign * (np.log(np.maximum(values, 0.0)) if log else values - 1.0), 0.0)
+            out = np.maximum(
+                sign * (np.log(np.maximum(values, 0.0)) if log else values - centre), 0.0
+            )
         # An infinite end is cut off like any other that lies far out, and decides nothing.
         middle = float(np.median(out))
         far = (
             _GENEROUS * middle if 0.0 < middle < np.inf else out[np.isfinite(out)].max(initial=0.0)
         )
         end = sign * float(min(out.max(), far or 1.0))
-        ends.append(float(np.exp(end)) if log else 1.0 + end)
+        ends.append(float(np.exp(end)) if log else centre + end)
     return ends[0], ends[1]
 
 

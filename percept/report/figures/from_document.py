@@ -36,12 +36,14 @@ from percept.report.select import (
     METHODS,
     Record,
     array,
+    compared_by_difference,
     distinct,
     families_of,
     first,
     matching,
     quantities_of,
 )
+from percept.sessions.quantities import Quantity
 
 FloatArray = NDArray[np.float64]
 _BARS = {
@@ -87,6 +89,8 @@ def _interval_drawing(document: Record, parameter: str, bars: list[Bar]) -> Draw
     rows = matching(document["intervals"], parameter=parameter, joint="marginal")
     environments, families = distinct(rows, "environment"), families_of(document)
     values = [values_of(document, one, parameter) for one in environments]
+    relative = parameter not in compared_by_difference(rows)
+    centre = 1.0 if relative else 0.0
     groups = len({(bar.kind, bar.method) for bar in bars})
 
     def draw(figure: Figure) -> None:
@@ -94,14 +98,16 @@ def _interval_drawing(document: Record, parameter: str, bars: list[Bar]) -> Draw
         width = LETTER * max(map(len, labels))
         (ax,) = panels(figure, left=max(_LEAST_MARGIN, width + _MARGIN_BESIDE), bottom=20.4)
         log, subject = families[0] == "lognormal", document["data"]["words"]["subject"][0]
-        draw_intervals(ax, environments, bars, values, log=log, labels=labels, subject=subject)
-        ax.set_title(quantities_of(document)[parameter].head, loc="left")
-        ax.set_xlabel("adjusted / reference")
+        words: dict[str, Any] = {"labels": labels, "subject": subject}
+        draw_intervals(ax, environments, bars, values, log=log and relative, centre=centre, **words)
+        quantity = quantities_of(document)[parameter]
+        ax.set_title(quantity.head, loc="left")
+        ax.set_xlabel(axis_of_bars("adjusted", quantity, relative=relative))
         legend(ax, ncols=3)
 
     return Drawing(
         f"overview_{parameter}",
-        "What users set, divided by the reference",
+        f"What users set, {'divided by' if relative else 'less'} the reference",
         _interval_caption(rows, bars, values, families),
         (86.0, 29.0 + (2.8 + 1.7 * groups) * len(environments)),
         draw,
@@ -119,15 +125,16 @@ def _interval_caption(
         if (best := first(matching(classical, environment=name), family=families))
     }
     of = ", where there are none ".join(family for family in families if family in present)
-    empty = distinct(matching(rows, reference=0), "environment")
+    relative = not compared_by_difference(rows)
+    log = relative and families[0] == "lognormal"
+    beyond = beyond_range(bars, log=log, centre=1.0 if relative else 0.0)
     sentences = [
         f"{'; '.join(kinds)}; dashed: the reference",
         "Each classical bar stands above the Bayesian one"
         * (len({bar.method for bar in bars}) == 2),
         "Ticks: the subjects" * any(some.size for some in values),
         f"Classical limits are {of}" if of else "",
-        "An arrow with a value ends a bar that leaves the axis" * beyond_range(bars),
-        f"Only in the tables, since their reference is 0: {', '.join(empty)}" if empty else "",
+        "An arrow with a value ends a bar that leaves the axis" * beyond,
     ]
     return " ".join(f"{sentence}." for sentence in sentences if sentence)
 
@@ -136,6 +143,7 @@ def bars_of(document: Record, parameter: str, kinds: Sequence[str]) -> list[Bar]
     """Return the bars of a quantity in the study's family, or in the other where it has none."""
     rows = matching(document["intervals"], parameter=parameter, joint="marginal")
     families = families_of(document)
+    relative = parameter not in compared_by_difference(rows)
     return [
         bar
         for environment in distinct(rows, "environment")
@@ -146,25 +154,38 @@ def bars_of(document: Record, parameter: str, kinds: Sequence[str]) -> list[Bar]
                 matching(rows, environment=environment, kind=kind, method=method), family=families
             )
         )
-        and (bar := _bar(row)) is not None
+        and (bar := _bar(row, relative=relative)) is not None
     ]
 
 
-def _bar(row: Record) -> Bar | None:
-    if not row.get("reference") or row["lower"] is None or row["upper"] is None:
+def _bar(row: Record, *, relative: bool) -> Bar | None:
+    """Return a row's bar; None without reference or limits."""
+    reference = row.get("reference")
+    if reference is None or row["lower"] is None or row["upper"] is None:
         return None
-    lower, upper, estimate = (
-        float(row[name]) / row["reference"] for name in ("lower", "upper", "estimate")
-    )
-    return Bar(row["environment"], row["kind"], row["method"], lower, upper, estimate)
+    ends = [float(row[name]) for name in ("lower", "upper", "estimate")]
+    ends = [end / reference if relative else end - reference for end in ends]
+    return Bar(row["environment"], row["kind"], row["method"], *ends)
 
 
 def values_of(document: Record, environment: str, parameter: str) -> FloatArray:
-    """Return what each subject adjusted over the reference."""
-    cells = matching(document["data"]["cells"], environment=environment, parameter=parameter)
-    if not cells or not cells[0]["reference"]:
+    """Return what each subject adjusted, against the reference as the bars are."""
+    of_parameter = matching(document["data"]["cells"], parameter=parameter)
+    cells = matching(of_parameter, environment=environment)
+    if not cells or cells[0]["reference"] is None:
         return np.empty(0)
-    return array(cells[0]["values"]) / cells[0]["reference"]
+    values = array(cells[0]["values"])
+    if parameter in compared_by_difference(of_parameter):
+        return values - cells[0]["reference"]
+    return values / cells[0]["reference"]
+
+
+def axis_of_bars(start: str, quantity: Quantity, *, relative: bool) -> str:
+    """Return the label of the axis that bars are drawn on."""
+    if relative:
+        return f"{start} / reference"
+    unit = f" ({quantity.unit})" if quantity.unit else ""
+    return f"{start} − reference{unit}"
 
 
 def design_drawings(document: Record) -> list[Drawing]:

@@ -33,14 +33,14 @@ _MARKERS = {"classical": "o", "bayesian": "D"}
 
 @dataclass(frozen=True, eq=False)
 class Bar:
-    """An interval to draw, relative to its reference."""
+    """An interval to draw, divided by its reference, or less its reference in the quantity's unit."""
 
     environment: str
     kind: str
     method: str
-    lower: float  # Divided by the reference
-    upper: float  # Divided by the reference
-    estimate: float  # Divided by the reference
+    lower: float
+    upper: float
+    estimate: float
 
 
 _THICKNESS = {"mean": 3.2, "user": 1.6, "share": 0.7}
@@ -55,13 +55,17 @@ def draw_intervals(
     log: bool,
     labels: Sequence[str] | None = None,
     subject: str = "subject",
+    centre: float = 1.0,
 ) -> None:
-    """Draw a group of bars per environment: kinds by thickness, methods by colour and mark."""
+    """Draw a group of bars per environment: kinds by thickness, methods by colour and mark.
+
+    The `centre` is where the references lie: 1 for bars divided by them, 0 for bars less them.
+    """
     row = {environment: -index for index, environment in enumerate(environments)}
     present = [method for method in METHODS if any(bar.method == method for bar in bars)]
     kinds = [kind for kind in KINDS if any(bar.kind == kind for bar in bars)]
     log = log and any(bar.upper > 0 for bar in bars)
-    left, right = _ends(bars, log=log)
+    left, right = _ends(bars, log=log, centre=centre)
     # Marks of no length stand for methods and kinds in the legend.
     for method in present:
         ax.plot([], [], color=COLOURS[method], linewidth=3, label=METHOD_NAMES[method])
@@ -86,7 +90,7 @@ def draw_intervals(
         label = f"one {subject}" if len(subjects) else None
         height = np.full(len(subjects), row[environment] - 0.42)
         ax.plot(subjects, height, "|", markersize=5, color=COLOURS["quiet"], label=label)
-    ax.axvline(1.0, color=COLOURS["ink"], linestyle=(0, (7, 3)), linewidth=0.8)
+    ax.axvline(centre, color=COLOURS["ink"], linestyle=(0, (7, 3)), linewidth=0.8)
     if log:
         log_scale(ax, "x", plain=True)
         # As many labels as fit: over three decades those between the powers of ten would touch.
@@ -102,7 +106,7 @@ def draw_intervals(
     ax.tick_params(axis="y", length=0)
 
 
-def _ends(bars: Sequence[Bar], *, log: bool) -> tuple[float, float]:
+def _ends(bars: Sequence[Bar], *, log: bool, centre: float) -> tuple[float, float]:
     """Return the ends of the axis: one environment far out does not flatten the rest."""
     groups = [
         [bar for bar in bars if bar.environment == name]
@@ -111,14 +115,14 @@ def _ends(bars: Sequence[Bar], *, log: bool) -> tuple[float, float]:
     sides = np.array(
         [(min(b.lower for b in group), max(b.upper for b in group)) for group in groups]
     )
-    low, high = common_range(*sides.T, log=log)
+    low, high = common_range(*sides.T, log=log, centre=centre)
     margin = 0.0 if log else 0.02 * (high - low)
     return low - margin, high + margin
 
 
-def beyond_range(bars: Sequence[Bar], *, log: bool = True) -> bool:
+def beyond_range(bars: Sequence[Bar], *, log: bool = True, centre: float = 1.0) -> bool:
     """Say whether some bar leaves the axis."""
-    left, right = _ends(bars, log=log and any(bar.upper > 0 for bar in bars))
+    left, right = _ends(bars, log=log and any(bar.upper > 0 for bar in bars), centre=centre)
     return any(bar.lower < left or bar.upper > right for bar in bars)
 
 
