@@ -9,8 +9,8 @@ from importlib import resources
 from typing import Any
 
 from percept import __version__
+from percept.report.cautions import misfits
 from percept.report.numbers import bare, percentage, rounded
-from percept.report.overview import misfits
 from percept.report.select import (
     KINDS,
     METHODS,
