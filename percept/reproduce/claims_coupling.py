@@ -11,15 +11,84 @@ from percept.haptics import (
     Device,
     absolute_stability,
     environment_impedance,
+    hold,
     magnitude_envelope,
+    perceived_impedance,
     required_damping,
 )
 from percept.haptics.limits import best_coupling_damping, passivity_damping
-from percept.reproduce.devices import DAMPINGS, MASSES
+from percept.reproduce.devices import (
+    DAMPINGS,
+    MASSES,
+    coupled_inside,
+    direct_inside,
+    relative_width,
+    share_true,
+)
 from percept.reproduce.published import LOOKED_AT, THEORETICAL, Array, Evidence, Published, Wall
 from percept.reproduce.squares import cells, envelope_squares, felt_square, rendered_square, share
 
 _SAME = 1e-9
+# Times the tuned coupling: far enough that what is left falls in proportion.
+_ONCE = 1e3
+_TWICE = 1e6
+_POINTS = 2001  # of ω over the perceivable range
+
+
+def hold_low_pass(published: Published) -> Evidence:
+    """Judge whether Eq. 8 stands for a zero-order hold."""
+    period = published.period
+    _, top = published.span
+    # Both gains fall with ω, the averaging hold's faster: they differ most at the top of the range.
+    average = float(np.abs(hold(top, period)))
+    held = float(np.abs(hold(top, period, kind="true")))
+    gain = 1 - average / held
+    narrowest = min(relative_width(wall, period) for wall in published.walls)
+    asked = float(required_damping(THEORETICAL, period, hold="true").damping)
+    needed = published.needed()
+    return {
+        "cases": [gain < narrowest, asked <= needed],
+        "gain": gain,
+        "held": asked,
+        "average": needed,
+        "ratio": asked / needed,
+    }
+
+
+def coupling_to_infinity(published: Published) -> Evidence:
+    """Judge whether Eq. 13 is the limit of Eq. 11 for an endless coupling."""
+    gap = _largest_gap(published, _ONCE)
+    smaller = _largest_gap(published, _TWICE)
+    needed = published.needed(published.tuned)
+    # A difference that vanishes does so in proportion to 1/Z_c.
+    fall = gap / smaller if smaller else np.inf
+    return {
+        "cases": [fall > 0.9 * _TWICE / _ONCE],
+        "once": _ONCE,
+        "twice": _TWICE,
+        "gap": gap,
+        "smaller": smaller,
+        "fall": fall,
+        "needed": needed,
+        "asked": needed * _ONCE,
+    }
+
+
+def _largest_gap(published: Published, times: float) -> float:
+    """Return the largest relative difference of Eqs 11 and 13 with a multiple of the tuned coupling."""
+    omega = published.omega(_POINTS)
+    tuned = published.tuned
+    coupling = Coupling(tuned.stiffness * times, tuned.damping * times)
+    gaps = []
+    for wall in published.walls:
+        direct, coupled = (
+            perceived_impedance(
+                omega, published.device, wall.environment, published.period, coupling=each
+            )
+            for each in (None, coupling)
+        )
+        gaps.append(float(np.abs(coupled / direct - 1).max()))
+    return max(gaps)
 
 
 def poles_unseen(published: Published) -> Evidence:
@@ -87,12 +156,28 @@ def direct_rendering(published: Published) -> Evidence:
         {wall.name: float(need) for wall, need in zip(published.walls, column, strict=True)}
         for column in zip(*needs, strict=True)
     )
+    radii = {wall.name: pole_radius(published, wall) for wall in published.walls}
+    passive = [own > needed for needed in colgate.values()]
+    stable = [radius < 1 for radius in radii.values()]
     return {
-        "cases": [own > needed for needed in colgate.values()],
+        "cases": [*passive, *stable],
+        "radii": radii, "radius": max(radii.values()),
         "largest": max(colgate.values()), "largest_paper": max(paper.values()),
         "fine": [name for name, needed in colgate.items() if own > needed],
-        "each": colgate, "colgate": list(colgate.values()), "paper": list(paper.values()),
+        "each": colgate, "paper": list(paper.values()),
     }  # fmt: skip
+
+
+def pole_radius(published: Published, wall: Wall) -> float:
+    """Return the largest modulus of the poles of device and rendered wall without a hand."""
+    # Z_d + ZOH·Z_e = 0 (Eqs 5, 7, 8), multiplied by 2z·s·(z + 1)² with s = (2/T)(z − 1)/(z + 1).
+    z = np.poly1d([1.0, 0.0])
+    over = 2 / published.period * (z - 1)
+    under = z + 1
+    device = published.device
+    inertia = float(device.mass) * over**2 + float(device.damping) * over * under
+    rendered = wall.b * over * under + wall.k * under**2
+    return float(np.abs((2 * z * inertia + under * rendered).roots).max())
 
 
 def suits_high(published: Published) -> Evidence:
@@ -139,8 +224,34 @@ def always_smaller(published: Published) -> Evidence:
     }  # fmt: skip
 
 
+def lower_or_medium(published: Published) -> Evidence:
+    """Judge whether the coupling takes low and medium impedances out of the boundaries."""
+    order = sorted(published.walls, key=lambda wall: wall.k)
+    lower = order[:-2]
+    coupled, direct = {}, {}
+    for wall in lower:
+        coupled[wall.name] = share_true(published, wall, coupled_inside)
+        direct[wall.name] = share_true(published, wall, direct_inside)
+    spoilt, _ = _spoilt(published)
+    outside = [name for name, part in coupled.items() if part < 1]
+    return {
+        "cases": [wall.name in names for names in (outside, spoilt) for wall in lower],
+        "lost": list(dict.fromkeys(spoilt)),
+        "coupled": coupled,
+        "direct": direct,
+        "least": min(coupled.values()),
+    }
+
+
 def affects_realism(published: Published) -> Evidence:
     """Judge the conclusion that a static coupling can spoil realism, by the next user's boundary."""
+    spoilt, tried = _spoilt(published)
+    names = list(dict.fromkeys(spoilt))
+    return {"cases": [bool(spoilt)], "names": names, "spoilt": len(spoilt), "tried": tried}
+
+
+def _spoilt(published: Published) -> tuple[list[str], int]:
+    """Return the environments that only the coupling takes out, once a device, and how many were tried."""
     devices = [Device(mass, published.device.damping) for mass in (0.0, *MASSES[::14])]
     spoilt = [
         wall.name
@@ -149,9 +260,7 @@ def affects_realism(published: Published) -> Evidence:
         if _inside(published, wall, device, box, None)
         and not _inside(published, wall, device, box, published.tuned)
     ]
-    tried = len(published.walls) * len(devices)
-    names = list(dict.fromkeys(spoilt))
-    return {"cases": [bool(spoilt)], "names": names, "spoilt": len(spoilt), "tried": tried}
+    return spoilt, len(published.walls) * len(devices)
 
 
 def _inside(

@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 
 from percept.haptics import (
     Device,
+    Environment,
     corner_curves,
+    environment_impedance,
     magnitude_envelope,
 )
 from percept.haptics.design import CouplingDesign, EnvironmentBoundary, design_couplings
-from percept.haptics.search import section_minimum
-from percept.reproduce.published import Array, Published, Wall
-from percept.reproduce.squares import Square, felt_square
+from percept.reproduce.published import LOOKED_AT, Array, Published, Wall
+from percept.reproduce.squares import Square, cells, felt_square, share
 
 BoolArray = NDArray[np.bool_]
 
@@ -28,7 +29,7 @@ BoolArray = NDArray[np.bool_]
 MASSES = np.geomspace(0.01, 30.0, 71)
 DAMPINGS = np.geomspace(0.05, 50.0, 61)
 _POINTS = 9  # Over a window of at most 13 % of its frequency
-_RIDGE = 801  # Masses one percent apart: the window of Fig. 7b, squared, is four times as wide
+_FINE = 201  # Points over a window where a share of it is counted
 _RANGE = 31  # Over the perceivable range
 _NARROW = 1e-12  # Relative width to which a limit is halved
 
@@ -67,6 +68,11 @@ def _both_inside(found: Curves) -> BoolArray:
         & (found.direct <= found.upper)
     )
     return np.asarray(inside.all(axis=-1))
+
+
+def direct_inside(found: Curves) -> BoolArray:
+    """Say where the curve without a coupling stays between the boundaries."""
+    return np.asarray(((found.lower <= found.direct) & (found.direct <= found.upper)).all(axis=-1))
 
 
 def coupled_inside(found: Curves) -> BoolArray:
@@ -132,31 +138,82 @@ def panel_squares(published: Published, wall: Wall, device: Device | None = None
     ]
 
 
-def widest_change(
-    published: Published, panel: Panel, device: Device | None = None
-) -> tuple[float, Device]:
-    """Return the largest change of |Z_h| by the coupling, over the band's width, and the device it is with.
+def share_true(
+    published: Published,
+    wall: Wall,
+    true_of: Callable[[Curves], BoolArray],
+    device: Device | None = None,
+) -> float:
+    """Return the share of the perceivable range, on a log scale, over which a reading is true."""
+    edges, middles = cells(
+        panel_squares(published, wall, device), *published.span, published.period
+    )
+    return share(edges, true_of(curves(published, wall, middles[:, None], device)))
 
-    Both are the largest in the window. The band is narrow where its two curves cross in the window:
-    a ridge across all devices, found on a fine grid of masses for each damping and climbed from
-    there.
+
+def change_over_band(published: Published, panel: Panel, device: Device) -> Array:
+    """Return the change of |Z_h| by the coupling over the band at the same ω, over a panel's window.
+
+    The device may hold arrays; ω is the last axis. The ratio is inf where the band is empty.
     """
-    omega = np.linspace(*panel.window, _POINTS)
+    omega = np.linspace(*panel.window, _FINE)
+    found = curves(published, panel.wall, omega, device)
+    change = np.abs(found.coupled - found.direct)
+    band = found.upper - found.lower
+    return np.divide(change, band, out=np.full_like(change, np.inf), where=band > 0)
 
-    def closeness(mass: Array, damping: Array) -> Array:
-        found = curves(published, panel.wall, omega, Device(mass, damping))
-        change = np.abs(found.coupled / found.direct - 1).max(axis=-1)
-        band = ((found.upper - found.lower) / found.direct).max(axis=-1)
-        return np.asarray(-change / band)
 
-    if device is not None:
-        return -float(closeness(np.array(device.mass), np.array(device.damping))), device
-    masses, dampings = np.geomspace(MASSES[0], MASSES[-1], _RIDGE), np.append(0.0, DAMPINGS[::6])
-    best = closeness(masses, dampings[:, None]).argmin(axis=1)
-    low, high = masses[np.maximum(best - 1, 0)], masses[np.minimum(best + 1, _RIDGE - 1)]
-    mass = section_minimum(lambda mass: closeness(mass, dampings), low, high)
-    row = int((found := closeness(mass, dampings)).argmin())
-    return -float(found[row]), Device(float(mass[row]), float(dampings[row]))
+def most_passed(published: Published, panel: Panel) -> tuple[float, Device]:
+    """Return the largest share of a window over which the change passes the band, and its device.
+
+    That happens about an ω where the two boundaries cross, so only devices are tried whose
+    boundaries cross in the window.
+    """
+    best_share, best = 0.0, published.device
+    for damping in (0.0, *DAMPINGS[::6].tolist()):
+        first, last = (
+            _mass_of_crossing(published, panel.wall, omega, damping) for omega in panel.window
+        )
+        masses = np.clip(np.linspace(first, last, _FINE), 0.0, MASSES[-1])
+        device = Device(masses, np.full_like(masses, damping))
+        passed = (change_over_band(published, panel, device) > 1).mean(axis=-1)
+        row = int(passed.argmax())
+        if passed[row] > best_share:
+            best_share = float(passed[row])
+            best = Device(float(masses[row]), damping)
+    return best_share, best
+
+
+def _mass_of_crossing(published: Published, wall: Wall, omega: float, damping: float) -> float:
+    """Return the device's mass, kg, with which the two boundaries cross at ω; negative if none does."""
+
+    def gap(mass: float, damping: float) -> float:
+        """Return |Z_h|² at the upper limits less that at the lower, linear in mass and damping."""
+        at_low, at_high = corner_curves(
+            omega, Device(mass, damping), wall.stiffness, wall.damping, published.period
+        )
+        return float(at_high**2 - at_low**2)
+
+    still = gap(0.0, damping)
+    return still / (still - gap(1.0, damping))
+
+
+def relative_width(wall: Wall, period: float) -> float:
+    """Return how far apart |Z_e| is at the upper and the lower limits, over the reference's."""
+    return absolute_width(wall, period) / _magnitude(wall.environment, period)
+
+
+def absolute_width(wall: Wall, period: float) -> float:
+    """Return how far apart |Z_e| is at the upper and the lower limits, N·s/m."""
+    low, high = (
+        _magnitude(Environment(k, b), period)
+        for k, b in zip(wall.stiffness, wall.damping, strict=True)
+    )
+    return abs(high - low)
+
+
+def _magnitude(environment: Environment, period: float) -> float:
+    return float(np.abs(environment_impedance(LOOKED_AT, environment, period)))
 
 
 def largest(true_at: Callable[[Array], BoolArray], candidates: Array) -> float | None:
