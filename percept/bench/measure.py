@@ -108,7 +108,7 @@ def measurement_markdown(document: Mapping[str, Any]) -> str:
         document["about"] + ("" if document["part"] == "digits" else " The studies are simulated."),
         "",
         (
-            f"{Made(**document['made']).sentence} {at['seconds']:.0f} s on {at['processors']}"
+            f"{Made(**document['made']).sentence} The run took {at['seconds']:.0f} s on {at['processors']}"
             f" processors ({at['system']}, {at['architecture']}), load {at['load_before']:.1f}"
             f" before and {at['load_after']:.1f} after."
         ),

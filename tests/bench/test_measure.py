@@ -33,7 +33,7 @@ def test_the_page_rounds_and_the_document_does_not() -> None:
         "# Skipping\n\nThe cost of one scene. The studies are simulated.\n\nMade on 20"
     )
     assert " by `typed` from commit " in page
-    assert " 12 s on " in page
+    assert " The run took 12 s on " in page
     assert "load 0.5 before and 1.5 after." in page
     assert "| device\\|hand | 0.3333 | 1 | emcee, jinja2 |  | 22 |" in page
     assert "- seconds: Processor time of the whole process, imports" in page
