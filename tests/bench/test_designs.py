@@ -14,7 +14,6 @@ from percept.errors import UsageError
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.models import IntervalEstimands
 
-
 BENCHMARK = Path(__file__).resolve().parents[2] / "reports" / "benchmark"
 
 
