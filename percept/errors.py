@@ -7,6 +7,9 @@ from collections.abc import Iterable
 
 __all__ = ["PerceptError", "RefusalError", "UsageError", "counted", "did_you_mean", "printable"]
 
+#: Characters of a value that a message shows.
+_LONGEST = 200
+
 
 def counted(number: int, one: str, many: str | None = None) -> str:
     """Write a number with its noun: "1 trial", "3 trials", "2 studies"."""
@@ -22,6 +25,15 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return a question that names the known word most like a wrong one; nothing where none is like it."""
     alike = difflib.get_close_matches(word, list(known), n=1)
     return f" Did you mean {alike[0]}?" if alike else ""
+
+
+def _shown(value: object) -> str:
+    """Write a value for a message, shortened."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python refuses to write whole numbers of over 4,300 digits.
+        text = hex(value) if isinstance(value, int) else type(value).__name__
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
 class PerceptError(ValueError):
@@ -72,9 +84,9 @@ class PerceptError(ValueError):
         if self.column is not None:
             parts.append(f"column {self.column!r}")
         if self.key is not None:
-            parts.append(self.key if self.value is None else f"{self.key} = {self.value!r}")
+            parts.append(self.key if self.value is None else f"{self.key} = {_shown(self.value)}")
         elif self.value is not None:
-            parts.append(f"value {self.value!r}")
+            parts.append(f"value {_shown(self.value)}")
         where = ", ".join(part for part in parts if part)
         text = f"{where}: {self.message}" if where else self.message
         return f"{text} {self.hint}" if self.hint else text

@@ -23,7 +23,7 @@ from pydantic import (
 from percept.errors import UsageError
 from percept.html import fields_html
 from percept.inference.hierarchy.priors import Priors
-from percept.sessions.options import DataTables, said
+from percept.sessions.options import DataTables, in_range, said
 from percept.sessions.quantities import Table, is_impedance, known_key
 
 __all__ = [
@@ -48,16 +48,25 @@ def _probability(value: float) -> float:
 
 
 # Strict: a quoted number, or true for 1, is a slip.
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True), AfterValidator(in_range)]
+NonNegative = Annotated[
+    float, Field(ge=0, allow_inf_nan=False, strict=True), AfterValidator(in_range)
+]
 _BETWEEN: dict[str, Any] = {"exclusiveMinimum": 0, "exclusiveMaximum": 1}
 Probability = Annotated[
     float, Field(strict=True, json_schema_extra=_BETWEEN), AfterValidator(_probability)
 ]
+#: An interval of a lower level has no width that doubles resolve.
+_LEAST_LEVEL = 1e-6
+Level = Annotated[Probability, Field(ge=_LEAST_LEVEL)]
 Kind = Literal["mean", "user", "share"]
 # At Nyquist itself a sampled mass has no finite impedance. Written with fewer digits it may come
 # out below.
 _NYQUIST_ANGLE = math.pi - 1e-9
+#: rad/s; impedances are held to exact arithmetic from here on.
+_LEAST_OMEGA = 1e-9
+#: JSON readers take whole numbers up to here.
+_LARGEST_SEED = 2**53
 
 
 class ModeTable(Table):
@@ -111,7 +120,7 @@ class CouplingTable(Table):
 class FrequencyTable(Table):
     """The perceivable range, rad/s, and how many frequencies a curve has: by default as many as it needs."""
 
-    lower: Positive = 0.1
+    lower: Annotated[Positive, Field(ge=_LEAST_OMEGA)] = 0.1
     upper: Positive = 100.0
     points: Annotated[int, Field(ge=2, le=100_000, strict=True)] | None = None
 
@@ -134,18 +143,18 @@ class InferenceTable(Table):
     One or two quantities have a model together; of more, `together` names two that have one.
     """
 
-    level: Probability = 0.99
-    share: Probability | None = None
-    confidence: Probability = 0.95
+    level: Level = 0.99
+    share: Level | None = None
+    confidence: Level = 0.95
     family: Literal["lognormal", "normal"] = "lognormal"
     method: Literal["both", "classical", "bayesian"] = "both"
     kinds: tuple[Kind, ...] = ("mean", "user", "share")
     parameters: tuple[str, ...] | None = None
     together: tuple[str, ...] | None = None
     tolerance: Probability = 0.01
-    seed: Annotated[int, Field(ge=0, strict=True)] = 1
-    walkers: Annotated[int, Field(ge=64, strict=True)] | None = None
-    most_steps: Annotated[int, Field(ge=200, strict=True)] = 20_000
+    seed: Annotated[int, Field(ge=0, le=_LARGEST_SEED, strict=True)] = 1
+    walkers: Annotated[int, Field(ge=64, le=100_000, strict=True)] | None = None
+    most_steps: Annotated[int, Field(ge=200, le=10**9, strict=True)] = 20_000
 
     @field_validator("kinds", "parameters", "together")
     @classmethod
@@ -354,9 +363,16 @@ class Scene(DataTables):
             tables = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
         except OSError as error:
             raise UsageError(f"cannot be read: {error.strerror}.", file=name) from error
+        except RecursionError:
+            hint = "A scene has three levels of tables."
+            raise UsageError("tables or lists are nested too deep.", file=name, hint=hint) from None
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             hint = "Text stands in quotes, and numbers begin with a digit: 0.05."
             raise UsageError(f"is not TOML: {error}.", file=name, hint=hint) from error
+        except ValueError:
+            hint = "Correct the number."
+            message = "a whole number has more digits than Python reads."
+            raise UsageError(message, file=name, hint=hint) from None
         try:
             scene = cls(**tables)
         except UsageError as error:

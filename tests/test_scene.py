@@ -244,3 +244,36 @@ def test_keyword_arguments_are_refused_as_tables_are():
         UsageError, match=r"frequency\.upper = 4000\.0: does not lie below the Nyquist frequency"
     ):
         Scene(device={"mass": 0.1, "damping": 0.1, "period": 1e-3}, frequency={"upper": 4000.0})
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[inference]\nlevel = 1e-300", "inference.level = 1e-300: must be 1e-06 or more."),
+        (
+            "[frequency]\nlower = 1e-300",
+            "frequency.lower = 1e-300: must be between 1e-100 and 1e+100 in size.",
+        ),
+        ("[frequency]\nlower = 1e-10", "frequency.lower = 1e-10: must be 1e-09 or more."),
+        (
+            "[coupling]\nstiffness = 1e300\ndamping = 1.0",
+            "coupling.stiffness = 1e+300: must be between 1e-100 and 1e+100 in size.",
+        ),
+        ("x = " + "[" * 5000 + "]" * 5000, "tables or lists are nested too deep."),
+        ("x = " + "{a = " * 5000 + "1" + "}" * 5000, "tables or lists are nested too deep."),
+        ("x = " + "9" * 5000, "a whole number has more digits than Python reads."),
+        (
+            "[inference]\nlevel = " + "9" * 4000,
+            f"inference.level = {'9' * 200}…: must be a number.",
+        ),
+        ("[inference]\nseed = 0x" + "f" * 5000, f"inference.seed = 0x{'f' * 198}…: must be"),
+    ],
+    ids=["level", "lower", "exact", "stiffness", "lists", "tables", "digits", "clipped", "hex"],
+)
+def test_hostile_numbers_and_nesting_are_refused(tmp_path, text, said):
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    with pytest.raises(UsageError) as caught:
+        Scene.load(path)
+    assert said in str(caught.value)
+    assert len(str(caught.value)) < 500

@@ -148,7 +148,7 @@ def design_of(study: Study) -> dict[str, Any] | None:
     fields = ("intervals", "largest", "softest")
     maps = []
     for method, design in designs.items():
-        regions = zip((*study.environments, None), (*design.each, design.common), strict=True)
+        regions = zip((*study.with_reference, None), (*design.each, design.common), strict=True)
         environments = [
             {"name": name} | {f: plain(getattr(r, f)) for f in fields} for name, r in regions
         ]

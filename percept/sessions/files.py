@@ -295,7 +295,11 @@ def _undecodable(stream: BinaryIO, encoding: str, file: str, *, start: int) -> U
         data = stream.read(BLOCK)
         try:
             text = decoder.decode(data, final=not data)
-        except UnicodeDecodeError as error:
+        except UnicodeError as error:
+            if not isinstance(error, UnicodeDecodeError):
+                message = f"not text in {encoding}: {error}."
+                hint = 'Declare the byte order, [sessions] encoding = "utf-16-le", or another name.'
+                return UsageError(message, file=file, hint=hint)
             row += error.object.count(b"\n", 0, error.start)
             message = f"byte 0x{error.object[error.start]:02x} is not text in {encoding}."
             return UsageError(message, file=file, row=row, hint=_CSV)

@@ -17,6 +17,7 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions import files
 from percept.sessions.records import NoDataError, clip
+from percept.sessions.values import LARGEST, LEAST
 
 Quoting = Literal["doubled", "backslash", "wrapped"]
 
@@ -159,10 +160,14 @@ class Block:
         except (ValueError, OverflowError):
             return None
         found = parsed[numbers].to_numpy()
-        if np.isinf(found).any() or np.isnan(found).all(axis=1).any():
+        if np.isnan(found).all(axis=1).any():
             return None
+        sizes = np.abs(found)
         # A zero may have been a number below the least double.
-        if (found == 0).any() and b"e-" in lowered:
+        small = sizes.min(initial=LARGEST, where=found != 0) < LEAST or (
+            b"e-" in lowered and (found == 0).any()
+        )
+        if small or (sizes > LARGEST).any():
             return None
         parsed.index = pd.RangeIndex(self.first_row, self.first_row + len(parsed))
         return parsed

@@ -21,6 +21,7 @@ from percept.sessions.quantities import (
     with_mass,
 )
 from percept.sessions.records import IDS
+from percept.sessions.values import LARGEST, LEAST
 
 #: Columns kept as text wherever they stand: groups of subjects, and whether data are simulated.
 KEPT_COLUMNS = ("group", "source")
@@ -80,7 +81,16 @@ def _pattern(value: str) -> str:
 
 Text = Annotated[str, Field(min_length=1)]
 Texts = Annotated[tuple[str, ...], BeforeValidator(_listed)]
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+
+def in_range(value: float) -> float:
+    """Refuse a number that products of three would leave the doubles with."""
+    if value and not LEAST <= abs(value) <= LARGEST:
+        raise ValueError(f"must be between {LEAST:g} and {LARGEST:g} in size")
+    return value
+
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False), AfterValidator(in_range)]
 
 
 class ColumnRule(Table):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -14,6 +13,10 @@ import numpy.typing as npt
 from percept.sessions.records import Problems
 
 Mark = Literal[".", ","]
+
+#: Numbers lie between these in size, or are zero: products of three of them are doubles still.
+LEAST = 1e-100
+LARGEST = 1e100
 
 _MISSING = frozenset({"", "nan", "na", "null", "none", "-"})
 _SPACE = " \t\xa0"
@@ -106,11 +109,10 @@ def parse_numbers(
         text = cell.strip(_SPACE)
         if is_number(text):
             out[at] = number = float(text.replace(",", "."))
-            if not math.isinf(number) and (
-                number or not re.search("[1-9]", re.split("[eE]", text)[0])
-            ):
+            is_zero = not re.search("[1-9]", re.split("[eE]", text)[0])
+            if is_zero or LEAST <= abs(number) <= LARGEST:
                 continue
-            message, hint = "beyond the range of double-precision numbers.", ""
+            message, hint = f"not between {LEAST:g} and {LARGEST:g} in size.", ""
         elif text.lower() in _MISSING:
             continue
         else:

@@ -230,3 +230,13 @@ def test_checks_of_normality_are_scipy_s_and_speak_where_they_reject():
         f"the lognormal family, which its classical intervals assume, for k of {first}."
     )
     assert document["checks"].keys() == {"normality"}
+
+
+def test_a_published_table_that_lacks_a_row_has_a_design(tmp_path):
+    rows = (DATASETS / "hbfd_table1.csv").read_text().splitlines()
+    path = tmp_path / "table.csv"
+    path.write_text("\n".join(row for row in rows if not row.startswith("VE2,b")) + "\n")
+    scene = scene_of(method="classical")
+    found = design_of(Study(read_sessions(path, scene=scene), scene))
+    names = [environment["name"] for environment in found["maps"][0]["environments"]]
+    assert names == ["VE1", "VE3", "VE4", "VE5", None]

@@ -109,8 +109,10 @@ def test_blocks_give_what_the_careful_path_gives(tmp_path, monkeypatch, kind, ne
     ("cell", "value", "message"),
     [
         (6, "True", "not a number"),
-        (6, "1e400", "beyond the range"),
-        (6, "1e-400", "beyond the range"),
+        (6, "1e400", "not between 1e-100 and 1e+100"),
+        (6, "1e300", "not between 1e-100 and 1e+100"),
+        (6, "1e-400", "not between 1e-100 and 1e+100"),
+        (6, "1e-300", "not between 1e-100 and 1e+100"),
         (6, "inf", "not a finite number"),
         (6, "1_5", "not a number"),
         (5, "1.5", "must be whole"),

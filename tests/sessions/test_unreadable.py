@@ -1,5 +1,7 @@
 """Files that cannot be read say so by name, with what to do."""
 
+import contextlib
+import encodings.aliases
 import io
 import sys
 import zipfile
@@ -7,6 +9,7 @@ import zipfile
 import pandas as pd
 import pytest
 
+from percept import Scene
 from percept.errors import UsageError
 from percept.sessions import ReadOptions, files, grids, read_sessions, reduce_sessions
 
@@ -122,3 +125,21 @@ def test_one_missing_column_is_said_once(tmp_path):
     with pytest.raises(UsageError) as caught:
         read_sessions(tmp_path / "t.csv")
     assert "no column for subject and environment and k_adj (or b_adj);" in str(caught.value)
+
+
+def test_utf_16_without_a_mark_asks_for_the_byte_order(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_bytes(ROWS.decode().encode("utf-16-le"))
+    with pytest.raises(UsageError) as caught:
+        read_sessions(path, scene=Scene(sessions={"encoding": "utf-16"}))
+    assert "t.csv: not text in utf-16: " in str(caught.value)
+    assert 'encoding = "utf-16-le"' in caught.value.hint
+    assert read_sessions(path, scene=Scene(sessions={"encoding": "utf-16-le"})).subjects
+
+
+@pytest.mark.parametrize("name", sorted(set(encodings.aliases.aliases.values())))
+def test_no_encoding_ends_in_a_traceback(tmp_path, name):
+    path = tmp_path / "t.csv"
+    path.write_bytes(ROWS + bytes(range(128, 256)))
+    with contextlib.suppress(UsageError):
+        read_sessions(path, scene=Scene(sessions={"encoding": name}))
