@@ -1,0 +1,78 @@
+"""The confidence of lying in the central range: against quadrature, and in simulated studies."""
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from scipy import special
+
+from percept.errors import RefusalError, UsageError
+from percept.inference.classical.central_range import central_range_confidence
+from percept.inference.classical.moments import Moments
+
+LEVEL = 0.99
+HALF_WIDTH = -special.ndtri(0.5 * (1.0 - LEVEL))
+DECISION = 0.95
+STUDIES = 20_000
+
+
+def by_quadrature(value, mean, sd, n, level):
+    """Integrate over s/sigma: given it, delta is normal about its estimate times s/sigma."""
+    nu = mpmath.mpf(n - 1)
+    half_width = mpmath.sqrt(2) * mpmath.erfinv(mpmath.mpf(level))
+    distance = (mpmath.mpf(value) - mean) / sd
+    log_scale = (nu / 2) * mpmath.log(nu / 2) - mpmath.loggamma(nu / 2) + mpmath.log(2)
+
+    def integrand(ratio):
+        density = mpmath.exp(log_scale + (nu - 1) * mpmath.log(ratio) - nu * ratio**2 / 2)
+        above = mpmath.ncdf(mpmath.sqrt(n) * (half_width - distance * ratio))
+        below = mpmath.ncdf(mpmath.sqrt(n) * (-half_width - distance * ratio))
+        return density * (above - below)
+
+    return mpmath.quad(
+        integrand, [0, 0.001, 0.01, 0.1, 0.3, 0.6, 0.8, 0.9, 1, 1.1, 1.2, 1.5, 2, 3, 6, 12]
+    )
+
+
+@pytest.mark.parametrize("n", [2, 3, 10, 100, 1000])
+@pytest.mark.parametrize("value", [-4.0, 0.5, 1.0, 2.5758, 9.0, 500.0])
+@pytest.mark.parametrize("level", [0.5, 0.99])
+def test_against_quadrature(n, value, level):
+    found = central_range_confidence(value, Moments(mean=0.5, sd=0.8, n=n), level=level)
+    assert found == pytest.approx(float(by_quadrature(value, 0.5, 0.8, n, level)), abs=1e-10)
+
+
+def confidences(n, offset, rng):
+    """Confidence of a value `offset` SDs from the mean, in studies of n standard normal users."""
+    values = rng.standard_normal((STUDIES, n))
+    users = Moments(mean=values.mean(axis=1), sd=values.std(axis=1, ddof=1), n=n)
+    return central_range_confidence(np.full(STUDIES, offset), users, level=LEVEL)
+
+
+@pytest.mark.parametrize("n", [2, 5, 10, 30])
+def test_errors_at_the_edge_and_beyond(n):
+    error = math.sqrt(DECISION * (1.0 - DECISION) / STUDIES)
+    rng = np.random.default_rng(n)
+    at_edge = confidences(n, HALF_WIDTH, rng)
+    assert np.mean(at_edge >= DECISION) <= 1.0 - DECISION + 4.0 * error
+    inside = confidences(n, 0.9 * HALF_WIDTH, rng)
+    assert np.mean(inside <= 1.0 - DECISION) <= 1.0 - DECISION + 4.0 * error
+
+
+def test_a_rule_that_takes_the_estimates_as_known_is_caught():
+    rng = np.random.default_rng(4)
+    values = rng.standard_normal((STUDIES, 4))
+    sd = values.std(axis=1, ddof=1)
+    called_inside = np.abs(HALF_WIDTH - values.mean(axis=1)) <= HALF_WIDTH * sd
+    assert np.mean(called_inside) > 2.0 * (1.0 - DECISION)
+
+
+def test_broadcasts_and_refuses():
+    users = Moments(mean=np.zeros(3), sd=np.ones(3), n=np.array([5, 10, 20]))
+    assert np.all(np.diff(central_range_confidence(1.5, users)) > 0.0)
+    assert isinstance(central_range_confidence(0.0, Moments(mean=0.0, sd=1.0, n=5)), float)
+    with pytest.raises(RefusalError, match="All users set the same value"):
+        central_range_confidence(0.0, Moments(mean=0.0, sd=0.0, n=5))
+    with pytest.raises(UsageError, match="level must lie strictly between 0 and 1"):
+        central_range_confidence(0.0, Moments(mean=0.0, sd=1.0, n=5), level=1.0)
