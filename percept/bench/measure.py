@@ -15,7 +15,7 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from percept.errors import RefusalError
-from percept.files import filled_folder
+from percept.files import FolderFiles, filled_folder
 from percept.provenance import Made, made_by
 from percept.results.plain import dumps, plain
 
@@ -137,10 +137,17 @@ def _cell(value: Any) -> str:
     return str(value).replace("|", "\\|")
 
 
-def write_measurement(document: Mapping[str, Any], out_dir: str | Path) -> Path:
+def measurement_files(part: str) -> FolderFiles:
+    """Return what a part of the benchmark writes."""
+    return FolderFiles(f"{part}.md", (f"{part}.md", f"{part}.json"))
+
+
+def write_measurement(
+    document: Mapping[str, Any], out_dir: str | Path, *, force: bool = False
+) -> Path:
     """Write the document and its page, named after the part."""
     name = f"{document['part']}.md"
-    with filled_folder(out_dir, last=name) as folder:
+    with filled_folder(out_dir, measurement_files(document["part"]), force=force) as folder:
         (folder / f"{document['part']}.json").write_text(dumps(document), encoding="utf-8")
         (folder / name).write_text(measurement_markdown(document), encoding="utf-8")
     return Path(out_dir) / name

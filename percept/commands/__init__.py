@@ -48,4 +48,5 @@ def folder(default: str) -> Argument:
 
 
 JSON = flag("--json", "print as JSON")
+FORCE = flag("--force", "replace also files of the same names that no earlier run wrote")
 QUIET = flag("--quiet", "no progress, no notices")

@@ -108,8 +108,8 @@ def open_study(
         sessions = read_sessions(*arguments.sessions, options=options.with_groups(groups))
     if not arguments.quiet:
         notices = (*sessions.warnings, *sessions.notices)
-        for notice in notices[:_NOTICES]:
-            print(f"notice: {printable(str(notice))}", file=sys.stderr)
+        for told in notices[:_NOTICES]:
+            notice(str(told))
         if len(notices) > _NOTICES:
             print(
                 f"and {len(notices) - _NOTICES} more notices: see percept validate", file=sys.stderr
@@ -175,6 +175,11 @@ def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:
 
     folder = cache_folder()
     return None if folder is None else PosteriorCache(folder)
+
+
+def notice(text: str) -> None:
+    """Print a notice on standard error."""
+    print(f"notice: {printable(text)}", file=sys.stderr)
 
 
 def in_words_of(scene: Scene) -> Callable[[str], str]:

@@ -11,9 +11,10 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from percept.commands import JSON, Command, argument, flag, number
+from percept.commands import FORCE, JSON, Command, argument, flag, number
 from percept.commands.analysis import print_json
 from percept.errors import UsageError
+from percept.files import refuse_foreign
 
 _OUT = "benchmark"
 
@@ -43,6 +44,9 @@ def _run(arguments: argparse.Namespace) -> None:
 def _measured(part: str, arguments: argparse.Namespace) -> Sequence[Any]:
     """Measure one part and, where asked, write it."""
     _log(f"measuring {part}")
+    if arguments.out:
+        files = _bench("measure", "measurement_files")(part)
+        refuse_foreign(arguments.out, files, force=arguments.force)
     started, before = time.perf_counter(), os.getloadavg()[0]
     try:
         records = _PARTS[part](arguments)
@@ -60,7 +64,9 @@ def _measured(part: str, arguments: argparse.Namespace) -> Sequence[Any]:
             seconds=time.perf_counter() - started,
             notes=_bench("designs", "summary")(records) if part == "designs" else (),
         )
-        path = _bench("measure", "write_measurement")(document, arguments.out)
+        path = _bench("measure", "write_measurement")(
+            document, arguments.out, force=arguments.force
+        )
         print(path, file=sys.stderr if arguments.json else sys.stdout)
     return records
 
@@ -103,7 +109,7 @@ _PARTS: dict[str, Callable[[argparse.Namespace], Sequence[Any]]] = {
 _WRITERS: dict[str, Callable[[argparse.Namespace], Any]] = {
     "peers": lambda given: _bench("peers.document", "run_benchmark")(
         given.out or _OUT, command=given.typed, engines=given.engines, studies=given.rows,
-        seconds=given.seconds, repeats=given.repeats, quick=given.quick, log=_log,
+        seconds=given.seconds, repeats=given.repeats, quick=given.quick, force=given.force, log=_log,
     ),
     "reference": lambda given: _bench("peers.reference", "make_references")(
         given.out or _OUT, given.rows, log=_log
@@ -121,6 +127,7 @@ BENCH = Command(
         argument("--rows", "NAME", "designs, or studies of peers (all)", nargs="+", default=()),
         flag("--no-peer", "designs without nutpie beside them"),
         JSON,
+        FORCE,
         argument(
             "--out",
             "DIR",

@@ -7,8 +7,8 @@ import json
 from importlib import resources
 from pathlib import Path
 
-from percept.commands import JSON, QUIET, Command, argument, folder, number
-from percept.commands.analysis import SESSIONS, Working, in_words_of, read_scene, write_new
+from percept.commands import FORCE, JSON, QUIET, Command, argument, folder, number
+from percept.commands.analysis import SESSIONS, Working, in_words_of, notice, read_scene, write_new
 
 
 def _validate(arguments: argparse.Namespace) -> int:
@@ -36,7 +36,9 @@ def _reproduce(arguments: argparse.Namespace) -> None:
 
     published = load_published(arguments.table, arguments.scene)
     with Working("judging the claims", shown=not arguments.quiet):
-        claims = write_reproduction(published, arguments.out, command=arguments.typed)
+        claims = write_reproduction(
+            published, arguments.out, command=arguments.typed, force=arguments.force, say=notice
+        )
     if arguments.json:
         print(Path(arguments.out, "claims.json").read_text(encoding="utf-8"))
         return
@@ -95,6 +97,7 @@ REPRODUCE = Command(
         argument("--scene", "FILE", "device, coupling and range (the paper's, with them)"),
         JSON,
         QUIET,
+        FORCE,
     ),
     _reproduce,
 )

@@ -7,12 +7,13 @@ import json
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from percept.commands import JSON, Command, argument, flag, folder
+from percept.commands import FORCE, JSON, Command, argument, flag, folder
 from percept.commands.analysis import (
     STUDY,
     Working,
     checks_argument,
     in_words_of,
+    notice,
     open_study,
     verdict,
 )
@@ -41,7 +42,7 @@ def _fit(arguments: argparse.Namespace) -> int:
 
     with Working("fitting", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
-        path = write_fit(study, arguments.out)
+        path = write_fit(study, arguments.out, force=arguments.force, say=notice)
     if arguments.json:
         print(path.read_text(encoding="utf-8"))
         return verdict(study)
@@ -92,7 +93,14 @@ def _report(arguments: argparse.Namespace) -> int:
 
     with Working("writing the report", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
-        page = write_report(study, arguments.out, formats=arguments.formats, why=arguments.why)
+        page = write_report(
+            study,
+            arguments.out,
+            formats=arguments.formats,
+            why=arguments.why,
+            force=arguments.force,
+            say=notice,
+        )
     if not arguments.quiet:
         summary = json.loads((page.parent / "report.json").read_text(encoding="utf-8"))["summary"]
         # What `verdict` says stands on standard error.
@@ -114,6 +122,7 @@ FIT = Command(
         folder("fit"),
         flag("--all", "print every interval: both families, joint ones too"),
         JSON,
+        FORCE,
     ),
     _fit,
 )
@@ -132,6 +141,7 @@ REPORT = Command(
             nargs="+",
             default=["svg"],
         ),
+        FORCE,
     ),
     _report,
 )

@@ -10,16 +10,38 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from percept.errors import UsageError
-from percept.files import filled_folder
+from percept.files import FolderFiles, filled_folder, warned
 from percept.report.document import build_document
 from percept.report.select import Record, matching, quantities_of
 from percept.results.plain import dumps
 
 if TYPE_CHECKING:
+    from xarray import DataTree
+
     from percept.study import Study
 
 Progress = Callable[[str], None]
 _FORMATS = ("svg", "pdf", "png")
+_TABLES = (
+    "intervals_*", "data_*", "band_*", "band", "boundaries", "contrast", "comparison", "realism",
+)  # fmt: skip
+_FIGURES = (
+    "overview_*", "boundaries", "ratios", "boundaries_close", "stability", "design", "band",
+    "band_*",
+)  # fmt: skip
+#: What a report may write and replace.
+REPORT_FILES = FolderFiles(
+    "report.html",
+    (
+        "report.html",
+        "report.json",
+        "references.bib",
+        "posterior.nc",
+        *(f"tables/{name}.csv" for name in _TABLES),
+        *(f"figures/{name}.{form}" for name in _FIGURES for form in _FORMATS),
+    ),
+)
+FIT_FILES = FolderFiles("fit.json", ("fit.json", "posterior.nc"))
 _INTERVAL = (
     "environment", "kind", "method", "family", "joint", "level", "share", "confidence", "lower", "upper",
     "estimate", "reference", "n", "covers",
@@ -41,12 +63,14 @@ def write_report(
     why: bool = False,
     date: str | None = None,
     progress: Progress | None = None,
+    force: bool = False,
+    say: Callable[[str], None] = warned,
 ) -> Path:
     """Write the page, report.json, tables, figures and the posterior of a study.
 
     Everything is first written beside `out_dir`, then moved into it file by file, the page last: a
     run that fails leaves nothing behind. Of the files in `out_dir` only those an earlier run wrote
-    are replaced or removed.
+    are replaced or removed; where somebody edited one since, it is kept as NAME.bak.
 
     Parameters
     ----------
@@ -62,6 +86,10 @@ def write_report(
         Printed on the page; today where not given. It is in no other file.
     progress : callable, optional
         Called with the name of each step.
+    force : bool
+        Replace also files of the report's names that no earlier run wrote.
+    say : callable
+        Told of each edited file that is kept; a warning by default.
 
     Returns
     -------
@@ -71,7 +99,8 @@ def write_report(
     Raises
     ------
     UsageError
-        Where `out_dir` is a file or cannot be written, or a format is unknown.
+        Where `out_dir` is a file or cannot be written, or a format is unknown. Before anything is
+        computed where a name in it is taken by a file that no earlier run wrote.
     PerceptError
         What the study refuses.
     """
@@ -85,7 +114,7 @@ def write_report(
     for form in formats:
         if form not in _FORMATS:
             raise UsageError(f"figures come as {', '.join(_FORMATS)}.", value=form)
-    with filled_folder(out_dir, last="report.html") as folder:
+    with filled_folder(out_dir, REPORT_FILES, force=force, say=say) as folder:
         step("results")
         document = build_document(study, why=why)
         (folder / "report.json").write_text(dumps(document), encoding="utf-8")
@@ -96,7 +125,7 @@ def write_report(
         (folder / "references.bib").write_text(bibtex(document), encoding="utf-8")
         if study.posterior is not None:
             step("posterior")
-            study.posterior.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+            write_posterior(study.posterior, folder / "posterior.nc")
         step("figures")
         plots = draw_all(drawings(document), folder / "figures", formats=formats)
         step("page")
@@ -108,7 +137,13 @@ def write_report(
     return Path(out_dir) / "report.html"
 
 
-def write_fit(study: Study, out_dir: str | Path) -> Path:
+def write_fit(
+    study: Study,
+    out_dir: str | Path,
+    *,
+    force: bool = False,
+    say: Callable[[str], None] = warned,
+) -> Path:
     """Write fit.json, in report.json's schema without curves, and posterior.nc.
 
     Parameters
@@ -117,6 +152,10 @@ def write_fit(study: Study, out_dir: str | Path) -> Path:
         What it has not computed yet is computed now.
     out_dir : str or Path
         Folder, made where it does not exist; files of other programs in it stay.
+    force : bool
+        Replace also files of these names that no earlier run wrote.
+    say : callable
+        Told of each edited file that is kept as NAME.bak; a warning by default.
 
     Returns
     -------
@@ -126,16 +165,26 @@ def write_fit(study: Study, out_dir: str | Path) -> Path:
     Raises
     ------
     UsageError
-        Where `out_dir` is a file or cannot be written.
+        Where `out_dir` is a file or cannot be written, or a name in it is taken by a file that no
+        earlier run wrote.
     PerceptError
         What the study refuses.
     """
-    with filled_folder(out_dir, last="fit.json") as folder:
+    with filled_folder(out_dir, FIT_FILES, force=force, say=say) as folder:
         document = build_document(study, curves=False)
         (folder / "fit.json").write_text(dumps(document), encoding="utf-8")
         if study.posterior is not None:
-            study.posterior.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+            write_posterior(study.posterior, folder / "posterior.nc")
     return Path(out_dir) / "fit.json"
+
+
+def write_posterior(posterior: DataTree, path: Path) -> None:
+    """Write a posterior as netCDF.
+
+    It is put together in memory: where HDF5 itself runs into a full disk, closing its file ends the
+    process.
+    """
+    path.write_bytes(posterior.to_netcdf(None, engine="h5netcdf"))
 
 
 def csv_tables(document: Mapping[str, Any]) -> dict[str, str]:

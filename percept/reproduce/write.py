@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup, escape
 
-from percept.files import filled_folder
+from percept.files import FolderFiles, filled_folder, warned
 from percept.inference import prediction_interval, tolerance_interval
 from percept.provenance import made_by
 from percept.reproduce.claims_table import limits_printed
@@ -25,11 +25,21 @@ from percept.sessions.quantities import IMPEDANCE
 PAGE = "reproduction.html"
 SCHEMA = "percept-reproduction/3"
 
+_FIGURES = ("design", "device-maps", "fig-*")
+_FILES = FolderFiles(
+    PAGE,
+    (PAGE, "claims.json", "claims.csv", "table1.csv", *(f"figures/{f}.svg" for f in _FIGURES)),
+)
 _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib")
 
 
 def write_reproduction(
-    published: Published, out_dir: str | Path, *, command: str = "percept reproduce"
+    published: Published,
+    out_dir: str | Path,
+    *,
+    command: str = "percept reproduce",
+    force: bool = False,
+    say: Callable[[str], None] = warned,
 ) -> list[Claim]:
     """Judge every claim, draw every figure and write both.
 
@@ -41,6 +51,10 @@ def write_reproduction(
         Folder, made where it does not exist; files of other names in it stay.
     command : str, optional
         What is run, as the page says it. It is in no other file, as the date and the commit are.
+    force : bool
+        Replace also files of these names that no earlier run wrote.
+    say : callable
+        Told of each edited file that is kept as NAME.bak; a warning by default.
 
     Returns
     -------
@@ -50,18 +64,19 @@ def write_reproduction(
     Raises
     ------
     UsageError
-        Where the folder is a file or cannot be written.
+        Where the folder is a file or cannot be written, or a name in it is taken by a file that
+        no earlier run wrote.
     """
     # The drawing library waits for whoever draws.
     from percept.report.figures.output import draw_all
     from percept.report.page import render_standalone
     from percept.reproduce.figures import drawings
 
-    claims = judge_all(published)
-    adapted = adapted_couplings(published)
-    made = made_by(command, _PACKAGES)
-    document = _document(published, claims, adapted, made.versions)
-    with filled_folder(out_dir, last=PAGE) as folder:
+    with filled_folder(out_dir, _FILES, force=force, say=say) as folder:
+        claims = judge_all(published)
+        adapted = adapted_couplings(published)
+        made = made_by(command, _PACKAGES)
+        document = _document(published, claims, adapted, made.versions)
         texts = {
             "claims.json": dumps(document),
             "claims.csv": _claims_csv(document["claims"]),

@@ -7,6 +7,7 @@ import pytest
 from percept import Scene, Study, read_sessions
 from percept.errors import PerceptError, UsageError
 from percept.report import dumps, write_report
+from percept.report.write import REPORT_FILES
 
 from .conftest import DATASETS
 
@@ -93,6 +94,34 @@ def test_a_folder_that_cannot_be_made_is_named(quick, tmp_path):
     with pytest.raises(UsageError, match="cannot be written") as caught:
         write_report(quick, tmp_path / "file" / "out")
     assert caught.value.file == str(tmp_path / "file" / "out")
+
+
+def test_a_file_of_a_report_s_name_is_refused_before_anything_is_computed(quick, tmp_path):
+    mine = tmp_path / "out" / "references.bib"
+    mine.parent.mkdir()
+    mine.write_text("@book{mine}")
+    told = []
+    with pytest.raises(UsageError, match="was not written by an earlier run") as refused:
+        write_report(quick, tmp_path / "out", progress=told.append)
+    assert refused.value.file == str(mine)
+    assert told == []
+    write_report(quick, tmp_path / "out", force=True)
+    assert "percept" in mine.read_text()
+    mine.write_text("@book{mine}")
+    kept = []
+    write_report(quick, tmp_path / "out", say=kept.append)
+    assert mine.with_name("references.bib.bak").read_text() == "@book{mine}"
+    assert len(kept) == 1
+
+
+def test_every_file_of_a_report_is_on_the_list_of_its_names(report):
+    assert [
+        path.name
+        for path in report.rglob("*")
+        if path.is_file()
+        and path.name != "report.sha256"
+        and not REPORT_FILES.has(path.relative_to(report).as_posix())
+    ] == []
 
 
 def test_steps_are_told(quick, tmp_path):

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from percept.cli import main
-from percept.files import exclusive, filled_folder
+from percept.files import FolderFiles, exclusive, filled_folder
 from tests import DATASETS
 from tests.survival.kill import contents
 
@@ -21,6 +21,7 @@ pytestmark = pytest.mark.skipif(
 )
 STUDY = str(DATASETS / "hbfd_sessions.csv")
 _SIZE = 1 << 20
+ONE = FolderFiles("a.txt", ("a.txt",))
 # The command under a limit on the size of files, which fails as a full disk does: in the middle of
 # a write.
 LIMITED = """
@@ -79,6 +80,30 @@ def test_a_full_disk_is_said_and_the_earlier_result_stays(tmp_path):
         assert str(disk / "out") in failed.stderr
         ballast.unlink()
         assert contents(disk) == before
+
+
+def test_a_posterior_that_does_not_fit_is_an_error_and_ends_no_process(tmp_path):
+    """HDF5 itself ends the process when it closes a file on a full disk."""
+    code = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+import xarray
+from percept.report.write import write_posterior
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+draws = xarray.Dataset({"scale": (("chain", "draw"), np.random.default_rng(1).random((4, 20_000)))})
+try:
+    write_posterior(xarray.DataTree.from_dict({"posterior": draws}), Path(sys.argv[1]))
+except OSError as error:
+    print(error.strerror)
+"""
+    ran = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "posterior.nc")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (ran.returncode, ran.stdout) == (0, "File too large\n"), ran.stderr
 
 
 @pytest.mark.parametrize("command", ["fit", "report"])
@@ -160,8 +185,9 @@ def test_moves_of_two_runs_do_not_mix(tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     code = (
-        "import sys\nfrom percept.files import filled_folder\n"
-        "with filled_folder(sys.argv[1], last='z.txt') as f:\n"
+        "import sys\nfrom percept.files import FolderFiles, filled_folder\n"
+        "files = FolderFiles('z.txt', ('a.txt', 'z.txt'))\n"
+        "with filled_folder(sys.argv[1], files) as f:\n"
         "    for n in ('a.txt', 'z.txt'):\n        (f / n).write_text('other\\n')\n"
         "    print('filled', flush=True)\n"
     )
@@ -184,7 +210,7 @@ def test_a_folder_on_another_disk_or_of_a_long_name_is_filled(tmp_path):
     try:
         (tmp_path / "link").symlink_to(disk)
         for out in (tmp_path / "link", tmp_path / "link" / "new", tmp_path / ("long" * 60)):
-            with filled_folder(out, last="a.txt") as aside:
+            with filled_folder(out, ONE) as aside:
                 (aside / "a.txt").write_text("x")
             assert (out / "a.txt").read_text() == "x"
         assert (tmp_path / "link").is_symlink()
@@ -203,9 +229,9 @@ def test_only_what_is_old_is_removed(tmp_path, made):
         folder.mkdir(parents=True)
         (folder / "half.json").write_text("{")
         os.utime(folder, (1e9, 1e9))
-    with filled_folder(tmp_path / "out", last="a.txt") as first:
+    with filled_folder(tmp_path / "out", ONE) as first:
         assert not abandoned.exists()
-        with filled_folder(tmp_path / "out", last="a.txt") as second:
+        with filled_folder(tmp_path / "out", ONE) as second:
             assert first.exists()
             (second / "a.txt").write_text("second\n")
         (first / "a.txt").write_text("first\n")

@@ -27,7 +27,7 @@ from percept.bench.peers.processes import (
 )
 from percept.bench.peers.reference import Reference, stored_reference, stored_references
 from percept.errors import RefusalError
-from percept.files import filled_folder
+from percept.files import FolderFiles, filled_folder, refuse_foreign
 from percept.provenance import Made, made_by
 from percept.report.figures.canvas import COLOURS, Drawing, legend, log_scale, panels
 from percept.report.figures.output import draw_all
@@ -36,6 +36,7 @@ from percept.reproduce.published import dataset
 from percept.results.plain import dumps, plain
 
 SCHEMA, PAGE = "percept-benchmark-2", "index.html"
+_FILES = FolderFiles(PAGE, (PAGE, "benchmark.json", "figures/time-*.svg"))
 #: Errors over half-width at which times are compared.
 LEVELS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 _OURS, _PLAIN = "percept", "nutpie"
@@ -55,9 +56,11 @@ def run_benchmark(
     seconds: float = 150.0,
     repeats: int = 5,
     quick: bool = False,
+    force: bool = False,
     log: Callable[[str], None] = lambda line: None,
 ) -> Path:
     """Measure every installed engine on every study with a reference, and whole commands; write the page."""
+    refuse_foreign(out, _FILES, force=force)
     chosen = [engine(name) for name in engines] or list(ENGINES)
     references = {name: stored_reference(name) for name in studies or stored_references()}
     left_out = {one.title: one.missing for one in chosen if one.missing}
@@ -88,7 +91,7 @@ def run_benchmark(
         measured, whole, references, left_out=left_out, made=made_by(command, packages),
         at=machine((before, os.getloadavg()[0]), time.perf_counter() - begun),
     )  # fmt: skip
-    return write_benchmark(document, out)
+    return write_benchmark(document, out, force=force)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -230,9 +233,11 @@ def _losses(
 _COLOURS = "bayesian", "ink", "classical", "warn", "coupled"
 
 
-def write_benchmark(document: Mapping[str, Any], out_dir: str | Path) -> Path:
+def write_benchmark(
+    document: Mapping[str, Any], out_dir: str | Path, *, force: bool = False
+) -> Path:
     """Write a benchmark's document, figures and page."""
-    with filled_folder(out_dir, last=PAGE) as folder:
+    with filled_folder(out_dir, _FILES, force=force) as folder:
         (folder / "benchmark.json").write_text(dumps(document), encoding="utf-8")
         drawings = [_against_error(document, one) for one in document["studies"]]
         page = render_standalone(
