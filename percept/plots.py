@@ -29,6 +29,7 @@ from percept.report.select import (
     compared_by_difference,
     each_by_itself,
     families_of,
+    kind_names,
     quantities_of,
 )
 from percept.results.plain import plain
@@ -80,6 +81,7 @@ def plot_intervals(
             values,
             log=log and relative,
             subject=study.scene.study.subject[0],
+            names=kind_names(document),
             centre=1.0 if relative else 0.0,
         )
         quantity = quantities[parameters[0]]

@@ -234,6 +234,9 @@ def _noun(value: Any) -> Any:
 Noun = Annotated[tuple[str, str], BeforeValidator(_noun)]
 
 
+_SUBJECT = ("subject", "subjects")
+
+
 class StudyTable(Table):
     """What the study calls its environments and subjects, as a noun or as singular and plural.
 
@@ -243,7 +246,7 @@ class StudyTable(Table):
     """
 
     environment: Noun | None = None
-    subject: Noun = ("subject", "subjects")
+    subject: Noun = _SUBJECT
     factor: Annotated[str, Field(min_length=1)] | None = None
 
 
@@ -334,6 +337,11 @@ class Scene(DataTables):
         """What environments are called, one and several."""
         usual = _noun("environment" if is_impedance(self.quantities) else "condition")
         return self.study.environment or usual
+
+    @property
+    def user_noun(self) -> tuple[str, str]:
+        """What those are called whom a result is about, one and several: users, or the study's subjects."""
+        return _noun("user") if self.study.subject == _SUBJECT else self.study.subject
 
     @property
     def folder(self) -> Path:

@@ -186,7 +186,11 @@ def in_words_of(scene: Scene) -> Callable[[str], str]:
     """Return what puts a text into the study's words for environments and subjects, fit for a terminal."""
     from percept.report.select import worded
 
-    words = {"environment": scene.environment_noun, "subject": scene.study.subject}
+    words = {
+        "environment": scene.environment_noun,
+        "subject": scene.study.subject,
+        "user": scene.user_noun,
+    }
     return lambda text: printable(worded(text, words))
 
 

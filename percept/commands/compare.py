@@ -36,6 +36,7 @@ _CONTRAST = [
     "estimate",
     "upper",
     "p_value",
+    "error",
     "n",
 ]
 _MOST_CURVES = 10

@@ -109,10 +109,14 @@ class Interval:
     @property
     def covers(self) -> str:
         """One plain sentence saying what the interval covers, the same for every sample."""
-        clauses = [f"{self._statement()} ({', '.join(self._basis())})"]
+        return self.covers_of("user", "users")
+
+    def covers_of(self, user: str, users: str) -> str:
+        """Say what the interval covers, with a study's words for one user and for several."""
+        clauses = [f"{self._statement(user, users)} ({', '.join(self._basis(users))})"]
         if self.expected_share is not None:
             held = percent(self.expected_share, digits=3)
-            clauses.append(f"it is not a range of users, and holds an expected {held} of them")
+            clauses.append(f"it is not a range of {users}, and holds an expected {held} of them")
         if self.joint == "bonferroni":
             clauses.append("widened so that the statements on both quantities are true together")
         if self.approximate:
@@ -130,23 +134,23 @@ class Interval:
         row = self.as_dict()
         return fields_html(row, caption=row.pop("covers"))
 
-    def _statement(self) -> str:
+    def _statement(self, user: str, users: str) -> str:
         where = _WHERE[self.side]
         level = self.level if self.confidence is None else self.confidence
         sure = f"{percent(level)} confidence"
         if self.method == "bayesian":
             sure = f"{percent(level)} probability under the model and its priors"
         if self.share is not None:
-            return f"At least {percent(self.share)} of all users lie {where}, with {sure}"
-        average = "average user's value"
+            return f"At least {percent(self.share)} of all {users} lie {where}, with {sure}"
+        average = f"average {user}'s value"
         if self.family == "lognormal":
-            average = "typical user's value (the geometric mean of all users)"
-        who = average if self.kind == "mean" else "next user's value"
+            average = f"typical {user}'s value (the geometric mean of all {users})"
+        who = average if self.kind == "mean" else f"next {user}'s value"
         return f"The {who} lies {where}, with {sure}"
 
-    def _basis(self) -> list[str]:
+    def _basis(self, users: str) -> list[str]:
         low, high = int(np.min(self.n)), int(np.max(self.n))
-        parts = [f"from {low} users" if low == high else f"from {low} to {high} users"]
+        parts = [f"from {low} {users}" if low == high else f"from {low} to {high} {users}"]
         if self.repeats is False:
             parts.append("one trial each, trial noise included")
         elif self.repeats and self.method == "classical":

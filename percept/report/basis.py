@@ -167,7 +167,7 @@ def data(document: Record) -> Section:
 
 _CLASSICAL = {
     "mean": "t-intervals of the mean",
-    "user": "prediction intervals of the next user",
+    "user": "prediction intervals of the next {0}",
     "share": "exact two-sided tolerance intervals",
 }
 _LEVEL, _SHARE = (f"/provenance/scene/inference/{name}" for name in ("level", "share"))
@@ -192,7 +192,9 @@ def methods(document: Record) -> Section:
         "deviation": _deviation(document),
         "kinds": kinds,
         "classical": "classical" in used,
-        "classical_kinds": listed([_CLASSICAL[kind] for kind in kinds]),
+        "classical_kinds": listed(
+            [_CLASSICAL[kind].format(document["data"]["words"]["user"][0]) for kind in kinds]
+        ),
         "share_pointer": _SHARE if "share" in scene["inference"] else _LEVEL,
         "bayesian": "bayesian" in used,
         "model": _model(document),

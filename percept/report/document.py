@@ -108,10 +108,18 @@ def data_of(study: Study) -> dict[str, Any]:
         "subjects": len(sessions.subjects),
         "rows": len(sessions.table),
         "environments": list(sessions.environments),
+        "references": len(
+            sessions.factor.environments if sessions.factor else sessions.environments
+        ),
+        "factor": sessions.factor.name if sessions.factor else None,
         "parameters": list(sessions.parameters),
         "quantities": {p: sessions.quantities[p].model_dump() for p in sessions.parameters},
         "words": plain(
-            {"environment": study.scene.environment_noun, "subject": study.scene.study.subject}
+            {
+                "environment": study.scene.environment_noun,
+                "subject": study.scene.study.subject,
+                "user": study.scene.user_noun,
+            }
         ),
         "counts": plain(sessions.counts),
         "notices": [_located(notice, "text") for notice in sessions.notices],

@@ -8,6 +8,7 @@ from typing import Any
 
 from percept.inference.record import percent
 from percept.report.cautions import cautions
+from percept.report.contrast import contrast_sentences
 from percept.report.numbers import bare, digits_of, rounded
 from percept.report.select import (
     METHODS,
@@ -53,12 +54,14 @@ def overview(document: Mapping[str, Any]) -> dict[str, Any]:
     realism = _realism(document, best)
     quantities = quantities_of(document)
     environments = document["data"]["words"]["environment"][1]
-    sentences = _biases(rows, quantities, environments)
+    sentences = contrast_sentences(document)
+    contrasts = len(sentences)
+    sentences += _biases(rows, quantities, environments)
     sentences += _feelings(realism, environments)
     sentences += _stability(document)
     sentences += _next_users(rows, quantities)
     # The next user's ranges answer where no device lets percept judge what feels real.
-    most = max(3, len(distinct(rows, "parameter")) + 2)
+    most = contrasts + max(3, len(distinct(rows, "parameter")) + 2)
     return {"rows": rows, "realism": realism, "sentences": sentences[:most]}
 
 

@@ -14,6 +14,7 @@ from percept.report.basis import (
     diagnostics,
     methods,
 )
+from percept.report.contrast import contrast
 from percept.report.numbers import digits_of
 from percept.report.overview import summary
 from percept.report.select import (
@@ -148,48 +149,6 @@ def _sentences(rows: Sequence[Record]) -> list[dict[str, Any]]:
                 {**carried[0], "families": families, "where": [] if alone else list(where)}
             )
     return found
-
-
-def contrast(document: Record) -> Section | None:
-    """Return the contrasts of conditions within subjects, pair by pair of levels."""
-    rows = pointed(document.get("contrast"), "/contrast")
-    if not rows:
-        return None
-    quantities = quantities_of(document)
-    pairs = list(dict.fromkeys((row["first"], row["second"]) for row in rows))
-    tables = [
-        {
-            "first": first,
-            "second": second,
-            "quantity": quantities[parameter],
-            "of": of,
-            "unit": alike[0]["unit"],
-            "rows": alike,
-        }
-        for first, second in pairs
-        for parameter in distinct(rows, "parameter")
-        for of in ("bias", "spread")
-        if (alike := matching(rows, first=first, second=second, parameter=parameter, of=of))
-    ]
-    means = matching(rows, of="bias", kind="mean")
-    overall = matching(means, environment=None) or means
-    best = {
-        p: ordered(METHODS[::-1], matching(overall, parameter=p), "method")[:1] for p in quantities
-    }
-    values = {
-        "tables": tables,
-        "overall": [
-            {**row, "label": quantities[row["parameter"]].label}
-            for row in overall
-            if [row["method"]] == best[row["parameter"]]
-        ],
-        "ratio": rows[0]["family"] == "lognormal",
-        "bayesian": "bayesian" in distinct(rows, "method"),
-        "factor": rows[0]["factor"],
-        "cell": document["data"]["environments"][0],
-    }
-    versus = f"{pairs[0][1]} against {pairs[0][0]}" if len(pairs) == 1 else "levels two by two"
-    return Section("contrast", f"{rows[0]['factor']}: {versus}", values)
 
 
 def boundaries(document: Record) -> Section | None:

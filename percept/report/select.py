@@ -15,11 +15,10 @@ from percept.sessions.quantities import IMPEDANCE, Quantity
 
 Record = Mapping[str, Any]
 
-_WORDS = re.compile(r"\b([Aa]n? )?((?:[Ee]nvironment|[Ss]ubject)s?)\b")
+_WORDS = re.compile(r"\b([Aa]n? )?((?:[Ee]nvironment|[Ss]ubject|[Uu]ser)s?)\b")
 #: Joint treatments of the main account: k and b each at the level asked for, or drawn together.
 EACH_BY_ITSELF = ("marginal", "joint")
 KINDS = ("mean", "user", "share")
-KIND_NAMES = {"mean": "average user", "user": "next user", "share": "share of users"}
 METHODS = ("classical", "bayesian")
 #: Statistics of the predictive check, in words.
 STATISTICS = {"mean": "mean", "sd": "SD", "farthest": "farthest subject"}
@@ -33,6 +32,12 @@ class Section:
     name: str  # Id on the page, and name of its template
     title: str  # Heading
     values: Record  # What the template reads
+
+
+def kind_names(document: Record) -> dict[str, str]:
+    """Name the kinds of interval in the study's word for users."""
+    user, users = document["data"]["words"]["user"]
+    return {"mean": f"average {user}", "user": f"next {user}", "share": f"share of {users}"}
 
 
 def quantities_of(document: Record) -> dict[str, Quantity]:
@@ -53,7 +58,7 @@ def title_of(document: Record) -> str:
 
 
 def worded(text: str, words: Mapping[str, Sequence[str]]) -> str:
-    """Say a sentence of percept in the study's words for environments and subjects."""
+    """Say a sentence of percept in the study's words for environments, subjects and users."""
 
     def own(found: re.Match[str]) -> str:
         article, usual = found[1] or "", found[2]

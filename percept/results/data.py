@@ -82,6 +82,7 @@ class Nouns:
 
     environment: tuple[str, str]
     subject: tuple[str, str]
+    user: tuple[str, str]  # Users, unless the study names its subjects
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,6 +94,8 @@ class Data:
     subjects: int
     rows: int
     environments: tuple[str, ...]
+    references: int  # Environments, each once for all levels of the factor
+    factor: str | None  # Column of conditions within subjects
     parameters: tuple[str, ...]
     quantities: dict[str, Quantity]  # By parameter
     words: Nouns

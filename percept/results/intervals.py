@@ -54,7 +54,10 @@ class ContrastRow(NotebookRecord):
     estimate: float
     unit: str  # Of differences: "references", or the quantity's where one of these is not positive
     p_value: float | None
+    error: float | None  # Monte Carlo error of limits without a stopping rule, in log half-widths
     n: int  # Subjects with both levels
+    of_subjects: int  # Subjects in the study
+    of_references: int  # References that the factor has
     covers: str
 
 

@@ -24,6 +24,7 @@ from percept.study.responses import Trials, by_difference, lacking_scatter, tria
 # The classical contrasts do without the model.
 if TYPE_CHECKING:
     from percept.inference.hierarchy.within import WithinSubjects
+    from percept.inference.sampling.gate import Run
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,6 +37,8 @@ class _Pair:
     asked: InferenceTable
     alone: bool  # Whether it is the only quantity analysed
     scale: float | None  # Of differences in the quantity's unit; None for ratios and for references
+    subjects: int  # In the study, with both levels or not
+    users: tuple[str, str]  # What the study calls one user and several
 
     def __str__(self) -> str:
         return f"{self.quantity.label}, {self.levels[1]} against {self.levels[0]}"
@@ -50,8 +53,12 @@ class _Pair:
         kind: str | None = None,
         overall: bool = False,
         p_value: float | None = None,
+        error: float | None = None,
     ) -> Row:
-        """Make a row of lower, upper and estimate on the response scale; of spread where there is no kind."""
+        """Make a row of lower, upper and estimate on the response scale; of spread where there is no kind.
+
+        The `error` is that of Monte Carlo, where no stopping rule bounds it.
+        """
         asked, share = self.asked, kind == "share"
         log = asked.family == "lognormal"
         limits = np.asarray(ends, dtype=float)
@@ -81,8 +88,11 @@ class _Pair:
             "estimate": estimate,
             "unit": unit,
             "p_value": p_value,
+            "error": error,
             "n": n,
-            "covers": self._covers(kind, method, n, log=log),
+            "of_subjects": self.subjects,
+            "of_references": len(self.factor.environments),
+            "covers": self._covers(kind, method, self._basis(n, references, overall=overall)),
         }
 
     @property
@@ -90,9 +100,21 @@ class _Pair:
         """Unit of differences."""
         return "references" if self.scale is None else self.quantity.unit or "its own unit"
 
-    def _covers(self, kind: str | None, method: str, n: int, *, log: bool) -> str:
+    def _basis(self, n: int, references: Sequence[str], *, overall: bool) -> str:
+        """Say which subjects and references a contrast rests on."""
+        users = f"from {n} of {counted(self.subjects, *self.users)}, with both levels"
+        if not overall:
+            return users
+        every = len(self.factor.environments)
+        if len(references) == every:
+            return f"{users}, over all {every} references"
+        return f"{users}, over {len(references)} of {every} references: {', '.join(references)}"
+
+    def _covers(self, kind: str | None, method: str, basis: str) -> str:
         """Say in a sentence what a contrast's limits hold."""
         first, second = self.levels
+        log = self.asked.family == "lognormal"
+        user, users = self.users
         how = (
             f"{second} over {first}"
             if log or not kind
@@ -106,16 +128,13 @@ class _Pair:
         )
         what = f"{'ratio' if log else 'difference'} of {self.quantity.label} ({how})"
         if not kind:
-            start = f"The ratio of SDs between users of {self.quantity.label} ({how})"
+            start = f"The ratio of SDs between {users} of {self.quantity.label} ({how})"
         elif kind == "share":
-            start = f"For at least {percent(self.asked.held_share)} of all users the {what}"
+            start = f"For at least {percent(self.asked.held_share)} of all {users} the {what}"
         else:
             who = "next" if kind == "user" else "typical" if log else "average"
-            start = f"The {who} user's {what}"
-        said = (
-            f"{start} lies between the limits, with {sure} (from {counted(n, 'user')} with both"
-            " levels)."
-        )
+            start = f"The {who} {user}'s {what}"
+        said = f"{start} lies between the limits, with {sure} ({basis})."
         return (
             said
             if self.alone
@@ -133,8 +152,18 @@ def contrast_rows(
     for p in parameters:
         scale = scene.model.scale.get(p) if by_difference(sessions, p) else None
         alone = len(parameters) == 1
+        subjects = len(sessions.subjects)
         pairs[p] = [
-            _Pair(factor, levels, sessions.quantities[p], asked, alone, scale)
+            _Pair(
+                factor,
+                levels,
+                sessions.quantities[p],
+                asked,
+                alone,
+                scale,
+                subjects,
+                scene.user_noun,
+            )
             for levels in factor.pairs
         ]
     for p, of_quantity in pairs.items() if asked.method != "bayesian" else ():
@@ -274,9 +303,7 @@ def _bayesian(sessions: Sessions, scene: Scene, pair: _Pair, **how: Any) -> Iter
         return
     laws = ConditionalMoments.unpack(run.components.reshape(-1, run.components.shape[-1]))
     limits = run.estimates.value.reshape(len(asked.kinds), 2, -1)
-    kept = run.independent()
-    tails = [0.5 * (1.0 - asked.level), 0.5 * (1.0 + asked.level), 0.5]
-    spreads = np.quantile(model.spread_ratios(kept.reshape(-1, kept.shape[-1])), tails, axis=0)
+    spreads, errors = _spread_limits(model, run, asked.level)
     there = np.isfinite(model.statistics.cell_means[:, 0])
     names = [name for _, name in model.cells[:-1]]
     paired = [there[:, model.reference == j].all(axis=1) for j in range(len(names))]
@@ -287,4 +314,28 @@ def _bayesian(sessions: Sessions, scene: Scene, pair: _Pair, **how: Any) -> Iter
         for kind, (lower, upper) in zip(asked.kinds, limits[..., c], strict=True):
             ends = [lower, upper, laws.mean[:, c].mean()]
             yield pair.row(references, ends, n, kind=kind, **of_model)
-        yield pair.row(references, spreads[:, c], n, **of_model)
+        if not overall:
+            yield pair.row(references, spreads[:, c], n, error=float(errors[c]), **of_model)
+    yield Skipped(
+        f"Bayesian overall ratio of SDs of {pair}",
+        "the model has one SD of the subject effect for both levels, which makes the overall ratio"
+        " falsely certain",
+    )
+
+
+def _spread_limits(model: WithinSubjects, run: Run, level: float) -> tuple[Array, Array]:
+    """Lower, upper and middle ratio of SDs of each contrast (3, J + 1), and their Monte Carlo errors.
+
+    The errors (J + 1,) are the larger of both limits', in half-widths on the log scale, by the
+    jackknife over batches of draws: quantiles of draws lie outside the sampler's stopping rule.
+    """
+    kept = run.independent()
+    ratios = model.spread_ratios(kept.reshape(-1, kept.shape[-1]))
+    tails = [0.5 * (1.0 - level), 0.5 * (1.0 + level)]
+    limits = np.quantile(ratios, [*tails, 0.5], axis=0)
+    batch = run.batches()
+    names = np.unique(batch)
+    without = [np.quantile(np.log(ratios[batch != name]), tails, axis=0) for name in names]
+    variance = (names.size - 1) * np.var(without, axis=0)
+    half_width = 0.5 * np.log(limits[1] / limits[0])
+    return limits, np.sqrt(variance).max(axis=0) / half_width

@@ -215,7 +215,7 @@ def sampled(
 
 
 def bayesian_rows(
-    fit: Fit, asked: InferenceTable, reference: References
+    fit: Fit, asked: InferenceTable, reference: References, users: tuple[str, str]
 ) -> Iterator[Row | Skipped]:
     """Yield a row of the interval table for every interval of a fit that passed."""
     yield from fit.skipped
@@ -232,7 +232,12 @@ def bayesian_rows(
         lower, upper = fit.limits[kind]
         for cell, c in fit.column.items():
             limits, n = (lower[c], upper[c], fit.estimate[c]), int(fit.counts[c])
-            rest = {"n": n, "repeats": fit.repeats, "approximate": fit.approximate}
+            rest: Any = {
+                "n": n,
+                "repeats": fit.repeats,
+                "approximate": fit.approximate,
+                "users": users,
+            }
             unit = fit.quantities[cell[0]].unit
             yield bayesian_row(asked, kind, cell, limits, reference[cell], unit, **rest)
 

@@ -124,9 +124,16 @@ def known_moments(cells: Sequence[Cell], family: Family) -> dict[tuple[str, str]
 
 
 def classical_rows(
-    cells: Mapping[Family, Sequence[Cell]], asked: InferenceTable, reference: References
+    cells: Mapping[Family, Sequence[Cell]],
+    asked: InferenceTable,
+    reference: References,
+    *,
+    users: tuple[str, str],
 ) -> Iterator[Row | Skipped]:
-    """Yield a row for every classical interval the scene asks for, of cells by family."""
+    """Yield a row for every classical interval the scene asks for, of cells by family.
+
+    `users` are the study's words for one user and for several, here and below.
+    """
     if asked.method == "classical" and not any(
         cell.moments for of_family in cells.values() for cell in of_family
     ):
@@ -144,7 +151,8 @@ def classical_rows(
             how: Any = {**claim_of(asked), "family": family, "unit": cell.quantity.unit}
             at = cell.parameter, cell.environment
             for kind, joint in itertools.product(asked.kinds, joints):
-                yield _row(interval_of(kind, cell.moments, joint=joint, **how), at, reference[at])
+                interval = interval_of(kind, cell.moments, joint=joint, **how)
+                yield _row(interval, at, reference[at], users)
 
 
 def bayesian_row(
@@ -154,6 +162,7 @@ def bayesian_row(
     limits: tuple[float, float, float],
     reference: float,
     unit: str,
+    users: tuple[str, str] = ("user", "users"),
     **rest: Any,
 ) -> Row:
     """Make the row of a posterior interval: lower, upper and estimate; `rest` are fields of `Interval`."""
@@ -164,15 +173,18 @@ def bayesian_row(
         kind=kind, method="bayesian", family=asked.family, level=asked.level,
         lower=lower, upper=upper, estimate=estimate, unit=unit, **rest,
     )  # fmt: skip
-    return _row(interval, cell, reference)
+    return _row(interval, cell, reference, users)
 
 
-def _row(interval: Interval, cell: tuple[str, str], reference: float) -> Row:
+def _row(
+    interval: Interval, cell: tuple[str, str], reference: float, users: tuple[str, str]
+) -> Row:
     return {
         "environment": cell[1],
         "parameter": cell[0],
         "reference": reference,
         **interval.as_dict(),
+        "covers": interval.covers_of(*users),
     }
 
 

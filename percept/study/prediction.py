@@ -243,7 +243,11 @@ def _rows(
     limits: Mapping[Kind, _Limits],
 ) -> Iterator[dict[str, Any]]:
     """Yield a row for every kind and parameter."""
-    rest = {"n": int(fit.counts.max()), "repeats": fit.repeats, "approximate": fit.approximate}
+    rest: dict[str, Any] = {
+        "n": int(fit.counts.max()),
+        "repeats": fit.repeats,
+        "approximate": fit.approximate,
+    }
     for kind, found in limits.items():
         with np.errstate(over="ignore", under="ignore"):
             ends = scale.native(

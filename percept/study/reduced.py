@@ -34,12 +34,14 @@ def reduced_intervals(reduced: Reduced, scene: Scene | None = None) -> pd.DataFr
     attrs: dict[str, Any] = {"skipped": (), "error_reached": ""}
     if asked.method != "bayesian":
         moments = list(_cells(reduced, cells, reference))
-        rows += results(classical_rows({reduced.family: moments}, asked, reference))
+        rows += results(
+            classical_rows({reduced.family: moments}, asked, reference, users=scene.user_noun)
+        )
     if asked.method != "classical":
         prepared = prepare_reduced(reduced, scene)
         found = fit_of(prepared, asked, sampled(prepared.model, asked))
         if found.passed:
-            rows += results(bayesian_rows(found, asked, reference))
+            rows += results(bayesian_rows(found, asked, reference, scene.user_noun))
             attrs["error_reached"] = found.run.gate.error_reached
         elif rows:
             attrs["skipped"] = (("Bayesian intervals", found.withheld),)

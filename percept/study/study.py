@@ -146,12 +146,12 @@ class Study(StudyViews):
         if asked.method != "bayesian":
             if self.sessions.form == "trials":
                 refuse_lone_subject(self.sessions.subjects)
-            rows += classical_rows(self._cells, asked, self.reference)
+            rows += classical_rows(self._cells, asked, self.reference, users=self.scene.user_noun)
         if isinstance(self._fit, Skipped):
             return [*rows, self._fit]
         from percept.study.fit import bayesian_rows
 
-        return [*rows, *bayesian_rows(self._fit, asked, self.reference)]
+        return [*rows, *bayesian_rows(self._fit, asked, self.reference, self.scene.user_noun)]
 
     @cached_property
     def _cells(self) -> dict[Family, list[Cell]]:

@@ -337,7 +337,15 @@ def test_bars_span_their_limits_and_end_in_arrows_where_the_axis_does():
         Bar("C", "mean", "bayesian", 0.8, 1e4, 1.1),
         Bar("D", "mean", "bayesian", 0.8, 1.6, 1.1),
     ]
-    draw_intervals(ax, ["A", "B", "C", "D"], bars, [np.array([0.9, 1.2])], log=True)
+    draw_intervals(
+        ax,
+        ["A", "B", "C", "D"],
+        bars,
+        [np.array([0.9, 1.2])],
+        log=True,
+        subject="subject",
+        names={"mean": "average driver", "user": "next driver"},
+    )
     spans = [tuple(line.get_xdata()) for line in ax.get_lines() if len(line.get_xdata()) == 2]
     assert (0.55, 2.0) in spans
     assert (0.8, 1.6) in spans

@@ -24,7 +24,7 @@ def document(rows, *, realism=(), coupling=None):
     found = (
         None if coupling is None and not realism else {"realism": list(realism), **(coupling or {})}
     )
-    words = {"environment": ["environment", "environments"], "subject": ["subject", "subjects"]}
+    words = {"environment": ["environment", "environments"], "user": ["user", "users"]}
     quantities = {"k": {"name": "k", "label": "stiffness", "symbol": "k", "unit": "N/m"}}
     return {
         "intervals": intervals,

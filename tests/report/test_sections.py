@@ -112,7 +112,14 @@ WITHIN = "between-subject scatter within each environment"
 
 def model_of(*, form="trials", environments=3, parameters=("k", "b"), **model):
     rows = [
-        {"parameter": p, "kind": "mean", "method": "bayesian", "family": "lognormal", "n": 6}
+        {
+            "parameter": p,
+            "kind": "mean",
+            "method": "bayesian",
+            "family": "lognormal",
+            "n": 6,
+            "reference": 5.0,
+        }
         for p in parameters
     ]
     document = {

@@ -1,5 +1,7 @@
 """Conditions within subjects: contrasts against SciPy on subjects' means, and what is left out of them."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -71,7 +73,7 @@ def test_contrasts_say_what_they_cover():
     assert (
         row_of(found, "VE1")["covers"]
         == "The typical user's ratio of stiffness (right over left) lies between the limits, with"
-        " 95 % confidence (from 8 users with both levels)."
+        " 95 % confidence (from 8 of 8 users, with both levels)."
     )
     assert row_of(found, None, kind="share")["covers"].startswith(
         "For at least 95 % of all users the ratio of stiffness (right over left) lies between the"
@@ -112,6 +114,17 @@ def test_overall_contrasts_average_over_what_all_subjects_share():
     row = row_of(made.contrasts, None)
     assert row["references"] == ["VE1", "VE2"]
     assert row["n"] == 7
+    assert (row["of_subjects"], row["of_references"]) == (8, 3)
+    assert "from 7 of 8 users, with both levels, over 2 of 3 references: VE1, VE2" in row["covers"]
+    document = build_document(made)
+    assert (
+        "with 95 % confidence, from 7 of 8 users and 2 of 3 references, VE1 and VE2."
+        in document["summary"]["overview"]["sentences"][0]
+    )
+    page = render_page(document, {}, date="2026-01-01")
+    assert ">overall, 2 of 3 references</th>" in page
+    assert "and 2 of <data" in page
+    assert "references: VE1 and VE2." in page
     assert row["p_value"] == pytest.approx(stats.ttest_rel(right, left).pvalue, rel=1e-9)
     assert row_of(made.contrasts, "VE3")["n"] == 6
     assert dict(made.skipped) | {
@@ -234,6 +247,30 @@ def test_groups_share_subjects_at_references_they_share():
     assert not within_subjects(Sessions.from_frame(different, options=options), "hand")
 
 
+def test_users_are_called_what_the_study_calls_its_subjects():
+    made = study(frame(), study={"factor": "hand", "subject": "driver"})
+    document = build_document(made)
+    assert document["data"]["words"]["user"] == ["driver", "drivers"]
+    assert document["summary"]["overview"]["sentences"][0].startswith("Drivers set stiffness")
+    page = render_page(document, {}, date="2026-01-01").split("<main")[1]
+    text = re.sub("(?s)<script.*?</script>|<pre.*?</pre>|<svg.*?</svg>", "", page)
+    text = re.sub('title="([^"]*)"', r"> \1 <", text.split('id="provenance"')[0])
+    text = re.sub("<[^>]*>", "", text)
+    assert "The next driver’s" in text or "the next driver’s" in text
+    # What is left is the name of a kind, in tables.
+    text = re.sub("kind user|user, classical", "", text)
+    left = [word for word in re.findall(r"\w* ?\busers?\b", text) if word != "user"]
+    assert not left, left
+
+
+def test_a_percentage_of_differences_says_which_way():
+    table = frame()
+    table["k_adj"] = table["k_ref"] * np.where(table["hand"] == "left", 1.5, 1.0) + table.index
+    made = study(table, "normal")
+    said = build_document(made, curves=False)["summary"]["overview"]["sentences"][0]
+    assert "references lower with right than with left: −" in said
+
+
 def test_the_page_has_a_section_of_the_factor():
     made = study(frame())
     document = build_document(made)
@@ -244,6 +281,13 @@ def test_the_page_has_a_section_of_the_factor():
     page = render_page(document, {}, date="2026-01-01")
     assert "hand: right against left" in page
     assert "Levels of hand were compared within subjects by paired t-intervals" in page
+    assert re.fullmatch(
+        r"Users set stiffness 1\.\d+ times as high with right as with left: 0\.\d+ to 1\.\d+ with 95 %"
+        r" confidence, from 8 of 8 users and 3 of 3 references\.",
+        document["summary"]["overview"]["sentences"][0],
+    )
+    assert document["data"]["references"] == 3
+    assert "felt like one of 3 reference environments at each level of hand" in page
     overall = next(i for i, row in enumerate(document["contrast"]) if row["environment"] is None)
     assert f'data-at="/contrast/{overall}/lower"' in page
     rows = csv_tables(document)["contrast.csv"].splitlines()

@@ -5,6 +5,7 @@ import pytest
 
 from percept.report.document import build_document
 from percept.report.page import render_page
+from percept.study.basics import Skipped, results
 from percept.study.contrasts import contrast_rows, within_model
 from tests.study.within import frame, study
 
@@ -21,6 +22,11 @@ def rows(made):
     return list(contrast_rows(made.sessions, ("k",), scene))
 
 
+@pytest.fixture(scope="module")
+def computed(rows):
+    return results(rows)
+
+
 def test_the_model_has_a_cell_for_each_reference_and_level(made):
     model = within_model(made.sessions, "k", made.scene, ("left", "right"))
     assert model.statistics.environments == made.environments
@@ -32,10 +38,10 @@ def test_the_model_has_a_cell_for_each_reference_and_level(made):
     assert gaps[3, 2:4].all()
 
 
-def test_many_subjects_leave_little_to_the_priors(made, rows):
+def test_many_subjects_leave_little_to_the_priors(made, computed):
     """Limits of both methods' average user lie within a fifth of the classical half-width."""
     classical = made.contrasts.query("of == 'bias' and kind == 'mean'").to_dict("records")
-    bayesian = [row for row in rows if row["kind"] == "mean"]
+    bayesian = [row for row in computed if row["kind"] == "mean"]
     assert [row["environment"] for row in bayesian] == ["VE1", "VE2", "VE3", None]
     assert [row["n"] for row in bayesian] == [30, 29, 30, 30]
     c, b = classical[0], bayesian[0]
@@ -45,17 +51,25 @@ def test_many_subjects_leave_little_to_the_priors(made, rows):
     assert "probability under the model and its priors" in b["covers"]
 
 
-def test_spreads_are_quantiles_that_hold_one(rows):
-    spreads = [row for row in rows if row["of"] == "spread"]
-    assert len(spreads) == 4
+def test_spreads_are_quantiles_that_hold_one(computed):
+    spreads = [row for row in computed if row["of"] == "spread"]
+    # The overall ratio is not printed: the model shares the subject effect between levels.
+    assert [row["environment"] for row in spreads] == ["VE1", "VE2", "VE3"]
     # Both levels have one law.
     assert all(row["lower"] < 1.0 < row["upper"] for row in spreads)
     assert all(row["lower"] < row["estimate"] < row["upper"] for row in spreads)
 
 
-def test_the_page_says_what_the_bayesian_contrasts_are(made, rows):
+def test_the_overall_ratio_of_spreads_is_named_as_not_computed(rows):
+    found = {row.what: row.why for row in rows if isinstance(row, Skipped)}
+    assert (
+        "falsely certain" in found["Bayesian overall ratio of SDs of stiffness, right against left"]
+    )
+
+
+def test_the_page_says_what_the_bayesian_contrasts_are(made, computed):
     document = build_document(made)
-    page = render_page(document | {"contrast": rows}, {}, date="2026-01-01")
+    page = render_page(document | {"contrast": computed}, {}, date="2026-01-01")
     assert "Bayesian contrasts come from a model of their own" in page
     assert "Bayesian contrasts come" not in render_page(document, {}, date="2026-01-01")
 
@@ -76,3 +90,21 @@ def test_what_the_model_cannot_carry_is_said():
     assert "partial" in skipped(table, **none)
     zero = table.assign(k_adj=np.where(table.index == 0, 0.0, table["k_adj"]))
     assert "has no logarithm" in skipped(zero)
+
+
+def test_limits_of_spread_state_the_error_that_seeds_have(made):
+    """Three seeds: what they differ by is what each states, within a factor of three."""
+    ends, stated = [], []
+    for seed in (1, 2, 3):
+        scene = made.scene.with_inference(tolerance=0.05, method="bayesian", seed=seed)
+        found = results(contrast_rows(made.sessions, ("k",), scene))
+        rows = [row for row in found if row["of"] == "spread"]
+        ends.append([[np.log(row["lower"]), np.log(row["upper"])] for row in rows])
+        stated.append([row["error"] for row in rows])
+        assert all(row["error"] is None for row in found if row["of"] == "bias")
+    half_width = np.diff(ends, axis=2)[..., 0].mean(axis=0) / 2.0
+    differ = np.sqrt((np.std(ends, axis=0, ddof=1) ** 2).mean(axis=1)) / half_width
+    typical = np.sqrt((differ**2).mean())
+    assert typical / 3.0 < np.mean(stated) < 3.0 * typical
+    page = render_page(build_document(made) | {"contrast": found}, {}, date="2026-01-01")
+    assert ">Monte Carlo error</th>" in page

@@ -28,7 +28,6 @@ from percept.report.figures.canvas import (
     row_labels,
 )
 from percept.report.select import (
-    KIND_NAMES,
     KINDS,
     METHOD_NAMES,
     METHODS,
@@ -38,6 +37,7 @@ from percept.report.select import (
     each_by_itself,
     families_of,
     first,
+    kind_names,
     matching,
 )
 
@@ -216,7 +216,7 @@ def boundary_drawings(document: Record) -> list[Drawing]:
     near = _by_environment(matching(document["close"], kind=kind))
     return [
         _curves_drawing("boundaries", rows, kind, families, log=True),
-        _ratio_drawing(rows, families),
+        _ratio_drawing(rows, families, kind_names(document)),
         *([_curves_drawing("boundaries_close", near, kind, families, log=False)] if near else []),
     ]
 
@@ -262,7 +262,9 @@ def _curves_drawing(
     )
 
 
-def _ratio_drawing(rows: Mapping[str, list[Record]], families: Sequence[str]) -> Drawing:
+def _ratio_drawing(
+    rows: Mapping[str, list[Record]], families: Sequence[str], names_of_kinds: Mapping[str, str]
+) -> Drawing:
     """Draw limits over the reference: a row of panels per environment, a column per kind, axes shared."""
     cells = {
         (name, kind): pairs
@@ -291,7 +293,7 @@ def _ratio_drawing(rows: Mapping[str, list[Record]], families: Sequence[str]) ->
             )
             ax.set_ylabel(names[line])
             if line == 0:
-                ax.set_title(f"{kind}: {KIND_NAMES[kind]}", loc="left")
+                ax.set_title(f"{kind}: {names_of_kinds[kind]}", loc="left")
         outer_labels(axes, len(kinds))
         legend(axes[0], ncols=4)
 

@@ -30,7 +30,6 @@ from percept.report.figures.marks import (
     draw_intervals,
 )
 from percept.report.select import (
-    KIND_NAMES,
     KINDS,
     METHOD_NAMES,
     METHODS,
@@ -40,6 +39,7 @@ from percept.report.select import (
     distinct,
     families_of,
     first,
+    kind_names,
     matching,
     quantities_of,
 )
@@ -98,7 +98,11 @@ def _interval_drawing(document: Record, parameter: str, bars: list[Bar]) -> Draw
         width = LETTER * max(map(len, labels))
         (ax,) = panels(figure, left=max(_LEAST_MARGIN, width + _MARGIN_BESIDE), bottom=20.4)
         log, subject = families[0] == "lognormal", document["data"]["words"]["subject"][0]
-        words: dict[str, Any] = {"labels": labels, "subject": subject}
+        words: dict[str, Any] = {
+            "labels": labels,
+            "subject": subject,
+            "names": kind_names(document),
+        }
         draw_intervals(ax, environments, bars, values, log=log and relative, centre=centre, **words)
         quantity = quantities_of(document)[parameter]
         ax.set_title(quantity.head, loc="left")
@@ -282,7 +286,7 @@ def _band_drawing(document: Record, parameter: str | None) -> Drawing:
     with_laws = ", with the fitted laws" if any(widths.laws for widths in series) else ""
     return Drawing(
         name,
-        f"{title}, {KIND_NAMES[kind]}",
+        f"{title}, {kind_names(document)[kind]}",
         f"Width of the band of {said}{with_laws}.",
         (150.0, 58.0),
         draw,

@@ -22,7 +22,7 @@ from percept.report.figures.canvas import (
     mark,
     row_labels,
 )
-from percept.report.select import KIND_NAMES, KINDS, METHOD_NAMES, METHODS
+from percept.report.select import KINDS, METHOD_NAMES, METHODS
 
 FloatArray = NDArray[np.float64]
 _Style = dict[str, Any]
@@ -54,12 +54,14 @@ def draw_intervals(
     *,
     log: bool,
     labels: Sequence[str] | None = None,
-    subject: str = "subject",
+    subject: str,
+    names: Mapping[str, str],
     centre: float = 1.0,
 ) -> None:
     """Draw a group of bars per environment: kinds by thickness, methods by colour and mark.
 
-    The `centre` is where the references lie: 1 for bars divided by them, 0 for bars less them.
+    `names` are what kinds are called. The `centre` is where the references lie: 1 for bars divided by
+    them, 0 for bars less them.
     """
     row = {environment: -index for index, environment in enumerate(environments)}
     present = [method for method in METHODS if any(bar.method == method for bar in bars)]
@@ -70,7 +72,7 @@ def draw_intervals(
     for method in present:
         ax.plot([], [], color=COLOURS[method], linewidth=3, label=METHOD_NAMES[method])
     for kind in kinds:
-        ax.plot([], [], color=COLOURS["quiet"], linewidth=_THICKNESS[kind], label=KIND_NAMES[kind])
+        ax.plot([], [], color=COLOURS["quiet"], linewidth=_THICKNESS[kind], label=names[kind])
     for bar in bars:
         y = row[bar.environment] + _offset(kinds.index(bar.kind), bar.method, len(kinds), present)
         ends, colour = [max(bar.lower, left), min(bar.upper, right)], COLOURS[bar.method]
