@@ -9,6 +9,7 @@ import hashlib
 import io
 import os
 import re
+import stat
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -18,6 +19,7 @@ from pathlib import Path, PurePath
 from typing import IO, BinaryIO, TextIO
 
 from percept.errors import UsageError
+from percept.sessions.options import FileLimits
 from percept.sessions.records import NoDataError, Notice
 
 #: What tells a folder of results from one of sessions.
@@ -26,8 +28,6 @@ _PACKED = (".csv", ".tsv", ".tab", ".txt")
 _SUFFIXES = (*_PACKED, ".gz", ".zip", ".parquet", ".xlsx")
 #: R's files; their compression may hide what is in them.
 _R_SUFFIXES = (".rda", ".rdata", ".rds")
-#: An archive that gives more than this is refused: unpacked files of any size can be read.
-LIMIT = 1 << 30
 _BROKEN = (
     zipfile.BadZipFile, zlib.error, OSError, NotImplementedError, EOFError, RuntimeError, ValueError,
 )  # fmt: skip
@@ -36,7 +36,10 @@ _BROKEN = (
 BLOCK = 8 << 20
 #: Files of experiment software show early what they are; the bound keeps the search short.
 _EARLY = 20_000
-_GZIP, _ZIP = b"\x1f\x8b", b"PK\x03\x04"
+_GZIP = b"\x1f\x8b"
+_ZIP = b"PK\x03\x04"
+#: What a zip archive holds that is an Excel workbook.
+_WORKBOOK = "xl/workbook.xml"
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8"),
@@ -166,24 +169,33 @@ def _hidden(path: PurePath) -> bool:
     return any(part.startswith((".", "~$", "__MACOSX")) and part != ".." for part in path.parts)
 
 
-def load(name: str) -> Iterator[Input]:
+def load(name: str, limits: FileLimits) -> Iterator[Input]:
     """Read one path; an archive gives its members, in memory only."""
     if name.lower().endswith(_R_SUFFIXES):
         raise UsageError(f"this is {_R[0]}.", file=name, hint=_R[1])
     try:
         with Path(name).open("rb") as stream:
+            status = os.fstat(stream.fileno())
+            if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):
+                raise UsageError("this is a device, not a file.", file=name, hint="Check the path.")
             data = stream.read(4)
-            large = os.fstat(stream.fileno()).st_size > BLOCK // 16
-            if large and not data.startswith((_GZIP, _ZIP, b"PAR1")):
+            if not data.startswith((_GZIP, _ZIP, b"PAR1")) and status.st_size > BLOCK // 16:
                 yield Input(name, name)
                 return
-            data += stream.read()
+            limits.hold_size(status.st_size, name)
+            data += stream.read(limits.size)
+            limits.hold_size(len(data), name)
     except OSError as error:
         raise UsageError(f"cannot be read: {error.strerror}.", file=name) from None
     if data.startswith(_GZIP):
-        yield Input(name, name, _unpacked(partial(gzip.open, io.BytesIO(data)), name))
-    elif data.startswith(_ZIP) and not is_workbook(data, name):
-        yield from _members(data, name)
+        yield Input(name, name, _unpacked(partial(gzip.open, io.BytesIO(data)), name, limits))
+    elif data.startswith(_ZIP):
+        with _archive(data, name) as archive:
+            limits.hold_size(sum(member.file_size for member in archive.infolist()), name)
+            if _WORKBOOK in archive.namelist():
+                yield Input(name, name, data)
+            else:
+                yield from _members(archive, name, limits)
     else:
         yield Input(name, name, data)
 
@@ -193,7 +205,7 @@ def is_workbook(data: bytes, name: str) -> bool:
     if not data.startswith(_ZIP):
         return False
     with _archive(data, name) as archive:
-        return "xl/workbook.xml" in archive.namelist()
+        return _WORKBOOK in archive.namelist()
 
 
 def _archive(data: bytes, name: str) -> zipfile.ZipFile:
@@ -203,29 +215,34 @@ def _archive(data: bytes, name: str) -> zipfile.ZipFile:
         raise UsageError(f"a broken archive: {error}.", file=name, hint="Pack it again.") from None
 
 
-def _members(data: bytes, name: str) -> Iterator[Input]:
-    with _archive(data, name) as archive:
-        packed = [m for m in sorted(archive.namelist()) if m.lower().endswith(_PACKED)]
-        if not (tables := [m for m in packed if not _hidden(PurePath(m))]):
-            raise UsageError(f"the archive holds no table ({', '.join(_PACKED)}).", file=name)
-        for member in tables:
-            content = _unpacked(partial(archive.open, member), f"{name}!{member}")
-            # Some archivers write backslashes.
-            yield Input(f"{name}!{member}", member.replace("\\", "/"), content)
+def _members(archive: zipfile.ZipFile, name: str, limits: FileLimits) -> Iterator[Input]:
+    tables = [
+        member
+        for member in sorted(archive.namelist())
+        if member.lower().endswith(_PACKED) and not _hidden(PurePath(member))
+    ]
+    if not tables:
+        raise UsageError(f"the archive holds no table ({', '.join(_PACKED)}).", file=name)
+    for member in tables:
+        content = _unpacked(partial(archive.open, member), f"{name}!{member}", limits)
+        # Some archivers write backslashes.
+        yield Input(f"{name}!{member}", member.replace("\\", "/"), content)
 
 
-def _unpacked(packed: Callable[[], IO[bytes] | gzip.GzipFile], name: str) -> bytes:
+def _unpacked(
+    packed: Callable[[], IO[bytes] | gzip.GzipFile], name: str, limits: FileLimits
+) -> bytes:
     """Unpack one table, and no more of it than the limit."""
+    content = io.BytesIO()
     try:
         with packed() as stream:
-            content = stream.read(LIMIT + 1)
+            while (size := content.tell()) <= limits.size and (part := stream.read(BLOCK)):
+                content.write(part)
     except _BROKEN as error:
         hint = "Pack it again, without a password, or unpack it first."
         raise UsageError(f"a broken archive: {error}.", file=name, hint=hint) from None
-    if len(content) > LIMIT:
-        hint = "Unpack it and read the file itself."
-        raise UsageError(f"unpacks to more than {LIMIT} bytes.", file=name, hint=hint)
-    return content
+    limits.hold_size(size, name)
+    return content.getvalue()
 
 
 def ids_from_name(path: str, pattern: str | None, *, file: str) -> dict[str, str]:

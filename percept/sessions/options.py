@@ -90,6 +90,7 @@ def in_range(value: float) -> float:
     return value
 
 
+Count = Annotated[int, Field(ge=1, le=1 << 50, strict=True)]
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False), AfterValidator(in_range)]
 
 
@@ -196,6 +197,40 @@ class FilesTable(Table):
         )
 
 
+class FileLimits(Table):
+    """Limits that files meet before they are read, so that a hostile one fills no memory.
+
+    Attributes
+    ----------
+    rows : int
+        Most rows of a Parquet file or an Excel sheet.
+    cells : int
+        Most cells of one.
+    size : int
+        Most bytes that one archive, workbook or stream unpacks to.
+    """
+
+    rows: Count = 2_000_000
+    cells: Count = 10_000_000
+    size: Count = 1 << 30
+
+    def hold_table(self, rows: int, columns: int, file: str) -> None:
+        """Refuse a table of more rows or cells."""
+        self._hold("rows", rows, file)
+        self._hold("cells", rows * columns, file)
+
+    def hold_size(self, size: int, file: str) -> None:
+        """Refuse a file that unpacks to more bytes."""
+        self._hold("size", size, file)
+
+    def _hold(self, name: str, number: int, file: str) -> None:
+        limit = getattr(self, name)
+        if number > limit:
+            what = "bytes" if name == "size" else name
+            hint = f"If it is meant to be so large: [files] {name} = {2 * number} in the scene."
+            raise UsageError(f"more than {limit:,} {what}.", file=file, hint=hint)
+
+
 class SessionsTable(Table):
     """The scene's [sessions]; every default is the strictest reading."""
 
@@ -229,6 +264,7 @@ class DataTables(Table):
     columns: dict[str, Annotated[ColumnRule, BeforeValidator(_rule)]] = Field(default_factory=dict)
     environments: dict[str, dict[str, Number]] = Field(default_factory=dict)
     sessions: SessionsTable = SessionsTable()
+    files: FileLimits = FileLimits()
 
     @model_validator(mode="after")
     def _of_these_quantities(self) -> Self:

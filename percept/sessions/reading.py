@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import io
 from collections import Counter
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -15,10 +13,11 @@ from percept.errors import UsageError
 from percept.sessions import checks
 from percept.sessions.columns import resolve
 from percept.sessions.files import Input, expand, ids_from_name, is_workbook, load, open_text
-from percept.sessions.grids import Block, Dialect, Grid, text_blocks
+from percept.sessions.grids import Block, text_blocks
 from percept.sessions.options import ReadOptions
 from percept.sessions.records import IDS, Exclusion, NoDataError, Notice, Place, Problems, Source
 from percept.sessions.table import FileTable
+from percept.sessions.typed import PARQUET, typed_block, typed_rows
 
 
 class Reading:
@@ -44,7 +43,7 @@ class Reading:
         self.notices += notices
         for file, named in files.items():
             with self.problems.collecting():
-                for entry in load(file):
+                for entry in load(file, self.options.files):
                     if entry.path == file or wants(entry.path):
                         with self.problems.collecting():
                             yield from self._table(entry, asked=named and entry.path == file)
@@ -127,8 +126,9 @@ class Reading:
 def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Generator[Block]:
     """Give the cells of one input, whatever its format, in blocks."""
     file, data = entry.name, entry.data or b""
-    if data.startswith(b"PAR1") or is_workbook(data, file):
-        yield typed_block(_typed_rows(data, file, options.sessions.sheet), file)
+    if data.startswith(PARQUET) or is_workbook(data, file):
+        rows = typed_rows(data, file, options.sessions.sheet, options.files)
+        yield typed_block(rows, file)
         return
     text, encoding = open_text(entry, options.sessions.encoding)
     if encoding == "cp1252" and options.sessions.encoding is None:
@@ -142,65 +142,3 @@ def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Ge
         return found.form == "summary" or any(f"{p}_adj" in found.rules for p in options.quantities)
 
     yield from text_blocks(text, file=file, delimiter=options.sessions.delimiter, resolves=resolves)
-
-
-def _typed_rows(data: bytes, file: str, sheet: str | None) -> list[Sequence[Any]]:
-    """Give the header and rows of a Parquet file or a sheet; formulas count with the values Excel stored."""
-    parquet = data.startswith(b"PAR1")
-    try:
-        if parquet:
-            import pyarrow as pa
-            import pyarrow.parquet as pq
-
-            table = pq.read_table(pa.BufferReader(data))
-            return [
-                table.column_names,
-                *zip(*(column.to_pylist() for column in table.columns), strict=True),
-            ]
-        book = pd.ExcelFile(io.BytesIO(data), engine="openpyxl")
-        page = book.sheet_names[0] if sheet is None else sheet
-        if page not in book.sheet_names:
-            names = ", ".join(map(str, book.sheet_names))
-            raise UsageError(f"no such sheet; there are {names}.", file=file, value=sheet)
-        frame = pd.read_excel(book, sheet_name=page, header=None, dtype=object, na_filter=False)
-        rows = frame.to_numpy().tolist()
-    except UsageError:
-        raise
-    except ImportError:
-        hint = "Install what reads it: pip install 'percept[tables]'."
-        message = f"such a file needs {'pyarrow' if parquet else 'openpyxl'}."
-        raise UsageError(message, file=file, hint=hint) from None
-    # What the XML reader meets escapes: KeyError, zlib.error and others.
-    except Exception as error:  # noqa: BLE001
-        hint = "Write it again, or as CSV."
-        raise UsageError(
-            f"a broken file: {str(error).rstrip('.')}.", file=file, hint=hint
-        ) from None
-    if not rows:
-        raise UsageError(
-            "the sheet is empty.", file=file, hint="Name another with [sessions] sheet."
-        )
-    named = max((at + 1 for at, name in enumerate(rows[0]) if name != ""), default=0)
-    return [row[:named] for row in rows]
-
-
-def typed_block(rows: Iterable[Sequence[Any]], file: str) -> Block:
-    """Write the typed cells of a header and rows as text."""
-    names, *records = ([_text(value) for value in row] for row in rows)
-    # A last column without a name is no mark of a delimiter here.
-    dialect = Dialect(
-        file, names=tuple(name.strip() or f"column {at}" for at, name in enumerate(names, 1))
-    )
-    grid = Grid.of(dialect, records, list(range(2, len(records) + 2)), last=False)
-    if grid.cells.empty:
-        raise NoDataError("there are no data below the header.", file=file, hint="Leave it out.")
-    return Block(dialect, grid)
-
-
-def _text(value: Any) -> str:
-    """Write a typed cell as text; `repr` of a float reads back as the same double."""
-    if isinstance(value, str):
-        return value
-    if isinstance(value, float):
-        return "" if value != value else repr(float(value))
-    return "" if value is None or value is pd.NA or value is pd.NaT else str(value)

@@ -236,7 +236,7 @@ def propose_columns(path: str | Path, *, options: ReadOptions | None = None) -> 
     found: list[Proposal] = []
     problems = Problems()
     for file in islice(expand([path])[0], _FILES):
-        for entry in islice(load(file), _FILES):
+        for entry in islice(load(file, options.files), _FILES):
             with problems.collecting(), closing(open_blocks(entry, options, [])) as blocks:
                 found.append(_proposal(next(blocks).grid(), options, entry.name))
     if not found:

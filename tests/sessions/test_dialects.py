@@ -206,5 +206,5 @@ def test_a_windows_encoding_is_announced(tmp_path):
 def test_the_extras_are_named_when_missing(tmp_path, monkeypatch):
     (tmp_path / "t.parquet").write_bytes(b"PAR1xxxxPAR1")
     monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
-    with pytest.raises(UsageError, match=r"needs pyarrow.*percept\[tables\]"):
+    with pytest.raises(UsageError, match=r"needs pyarrow\. Install it: pip install pyarrow\."):
         read_sessions(tmp_path / "t.parquet")

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import gzip
+import os
+import subprocess
 import time
 import zipfile
 
 import pytest
 
+from percept import Scene
 from percept.errors import UsageError
-from percept.sessions import files, format_validation, read_sessions, validate
+from percept.sessions import format_validation, read_sessions, validate
 
 HEAD = "subject,environment,k_ref,k_adj\n"
 
@@ -60,14 +63,62 @@ def test_lines_before_a_nul_byte_are_counted_at_every_kind_of_end(tmp_path, end)
     assert caught.value.row == 3
 
 
-def test_bombs_are_cut_off(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "LIMIT", 10**6)
+def test_bombs_are_cut_off(tmp_path):
+    scene = Scene(files={"size": 10**6})
     (tmp_path / "f.csv.gz").write_bytes(gzip.compress(b"0" * 10**7))
     with zipfile.ZipFile(tmp_path / "f.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("f.csv", b"0" * 10**7)
     for bomb in ("f.csv.gz", "f.zip"):
-        with pytest.raises(UsageError, match="unpacks to more than 1000000 bytes"):
-            read_sessions(tmp_path / bomb)
+        with pytest.raises(UsageError, match=r"more than 1,000,000 bytes\..*\[files\] size ="):
+            read_sessions(tmp_path / bomb, scene=scene)
+
+
+def test_many_members_of_an_archive_count_together(tmp_path):
+    with zipfile.ZipFile(tmp_path / "f.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        for number in range(30):
+            archive.writestr(f"{number}.csv", HEAD + f"{number},a,10,11\n" * 10)
+    with pytest.raises(UsageError, match=r"f\.zip: more than 3,000 bytes"):
+        read_sessions(tmp_path / "f.zip", scene=Scene(files={"size": 3000}))
+    scene = Scene(files={"size": 10**4}, sessions={"trial": "order"})
+    assert len(read_sessions(tmp_path / "f.zip", scene=scene).subjects) == 30
+
+
+def test_a_device_is_no_file():
+    with pytest.raises(UsageError, match=r"/dev/zero: this is a device, not a file\."):
+        read_sessions("/dev/zero")
+
+
+def test_a_stream_without_end_is_cut_off(tmp_path):
+    fifo = tmp_path / "fifo.csv"
+    os.mkfifo(fifo)
+    scene = Scene(files={"size": 10**5})
+    with (
+        subprocess.Popen(["sh", "-c", f"cat /dev/zero > '{fifo}'"]),
+        pytest.raises(UsageError, match="more than 100,000 bytes"),
+    ):
+        read_sessions(fifo, scene=scene)
+
+
+def test_a_cell_in_the_far_corner_of_a_sheet(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    for row in (HEAD.strip().split(","), ["1", "a", 10, 11], ["2", "a", 10, 12]):
+        book.active.append(row)
+    book.active["XFD1048576"] = 1
+    book.save(tmp_path / "t.xlsx")
+    with pytest.raises(UsageError, match=r"more than 10,000,000 cells\..*\[files\] cells ="):
+        read_sessions(tmp_path / "t.xlsx")
+
+
+def test_a_small_parquet_file_of_many_rows(tmp_path):
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    column = pa.DictionaryArray.from_arrays(pa.array([0] * 3_000_000, pa.int8()), ["a"])
+    parquet.write_table(pa.table({"subject": column}), tmp_path / "t.parquet")
+    assert (tmp_path / "t.parquet").stat().st_size < 10**5
+    with pytest.raises(UsageError, match=r"more than 2,000,000 rows\..*\[files\] rows = 6000000"):
+        read_sessions(tmp_path / "t.parquet")
 
 
 @pytest.mark.parametrize(
