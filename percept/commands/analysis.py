@@ -177,6 +177,11 @@ def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:
     return None if folder is None else PosteriorCache(folder)
 
 
+def show(text: str) -> None:
+    """Print results, escaping what names in them would do to a terminal."""
+    print("\n".join(printable(line) for line in text.split("\n")))
+
+
 def notice(text: str) -> None:
     """Print a notice on standard error."""
     print(f"notice: {printable(text)}", file=sys.stderr)

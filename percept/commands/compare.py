@@ -13,6 +13,7 @@ from percept.commands.analysis import (
     open_study,
     print_json,
     settings,
+    show,
     tell_error,
 )
 from percept.errors import RefusalError, UsageError
@@ -88,8 +89,8 @@ def _run(arguments: argparse.Namespace) -> None:
     tell_error(a, b)
     if arguments.json:
         return print_json({"studies": {"a": name_a, "b": name_b}, **_stated(a), **vars(found)})
-    print("\n".join([f"A: {name_a}", f"B: {name_b}", *map(in_words_of(a.scene), found.notes)]))
-    print(f"Both: {_claim(a)}.")
+    show("\n".join([f"A: {name_a}", f"B: {name_b}", *map(in_words_of(a.scene), found.notes)]))
+    show(f"Both: {_claim(a)}.")
     if len(found.differences):
         unit = "ratio B/A" if a.scene.inference.family == "lognormal" else "difference B - A"
         _print(f"Average users, {unit}; spread between users, ratio B/A:", found.differences)
@@ -125,8 +126,8 @@ def _contrasts(study: Study, arguments: argparse.Namespace, progress: Working) -
     if arguments.json:
         stated = {"factor": factor.name, "levels": factor.levels, **_stated(study), "notes": notes}
         return print_json({**stated, "contrast": table})
-    print("\n".join([f"{factor.name}: the same subjects at {', '.join(factor.levels)}.", *notes]))
-    print(f"Paired, {_claim(study)}.")
+    show("\n".join([f"{factor.name}: the same subjects at {', '.join(factor.levels)}.", *notes]))
+    show(f"Paired, {_claim(study)}.")
     table = table.assign(environment=table["environment"].fillna("overall"))
     for names, alike in table.groupby(["first", "second", "of", "unit"], sort=False):
         first, second, of, unit = map(str, names)
@@ -165,8 +166,8 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
             {**_stated(study), "comparison": table, "ladder": ladder, "advice": advice}
         )
     _print(f"Intervals in pairs, {_claim(study)}:", table[_PAIRS])
-    print("\nWhy they differ, step by step from the classical interval of the normal family:")
-    print("\n".join(map(in_words_of(study.scene), [*ladder.sentences, *ladder.notes, "", *advice])))
+    show("\nWhy they differ, step by step from the classical interval of the normal family:")
+    show("\n".join(map(in_words_of(study.scene), [*ladder.sentences, *ladder.notes, "", *advice])))
     kind, effects = study.scene.inference.kinds[0], ladder.effects
     steps = effects.assign(width=np.exp(effects["log_width"]))[effects["kind"] == kind]
     _print(f"The steps of kind {kind}. {_STEPS_SAY}", steps[_STEPS])
@@ -186,7 +187,7 @@ def _claim(study: Study) -> str:
 
 def _print(head: str, table: pd.DataFrame) -> None:
     shown = table.dropna(axis=1, how="all")
-    print(f"\n{head}\n{shown.to_string(index=False, float_format='{:.4g}'.format, na_rep='-')}")
+    show(f"\n{head}\n{shown.to_string(index=False, float_format='{:.4g}'.format, na_rep='-')}")
 
 
 COMPARE = Command(

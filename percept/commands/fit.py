@@ -15,9 +15,9 @@ from percept.commands.analysis import (
     in_words_of,
     notice,
     open_study,
+    show,
     verdict,
 )
-from percept.errors import printable
 
 if TYPE_CHECKING:
     from percept.study import Study
@@ -64,9 +64,8 @@ def _print_intervals(study: Study, *, every: bool) -> None:
         table = table.drop(columns=[name for name in table.columns if name.endswith("_estimate")])
     if table.empty:
         return
-    table = table.assign(environment=table["environment"].map(printable))
     table = table.rename(columns={"environment": study.scene.environment_noun[0]})
-    print(table.to_string(index=False, float_format="{:.6g}".format, na_rep="–"))
+    show(table.to_string(index=False, float_format="{:.6g}".format, na_rep="–"))
     if not every:
         print(
             f"--all prints all {len(study.intervals)} intervals: both families, and those that hold"

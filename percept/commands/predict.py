@@ -12,6 +12,7 @@ from percept.commands.analysis import (
     in_words_of,
     open_study,
     print_json,
+    show,
     tell_error,
 )
 
@@ -34,7 +35,7 @@ def _run(arguments: argparse.Namespace) -> None:
         return
     say = in_words_of(study.scene)
     print(say(prediction.sentence))
-    print(prediction.intervals[_COLUMNS].to_string(index=False, float_format="{:.6g}".format))
+    show(prediction.intervals[_COLUMNS].to_string(index=False, float_format="{:.6g}".format))
     for row in prediction.intervals.drop_duplicates("kind").to_dict("records"):
         print(say(f"{row['kind']}: {row['covers'].replace(', in ' + row['unit'], '')}"))
     worst, asked = float(prediction.intervals["monte_carlo"].max()), study.scene.inference.tolerance

@@ -49,8 +49,8 @@ _INTERVAL = (
 _DATA = ("environment", "n", "reference", "mean", "sd")
 _BAND = ("environment", "method", "kind", "family")
 _CURVE = ("environment", "kind", "method", "family", "joint", "shape", "level")
-#: Beginnings of what a spreadsheet runs.
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+#: Beginnings of what a spreadsheet runs, spaces before them passed over; some take wide forms too.
+_FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")
 #: Columns in the unit of their table; heads name it.
 _IN_UNIT = ("lower", "upper", "estimate", "reference", "mean", "sd", "coupled", "impedance", "band")
 
@@ -238,5 +238,7 @@ def _cell(value: Any) -> Any:
         return str(value).lower()
     if isinstance(value, list):
         value = "; ".join(map(str, value))
-    text = isinstance(value, str) and value not in ("inf", "-inf")
-    return f"'{value}" if text and value.startswith(_FORMULA) else value
+    if not isinstance(value, str) or value in ("inf", "-inf"):
+        return value
+    runs = value.lstrip().startswith(_FORMULA) or value.startswith(("\t", "\r"))
+    return f"'{value}" if runs else value

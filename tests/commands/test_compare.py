@@ -231,3 +231,43 @@ def test_refused(folder, monkeypatch, capsys, words, code, message):
     monkeypatch.chdir(folder)
     assert main(["compare", *words, "--quiet"]) == code
     assert message in capsys.readouterr().err
+
+
+ESCAPE = "\x1b[2J\u202e"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["fit", "a"],
+        ["fit", "a", "--all"],
+        ["compare", "a", "b"],
+        ["compare", "a", "--by", "hand"],
+        ["compare", "a", "--by", f"eye{ESCAPE}"],
+        ["report", "a"],
+        ["predict", "a", "--k", "500", "--b", "2"],
+    ],
+    ids=" ".join,
+)
+def test_no_name_moves_the_terminal_s_cursor(folder, tmp_path, capsys, words):
+    table = pd.read_csv(folder / "all.csv", dtype={"subject": str})
+    for name in ("subject", "environment", "hand"):
+        table[name] += ESCAPE
+    both = pd.concat([table.assign(eye=f"open{ESCAPE}"), table.assign(eye=f"shut{ESCAPE}")])
+    scatter = np.random.default_rng(1).lognormal(0.0, 0.1, len(both))
+    both = both.assign(k_adj=both["k_adj"] * scatter, session=both["eye"])
+    within = words[-1].startswith("eye")
+    (both if within else table).rename(columns={"eye": f"eye{ESCAPE}"}).to_csv(
+        tmp_path / f"a{ESCAPE}.csv", index=False
+    )
+    table.assign(k_adj=1.1 * table["k_adj"]).to_csv(tmp_path / f"b{ESCAPE}.csv", index=False)
+    files = {name: str(tmp_path / f"{name}{ESCAPE}.csv") for name in ("a", "b")}
+    arguments = [files.get(word, word) for word in words]
+    method = [] if words[0] == "predict" else ["--method", "classical"]
+    out = [] if words[0] in ("compare", "predict") else ["--out", str(tmp_path / "out")]
+    main([*arguments, *method, "--tolerance", "0.3", *out])
+    captured = capsys.readouterr()
+    assert r"\x1b[2J\u202e" in captured.out
+    for text in (captured.out, captured.err):
+        assert "\x1b" not in text
+        assert "\u202e" not in text

@@ -233,6 +233,17 @@ def test_what_a_user_wrote_is_not_taken_for_colours_references_or_mathematics():
     assert "var(--classical)" not in inline(drawing)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", ["a\x1b[2J\x00b", "環境 ١", "\u202eabc"])
+def test_characters_that_a_font_or_xml_does_not_have_break_no_figure(name):
+    drawing = drawing_of(lambda ax: ax.set_title(name), title=name, description=name)
+    expected = name.replace("\x1b", "\ufffd").replace("\x00", "\ufffd")
+    for content in (file(drawing), inline(drawing)):
+        assert expected in texts(content)
+        root = ET.fromstring(content)
+        assert [root.find(f"{SVG}{tag}").text for tag in ("title", "desc")] == [expected, expected]
+
+
 def test_a_label_in_an_id_of_the_file_is_none_in_the_page():
     drawing = drawing_of(lambda ax: ax.plot([1, 2], [1, 2])[0].set_gid('coupling:5 "kN"/m'))
     assert 'coupling:5 "kN"/m' in {

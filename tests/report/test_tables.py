@@ -57,13 +57,15 @@ def test_curves_have_a_row_per_frequency(classical):
         assert [float(row[head]) for row in some] == first[name]
 
 
-def test_text_that_a_spreadsheet_would_run_is_neutralised(classical):
+@pytest.mark.parametrize("start", ["", " ", "\t", "\u00a0 ", "\n"])
+@pytest.mark.parametrize("sign", ["=", "+", "-", "@", "＝"])
+def test_text_that_a_spreadsheet_would_run_is_neutralised(classical, start, sign):
     document = copy.deepcopy(classical)
     for row in document["intervals"]:
-        row["environment"] = '=HYPERLINK("http://x")'
+        row["environment"] = f'{start}{sign}HYPERLINK("http://x")'
         row["lower"] = "-inf"
     rows = rows_of(csv_tables(document)["intervals_k.csv"])
-    assert {row["environment"] for row in rows} == {'\'=HYPERLINK("http://x")'}
+    assert {row["environment"] for row in rows} == {f'\'{start}{sign}HYPERLINK("http://x")'}
     assert {row["lower (N/m)"] for row in rows} == {"-inf"}
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import re
+import warnings
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
@@ -82,6 +83,8 @@ _MARK = re.compile(r"mark-(?P<method>\w+)-(?P<kind>\w*)-\d+")
 _ID = re.compile(r"""\s+id=("[^"]*"|'[^']*')""")
 _BREAK_INSIDE = re.compile(r"\s*\n\s*(?=[^<\s])")
 _INDENT = re.compile(r"\s*\n\s*")
+# Characters that XML cannot hold, even as references.
+_CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ufffe\uffff]")
 _REFERENCE = re.compile(r'(?:url\(|href=")#([^)"]+)')
 
 
@@ -102,10 +105,13 @@ def draw_all(
 def drawn(drawing: Drawing, formats: Sequence[str]) -> tuple[dict[str, bytes], str]:
     """Draw a figure once; return its files by format, and an ``<svg>`` in the page's colours."""
     # The salt makes the ids of clips and markers the figure's own: many figures share the page.
-    with rc_context(STYLE | {"svg.hashsalt": f"percept {drawing.name}"}):
+    salted = STYLE | {"svg.hashsalt": f"percept {drawing.name}"}
+    with rc_context(salted), warnings.catch_warnings():
+        # An SVG holds text as text; whoever shows it has more fonts.
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         figure = Figure(figsize=(drawing.size[0] * MM, drawing.size[1] * MM))
         drawing.draw(figure)
-        text = _saved(figure, "svg", dpi=72).decode("utf-8")
+        text = _CONTROL.sub("\ufffd", _saved(figure, "svg", dpi=72).decode("utf-8"))
         files = {
             form: (
                 _svg_file(drawing, text)
@@ -123,9 +129,15 @@ def _saved(figure: Figure, form: str, **settings: Any) -> bytes:
     return buffer.getvalue()
 
 
+def _escaped(text: str) -> str:
+    return escape(_CONTROL.sub("\ufffd", text))
+
+
 def _svg_file(drawing: Drawing, text: str) -> bytes:
     """Return an SVG file with text as text, on white ground."""
-    words = f"<title>{escape(drawing.title)}</title>\n<desc>{escape(drawing.description)}</desc>\n"
+    words = (
+        f"<title>{_escaped(drawing.title)}</title>\n<desc>{_escaped(drawing.description)}</desc>\n"
+    )
     ground = '<rect width="100%" height="100%" style="fill: #ffffff"/>\n'
     return _HEAD.sub(lambda head: f"{head[0]}\n{words}{ground}", text, count=1).encode()
 
@@ -157,7 +169,7 @@ def _inline(drawing: Drawing, text: str) -> str:
         f'viewBox="0 0 {width:.7g} {height:.7g}" {_HANDED_DOWN} '
         f'style="min-width:{side * _LEAST:.4g}rem;max-width:{side * _MOST:.4g}rem" '
         f'role="img" aria-labelledby="{label}-title {label}-desc">'
-        f'<title id="{label}-title">{escape(drawing.title)}</title>'
-        f'<desc id="{label}-desc">{escape(drawing.description)}</desc>\n'
+        f'<title id="{label}-title">{_escaped(drawing.title)}</title>'
+        f'<desc id="{label}-desc">{_escaped(drawing.description)}</desc>\n'
         f"{_TAG.sub(own, inside)}\n"
     )
