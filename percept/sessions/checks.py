@@ -132,15 +132,6 @@ def tell_duplicates(
     problems.add(text, hint=hint, **place(again[0]))
 
 
-def look_alikes(ids: Iterable[str], what: str) -> list[Notice]:
-    """Notice ids that differ only in leading zeros, case or surrounding space."""
-    same: dict[str, list[str]] = {}
-    for name in ids:
-        same.setdefault(name.strip("\ufeff \t\r\n\xa0").casefold().lstrip("0"), []).append(name)
-    alike = [names for names in same.values() if len(names) > 1]
-    return [Notice(f"{what}s {shown(names)} look alike and are kept apart") for names in alike]
-
-
 def repeats_over_sessions(table: pd.DataFrame) -> list[Notice]:
     """Notice cells whose trials are from several sessions."""
     counts = table.groupby(["subject", "environment"], sort=False)["session"].nunique()

@@ -245,27 +245,6 @@ def _unpacked(
     return content.getvalue()
 
 
-def ids_from_name(path: str, pattern: str | None, *, file: str) -> dict[str, str]:
-    """Ids in a file's name, by the scene's pattern."""
-    if pattern is None:
-        return {}
-    stem = PurePath(path).name
-    while (lower := stem.lower()).endswith(_SUFFIXES):
-        stem = stem[: lower.rindex(".")]
-    text = re.escape(pattern)
-    patterns = (re.sub(r"\\\{(\w+)\\\}", rf"(?P<\1>.{repeat})", text) for repeat in ("+", "+?"))
-    greedy, lazy = (re.fullmatch(repeated, stem) for repeated in patterns)
-    if greedy is None or lazy is None:
-        hint = "Correct [sessions] filename."
-        raise UsageError(f"the name does not fit the pattern {pattern!r}.", file=file, hint=hint)
-    if greedy.groupdict() != lazy.groupdict():
-        hint = "Put separators into [sessions] filename that do not occur in the ids."
-        raise UsageError(
-            f"the name fits the pattern {pattern!r} in more than one way.", file=file, hint=hint
-        )
-    return greedy.groupdict()
-
-
 def open_text(entry: Input, declared: str | None) -> tuple[TextIO, str]:
     """Open an input as text, and name its encoding.
 

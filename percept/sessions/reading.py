@@ -12,10 +12,11 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions import checks
 from percept.sessions.columns import resolve
-from percept.sessions.files import Input, expand, ids_from_name, is_workbook, load, open_text
+from percept.sessions.files import Input, expand, is_workbook, load, open_text
 from percept.sessions.grids import Block, text_blocks
+from percept.sessions.ids import Names, doubtful_ids, ids_from_name
 from percept.sessions.options import ReadOptions
-from percept.sessions.records import IDS, Exclusion, NoDataError, Notice, Place, Problems, Source
+from percept.sessions.records import Exclusion, NoDataError, Notice, Place, Problems, Source
 from percept.sessions.table import FileTable
 from percept.sessions.typed import PARQUET, typed_block, typed_rows
 
@@ -31,6 +32,9 @@ class Reading:
         self.exclusions: list[Exclusion] = []
         self.left_out: list[NoDataError] = []
         self.counts: Counter[str] = Counter()
+        self.names = Names()
+        for environment in options.environments:
+            self.names.add("environment", environment)
         self.numbered = False  # Whether a column of any file numbers the trials
         self.declared_units = {
             name for references in options.environments.values() for name in references
@@ -52,7 +56,9 @@ class Reading:
         with closing(open_blocks(entry, self.options, self.notices)) as blocks:
             try:
                 named = ids_from_name(entry.path, self.options.sessions.filename, file=entry.name)
-                table = FileTable(entry.name, blocks, self.options, named, self.problems)
+                table = FileTable(
+                    entry.name, blocks, self.options, named, self.problems, self.names
+                )
             except NoDataError as error:
                 # A file that was named is asked for; what a folder holds may be a companion.
                 if error.column and asked:
@@ -74,7 +80,7 @@ class Reading:
         block = typed_block(
             [list(frame.columns), *frame.itertuples(index=False, name=None)], "<frame>"
         )
-        table = FileTable("<frame>", iter([block]), self.options, {}, self.problems)
+        table = FileTable("<frame>", iter([block]), self.options, {}, self.problems, self.names)
         yield table
         self._add(table, "")
 
@@ -116,8 +122,8 @@ class Reading:
         place, units = self.place(table), self.declared_units
         self.notices += checks.check_plausible(table, known, units, place, self.problems)
         self.problems.raise_if_any()
-        for what in IDS:
-            self.notices += checks.look_alikes(table[what].unique(), what)
+        self.notices += self.names.notices()
+        self.notices += doubtful_ids(table, place)
         if table["session"].nunique() > 1:
             self.notices += checks.repeats_over_sessions(table)
         self.counts.update(checks.count_grid(table, rows))

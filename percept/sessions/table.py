@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
@@ -15,6 +15,7 @@ from percept.errors import UsageError
 from percept.sessions import values
 from percept.sessions.columns import check_columns, position, resolve, unused_columns
 from percept.sessions.grids import Block, Grid
+from percept.sessions.ids import Names, fold
 from percept.sessions.options import KEPT_COLUMNS, ReadOptions, canonical_columns
 from percept.sessions.quantities import convert, numbers_of, quantity_of, with_mass
 from percept.sessions.records import IDS, MASS, Exclusion, Notice, Problems, shown
@@ -42,8 +43,10 @@ class FileTable:
         options: ReadOptions,
         named: Mapping[str, str],
         problems: Problems,
+        names: Names,
     ) -> None:
         self.name, self.options, self.named, self.problems = name, options, named, problems
+        self._names = names
         first = next(blocks)
         self._blocks = chain([first], blocks)
         self.header = header = first.grid().header
@@ -224,14 +227,18 @@ class FileTable:
         for canonical, rule in self._rules.items():
             if rule.also:
                 data = data.assign(**{canonical: self._joined(data, canonical, rule.also)})
+        for c in (c for c in (*IDS, *(f"own:{name}" for name in self._groups)) if c in data):
+            data = data.assign(
+                **{c: self._names.settle(c.removeprefix("own:"), data[c], self.name)}
+            )
         for name, texts in own.only.items():
-            kept = data[f"own:{name}"].isin(texts).to_numpy()
+            kept = _among(data[f"own:{name}"], texts)
             data = self._keep(data, kept, f"{name} is not {' or '.join(texts)}")
         for left in (rule for rule in own.exclude if rule.equals):
             key = f"own:{left.column}" if f"own:{left.column}" in data else left.column
             if key not in data:
                 position(self.header, left.column, self.name)
-            data = self._exclude(data, data[key].isin(left.equals).to_numpy(), left.why)
+            data = self._exclude(data, _among(data[key], left.equals), left.why)
         for canonical, rule in self._rules.items():
             if rule.path is not None:
                 data = data.assign(
@@ -377,6 +384,12 @@ class FileTable:
         columns |= {name: data[f"own:{name}"] for name in self._groups}
         frame = pd.DataFrame(columns | {"row": data.index}, index=data.index)
         return frame.astype(dict.fromkeys(IDS, "str"))
+
+
+def _among(cells: pd.Series[Any], texts: Sequence[str]) -> _Mask:
+    """Which cells hold one of the texts, however it is spelled."""
+    wanted = {fold(text) for text in texts}
+    return cells.isin([cell for cell in cells.unique() if fold(str(cell)) in wanted]).to_numpy()
 
 
 def _missing(cells: pd.Series[Any]) -> _Mask:

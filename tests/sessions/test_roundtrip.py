@@ -8,10 +8,11 @@ import math
 import hypothesis.strategies as st
 import pandas as pd
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 
 from percept.errors import UsageError
 from percept.sessions import ReadOptions, Sessions, read_sessions
+from percept.sessions.ids import fold
 from tests.sessions.dialects import WRITERS, Trial, delimited, frame
 
 NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
@@ -38,6 +39,9 @@ def studies(draw, names=ids):
                 k_adj, b_adj = k * draw(factors), b * draw(factors)
                 b_adj = None if draw(st.integers(0, 9)) == 0 else b_adj
                 trials.append(Trial(subject, session, environment, trial, k, b, k_adj, b_adj))
+    # Spellings of one name come back as the first of them.
+    for spelled in (subjects, environments, [trial.session for trial in trials]):
+        assume(len({fold(name) for name in spelled}) == len(set(spelled)))
     return trials
 
 

@@ -29,7 +29,9 @@ def test_what_was_read(tmp_path):
     text = format_validation(record)
     assert record["exit_code"] == 0
     assert f"{file}: 3 rows, sha256 {record['sources'][0]['sha256']}" in text
-    assert "notice: subjects '001', '1' look alike and are kept apart" in text
+    assert (
+        f"notice: subjects '001' ({file}:2), '1' ({file}:3) look alike and are kept apart" in text
+    )
     assert f"left out: {file}:4: subject 1, environment b: no adjustment" in text
     assert text.endswith("read without problems")
     parsed = json.loads(json.dumps(record))
