@@ -111,7 +111,10 @@ def test_what_has_no_reference_or_limit_is_not_counted(classical):
         "boundaries": [],
         "passivity": None,
         "coupling": None,
-        "data": {"doubts": [], "cells": [], "quantities": classical["data"]["quantities"]},
+        "data": {
+            name: classical["data"][name] if name in ("quantities", "words") else []
+            for name in ("doubts", "cells", "quantities", "words")
+        },
         "provenance": {"scene": {}},
     }
     document = {"intervals": [dict(row) for row in classical["intervals"]], **nothing}

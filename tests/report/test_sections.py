@@ -128,6 +128,7 @@ def model_of(*, form="trials", environments=3, parameters=("k", "b"), **model):
             "parameters": [*parameters],
             "quantities": {p: IMPEDANCE[p].model_dump() for p in parameters},
             "environments": [f"VE{j}" for j in range(environments)],
+            "words": {"user": ["user", "users"]},
         },
         "provenance": {
             "scene": {"inference": {"family": "lognormal"}, "model": model},
