@@ -22,6 +22,7 @@ def cautions(document: Record) -> list[str]:
     found += _few(document["intervals"])
     found += _below_zero(document["intervals"], document["data"])
     found += _active(document["passivity"])
+    found += (document.get("diagnostics") or {}).get("pull") or ()
     found += misfits(document.get("checks"))
     found += _warnings(document["data"]["doubts"])
     return found

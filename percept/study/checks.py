@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy import special
+from scipy import linalg, special, stats
 
 from percept.html import NotebookRecord
 from percept.inference.checks.left_out import Loo, Predicted, leave_one_out, predict_left_out
@@ -19,20 +20,38 @@ from percept.inference.checks.predictive import (
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
+from percept.inference.hierarchy.models import Product
+from percept.inference.sampling.endpoints import mixture_quantile
 from percept.sessions.quantities import Quantities
 from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit
+from percept.study.responses import Trials
 
 #: Chance of naming any outlier at all in a study the model holds for; shared over all that is
 #: looked at.
 FALSE_ALARM = 0.05
+#: Share of influential subjects above which they are counted, not named.
+_MANY = 1.0 / 3.0
+_NOISE_DIFFERS = (
+    " The trials of some subjects scatter more than those of others, which the model takes to be"
+    " alike."
+)
 _REPLICATES = 4000
 _PRIOR_DRAWS = 40_000
 _PRIOR_QUANTILES = (0.005, 0.05, 0.25, 0.5, 0.75, 0.95, 0.995)
-#: Half-widths of the average user's interval from which a prior's pull is told; SDs of a prior
-#: taken as flat.
-_PULL, _FLAT = 0.1, 1e3
+#: Draws that weights and limits rest on; more would not change two digits.
+_MOST_DRAWS = 4000
+#: Half-widths of the average user's interval from which the pull on its estimate is told.
+_MOVED = 0.1
+#: A prior this many times as wide as the one in force counts as flat.
+_FLAT = 1e3
+#: Ratio of the next user's widths, with the prior of spread and without, from which it is told.
+_WIDENED = 1.25
+#: Prior SDs between the data's spread and the prior's centre, below which the two agree.
+_AGREE = 1.0
+#: Effective draws of reweighting, below which the data lie where the prior let no draw go.
+_FEWEST_DRAWS = 100.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -70,7 +89,7 @@ def model_checks(fit: Fit, subjects: SubjectDensity, *, level: float, seed: int)
         loo=subject_tables(fit, subjects, loo, predict_left_out(subjects, loo.points, loo.weights)),
         statistics=_statistics(subjects, fit.points, level=level, seed=seed),
         prior=_prior_quantiles(fit, subjects, seed=seed),
-        pull=prior_pull(fit, subjects, level=level),
+        pull=bias_pull(fit, level=level),
     )
 
 
@@ -103,20 +122,60 @@ def subject_tables(
     )
     tail = 2.0 * np.minimum(cells["below"], 1.0 - cells["below"])
     cells["outlier"] = tail < FALSE_ALARM / len(cells)
-    messages = tuple(_messages(table, cells, loo.good_k, fit.quantities))
+    noise = ""
+    if fit.trials is not None and trial_noise_p_value(fit.trials) < FALSE_ALARM:
+        noise = _NOISE_DIFFERS
+    messages = tuple(_messages(table, cells, loo.good_k, fit.quantities, noise))
     return SubjectChecks(loo.elpd, loo.se, loo.good_k, table, cells, messages)
 
 
+def trial_noise_p_value(data: Trials) -> float:
+    """Test whether subjects' trials scatter alike: p-value by Kruskal and Wallis; 1 without repeats.
+
+    Within a subject's cell, Helmert's contrasts of the trials are uncorrelated and have the SD of a
+    trial. Their sizes, over what is usual in the environment, are compared between subjects, each
+    parameter by itself. Ranks need no normal law. The smallest p-value is for all parameters.
+    """
+    by_cell = pd.DataFrame({"subject": data.subject, "environment": data.environment})
+    sizes = []
+    subjects: list[int] = []
+    environments: list[int] = []
+    for rows in by_cell.groupby(["subject", "environment"]).indices.values():
+        if len(rows) > 1:
+            contrasts = linalg.helmert(len(rows)) @ data.response[rows]
+            sizes.append(np.abs(contrasts))
+            subjects += [int(data.subject[rows[0]])] * len(contrasts)
+            environments += [int(data.environment[rows[0]])] * len(contrasts)
+    if len(set(subjects)) < 2:
+        return 1.0
+    size = np.concatenate(sizes)
+    smallest = 1.0
+    for p in range(size.shape[1]):
+        table = pd.DataFrame({"size": size[:, p], "who": subjects, "where": environments})
+        usual = table.groupby("where")["size"].transform("mean")
+        table["size"] /= usual.where(usual > 0, 1.0)
+        of_subjects = [own.to_numpy() for _, own in table.groupby("who")["size"]]
+        if table["size"].nunique() > 1:
+            smallest = min(smallest, float(stats.kruskal(*of_subjects).pvalue))
+    return min(1.0, smallest * size.shape[1])
+
+
 def _messages(
-    table: pd.DataFrame, cells: pd.DataFrame, good_k: float, quantities: Quantities
+    table: pd.DataFrame, cells: pd.DataFrame, good_k: float, quantities: Quantities, noise: str
 ) -> Iterator[str]:
-    influential = table[table["influential"]]
-    if len(influential):
-        named = ", ".join(f"{row.subject} ({row.pareto_k:.2f})" for row in influential.itertuples())
+    """Say which subjects the results lean on and which lie far off; `noise` is why they may."""
+    influential = table.loc[table["influential"], "subject"].tolist()
+    if len(influential) > _MANY * len(table):
         yield (
-            f"{named} {'is' if len(influential) == 1 else 'are'} influential (Pareto index above"
-            f" {good_k:.2f}), and their own leave-one-out results are rough. Inspect their"
-            " sessions, and report the intervals with and without them."
+            f"Leave-one-out results are rough: {len(influential)} of {len(table)} subjects are"
+            f" influential (Pareto index above {good_k:.2f}).{noise}"
+        )
+    elif influential:
+        rule = json.dumps(influential, ensure_ascii=False)
+        yield (
+            f"The results lean on {', '.join(influential)} (Pareto index above {good_k:.2f})."
+            " Leave-one-out results are rough there. To repeat without them, set"
+            f' exclude = [{{ column = "subject", equals = {rule} }}] in [sessions].{noise}'
         )
     for row in table[table["outlier"]].itertuples():
         yield (
@@ -174,32 +233,117 @@ def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> pd.Dat
     return pd.DataFrame(rows)
 
 
-def prior_pull(fit: Fit, subjects: SubjectDensity, *, level: float) -> tuple[str, ...]:
+def bias_pull(fit: Fit, *, level: float) -> tuple[str, ...]:
     """Say how far the prior of the common bias moves average users from where a flat one has them."""
-    density = subjects.density
+    density = fit.model
+    assert isinstance(density, CollapsedDensity)
     flat = dataclasses.replace(density.priors, alpha_sd=_FLAT * density.priors.alpha_sd)
     free = CollapsedDensity(density.statistics, flat, density.layout.options, density.resolution)
-    some = fit.points[:: max(1, len(fit.points) // _REPLICATES)]
-    own, other = (one.laws(some) for one in (density, free))
+    points = _some_draws(fit)
+    own = density.laws(points)
+    other = free.laws(points)
     # Locations are integrated out of both densities, whose ratio tells how likely draws are under
     # the other.
-    weights = special.softmax(free(some) - density(some))
-    half_width = special.ndtri(0.5 * (1.0 + level)) * np.hypot(own.sd, own.mean.std(axis=0)).mean(
-        axis=0
-    )
+    weights = special.softmax(free(points) - density(points))
+    sd = np.hypot(own.sd, own.mean.std(axis=0)).mean(axis=0)
+    half_width = special.ndtri(0.5 * (1.0 + level)) * sd
     moved = (own.mean.mean(axis=0) - weights @ other.mean) / half_width
     cells = ", ".join(
         f"{fit.quantities[p].label} in {e} ({moved[c]:+.2f})"
         for (p, e), c in fit.column.items()
-        if abs(moved[c]) > _PULL
+        if abs(moved[c]) > _MOVED
     )
     if not cells:
         return ()
     return (
-        (
-            f"The prior of the common bias, N(0, {density.priors.alpha_sd:g}²), moves the estimate"
-            f" of the average user, in half-widths of the interval: {cells}. It expects settings"
-            " near their references. Where these or their unit are arbitrary, set a larger"
-            " alpha_sd in [model.priors]."
-        ),
+        f"The prior of the common bias, N(0, {density.priors.alpha_sd:g}²), moves the estimate"
+        f" of the average user, in half-widths of the interval: {cells}. It expects settings"
+        " near their references. Where these or their unit are arbitrary, set a larger"
+        " alpha_sd in [model.priors].",
     )
+
+
+def spread_pull(fit: Fit, *, level: float, users: tuple[str, str]) -> tuple[str, ...]:
+    """Say how much wider or narrower the prior of spread makes the next user's intervals.
+
+    `users` are the study's words for one user and for several.
+    """
+    points = _some_draws(fit)
+    parts = fit.model.split(points) if isinstance(fit.model, Product) else [(fit.model, points)]
+    said: list[str] = []
+    for model, own in parts:
+        if isinstance(model, CollapsedDensity):
+            said += _pull_of_model(fit, model, own, level, users)
+    return tuple(said)
+
+
+def _some_draws(fit: Fit) -> Array:
+    return fit.points[:: max(1, len(fit.points) // _MOST_DRAWS)]
+
+
+def _pull_of_model(
+    fit: Fit, model: CollapsedDensity, points: Array, level: float, users: tuple[str, str]
+) -> Iterator[str]:
+    """Yield a sentence per parameter whose spread the prior moves."""
+    priors, laws, named = model.priors, model.laws(points), model.scales(points)
+    environments = model.statistics.environments
+    # One environment has no trend: its own log sigma has the prior of log s.
+    log_s = np.log(named["s"][1] if "s" in named else named["sigma"][1][..., 0])
+    for p, parameter in enumerate(model.statistics.parameters):
+        cells = [c for c, (name, _) in enumerate(model.cells) if name == parameter]
+        widths = _widths(laws, cells, level)
+        # Without its prior a draw weighs by one over the prior's density.
+        weights = special.softmax(0.5 * ((log_s[:, p] - priors.log_s_mean) / priors.log_s_sd) ** 2)
+        reweighted = 1.0 / float(weights @ weights) >= _FEWEST_DRAWS
+        if not reweighted:
+            against = "the classical one"
+            others, centre = _by_scatter(model, p, level)
+        else:
+            against = "without that prior"
+            places = (np.arange(len(weights)) + 0.5) / len(weights)
+            drawn = np.minimum(np.searchsorted(np.cumsum(weights), places), len(weights) - 1)
+            others = _widths(laws, cells, level, drawn)
+            centre = float(weights @ log_s[:, p])
+        distance = abs(centre - priors.log_s_mean)
+        ratio = np.where(others > 0, widths / np.where(others > 0, others, 1.0), 1.0)
+        # Against the classical ones a ratio is also what a cell learns from the others: the middle
+        # one tells the prior's part. Without the prior the largest does.
+        order = np.argsort(np.abs(np.log(ratio)), kind="stable")
+        worst = int(order[-1] if reweighted else order[len(order) // 2])
+        factor = float(ratio[worst])
+        precise = centre < priors.log_s_mean
+        pull = factor if precise else 1.0 / factor
+        if pull < _WIDENED or distance < _AGREE * priors.log_s_sd:
+            continue
+        change = f"{factor:.2g} times as wide as {against}"
+        expects = "more" if precise else "less"
+        yield (
+            f"The prior of the spread between {users[1]} expects {expects} spread in"
+            f" {fit.quantities[parameter].label} than the data show. It makes the next {users[0]}’s"
+            f" interval {change} in {environments[worst]}. Set log_s_sd ="
+            f" {np.ceil(distance):g} in [model.priors]."
+        )
+
+
+def _widths(
+    laws: ConditionalMoments, cells: list[int], level: float, draws: Array | None = None
+) -> Array:
+    """Widths of the next user's intervals of cells on the response scale, by all draws or by some."""
+    mean, sd = laws.mean[:, cells], np.hypot(laws.sd, laws.population_sd)[:, cells]
+    if draws is not None:
+        mean, sd = mean[draws], sd[draws]
+    tail = 0.5 * (1.0 - level)
+    lower, _ = mixture_quantile(mean, sd, tail, upper=False)
+    upper, _ = mixture_quantile(mean, sd, tail, upper=True)
+    return upper - lower
+
+
+def _by_scatter(model: CollapsedDensity, p: int, level: float) -> tuple[Array, float]:
+    """Widths of a parameter's classical prediction intervals (J,), 0 without scatter, and its mean log SD."""
+    sd, df = model.statistics.sd[p], model.statistics.df[p]
+    scatters = (sd > 0) & (df > 0)
+    freedom = np.where(scatters, df, 1.0)
+    t = -special.stdtrit(freedom, 0.5 * (1.0 - level))
+    widths = np.where(scatters, 2.0 * t * sd * np.sqrt(1.0 + 1.0 / (freedom + 1.0)), 0.0)
+    logs = np.log(sd[scatters])
+    return widths, float(logs.mean()) if logs.size else float(model.priors.log_s_mean)

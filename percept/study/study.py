@@ -209,6 +209,12 @@ class Study(StudyViews):
         if self.fit is None:
             return None
         found = self.fit.diagnostics
+        found["pull"] = ()
+        if self.fit.passed:
+            from percept.study.checks import spread_pull
+
+            level, users = self.scene.inference.level, self.scene.user_noun
+            found["pull"] = spread_pull(self.fit, level=level, users=users)
         if self.sessions.factor is not None:
             from percept.inference.hierarchy.priors import Priors
             from percept.study.fit import prior_rows

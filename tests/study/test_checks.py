@@ -1,5 +1,8 @@
 """Checks of fits: planted subjects are named, and files open with ArviZ."""
 
+import re
+import tomllib
+
 import arviz_stats
 import numpy as np
 import pytest
@@ -10,7 +13,8 @@ import percept
 from percept import Scene, Study, read_sessions
 from percept.inference.checks.left_out import Loo, Predicted
 from percept.study.basics import Skipped
-from percept.study.checks import subject_tables
+from percept.study.checks import subject_tables, trial_noise_p_value
+from percept.study.responses import ResponseScale, Trials
 from tests import DATASETS
 from tests.study.checked import study_of, table_of
 
@@ -59,10 +63,14 @@ def test_planted_subjects_are_named_with_what_to_do(planted):
     assert "S07 lies far from what the others predict" in text
     assert "S04 set stiffness in VE1 to" in text
     assert "far above what the others predict" in text
-    assert "report the intervals with and without them" in text
     (influential,) = (message for message in found.messages if "results are rough" in message)
-    assert "S04" in influential
-    assert "S07" in influential
+    assert influential.startswith("The results lean on ")
+    rule = tomllib.loads(re.search(r"exclude = \[\{.*?\}\]", influential)[0])["exclude"]
+    assert {"S04", "S07"} <= set(rule[0]["equals"])
+    # The rule is one that a scene takes.
+    assert Scene(sessions={"exclude": rule}).sessions.exclude[0].column == "subject"
+    # Without repeats nothing tells whether trial noise differs.
+    assert "scatter more" not in influential
     # As a statistic of the cell, too: S04 is farther from the mean than the farthest of 12 users
     # should be.
     unusual = planted.checks.statistics.query("unusual and statistic == 'farthest'")
@@ -76,6 +84,81 @@ def test_false_alarms_are_shared_among_the_subjects(clean):
     predicted = Predicted(np.full((10, 2, 3), 0.5), farther)
     found = subject_tables(clean.fit, clean.fit.subjects, loo, predicted)
     assert found.subjects["outlier"].tolist() == [True] + [False] * 9
+
+
+def tables_of(study, pareto_k):
+    """Checks of a study's subjects whose Pareto indices are given."""
+    density = study.fit.subjects
+    count = len(pareto_k)
+    loo = Loo(np.zeros(count), np.array(pareto_k), 0.7, np.zeros((1, 1)), np.ones((1, count)))
+    return subject_tables(study.fit, density, loo, Predicted(
+        np.full(density.density.statistics.cell_means.shape, 0.5), np.full(count, 0.5)
+    ))  # fmt: skip
+
+
+def test_over_a_third_of_the_subjects_is_one_sentence(clean):
+    (few,) = tables_of(clean, [0.9] * 3 + [0.2] * 7).messages
+    assert few.startswith("The results lean on S01, S02, S03 (Pareto index above 0.70).")
+    (many,) = tables_of(clean, [0.9] * 4 + [0.2] * 6).messages
+    assert many == (
+        "Leave-one-out results are rough: 4 of 10 subjects are influential (Pareto index above"
+        " 0.70)."
+    )
+
+
+def repeated(noise):
+    """Five trials in each cell, with a trial SD per subject."""
+    rng = np.random.default_rng(5)
+    table = table_of(subjects=10, seed=4)
+    table = table.loc[table.index.repeat(5)].reset_index(drop=True)
+    table["trial"] = table.groupby(["subject", "environment"]).cumcount() + 1
+    sd = dict(zip(table["subject"].unique(), noise, strict=True))
+    table["k_adj"] *= np.exp(rng.normal(0.0, 1.0, len(table)) * table["subject"].map(sd))
+    return table
+
+
+def test_trial_noise_is_the_cause_only_where_a_test_shows_that_it_differs():
+    pareto_k = [0.9] * 5 + [0.2] * 5
+    same = study_of(repeated([0.1] * 10), checks={}, tolerance=0.3)
+    assert trial_noise_p_value(same.fit.trials) > 0.05
+    assert "scatter more" not in tables_of(same, pareto_k).messages[0]
+    differs = study_of(repeated([0.05, 0.15] * 5), checks={}, tolerance=0.3)
+    assert trial_noise_p_value(differs.fit.trials) < 1e-3
+    assert (
+        tables_of(differs, pareto_k)
+        .messages[0]
+        .endswith(
+            "The trials of some subjects scatter more than those of others, which the model takes to be"
+            " alike."
+        )
+    )
+
+
+def test_the_test_of_trial_noise_keeps_its_size():
+    """Trials of unequal counts, environments of unequal noise, heavy tails: p-values stay uniform."""
+    rng = np.random.default_rng(8)
+    found = []
+    for _ in range(300):
+        counts = rng.integers(1, 5, size=(8, 3))
+        cells = np.repeat(np.indices(counts.shape).reshape(2, -1), counts.ravel(), axis=1)
+        noise = (
+            rng.standard_t(4, size=(cells.shape[1], 2)) * np.array([0.05, 0.5, 5.0])[cells[1], None]
+        )
+        found.append(trial_noise_p_value(trials_of(noise, *cells)))
+    rejected = np.mean(np.array(found) < 0.05)
+    assert rejected < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / 300)
+    assert (
+        trial_noise_p_value(trials_of(np.zeros((2, 1)), np.array([0, 1]), np.array([0, 0]))) == 1.0
+    )
+
+
+def trials_of(response, subject, environment):
+    """Trials of which only responses and codes matter."""
+    reference = np.ones((response.shape[1], environment.max() + 1))
+    return Trials(
+        response, subject, environment, (), (), (), reference,
+        ResponseScale.of(reference, "normal"), (),
+    )  # fmt: skip
 
 
 def test_statistics_above_their_range_are_hardly_ever_larger(planted):
