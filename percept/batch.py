@@ -2,55 +2,31 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
-import io
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-import pandas as pd
-import pyarrow as pa
-import pyarrow.parquet as pq
-
+from percept.batch_folder import BatchFolder, Outcome, Status, TableFormat, encode, failed
 from percept.cache import digest, numbers_version
 from percept.errors import PerceptError, UsageError
-from percept.files import exclusive, whole_file, write_whole
 from percept.scene import Scene
 from percept.sessions import read_sessions
 from percept.sessions.files import expand, fitting, is_pattern, may_be_study
 from percept.study import Study
 from percept.workers import Mapper
 
-__all__ = ["Summary", "run_batch", "sources"]
+__all__ = ["Job", "StudySource", "Summary", "analyse", "run_batch", "sources"]
 
-#: A scene of this name in a study's folder goes before the batch's own.
-SCENE_NAME = "scene.toml"
-#: All studies in one table, in the order they were asked for.
-TABLE_NAME = "batch.parquet"
-# Studies per row group of that table: some ten thousand rows.
-_GROUP = 128
-Status = Literal["done", "withheld", "refused", "failed"]
-_TEXT, _REAL, _COUNT = pa.string(), pa.float64(), pa.int64()
-
-#: Columns of every result: what became of the study, then its intervals in N/m and N·s/m, one row
-#: each; a study without intervals has one row. A study is "done" or "refused" by the reader or the
-#: analysis. It is "withheld" where the gate failed: classical rows only. "failed" is the machine's
-#: or an unreadable file's fault, and a later run tries again.
-SCHEMA = pa.schema(
-    [
-        ("study", _TEXT), ("key", _TEXT), ("status", _TEXT), ("message", _TEXT), ("subjects", _COUNT),
-        ("steps", _COUNT), ("worst_error", _REAL), ("rhat", _REAL), ("effective_draws", _REAL),
-        ("environment", _TEXT), ("parameter", _TEXT), ("kind", _TEXT), ("method", _TEXT), ("family", _TEXT),
-        ("joint", _TEXT), ("level", _REAL), ("share", _REAL), ("confidence", _REAL), ("lower", _REAL),
-        ("upper", _REAL), ("estimate", _REAL), ("n", _COUNT), ("unit", _TEXT), ("reference", _REAL),
-    ]
-)  # fmt: skip
+# A scene of this name in a study's folder goes before the batch's own.
+_SCENE_NAME = "scene.toml"
+# Parts of percept whose code decides the digits of a study's rows.
+_PARTS = ("inference", "sessions", "study", "batch", "batch_folder")
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Job:
     """A study that was read: what a worker needs, wherever it runs."""
 
@@ -59,30 +35,31 @@ class Job:
     study: Study
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class StudySource:
     """Where a study lies: a session file, a folder of them, or a published summary."""
 
     path: str
-    given: Scene  # The batch's, for a study without one of its own
+    batch_scene: Scene  # For a study without one of its own
     changes: Mapping[
         str, Any
-    ]  # Keys of `[inference]` that go before any scene's, None to leave one alone
+    ]  # Keys of `[inference]` that go before any scene's; None changes none
 
     @property
     def scene(self) -> Scene:
         """The study's own scene, or the batch's."""
-        own = Path(self.path) / SCENE_NAME
-        return (Scene.load(own) if own.is_file() else self.given).with_inference(**self.changes)
+        own = Path(self.path) / _SCENE_NAME
+        scene = Scene.load(own) if own.is_file() else self.batch_scene
+        return scene.with_inference(**self.changes)
 
     def key(self) -> str:
         """Return the digest of everything that the study's rows depend on."""
-        scene, files = self.scene.to_dict(), expand([self.path])[0]
-        contents = [
-            (str(name), hashlib.sha256(Path(name).read_bytes()).hexdigest()) for name in files
-        ]
-        version = numbers_version("inference", "sessions", "study", "batch")
-        return digest(version, self.path, contents, scene)
+        scene = self.scene.to_dict()
+        contents = []
+        for file in expand([self.path])[0]:
+            sha256 = hashlib.sha256(Path(file).read_bytes()).hexdigest()
+            contents.append((str(file), sha256))
+        return digest(numbers_version(*_PARTS), self.path, contents, scene)
 
     def read(self) -> Job:
         """Read the sessions."""
@@ -94,140 +71,93 @@ class StudySource:
 def sources(
     paths: Iterable[str], *, scene: Scene | None = None, changes: Mapping[str, Any] | None = None
 ) -> list[StudySource]:
-    """Take each path, and each that a pattern fits, as a study; those named twice once."""
-    named = list(dict.fromkeys(one for path in paths for one in _studies(path)))
-    if not named:
+    """Take each path, and each that a pattern fits, as a study; those named twice once.
+
+    Parameters
+    ----------
+    paths : iterable of str
+        Session files, folders of them, or patterns such as ``"lab*/*.csv"``.
+    scene : Scene, optional
+        Scene of the studies that have no ``scene.toml`` of their own.
+    changes : mapping, optional
+        Keys of ``[inference]`` that go before any scene's. None changes none.
+
+    Returns
+    -------
+    list of StudySource
+
+    Raises
+    ------
+    UsageError
+        There is no path, or nothing fits a pattern.
+    """
+    found = dict.fromkeys(study for path in paths for study in _studies(path))
+    if not found:
         raise UsageError(
             "no study was given.", hint="Name session files or folders, one per study."
         )
-    return [StudySource(path, scene or Scene(), changes or {}) for path in named]
+    return [StudySource(path, scene or Scene(), changes or {}) for path in found]
 
 
 def _studies(path: str) -> list[str]:
     """Return the tables and folders of tables that a pattern fits; anything else as it is."""
     if not is_pattern(path):
         return [path]
-    found = [one for one in fitting(path) if may_be_study(one)]
-    if not found:
+    studies = [match for match in fitting(path) if may_be_study(match)]
+    if not studies:
         raise UsageError(
             "no table and no folder of tables fits the pattern.",
             value=path,
             hint="Each match is one study.",
         )
-    return found
-
-
-@dataclasses.dataclass(frozen=True)
-class Outcome:
-    """What became of one study."""
-
-    status: Status
-    message: str | None  # Why, or the error of a study that misses its tolerance
-    table: bytes  # Its rows as Parquet
+    return studies
 
 
 def analyse(job: Job) -> Outcome:
     """Fit a study and encode its intervals: what a worker does."""
-    study, message = job.study, None
-    status: Status = "done"
-    intervals, found = None, dict[str, float]()
+    study = job.study
     try:
-        intervals, found["subjects"] = study.intervals, len(study.sessions.subjects)
-        if study.fit is not None:
-            gate = study.fit.run.gate
-            found |= {"steps": study.fit.run.steps, "worst_error": gate.worst_error}
-            found |= {"rhat": gate.rhat, "effective_draws": gate.effective_draws}
-            status = "done" if gate.passed else "withheld"
-            message = study.fit.withheld or gate.error_reached or None
+        intervals = study.intervals
+        fit = study.fit
     except PerceptError as error:
-        status, message = "refused", str(error)
-    except Exception as error:  # noqa: BLE001 - whatever it is, it is this study's and goes into its row
-        status, message = "failed", f"{type(error).__name__}: {error}"
-    return encode(job.name, job.key, status, message, intervals, **found)
+        return encode(job.name, job.key, "refused", str(error))
+    except Exception as error:  # noqa: BLE001 - it is this study's, and goes into its row
+        return failed(job.name, job.key, error)
+    rows = intervals.assign(subjects=len(study.sessions.subjects))
+    if fit is None:
+        return encode(job.name, job.key, "done", "", rows)
+    gate = fit.run.gate
+    rows = rows.assign(
+        steps=fit.run.steps,
+        worst_error=gate.worst_error,
+        rhat=gate.rhat,
+        effective_draws=gate.effective_draws,
+    )
+    message = fit.withheld or gate.error_reached
+    return encode(job.name, job.key, "done" if gate.passed else "withheld", message, rows)
 
 
-def encode(
-    study: str,
-    key: str,
-    status: Status,
-    message: str | None,
-    intervals: pd.DataFrame | None = None,
-    **found: float,
-) -> Outcome:
-    """Encode the rows of a study: one per interval, or one without any."""
-    rows = pd.DataFrame(index=[0]) if intervals is None or intervals.empty else intervals
-    rows = rows.assign(study=study, key=key, status=status, message=message, **found)
-    rows = rows.reindex(columns=SCHEMA.names)
-    table = pa.Table.from_pandas(rows, SCHEMA, preserve_index=False).replace_schema_metadata()
-    target = io.BytesIO()
-    pq.write_table(table, target, compression="zstd")
-    return Outcome(status, message, target.getvalue())
-
-
-class BatchFolder:
-    """Results under DIR: ``studies/KEY.parquet`` and ``batch.parquet``; to be used inside `opened`.
-
-    The first two digits of a key name a folder between, so that a million studies stay listable.
-    """
-
-    def __init__(self, out: Path) -> None:
-        self.out = out
-
-    @classmethod
-    @contextmanager
-    def opened(cls, out: str | Path) -> Iterator[BatchFolder]:
-        """Hold DIR, made where it does not exist, against other batches."""
-        folder = cls(Path(out))
-        if folder.out.exists() and not folder.out.is_dir():
-            raise UsageError("a folder is needed here, and this is a file.", file=str(out))
-        folder.out.mkdir(parents=True, exist_ok=True)
-        with exclusive(folder.out, wait=False):
-            yield folder
-
-    def verdict(self, key: str) -> tuple[Status, str | None] | None:
-        """Return the status of a finished study and why it is not "done"; None where it must be tried."""
-        if not self._path(key).exists():
-            return None
-        kept = pq.ParquetFile(self._path(key)).read(columns=["status", "message"])
-        status, message = kept["status"][0].as_py(), kept["message"][0].as_py()
-        return None if status == "failed" else (status, message)
-
-    def save(self, key: str, outcome: Outcome) -> None:
-        """Write the rows of a study; it is finished unless it failed."""
-        path = self._path(key)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, outcome.table)
-
-    def combine(self, keys: Sequence[str]) -> Path:
-        """Write the rows of saved studies into one table, in their order, a few in memory at a time."""
-        target = self.out / TABLE_NAME
-        with (
-            whole_file(target) as aside,
-            pq.ParquetWriter(aside, SCHEMA, compression="zstd") as writer,
-        ):
-            for start in range(0, len(keys), _GROUP):
-                tables = [
-                    pq.ParquetFile(self._path(key)).read() for key in keys[start : start + _GROUP]
-                ]
-                writer.write_table(pa.concat_tables(tables))
-        return target
-
-    def _path(self, key: str) -> Path:
-        return self.out / "studies" / key[:2] / f"{key}.parquet"
-
-
-@dataclasses.dataclass(frozen=True)
+@dataclass
 class Summary:
     """What a batch came to, this run and earlier ones together."""
 
-    table: Path  # The rows of all studies
     studies: int  # How many were asked for
-    skipped: int  # Of them, how many an earlier run had finished
-    counts: dict[str, int]  # How many of the studies ended in each status
-    failures: tuple[tuple[str, str], ...]  # Name and message of each study that is not "done"
-    inaccurate: tuple[
-        tuple[str, str], ...
-    ]  # Of each that is done with an error above its tolerance
+    skipped: int = 0  # Of them, how many an earlier run had finished
+    counts: Counter[str] = field(default_factory=Counter)  # How many ended in each status
+    # Name and message of each study that is not "done", of each that is done with an error above
+    # its tolerance, and of each whose kept rows were damaged, so that it was analysed again.
+    failures: list[tuple[str, str]] = field(default_factory=list)
+    inaccurate: list[tuple[str, str]] = field(default_factory=list)
+    damaged: list[tuple[str, str]] = field(default_factory=list)
+    table: Path = Path()  # The rows of all studies
+
+    def count(self, name: str, status: Status, message: str) -> None:
+        """Count a finished study."""
+        self.counts[status] += 1
+        if status != "done":
+            self.failures.append((name, message))
+        elif message:
+            self.inaccurate.append((name, message))
 
 
 def run_batch(
@@ -235,53 +165,111 @@ def run_batch(
     out: str | Path,
     mapper: Mapper,
     *,
-    progress: Callable[[int, int, int], None] | None = None,
+    table_format: TableFormat = "csv",
+    progress: Callable[[Summary], None] | None = None,
 ) -> Summary:
     """Analyse the studies that a folder has no rows of; rows depend on the studies, not on the workers.
 
-    `progress` is told how many studies are finished, of how many, and how many of them are not
-    done.
+    Parameters
+    ----------
+    studies : sequence of StudySource
+        The studies, as `sources` gives them.
+    out : str or Path
+        Folder of the results, made where it does not exist.
+    mapper : Mapper
+        The workers.
+    table_format : {"csv", "parquet"}
+        Of the table of all studies. Parquet needs the extra ``tables``.
+    progress : callable, optional
+        Told what the batch has come to, after every study.
+
+    Returns
+    -------
+    Summary
+
+    Raises
+    ------
+    UsageError
+        The folder cannot be used, has a table that no batch wrote, or Parquet is asked for and
+        pyarrow is not installed.
     """
-    counts: Counter[str] = Counter()
-    keys: list[str] = []
-    failures: list[tuple[str, str]] = []
-    inaccurate: list[tuple[str, str]] = []
-    skipped = 0
+    if table_format == "parquet":
+        _require_pyarrow()
+    summary = Summary(len(studies))
     with BatchFolder.opened(out) as folder:
-
-        def count(name: str, status: Status, message: str | None) -> None:
-            counts[status] += 1
-            if status != "done" or message:
-                (inaccurate if status == "done" else failures).append((name, message or ""))
-            if progress:
-                progress(counts.total(), len(studies), len(failures))
-
-        def unfinished() -> Iterator[Job]:
-            """Read one study after the other; those that cannot be read or are finished need no worker."""
-            nonlocal skipped
-            for source in studies:
-                status: Status = "failed"  # a file that cannot be opened may be there next time
-                keys.append(digest("unread", source.path))
-                try:
-                    keys[-1] = source.key()
-                    if verdict := folder.verdict(keys[-1]):
-                        skipped += 1
-                        count(source.path, *verdict)
-                        continue
-                    status = "refused"
-                    job = source.read()
-                except (PerceptError, OSError) as error:
-                    folder.save(keys[-1], encode(source.path, keys[-1], status, str(error)))
-                    count(source.path, status, str(error))
-                else:
-                    yield job
-
-        for job, outcome in mapper(analyse, unfinished()):
+        folder.table(table_format)  # refused before anything is computed
+        batch = _Batch(studies, folder, summary, progress)
+        for job, outcome in mapper(analyse, batch.unfinished()):
             if isinstance(outcome, Exception):
-                outcome = encode(
-                    job.name, job.key, "failed", f"{type(outcome).__name__}: {outcome}"
-                )
+                outcome = failed(job.name, job.key, outcome)
             folder.save(job.key, outcome)
-            count(job.name, outcome.status, outcome.message)
-        table = folder.combine(keys)
-    return Summary(table, len(studies), skipped, dict(counts), tuple(failures), tuple(inaccurate))
+            batch.count(job.name, outcome.status, outcome.message)
+        summary.table = folder.combine(batch.keys, table_format)
+    return summary
+
+
+@dataclass
+class _Batch:
+    """A batch while it runs."""
+
+    studies: Sequence[StudySource]
+    folder: BatchFolder
+    summary: Summary
+    progress: Callable[[Summary], None] | None
+    keys: list[str] = field(default_factory=list)  # Of the studies, in their order
+
+    def unfinished(self) -> Iterator[Job]:
+        """Read one study after the other; those that cannot be read or are finished need no worker."""
+        for source in self.studies:
+            try:
+                key = source.key()
+            except (PerceptError, OSError) as error:
+                # A file that cannot be opened may be there next time.
+                self._refuse(source, digest("unread", source.path), "failed", error)
+                continue
+            if self._is_finished(source, key):
+                self.keys.append(key)
+                continue
+            try:
+                job = source.read()
+            except (PerceptError, OSError) as error:
+                self._refuse(source, key, "refused", error)
+                continue
+            self.keys.append(key)
+            yield job
+
+    def count(self, name: str, status: Status, message: str) -> None:
+        """Count a study and tell how far the batch is."""
+        self.summary.count(name, status, message)
+        if self.progress:
+            self.progress(self.summary)
+
+    def _is_finished(self, source: StudySource, key: str) -> bool:
+        """Whether an earlier run has finished a study; count it, and note damage."""
+        kept = self.folder.kept(key)
+        if kept is None or kept.status == "failed":
+            return False
+        if kept.status == "damaged":
+            self.summary.damaged.append((source.path, kept.message))
+            return False
+        self.summary.skipped += 1
+        self.count(source.path, kept.status, kept.message)
+        return True
+
+    def _refuse(self, source: StudySource, key: str, status: Status, error: Exception) -> None:
+        """Keep the row of a study that no worker gets."""
+        self.keys.append(key)
+        self.folder.save(key, encode(source.path, key, status, str(error)))
+        self.count(source.path, status, str(error))
+
+
+def _require_pyarrow() -> None:
+    try:
+        import pyarrow.parquet  # noqa: F401 - whether it is there
+    except ImportError:
+        raise UsageError(
+            "a Parquet table needs pyarrow, which is not installed.",
+            key="--format",
+            value="parquet",
+            hint="Install percept with its extra, percept[tables], or leave --format out.",
+        ) from None

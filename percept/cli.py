@@ -23,8 +23,8 @@ GROUPS = {
         "report": ("fit", "analyse sessions and write the report"),
         "fit": ("fit", "fit the model and print its intervals"),
         "compare": ("compare", "compare methods, or two studies, groups or devices"),
-        "predict": ("predict", "predict an untested environment"),
-        "batch": ("batch", "fit many studies, on this machine or a cluster"),
+        "predict": ("fit", "predict an untested environment"),
+        "batch": ("fit", "fit many studies, on this machine or a cluster"),
     },
     "design": {
         "plan": ("design", "plan the number of subjects"),

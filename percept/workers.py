@@ -1,42 +1,47 @@
-"""Many arguments on one process or many: the same results whoever works on them, a bad one never fatal."""
+"""Many arguments on one process or many: the same results whoever works on them, a bad one never fatal.
+
+The worker processes need nothing but the standard library. Its `concurrent.futures` gives up all
+workers when one dies. Here each process has a pipe of its own, so that a death costs the argument it
+worked on, and no other.
+"""
 
 from __future__ import annotations
 
-import asyncio
-import concurrent.futures
 import itertools
-import logging
+import multiprocessing
 import os
+import pickle
+import signal
+import traceback
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from typing import Any, Generic, Protocol, TypeVar
 
-from percept.cache import numbers_version
 from percept.errors import RefusalError, UsageError
 
-if TYPE_CHECKING:
-    from distributed import Client, Future
+__all__ = ["Given", "Mapper", "Result", "cores", "in_process", "processes"]
 
 Given = TypeVar("Given")
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 
-_SECONDS = 20.0
-# How often dask gives a job to another worker when it ends in an error, such as a full disk.
-_RETRIES = 1
-# What dask keeps for its dashboard grows for an hour. Sampled call stacks take some 0.4 MB per
-# second and worker, measurements some MB.
-_FEW_RECORDS = {
-    "distributed.worker.profile.enabled": False,
-    "distributed.admin.system-monitor.log-length": 60,
-}
+# A fresh interpreter everywhere: a fork would copy the threads' locks of numerical libraries.
+_SPAWN = multiprocessing.get_context("spawn")
+# Each worker has a core, and its matrices are a few tens wide: a second thread costs time.
+_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+# What a process sends first. No pickle is empty.
+_READY = b""
+# How many processes may die with an argument: the first may have been killed for another's memory.
+_MOST_DEATHS = 2
 
 
 class Mapper(Protocol):
     """Whoever calls a function for many arguments."""
 
     def __call__(
-        self, function: Callable[[Given], Found], arguments: Iterable[Given], /
-    ) -> Iterator[tuple[Given, Found | Exception]]:
+        self, function: Callable[[Given], Result], arguments: Iterable[Given], /
+    ) -> Iterator[tuple[Given, Result | Exception]]:
         """Call a function once per argument and give each with its result or error, in any order.
 
         Arguments are taken one by one, shortly before they are worked on: there may be many, and
@@ -53,164 +58,206 @@ def cores() -> int:
 
 
 def in_process(
-    function: Callable[[Given], Found], arguments: Iterable[Given], /
-) -> Iterator[tuple[Given, Found | Exception]]:
+    function: Callable[[Given], Result], arguments: Iterable[Given], /
+) -> Iterator[tuple[Given, Result | Exception]]:
     """Call a function in the process that asks, in order; see `Mapper`."""
     for argument in arguments:
         try:
-            result: Found | Exception = function(argument)
+            result: Result | Exception = function(argument)
         except Exception as error:  # noqa: BLE001 - it is this argument's, and the others go on
             result = error
         yield argument, result
 
 
 @contextmanager
-def open_mapper(workers: int | None = None, scheduler: str | None = None) -> Iterator[Mapper]:
-    """Open the way to workers that is asked for: one is this process itself, more are a dask cluster."""
-    if scheduler is None and (cores() if workers is None else workers) == 1:
+def processes(workers: int | None = None) -> Iterator[Mapper]:
+    """Give a mapper on processes of this machine, and end them.
+
+    Parameters
+    ----------
+    workers : int, optional
+        The most processes, one per core by default. One is the process that asks. Others are started
+        when there is work for them, and kept for the next call.
+
+    Yields
+    ------
+    Mapper
+        An argument with which two processes died has a `RuntimeError` that says so for result.
+
+    Raises
+    ------
+    UsageError
+        Fewer than one worker.
+    RefusalError
+        A process ends before it can work.
+    """
+    count = cores() if workers is None else workers
+    if count < 1:
+        raise UsageError("must be at least 1.", key="--workers", value=count)
+    if count == 1:
         yield in_process
-    else:
-        with connected(workers, scheduler) as client:
-            yield on_cluster(client)
+        return
+    pool = _Pool(count)
+    try:
+        yield pool.call
+    finally:
+        pool.end()
+
+
+@dataclass(eq=False)
+class _Job(Generic[Given]):
+    """An argument that is worked on."""
+
+    argument: Given
+    message: bytes  # The function and the argument, as a worker takes them
+    deaths: int = 0  # Of processes that had it
+
+
+class _Worker:
+    """A process that works on one argument at a time."""
+
+    def __init__(self) -> None:
+        self.pipe, other_end = _SPAWN.Pipe()
+        self.process = _SPAWN.Process(target=_serve, args=(other_end,), daemon=True)
+        self.is_ready = False
+        with _environment(_ONE_THREAD):
+            self.process.start()
+        # With no other copy of it open, a process that dies closes the pipe.
+        other_end.close()
+
+    def end(self) -> int | None:
+        """End the process, whatever it does, and return its exit code."""
+        self.process.kill()
+        self.process.join()
+        exit_code = self.process.exitcode
+        self.process.close()
+        self.pipe.close()
+        return exit_code
+
+
+class _Pool:
+    """Workers, of which some are busy."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.idle: list[_Worker] = []
+        self.busy: dict[object, tuple[_Worker, _Job[Any]]] = {}  # By the worker's pipe
+
+    def call(
+        self, function: Callable[[Given], Result], arguments: Iterable[Given], /
+    ) -> Iterator[tuple[Given, Result | Exception]]:
+        """Call a function once per argument; see `Mapper`."""
+        waiting = iter(arguments)
+        try:
+            while True:
+                for argument in itertools.islice(waiting, self.count - len(self.busy)):
+                    try:
+                        message = pickle.dumps((function, argument))
+                    except Exception as error:  # noqa: BLE001 - any object may refuse to be sent
+                        yield argument, error
+                    else:
+                        self._hand_out(_Job(argument, message))
+                if not self.busy:
+                    return
+                for pipe in wait([worker.pipe for worker, _ in self.busy.values()]):
+                    yield from self._received(pipe)
+        finally:
+            # Whoever asked may stop before the end: the next call gets no answer of this one.
+            self._end_busy()
+
+    def end(self) -> None:
+        """End all workers."""
+        self._end_busy()
+        while self.idle:
+            self.idle.pop().end()
+
+    def _end_busy(self) -> None:
+        while self.busy:
+            _, (worker, _) = self.busy.popitem()
+            worker.end()
+
+    def _hand_out(self, job: _Job[Any]) -> None:
+        """Give a job to an idle worker, or to a new one."""
+        worker = self.idle.pop() if self.idle else _Worker()
+        self.busy[worker.pipe] = worker, job
+        # A worker that has died is seen when its answer is awaited.
+        with suppress(OSError):
+            worker.pipe.send_bytes(job.message)
+
+    def _received(self, pipe: object) -> Iterator[tuple[Any, Any]]:
+        """Take what a worker sent: its answer, that it is ready, or by its silence that it died."""
+        worker, job = self.busy[pipe]
+        try:
+            message = worker.pipe.recv_bytes()
+        except (EOFError, OSError):
+            del self.busy[pipe]
+            yield from self._after_death(worker, job)
+            return
+        if message == _READY:
+            worker.is_ready = True
+            return
+        del self.busy[pipe]
+        self.idle.append(worker)
+        try:
+            result = pickle.loads(message)  # noqa: S301 - from a process of our own
+        except Exception as error:  # noqa: BLE001 - what an object does when it is made anew
+            result = error
+        yield job.argument, result
+
+    def _after_death(self, worker: _Worker, job: _Job[Any]) -> Iterator[tuple[Any, Any]]:
+        """Let another worker try the job once more, or give it up."""
+        exit_code = worker.end()
+        if not worker.is_ready:
+            raise RefusalError(
+                f"a worker process ended before it could work (exit code {exit_code}).",
+                hint='A script that starts workers does so under `if __name__ == "__main__":`.',
+            )
+        job.deaths += 1
+        if job.deaths < _MOST_DEATHS:
+            self._hand_out(job)
+            return
+        message = f"{job.deaths} worker processes died over it (exit code {exit_code})"
+        if exit_code == -signal.SIGKILL:
+            message += "; the machine may lack memory"
+        yield job.argument, RuntimeError(message)
+
+
+def _serve(pipe: Connection) -> None:
+    """Answer what comes through the pipe until it is closed: the life of a worker process."""
+    # An interrupt goes to every process of a terminal; the one that asks ends its workers itself.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # The pipe is closed when the process that asks has ended, however that ended.
+    with suppress(EOFError, OSError):
+        pipe.send_bytes(_READY)
+        while True:
+            pipe.send_bytes(_answer(pipe.recv_bytes()))
+
+
+def _answer(message: bytes) -> bytes:
+    """Call the function of a message; return its pickled result or error."""
+    try:
+        function, argument = pickle.loads(message)  # noqa: S301 - from the process that asks
+        result = function(argument)
+    except Exception as error:  # noqa: BLE001 - it is this argument's, and the others go on
+        error.add_note("".join(traceback.format_exception(error)))
+        result = error
+    try:
+        return pickle.dumps(result)
+    except Exception as error:  # noqa: BLE001 - any object may refuse to be sent
+        reason = f"a result of {type(result).__name__} cannot be sent to another process: {error}"
+        return pickle.dumps(RuntimeError(reason))
 
 
 @contextmanager
-def connected(workers: int | None = None, scheduler: str | None = None) -> Iterator[Client]:
-    """Connect to a scheduler, or start one with workers of its own and end them afterwards.
-
-    Every worker here has one thread, and its BLAS one: the matrices are a few tens wide. Their
-    memory stays level: dask's profiler is off. For workers elsewhere that is their environment's
-    affair (``DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False``).
-    """
-    if workers is not None and scheduler is not None:
-        raise UsageError(
-            "a scheduler has workers of its own.", hint="Give --workers or --scheduler."
-        )
-    if workers is not None and workers < 1:
-        raise UsageError("must be at least 1.", key="--workers", value=workers)
+def _environment(variables: dict[str, str]) -> Iterator[None]:
+    """Set environment variables for a while: a process takes over those at its start."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
     try:
-        from dask import config
-        from distributed import Client, LocalCluster
-    except ImportError:
-        raise UsageError(
-            "more than one worker needs dask.distributed, which is not installed.",
-            hint="Install percept with its extra, percept[cluster], or give --workers 1.",
-        ) from None
-    if scheduler is not None:
-        try:
-            client = Client(scheduler, timeout=_SECONDS, set_as_default=False)
-        except (OSError, ValueError) as error:
-            raise UsageError(
-                f"no scheduler answers ({error}).",
-                value=scheduler,
-                hint=(
-                    "Start one with `dask scheduler`, and workers with `dask worker ADDRESS"
-                    " --nthreads 1`."
-                ),
-            ) from error
-        with client:
-            yield client
-        return
-    with (
-        config.set(_FEW_RECORDS),
-        LocalCluster(
-            n_workers=workers or cores(),
-            threads_per_worker=1,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster, set_as_default=False) as client,
-    ):
-        yield client
-
-
-def on_cluster(client: Client) -> Mapper:
-    """Take the workers of a dask cluster, whose code must be this process's own.
-
-    dask gives what a lost worker was working on to another. It gives up an argument with which
-    several workers died, even one that only waited there. These come last and one by one, which
-    tells the culprit.
-    """
-    require_same_code(client)
-
-    def call(
-        function: Callable[[Given], Found], arguments: Iterable[Given], /
-    ) -> Iterator[tuple[Given, Found | Exception]]:
-        from distributed import KilledWorker
-
-        suspects = []
-        for argument, result in _handed_out(client, function, arguments):
-            if isinstance(result, KilledWorker):
-                suspects.append(argument)
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
             else:
-                yield argument, result
-        for argument in suspects:
-            yield from _handed_out(client, function, [argument])
-
-    return call
-
-
-def require_same_code(client: Client, version: str | None = None) -> None:
-    """Refuse workers, also those that come later, with other code or packages than this process."""
-    from distributed import WorkerPlugin
-
-    # All of percept's code: a worker that differs in any of it is not asked whether the difference
-    # counts.
-    ours = version or numbers_version(".")
-
-    class SameCode(WorkerPlugin):  # type: ignore[misc]
-        name = f"percept {ours}"
-
-        def setup(self, worker: object) -> None:
-            if numbers_version(".") != ours:
-                raise RuntimeError("it has another version of percept or of its dependencies.")
-
-    try:
-        client.register_plugin(SameCode())
-    except OSError as error:
-        raise _scheduler_lost() from error
-    except Exception as error:
-        raise RefusalError(
-            f"a worker cannot be used: {error}",
-            hint="Give it and this process the same code and packages.",
-        ) from error
-
-
-def _handed_out(
-    client: Client, function: Callable[[Given], Found], arguments: Iterable[Given]
-) -> Iterator[tuple[Given, Found | Exception]]:
-    """Hand out two arguments per thread, one at work and one waiting: more would only fill memory."""
-    from distributed import as_completed
-
-    waiting, done = iter(arguments), as_completed(loop=client.loop)
-    out: dict[Future, Given] = {}
-    while True:
-        try:
-            most = 2 * max(1, sum(client.nthreads().values()))
-        except OSError as error:  # what dask calls a closed connection
-            raise _scheduler_lost() from error
-        for argument in itertools.islice(waiting, max(0, most - len(out))):
-            future = client.submit(function, argument, pure=False, retries=_RETRIES)
-            out[future] = argument
-            done.add(future)
-        if not out:
-            return
-        future = next(done)
-        argument = out.pop(future)
-        try:
-            result: Found | Exception = future.result()
-        except (asyncio.CancelledError, concurrent.futures.CancelledError):
-            if client.status != "running":
-                raise _scheduler_lost() from None
-            result = RuntimeError("its result was lost with the worker that held it")
-        except Exception as error:  # noqa: BLE001 - the argument's own, or workers died over it
-            result = error
-        yield argument, result
-
-
-def _scheduler_lost() -> RefusalError:
-    return RefusalError(
-        "the scheduler was lost.",
-        hint="What is finished is kept; run the same command again for the rest.",
-    )
+                os.environ[name] = value

@@ -6,7 +6,8 @@ import argparse
 import math
 import sys
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from percept.sessions import ReadOptions
     from percept.study import Study
     from percept.study.fit import RunStore
+    from percept.workers import Mapper
 
 _SETTINGS = ("seed", "tolerance", "level", "family", "method")
 _NOTICES = 10  # printed; percept validate lists all
@@ -55,7 +57,7 @@ STUDY = (
     argument("--write-scene", "FILE", "write that mapping as a scene"),
     flag("--no-cache", "sample again, and keep no posterior (see percept cache)"),
 )
-#: As `percept.workers.open_mapper` takes them.
+#: As `open_mapper` takes them.
 WORKERS = (
     number("--workers", "N", "processes on this machine (all cores)"),
     argument("--scheduler", "ADDRESS", "a running dask scheduler, in their place"),
@@ -185,6 +187,26 @@ def show(text: str) -> None:
 def notice(text: str) -> None:
     """Print a notice on standard error."""
     print(f"notice: {printable(text)}", file=sys.stderr)
+
+
+@contextmanager
+def open_mapper(arguments: argparse.Namespace) -> Iterator[Mapper]:
+    """Open the workers that `WORKERS` ask for, and end those that were started."""
+    if arguments.scheduler is None:
+        from percept.workers import processes
+
+        with processes(arguments.workers) as mapper:
+            yield mapper
+        return
+    if arguments.workers is not None:
+        raise UsageError(
+            "a scheduler has workers of its own.", hint="Give --workers or --scheduler."
+        )
+    # dask takes a second to import, and is not always installed.
+    from percept.cluster import connected, on_cluster
+
+    with connected(arguments.scheduler) as client:
+        yield on_cluster(client)
 
 
 def in_words_of(scene: Scene) -> Callable[[str], str]:

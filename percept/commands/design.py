@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from percept.commands import JSON, Command, argument, flag, folder, number
-from percept.commands.analysis import STUDY, WORKERS, Working, open_study, print_json
+from percept.commands.analysis import STUDY, WORKERS, Working, open_mapper, open_study, print_json
 from percept.errors import UsageError
 
 if TYPE_CHECKING:
@@ -71,13 +71,12 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     from percept.calibration.coverage import FILE, coverage, coverage_markdown, gather
     from percept.provenance import made_by
     from percept.sessions.quantities import is_impedance
-    from percept.workers import open_mapper
 
     out = Path(arguments.out)
     plans = _plans(arguments, out)
     with (
         Working("simulating", shown=not arguments.quiet) as working,
-        open_mapper(arguments.workers, arguments.scheduler) as mapper,
+        open_mapper(arguments) as mapper,
     ):
 
         def told(done: int, total: int) -> None:
@@ -138,7 +137,6 @@ def _sbc(arguments: argparse.Namespace) -> None:
     from percept.calibration.placing import SBC_DESIGNS, SbcPlan
     from percept.calibration.sbc import calibrate, write_calibrations
     from percept.provenance import made_by
-    from percept.workers import open_mapper
 
     if arguments.seed < 0:
         raise UsageError("a seed is not negative.", key="--seed", value=arguments.seed)
@@ -147,7 +145,7 @@ def _sbc(arguments: argparse.Namespace) -> None:
     out.mkdir(parents=True, exist_ok=True)
     with (
         Working("simulating", shown=True) as working,
-        open_mapper(arguments.workers, arguments.scheduler) as mapper,
+        open_mapper(arguments) as mapper,
     ):
 
         def told(done: int, fits: int) -> None:

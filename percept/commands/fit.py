@@ -1,26 +1,38 @@
-"""`percept fit` and `percept report`: a study's intervals, and the whole page."""
+"""`percept fit`, `report`, `predict` and `batch`: analyses of one study, and of many."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from percept.commands import FORCE, JSON, Command, argument, flag, folder
+from percept.commands import FORCE, JSON, Command, argument, flag, folder, number
 from percept.commands.analysis import (
+    SETTINGS,
     STUDY,
+    WORKERS,
     Working,
     checks_argument,
     in_words_of,
     notice,
+    open_mapper,
     open_study,
+    print_json,
+    read_scene,
+    settings,
     show,
+    tell_error,
     verdict,
 )
+from percept.errors import counted, printable
 
 if TYPE_CHECKING:
+    from percept.batch import Summary
     from percept.study import Study
+
+__all__ = ["BATCH", "FIT", "PREDICT", "REPORT"]
 
 _COLUMNS = [
     "environment",
@@ -33,7 +45,16 @@ _COLUMNS = [
     "upper",
     "unit",
 ]
+_PREDICTED = ["parameter", "reference", "kind", "lower", "upper", "estimate", "unit", "monte_carlo"]
+# Rows of the table without --all: what a terminal shows at once.
 _MOST_ROWS = 30
+_BATCH = """Fit many studies on the cores of this machine or on a dask cluster.
+
+Each STUDY is a session file or a folder of them (with a scene.toml of its own where it differs); of a quoted
+pattern each match is one. DIR/batch.csv has the intervals of all. A bad study stops no other, and an
+interrupted batch goes on when started again. Exit code 1: some study failed, was refused or has no Bayesian
+numbers.
+"""
 
 
 def _fit(arguments: argparse.Namespace) -> int:
@@ -112,6 +133,95 @@ def _report(arguments: argparse.Namespace) -> int:
     return verdict(study)
 
 
+def _predict(arguments: argparse.Namespace) -> None:
+    """Print how far the environment lies from the tested ones, its intervals, and what was left out."""
+    from percept.results.plain import plain
+    from percept.study.prediction import predict
+
+    with Working("predicting", shown=not arguments.quiet) as progress:
+        study = open_study(arguments, progress)
+        references = dict(arguments.at)
+        prediction = predict(study, stiffness=arguments.k, damping=arguments.b, at=references)
+    tell_error(study)
+    if arguments.json:
+        properties = {"sentence": prediction.sentence, "extrapolates": prediction.extrapolates}
+        print_json({**properties, **plain(prediction)})
+        return
+    say = in_words_of(study.scene)
+    print(say(prediction.sentence))
+    show(prediction.intervals[_PREDICTED].to_string(index=False, float_format="{:.6g}".format))
+    for row in prediction.intervals.drop_duplicates("kind").to_dict("records"):
+        print(say(f"{row['kind']}: {row['covers'].replace(', in ' + row['unit'], '')}"))
+    worst = float(prediction.intervals["monte_carlo"].max())
+    tolerance = study.scene.inference.tolerance
+    if worst > tolerance:
+        print(
+            f"percept: these limits have Monte Carlo errors of up to {worst:.2%} of a half-width,"
+            f" more than the fit's {tolerance:.2%}. Ask for a smaller tolerance.",
+            file=sys.stderr,
+        )
+    if prediction.boundaries:
+        print(f"{len(prediction.boundaries)} boundaries of abs(Z_h) were drawn too: see --json.")
+
+
+def _reference(text: str) -> tuple[str, float]:
+    """Read a reference such as "duration=500"."""
+    name, _, value = text.partition("=")
+    try:
+        return name, float(value)
+    except ValueError:
+        message = f"{text!r}: a reference is written NAME=X, as in duration=500"
+        raise argparse.ArgumentTypeError(message) from None
+
+
+def _batch(arguments: argparse.Namespace) -> int:
+    """Analyse the studies and print what became of them."""
+    from percept.batch import run_batch, sources
+
+    scene, _ = read_scene(arguments)
+    changes = settings(arguments)
+    scene.with_inference(**changes)  # a wrong setting is wrong once, not once per study
+    studies = sources(arguments.studies, scene=scene, changes=changes)
+    with (
+        Working("reading", shown=not arguments.quiet) as working,
+        open_mapper(arguments) as mapper,
+    ):
+
+        def show(summary: Summary) -> None:
+            finished = summary.counts.total()
+            bad = len(summary.failures)
+            words = f"{finished} of {summary.studies} studies, {bad} refused or failed"
+            working.show(words, finished, summary.studies)
+
+        summary = run_batch(
+            studies, arguments.out, mapper, table_format=arguments.format, progress=show
+        )
+    if arguments.json:
+        print_json({**vars(summary), "table": str(summary.table)})
+    else:
+        _print_summary(summary)
+    return int(bool(summary.failures))
+
+
+def _print_summary(summary: Summary) -> None:
+    """Print what became of the studies; what is wrong goes to standard error."""
+    for name, damage in summary.damaged:
+        _tell(name, f"Its kept rows were damaged ({damage}); it was analysed again.")
+    for name, message in (*summary.failures, *summary.inaccurate):
+        _tell(name, message)
+    words = ", ".join(f"{count} {status}" for status, count in sorted(summary.counts.items()))
+    studies = counted(summary.studies, "study", "studies")
+    now = summary.studies - summary.skipped
+    print(f"{studies} ({words}): {summary.skipped} finished before, {now} now")
+    print(summary.table)
+
+
+def _tell(name: str, message: str) -> None:
+    if not message.startswith(name):
+        message = f"{name}: {message}"
+    print(printable(message), file=sys.stderr)
+
+
 FIT = Command(
     "Fit the model and write the intervals: fit.json (in report.json's schema) and the posterior.",
     "percept fit sessions.csv --scene scene.toml --out results --json",
@@ -143,4 +253,42 @@ REPORT = Command(
         FORCE,
     ),
     _report,
+)
+PREDICT = Command(
+    "Predict intervals and the boundary of an environment nobody tested.",
+    "percept predict sessions.csv --k 15000 --b 12 --scene scene.toml",
+    (
+        *STUDY,
+        number("--k", "N/m", "stiffness of the untested environment"),
+        number("--b", "N·s/m", "damping of the untested environment"),
+        argument(
+            "--at",
+            "NAME=X",
+            "other references, in their units",
+            type=_reference,
+            nargs="+",
+            default=[],
+        ),
+        JSON,
+    ),
+    _predict,
+)
+BATCH = Command(
+    _BATCH,
+    "percept batch studies/* --scene scene.toml --workers 8 --out results",
+    (
+        argument("studies", "STUDY", "a session file, folder or quoted pattern", nargs="+"),
+        *SETTINGS,
+        *WORKERS,
+        folder("batch"),
+        argument(
+            "--format",
+            None,
+            "of the table of all studies (csv); parquet needs the extra tables",
+            choices=("csv", "parquet"),
+            default="csv",
+        ),
+        JSON,
+    ),
+    _batch,
 )

@@ -23,7 +23,7 @@ from percept.sessions.options import FileLimits
 from percept.sessions.records import NoDataError, Notice
 
 #: What tells a folder of results from one of sessions.
-_RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "batch.parquet")
+_RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "batch.sha256")
 _PACKED = (".csv", ".tsv", ".tab", ".txt")
 _SUFFIXES = (*_PACKED, ".gz", ".zip", ".parquet", ".xlsx")
 #: R's files; their compression may hide what is in them.

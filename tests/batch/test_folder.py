@@ -1,34 +1,85 @@
 import sys
 
-import pyarrow.parquet as pq
+import pandas as pd
 import pytest
 
-from percept.batch import BatchFolder, encode
+from percept.batch_folder import BatchFolder, Kept, encode
 from percept.errors import UsageError
 
-KEYS = [f"{i:02x}" + "0" * 62 for i in range(300)]
+KEYS = [f"{i:02x}" + "0" * 62 for i in range(3)]
 
 
 def saved(folder, key, status="refused"):
     folder.save(key, encode(f"study {key[:2]}", key, status, "because"))
 
 
+def file_of(folder, key):
+    return folder.out / "studies" / key[:2] / f"{key}.csv"
+
+
 def test_the_table_has_the_studies_in_the_order_asked_for(tmp_path):
+    pq = pytest.importorskip("pyarrow.parquet", reason="needs the extra percept[tables]")
     with BatchFolder.opened(tmp_path / "out") as folder:
         for key in KEYS:
             saved(folder, key)
-        table = folder.combine(KEYS[::-1])
-    assert pq.read_table(table)["key"].to_pylist() == KEYS[::-1]
-    assert pq.ParquetFile(table).num_row_groups == 3
+        asked = 50 * KEYS[::-1]
+        tables = [folder.combine(asked, form) for form in ("csv", "parquet")]
+    assert list(pd.read_csv(tables[0], dtype=str)["key"]) == asked
+    assert pq.read_table(tables[1])["key"].to_pylist() == asked
+    assert pq.ParquetFile(tables[1]).num_row_groups == 2
 
 
-def test_a_failed_study_is_not_finished_until_it_is(tmp_path):
+def test_a_failed_study_says_so_until_it_is_done(tmp_path):
     with BatchFolder.opened(tmp_path) as folder:
+        assert folder.kept(KEYS[0]) is None
         saved(folder, KEYS[0], "failed")
-        assert folder.verdict(KEYS[0]) is None
+        assert folder.kept(KEYS[0]).status == "failed"
         saved(folder, KEYS[0])
-        assert folder.verdict(KEYS[0]) == ("refused", "because")
-    assert sorted(p.name for p in tmp_path.rglob("*.parquet")) == [f"{KEYS[0]}.parquet"]
+        assert folder.kept(KEYS[0]) == Kept("refused", "because")
+    assert [path.name for path in tmp_path.rglob("*.csv")] == [f"{KEYS[0]}.csv"]
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        lambda data: b"",
+        lambda data: data[:-1],
+        lambda data: data[: data.rfind(b"\n", 0, -1) + 1],
+        lambda data: data + b"x",
+        lambda data: data.replace(b"because", b"becauze"),
+        lambda data: b"\xff" + data,
+        lambda data: data[data.find(b"\n") + 1 :],
+    ],
+    ids=["empty", "cut", "a row less", "longer", "changed", "no text", "no seal"],
+)
+def test_a_damaged_file_is_told_and_never_put_into_a_table(tmp_path, harm):
+    with BatchFolder.opened(tmp_path) as folder:
+        saved(folder, KEYS[0])
+        path = file_of(folder, KEYS[0])
+        path.write_bytes(harm(path.read_bytes()))
+        assert folder.kept(KEYS[0]).status == "damaged"
+        with pytest.raises(UsageError, match=r"000\.csv: it was damaged during this run"):
+            folder.combine(KEYS[:1], "csv")
+        assert not (tmp_path / "batch.csv").exists()
+        saved(folder, KEYS[0])
+        assert folder.kept(KEYS[0]).status == "refused"
+
+
+@pytest.mark.parametrize("listing", [None, "0123  batch.parquet\n"])
+def test_a_table_that_no_batch_wrote_is_not_replaced(tmp_path, listing):
+    table = tmp_path / "batch.csv"
+    table.write_text("mine")
+    if listing:
+        (tmp_path / "batch.sha256").write_text(listing)
+    with BatchFolder.opened(tmp_path) as folder:
+        saved(folder, KEYS[0])
+        with pytest.raises(UsageError, match=r"batch\.csv: it was not written by an earlier"):
+            folder.combine(KEYS[:1], "csv")
+    assert table.read_text() == "mine"
+    table.unlink()
+    with BatchFolder.opened(tmp_path) as folder:
+        for _ in range(2):
+            assert folder.combine(KEYS[:1], "csv") == table
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="folders are not locked there")

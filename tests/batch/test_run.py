@@ -2,14 +2,16 @@
 
 import json
 import re
+import sys
 from pathlib import Path
 
-import pyarrow.parquet as pq
+import pandas as pd
 import pytest
 
 from percept.batch import analyse, run_batch, sources
 from percept.cli import main
-from percept.workers import in_process, on_cluster
+from percept.cluster import on_cluster
+from percept.workers import in_process
 from tests.unmixed import unmixed_sessions
 from tests.workers.clusters import QUIET, in_threads, scheduler
 
@@ -28,29 +30,33 @@ def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path):
     with in_threads() as client:
         mapper = on_cluster(client)
         summary = batch(
-            studies, tmp_path / "out", mapper, progress=lambda *state: told.append(state)
+            studies,
+            tmp_path / "out",
+            mapper,
+            progress=lambda summary: told.append((summary.counts.total(), len(summary.failures))),
         )
     assert summary.counts == {"done": 4, "refused": 2, "failed": 1}
     assert (summary.studies, summary.skipped) == (7, 0)
-    table = pq.read_table(summary.table).to_pandas()
+    table = pd.read_csv(summary.table)
     assert list(dict.fromkeys(table["study"])) == studies
     message = table.set_index("study")["message"]
     assert message[studies[2]].startswith(f"{studies[2]}:2, column 'k_adj', value 'much'")
     assert table.set_index("study")["lower"].isna()[studies[2]]
     assert "no row holds an adjustment" in message[studies[4]]
     assert "there is no such file" in message[studies[6]]
-    assert [state[:2] for state in told] == [(i, 7) for i in range(1, 8)]
-    assert told[-1] == (7, 7, 3)
+    assert [finished for finished, _ in told] == list(range(1, 8))
+    assert told[-1] == (7, 3)
     alone = analyse(sources(studies[:1], changes=CLASSICAL)[0].read())
     (row,) = set(table.loc[table["study"] == studies[0], "key"])
-    assert (tmp_path / "out/studies" / row[:2] / f"{row}.parquet").read_bytes() == alone.table
+    kept = (tmp_path / "out/studies" / row[:2] / f"{row}.csv").read_text()
+    assert kept.partition("\n")[2] == alone.text
 
 
 def test_workers_here_in_threads_or_far_away_give_the_same_bytes(studies, tmp_path, capsys):
     pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
     few = studies[1:3]
     first = batch(few, tmp_path / "here", in_process, SAMPLED).table
-    assert set(pq.read_table(first)["method"].to_pylist()) == {"classical", "bayesian", None}
+    assert set(pd.read_csv(first)["method"].dropna()) == {"classical", "bayesian"}
     with in_threads() as client:
         assert (
             batch(few, tmp_path / "threads", on_cluster(client), SAMPLED).table.read_bytes()
@@ -92,10 +98,41 @@ def broken(function, arguments):
 def test_a_study_without_an_answer_failed_and_a_later_run_tries_it_again(studies, tmp_path):
     summary = batch(studies[:2], tmp_path / "out", broken)
     assert summary.counts == {"done": 1, "failed": 1}
-    assert summary.failures == ((studies[1], "OSError: killed"),)
-    assert pq.read_table(summary.table)["message"].to_pylist()[-1] == "OSError: killed"
+    assert summary.failures == [(studies[1], "OSError: killed")]
+    assert list(pd.read_csv(summary.table)["message"])[-1] == "OSError: killed"
     again = batch(studies[:2], tmp_path / "out", in_process)
-    assert (again.skipped, again.counts, again.failures) == (1, {"done": 2}, ())
+    assert (again.skipped, again.counts, again.failures) == (1, {"done": 2}, [])
+
+
+def test_a_damaged_file_costs_its_study_a_second_analysis_and_is_said(studies, tmp_path, capsys):
+    words = ["batch", *studies[:2], "--method", "classical", "--workers", "1"]
+    words += ["--out", str(tmp_path / "out")]
+    assert main(words) == 0
+    table = tmp_path / "out" / "batch.csv"
+    before = table.read_bytes()
+    damaged = sorted(tmp_path.glob("out/studies/*/*"))[0]
+    damaged.write_bytes(damaged.read_bytes()[:-9])
+    capsys.readouterr()
+    assert main(words) == 0
+    told = capsys.readouterr()
+    assert told.out.splitlines()[0] == "2 studies (2 done): 1 finished before, 1 now"
+    (line,) = told.err.splitlines()
+    assert line.startswith(tuple(f"{study}: Its kept rows were damaged" for study in studies[:2]))
+    assert line.endswith("it was analysed again.")
+    assert table.read_bytes() == before
+    assert main(words) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_parquet_is_refused_before_anything_is_computed_without_its_package(
+    studies, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.delitem(sys.modules, "pyarrow.parquet", raising=False)
+    words = ["batch", studies[0], "--format", "parquet", "--workers", "1"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 2
+    assert "percept[tables], or leave --format out" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_the_command(studies, tmp_path, capsys):
@@ -104,7 +141,7 @@ def test_the_command(studies, tmp_path, capsys):
     printed = capsys.readouterr()
     lines = printed.out.splitlines()
     assert lines[0] == "7 studies (4 done, 1 failed, 2 refused): 0 finished before, 7 now"
-    assert lines[-1] == str(tmp_path / "out" / "batch.parquet")
+    assert lines[-1] == str(tmp_path / "out" / "batch.csv")
     assert "text.csv:2" in printed.err
     assert main(["batch", studies[0], *words, "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
@@ -162,7 +199,7 @@ def test_a_withheld_posterior_is_no_success(tmp_path, capsys):
     captured = capsys.readouterr()
     assert "autocorrelation times" in captured.err
     assert "1 study (1 withheld)" in captured.out
-    found = pq.read_table(tmp_path / "out" / "batch.parquet").to_pandas()
+    found = pd.read_csv(tmp_path / "out" / "batch.csv")
     assert set(found["status"]) == {"withheld"}
     assert set(found["method"]) == {"classical"}
     assert "autocorrelation times" in found["message"][0]

@@ -24,8 +24,8 @@ from percept.calibration.coverage import (
     standard_error,
 )
 from percept.calibration.judge import LABELS, CoveragePlan, Population, interval_held, judge_study
+from percept.cluster import on_cluster
 from percept.sessions import ReadOptions, Sessions
-from percept.workers import on_cluster
 from tests import DATASETS
 from tests.workers.clusters import QUIET, in_threads
 

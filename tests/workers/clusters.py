@@ -1,6 +1,7 @@
 """Clusters for tests: threads of this process, and a scheduler with workers started by command."""
 
 import contextlib
+import logging
 import os
 import re
 import signal
@@ -10,7 +11,7 @@ import time
 
 import pytest
 
-from percept.workers import connected
+from percept.cluster import connected
 
 #: What dask leaves open or says of itself while it starts and ends.
 QUIET = pytest.mark.filterwarnings(
@@ -23,13 +24,17 @@ _UNBUFFERED = {**os.environ, "PYTHONUNBUFFERED": "1"}
 
 
 @contextlib.contextmanager
-def in_threads():
-    """Client of a dask cluster in this process: two workers of one thread."""
+def in_threads(*, processes=False):
+    """Client of a dask cluster in this process, or in processes: two workers of one thread."""
     import distributed
 
     with (
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0"
+            n_workers=2,
+            threads_per_worker=1,
+            processes=processes,
+            dashboard_address="127.0.0.1:0",
+            silence_logs=logging.CRITICAL,
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
@@ -48,7 +53,7 @@ def scheduler(folder, workers):
                 _start(folder / f"{number}", "worker", address, "--nthreads", "1", *_LOOPBACK)
             )
         if workers:
-            with connected(scheduler=address) as client:
+            with connected(address) as client:
                 client.wait_for_workers(workers, timeout=60)
         yield process, address
     finally:

@@ -11,8 +11,9 @@ import pytest
 
 distributed = pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
 
+from percept.cluster import connected, on_cluster, require_same_code  # noqa: E402
 from percept.errors import RefusalError  # noqa: E402 - only where distributed is installed
-from percept.workers import connected, in_process, on_cluster, require_same_code  # noqa: E402
+from percept.workers import in_process  # noqa: E402
 from tests.workers.clusters import QUIET, in_threads, scheduler  # noqa: E402
 
 pytestmark = QUIET
@@ -63,7 +64,10 @@ def test_workers_that_die_cost_no_result_and_one_that_always_dies_only_its_own(t
     lives = {"once": "x", "always": 9 * "x", **{f"never {i}": "" for i in range(6)}}
     for name, left in lives.items():
         (tmp_path / name).write_text(left)
-    with config.set({"distributed.scheduler.allowed-failures": 1}), connected(workers=2) as client:
+    with (
+        config.set({"distributed.scheduler.allowed-failures": 1}),
+        in_threads(processes=True) as client,
+    ):
         found = {
             Path(path).name: result
             for path, result in on_cluster(client)(dies, [str(tmp_path / name) for name in lives])
@@ -80,7 +84,7 @@ def worker_of(seconds):
 
 def test_a_worker_lost_with_what_it_had_finished_costs_no_result():
     """While one result is looked at the others are finished; then a worker that holds one dies."""
-    with connected(workers=2) as client:
+    with in_threads(processes=True) as client:
         results = on_cluster(client)(worker_of, [0.0, 0.1, 0.2, 0.3])
         first, worker = next(results)
         time.sleep(1.0)
@@ -114,7 +118,7 @@ def test_a_worker_with_other_code_is_refused():
 def test_a_lost_scheduler_is_said(tmp_path):
     with (
         scheduler(tmp_path, workers=0) as (process, address),
-        connected(scheduler=address) as client,
+        connected(address) as client,
     ):
         threading.Timer(0.5, process.kill).start()  # no worker is there: the job waits
         with pytest.raises(RefusalError, match=r"the scheduler was lost.*What is finished is kept"):

@@ -1,0 +1,81 @@
+import sys
+
+import pytest
+
+from percept.cli import build_parser
+from percept.cluster import connected
+from percept.commands.analysis import open_mapper
+from percept.errors import UsageError
+from percept.workers import cores, in_process
+from tests.workers.clusters import QUIET
+
+pytestmark = QUIET
+
+
+def test_arguments_are_taken_when_the_result_before_is_handed_back():
+    seen = []
+
+    def numbers():
+        for number in range(3):
+            seen.append(f"take {number}")
+            yield number
+
+    for number, result in in_process(lambda number: number**2, numbers()):
+        seen.append(f"{number}: {result}")
+    assert seen == ["take 0", "0: 0", "take 1", "1: 1", "take 2", "2: 4"]
+
+
+def test_an_error_is_its_argument_s_and_the_others_go_on():
+    found = dict(in_process(lambda x: 1 / x, [2, 0, 4]))
+    assert (found[2], found[4]) == (0.5, 0.25)
+    assert isinstance(found[0], ZeroDivisionError)
+
+
+def test_an_interruption_is_no_result():
+    def interrupted(x):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        next(in_process(interrupted, [1]))
+
+
+def test_one_worker_is_this_process_and_any_number_has_a_core_each():
+    with opened("--workers", "1") as mapper:
+        assert mapper is in_process
+    with opened() as mapper:
+        assert (mapper is in_process) == (cores() == 1)
+
+
+def opened(*words):
+    return open_mapper(build_parser(["sbc"]).parse_args(["sbc", *words]))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--workers", "0"], r"--workers = 0: must be at least 1"),
+        (
+            ["--workers", "1", "--scheduler", "tcp://127.0.0.1:1"],
+            "a scheduler has workers of its own. Give --workers or --scheduler",
+        ),
+    ],
+)
+def test_wrong_usage(words, message):
+    with pytest.raises(UsageError, match=message):
+        opened(*words).__enter__()
+
+
+def test_without_dask_a_scheduler_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(
+        UsageError, match=r"not installed.*percept\[cluster\], or leave --scheduler out"
+    ):
+        opened("--scheduler", "tcp://127.0.0.1:1").__enter__()
+
+
+def test_no_scheduler_at_the_address_is_said():
+    pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+    with pytest.raises(
+        UsageError, match=r"tcp://127.0.0.1:1.*no scheduler answers.*dask worker ADDRESS"
+    ):
+        connected("tcp://127.0.0.1:1", patience=0.5).__enter__()

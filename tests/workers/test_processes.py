@@ -1,0 +1,173 @@
+"""Processes of this machine, without anything but the standard library: real ones, which die too."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from percept.workers import in_process, processes
+
+
+def inverse(x):
+    return 1 / x
+
+
+@pytest.fixture(scope="module")
+def two():
+    """Two workers that all tests of this module share."""
+    with processes(2) as mapper:
+        yield mapper
+
+
+def test_results_are_those_of_one_process_and_errors_are_their_arguments_own(two):
+    arguments = [1, 3, 0, 7, 11]
+    found = dict(two(inverse, arguments))
+    wanted = dict(in_process(inverse, arguments))
+    error = found.pop(0)
+    assert isinstance(error, ZeroDivisionError)
+    assert "in inverse" in error.__notes__[0]
+    assert isinstance(wanted.pop(0), ZeroDivisionError)
+    assert found == wanted
+
+
+def test_no_more_arguments_than_processes_are_taken_ahead(two):
+    taken, most = 0, 0
+
+    def numbers():
+        nonlocal taken
+        for number in range(1, 30):
+            taken += 1
+            yield number
+
+    for back, _ in enumerate(two(inverse, numbers())):
+        most = max(most, taken - back)
+    assert taken == 29
+    assert most == 2
+
+
+def dies(path):
+    """End the worker by force as often as the file of that name has characters left."""
+    lives = Path(path).read_text()
+    if lives:
+        Path(path).write_text(lives[1:])
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "alive"
+
+
+def test_workers_that_die_cost_no_result_and_one_that_always_dies_only_its_own(two, tmp_path):
+    lives = {"once": "x", "always": 9 * "x", "never": "", "nor": ""}
+    for name, left in lives.items():
+        (tmp_path / name).write_text(left)
+    found = {
+        Path(path).name: result
+        for path, result in two(dies, [str(tmp_path / name) for name in lives])
+    }
+    message = str(found.pop("always"))
+    assert message == (
+        "2 worker processes died over it (exit code -9); the machine may lack memory"
+    )
+    assert found == dict.fromkeys(lives.keys() - {"always"}, "alive")
+
+
+def unsendable(kind):
+    """Return or raise what no other process can make again."""
+    if kind == "result":
+        return lambda: None
+    if kind == "error":
+        raise AwkwardError("first", "second")
+    return kind
+
+
+class AwkwardError(Exception):
+    def __init__(self, first, second):
+        super().__init__(first)
+
+
+def test_what_cannot_be_sent_is_the_error_of_its_argument(two):
+    lock = threading.Lock()
+    found = dict(two(unsendable, ["result", lock, "error", "fine"]))
+    assert "cannot be sent to another process" in str(found["result"])
+    assert isinstance(found["error"], TypeError)
+    assert isinstance(found[lock], TypeError)
+    assert found["fine"] == "fine"
+
+
+def identity(x):
+    return x
+
+
+def test_a_call_given_up_leaves_no_answer_to_the_next(two):
+    for _ in two(identity, range(100)):
+        break
+    assert sorted(two(identity, range(200, 204))) == [(x, x) for x in range(200, 204)]
+
+
+def threads(_):
+    return os.environ["OPENBLAS_NUM_THREADS"], os.getpid()
+
+
+def test_each_worker_computes_in_one_thread_and_starts_when_there_is_work(two):
+    before = dict(os.environ)
+    with processes(64) as mapper:
+        found = dict(mapper(threads, range(2)))
+        again = dict(mapper(threads, range(2)))
+    assert {variable for variable, _ in found.values()} == {"1"}
+    # Two for two arguments, which take both calls.
+    assert {worker for _, worker in found.values()} == {worker for _, worker in again.values()}
+    assert dict(os.environ) == before
+    assert sorted(two(identity, [5])) == [(5, 5)]
+
+
+UNGUARDED = """
+from percept.workers import processes
+with processes(2) as mapper:
+    print(list(mapper(abs, [-1])))
+"""
+GUARDED = """
+from percept.workers import processes
+if __name__ == "__main__":
+    with processes(2) as mapper:
+        print(list(mapper(abs, [-1])))
+"""
+
+
+def test_a_script_that_starts_workers_wherever_it_is_read_is_told_so(tmp_path):
+    (tmp_path / "script.py").write_text(UNGUARDED)
+    ran = subprocess.run(
+        [sys.executable, tmp_path / "script.py"], capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 1
+    assert "a worker process ended before it could work" in ran.stderr
+    assert '__name__ == "__main__"' in ran.stderr
+    (tmp_path / "script.py").write_text(GUARDED)
+    ran = subprocess.run(
+        [sys.executable, tmp_path / "script.py"], capture_output=True, text=True, check=True
+    )
+    assert ran.stdout == "[(-1, 1)]\n"
+
+
+LOST = """
+import os, signal, sys
+from percept.workers import processes
+with processes(2) as mapper:
+    for _, worker in mapper(os.getpgid, [0, 0]):
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="processes are told by their group")
+def test_workers_end_with_the_process_that_started_them():
+    ran = subprocess.Popen([sys.executable, "-c", LOST], start_new_session=True)
+    assert ran.wait(60) == -signal.SIGKILL
+    for _ in range(100):
+        try:
+            os.killpg(ran.pid, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.1)
+    raise AssertionError("workers are left")
