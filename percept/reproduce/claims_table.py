@@ -3,18 +3,34 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from decimal import Decimal
 from itertools import pairwise
 
 import numpy as np
 from scipy import special
 
-from percept.haptics import Device
+from percept.haptics import Coupling, Device, Environment
 from percept.haptics.envelope import magnitude_envelope_ellipse
 from percept.inference import Moments, bias, t_interval, tolerance_factor
 from percept.reproduce.devices import direct_inside, share_true
-from percept.reproduce.published import LOOKED_AT, Evidence, Published
-from percept.reproduce.squares import VARIABLE, crossings, felt_square
+from percept.reproduce.evidence import Evidence, evidence, undecided
+from percept.reproduce.published import LOOKED_AT, Published
+from percept.reproduce.squares import VARIABLE, Square, crossings, felt_square, tustin_rate
+
+__all__ = [
+    "PrintedLimits",
+    "joint_level",
+    "limits_printed",
+    "limits_suffice",
+    "mass_left_out",
+    "normal_values",
+    "perceivable_range",
+    "reference_inside",
+    "table_1",
+    "thirty_subjects",
+    "users_covered",
+]
 
 _SHARE_CONFIDENCE = 0.95
 _ENOUGH_SUBJECTS = 30  # Section 3.1: this number of subjects is said to represent everybody
@@ -25,103 +41,143 @@ _TOUCH_HERTZ = (40.0, 250.0)
 _HEAVIEST = 100.0  # kg; no m_e above it is looked at
 
 
-def limits_printed(published: Published) -> list[tuple[str, str, str, str]]:
-    """Return Table 1 as percept prints it: name, parameter, lower and upper limit as text."""
+@dataclass(frozen=True)
+class PrintedLimits:
+    """Limits of one row of Table 1, as percept prints them."""
+
+    environment: str
+    parameter: str
+    lower: str
+    upper: str
+
+
+def limits_printed(published: Published) -> list[PrintedLimits]:
+    """Return Table 1 as percept prints it, with as many digits as the paper."""
     limits = published.limits
-    interval = t_interval(published.limits.moments, level=limits.level)
-    lower, upper = np.asarray(interval.lower), np.asarray(interval.upper)
-    return [
-        (
-            limits.environments[i],
-            limits.parameters[p],
-            str(Decimal(float(lower[i, p])).quantize(limits.lower[i][p])),
-            str(Decimal(float(upper[i, p])).quantize(limits.upper[i][p])),
-        )
-        for i, p in np.ndindex(lower.shape)
-    ]
+    interval = t_interval(limits.moments, level=limits.level)
+    lower = np.asarray(interval.lower)
+    upper = np.asarray(interval.upper)
+    rows = []
+    for i, environment in enumerate(limits.environments):
+        for p, parameter in enumerate(limits.parameters):
+            low = _as_printed(lower[i, p], limits.lower[i][p])
+            high = _as_printed(upper[i, p], limits.upper[i][p])
+            rows.append(PrintedLimits(environment, parameter, low, high))
+    return rows
+
+
+def _as_printed(value: float, printed: Decimal) -> str:
+    return str(Decimal(float(value)).quantize(printed))
 
 
 def table_1(published: Published) -> Evidence:
     """Say why nobody can judge whether Table 1 holds t-intervals (Eq. 15)."""
     limits = published.limits
-    printed = np.array([limits.lower, limits.upper]).astype(str).reshape(2, -1).T
-    agree = printed == [limit[2:] for limit in limits_printed(published)]
-    return {"agree": int(agree.sum()), "printed": agree.size, "factor": limits.factor}
+    rows = limits_printed(published)
+    lower = [str(value) for row in limits.lower for value in row]
+    upper = [str(value) for row in limits.upper for value in row]
+    agree = sum(row.lower == low for row, low in zip(rows, lower, strict=True))
+    agree += sum(row.upper == high for row, high in zip(rows, upper, strict=True))
+    return undecided(agree=agree, printed=2 * len(rows), factor=limits.factor)
 
 
 def reference_inside(published: Published) -> Evidence:
     """Judge whether the reference's curve runs between the boundaries (Fig. 5)."""
     references = np.array(published.limits.reference, dtype=float)
-    found = bias(published.limits.moments, references, level=published.limits.level)
-    held = ((np.asarray(found.lower) <= 1.0) & (np.asarray(found.upper) >= 1.0)).ravel()
-    outside = np.array(_cells(published))[~held].tolist()
-    shares = {wall.name: share_true(published, wall, direct_inside) for wall in published.walls}
-    return {
-        "cases": [case for part in shares.values() for case in (part > 0, part == 1.0)],
-        "shares": shares,
-        "least": min(shares.values()),
-        "outside": outside,
-        "lost": len(outside),
-        "of": held.size,
-    }
+    ratios = bias(published.limits.moments, references, level=published.limits.level)
+    outside_limits = (np.asarray(ratios.lower) > 1.0) | (np.asarray(ratios.upper) < 1.0)
+    outside = _names(published)[outside_limits.ravel()].tolist()
+    shares = {}
+    cases = []
+    for wall in published.walls:
+        part = share_true(published, wall, direct_inside)
+        shares[wall.name] = part
+        cases += [part > 0, part == 1.0]
+    return evidence(
+        cases,
+        shares=shares,
+        least=min(shares.values()),
+        outside=outside,
+        lost=len(outside),
+        of=outside_limits.size,
+    )
 
 
 def users_covered(published: Published) -> Evidence:
     """Judge the reading of a 99 % interval of the mean as 99 % of users."""
-    n, level, own = published.limits.n, published.limits.level, published.limits.factor
+    n = published.limits.n
+    level = published.limits.level
+    own = published.limits.factor
     share = _expected_share(n, level)
     factor = float(tolerance_factor(n, level, _SHARE_CONFIDENCE))
-    return {
-        "cases": [share >= level],
-        "confidence": _SHARE_CONFIDENCE, "less": share - level, "share": share, "own": own,
-        "factor": factor, "ratio": factor / own,
-    }  # fmt: skip
+    return evidence(
+        [share >= level],
+        confidence=_SHARE_CONFIDENCE,
+        less=share - level,
+        share=share,
+        own=own,
+        factor=factor,
+        ratio=factor / own,
+    )
 
 
 def thirty_subjects(published: Published) -> Evidence:
     """Judge whether thirty subjects represent everybody where the data are normal."""
-    n, level = published.limits.n, published.limits.level
-    t = -float(special.stdtrit(_ENOUGH_SUBJECTS - 1, (1 - level) / 2))
-    z = -float(special.ndtri((1 - level) / 2))
+    n = published.limits.n
+    level = published.limits.level
+    tail = (1 - level) / 2
+    t = -float(special.stdtrit(_ENOUGH_SUBJECTS - 1, tail))
+    z = -float(special.ndtri(tail))
     share = _expected_share(_ENOUGH_SUBJECTS, level)
-    return {
-        "cases": [share >= level, n >= _ENOUGH_SUBJECTS],
-        "z": z, "over": t / z, "above": t / z - 1, "share": share, "less": share - level, "n": n,
-        "factor": float(tolerance_factor(_ENOUGH_SUBJECTS, level, _SHARE_CONFIDENCE)),
-    }  # fmt: skip
+    return evidence(
+        [share >= level, n >= _ENOUGH_SUBJECTS],
+        z=z,
+        over=t / z,
+        above=t / z - 1,
+        share=share,
+        less=share - level,
+        n=n,
+        factor=float(tolerance_factor(_ENOUGH_SUBJECTS, level, _SHARE_CONFIDENCE)),
+    )
 
 
 def normal_values(published: Published) -> Evidence:
     """Say why nobody can judge whether the data are normal: limits alone fit any such law."""
     mean = np.ravel(published.limits.moments.mean)
     sd = np.ravel(published.limits.moments.sd)
-    n, level = published.limits.n, published.limits.level
-    names = np.array(_cells(published))
+    n = published.limits.n
+    names = _names(published)
     below = special.ndtr(-mean / sd)
-    factor = float(tolerance_factor(n, level, _SHARE_CONFIDENCE))
+    most = float(below.max())
+    factor = float(tolerance_factor(n, published.limits.level, _SHARE_CONFIDENCE))
     negative = mean - factor * sd <= 0
-    return {
-        "negative": names[negative].tolist(),
-        "below": float(below.max()),
-        "worst": names[below.argmax()],
-        "unseen": float((1 - below.max()) ** n),
-    }
+    return undecided(
+        negative=names[negative].tolist(),
+        below=most,
+        worst=names[below.argmax()],
+        unseen=(1 - most) ** n,
+    )
 
 
 def joint_level(published: Published) -> Evidence:
     """Judge limits of k and of b used together as if they held together."""
     level = published.limits.level
-    # Bonferroni's inequality, and limits that hold or fail together.
-    least, most = 1.0 - 2.0 * (1.0 - level), level
+    least = 1.0 - 2.0 * (1.0 - level)  # Bonferroni's inequality
+    independent = level**2
+    most = level  # Limits that hold or fail together
     stiffness, _ = _moments_of(published, 0)
     alone = t_interval(stiffness, level=level)
     wider = t_interval(stiffness, level=level, joint="bonferroni")
-    return {
+    widening = (wider.upper - wider.estimate) / (alone.upper - alone.estimate)
+    return evidence(
         # The worst dependence, none, the best one, and either parameter by itself.
-        "cases": [least >= level, level**2 >= level, most >= level, alone.level >= level],
-        "least": least, "most": most, "independent": level**2, "less": least - level,
-        "widening": float((wider.upper - wider.estimate) / (alone.upper - alone.estimate)),
-    }  # fmt: skip
+        [least >= level, independent >= level, most >= level, alone.level >= level],
+        least=least,
+        most=most,
+        independent=independent,
+        less=least - level,
+        widening=float(widening),
+    )
 
 
 def limits_suffice(published: Published) -> Evidence:
@@ -132,75 +188,82 @@ def limits_suffice(published: Published) -> Evidence:
         uppers = [_upper_of_ellipse(published, k, b, correlation) for correlation in _CORRELATIONS]
         spreads[wall.name] = max(uppers) / min(uppers) - 1
     worst = max(spreads, key=spreads.__getitem__)
-    return {
-        "low": _CORRELATIONS[0], "high": _CORRELATIONS[-1], "worst": worst, "spread": spreads[worst],
-    }  # fmt: skip
+    low, *_, high = _CORRELATIONS
+    return undecided(low=low, high=high, worst=worst, spread=spreads[worst])
 
 
 def _upper_of_ellipse(published: Published, k: Moments, b: Moments, correlation: float) -> float:
     """Return the largest |Z_e| over Hotelling's region of the mean, two parameters, N·s/m."""
-    n, level = published.limits.n, published.limits.level
-    radius = math.sqrt((n - 1) * math.expm1(-2.0 * math.log1p(-level) / (n - 2)) / n)
+    n = published.limits.n
+    # F of 2 and n − 2 degrees of freedom has this quantile in closed form.
+    quantile = math.expm1(-2.0 * math.log1p(-published.limits.level) / (n - 2))
+    radius = math.sqrt((n - 1) * quantile / n)
     sd = np.array([k.sd, b.sd], dtype=float)
     covariance = np.outer(sd, sd) * np.array([[1.0, correlation], [correlation, 1.0]])
+    centre = (float(k.mean), float(b.mean))
+    device = Device(0.0, 0.0)
     _, upper = magnitude_envelope_ellipse(
-        LOOKED_AT,
-        Device(0.0, 0.0),
-        (float(k.mean), float(b.mean)),
-        covariance,
-        radius,
-        published.period,
+        LOOKED_AT, device, centre, covariance, radius, published.period
     )
     return float(upper)
 
 
 def _expected_share(n: int, level: float) -> float:
-    return float(np.asarray(t_interval(Moments(0.0, 1.0, n), level=level).expected_share))
+    standard = Moments(0.0, 1.0, n)
+    return float(np.asarray(t_interval(standard, level=level).expected_share))
 
 
-def _cells(published: Published) -> list[str]:
-    return [f"{parameter} of {wall.name}" for wall in published.walls for parameter in "kb"]
+def _names(published: Published) -> np.ndarray[tuple[int], np.dtype[np.str_]]:
+    """Return the names of the table's cells, row by row."""
+    return np.array([f"{name} of {wall.name}" for wall in published.walls for name in "kb"])
 
 
 def _moments_of(published: Published, row: int) -> tuple[Moments, Moments]:
     """Return the moments of k and of b of one environment."""
-    mean, sd = np.asarray(published.limits.moments.mean), np.asarray(published.limits.moments.sd)
-    k, b = (Moments(float(mean[row, p]), float(sd[row, p]), published.limits.n) for p in (0, 1))
-    return k, b
+    moments = published.limits.moments
+    mean = np.asarray(moments.mean)[row]
+    sd = np.asarray(moments.sd)[row]
+    n = published.limits.n
+    return Moments(float(mean[0]), float(sd[0]), n), Moments(float(mean[1]), float(sd[1]), n)
 
 
 def mass_left_out(published: Published) -> Evidence:
     """Judge whether Fig. 7d follows from k_e and b_e, the mass m_e being left out."""
     wall, _ = published.drawn[1]
-    device, period = published.device, published.period
-    rate = 2 / period * math.tan(LOOKED_AT * period / 2)
-    lower, upper = zip(wall.stiffness, wall.damping, strict=True)
-    shown = [
-        (wall.k, wall.b, None),
-        (wall.k, wall.b, published.tuned),
-        (*lower, None),
-        (*upper, None),
-    ]
-    squares = [
-        felt_square(device, k, b, period, coupling=coupling, rate=rate, mass=VARIABLE)
-        for k, b, coupling in shown
-    ]
+    device = published.device
+    period = published.period
+    rate = tustin_rate(LOOKED_AT, period)
 
-    def kept(mass: float) -> bool:
-        direct, coupled, *ends = (float(one.over(mass) / one.under(mass)) for one in squares)
-        return min(ends) <= coupled < direct <= max(ends)
+    def square(shown: Environment, coupling: Coupling | None = None) -> Square:
+        return felt_square(device, shown, period, coupling=coupling, rate=rate, mass=VARIABLE)
 
-    edges = np.concatenate([[0.0], crossings(squares, 0.0, _HEAVIEST), [_HEAVIEST]])
-    until = next(
-        (low for low, high in pairwise(edges.tolist()) if not kept((low + high) / 2)), _HEAVIEST
-    )
-    return {"cases": [until > 0, until == _HEAVIEST], "wall": wall, "until": until}
+    direct = square(wall.environment)
+    coupled = square(wall.environment, published.tuned)
+    at_lower = square(wall.lower)
+    at_upper = square(wall.upper)
+
+    def as_drawn(mass: float) -> bool:
+        ends = sorted([at_lower.at(mass), at_upper.at(mass)])
+        return ends[0] <= coupled.at(mass) < direct.at(mass) <= ends[1]
+
+    cuts = crossings([direct, coupled, at_lower, at_upper], 0.0, _HEAVIEST)
+    edges = [0.0, *cuts.tolist(), _HEAVIEST]
+    until = 0.0
+    for low, high in pairwise(edges):
+        if not as_drawn((low + high) / 2):
+            break
+        until = high
+    return evidence([until > 0, until == _HEAVIEST], wall=wall, until=until)
 
 
 def perceivable_range(published: Published) -> Evidence:
     """Judge the statement that forces are felt below 100 rad/s only."""
     _, top = published.span
-    felt = {hertz: 2 * np.pi * hertz for hertz in _TOUCH_HERTZ}
-    thresholds = [f"{hertz:g} Hz ({omega:.4g} rad/s)" for hertz, omega in felt.items()]
-    lowest = min(felt.values()) / top
-    return {"cases": [x <= top for x in felt.values()], "thresholds": thresholds, "lowest": lowest}
+    cases = []
+    thresholds = []
+    for hertz in _TOUCH_HERTZ:
+        omega = 2 * np.pi * hertz
+        cases.append(omega <= top)
+        thresholds.append(f"{hertz:g} Hz ({omega:.4g} rad/s)")
+    lowest = 2 * np.pi * min(_TOUCH_HERTZ) / top
+    return evidence(cases, thresholds=thresholds, lowest=lowest)

@@ -1,36 +1,50 @@
-"""What depends on the device: the statements of the paper's figures, and couplings that suit environments.
+"""What the paper reads off Fig. 7, and for which devices it is true.
 
-The second part is the paper's future work: a coupling that follows the environment, stable and
-inside the next user's boundary.
+The mass and the damping of the device behind the figures were never published. So each reading is
+tried on a grid of devices that a hand can move.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.haptics import (
-    Device,
-    Environment,
-    corner_curves,
-    environment_impedance,
-    magnitude_envelope,
-)
-from percept.haptics.design import CouplingDesign, EnvironmentBoundary, design_couplings
+from percept.haptics import Device, Environment, corner_curves, environment_impedance
 from percept.reproduce.published import LOOKED_AT, Array, Published, Wall
 from percept.reproduce.squares import Square, cells, felt_square, share
 
-BoolArray = NDArray[np.bool_]
+__all__ = [
+    "DAMPINGS",
+    "MASSES",
+    "BoolArray",
+    "Curves",
+    "Panel",
+    "absolute_width",
+    "change_over_band",
+    "coupled_inside",
+    "curves",
+    "direct_inside",
+    "largest",
+    "most_passed",
+    "over_devices",
+    "panels",
+    "relative_width",
+    "share_true",
+]
 
-#: Devices a hand can move, kg and N·s/m; nobody published the mass or the damping of the one used.
+BoolArray: TypeAlias = NDArray[np.bool_]
+
+#: Masses a hand can move, kg.
 MASSES = np.geomspace(0.01, 30.0, 71)
+#: Dampings a hand can move, N·s/m.
 DAMPINGS = np.geomspace(0.05, 50.0, 61)
-_POINTS = 9  # Over a window of at most 13 % of its frequency
-_FINE = 201  # Points over a window where a share of it is counted
-_RANGE = 31  # Over the perceivable range
+
+_POINTS = 9  # Of ω over a window, which is at most 13 % of its frequency wide
+_FINE = 201  # Of ω over a window where a share of it is counted, and of masses on the ridge
 _NARROW = 1e-12  # Relative width to which a limit is halved
 
 
@@ -44,46 +58,61 @@ class Curves:
     coupled: Array
 
 
+#: Says at every ω whether a statement on the curves is true.
+Reading: TypeAlias = Callable[[Curves], BoolArray]
+
+
 def curves(published: Published, wall: Wall, omega: Array, device: Device | None = None) -> Curves:
-    """Return the curves of a panel, for the scene's device, another, or an array of them."""
-    device = published.device if device is None else device
-    each = Device(np.asarray(device.mass)[..., None], np.asarray(device.damping)[..., None])
-    ends = corner_curves(omega, each, wall.stiffness, wall.damping, published.period)
-    return Curves(
-        lower=np.minimum(*ends),
-        upper=np.maximum(*ends),
-        direct=published.felt(omega, wall.environment, device=each),
-        coupled=published.felt(omega, wall.environment, device=each, coupling=published.tuned),
-    )
+    """Return the curves of a panel.
+
+    Parameters
+    ----------
+    published : Published
+        The paper.
+    wall : Wall
+        Whose limits and reference are drawn.
+    omega : ndarray, shape (n,)
+        rad/s.
+    device : Device, optional
+        Its mass and damping may be arrays; the scene's by default.
+
+    Returns
+    -------
+    Curves
+        Each of shape (..., n), the device's axes first.
+    """
+    if device is None:
+        device = published.device
+    mass = np.asarray(device.mass)[..., None]
+    damping = np.asarray(device.damping)[..., None]
+    each = Device(mass, damping)
+    at_low, at_high = corner_curves(omega, each, wall.stiffness, wall.damping, published.period)
+    direct = published.felt(omega, wall.environment, device=each)
+    coupled = published.felt(omega, wall.environment, device=each, coupling=published.tuned)
+    return Curves(np.minimum(at_low, at_high), np.maximum(at_low, at_high), direct, coupled)
 
 
-def _both_below(found: Curves) -> BoolArray:
-    return np.asarray(((found.direct < found.lower) & (found.coupled < found.lower)).all(axis=-1))
+def direct_inside(shown: Curves) -> BoolArray:
+    """Say where the curve without a coupling is between the boundaries."""
+    return (shown.lower <= shown.direct) & (shown.direct <= shown.upper)
 
 
-def _both_inside(found: Curves) -> BoolArray:
-    inside = (
-        (found.lower <= found.coupled)
-        & (found.coupled < found.direct)
-        & (found.direct <= found.upper)
-    )
-    return np.asarray(inside.all(axis=-1))
+def coupled_inside(shown: Curves) -> BoolArray:
+    """Say where the coupled curve is between the boundaries."""
+    return (shown.lower <= shown.coupled) & (shown.coupled <= shown.upper)
 
 
-def direct_inside(found: Curves) -> BoolArray:
-    """Say where the curve without a coupling stays between the boundaries."""
-    return np.asarray(((found.lower <= found.direct) & (found.direct <= found.upper)).all(axis=-1))
+def _both_below(shown: Curves) -> BoolArray:
+    return (shown.direct < shown.lower) & (shown.coupled < shown.lower)
 
 
-def coupled_inside(found: Curves) -> BoolArray:
-    """Say where the coupled curve stays between the boundaries."""
-    return np.asarray(
-        ((found.lower <= found.coupled) & (found.coupled <= found.upper)).all(axis=-1)
-    )
+def _both_inside(shown: Curves) -> BoolArray:
+    in_order = shown.coupled < shown.direct
+    return in_order & (shown.lower <= shown.coupled) & (shown.direct <= shown.upper)
 
 
-def _either_side(found: Curves) -> BoolArray:
-    return np.asarray(((found.coupled < found.lower) & (found.upper < found.direct)).all(axis=-1))
+def _either_side(shown: Curves) -> BoolArray:
+    return (shown.coupled < shown.lower) & (shown.upper < shown.direct)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,61 +123,57 @@ class Panel:
     says: str  # The statement, in a few words
     wall: Wall
     window: tuple[float, float]  # rad/s
-    true_of: Callable[[Curves], BoolArray]
+    reading: Reading
 
 
-def panels(published: Published) -> tuple[Panel, ...]:
-    """Return the three enlarged panels."""
-    read = (
-        ("7b", "both below the boundaries", _both_below),
-        ("7d", "both inside, coupled below direct", _both_inside),
-        ("7f", "one curve below, one above them", _either_side),
-    )
-    return tuple(
-        Panel(name, says, wall, window, true_of)
-        for (name, says, true_of), (wall, window) in zip(read, published.drawn, strict=True)
+def panels(published: Published) -> tuple[Panel, Panel, Panel]:
+    """Return the three enlarged panels: 7b, 7d and 7f."""
+    first, second, third = published.drawn
+    return (
+        Panel("7b", "both below the boundaries", *first, _both_below),
+        Panel("7d", "both inside, coupled below direct", *second, _both_inside),
+        Panel("7f", "one curve below, one above them", *third, _either_side),
     )
 
 
 def over_devices(published: Published, panel: Panel, mass: Array, damping: Array) -> BoolArray:
-    """Say for which devices a panel's statement is true over its window."""
+    """Say for which devices a panel's statement is true over its window.
+
+    Parameters
+    ----------
+    published : Published
+        The paper.
+    panel : Panel
+        The statement, its environment and its window.
+    mass, damping : ndarray
+        Of the devices, kg and N·s/m; their shapes broadcast.
+
+    Returns
+    -------
+    ndarray of bool
+        Of the broadcast shape.
+    """
     omega = np.linspace(*panel.window, _POINTS)
-    return panel.true_of(curves(published, panel.wall, omega, Device(mass, damping)))
-
-
-def environments_inside(published: Published, mass: Array, damping: Array) -> NDArray[np.int64]:
-    """Count the environments that feel real through the tuned coupling, by device."""
-    device, omega = Device(mass[..., None], damping[..., None]), published.omega(_RANGE)
-    count = np.zeros(np.broadcast_shapes(mass.shape, damping.shape), dtype=np.int64)
-    for wall, (k, b) in zip(published.walls, published.next_user, strict=True):
-        lower, upper = magnitude_envelope(omega, device, k, b, published.period)
-        felt = published.felt(omega, wall.environment, device=device, coupling=published.tuned)
-        count += ((lower <= felt) & (felt <= upper)).all(axis=-1)
-    return count
-
-
-def panel_squares(published: Published, wall: Wall, device: Device | None = None) -> list[Square]:
-    """Return the squares of a panel's four curves: direct, coupled, at the lower and at the upper limits."""
-    device, period = published.device if device is None else device, published.period
-    ends = zip(wall.stiffness, wall.damping, strict=True)
-    return [
-        felt_square(device, wall.k, wall.b, period),
-        felt_square(device, wall.k, wall.b, period, coupling=published.tuned),
-        *(felt_square(device, k, b, period) for k, b in ends),
-    ]
+    shown = curves(published, panel.wall, omega, Device(mass, damping))
+    return np.asarray(panel.reading(shown).all(axis=-1))
 
 
 def share_true(
-    published: Published,
-    wall: Wall,
-    true_of: Callable[[Curves], BoolArray],
-    device: Device | None = None,
+    published: Published, wall: Wall, reading: Reading, device: Device | None = None
 ) -> float:
     """Return the share of the perceivable range, on a log scale, over which a reading is true."""
-    edges, middles = cells(
-        panel_squares(published, wall, device), *published.span, published.period
-    )
-    return share(edges, true_of(curves(published, wall, middles[:, None], device)))
+    squares = _panel_squares(published, wall, device or published.device)
+    edges, middles = cells(squares, *published.span, published.period)
+    return share(edges, reading(curves(published, wall, middles, device)))
+
+
+def _panel_squares(published: Published, wall: Wall, device: Device) -> list[Square]:
+    """Return the squares of the four curves of a panel: they change places where two are equal."""
+    period = published.period
+    squares = [felt_square(device, wall.environment, period, coupling=published.tuned)]
+    for shown in (wall.environment, wall.lower, wall.upper):
+        squares.append(felt_square(device, shown, period))
+    return squares
 
 
 def change_over_band(published: Published, panel: Panel, device: Device) -> Array:
@@ -157,10 +182,11 @@ def change_over_band(published: Published, panel: Panel, device: Device) -> Arra
     The device may hold arrays; ω is the last axis. The ratio is inf where the band is empty.
     """
     omega = np.linspace(*panel.window, _FINE)
-    found = curves(published, panel.wall, omega, device)
-    change = np.abs(found.coupled - found.direct)
-    band = found.upper - found.lower
-    return np.divide(change, band, out=np.full_like(change, np.inf), where=band > 0)
+    shown = curves(published, panel.wall, omega, device)
+    change = np.abs(shown.coupled - shown.direct)
+    band = shown.upper - shown.lower
+    endless = np.full_like(change, np.inf)
+    return np.divide(change, band, out=endless, where=band > 0)
 
 
 def most_passed(published: Published, panel: Panel) -> tuple[float, Device]:
@@ -169,33 +195,34 @@ def most_passed(published: Published, panel: Panel) -> tuple[float, Device]:
     That happens about an ω where the two boundaries cross, so only devices are tried whose
     boundaries cross in the window.
     """
-    best_share, best = 0.0, published.device
+    start, end = panel.window
+    most = 0.0
+    device_of_most = published.device
     for damping in (0.0, *DAMPINGS[::6].tolist()):
-        first, last = (
-            _mass_of_crossing(published, panel.wall, omega, damping) for omega in panel.window
-        )
+        first = _mass_of_crossing(published, panel.wall, start, damping)
+        last = _mass_of_crossing(published, panel.wall, end, damping)
         masses = np.clip(np.linspace(first, last, _FINE), 0.0, MASSES[-1])
-        device = Device(masses, np.full_like(masses, damping))
-        passed = (change_over_band(published, panel, device) > 1).mean(axis=-1)
+        devices = Device(masses, np.full_like(masses, damping))
+        passed = (change_over_band(published, panel, devices) > 1).mean(axis=-1)
         row = int(passed.argmax())
-        if passed[row] > best_share:
-            best_share = float(passed[row])
-            best = Device(float(masses[row]), damping)
-    return best_share, best
+        if passed[row] > most:
+            most = float(passed[row])
+            device_of_most = Device(float(masses[row]), damping)
+    return most, device_of_most
 
 
 def _mass_of_crossing(published: Published, wall: Wall, omega: float, damping: float) -> float:
     """Return the device's mass, kg, with which the two boundaries cross at ω; negative if none does."""
 
-    def gap(mass: float, damping: float) -> float:
-        """Return |Z_h|² at the upper limits less that at the lower, linear in mass and damping."""
-        at_low, at_high = corner_curves(
-            omega, Device(mass, damping), wall.stiffness, wall.damping, published.period
-        )
+    def gap(mass: float) -> float:
+        device = Device(mass, damping)
+        ends = corner_curves(omega, device, wall.stiffness, wall.damping, published.period)
+        at_low, at_high = ends
         return float(at_high**2 - at_low**2)
 
-    still = gap(0.0, damping)
-    return still / (still - gap(1.0, damping))
+    # |Z_h|² at the upper limits less that at the lower ones is linear in the mass.
+    massless = gap(0.0)
+    return massless / (massless - gap(1.0))
 
 
 def relative_width(wall: Wall, period: float) -> float:
@@ -205,11 +232,7 @@ def relative_width(wall: Wall, period: float) -> float:
 
 def absolute_width(wall: Wall, period: float) -> float:
     """Return how far apart |Z_e| is at the upper and the lower limits, N·s/m."""
-    low, high = (
-        _magnitude(Environment(k, b), period)
-        for k, b in zip(wall.stiffness, wall.damping, strict=True)
-    )
-    return abs(high - low)
+    return abs(_magnitude(wall.upper, period) - _magnitude(wall.lower, period))
 
 
 def _magnitude(environment: Environment, period: float) -> float:
@@ -217,46 +240,33 @@ def _magnitude(environment: Environment, period: float) -> float:
 
 
 def largest(true_at: Callable[[Array], BoolArray], candidates: Array) -> float | None:
-    """Return where a statement stops being true on a rising scale: None if it never is, inf if always."""
-    true = true_at(candidates)
-    if not true.any():
+    """Return where a statement stops being true on a rising scale.
+
+    Parameters
+    ----------
+    true_at : callable
+        From values of the scale, shape (n,), to whether the statement is true there.
+    candidates : ndarray, shape (n,)
+        The scale, increasing.
+
+    Returns
+    -------
+    float or None
+        The largest value with which the statement is true: None if it never is, inf if the last
+        candidate is one.
+    """
+    true = np.flatnonzero(true_at(candidates))
+    if not true.size:
         return None
-    last = int(np.flatnonzero(true)[-1])
+    last = int(true[-1])
     if last == candidates.size - 1:
         return float("inf")
-    low, high = candidates[last : last + 2]
+    low = float(candidates[last])
+    high = float(candidates[last + 1])
     while high > low * (1 + _NARROW):
-        middle = np.sqrt(low * high)
-        low, high = (middle, high) if true_at(np.array([middle]))[0] else (low, middle)
-    return float(low)
-
-
-@dataclass(frozen=True, eq=False)
-class Adapted:
-    """The couplings that suit each environment on one device, and the one for all, if there is one."""
-
-    device: Device
-    design: CouplingDesign  # In the order of Table 1
-    static: tuple[bool, ...]  # By environment, whether the paper's tuned coupling is among them
-
-
-def next_user_boundaries(published: Published) -> tuple[EnvironmentBoundary, ...]:
-    """Return the limits of each environment: prediction intervals of the next user."""
-    return tuple(
-        EnvironmentBoundary(wall.environment, k, b)
-        for wall, (k, b) in zip(published.walls, published.next_user, strict=True)
-    )
-
-
-def adapted_couplings(published: Published) -> Adapted:
-    """Return the couplings that qualify on the device Fig. 4 implies."""
-    device = Device(published.device.mass, published.needed())
-    boundaries = next_user_boundaries(published)
-    design = design_couplings(device, boundaries, published.span, published.period)
-    line = np.array([float(published.tuned.damping)])
-    tuned = design_couplings(device, boundaries, published.span, published.period, damping=line)
-    static = (
-        any(low <= published.tuned.stiffness <= high for low, high in region.intervals[0].tolist())
-        for region in tuned.each
-    )
-    return Adapted(device, design, tuple(static))
+        middle = float(np.sqrt(low * high))
+        if true_at(np.array([middle]))[0]:
+            low = middle
+        else:
+            high = middle
+    return low

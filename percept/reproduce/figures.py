@@ -6,84 +6,50 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from percept.haptics import (
-    Coupling,
-    Device,
-    corner_curves,
-    required_damping,
-)
+from percept.haptics import Coupling, Device, corner_curves, required_damping
 from percept.haptics.impedance import coupling_admittance
 from percept.haptics.limits import stable_region
 from percept.haptics.stability import coupling_bound
-from percept.report.figures.canvas import (
-    COLOURS,
-    Drawing,
-    legend,
-    log_scale,
-    panels,
-)
+from percept.report.figures.canvas import COLOURS, Drawing, legend, log_scale, panels
 from percept.report.figures.curves import Limits, draw_magnitude, draw_stability
 from percept.report.figures.marks import draw_design
 from percept.reproduce import devices
-from percept.reproduce.devices import DAMPINGS, MASSES, Adapted, over_devices
+from percept.reproduce.adapted import Adapted, environments_inside
+from percept.reproduce.devices import DAMPINGS, MASSES, Panel, over_devices
 from percept.reproduce.published import THEORETICAL, Array, Published, Wall
 
-_PAIR = (86.0, 72.0)
-_WIDE = np.geomspace(
-    0.1, 1000.0, 241
-)  # rad/s; the paper's axes reach past the device's resonances at 300
+__all__ = ["drawings"]
+
+_PAIR = (86.0, 72.0)  # mm, width and height: two figures stand side by side
+# rad/s; the paper's axes reach past the device's resonances at 300
+_WIDE = np.geomspace(0.1, 1000.0, 241)
+_CLOSE = 121  # Points over an enlarged panel
 _MAP_MASSES = np.geomspace(MASSES[0], MASSES[-1], 141)
 _MAP_DAMPINGS = np.geomspace(DAMPINGS[0], DAMPINGS[-1], 121)
 
 
 def drawings(published: Published, adapted: Adapted) -> list[Drawing]:
     """Return every figure of the page; nothing is drawn yet."""
-    device, tuned = published.device, published.tuned
-    wall, _ = published.drawn[0]
-    bare = _curves(
-        published,
-        "fig-5",
-        "Fig. 5: realistic performance boundaries",
-        f"The limits of {wall.name} without a device, so that the upper limits lie above the lower"
-        " ones throughout; the reference is dashed.",
-        (Device(0.0, 0.0), wall, None),
-        published.omega(),
-    )
-    found = [_fig4(published), bare]
+    found = [_fig4(published), _fig5(published)]
     for panel, letter in zip(devices.panels(published), "ace", strict=True):
-        name, shown = panel.wall.name, (device, panel.wall, tuned)
-        true = over_devices(published, panel, np.array(device.mass), np.array(device.damping))
-        wide = f"Boundaries, reference, and reference through the coupling, {_device(device)}."
-        close = (
-            f"The paper reads: {panel.says}. {'So it is' if true else 'Not so'} with"
-            f" {_device(device)}."
-        )
-        found += [
-            _curves(published, f"fig-7{letter}", f"Fig. 7{letter}: {name}", wide, shown, _WIDE),
-            _curves(
-                published, f"fig-{panel.name}", f"Fig. {panel.name}: {name}, enlarged", close, shown,
-                np.linspace(*panel.window, 121), log=False,
-            ),
-        ]  # fmt: skip
+        found += [_whole(published, panel, letter), _enlarged(published, panel)]
     return [*found, _maps(published), _design(published, adapted)]
 
 
 def _fig4(published: Published) -> Drawing:
     needed = published.needed()
+    period = published.period
 
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, left=18, top=3)
-        nyquist = np.pi / published.period
+        nyquist = np.pi / period
         omega = np.geomspace(10.0, nyquist * 0.9999, 401)
-        bound = coupling_bound(omega, Device(published.device.mass, needed), published.period)
+        bound = coupling_bound(omega, Device(published.device.mass, needed), period)
         lines = {}
         for coupling in (THEORETICAL, published.tuned):
-            label = f"{float(coupling.stiffness) / 1e3:g} kN/m"
-            admittance = coupling_admittance(
-                omega, coupling, published.period, discretization="backward"
-            )
-            binds = float(required_damping(coupling, published.period).omega)
-            lines[label] = np.asarray(admittance).real, binds
+            admittance = coupling_admittance(omega, coupling, period, discretization="backward")
+            binds = float(required_damping(coupling, period).omega)
+            lines[_stiffness(coupling)] = np.asarray(admittance).real, binds
         draw_stability(ax, omega, bound, lines)
 
     return Drawing(
@@ -94,6 +60,51 @@ def _fig4(published: Published) -> Drawing:
         " resonances it gives no numbers for.",
         (120.0, 80.0),
         draw,
+    )
+
+
+def _stiffness(coupling: Coupling) -> str:
+    return f"{float(coupling.stiffness) / 1e3:g} kN/m"
+
+
+def _fig5(published: Published) -> Drawing:
+    wall, _ = published.drawn[0]
+    return _curves(
+        published,
+        "fig-5",
+        "Fig. 5: realistic performance boundaries",
+        f"The limits of {wall.name} without a device, so that the upper limits lie above the lower"
+        " ones throughout; the reference is dashed.",
+        (Device(0.0, 0.0), wall, None),
+        published.omega(),
+    )
+
+
+def _whole(published: Published, panel: Panel, letter: str) -> Drawing:
+    device = published.device
+    return _curves(
+        published,
+        f"fig-7{letter}",
+        f"Fig. 7{letter}: {panel.wall.name}",
+        f"Boundaries, reference, and reference through the coupling, {_device(device)}.",
+        (device, panel.wall, published.tuned),
+        _WIDE,
+    )
+
+
+def _enlarged(published: Published, panel: Panel) -> Drawing:
+    device = published.device
+    mass = np.array(device.mass)
+    damping = np.array(device.damping)
+    verdict = "So it is" if over_devices(published, panel, mass, damping) else "Not so"
+    return _curves(
+        published,
+        f"fig-{panel.name}",
+        f"Fig. {panel.name}: {panel.wall.name}, enlarged",
+        f"The paper reads: {panel.says}. {verdict} with {_device(device)}.",
+        (device, panel.wall, published.tuned),
+        np.linspace(*panel.window, _CLOSE),
+        log=False,
     )
 
 
@@ -116,16 +127,14 @@ def _curves(
 
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, left=18, bottom=24, right=5)
-        at_low, at_high = corner_curves(
-            omega, device, wall.stiffness, wall.damping, published.period
-        )
-        direct, coupled = (
-            published.felt(omega, wall.environment, device=device, coupling=each)
-            for each in (None, coupling)
-        )
+        ends = corner_curves(omega, device, wall.stiffness, wall.damping, published.period)
+        direct = published.felt(omega, wall.environment, device=device)
+        coupled = None
+        if coupling is not None:
+            coupled = published.felt(omega, wall.environment, device=device, coupling=coupling)
         label = f"boundaries, {published.limits.level:.0%} limits of k and b"
-        limits = Limits(label, "classical", omega, at_low, at_high, direct)
-        draw_magnitude(ax, omega, [limits], direct, None if coupling is None else coupled, log=log)
+        limits = Limits(label, "classical", omega, *ends, direct)
+        draw_magnitude(ax, omega, [limits], direct, coupled, log=log)
         ax.set_title(f"{wall.name}: {wall.k:g} N/m, {wall.b:g} N·s/m", loc="left")
         legend(ax, ncols=1)
 
@@ -139,38 +148,18 @@ def _maps(published: Published) -> Drawing:
         axes = panels(figure, len(shown) + 1, columns=2, left=14, gap=14, top=6, bottom=22, line=18)
         for ax, panel in zip(axes, shown, strict=False):
             true = over_devices(published, panel, _MAP_MASSES, _MAP_DAMPINGS[:, None])
-            ax.contourf(
-                _MAP_MASSES,
-                _MAP_DAMPINGS,
-                true,
-                levels=[0.5, 1.5],
-                colors=COLOURS["coupled"],
-                alpha=0.35,
-            )
+            _shade(ax, true, [0.5, 1.5], 0.35)
             ax.set_title(f"Fig. {panel.name}: {panel.says}", loc="left", fontsize=7)
-        count = devices.environments_inside(published, _MAP_MASSES, _MAP_DAMPINGS[:, None])
-        for least in range(1, len(published.walls) + 1):
-            axes[-1].contourf(
-                _MAP_MASSES, _MAP_DAMPINGS, count, levels=[least - 0.5, np.inf], colors=COLOURS["coupled"],
-                alpha=0.18,
-            )  # fmt: skip
-        told = " to ".join(map(str, sorted({int(count.min()), int(count.max())})))
-        title = f"real through the tuned coupling: {told} of {len(published.walls)}"
-        axes[-1].set_title(title, loc="left", fontsize=7)
+        _count_map(axes[-1], published)
         for ax in axes:
             _mark_devices(ax, published)
             ax.set_xlabel("device mass (kg)")
         for ax in axes[::2]:
             ax.set_ylabel("device damping (N·s/m)")
-        axes[0].fill_between(
-            [],
-            [],
-            [],
-            color=COLOURS["coupled"],
-            alpha=0.35,
-            linewidth=0,
-            label="true over the window",
-        )
+        # Contours have no entry in a legend: an empty area of their colour has one.
+        label = "true over the window"
+        colour = COLOURS["coupled"]
+        axes[0].fill_between([], [], [], color=colour, alpha=0.35, linewidth=0, label=label)
         legend(axes[0], ncols=2)
 
     return Drawing(
@@ -184,55 +173,72 @@ def _maps(published: Published) -> Drawing:
     )
 
 
+def _count_map(ax: Axes, published: Published) -> None:
+    """Shade how many environments feel real through the tuned coupling."""
+    count = environments_inside(published, _MAP_MASSES, _MAP_DAMPINGS[:, None])
+    for least in range(1, len(published.walls) + 1):
+        _shade(ax, count, [least - 0.5, np.inf], 0.18)
+    ends = sorted({int(count.min()), int(count.max())})
+    told = " to ".join(map(str, ends))
+    title = f"real through the tuned coupling: {told} of {len(published.walls)}"
+    ax.set_title(title, loc="left", fontsize=7)
+
+
+def _shade(ax: Axes, values: np.ndarray, levels: list[float], alpha: float) -> None:
+    colour = COLOURS["coupled"]
+    ax.contourf(_MAP_MASSES, _MAP_DAMPINGS, values, levels=levels, colors=colour, alpha=alpha)
+
+
 def _mark_devices(ax: Axes, published: Published) -> None:
-    for coupling, dashes in ((THEORETICAL, (0, (6, 2))), (published.tuned, (0, (2, 1.5)))):
-        needed = published.needed(coupling)
-        ax.axhline(
-            needed,
-            color=COLOURS["classical"],
-            linestyle=dashes,
-            linewidth=0.9,
-            label=f"{float(coupling.stiffness) / 1e3:g} kN/m is stable above {needed:.4g} N·s/m",
-        )
+    _mark_needed(ax, published, THEORETICAL, (0, (6, 2)))
+    _mark_needed(ax, published, published.tuned, (0, (2, 1.5)))
     device = published.device
     ax.plot(
-        device.mass, device.damping, color=COLOURS["warn"], marker="X", markersize=5, linestyle="none",
+        device.mass,
+        device.damping,
+        color=COLOURS["warn"],
+        marker="X",
+        markersize=5,
+        linestyle="none",
         label="the scene’s device",
-    )  # fmt: skip
+    )
     log_scale(ax, plain=True)
     ax.set_xlim(MASSES[0], MASSES[-1])
     ax.set_ylim(DAMPINGS[0], DAMPINGS[-1])
 
 
+def _mark_needed(
+    ax: Axes, published: Published, coupling: Coupling, dashes: tuple[int, tuple[float, float]]
+) -> None:
+    needed = published.needed(coupling)
+    label = f"{_stiffness(coupling)} is stable above {needed:.4g} N·s/m"
+    colour = COLOURS["classical"]
+    ax.axhline(needed, color=colour, linestyle=dashes, linewidth=0.9, label=label)
+
+
 def _design(published: Published, adapted: Adapted) -> Drawing:
-    regions = [
-        *zip((wall.name for wall in published.walls), adapted.design.each, strict=True),
-        ("one coupling for all", adapted.design.common),
-    ]
+    names = [*(wall.name for wall in published.walls), "one coupling for all"]
+    regions = [*adapted.design.each, adapted.design.common]
     damping = float(adapted.device.damping)
+    tuned = (float(published.tuned.stiffness), float(published.tuned.damping))
 
     def draw(figure: Figure) -> None:
         edge = stable_region(damping, published.period, points=65)
         axes = panels(figure, len(regions), columns=3, bottom=17)
-        for ax, (name, region) in zip(axes, regions, strict=True):
-            draw_design(
-                ax,
-                region.damping,
-                region.intervals,
-                stable=edge,
-                coupling=(float(published.tuned.stiffness), float(published.tuned.damping)),
-            )
+        for ax, name, region in zip(axes, names, regions, strict=True):
+            draw_design(ax, region.damping, region.intervals, stable=edge, coupling=tuned)
             ax.set_title(name, loc="left")
         for ax in axes[::3]:
             ax.set_ylabel("coupling damping (N·s/m)")
         legend(axes[0], ncols=3)
 
+    rows = -(-len(regions) // 3)
     return Drawing(
         "design",
         "Couplings that are stable and feel real, by environment",
         f"For {_device(adapted.device)}, the damping Fig. 4 implies. Shaded: stable, and inside the"
         " next user’s limits at every perceivable ω, by |Z_h| and by k and b. Cross: the paper’s"
         " tuned coupling.",
-        (175.0, 16.0 + 52.0 * -(-len(regions) // 3)),
+        (175.0, 16.0 + 52.0 * rows),
         draw,
     )

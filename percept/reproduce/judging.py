@@ -7,18 +7,32 @@ cases that decide the verdict, and the values that stand in the text.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
-from typing import Any, Literal
-
-import numpy as np
+from typing import Literal, TypeAlias
 
 from percept.report.numbers import rounded
-from percept.reproduce import claims_coupling, claims_figures, claims_table
+from percept.reproduce import claims_coupling, claims_figures, claims_stability, claims_table
+from percept.reproduce.evidence import Evidence, Value, undecided
 from percept.reproduce.published import Published
 
+__all__ = [
+    "Claim",
+    "Misprint",
+    "Quantity",
+    "Verdict",
+    "judge",
+    "judge_all",
+    "misprints",
+    "sentences",
+    "verdict_of",
+]
+
 Verdict = Literal["holds", "holds only if", "does not hold", "cannot be judged"]
+_Judge: TypeAlias = Callable[[Published], Evidence]
+
+_MODULES = (claims_stability, claims_coupling, claims_figures, claims_table)
 
 
 @dataclass(frozen=True)
@@ -34,7 +48,8 @@ class Quantity:
         """The value as it is read, with its unit."""
         if self.unit == "1":
             return f"{rounded(100 * self.value, 4)} %"
-        text = f"{self.value:.0f}" if float(self.value).is_integer() else rounded(self.value)
+        whole = float(self.value).is_integer()
+        text = f"{self.value:.0f}" if whole else rounded(self.value)
         return f"{text} {self.unit}".rstrip()
 
 
@@ -53,19 +68,45 @@ class Claim:
     source: str  # The function or command that gives the numbers
 
 
-class _Many:
-    """Several values in a sentence: names with "and", numbers by their format, each with what it is of."""
+@dataclass(frozen=True)
+class Sentence:
+    """An entry of `claims.toml`: a sentence as printed, and the texts whose braces values fill."""
 
-    def __init__(self, values: Any) -> None:
+    name: str
+    place: str
+    quote: str
+    finding: str
+    source: str
+    condition: str = ""
+    numbers: Sequence[tuple[str, str, str]] = ()  # Name, the value's key, and unit
+
+
+@dataclass(frozen=True)
+class Misprint:
+    """What the paper prints and does not mean."""
+
+    place: str
+    printed: str
+    meant: str
+    finding: str  # What shows it
+
+
+class _Listed:
+    """Several values in a sentence: names joined by "and", numbers by commas, each with what it is of."""
+
+    def __init__(self, values: Mapping[str, Value] | Sequence[Value]) -> None:
         self._values = values
 
     def __format__(self, spec: str) -> str:
         if isinstance(self._values, Mapping):
             return ", ".join(f"{value:{spec}} ({name})" for name, value in self._values.items())
-        *first, last = [format(value, spec) for value in self._values] or ["none"]
-        return ", ".join([*first, last]) if spec or not first else f"{', '.join(first)} and {last}"
+        texts = [format(value, spec) for value in self._values] or ["none"]
+        if spec or len(texts) == 1:
+            return ", ".join(texts)
+        return f"{', '.join(texts[:-1])} and {texts[-1]}"
 
-    def __getitem__(self, index: int) -> Any:
+    def __getitem__(self, index: int) -> Value:
+        assert isinstance(self._values, Sequence)
         return self._values[index]
 
 
@@ -74,13 +115,27 @@ def verdict_of(cases: Iterable[bool] | None) -> Verdict:
     if cases is None:
         return "cannot be judged"
     true = [bool(case) for case in cases]
-    return "holds" if all(true) else "holds only if" if any(true) else "does not hold"
+    if all(true):
+        return "holds"
+    return "holds only if" if any(true) else "does not hold"
 
 
-def sentences() -> dict[str, Any]:
-    """Read the sentences of the paper that are judged, and its misprints."""
-    text = resources.files("percept.reproduce").joinpath("claims.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
+def sentences() -> list[Sentence]:
+    """Read the sentences of the paper that are judged."""
+    entries = []
+    for entry in _texts()["claim"]:
+        entries.append(Sentence(**entry))
+    return entries
+
+
+def misprints() -> list[Misprint]:
+    """Read what the paper prints and does not mean."""
+    return [Misprint(**entry) for entry in _texts()["misprint"]]
+
+
+def _texts() -> dict[str, list[dict[str, Value]]]:
+    file = resources.files("percept.reproduce").joinpath("claims.toml")
+    return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
 def judge_all(published: Published) -> list[Claim]:
@@ -96,33 +151,50 @@ def judge_all(published: Published) -> list[Claim]:
     list of Claim
         In the order of the paper, each with its verdict and the numbers it rests on.
     """
-    return [judge(published, entry) for entry in sentences()["claim"]]
+    return [judge(published, sentence) for sentence in sentences()]
 
 
-def judge(published: Published, entry: Mapping[str, Any]) -> Claim:
+def judge(published: Published, sentence: Sentence) -> Claim:
     """Judge one sentence by the function of its name; without cases it stays open."""
-    function = entry["name"].replace("-", "_")
-    module = next(
-        (m for m in (claims_coupling, claims_figures, claims_table) if hasattr(m, function)), None
-    )
-    values = getattr(module, function)(published) if module else {}
-    verdict = verdict_of(values.get("cases"))
-    many = {
-        n: _Many(v) for n, v in values.items() if isinstance(v, (list, tuple, dict, np.ndarray))
-    }
-    said = {"p": published, **values, **many}
-    numbers = []
-    for name, key, unit in entry.get("numbers", ()):
-        each = values[key] if isinstance(values[key], dict) else {"": values[key]}
-        numbers += [
-            Quantity(name.format(**said, key=of), value, unit) for of, value in each.items()
-        ]
-    stated = verdict in ("holds only if", "cannot be judged")
+    found = _judge_of(sentence)(published)
+    verdict = verdict_of(found.cases)
+    fields: dict[str, Value] = {"p": published}
+    for name, value in found.values.items():
+        several = isinstance(value, list | tuple | dict)
+        fields[name] = _Listed(value) if several else value
+    numbers = _numbers(sentence, found.values, fields)
+    margin = None if verdict == "cannot be judged" else numbers.pop(0)
+    conditional = verdict in ("holds only if", "cannot be judged")
     return Claim(
         verdict,
-        entry["condition"].format(**said) if stated else "",
-        entry["finding"].format(**said),
-        None if verdict == "cannot be judged" else numbers.pop(0),
+        sentence.condition.format(**fields) if conditional else "",
+        sentence.finding.format(**fields),
+        margin,
         tuple(numbers),
-        **{name: entry[name] for name in ("name", "place", "quote", "source")},
+        sentence.name,
+        sentence.place,
+        sentence.quote,
+        sentence.source,
     )
+
+
+def _judge_of(sentence: Sentence) -> _Judge:
+    """Return the function of a sentence's name; where there is none, no published number says anything."""
+    function = sentence.name.replace("-", "_")
+    for module in _MODULES:
+        if hasattr(module, function):
+            return getattr(module, function)
+    return lambda published: undecided()
+
+
+def _numbers(
+    sentence: Sentence, values: Mapping[str, Value], fields: Mapping[str, Value]
+) -> list[Quantity]:
+    """Return the numbers under a sentence; a value that holds several gives one number for each."""
+    numbers = []
+    for name, key, unit in sentence.numbers:
+        value = values[key]
+        each = value if isinstance(value, dict) else {"": value}
+        for of, number in each.items():
+            numbers.append(Quantity(name.format(**fields, key=of), number, unit))
+    return numbers

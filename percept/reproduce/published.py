@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,14 +27,16 @@ from percept.scene import Scene
 from percept.sessions import read_sessions
 from percept.simulate.like import PublishedLimits
 
+__all__ = ["LOOKED_AT", "THEORETICAL", "Array", "Published", "Wall", "dataset", "load_published"]
+
 Array = NDArray[np.float64]
-#: The cases that decide a verdict, and the values that its text names; without cases it stays open.
-Evidence = dict[str, Any]
 
 #: Section 2.3: the coupling the theory gave, k_c in N/m and b_c in N·s/m (Eq. 6).
 THEORETICAL = Coupling(110e3, 100.0)
 #: Where Fig. 7 looks closely, rad/s.
 LOOKED_AT = 10.0
+
+_WINDOWS = 3  # Figs 7b, 7d and 7f
 
 
 @dataclass(frozen=True)
@@ -41,8 +45,8 @@ class Wall:
 
     name: str
     environment: Environment  # The reference
-    stiffness: tuple[float, float]  # Printed limits of the mean, N/m
-    damping: tuple[float, float]  # Printed limits of the mean, N·s/m
+    lower: Environment  # Both printed lower limits of the mean
+    upper: Environment  # Both printed upper limits
 
     @property
     def k(self) -> float:
@@ -54,48 +58,76 @@ class Wall:
         """Damping of the reference, N·s/m."""
         return float(self.environment.damping)
 
+    @property
+    def stiffness(self) -> tuple[float, float]:
+        """Printed limits of the mean, N/m."""
+        return float(self.lower.stiffness), float(self.upper.stiffness)
+
+    @property
+    def damping(self) -> tuple[float, float]:
+        """Printed limits of the mean, N·s/m."""
+        return float(self.lower.damping), float(self.upper.damping)
+
 
 @dataclass(frozen=True, eq=False)
 class Published:
-    """The paper's numbers and the scene they are looked at in."""
+    """The paper's numbers and the scene they are looked at in.
 
-    limits: PublishedLimits  # Table 1, digits kept
-    scene: Scene  # Rigid device, tuned coupling, range, and in `report.zoom` the windows of Figs 7b, d and f
-    files: tuple[Path, ...] = ()  # Table and scene
+    Attributes
+    ----------
+    limits : PublishedLimits
+        Table 1, with the digits as printed.
+    scene : Scene
+        A rigid device, the tuned coupling, the perceivable range, and in `report.zoom` the windows
+        of Figs 7b, 7d and 7f.
+    files : tuple of Path
+        Where table and scene were read; empty where they were not.
+
+    Raises
+    ------
+    UsageError
+        For a table without k and b, or a scene that lacks one of these parts.
+    """
+
+    limits: PublishedLimits
+    scene: Scene
+    files: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
-        table, scene = map(str, self.files) if self.files else (None, None)
         if self.limits.parameters != ("k", "b"):
+            table = str(self.files[0]) if self.files else None
             raise UsageError("the table must have k and b.", file=table, column="parameter")
-        device, windows = self.scene.device, self.scene.report.zoom
-        rigid = device is not None and device.mass is not None and not device.modes
-        drawn = len(windows) == 3 and set(windows) <= set(self.limits.environments)
-        windows_needed = (
-            "three windows are needed, as in Figs 7b, d and f, on environments of the table."
-        )
-        for given, key, message in (
-            (rigid, "device", "the reproduction needs a rigid device: mass and damping."),
-            (
-                self.scene.coupling,
-                "coupling",
-                "the reproduction needs the coupling of section 2.3.",
-            ),
-            (drawn, "report.zoom", windows_needed),
-        ):
-            if not given:
-                raise UsageError(message, file=scene, key=key)
+        device = self.scene.device
+        if device is None or device.mass is None or device.modes:
+            self._refuse("device", "the reproduction needs a rigid device: mass and damping.")
+        if self.scene.coupling is None:
+            self._refuse("coupling", "the reproduction needs the coupling of section 2.3.")
+        windows = set(self.scene.report.zoom)
+        if len(windows) != _WINDOWS or not windows <= set(self.limits.environments):
+            message = (
+                "three windows are needed, as in Figs 7b, d and f, on environments of the table."
+            )
+            self._refuse("report.zoom", message)
+
+    def _refuse(self, key: str, message: str) -> NoReturn:
+        scene = str(self.files[1]) if self.files else None
+        raise UsageError(message, file=scene, key=key)
 
     @cached_property
     def walls(self) -> tuple[Wall, ...]:
         """The environments in the table's order."""
-        found = []
+        walls = []
         for row, name in enumerate(self.limits.environments):
-            (k, b), (k_low, b_low), (k_high, b_high) = (
-                tuple(map(float, part[row]))
-                for part in (self.limits.reference, self.limits.lower, self.limits.upper)
-            )
-            found.append(Wall(name, Environment(k, b), (k_low, k_high), (b_low, b_high)))
-        return tuple(found)
+            reference = _environment(self.limits.reference[row])
+            lower = _environment(self.limits.lower[row])
+            upper = _environment(self.limits.upper[row])
+            walls.append(Wall(name, reference, lower, upper))
+        return tuple(walls)
+
+    @property
+    def softest_first(self) -> list[Wall]:
+        """The environments by the stiffness of their references."""
+        return sorted(self.walls, key=lambda wall: wall.k)
 
     @property
     def drawn(self) -> tuple[tuple[Wall, tuple[float, float]], ...]:
@@ -125,9 +157,8 @@ class Published:
     @cached_property
     def next_user(self) -> Array:
         """Prediction limits of the scene's family, (environments, 2, 2): of k and b, lower and upper."""
-        limits = prediction_interval(
-            self.limits.moments, level=self.limits.level, family=self.scene.inference.family
-        )
+        family = self.scene.inference.family
+        limits = prediction_interval(self.limits.moments, level=self.limits.level, family=family)
         return np.stack([np.asarray(limits.lower), np.asarray(limits.upper)], axis=-1)
 
     def needed(self, coupling: Coupling = THEORETICAL) -> float:
@@ -143,10 +174,10 @@ class Published:
         device: Device | None = None,
     ) -> Array:
         """Return |Z_h|, N·s/m, with the scene's device where no other is given."""
-        device = self.device if device is None else device
-        return np.abs(
-            perceived_impedance(omega, device, environment, self.period, coupling=coupling)
-        )
+        if device is None:
+            device = self.device
+        z_h = perceived_impedance(omega, device, environment, self.period, coupling=coupling)
+        return np.abs(z_h)
 
     def through_coupling(self, wall: Wall) -> tuple[float, float]:
         """Return k and b of a reference through the tuned coupling, at the ω where Fig. 7 looks closely."""
@@ -161,6 +192,11 @@ class Published:
     def omega(self, points: int = 241) -> Array:
         """Return ω over the perceivable range, rad/s, shape (points,), evenly on a logarithmic scale."""
         return np.geomspace(*self.span, points)
+
+
+def _environment(values: Sequence[Decimal]) -> Environment:
+    k, b = values
+    return Environment(float(k), float(b))
 
 
 def load_published(table: str | Path | None = None, scene: str | Path | None = None) -> Published:
@@ -183,13 +219,24 @@ def load_published(table: str | Path | None = None, scene: str | Path | None = N
     UsageError
         A file that cannot be read or lacks what the reproduction needs.
     """
-    files = (Path(table or dataset("hbfd_table1.csv")), Path(scene or dataset("hbfd.toml")))
-    return Published(
-        PublishedLimits.from_sessions(read_sessions(files[0])), Scene.load(files[1]), files
-    )
+    table_file = Path(table or dataset("hbfd_table1.csv"))
+    scene_file = Path(scene or dataset("hbfd.toml"))
+    limits = PublishedLimits.from_sessions(read_sessions(table_file))
+    return Published(limits, Scene.load(scene_file), (table_file, scene_file))
 
 
 def dataset(name: str) -> Path:
-    """Return a data set: inside an installed package, or next to it in a checkout."""
+    """Return the path of a data set that comes with percept.
+
+    Parameters
+    ----------
+    name : str
+        A file name in `datasets`.
+
+    Returns
+    -------
+    Path
+        The file inside an installed package, or next to it in a checkout.
+    """
     inside = Path(str(resources.files("percept").joinpath("datasets", name)))
     return inside if inside.is_file() else Path(__file__).resolve().parents[2] / "datasets" / name

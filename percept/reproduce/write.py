@@ -5,32 +5,102 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 import pandas as pd
 from markupsafe import Markup, escape
 
 from percept.files import FolderFiles, filled_folder, warned
+from percept.haptics import Device
+from percept.haptics.design import QualifyingCoupling
 from percept.inference import prediction_interval, tolerance_interval
 from percept.provenance import made_by
+from percept.reproduce.adapted import Adapted, adapted_couplings
 from percept.reproduce.claims_table import limits_printed
-from percept.reproduce.devices import Adapted, adapted_couplings
-from percept.reproduce.judging import Claim, Verdict, judge_all, sentences
+from percept.reproduce.judging import Claim, Misprint, Verdict, judge_all, misprints
 from percept.reproduce.published import Published
 from percept.results.plain import dumps, plain
 from percept.sessions.quantities import IMPEDANCE
 
-PAGE = "reproduction.html"
-SCHEMA = "percept-reproduction/3"
+__all__ = ["PAGE", "symbols", "write_reproduction"]
 
-_FIGURES = ("design", "device-maps", "fig-*")
-_FILES = FolderFiles(
-    PAGE,
-    (PAGE, "claims.json", "claims.csv", "table1.csv", *(f"figures/{f}.svg" for f in _FIGURES)),
-)
+PAGE = "reproduction.html"
+_SCHEMA = "percept-reproduction/3"
 _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib")
+_TEXTS = ("claims.json", "claims.csv", "table1.csv")
+_FIGURES = ("figures/design.svg", "figures/device-maps.svg", "figures/fig-*.svg")
+_FILES = FolderFiles(PAGE, (PAGE, *_TEXTS, *_FIGURES))
+
+
+@dataclass(frozen=True)
+class _File:
+    name: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class _Provenance:
+    """What the numbers follow from."""
+
+    versions: dict[str, str]
+    files: list[_File]
+    device: dict[str, float]
+    coupling: dict[str, float]
+    period: float
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One quantity of one environment of Table 1."""
+
+    environment: str
+    parameter: str
+    unit: str
+    reference: str  # As printed, as the next two
+    lower_printed: str
+    upper_printed: str
+    lower: str  # As percept prints it, as the next one
+    upper: str
+    mean: float
+    sd: float
+    user: tuple[float, float]  # Limits for the next user
+    share: tuple[float, float]  # Limits for a share of all users
+
+
+@dataclass(frozen=True)
+class _Suited:
+    """The couplings that qualify for one environment, or for all of them."""
+
+    environment: str
+    softest: QualifyingCoupling | None
+    stiffest: QualifyingCoupling | None
+    tuned_qualifies: bool
+
+
+@dataclass(frozen=True)
+class _Future:
+    """A coupling that follows the environment."""
+
+    device: dict[str, float]
+    family: str
+    environments: list[_Suited]
+    tuned_damping: float  # What the tuned coupling asks of the device, N·s/m
+
+
+@dataclass(frozen=True)
+class _Document:
+    """All of claims.json."""
+
+    schema: str
+    provenance: _Provenance
+    counts: dict[str, int]
+    claims: list[dict[str, object]]
+    table: list[_Row]
+    future: _Future
+    misprints: list[Misprint]
 
 
 def write_reproduction(
@@ -77,13 +147,9 @@ def write_reproduction(
         adapted = adapted_couplings(published)
         made = made_by(command, _PACKAGES)
         document = _document(published, claims, adapted, made.versions)
-        texts = {
-            "claims.json": dumps(document),
-            "claims.csv": _claims_csv(document["claims"]),
-            "table1.csv": _table_csv(document["table"]),
-        }
-        for name, text in texts.items():
-            (folder / name).write_text(text, encoding="utf-8")
+        (folder / "claims.json").write_text(dumps(plain(document)), encoding="utf-8")
+        (folder / "claims.csv").write_text(_claims_csv(claims), encoding="utf-8")
+        (folder / "table1.csv").write_text(_table_csv(document.table), encoding="utf-8")
         page = render_standalone(
             "percept.reproduce",
             "reproduction.html.j2",
@@ -102,122 +168,122 @@ def write_reproduction(
 
 def symbols(text: str) -> Markup:
     """Set indices, percentages and minus signs as they are read; the rest is escaped."""
-    found = re.sub(
-        r"\b([Zkbm])_(h_vc|eff|[hecd])(?![a-z])",
-        lambda match: f"{match[1]}<sub>{match[2].replace('_', ',')}</sub>",
-        re.sub(r"(?<=[ (])-(?=\d)", "−", re.sub(r"(?<=\d)%", " %", str(escape(text)))),
-    )
-    return Markup(found.replace("k_cT", "k<sub>c</sub>T"))
+    escaped = str(escape(text))
+    spaced = re.sub(r"(?<=\d)%", " %", escaped)
+    signed = re.sub(r"(?<=[ (])-(?=\d)", "−", spaced)
+    indexed = re.sub(r"\b([Zkbm])_(h_vc|eff|[hecd])(?![a-z])", _index, signed)
+    return Markup(indexed.replace("k_cT", "k<sub>c</sub>T"))
+
+
+def _index(match: re.Match[str]) -> str:
+    return f"{match[1]}<sub>{match[2].replace('_', ',')}</sub>"
 
 
 def _document(
     published: Published, claims: Sequence[Claim], adapted: Adapted, versions: dict[str, str]
-) -> dict[str, Any]:
-    """Put everything together as plain values, as claims.json holds it."""
+) -> _Document:
+    """Put everything together, as claims.json holds it."""
     verdicts = [claim.verdict for claim in claims]
-    document = {
-        "schema": SCHEMA,
-        "provenance": {
-            "versions": versions,
-            "files": [
-                {"name": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
-                for path in published.files
-            ],
-            "device": {"mass": published.device.mass, "damping": published.device.damping},
-            "coupling": {
-                "stiffness": published.tuned.stiffness,
-                "damping": published.tuned.damping,
-            },
-            "period": published.period,
-        },
-        "counts": {verdict: verdicts.count(verdict) for verdict in get_args(Verdict)},
-        "claims": [
-            {"number": number, **plain(claim)} for number, claim in enumerate(claims, start=1)
-        ],
-        "table": _table(published),
-        "future": _future(published, adapted),
-        "misprints": sentences()["misprint"],
-    }
-    return dict(plain(document))
+    coupling = published.tuned
+    provenance = _Provenance(
+        versions,
+        [_File(path.name, _digest(path)) for path in published.files],
+        _device(published.device),
+        {"stiffness": float(coupling.stiffness), "damping": float(coupling.damping)},
+        published.period,
+    )
+    return _Document(
+        _SCHEMA,
+        provenance,
+        {verdict: verdicts.count(verdict) for verdict in get_args(Verdict)},
+        [{"number": number, **plain(claim)} for number, claim in enumerate(claims, start=1)],
+        _table(published),
+        _future(published, adapted),
+        misprints(),
+    )
 
 
-def _table(published: Published) -> list[dict[str, Any]]:
-    limits, moments = published.limits, published.limits.moments
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _device(device: Device) -> dict[str, float]:
+    return {"mass": float(device.mass), "damping": float(device.damping)}
+
+
+def _table(published: Published) -> list[_Row]:
+    """Return Table 1 as printed, as percept prints it, and what the paper's reading would have needed."""
+    limits = published.limits
+    moments = limits.moments
     user = prediction_interval(moments, level=limits.level)
     share = tolerance_interval(moments, level=limits.level)
-    printed = {
-        "reference": limits.reference, "lower_printed": limits.lower, "upper_printed": limits.upper,
-    }  # fmt: skip
+    again = limits_printed(published)
     rows = []
-    cells = np.ndindex(len(limits.environments), len(limits.parameters))
-    for at, (name, parameter, lower, upper) in zip(cells, limits_printed(published), strict=True):
-        mean, sd, *ends = (
-            float(np.asarray(each)[at])
-            for each in (moments.mean, moments.sd, user.lower, user.upper, share.lower, share.upper)
-        )
+    for number, (i, p) in enumerate(np.ndindex(len(limits.environments), len(limits.parameters))):
+
+        def cell(values: object, at: tuple[int, int] = (i, p)) -> float:
+            return float(np.asarray(values)[at])
+
+        parameter = limits.parameters[p]
         rows.append(
-            {
-                "environment": name,
-                "parameter": parameter,
-                "unit": IMPEDANCE[parameter].unit,
-                **{column: str(values[at[0]][at[1]]) for column, values in printed.items()},
-                "lower": lower,
-                "upper": upper,
-                "mean": mean,
-                "sd": sd,
-                "user": ends[:2],
-                "share": ends[2:],
-            }
+            _Row(
+                limits.environments[i],
+                parameter,
+                IMPEDANCE[parameter].unit,
+                str(limits.reference[i][p]),
+                str(limits.lower[i][p]),
+                str(limits.upper[i][p]),
+                again[number].lower,
+                again[number].upper,
+                cell(moments.mean),
+                cell(moments.sd),
+                (cell(user.lower), cell(user.upper)),
+                (cell(share.lower), cell(share.upper)),
+            )
         )
     return rows
 
 
-def _future(published: Published, adapted: Adapted) -> dict[str, Any]:
-    rows = [
-        *zip(
-            (wall.name for wall in published.walls),
-            adapted.design.each,
-            adapted.static,
-            strict=True,
-        ),
-        ("one for all", adapted.design.common, all(adapted.static)),
-    ]
-    return {
-        "device": {"mass": adapted.device.mass, "damping": adapted.device.damping},
-        "family": published.scene.inference.family,
-        "environments": [
-            {
-                "environment": name,
-                "softest": region.softest,
-                "stiffest": region.largest,
-                "tuned_qualifies": qualifies,
-            }
-            for name, region, qualifies in rows
-        ],
-        "tuned_damping": published.needed(published.tuned),
-    }
+def _future(published: Published, adapted: Adapted) -> _Future:
+    names = [*(wall.name for wall in published.walls), "one for all"]
+    regions = [*adapted.design.each, adapted.design.common]
+    qualifies = [*adapted.static, all(adapted.static)]
+    rows = []
+    for name, region, tuned in zip(names, regions, qualifies, strict=True):
+        rows.append(_Suited(name, region.softest, region.largest, tuned))
+    return _Future(
+        _device(adapted.device),
+        published.scene.inference.family,
+        rows,
+        published.needed(published.tuned),
+    )
 
 
-def _claims_csv(claims: Sequence[dict[str, Any]]) -> str:
+def _claims_csv(claims: Sequence[Claim]) -> str:
     """Return the claims as CSV: one row each, its numbers with all their digits."""
     rows = []
-    for claim in claims:
-        margin = claim["margin"] or {"name": "", "value": None, "unit": ""}
-        others = (
-            f"{one['name']} = {one['value']!r} {one['unit']}".rstrip() for one in claim["numbers"]
-        )
-        about = {
-            "margin_name": margin["name"],
-            "margin": margin["value"],
-            "margin_unit": margin["unit"],
+    for number, claim in enumerate(claims, start=1):
+        others = []
+        for quantity in claim.numbers:
+            value = plain(quantity.value)
+            others.append(f"{quantity.name} = {value!r} {quantity.unit}".rstrip())
+        margin = claim.margin
+        row = {"number": number, **plain(claim)}
+        row |= {
+            "margin": None if margin is None else margin.value,
+            "numbers": "; ".join(others),
+            "margin_name": "" if margin is None else margin.name,
+            "margin_unit": "" if margin is None else margin.unit,
         }
-        rows.append({**claim, **about, "numbers": "; ".join(others)})
+        rows.append(row)
     return pd.DataFrame(rows).to_csv(index=False, lineterminator="\n")
 
 
-def _table_csv(rows: Sequence[dict[str, Any]]) -> str:
+def _table_csv(rows: Sequence[_Row]) -> str:
     """Return Table 1 as CSV: printed limits, percept's, and those for the next user and a share of all."""
-    table = pd.DataFrame(rows).drop(columns=["user", "share"])
-    for kind in ("user", "share"):
-        table[[f"{kind}_lower", f"{kind}_upper"]] = [row[kind] for row in rows]
+    table = pd.DataFrame([plain(row) for row in rows]).drop(columns=["user", "share"])
+    table["user_lower"] = [row.user[0] for row in rows]
+    table["user_upper"] = [row.user[1] for row in rows]
+    table["share_lower"] = [row.share[0] for row in rows]
+    table["share_upper"] = [row.share[1] for row in rows]
     return table.to_csv(index=False, lineterminator="\n")

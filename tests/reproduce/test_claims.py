@@ -143,7 +143,7 @@ EXPECTED = {
 }
 
 
-ENTRIES = {entry["name"]: entry for entry in sentences()["claim"]}
+ENTRIES = {sentence.name: sentence for sentence in sentences()}
 
 
 def judged(name, published):
@@ -733,7 +733,8 @@ def test_table_1_is_printed_again(published):
         for p, low, high in zip("kb", lows, highs, strict=True)
     }
     assert {
-        (name, p): (low, high) for name, p, low, high in table.limits_printed(published)
+        (row.environment, row.parameter): (row.lower, row.upper)
+        for row in table.limits_printed(published)
     } == printed
 
 
@@ -746,11 +747,9 @@ def test_a_false_sentence_is_judged_false(published):
     panel = devices.panels(published)[2]
     upside_down = replace(
         panel,
-        true_of=lambda found: ((found.coupled > found.upper) & (found.direct < found.lower)).all(
-            -1
-        ),
+        reading=lambda shown: (shown.coupled > shown.upper) & (shown.direct < shown.lower),
     )
-    assert devices.share_true(published, panel.wall, upside_down.true_of) == 0.0
+    assert devices.share_true(published, panel.wall, upside_down.reading) == 0.0
     assert verdict_of(figures._everywhere(published, upside_down)) == NOT
 
 

@@ -3,7 +3,11 @@ import pytest
 
 from percept.haptics import Coupling, Device, magnitude_envelope, required_damping
 from percept.reproduce import devices
-from percept.reproduce.devices import adapted_couplings, next_user_boundaries
+from percept.reproduce.adapted import (
+    adapted_couplings,
+    environments_inside,
+    next_user_boundaries,
+)
 
 
 def felt(s, zoh, device, k, b, coupling=None):
@@ -96,7 +100,7 @@ def test_environments_inside_are_the_same_one_device_at_a_time(published):
             ]
             inside += all(lower <= seen) and all(seen <= upper)
         wanted.append(inside)
-    assert devices.environments_inside(published, masses, dampings).tolist() == wanted
+    assert environments_inside(published, masses, dampings).tolist() == wanted
     assert 0 < wanted[0] < 5
 
 
