@@ -30,8 +30,16 @@ from percept.reproduce.devices import (
     relative_width,
     share_true,
 )
-from percept.reproduce.evidence import Evidence, evidence, undecided
-from percept.reproduce.published import LOOKED_AT, THEORETICAL, Array, Published, Wall
+from percept.reproduce.published import (
+    LOOKED_AT,
+    THEORETICAL,
+    Array,
+    Evidence,
+    Published,
+    Wall,
+    evidence,
+    undecided,
+)
 from percept.reproduce.squares import cells, felt_square, largest_ratio, share
 
 __all__ = [

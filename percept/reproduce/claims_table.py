@@ -14,8 +14,7 @@ from percept.haptics import Coupling, Device, Environment
 from percept.haptics.envelope import magnitude_envelope_ellipse
 from percept.inference import Moments, bias, t_interval, tolerance_factor
 from percept.reproduce.devices import direct_inside, share_true
-from percept.reproduce.evidence import Evidence, evidence, undecided
-from percept.reproduce.published import LOOKED_AT, Published
+from percept.reproduce.published import LOOKED_AT, Evidence, Published, evidence, undecided
 from percept.reproduce.squares import VARIABLE, Square, crossings, felt_square, tustin_rate
 
 __all__ = [

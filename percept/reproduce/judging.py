@@ -13,9 +13,8 @@ from importlib import resources
 from typing import Literal, TypeAlias
 
 from percept.report.numbers import rounded
-from percept.reproduce import claims_coupling, claims_figures, claims_stability, claims_table
-from percept.reproduce.evidence import Evidence, Value, undecided
-from percept.reproduce.published import Published
+from percept.reproduce import claims_coupling, claims_figures, claims_table
+from percept.reproduce.published import Evidence, Published, Value, undecided
 
 __all__ = [
     "Claim",
@@ -32,7 +31,7 @@ __all__ = [
 Verdict = Literal["holds", "holds only if", "does not hold", "cannot be judged"]
 _Judge: TypeAlias = Callable[[Published], Evidence]
 
-_MODULES = (claims_stability, claims_coupling, claims_figures, claims_table)
+_MODULES = (claims_coupling, claims_figures, claims_table)
 
 
 @dataclass(frozen=True)

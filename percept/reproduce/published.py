@@ -1,14 +1,14 @@
-"""What the paper prints, and the scene it is looked at in."""
+"""What the paper prints, the scene it is looked at in, and what both say on one of its sentences."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +27,23 @@ from percept.scene import Scene
 from percept.sessions import read_sessions
 from percept.simulate.like import PublishedLimits
 
-__all__ = ["LOOKED_AT", "THEORETICAL", "Array", "Published", "Wall", "dataset", "load_published"]
+__all__ = [
+    "LOOKED_AT",
+    "THEORETICAL",
+    "Array",
+    "Evidence",
+    "Published",
+    "Value",
+    "Wall",
+    "dataset",
+    "evidence",
+    "load_published",
+    "undecided",
+]
 
 Array = NDArray[np.float64]
+#: What braces in a text take: a number, a text, a list of them, numbers by name, or a record.
+Value: TypeAlias = Any
 
 #: Section 2.3: the coupling the theory gave, k_c in N/m and b_c in N·s/m (Eq. 6).
 THEORETICAL = Coupling(110e3, 100.0)
@@ -197,6 +211,24 @@ class Published:
 def _environment(values: Sequence[Decimal]) -> Environment:
     k, b = values
     return Environment(float(k), float(b))
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The cases that decide a verdict, and the values that `claims.toml` names in braces."""
+
+    cases: list[bool] | None  # None where no published number decides
+    values: Mapping[str, Value]
+
+
+def evidence(cases: Iterable[object], **values: Value) -> Evidence:
+    """Return what decides: true or false in each case, and the values of the text."""
+    return Evidence([bool(case) for case in cases], values)
+
+
+def undecided(**values: Value) -> Evidence:
+    """Return the values of a text on a sentence that no published number decides."""
+    return Evidence(None, values)
 
 
 def load_published(table: str | Path | None = None, scene: str | Path | None = None) -> Published:
