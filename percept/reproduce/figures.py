@@ -14,8 +14,14 @@ from percept.report.figures.canvas import COLOURS, Drawing, legend, log_scale, p
 from percept.report.figures.curves import Limits, draw_magnitude, draw_stability
 from percept.report.figures.marks import draw_design
 from percept.reproduce import devices
-from percept.reproduce.adapted import Adapted, environments_inside
-from percept.reproduce.devices import DAMPINGS, MASSES, Panel, over_devices
+from percept.reproduce.devices import (
+    DAMPINGS,
+    MASSES,
+    Adapted,
+    Panel,
+    environments_inside,
+    over_devices,
+)
 from percept.reproduce.published import THEORETICAL, Array, Published, Wall
 
 __all__ = ["drawings"]

@@ -18,8 +18,8 @@ from percept.haptics import Device
 from percept.haptics.design import QualifyingCoupling
 from percept.inference import prediction_interval, tolerance_interval
 from percept.provenance import made_by
-from percept.reproduce.adapted import Adapted, adapted_couplings
 from percept.reproduce.claims_table import limits_printed
+from percept.reproduce.devices import Adapted, adapted_couplings
 from percept.reproduce.judging import Claim, Misprint, Verdict, judge_all, misprints
 from percept.reproduce.published import Published
 from percept.results.plain import dumps, plain

@@ -3,7 +3,7 @@ import pytest
 
 from percept.haptics import Coupling, Device, magnitude_envelope, required_damping
 from percept.reproduce import devices
-from percept.reproduce.adapted import (
+from percept.reproduce.devices import (
     adapted_couplings,
     environments_inside,
     next_user_boundaries,
