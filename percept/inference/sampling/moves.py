@@ -18,7 +18,7 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.transport import Target
+from percept.inference.sampling.coordinates import Target
 
 Array = NDArray[np.float64]
 

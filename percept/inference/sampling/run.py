@@ -16,6 +16,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.inference.sampling.coordinates import Target, Transported
 from percept.inference.sampling.estimands import Estimands
 from percept.inference.sampling.gate import (
     TIMES_NEEDED,
@@ -27,7 +28,7 @@ from percept.inference.sampling.gate import (
     pass_gate,
 )
 from percept.inference.sampling.moves import Ensembles
-from percept.inference.sampling.transport import Target, Transport, Transported
+from percept.inference.sampling.transport import Transport
 from percept.inference.sampling.warmup import starting_points, warm_up
 
 Array = NDArray[np.float64]

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError
+from percept.inference.sampling.coordinates import Affine, Target, Transported, describe_point
 from percept.inference.sampling.moves import Ensembles, Reference
-from percept.inference.sampling.transport import Affine, Target, Transport, Transported, described
+from percept.inference.sampling.transport import Transport
 
 Array = NDArray[np.float64]
 
@@ -65,7 +66,7 @@ def _weigh(
     if np.all(np.isneginf(values)):
         raise RefusalError(
             "the log density is -inf at every walker, for example at"
-            f" {described(here.names, z[0])}.",
+            f" {describe_point(here.names, z[0])}.",
             hint="Check the data and the priors of these parameters.",
         )
     return z, values - law.log_density(z)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from percept.inference.sampling import run as running
+from percept.inference.sampling.coordinates import Affine, Transported
 from percept.inference.sampling.estimands import Means
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.moves import Ensembles
 from percept.inference.sampling.run import sample
-from percept.inference.sampling.transport import Affine, Transported
 from tests.inference.sampling.targets import Normal, SkewedHeavy
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
+from percept.inference.sampling.coordinates import Affine, Transported
 from percept.inference.sampling.moves import Reference
-from percept.inference.sampling.transport import Affine, Transport, Transported
+from percept.inference.sampling.transport import Transport
 from tests.inference.sampling.targets import Normal
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from percept.inference.sampling import warmup
-from percept.inference.sampling.transport import Affine, Transported
+from percept.inference.sampling.coordinates import Affine, Transported
 from tests.inference.sampling.targets import Normal
 
 
