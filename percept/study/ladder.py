@@ -15,7 +15,7 @@ from percept.html import NotebookRecord
 from percept.inference.sampling.diagnostics import (
     autocorrelation_time,
     monte_carlo_error,
-    some_walkers,
+    thin_walkers,
 )
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
@@ -130,7 +130,7 @@ def _measured(fit: Fit, asked: InferenceTable) -> dict[_Cell, _Interval]:
             pulls *= np.stack([lower, upper])
         on_width = (pulls[..., 1, :] - pulls[..., 0, :]) / (upper - lower)
         series = np.concatenate([on_width, 0.5 * (pulls[..., 0, :] + pulls[..., 1, :])], axis=-1)
-        errors = monte_carlo_error(series, autocorrelation_time(some_walkers(series))).reshape(
+        errors = monte_carlo_error(series, autocorrelation_time(thin_walkers(series))).reshape(
             2, -1
         )
         for (parameter, environment), c in fit.column.items():

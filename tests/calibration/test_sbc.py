@@ -26,7 +26,8 @@ from percept.calibration.sbc import (
 from percept.cli import main
 from percept.errors import UsageError
 from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
-from percept.inference.sampling.moves import Reference, standard_moves
+from percept.inference.sampling.moves import standard_moves
+from percept.inference.sampling.reference import ReferenceLaw
 from percept.provenance import made_by
 from tests.workers.clusters import QUIET
 
@@ -97,7 +98,7 @@ def ranks_under(moves, *, dimension=20, walkers=100, studies=30):
 def test_snooker_move_is_caught_and_ours_is_not():
     plan = dataclasses.replace(PLAN, draws=99)
     assert judge_places(plan, ranks_under(emcee.moves.DESnookerMove())).outside == ("x",)
-    ours = standard_moves(Reference(20), [np.random.default_rng(5)])
+    ours = standard_moves(ReferenceLaw(20), [np.random.default_rng(5)])
     assert judge_places(plan, ranks_under(ours)).outside == ()
 
 

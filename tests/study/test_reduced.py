@@ -167,5 +167,5 @@ def test_an_error_above_the_tolerance_is_told_beside_the_intervals(tmp_path):
     asked = scene(method="bayesian", tolerance=0.001, most_steps=400, walkers=64, parameters=("k",))
     found = reduced_intervals(reduced, asked)
     assert set(found["method"]) == {"bayesian"}
-    assert "where 0.1 % was asked" in found.attrs["error_reached"]
+    assert "and 0.1 % was requested" in found.attrs["error_reached"]
     assert reduced_intervals(reduced, scene(method="classical")).attrs["error_reached"] == ""

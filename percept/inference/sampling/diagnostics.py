@@ -1,4 +1,7 @@
-"""Convergence measures: autocorrelation time, Monte Carlo error and rank R-hat across ensembles."""
+"""Convergence measures: autocorrelation time, Monte Carlo error and rank R-hat across ensembles.
+
+Series are (E, T, W, Q): ensembles, kept positions, walkers and quantities.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, special
 
+__all__ = [
+    "autocorrelation_time",
+    "monte_carlo_error",
+    "normal_scores",
+    "rank_rhat",
+    "split_rhat",
+    "thin_walkers",
+]
+
 Array = NDArray[np.float64]
-_WINDOW = 5.0  # Sokal's window, in autocorrelation times
-#: More values of a quantity than these, or fewer walkers per ensemble, are not needed to see how
-#: long it remembers.
-_MOST_VALUES, _FEWEST_WALKERS = 1 << 15, 8
-_BATCHES = (4, 20)  # fewest and most batches per ensemble
+
+#: Sokal's window, in autocorrelation times.
+_WINDOW = 5.0
+#: Values of a quantity that are enough to see how long it remembers.
+_MOST_VALUES = 1 << 15
+#: Walkers per ensemble that are kept whatever that takes.
+_FEWEST_WALKERS = 8
+#: Batches per ensemble: each of some autocorrelation times, and enough for a variance.
+_FEWEST_BATCHES = 4
+_MOST_BATCHES = 20
+_TIMES_PER_BATCH = 3.0
 
 
 def autocorrelation_time(series: Array) -> Array:
@@ -21,6 +39,16 @@ def autocorrelation_time(series: Array) -> Array:
 
     The autocorrelation functions of all walkers are averaged before they are summed over Sokal's
     window, so that runs of ten autocorrelation times are enough with 64 walkers or more.
+
+    Parameters
+    ----------
+    series : ndarray
+        Shape (E, T, W, Q).
+
+    Returns
+    -------
+    ndarray
+        Shape (Q,), in positions; at least one, infinite where the quantity never changes.
     """
     _, length, _, count = series.shape
     # One mean and scale for all walkers: a walker that is stuck elsewhere must show.
@@ -29,74 +57,109 @@ def autocorrelation_time(series: Array) -> Array:
     power = np.zeros((padded // 2 + 1, count))
     for ensemble in centred:
         spectrum = fft.rfft(ensemble, n=padded, axis=0)
-        power += (spectrum.real**2 + spectrum.imag**2).sum(axis=1)
+        squares = spectrum.real**2 + spectrum.imag**2
+        power += squares.sum(axis=1)
     covariance = fft.irfft(power, n=padded, axis=0)[:length]
     with np.errstate(invalid="ignore", divide="ignore"):
-        rho = covariance / covariance[0]
-    times = 2.0 * np.cumsum(rho, axis=0) - 1.0
-    window = np.arange(length)[:, None] >= _WINDOW * times
-    first = np.where(window.any(axis=0), window.argmax(axis=0), length - 1)
-    chosen = times[first, np.arange(count)]
+        correlation = covariance / covariance[0]
+    times = 2.0 * np.cumsum(correlation, axis=0) - 1.0
+    lags = np.arange(length)[:, None]
+    window = lags >= _WINDOW * times
+    last = np.where(window.any(axis=0), window.argmax(axis=0), length - 1)
+    chosen = times[last, np.arange(count)]
     return np.where(np.isfinite(chosen), np.maximum(chosen, 1.0), np.inf)
 
 
 def monte_carlo_error(influence: Array, times: Array) -> Array:
-    """Estimate the standard error of the estimates from their influence functions."""
+    """Estimate the standard error of the estimates from their influence functions.
+
+    Parameters
+    ----------
+    influence : ndarray
+        Shape (E, T, W, Q).
+    times : ndarray
+        Autocorrelation times of these, shape (Q,).
+
+    Returns
+    -------
+    ndarray
+        Shape (Q,): the larger of the errors by batches and by autocorrelation time.
+    """
     ensembles, length, walkers, count = influence.shape
     longest = float(np.max(times, initial=1.0))
-    batches = (
-        int(np.clip(length / (3.0 * longest), *_BATCHES)) if np.isfinite(longest) else _BATCHES[0]
-    )
+    batches = _FEWEST_BATCHES
+    if np.isfinite(longest):
+        fitting = length / (_TIMES_PER_BATCH * longest)
+        batches = int(np.clip(fitting, _FEWEST_BATCHES, _MOST_BATCHES))
     size = length // batches
-    averages = (
-        influence.mean(axis=2)[:, : size * batches]
-        .reshape(ensembles, batches, size, count)
-        .mean(axis=2)
-    )
-    by_batches = np.sqrt(averages.reshape(-1, count).var(axis=0, ddof=1) / (ensembles * batches))
+    over_walkers = influence.mean(axis=2)[:, : size * batches]
+    batched = over_walkers.reshape(ensembles, batches, size, count)
+    averages = batched.mean(axis=2).reshape(-1, count)
+    by_batches = np.sqrt(averages.var(axis=0, ddof=1) / (ensembles * batches))
     draws = ensembles * length * walkers
-    by_time = np.sqrt(
-        np.einsum("etwq,etwq->q", influence, influence) / draws * np.minimum(times, draws) / draws
-    )
+    variance = np.einsum("etwq,etwq->q", influence, influence) / draws
+    by_time = np.sqrt(variance * np.minimum(times, draws) / draws)
     return np.maximum(by_batches, by_time)
 
 
 def rank_rhat(chains: Array) -> Array:
-    """Rank-normalised split R-hat, the larger of bulk and folded (Vehtari et al. 2021)."""
+    """Rank-normalised split R-hat, the larger of bulk and folded (Vehtari et al. 2021).
+
+    Parameters
+    ----------
+    chains : ndarray
+        Shape (M, N, V): M chains of N draws of V quantities.
+
+    Returns
+    -------
+    ndarray
+        Shape (V,).
+    """
     folded = np.abs(chains - np.median(chains, axis=(0, 1)))
-    return np.maximum(split_rhat(normal_scores(chains)), split_rhat(normal_scores(folded)))
+    bulk_rhat = split_rhat(normal_scores(chains))
+    folded_rhat = split_rhat(normal_scores(folded))
+    return np.maximum(bulk_rhat, folded_rhat)
 
 
 def split_rhat(chains: Array) -> Array:
-    """R-hat of the halves of chains (M, N, V); one of what does not vary."""
+    """R-hat of the halves of chains (M, N, V), shape (V,); one where nothing varies."""
     length = chains.shape[1] // 2
-    split = np.concatenate([chains[:, :length], chains[:, chains.shape[1] - length :]])
-    within = split.var(axis=1, ddof=1).mean(axis=0)
-    between = split.mean(axis=1).var(axis=0, ddof=1)
+    first = chains[:, :length]
+    second = chains[:, chains.shape[1] - length :]
+    halves = np.concatenate([first, second])
+    within = halves.var(axis=1, ddof=1).mean(axis=0)
+    between = halves.mean(axis=1).var(axis=0, ddof=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        found = np.sqrt((length - 1) / length + between / within)
-    return np.where(np.ptp(split, axis=(0, 1)) == 0, 1.0, found)
+        rhat = np.sqrt((length - 1) / length + between / within)
+    constant = np.ptp(halves, axis=(0, 1)) == 0
+    return np.where(constant, 1.0, rhat)
 
 
 def normal_scores(values: Array) -> Array:
-    """Replace values by the normal scores of their ranks."""
+    """Replace values (..., Q) by the normal scores of their ranks among all of the same quantity.
+
+    Tied values, of walkers that stay, share the mean of their ranks.
+    """
     # A copy whatever the layout: of columns that lie together `ascontiguousarray` would give the
     # values.
     columns = np.array(values.reshape(-1, values.shape[-1]).T, order="C")
     size = columns.shape[1]
-    # Of all ranks there may be, with the half ranks of two tied values.
-    scores = special.ndtri((np.arange(1.0, size + 0.5, 0.5) - 0.375) / (size + 0.25))
+    # Scores of all ranks there may be, with the half ranks of ties. Looked up, they take half
+    # the time of `scipy.stats.rankdata` and `ndtri`.
+    ranks = np.arange(1.0, size + 0.5, 0.5)
+    scores = special.ndtri((ranks - 0.375) / (size + 0.25))
     for column in columns:
         order = np.argsort(column)
         ascending = column[order]
-        # Walkers that stay repeat their values: ties, which share the mean of their ranks.
-        first = np.flatnonzero(np.concatenate([[True], ascending[1:] != ascending[:-1]]))
-        count = np.diff(first, append=size)
-        column[order] = np.repeat(scores[2 * first + count - 1], count)
+        new = np.ones(size, dtype=bool)
+        new[1:] = ascending[1:] != ascending[:-1]
+        first = np.flatnonzero(new)
+        ties = np.diff(first, append=size)
+        column[order] = np.repeat(scores[2 * first + ties - 1], ties)
     return np.ascontiguousarray(columns.T).reshape(values.shape)
 
 
-def some_walkers(series: Array, most: int = _MOST_VALUES) -> Array:
+def thin_walkers(series: Array, most: int = _MOST_VALUES) -> Array:
     """Thin walkers evenly, for what takes long and needs only `most` values of a quantity."""
     ensembles, length, walkers, _ = series.shape
     kept = max(_FEWEST_WALKERS, most // (ensembles * length))

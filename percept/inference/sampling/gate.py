@@ -14,35 +14,61 @@ from percept.inference.sampling.diagnostics import (
     monte_carlo_error,
     normal_scores,
     rank_rhat,
-    some_walkers,
     split_rhat,
+    thin_walkers,
 )
 from percept.inference.sampling.estimands import Estimands, Estimates
 
+__all__ = [
+    "Gate",
+    "Judged",
+    "Progress",
+    "Run",
+    "Settings",
+    "Travel",
+    "judge",
+    "pass_gate",
+]
+
 Array = NDArray[np.float64]
+
+#: Autocorrelation times a run must span; averaging over 64 walkers or more makes ten enough.
+_TIMES_NEEDED = 10.0
+#: Of those the steps a run aims at: a longer run shows longer times.
+_TIMES_MARGIN = 1.2
+#: Rank R-hat that every quantity must stay below (Vehtari et al. 2021).
+_RHAT_LIMIT = 1.01
+#: Accepted share of proposals below which a walker counts as stuck.
+_STUCK = 0.005
+#: Batches of walkers in an ensemble.
+_GROUPS = 8
+#: Values whose ranks are compared: chance alone then leaves R-hat within 0.001 of one.
+_RANKED = 1 << 14
+#: Normal score beyond which a draw lies in a tail: a twentieth of the draws at either end.
+_TAIL = 1.645
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Settings:
     """How to sample."""
 
-    tolerance: float = 0.01
+    tolerance: float = 0.01  # Monte Carlo error of each limit over the interval's half-width
     seed: int = 1  # Seed of the whole run
     ensembles: int = 4  # Independent ensembles, at least 4
     walkers: int | None = None  # Walkers per ensemble
     most_steps: int = 20_000  # Steps per ensemble at which the run ends, whatever its error
 
     def __post_init__(self) -> None:
-        walkers = self.walkers is None or self.walkers >= 64
-        for key, holds, rule in (
-            ("tolerance", 0.0 < self.tolerance < 1.0, "must lie in (0, 1)."),
-            ("ensembles", self.ensembles >= 4, "must be at least 4."),
-            ("seed", self.seed >= 0, "must be zero or positive."),
-            ("most_steps", self.most_steps >= 1, "must be at least 1."),
-            ("walkers", walkers, "must be at least 64."),
-        ):
-            if not holds:
-                raise UsageError(rule, key=key, value=getattr(self, key))
+        if not 0.0 < self.tolerance < 1.0:
+            raise UsageError("must lie in (0, 1).", key="tolerance", value=self.tolerance)
+        if self.ensembles < 4:
+            raise UsageError("must be at least 4.", key="ensembles", value=self.ensembles)
+        if self.seed < 0:
+            raise UsageError("must be zero or positive.", key="seed", value=self.seed)
+        if self.most_steps < 1:
+            raise UsageError("must be at least 1.", key="most_steps", value=self.most_steps)
+        if self.walkers is not None and self.walkers < 64:
+            raise UsageError("must be at least 64.", key="walkers", value=self.walkers)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,14 +88,6 @@ class Gate:
     worst: str  # The estimate it belongs to
     tolerance_met: bool  # Whether that error is within the tolerance
     error_reached: str  # A sentence on the error where it misses the tolerance, else empty
-
-
-#: Batches of walkers in an ensemble.
-_GROUPS = 8
-#: Values whose ranks are compared: chance alone then leaves R-hat within 0.001 of one.
-_RANKED = 1 << 14
-#: Normal score beyond which a draw lies in a tail: a twentieth of the draws at either end.
-_TAIL = 1.645
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,20 +112,30 @@ class Run:
     errors: Array  # (Q,) Monte Carlo standard errors
     times: Array  # (Q,) Autocorrelation times of the ranks of the influence functions, in steps
     gate: Gate  # The verdict
-    steps: int
-    stride: int
-    settings: Settings  # As asked
+    steps: int  # Per ensemble, burn-in included
+    stride: int  # Steps between kept positions
+    settings: Settings  # As given
+
+    @property
+    def steps_to_settle(self) -> int:
+        """Predict the steps a part must span to pass; zero where the time is not known."""
+        slowest = self.gate.autocorrelation_time
+        if not math.isfinite(slowest):
+            return 0
+        return math.ceil(_TIMES_MARGIN * _TIMES_NEEDED * slowest)
 
     def _independent_positions(self) -> NDArray[np.intp]:
         """Kept positions about an autocorrelation time apart."""
         length = self.points.shape[1]
         gap = max(1, round(self.gate.autocorrelation_time / self.stride))
-        return np.arange(gap - 1, length, gap) if length >= gap else np.array([length - 1])
+        if length < gap:
+            return np.array([length - 1])
+        return np.arange(gap - 1, length, gap)
 
     def independent(self) -> Array:
         """Return kept positions thinned to the effective size, walkers flattened into steps, (E, N, d)."""
-        kept = self.points[:, self._independent_positions()]
-        return kept.reshape(len(kept), -1, kept.shape[-1])
+        thinned = self.points[:, self._independent_positions()]
+        return thinned.reshape(len(thinned), -1, thinned.shape[-1])
 
     def batches(self) -> NDArray[np.intp]:
         """Return the number of the batch of each of the `independent` positions, ensemble after ensemble.
@@ -116,10 +144,10 @@ class Run:
         in it.
         """
         ensembles, _, walkers, _ = self.points.shape
-        groups = np.tile(
-            np.arange(walkers) * _GROUPS // walkers, self._independent_positions().size
-        )
-        return (np.arange(ensembles)[:, None] * _GROUPS + groups).ravel()
+        group = np.arange(walkers) * _GROUPS // walkers
+        groups = np.tile(group, self._independent_positions().size)
+        first = np.arange(ensembles)[:, None] * _GROUPS
+        return (first + groups).ravel()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -132,103 +160,128 @@ class Judged:
     rhats: Array  # (Q,) Rank R-hat of the influence functions across ensembles
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Travel:
+    """How the walkers of a part went, and how long."""
+
+    acceptance: Array  # Accepted share of each walker's proposals
+    moved: NDArray[np.bool_]  # Whether each walker moved in the second half
+    length: int  # Kept positions per walker
+    stride: int  # Steps between these
+    spanned: int  # Steps that this part and all before it span
+
+
 def judge(estimands: Estimands, components: Array) -> Judged:
-    """Estimate, and measure errors and convergence."""
-    estimates, *measures = zip(
-        *(
-            (found, *_measured(influence.reshape(*components.shape[:3], -1)))
-            for found, influence in estimands.estimates(
-                components.reshape(-1, components.shape[-1])
-            )
+    """Estimate from components (E, T, W, C), and measure errors and convergence."""
+    flat = components.reshape(-1, components.shape[-1])
+    parts = []
+    for estimates, influence in estimands.estimates(flat):
+        series = influence.reshape(*components.shape[:3], -1)
+        parts.append(_measured(estimates, series))
+    return Judged(
+        Estimates(
+            names=tuple(name for part in parts for name in part.estimates.names),
+            value=np.concatenate([part.estimates.value for part in parts]),
+            scale=np.concatenate([part.estimates.scale for part in parts]),
         ),
-        strict=True,
+        errors=np.concatenate([part.errors for part in parts]),
+        times=np.concatenate([part.times for part in parts]),
+        rhats=np.concatenate([part.rhats for part in parts]),
     )
-    names = tuple(name for found in estimates for name in found.names)
-    value, scale = (np.concatenate([getattr(e, n) for e in estimates]) for n in ("value", "scale"))
-    return Judged(Estimates(names, value, scale), *map(np.concatenate, measures))
 
 
-def _measured(series: Array) -> tuple[Array, Array, Array]:
-    """Errors of influence functions (E, T, W, Q), and times and R-hat of their ranks."""
-    errors = monte_carlo_error(series, autocorrelation_time(some_walkers(series)))
+def _measured(estimates: Estimates, series: Array) -> Judged:
+    """Measure influence functions (E, T, W, Q): errors of these, times and R-hat of their ranks."""
+    errors = monte_carlo_error(series, autocorrelation_time(thin_walkers(series)))
     # Ranks: a heavy tail would make the memory that of its few extreme draws, and hide what is slow
     # below it.
-    scores = normal_scores(some_walkers(series, _RANKED))
+    scores = normal_scores(thin_walkers(series, _RANKED))
     tail = (np.abs(scores) > _TAIL).astype(float)
     times = np.maximum(autocorrelation_time(scores), autocorrelation_time(tail))
     # R-hat at about every independent position.
     ensembles, length, _, count = scores.shape
-    gap = max(1, round(min(float(times.max()), length / 4.0)))
-    ranked, tails = (part[:, ::gap].reshape(ensembles, -1, count) for part in (scores, tail))
-    return errors, times, np.maximum(rank_rhat(ranked), split_rhat(tails))
+    longest = min(float(times.max()), length / 4.0)
+    gap = max(1, round(longest))
+    ranked = scores[:, ::gap].reshape(ensembles, -1, count)
+    tails = tail[:, ::gap].reshape(ensembles, -1, count)
+    rhats = np.maximum(rank_rhat(ranked), split_rhat(tails))
+    return Judged(estimates, errors, times, rhats)
 
 
-#: Autocorrelation times a run must span; averaging over 64 walkers or more makes ten enough.
-TIMES_NEEDED = 10.0
-_RHAT_LIMIT = 1.01
-_STUCK = 0.005  # acceptance below which a walker counts as stuck
+def pass_gate(settings: Settings, judged: Judged, travel: Travel) -> Gate:
+    """Judge a run by its estimates and how its walkers went.
 
-
-def pass_gate(
-    settings: Settings,
-    judged: Judged,
-    acceptance: Array,
-    moved: NDArray[np.bool_],
-    *,
-    length: int,
-    stride: int,
-    spanned: int,
-) -> Gate:
-    """Judge a run."""
-    relative = judged.errors / judged.estimates.scale
-    worst, slow = int(np.argmax(relative)), int(np.argmax(judged.times))
+    Returns
+    -------
+    Gate
+        Passed where the run spans ten autocorrelation times of its slowest quantity, every walker
+        moves, and the ensembles agree on every quantity.
+    """
     names = judged.estimates.names
-    longest = float(judged.times[slow])
-    times_run = length / longest
-    reasons = []
-    if not times_run >= TIMES_NEEDED:
-        more = ""
-        if math.isfinite(longest):
-            # What a run too short shows of a time is too little.
-            steps = float(
-                f"{max(2.0 * settings.most_steps, 1.5 * TIMES_NEEDED * longest * stride):.1g}"
-            )
-            more = f" most_steps = {steps:.0f} gives it more (now {settings.most_steps})."
-        reasons.append(
-            f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity,"
-            f" {names[slow]}; {TIMES_NEEDED:g} are needed.{more}"
-        )
-    if not moved.all():
-        reasons.append(f"{int((~moved).sum())} walkers did not move in the second half of the run.")
-    elif acceptance.min() < _STUCK:
-        reasons.append(f"a walker is stuck: it accepted {acceptance.min():.2%} of its proposals.")
-    apart = int(np.argmax(judged.rhats))
-    rhat = float(judged.rhats[apart])
+    slowest = int(np.argmax(judged.times))
+    longest_time = float(judged.times[slowest])
+    least_agreed = int(np.argmax(judged.rhats))
+    rhat = float(judged.rhats[least_agreed])
+    relative = judged.errors / judged.estimates.scale
+    worst = int(np.argmax(relative))
+    error = float(relative[worst])
+    reasons = _too_short(settings, names[slowest], longest_time, travel)
+    reasons += _stuck(travel)
     if not rhat < _RHAT_LIMIT:
         reasons.append(
-            f"the ensembles disagree on {names[apart]}: rank R-hat {rhat:.4f}, limit {_RHAT_LIMIT}."
+            f"the ensembles disagree on {names[least_agreed]}: rank R-hat {rhat:.4f}, limit"
+            f" {_RHAT_LIMIT}."
         )
-    if not np.isfinite(relative[worst]):
+    if not np.isfinite(error):
         reasons.append(f"{names[worst]} has no finite Monte Carlo error.")
-    error = float(relative[worst])
-    met, asked = error <= settings.tolerance, 100 * settings.tolerance
-    reached = (
-        f"The Monte Carlo error reached is {100 * error:.3g} % of a half-width ({names[worst]})"
-        f" where {asked:.3g} % was asked. A larger most_steps (now {settings.most_steps})"
-        " lowers it."
-    )
+    error_reached = ""
+    if not error <= settings.tolerance:
+        error_reached = (
+            f"The Monte Carlo error reached is {100 * error:.3g} % of a half-width"
+            f" ({names[worst]}), and {100 * settings.tolerance:.3g} % was requested. A larger"
+            f" most_steps (now {settings.most_steps}) lowers it."
+        )
     return Gate(
         passed=not reasons,
         reasons=tuple(reasons),
         rhat=rhat,
-        autocorrelation_time=longest * stride,
-        slowest=names[slow],
-        times_run=times_run,
-        effective_draws=moved.size * (spanned / stride) / longest,
-        acceptance=float(acceptance.mean()),
-        lowest_acceptance=float(acceptance.min()),
+        autocorrelation_time=longest_time * travel.stride,
+        slowest=names[slowest],
+        times_run=travel.length / longest_time,
+        effective_draws=travel.moved.size * (travel.spanned / travel.stride) / longest_time,
+        acceptance=float(travel.acceptance.mean()),
+        lowest_acceptance=float(travel.acceptance.min()),
         worst_error=error,
         worst=names[worst],
-        tolerance_met=met,
-        error_reached="" if met else reached,
+        tolerance_met=not error_reached,
+        error_reached=error_reached,
     )
+
+
+def _too_short(settings: Settings, slowest: str, time: float, travel: Travel) -> list[str]:
+    """Say that a part spans too few autocorrelation times, and which most_steps would do."""
+    times_run = travel.length / time
+    if times_run >= _TIMES_NEEDED:
+        return []
+    advice = ""
+    if math.isfinite(time):
+        # A run that is too short underestimates the time.
+        steps = 1.5 * _TIMES_NEEDED * time * travel.stride
+        enough = float(f"{max(2.0 * settings.most_steps, steps):.1g}")
+        advice = f" most_steps = {enough:.0f} gives it more (now {settings.most_steps})."
+    return [
+        f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity, {slowest};"
+        f" {_TIMES_NEEDED:g} are needed.{advice}"
+    ]
+
+
+def _stuck(travel: Travel) -> list[str]:
+    """Say that walkers stayed where they were, or nearly so."""
+    still = int((~travel.moved).sum())
+    if still:
+        walkers = "1 walker" if still == 1 else f"{still} walkers"
+        return [f"{walkers} did not move in the second half of the run."]
+    lowest = travel.acceptance.min()
+    if lowest < _STUCK:
+        return [f"a walker is stuck: it accepted {lowest:.2%} of its proposals."]
+    return []

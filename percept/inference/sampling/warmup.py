@@ -1,7 +1,12 @@
-"""Warm-up: from a density to a frozen transport and starting points."""
+"""Warm-up: from a density to a fitted transport and starting points.
+
+Mode and curvature give the first map, importance weights refine it, and short runs give the samples
+to which the transport is fitted.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -9,16 +14,53 @@ from numpy.typing import NDArray
 
 from percept.errors import RefusalError
 from percept.inference.sampling.coordinates import Affine, Target, Transported, describe_point
-from percept.inference.sampling.moves import Ensembles, Reference
+from percept.inference.sampling.ensembles import Ensembles
+from percept.inference.sampling.reference import ReferenceLaw
 from percept.inference.sampling.transport import Transport
 
+__all__ = ["find_mode", "starting_points", "warm_up"]
+
 Array = NDArray[np.float64]
+Density = Callable[[Array], Array]
 
-
+#: Times that importance weights refine the first map.
 _ROUNDS = 3
-#: Steps of each adaptive run, how many of them are left out at its start, and the stride of those
-#: kept.
-_RUNS = ((48, 16, 4), (80, 16, 2))
+#: Draws that are weighted, at least, and for each coordinate.
+_FEWEST_DRAWS = 2048
+_DRAWS_PER_COORDINATE = 40
+#: Effective draws per coordinate, or share of all, below which weights are tempered.
+_EFFECTIVE_PER_COORDINATE = 10.0
+_EFFECTIVE_SHARE = 0.5
+#: The same share for starting points, of which many should differ.
+_STARTING_SHARE = 0.05
+#: Factor between the powers that weights are tempered by, and the last power.
+_TEMPERING = 0.8
+_LEAST_POWER = 1e-6
+#: Newton steps at most.
+_STEPS = 30
+#: Halvings of a Newton step that are tried.
+_HALVINGS = 12
+#: Rise of the log density by a step below which the mode is found.
+_SMALL_RISE = 1e-3
+#: Finite difference of a log density whose coordinates have unit scale.
+_DIFFERENCE = 1e-2
+#: Of more coordinates the curvature is taken along each alone: pairs would be too many.
+_MOST_PAIRED = 128
+#: Least and largest curvature that is believed: priors have unit scale.
+_LEAST_CURVATURE = 0.25
+_MOST_CURVATURE = 1e6
+
+
+@dataclasses.dataclass(frozen=True)
+class _ShortRun:
+    """A run that a transport is fitted to."""
+
+    steps: int
+    skipped: int  # Steps at its start that are left out
+    stride: int  # Steps between kept positions
+
+
+_RUNS = (_ShortRun(steps=48, skipped=16, stride=4), _ShortRun(steps=80, skipped=16, stride=2))
 
 
 def warm_up(
@@ -26,32 +68,53 @@ def warm_up(
 ) -> tuple[Transported, Array]:
     """Fit a transport to a density and find starting points.
 
-    Mode and curvature give the first map; importance weights refine it; short runs give the samples
-    to which the transport is fitted.
+    Parameters
+    ----------
+    target : Target
+        Log density whose coordinates have unit scale under the prior.
+    shape : tuple of int
+        Ensembles and walkers of each.
+    seed : SeedSequence
+        Of the whole warm-up.
+
+    Returns
+    -------
+    here : Transported
+        The target in the transport's coordinates.
+    points : ndarray
+        Starting points in these, shape (E, W, d).
+
+    Raises
+    ------
+    RefusalError
+        A density that is -inf wherever it was tried, or NaN somewhere.
     """
     adapt_seed, *run_seeds = seed.spawn(1 + len(_RUNS))
     rng = np.random.default_rng(adapt_seed)
-    mode, covariance = find_mode(target, np.zeros(len(target.names)))
+    size = len(target.names)
+    mode, covariance = find_mode(target, np.zeros(size))
     here = Transported(target, Affine.normal(mode, covariance))
     for _ in range(_ROUNDS):
         z, log_weights = _weigh(here, rng, shape)
         # Tempered, or a few lucky draws would decide the covariance.
-        weights = _weights(log_weights, at_least=min(0.5 * len(z), 10.0 * mode.size))
-        here = Transported(target, Affine.fit(here.map(z), weights))
+        wanted = min(_EFFECTIVE_SHARE * len(z), _EFFECTIVE_PER_COORDINATE * size)
+        affine = Affine.fit(here.map(z), _tempered(log_weights, wanted))
+        here = Transported(target, affine)
     points = starting_points(here, rng, shape)
-    for (steps, skipped, stride), run_seed in zip(_RUNS, run_seeds, strict=True):
-        kept = Ensembles(here, points, run_seed).advance(steps, stride)[:, skipped // stride :]
-        here = Transported(target, Transport.fit(here.map(kept.reshape(-1, mode.size))))
+    for run, run_seed in zip(_RUNS, run_seeds, strict=True):
+        walked = Ensembles(here, points, run_seed).advance(run.steps, run.stride)
+        kept = walked[:, run.skipped // run.stride :]
+        transport = Transport.fit(here.map(kept.reshape(-1, size)))
+        here = Transported(target, transport)
         points = starting_points(here, rng, shape)
     return here, points
 
 
 def starting_points(here: Transported, rng: np.random.Generator, shape: tuple[int, int]) -> Array:
-    """Choose starting points (E, W, d): draws taken by their weights, evened out so that many are chosen."""
+    """Choose starting points (E, W, d) among draws from the reference law, by tempered weights."""
     z, log_weights = _weigh(here, rng, shape)
-    chosen = rng.choice(
-        len(z), size=shape[0] * shape[1], p=_weights(log_weights, at_least=0.05 * len(z))
-    )
+    weights = _tempered(log_weights, _STARTING_SHARE * len(z))
+    chosen = rng.choice(len(z), size=shape[0] * shape[1], p=weights)
     return z[chosen].reshape(*shape, -1)
 
 
@@ -60,8 +123,9 @@ def _weigh(
 ) -> tuple[Array, Array]:
     """Draws from the reference law, and the log of the density over that law."""
     size = len(here.names)
-    law = Reference(size)
-    z = law.draw(max(2048, 40 * size, 2 * shape[0] * shape[1]), rng)
+    law = ReferenceLaw(size)
+    count = max(_FEWEST_DRAWS, _DRAWS_PER_COORDINATE * size, 2 * shape[0] * shape[1])
+    z = law.draw(count, rng)
     values = here(z)
     if np.all(np.isneginf(values)):
         raise RefusalError(
@@ -72,82 +136,72 @@ def _weigh(
     return z, values - law.log_density(z)
 
 
-def _weights(log_weights: Array, *, at_least: float) -> Array:
-    """Normalised weights, raised to the largest power in (0, 1] that leaves the wanted effective size."""
+def _tempered(log_weights: Array, effective: float) -> Array:
+    """Normalised weights, raised to the largest power in (0, 1] that leaves the effective size."""
     shifted = log_weights - np.max(log_weights)
     power = 1.0
     while True:
         weights = np.exp(power * shifted)
         weights /= weights.sum()
-        if 1.0 / float(weights @ weights) >= at_least or power < 1e-6:
+        size = 1.0 / float(weights @ weights)
+        if size >= effective or power < _LEAST_POWER:
             return weights
-        power *= 0.8
-
-
-Density = Callable[[Array], Array]
-
-_STEPS = 30  # of Newton, at most
-_STEP = 1e-2  # finite differences of a log density whose coordinates have unit scale
-#: Of more coordinates the curvature is taken along each alone: pairs would be too many.
-_MOST_PAIRED = 128
+        power *= _TEMPERING
 
 
 def find_mode(density: Density, start: Array) -> tuple[Array, Array]:
-    """Climb to a mode and measure the curvature there.
+    """Climb to a mode (d,) and measure the covariance (d, d) that the curvature there gives.
 
     Newton steps on central differences, with the Hessian's eigenvalues kept negative and the step
-    halved until the density rises; all points of one step are evaluated in one call.
+    halved until the density rises. All points of one step are evaluated in one call.
     """
-    point, lengths = start, 0.5 ** np.arange(12)
+    point = start
     value = float(density(point[None])[0])
+    lengths = 0.5 ** np.arange(_HALVINGS)
     for _ in range(_STEPS):
         gradient, hessian = _derivatives(density, point)
-        covariance = _limited_inverse(hessian)
-        step = covariance @ gradient
+        step = _limited_inverse(hessian) @ gradient
         trials = point + lengths[:, None] * step
         values = density(trials)
         best = int(np.argmax(values))
         if not values[best] > value:
             break
         rise = values[best] - value
-        point, value = trials[best], float(values[best])
-        if rise < 1e-3:
+        point = trials[best]
+        value = float(values[best])
+        if rise < _SMALL_RISE:
             break
-    return point, _limited_inverse(_derivatives(density, point)[1])
+    _, hessian = _derivatives(density, point)
+    return point, _limited_inverse(hessian)
 
 
 def _derivatives(density: Density, point: Array) -> tuple[Array, Array]:
+    """Gradient and Hessian by central differences, zero where these are infinite."""
     size = point.size
-    steps = _STEP * np.eye(size)
+    steps = _DIFFERENCE * np.eye(size)
     rows, columns = np.triu_indices(size if size <= _MOST_PAIRED else 0, 1)
-    points = np.concatenate(
-        [
-            point[None],
-            point + steps,
-            point - steps,
-            point + steps[rows] + steps[columns],
-            point - steps[rows] - steps[columns],
-        ]
-    )
-    values = density(points)
-    centre, up, down = values[0], values[1 : size + 1], values[size + 1 : 2 * size + 1]
-    both = values[2 * size + 1 :].reshape(2, -1)
+    pairs = steps[rows] + steps[columns]
+    around = [point[None], point + steps, point - steps, point + pairs, point - pairs]
+    values = density(np.concatenate(around))
+    centre = values[0]
+    ends = np.cumsum([1, size, size, len(pairs)])
+    _, up, down, both_up, both_down = np.split(values, ends)
     with np.errstate(invalid="ignore"):
-        gradient = (up - down) / (2.0 * _STEP)
-        hessian = np.diag((up + down - 2.0 * centre) / _STEP**2)
+        gradient = (up - down) / (2.0 * _DIFFERENCE)
+        curvature = (up + down - 2.0 * centre) / _DIFFERENCE**2
         # f(x+hi+hj) + f(x-hi-hj) - 2f = h²(Hii + Hjj + 2Hij)
-        mixed = (both.sum(axis=0) - 2.0 * centre) / _STEP**2
-        mixed = 0.5 * (mixed - hessian[rows, rows] - hessian[columns, columns])
+        mixed = (both_up + both_down - 2.0 * centre) / _DIFFERENCE**2
+        mixed = 0.5 * (mixed - curvature[rows] - curvature[columns])
+    hessian = np.diag(curvature)
     hessian[rows, columns] = mixed
     hessian[columns, rows] = mixed
     # At the edge of the impossible the differences are infinite and say nothing.
-    gradient, hessian = (
-        np.nan_to_num(part, posinf=0.0, neginf=0.0) for part in (gradient, hessian)
-    )
-    return gradient, hessian
+    gradient = np.nan_to_num(gradient, posinf=0.0, neginf=0.0)
+    return gradient, np.nan_to_num(hessian, posinf=0.0, neginf=0.0)
 
 
 def _limited_inverse(hessian: Array) -> Array:
-    """Inverse of -H with its eigenvalues between 1e-6 and 4: priors have unit scale."""
+    """Inverse of -H with its eigenvalues limited."""
     values, vectors = np.linalg.eigh(-hessian)
-    return (vectors / np.clip(values, 0.25, 1e6)) @ vectors.T
+    limited = np.clip(values, _LEAST_CURVATURE, _MOST_CURVATURE)
+    return (vectors / limited) @ vectors.T

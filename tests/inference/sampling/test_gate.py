@@ -7,12 +7,11 @@ import pytest
 from scipy import signal
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.sampling import run as running
-from percept.inference.sampling import warmup
+from percept.inference.sampling import chain, warmup
 from percept.inference.sampling.diagnostics import autocorrelation_time, normal_scores
+from percept.inference.sampling.ensembles import Ensembles
 from percept.inference.sampling.estimands import Estimates, Means
-from percept.inference.sampling.gate import Judged, Settings, judge, pass_gate
-from percept.inference.sampling.moves import Ensembles
+from percept.inference.sampling.gate import Judged, Settings, Travel, judge, pass_gate
 from percept.inference.sampling.run import sample
 from tests.inference.sampling.targets import Normal
 
@@ -89,21 +88,64 @@ def test_stuck_walkers_are_withheld():
     )
 
 
+def verdict(*, error=0.02, time=1.0, rhat=1.0, acceptance=None, moved=None, length=60):
+    """The gate of one quantity that is as it should be but for what is given; 32 walkers."""
+    estimates = Estimates(("E x",), np.zeros(1), np.ones(1))
+    measured = Judged(estimates, np.array([error]), np.array([time]), np.array([rhat]))
+    travel = Travel(
+        np.full((4, 8), 0.5) if acceptance is None else acceptance,
+        np.ones((4, 8), dtype=bool) if moved is None else moved,
+        length=length,
+        stride=1,
+        spanned=length,
+    )
+    return pass_gate(Settings(tolerance=0.5), measured, travel)
+
+
+def test_rank_rhat_of_one_hundredth_above_one_is_too_much():
+    assert verdict(rhat=1.0099).passed
+    for rhat in (1.01, 1.0199, np.nan):
+        gate = verdict(rhat=rhat)
+        assert gate.reasons == (
+            f"the ensembles disagree on E x: rank R-hat {rhat:.4f}, limit 1.01.",
+        )
+
+
+def test_ensembles_whose_rhat_is_just_above_the_limit_are_withheld():
+    """Shifted by 0.17 SDs in turn: R-hat is 1.014 or so, which a limit of 1.02 would let through."""
+    shift = 0.17 * np.array([1.0, -1.0, 1.0, -1.0])[:, None, None, None]
+    values = np.random.default_rng(8).normal(size=(4, 400, 64, 1))
+    gate = judged(values + shift)
+    assert 1.011 < gate.rhat < 1.019
+    assert not gate.passed
+    assert judged(values).passed
+
+
+def test_ten_autocorrelation_times_are_needed():
+    assert verdict(length=60, time=6.0).passed
+    for time in (6.01, 11.9):  # five times would be enough for both
+        (reason,) = verdict(length=60, time=time).reasons
+        assert reason.startswith(
+            f"the run spans {60 / time:.1f} autocorrelation times of its slowest quantity, E x;"
+            " 10 are needed."
+        )
+    assert not verdict(time=np.inf).passed
+
+
+def test_one_walker_that_does_not_move_is_too_much():
+    moved = np.ones((4, 8), dtype=bool)
+    moved[1, 5] = False
+    assert verdict(moved=moved).reasons == ("1 walker did not move in the second half of the run.",)
+
+
 def test_a_walker_that_hardly_accepts_is_withheld():
     """It moved now and then, but far too seldom to have seen its surroundings."""
-    estimates = Estimates(("E x",), np.zeros(1), np.ones(1))
-    found = Judged(estimates, np.array([0.02]), np.ones(1), np.ones(1))
     acceptance = np.full((4, 8), 0.5)
     acceptance[2, 3] = 0.004
-
-    def judged(acceptance):
-        return pass_gate(
-            Settings(tolerance=0.5), found, acceptance, np.ones((4, 8), dtype=bool),
-            length=60, stride=1, spanned=60,
-        )  # fmt: skip
-
-    assert judged(acceptance).reasons == ("a walker is stuck: it accepted 0.40% of its proposals.",)
-    assert judged(np.full((4, 8), 0.5)).passed
+    stuck = verdict(acceptance=acceptance)
+    assert stuck.reasons == ("a walker is stuck: it accepted 0.40% of its proposals.",)
+    acceptance[2, 3] = 0.006
+    assert verdict(acceptance=acceptance).passed
 
 
 def test_a_run_that_mixes_ends_at_its_cap_with_the_error_it_reached():
@@ -116,7 +158,7 @@ def test_a_run_that_mixes_ends_at_its_cap_with_the_error_it_reached():
     assert (
         run.gate.error_reached
         == f"The Monte Carlo error reached is {100 * run.gate.worst_error:.3g} % of a half-width (E"
-        " x[0]) where 0.001 % was asked. A larger most_steps (now 300) lowers it."
+        " x[0]), and 0.001 % was requested. A larger most_steps (now 300) lowers it."
     )
     assert abs(run.estimates.value[0]) < 4 * run.errors[0]
 
@@ -131,12 +173,7 @@ def test_a_run_that_ends_at_its_cap_unmixed_is_withheld_whatever_its_error():
 
 
 def test_an_error_that_is_not_known_is_no_error():
-    estimates = Estimates(("E x",), np.zeros(1), np.ones(1))
-    found = pass_gate(
-        Settings(), Judged(estimates, np.array([np.nan]), np.ones(1), np.ones(1)), np.full((4, 8), 0.5),
-        np.ones((4, 8), dtype=bool), length=60, stride=1, spanned=60,
-    )  # fmt: skip
-    assert found.reasons == ("E x has no finite Monte Carlo error.",)
+    assert verdict(error=np.nan).reasons == ("E x has no finite Monte Carlo error.",)
 
 
 def test_a_negative_seed_is_refused():
@@ -223,15 +260,8 @@ def judged(components):
     found = judge(Means(names, first), components)
     accepted = np.full((len(components), components.shape[2]), 0.5)
     length = components.shape[1]
-    return pass_gate(
-        Settings(tolerance=0.9),
-        found,
-        accepted,
-        accepted > 0,
-        length=length,
-        stride=3,
-        spanned=3 * length,
-    )
+    travel = Travel(accepted, accepted > 0, length=length, stride=3, spanned=3 * length)
+    return pass_gate(Settings(tolerance=0.9), found, travel)
 
 
 def test_rare_spikes_do_not_hide_what_is_slow():
@@ -301,7 +331,7 @@ def test_a_run_that_begins_anew_has_streams_of_its_own(monkeypatch):
             seeds.append((seed.entropy, seed.spawn_key))
             super().__init__(here, points, seed)
 
-    for module in (running, warmup):
+    for module in (chain, warmup):
         monkeypatch.setattr(module, "Ensembles", Noted)
     sample(Normal(4), MEAN, Settings(tolerance=0.003, seed=2))
     # Warm-up and run, then both again with the refined transport.

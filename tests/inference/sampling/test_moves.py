@@ -4,14 +4,9 @@ import emcee
 import numpy as np
 import pytest
 
-from percept.inference.sampling.moves import (
-    Ensembles,
-    IndependentMove,
-    PCNMove,
-    Reference,
-    _earned,
-    standard_moves,
-)
+from percept.inference.sampling.ensembles import Ensembles
+from percept.inference.sampling.moves import IndependentMove, PCNMove, Schedule, standard_moves
+from percept.inference.sampling.reference import ReferenceLaw
 from tests.inference.sampling.targets import Correlated, Normal, SkewedHeavy, deviations, limit
 
 ENSEMBLES, WALKERS, STEPS, KEEP_FROM = 12, 48, 160, 20
@@ -47,7 +42,7 @@ def run(target, moves, seed, *, ensembles=ENSEMBLES, steps=STEPS):
 @pytest.mark.parametrize("move", MOVES)
 def test_move_leaves_the_target_invariant(move, target):
     # The reference knows nothing of these targets: no move may lean on its being right.
-    law = Reference(len(TARGETS[target].names))
+    law = ReferenceLaw(len(TARGETS[target].names))
     uniforms = run(TARGETS[target], MOVES[move](law, generators(5)), seed=2)
     off = deviations(uniforms)
     assert np.max(np.abs(off)) < limit(ENSEMBLES, off.size)
@@ -72,7 +67,7 @@ def test_ensembles_never_see_each_other():
     target = Normal(4)
     rng = np.random.default_rng(3)
     points = target.exact(ENSEMBLES * WALKERS, rng)
-    law = Reference(4)
+    law = ReferenceLaw(4)
 
     def last(first):
         sampler = emcee.EnsembleSampler(
@@ -95,7 +90,7 @@ def test_independent_draws_are_weighed_several_steps_ahead():
         calls.append(len(points))
         return points[:, 0]
 
-    move = IndependentMove(generators(2), Reference(3))
+    move = IndependentMove(generators(2), ReferenceLaw(3))
     sampler = emcee.EnsembleSampler(24, 3, density, moves=move, vectorize=True)
     start = emcee.State(
         np.random.default_rng(1).normal(size=(24, 3)), log_prob=np.full(24, -np.inf)
@@ -109,23 +104,22 @@ def test_independent_draws_are_weighed_several_steps_ahead():
     assert len(np.unique(drawn)) > 24
 
 
-@pytest.mark.parametrize("move", range(2))
-def test_an_interrupted_density_is_not_emcee_s_to_tell(move, capsys):
+def test_an_interrupted_density_is_not_emcee_s_to_tell(capsys):
     """emcee prints every walker and a traceback around an exception of the density, also at Ctrl-C."""
-    calls = []
 
-    def density(points):
-        calls.append(len(points))
-        raise KeyboardInterrupt
+    class Interrupted(Normal):
+        def __call__(self, points):
+            if self.started:
+                raise KeyboardInterrupt
+            self.started = True
+            return super().__call__(points)
 
-    reference = Reference(3)
-    generators = [np.random.default_rng(seed) for seed in (1, 2)]
-    chosen, _ = standard_moves(reference, generators)[move]
-    sampler = emcee.EnsembleSampler(32, 3, density, moves=[chosen], vectorize=True)
-    start = emcee.State(np.random.default_rng(3).standard_normal((32, 3)), log_prob=np.zeros(32))
+    target = Interrupted(3)
+    target.started = False
+    points = np.random.default_rng(3).standard_normal((2, 32, 3))
+    walkers = Ensembles(target, points, np.random.SeedSequence(1))
     with pytest.raises(KeyboardInterrupt):
-        list(sampler.sample(start, iterations=1, skip_initial_state_check=True))
-    assert calls
+        walkers.advance(1, 1)
     captured = capsys.readouterr()
     assert captured.out + captured.err == ""
 
@@ -142,19 +136,19 @@ def test_a_run_chooses_the_moves_that_take_it_farther(width, wanted):
     points = width * np.random.default_rng(1).normal(size=(4, 64, 10))
     walkers, again = (Ensembles(target, points, np.random.SeedSequence(2)) for _ in range(2))
     walkers.advance(24, 24, learn=True)
-    learnt = walkers.independent
+    learnt = walkers.schedule.independent
     assert learnt == pytest.approx(wanted)
     again.advance(24, 24, learn=True)
-    assert again.independent == learnt
+    assert again.schedule.independent == learnt
     walkers.advance(12, 12)
-    assert walkers.independent == learnt  # frozen for the run
+    assert walkers.schedule.independent == learnt  # frozen for the run
 
 
 def test_shares_are_those_of_jumps_for_the_same_cost():
     """An independent draw costs 0.8 of a rotation; jumps are squares over coordinates, means over walkers."""
-    law = Reference(2)
-    (own, _), (rotation, _) = moves = standard_moves(law, generators(1))
-    own.steps, own.jumped, rotation.steps, rotation.jumped = 10, 2.0, 5, 1.0
-    share, jump = _earned(moves)
-    assert share == pytest.approx((0.2 / 0.8) / (0.2 / 0.8 + 0.2))
-    assert jump == pytest.approx(0.2)
+    (own, _), (rotation, _) = standard_moves(ReferenceLaw(2), generators(1))
+    own.steps, own.squared_jumps = 10, 2.0
+    rotation.steps, rotation.squared_jumps = 5, 1.0
+    schedule = Schedule.earned(own, rotation)
+    assert schedule.independent == pytest.approx((0.2 / 0.8) / (0.2 / 0.8 + 0.2))
+    assert schedule.squared_jump == pytest.approx(0.2)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from percept.inference.sampling.moves import Reference
+from percept.inference.sampling.reference import ReferenceLaw
 
 DF = 20.0
 
@@ -12,11 +12,11 @@ DF = 20.0
 def test_density_is_multivariate_t():
     points = 3 * np.random.default_rng(1).normal(size=(50, 4))
     wanted = stats.multivariate_t(np.zeros(4), np.eye(4), df=DF).logpdf(points)
-    np.testing.assert_allclose(Reference(4).log_density(points), wanted, rtol=1e-13)
+    np.testing.assert_allclose(ReferenceLaw(4).log_density(points), wanted, rtol=1e-13)
 
 
 def test_density_integrates_to_one():
-    law = Reference(1)
+    law = ReferenceLaw(1)
     mass = integrate.quad(lambda x: np.exp(law.log_density(np.array([[x]])))[0], -np.inf, np.inf)[0]
     assert abs(mass - 1) < 1e-9
 
@@ -29,7 +29,7 @@ def distances(points):
 
 @pytest.mark.parametrize("turns", [0, 1, 10])
 def test_draws_and_turns_follow_the_law(turns):
-    law = Reference(4)
+    law = ReferenceLaw(4)
     points = law.draw(20_000, np.random.default_rng(5))
     rng = np.random.default_rng(6)
     for _ in range(turns):
@@ -41,7 +41,7 @@ def test_draws_and_turns_follow_the_law(turns):
 
 def test_turn_is_reversible():
     """The joint law of a point and where it turns to is symmetric; a drift would show in odd moments."""
-    law = Reference(3)
+    law = ReferenceLaw(3)
     before = law.draw(40_000, np.random.default_rng(7))
     after = law.rotate(before, np.random.default_rng(8))
     u, v = stats.t(DF).cdf(before), stats.t(DF).cdf(after)

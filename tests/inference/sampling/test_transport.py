@@ -7,7 +7,7 @@ import pytest
 from scipy import special, stats
 
 from percept.inference.sampling.coordinates import Affine, Transported
-from percept.inference.sampling.moves import Reference
+from percept.inference.sampling.reference import ReferenceLaw
 from percept.inference.sampling.transport import Transport
 from tests.inference.sampling.targets import Normal
 
@@ -34,7 +34,7 @@ class Funnel(Normal):
 
 def efficiency(transported, count=20_000):
     """Effective share of importance draws."""
-    law = Reference(len(transported.names))
+    law = ReferenceLaw(len(transported.names))
     z = law.draw(count, np.random.default_rng(3))
     log_weights = transported(z) - law.log_density(z)
     weights = np.exp(log_weights - log_weights.max())
