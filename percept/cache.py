@@ -20,8 +20,7 @@ import platformdirs
 
 import percept
 from percept.files import exclusive, write_whole
-from percept.inference.sampling.estimands import Estimates
-from percept.inference.sampling.gate import Gate, Run, Settings
+from percept.inference.sampling.gate import Estimates, Gate, Run, Settings
 
 __all__ = ["PosteriorCache", "cache_folder", "decode", "digest", "encode", "numbers_version"]
 

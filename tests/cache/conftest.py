@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from percept.inference.sampling.estimands import Estimates
-from percept.inference.sampling.gate import Gate, Run, Settings
+from percept.inference.sampling.gate import Estimates, Gate, Run, Settings
 
 
 @pytest.fixture

@@ -26,8 +26,7 @@ from percept.calibration.sbc import (
 from percept.cli import main
 from percept.errors import UsageError
 from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
-from percept.inference.sampling.moves import standard_moves
-from percept.inference.sampling.reference import ReferenceLaw
+from percept.inference.sampling.moves import ReferenceLaw, standard_moves
 from percept.provenance import made_by
 from tests.workers.clusters import QUIET
 

@@ -13,7 +13,7 @@ from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
 from percept.inference.hierarchy.priors import Named
 from percept.inference.sampling.endpoints import mixture_quantile, share_half_width
-from percept.inference.sampling.estimands import Estimates
+from percept.inference.sampling.gate import Estimates
 
 if TYPE_CHECKING:
     from percept.inference.hierarchy.within import WithinSubjects

@@ -13,7 +13,7 @@ from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
 from percept.inference.hierarchy.models import IntervalEstimands, Model, Product
 from percept.inference.hierarchy.scales import Scales
-from percept.inference.sampling.estimands import Estimates
+from percept.inference.sampling.gate import Estimates
 
 Array = NDArray[np.float64]
 # Powers of the plastic number: their multiples fill the square evenly.

@@ -1,9 +1,11 @@
-"""The gate: how far estimates can be believed, whether a run's numbers may be reported, and why not."""
+"""What a run estimates, how far that can be believed, and the gate that withholds what cannot."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable, Iterable, Iterator
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +19,13 @@ from percept.inference.sampling.diagnostics import (
     split_rhat,
     thin_walkers,
 )
-from percept.inference.sampling.estimands import Estimands, Estimates
 
 __all__ = [
+    "Estimands",
+    "Estimates",
     "Gate",
     "Judged",
+    "Means",
     "Progress",
     "Run",
     "Settings",
@@ -46,6 +50,47 @@ _GROUPS = 8
 _RANKED = 1 << 14
 #: Normal score beyond which a draw lies in a tail: a twentieth of the draws at either end.
 _TAIL = 1.645
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Estimates:
+    """Estimates of Q quantities."""
+
+    names: tuple[str, ...]  # One name per estimate
+    value: Array  # (Q,) Estimates
+    scale: Array  # (Q,) What a tolerance of one means, such as an interval's half-width
+
+
+class Estimands(Protocol):
+    """Reported quantities of a target."""
+
+    def components(self, points: Array) -> Array:
+        """Quantities kept per draw: points (W, d) to an array (W, C)."""
+
+    def estimates(self, components: Array) -> Iterable[tuple[Estimates, Array]]:
+        """Estimates from the components (S, C) of S kept draws, and their influence functions, in parts.
+
+        An influence function (S, Q) is the first-order pull of each draw on each estimate. Its mean
+        over draws is zero, and its standard error is the estimate's. Memory holds one part at a
+        time.
+        """
+
+
+class Means:
+    """Posterior means of functions of the coordinates, their scale being the posterior SD."""
+
+    def __init__(self, names: tuple[str, ...], function: Callable[[Array], Array]) -> None:
+        self._names = names
+        self._function = function
+
+    def components(self, points: Array) -> Array:
+        """Values of the functions, shape (W, C)."""
+        return np.asarray(self._function(points))
+
+    def estimates(self, components: Array) -> Iterator[tuple[Estimates, Array]]:
+        """Means, with deviations as influence."""
+        mean = components.mean(axis=0)
+        yield Estimates(self._names, mean, components.std(axis=0)), components - mean
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,9 @@
-"""Moves for emcee that propose in the coordinates of a transport, for several ensembles at once.
+"""Ensembles of walkers that advance side by side, and the moves they make.
 
-There the target resembles the reference law. A move leaves that law invariant, and a step is
-accepted by the density over the law. Every ensemble proposes and accepts from its own generator.
+emcee carries the walkers of all ensembles in one sampler, so that one call evaluates the density
+for all of them. Walkers live in the coordinates of a transport, where the target resembles the
+reference law. A move leaves that law invariant, and a step is accepted by the density over the law.
+Every ensemble proposes and accepts from its own generator, and never sees another.
 
 emcee's acceptance is not used: it weighs one step at a time, where independent draws of several
 steps share one call of the density. Fits of the published study take 1.3 times as long with it.
@@ -12,6 +14,7 @@ is given, and intervals come out too narrow with clean diagnostics.
 from __future__ import annotations
 
 import dataclasses
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 
@@ -19,13 +22,16 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.sampling.reference import ReferenceLaw
+from percept.inference.sampling.coordinates import Target
 
-__all__ = ["IndependentMove", "PCNMove", "Schedule", "standard_moves"]
+__all__ = ["Ensembles", "IndependentMove", "PCNMove", "ReferenceLaw", "Schedule", "standard_moves"]
 
 Array = NDArray[np.float64]
 Generators = Sequence[np.random.Generator]
 
+#: Tails a little heavier than normal: a proposal must not miss what the transport did. There are as
+#: many degrees of freedom as dimensions, or the radius alone would tell the law from a normal one.
+_FEWEST_DF = 20.0
 #: Least share of independent draws, however few are accepted where shares are chosen.
 _LEAST_INDEPENDENT = 0.1
 #: Most of them. Walkers leave a far tail by rotations alone, and a limit that hangs on such a tail
@@ -38,6 +44,47 @@ _WORST = 0.1
 _COST_INDEPENDENT = 0.8
 #: Steps whose independent draws are weighed in one density call.
 _AHEAD = 4
+
+
+class ReferenceLaw:
+    """Multivariate t about zero with unit scale matrix."""
+
+    def __init__(self, dimension: int) -> None:
+        self.dimension = dimension
+        self._df = max(_FEWEST_DF, float(dimension))
+        self._total_df = self._df + dimension
+        self._log_constant = (
+            math.lgamma(0.5 * self._total_df)
+            - math.lgamma(0.5 * self._df)
+            - 0.5 * dimension * math.log(math.pi * self._df)
+        )
+
+    def log_density(self, points: Array) -> Array:
+        """Log density at points of shape (N, d), shape (N,)."""
+        square = np.einsum("nd,nd->n", points, points)
+        return self._log_constant - 0.5 * self._total_df * np.log1p(square / self._df)
+
+    def draw(self, count: int, rng: np.random.Generator) -> Array:
+        """Draw `count` points, shape (count, d)."""
+        gamma = rng.standard_gamma(0.5 * self._df, size=count)
+        radius = np.sqrt(0.5 * self._df / gamma)
+        return radius[:, None] * rng.standard_normal((count, self.dimension))
+
+    def rotate(self, points: Array, rng: np.random.Generator) -> Array:
+        """Rotate points about zero by random angles, leaving the law invariant.
+
+        A t law is normal given its radius. Drawing the radius given the point and rotating towards
+        a normal draw of that radius is reversible with respect to the law, at any angle.
+        """
+        count = len(points)
+        square = np.einsum("nd,nd->n", points, points)
+        gamma = rng.standard_gamma(0.5 * self._total_df, size=count)
+        radius = np.sqrt(0.5 * (self._df + square) / gamma)
+        # Many small angles: in a far tail only short steps are accepted.
+        angle = 0.5 * math.pi * rng.random(count) ** 2
+        sine = (np.sin(angle) * radius)[:, None]
+        towards = sine * rng.standard_normal(points.shape)
+        return np.cos(angle)[:, None] * points + towards
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -137,7 +184,7 @@ class Schedule:
     """How often each move is chosen, and how far a step takes the walkers that are served worst."""
 
     independent: float = 0.5  # Share of independent draws among the steps
-    squared_jump: float = float("nan")  # Mean over steps and coordinates, where that was chosen
+    squared_jump: float = math.nan  # Mean over steps and coordinates, where that was chosen
 
     @classmethod
     def earned(cls, independent: ReferenceMove, rotation: ReferenceMove) -> Schedule:
@@ -161,3 +208,55 @@ def standard_moves(
         (IndependentMove(generators, law), independent),
         (PCNMove(generators, law), 1.0 - independent),
     ]
+
+
+class Ensembles:
+    """E ensembles of W walkers on a target, each ensemble with a generator of its own."""
+
+    def __init__(self, target: Target, points: Array, seed: np.random.SeedSequence) -> None:
+        """Start from points (E, W, d), which are left as they are."""
+        self._target = target
+        self._shape = points.shape
+        flat = points.reshape(-1, points.shape[-1])
+        schedule_seed, *seeds = seed.spawn(1 + len(points))
+        self._generators = [np.random.Generator(np.random.PCG64(child)) for child in seeds]
+        # emcee's random_state setter takes nothing but the legacy tuple, and ignores the rest in
+        # silence.
+        legacy = np.random.RandomState(np.random.MT19937(schedule_seed))
+        random_state = legacy.get_state(legacy=True)
+        self._state = emcee.State(flat, log_prob=target(flat), random_state=random_state, copy=True)
+        self.accepted = np.zeros(len(flat))  # (E W,) Accepted steps per walker so far
+        self.steps = 0  # Steps taken so far
+        self.schedule = Schedule()
+
+    def advance(self, steps: int, stride: int, *, learn: bool = False) -> Array:
+        """Run all ensembles for some steps; every `stride`-th position, (E, T, W, d).
+
+        A run that learns sets the schedule of its moves to what these steps earned.
+        """
+        ensembles, walkers, dimension = self._shape
+        law = ReferenceLaw(dimension)
+        moves = standard_moves(law, self._generators, self.schedule.independent)
+        sampler = emcee.EnsembleSampler(
+            ensembles * walkers, dimension, self._target, moves=moves, vectorize=True
+        )
+        # emcee's wrapper prints all walkers to the terminal when a density is interrupted.
+        sampler.log_prob_fn = self._target
+        kept = np.empty((ensembles, steps // stride, walkers, dimension))
+        chain = sampler.sample(
+            self._state,
+            iterations=steps // stride,
+            thin_by=stride,
+            store=False,
+            skip_initial_state_check=True,
+        )
+        for position, state in enumerate(chain):
+            kept[:, position] = state.coords.reshape(self._shape)
+            self._state = state
+        for move, _ in moves:
+            self.accepted += move.accepted
+        self.steps += steps
+        if learn:
+            (independent, _), (rotation, _) = moves
+            self.schedule = Schedule.earned(independent, rotation)
+        return kept

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from percept.errors import RefusalError
 from percept.inference.sampling.coordinates import Affine, Target, Transported, describe_point
-from percept.inference.sampling.ensembles import Ensembles
-from percept.inference.sampling.reference import ReferenceLaw
+from percept.inference.sampling.moves import Ensembles, ReferenceLaw
 from percept.inference.sampling.transport import Transport
 
 __all__ = ["find_mode", "starting_points", "warm_up"]

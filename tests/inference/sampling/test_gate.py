@@ -7,11 +7,19 @@ import pytest
 from scipy import signal
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.sampling import chain, warmup
+from percept.inference.sampling import run as running
+from percept.inference.sampling import warmup
 from percept.inference.sampling.diagnostics import autocorrelation_time, normal_scores
-from percept.inference.sampling.ensembles import Ensembles
-from percept.inference.sampling.estimands import Estimates, Means
-from percept.inference.sampling.gate import Judged, Settings, Travel, judge, pass_gate
+from percept.inference.sampling.gate import (
+    Estimates,
+    Judged,
+    Means,
+    Settings,
+    Travel,
+    judge,
+    pass_gate,
+)
+from percept.inference.sampling.moves import Ensembles
 from percept.inference.sampling.run import sample
 from tests.inference.sampling.targets import Normal
 
@@ -331,7 +339,7 @@ def test_a_run_that_begins_anew_has_streams_of_its_own(monkeypatch):
             seeds.append((seed.entropy, seed.spawn_key))
             super().__init__(here, points, seed)
 
-    for module in (chain, warmup):
+    for module in (running, warmup):
         monkeypatch.setattr(module, "Ensembles", Noted)
     sample(Normal(4), MEAN, Settings(tolerance=0.003, seed=2))
     # Warm-up and run, then both again with the refined transport.

@@ -9,8 +9,7 @@ from percept.inference.sampling.diagnostics import (
     rank_rhat,
     split_rhat,
 )
-from percept.inference.sampling.estimands import Means
-from percept.inference.sampling.gate import judge
+from percept.inference.sampling.gate import Means, judge
 
 
 class Apart(Means):

@@ -4,9 +4,14 @@ import emcee
 import numpy as np
 import pytest
 
-from percept.inference.sampling.ensembles import Ensembles
-from percept.inference.sampling.moves import IndependentMove, PCNMove, Schedule, standard_moves
-from percept.inference.sampling.reference import ReferenceLaw
+from percept.inference.sampling.moves import (
+    Ensembles,
+    IndependentMove,
+    PCNMove,
+    ReferenceLaw,
+    Schedule,
+    standard_moves,
+)
 from tests.inference.sampling.targets import Correlated, Normal, SkewedHeavy, deviations, limit
 
 ENSEMBLES, WALKERS, STEPS, KEEP_FROM = 12, 48, 160, 20

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from percept.inference.sampling.reference import ReferenceLaw
+from percept.inference.sampling.moves import ReferenceLaw
 
 DF = 20.0
 
