@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 
 import numpy as np
@@ -26,6 +27,11 @@ _GROSS = 30.0
 _FEWEST = 3
 #: Values below this share of all are few.
 _FEW = 0.05
+#: Environments that a study hardly has on purpose.
+_MANY = 12
+#: A whole turn in units of angles, and the names of logarithmic units.
+_TURNS = {"deg": 360.0, "°": 360.0, "degree": 360.0, "degrees": 360.0, "rad": 2 * np.pi}
+_LOGARITHMIC = re.compile(r"db.*|bels?|np|phons?|cents?|semitones?|octaves?|decades?|ph")
 #: Equal values at one end that chance hardly gives, where adjustments are read to several digits.
 _ENOUGH = 4
 
@@ -129,6 +135,7 @@ def tell_duplicates(
     # about.
     event = f"keep {len(table) - len(again):,} rows" if numbered else "need a column of trials"
     hint += f' If rows are events of a trial, [sessions] keep = "last" would {event}.'
+    hint += ' If they are conditions of one subject, name their column: [study] factor = "…".'
     problems.add(text, hint=hint, **place(again[0]))
 
 
@@ -270,11 +277,54 @@ def count_grid(table: pd.DataFrame, rows: pd.Series[int]) -> dict[str, int]:
     }
 
 
+def doubtful_scales(references: pd.DataFrame, quantities: Iterable[Quantity]) -> Iterator[Notice]:
+    """Warn of quantities whose unit has no ratios; `references` has a column for each of them."""
+    for quantity in quantities:
+        values = references[quantity.name].dropna().to_numpy(dtype=float)
+        unit = quantity.unit.casefold()
+        turn = _TURNS.get(unit)
+        if _LOGARITHMIC.fullmatch(unit) and values.any():
+            why = "is a logarithm, so that ratios of its values mean nothing."
+            errors = "adjusted − reference"
+        elif turn and len(values) and max(np.ptp(values), np.abs(values).max()) > turn / 2:
+            why = (
+                f"goes round: references reach beyond half a turn, {turn / 2:.4g} {quantity.unit}."
+            )
+            errors = "adjusted − reference, within half a turn"
+        else:
+            continue
+        name = quantity.name
+        text = (
+            f"{quantity.label} in {quantity.unit} {why} Analyse its errors instead: give {name}_adj"
+            f' a column of {errors}, set {name}_ref = 0 in [environments], family = "normal" in'
+            f" [inference] and scale = {{ {name} = 1.0 }} in [model]."
+        )
+        yield Notice(text, column=f"{name}_adj")
+
+
+def _single_trials(table: pd.DataFrame) -> Iterator[Notice]:
+    """Warn of references that differ on every trial."""
+    trials = table["environment"].value_counts(sort=False)
+    single = int((trials == 1).sum())
+    if len(trials) > _MANY and single > len(trials) / 2:
+        text = (
+            f"{single} of {len(trials)} environments have one trial: the reference seems to differ"
+            " on every trial. Name a column of conditions, environment in [columns], and give each"
+            " condition one reference in [environments]."
+        )
+        yield Notice(text, column="environment")
+
+
 def screen(
-    table: pd.DataFrame, parameters: Iterable[str], place: Place, pooled: Iterable[str], family: str
+    table: pd.DataFrame,
+    quantities: Iterable[Quantity],
+    place: Place,
+    pooled: Iterable[str],
+    family: str,
 ) -> Iterator[Notice]:
     """Warn of what is seldom meant. Nothing is left out: that is for the analyst to declare."""
-    for p in parameters:
+    yield from _single_trials(table)
+    for p in (quantity.name for quantity in quantities):
         yield from _gross_errors(table, p, place)
         yield from _without_logarithm(table, p, place, family)
         yield from _at_the_end(table, p, place)
@@ -408,6 +458,11 @@ def _pooled(table: pd.DataFrame, column: str) -> Iterator[Notice]:
         text += "a subject's trials of every group count as repeats of one another. "
         text += f'[study] factor = "{column}" contrasts them.'
     else:
-        text += "every interval is of one population that holds them all. "
-        text += f'"percept compare FILE --by {column}" compares them.'
+        text += "every interval is of all groups together. "
+        if len(levels) == 2:
+            text += f'"percept compare FILE --by {column}" compares them.'
+        else:
+            two = ", ".join(f'"{name}"' for name in levels.index[:2])
+            text += f'"percept compare FILE --by {column}" compares two of them, which [sessions]'
+            text += f" only = {{ {column} = [{two}] }} keeps."
     yield Notice(text, column=column)
