@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError, counted
-from percept.sessions import checks
+from percept.sessions import checks, doubts
 from percept.sessions.options import DataTables, ReadOptions
 from percept.sessions.quantities import Quantities, trial_columns
 from percept.sessions.reading import Reading
@@ -148,7 +148,7 @@ class Sessions:
     def warnings(self) -> tuple[Notice, ...]:
         """What to look at before believing the study: gross errors, unchanged controls, missing cells."""
         quantities = [self.quantities[p] for p in self.parameters]
-        scales = checks.doubtful_scales(self._references, quantities)
+        scales = doubts.doubtful_scales(self._references, quantities)
         if self.form != "trials":
             return tuple(scales)
 
@@ -158,7 +158,7 @@ class Sessions:
             return dict(zip(("file", "row"), self.locate(index), strict=True)) if known else {}
 
         pooled = self.options.pooled(self.table.columns)
-        seldom = checks.screen(self.table, quantities, place, pooled, self.options.family)
+        seldom = doubts.screen(self.table, quantities, place, pooled, self.options.family)
         return (*scales, *seldom)
 
     def locate(self, index: int) -> tuple[str, int]:
