@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from percept.haptics.containment import ON_LIMIT, Boxes, departures, plane_departures
-from percept.haptics.forms import Display
+from percept.haptics.records import Display
 from percept.html import NotebookRecord
 
 
@@ -36,11 +36,11 @@ def realism(display: Display, populations: Boxes, lower: float, upper: float) ->
     decides, which the error counts too.
     """
     draws = populations.size
-    plane = plane_departures(display, populations, lower, upper)[0] <= 0.0
+    plane = plane_departures(display, populations, lower, upper).largest <= 0.0
     # Inside in stiffness and damping is inside in magnitude: only the others need a search.
     magnitude, rest, undecided = plane.copy(), np.flatnonzero(~plane), 0
     if rest.size:
-        found = departures(display, populations.some(rest), lower, upper, throughout=True)
+        found = departures(display, populations.select(rest), lower, upper, throughout=True)
         magnitude[rest] = found.largest <= ON_LIMIT
         undecided = int((magnitude[rest] & (found.bound > ON_LIMIT)).sum())
     # Where all draws agree the binomial error counts as one draw.

@@ -4,91 +4,120 @@ At one ω let F be the farthest and N the nearest point of the region, as abs(Z_
 abs(Z_h) of the display lies between N's and F's it lies inside the region's limits. On a piece of
 the range this asks for the signs of two polynomials, which Bernstein coefficients of one sign
 decide. Others are halved. Where a display leaves, a halving comes upon an ω that shows it.
+
+Whether the stiffness and the damping that a display shows stay inside is exact, without a search:
+both are ratios of polynomials in Ω², and turn at the roots of others.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.polynomial import Polynomial
+from numpy.typing import ArrayLike
 
 from percept.haptics.arrays import BoolArray, FloatArray, IntArray, Scalars
-from percept.haptics.forms import Display, Points, Squares
-from percept.haptics.impedance import Warp, warp
-from percept.haptics.perceived import distance_axes, rendered
-from percept.haptics.records import TabulatedDevice
+from percept.haptics.forms import Squares
+from percept.haptics.impedance import omega_of_rate, warp
+from percept.haptics.perceived import DistancePlane, Extremes, Point, shown_element
+from percept.haptics.records import Display, TabulatedDevice
+
+__all__ = [
+    "ON_LIMIT",
+    "Boxes",
+    "Departures",
+    "PlaneDepartures",
+    "Range",
+    "departures",
+    "plane_departures",
+]
 
 #: Nearer to a limit than this, as a logarithm, a display lies on it.
 ON_LIMIT = 1e-10
 # The largest departure is searched to this fraction of itself.
 _FRACTION = 1e-4
+# Pieces per decade of ω before any halving: most are decided at once.
 _PIECES_PER_DECADE = 1.5
-# After these halvings a piece is as narrow as the spacing of doubles allows; its bound is then
-# widened.
+# After these halvings a piece is as narrow as doubles allow; its bound is then widened.
 _HALVINGS = 40
 # A search that needs more pieces for a display widens its bound instead.
 _MOST_PIECES = 2048
-# What a departure counts as where a curve vanishes or has a pole; and deeper inside than a factor
-# of 1,000, whose square would leave too few digits to compare.
-_DEEP, _DEEPEST = 12.0 * float(np.log(10.0)), -3.0 * float(np.log(10.0))
+# Bounds grow tenfold at a time, until they pass _LARGEST.
+_MOST_ROUNDS = 10 * _HALVINGS
+# What a departure counts as, as a logarithm, where a curve vanishes or has a pole.
+_LARGEST = 12.0 * float(np.log(10.0))
+# Deeper inside than a factor of 1,000 its square would leave too few digits to compare.
+_DEEPEST = -3.0 * float(np.log(10.0))
+
+
+class Range(NamedTuple):
+    """N limits of one quantity, shape (N,) each."""
+
+    low: FloatArray
+    high: FloatArray
+
+    def select(self, which: IntArray) -> Range:
+        """Return the limits of these indices, in this order."""
+        return Range(self.low[which], self.high[which])
+
+    def farther_end(self, value: Scalars) -> FloatArray:
+        """Return the limit that lies farther from a value."""
+        return np.where(np.multiply(2, value) > self.low + self.high, self.low, self.high)
+
+    def widths_off(self, value: Scalars) -> FloatArray:
+        """Return how far a value lies beyond the nearer limit, in widths; without width, in units."""
+        width = np.where(self.high > self.low, self.high - self.low, 1.0)
+        return np.maximum(self.low - value, value - self.high) / width
 
 
 @dataclass(frozen=True)
-class Plane:
-    """Where abs(Z_h) is hypot(gain·b + across, along − per_rate·k), at ω (n,)."""
-
-    gain: FloatArray
-    per_rate: FloatArray  # s/rad
-    across: FloatArray  # N·s/m
-    along: FloatArray  # N·s/m
-
-    def at(self, which: Any) -> Plane:
-        """Return some of the elements."""
-        return Plane(*(part[which] for part in (self.gain, self.per_rate, self.across, self.along)))
-
-    def square(self, k: Scalars, b: Scalars) -> FloatArray:
-        """Return abs(Z_h)²."""
-        return np.asarray(
-            (self.gain * b + self.across) ** 2 + (self.along - self.per_rate * k) ** 2
-        )
-
-
-@dataclass(frozen=True, eq=False)
 class Boxes:
-    """Limits of k, N/m, and of b, N·s/m; `corners` counts both lower or both upper limits together only."""
+    """N limits of stiffness and damping.
 
-    stiffness: tuple[FloatArray, FloatArray]  # (N,) each
-    damping: tuple[FloatArray, FloatArray]
+    With `corners` only both lower limits together, and both upper limits together, count.
+    """
+
+    stiffness: Range  # N/m
+    damping: Range  # N·s/m
     corners: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        stiffness: tuple[ArrayLike, ArrayLike],
+        damping: tuple[ArrayLike, ArrayLike],
+        *,
+        count: int = 1,
+        corners: bool = False,
+    ) -> Boxes:
+        """Take pairs (low, high) of N limits, or of one that holds `count` times."""
+        limits = np.broadcast_arrays(*stiffness, *damping, np.zeros(count))
+        k_low, k_high, b_low, b_high, _ = (np.array(limit, dtype=float) for limit in limits)
+        return cls(Range(k_low, k_high), Range(b_low, b_high), corners)
 
     @property
     def size(self) -> int:
         """N."""
-        return int(self.stiffness[0].size)
+        return self.stiffness.low.size
 
-    def some(self, which: IntArray) -> Boxes:
-        """Return some of the boxes."""
-        k, b = ((low[which], high[which]) for low, high in (self.stiffness, self.damping))
-        return Boxes(k, b, self.corners)
+    def select(self, which: IntArray) -> Boxes:
+        """Return the boxes of these indices, in this order."""
+        return Boxes(self.stiffness.select(which), self.damping.select(which), self.corners)
 
-    def extremes(self, plane: Plane, which: IntArray) -> tuple[Points, Points]:
-        """Return the nearest and the farthest (k, b) of boxes (n,), each at its own ω."""
-        (k_low, k_high), (b_low, b_high) = (
-            (low[which], high[which]) for low, high in (self.stiffness, self.damping)
-        )
+    def extremes(self, plane: DistancePlane) -> Extremes:
+        """Return the nearest and the farthest (k, b) of each box at its own ω, both of shape (N,)."""
         if self.corners:
-            return (k_low, b_low), (k_high, b_high)
-        k, b = plane.along / plane.per_rate, -plane.across / plane.gain
-        near = np.clip(k, k_low, k_high), np.clip(b, b_low, b_high)
-        return near, (
-            np.where(2 * k > k_low + k_high, k_low, k_high),
-            np.where(2 * b > b_low + b_high, b_low, b_high),
-        )
+            at_low = Point(self.stiffness.low, self.damping.low)
+            return Extremes(at_low, Point(self.stiffness.high, self.damping.high))
+        k, b = plane.origin()
+        nearest = Point(np.clip(k, *self.stiffness), np.clip(b, *self.damping))
+        farthest = Point(self.stiffness.farther_end(k), self.damping.farther_end(b))
+        return Extremes(nearest, farthest)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Departures:
     """How far N displays leave their regions at most, as log ratios; negative inside. Shape (N,)."""
 
@@ -106,141 +135,230 @@ class Departures:
 def departures(
     display: Display, boxes: Boxes, lower: float, upper: float, *, throughout: bool = False
 ) -> Departures:
-    """Search for the largest departure of abs(Z_h) over ω from `lower` to `upper`, one display or N.
+    """Search for the largest departure of abs(Z_h) from boxes over a range of ω.
 
-    With `throughout` the search for a display ends as soon as one ω shows it outside, or none can.
+    Parameters
+    ----------
+    display : Display
+        One display, or N.
+    boxes : Boxes
+        The limits of each; N boxes for one display judge it N times.
+    lower, upper : float
+        Ends of the range, rad/s, between 0 and π/T.
+    throughout : bool
+        Ask only whether a display is inside at every ω: its search ends as soon as one ω shows it
+        outside, or none can.
+
+    Returns
+    -------
+    Departures
+        Of shape (N,). With `throughout` an outside display's `largest` is that of the ω met first.
+
+    Raises
+    ------
+    UsageError
+        The range passes Nyquist or leaves a device's table; T not positive.
     """
-    count = boxes.size if display.size is None else display.size
-    ends = _first_pieces(display, lower, upper)
-    work = _Work.start(ends, count, shared=display.size is None)
-    best, where, gap = np.full(count, -np.inf), np.full(count, ends[0]), np.full(count, ON_LIMIT)
+    return _Search(display, boxes, lower, upper, throughout=throughout).run()
 
-    def see(omega: FloatArray) -> tuple[Points, Points]:
-        plane, shown = _sampled(display if work.shared else display.at(work.owner), omega)
-        plane, shown = plane.at(work.piece), shown[work.piece]
-        near, far = boxes.extremes(plane, work.item)
+
+class _Search:
+    """The largest departure seen of each item, and the bound on what was not seen.
+
+    An item is a box with its display.
+    """
+
+    def __init__(
+        self, display: Display, boxes: Boxes, lower: float, upper: float, *, throughout: bool
+    ) -> None:
+        self._display = display
+        self._boxes = boxes
+        self._throughout = throughout
+        ends = _first_pieces(display, lower, upper)
+        self._count = boxes.size if display.count is None else display.count
+        self._pairs = _Pairs.start(ends, self._count, shared=display.count is None)
+        self._largest = np.full(self._count, -np.inf)
+        self._omega = np.full(self._count, lower)
+        # How much more than the largest seen a bound allows.
+        self._gap = np.full(self._count, ON_LIMIT)
+
+    def run(self) -> Departures:
+        """Halve pieces until every pair of item and piece is decided or given up."""
+        for end in self._pairs.omega:
+            self._look(end)
+        for halving in range(_MOST_ROUNDS):
+            if self._throughout:
+                self._pairs = self._pairs.select(self._largest[self._pairs.item] <= ON_LIMIT)
+            if not self._pairs.item.size:
+                break
+            extremes = self._look(self._pairs.middle)
+            few_pieces = self._pairs.item.size <= _MOST_PIECES * self._count
+            halve = halving < _HALVINGS and few_pieces
+            if not halve and not self._widened():
+                break
+            self._pairs = self._pairs.select(~self._decided(extremes))
+            if halve:
+                self._pairs = self._pairs.halved()
+            elif self._throughout:
+                break
+        bound = np.maximum(self._largest, self._allowed())
+        bound[self._pairs.item] = np.inf
+        return Departures(self._largest, self._omega, bound)
+
+    def _look(self, omega: FloatArray) -> Extremes:
+        """Sample each piece at one ω, shape (pieces,), and return the extremes of each pair."""
+        pairs = self._pairs
+        display = self._display.select(pairs.owner)
+        grid = warp(omega, display.period)
+        mass = display.environment.mass
+        plane = DistancePlane.of(grid, display.device, display.hold, mass).flat()
+        element = shown_element(grid, display)
+        shown = plane.square(Point(element.stiffness, element.damping))
+        shown, plane = shown[pairs.piece], plane.select(pairs.piece)
+        extremes = self._boxes.select(pairs.item).extremes(plane)
         with np.errstate(divide="ignore", invalid="ignore"):
-            beyond = 0.5 * np.log(np.fmax(shown / plane.square(*far), plane.square(*near) / shown))
-        beyond = np.clip(np.where(np.isnan(beyond), _DEEPEST, beyond), _DEEPEST, _DEEP)
-        # The largest of each item, the first of equals.
-        order = np.lexsort((-beyond, work.item))
-        first = order[np.diff(work.item[order], prepend=-1) > 0]
-        first = first[beyond[first] > best[work.item[first]]]
-        best[work.item[first]], where[work.item[first]] = beyond[first], omega[work.piece[first]]
-        return near, far
+            above = shown / plane.square(extremes.farthest)
+            below = plane.square(extremes.nearest) / shown
+            departure = 0.5 * np.log(np.fmax(above, below))
+        departure = np.where(np.isnan(departure), _DEEPEST, departure)
+        self._keep(np.clip(departure, _DEEPEST, _LARGEST), omega)
+        return extremes
 
-    for end in work.omega:
-        see(end)
-    for halving in range(10 * _HALVINGS):
-        if throughout:
-            work = work.some(best[work.item] <= ON_LIMIT)
-        if not work.item.size:
-            break
-        near, far = see(work.middle)
-        halve = halving < _HALVINGS and work.item.size <= _MOST_PIECES * count
-        if not halve:
-            unsettled = np.unique(work.item)
-            if gap[unsettled].min() >= _DEEP:
-                break  # no bound can be given
-            gap[unsettled] = np.minimum(10 * gap[unsettled], _DEEP)
-        allowed = (
-            np.full(count, ON_LIMIT)
-            if throughout
-            else best + np.maximum(gap, _FRACTION * np.abs(best))
-        )
-        squares = Squares.of(display if work.shared else display.at(work.owner), work.omega)
-        by = np.expm1(2 * np.clip(allowed, _DEEPEST, _DEEP))[work.item]
-        work = work.some(~squares.within(work.piece, far, near, by))
-        if halve:
-            work = work.halved()
-        elif throughout:
-            break
-    bound = (
-        np.maximum(best, ON_LIMIT)
-        if throughout
-        else best + np.maximum(gap, _FRACTION * np.abs(best))
-    )
-    bound[work.item] = np.inf
-    return Departures(best, where, bound)
+    def _keep(self, departure: FloatArray, omega: FloatArray) -> None:
+        """Keep the largest departure of each item, the first of equals; departures of pairs."""
+        item = self._pairs.item
+        order = np.lexsort((-departure, item))
+        top = order[np.diff(item[order], prepend=-1) > 0]
+        top = top[departure[top] > self._largest[item[top]]]
+        self._largest[item[top]] = departure[top]
+        self._omega[item[top]] = omega[self._pairs.piece[top]]
+
+    def _allowed(self) -> FloatArray:
+        """Return the departure that a piece must stay below to need no further halving."""
+        if self._throughout:
+            return np.full(self._count, ON_LIMIT)
+        return self._largest + np.maximum(self._gap, _FRACTION * np.abs(self._largest))
+
+    def _widened(self) -> bool:
+        """Widen the bounds of undecided items tenfold; False where no bound can be given."""
+        undecided = np.unique(self._pairs.item)
+        if self._gap[undecided].min() >= _LARGEST:
+            return False
+        self._gap[undecided] = np.minimum(10 * self._gap[undecided], _LARGEST)
+        return True
+
+    def _decided(self, extremes: Extremes) -> BoolArray:
+        """Say for which pairs no ω of the piece departs by more than allowed."""
+        pairs = self._pairs
+        squares = Squares.of(self._display.select(pairs.owner), pairs.omega)
+        allowed = np.clip(self._allowed(), _DEEPEST, _LARGEST)
+        # Of squares, where departures are logarithms of ratios.
+        allowance = np.expm1(2 * allowed)
+        return squares.surely_between(pairs.piece, extremes, allowance[pairs.item])
 
 
 def _first_pieces(display: Display, lower: float, upper: float) -> FloatArray:
     """Return where the range is cut before any halving: the rows of a table, resonances of modes."""
     count = int(np.ceil(_PIECES_PER_DECADE * np.log10(upper / lower))) + 1
-    device, cuts = display.device, np.geomspace(lower, upper, max(2, count))
+    device = display.device
+    cuts = np.geomspace(lower, upper, max(2, count))
     if isinstance(device, TabulatedDevice):
         cuts = np.union1d(cuts, device.omega)
     else:
-        half = display.period / 2
-        rates = [float(np.sqrt(mode.stiffness / mode.mass)) for mode in device.modes if mode.mass]
-        cuts = np.union1d(cuts, [np.arctan(rate * half) / half for rate in rates])
+        rates = [np.sqrt(mode.stiffness / mode.mass) for mode in device.modes if mode.mass]
+        cuts = np.union1d(cuts, omega_of_rate(rates, display.period))
     inner = cuts[(cuts > lower) & (cuts < upper)]
     return np.array([lower, *inner, upper])
 
 
-def _sampled(display: Display, omega: FloatArray) -> tuple[Plane, FloatArray]:
-    """Return the plane of the limits and the square of abs(Z_h) as displayed, at ω (n,)."""
-    grid = warp(omega, display.period)
-    across, along, held = distance_axes(
-        grid, display.device, display.hold, display.environment.mass
-    )
-    plane = Plane(*np.broadcast_arrays(held.gain, held.per_rate, across, along))
-    return plane, plane.square(*_shown(display, grid))
-
-
-@dataclass(frozen=True)
-class _Work:
+class _Pairs(NamedTuple):
     """Pairs of an item and a piece that are not decided yet, the pairs of an item together."""
 
-    omega: FloatArray  # (2, pieces)
-    owner: IntArray  # (pieces,) Item of a piece; of no meaning where all share the pieces
+    omega: FloatArray  # (2, pieces) Ends of the pieces, rad/s
+    owner: IntArray  # (pieces,) Item of a piece; 0 where one display serves all items
     item: IntArray  # (pairs,)
     piece: IntArray  # (pairs,)
-    shared: bool
 
     @classmethod
-    def start(cls, ends: FloatArray, count: int, *, shared: bool) -> _Work:
-        """Pair every item with every piece."""
-        pieces, omega = ends.size - 1, np.stack([ends[:-1], ends[1:]])
+    def start(cls, ends: FloatArray, count: int, *, shared: bool) -> _Pairs:
+        """Pair every item with every piece; with `shared` all items have the same pieces."""
+        pieces = ends.size - 1
+        omega = np.stack([ends[:-1], ends[1:]])
         item: IntArray = np.repeat(np.arange(count), pieces)
         if shared:
-            return cls(
-                omega,
-                np.zeros(pieces, dtype=np.intp),
-                item,
-                np.tile(np.arange(pieces), count),
-                True,
-            )
-        return cls(np.tile(omega, count), item, item, np.arange(item.size), False)
+            piece = np.tile(np.arange(pieces), count)
+            return cls(omega, np.zeros_like(piece[:pieces]), item, piece)
+        return cls(np.tile(omega, count), item, item, np.arange(item.size))
 
-    def some(self, which: BoolArray) -> _Work:
+    def select(self, which: BoolArray) -> _Pairs:
         """Keep some of the pairs, and the pieces in them."""
-        item, piece = self.item[which], self.piece[which]
+        piece = self.piece[which]
         used = np.zeros(self.owner.size, dtype=bool)
         used[piece] = True
-        rank = np.cumsum(used) - 1
-        return _Work(self.omega[:, used], self.owner[used], item, rank[piece], self.shared)
+        new_index = np.cumsum(used) - 1
+        return _Pairs(self.omega[:, used], self.owner[used], self.item[which], new_index[piece])
 
-    def halved(self) -> _Work:
+    def halved(self) -> _Pairs:
         """Cut every piece in two, evenly in log ω."""
-        (low, high), middle = self.omega, self.middle
-        omega = np.stack([[low, middle], [middle, high]], axis=-1).reshape(2, -1)
-        piece = np.stack([2 * self.piece, 2 * self.piece + 1], axis=1).ravel()
-        return _Work(omega, np.repeat(self.owner, 2), np.repeat(self.item, 2), piece, self.shared)
+        low, high = self.omega
+        starts = np.column_stack([low, self.middle])
+        ends = np.column_stack([self.middle, high])
+        omega = np.stack([starts.ravel(), ends.ravel()])
+        first_half = 2 * self.piece
+        piece = np.column_stack([first_half, first_half + 1]).ravel()
+        return _Pairs(omega, np.repeat(self.owner, 2), np.repeat(self.item, 2), piece)
 
     @property
     def middle(self) -> FloatArray:
         """Geometric middle of each piece, (pieces,)."""
-        return np.sqrt(self.omega[0] * self.omega[1])
+        low, high = self.omega
+        return np.sqrt(low * high)
 
 
-def _shown(display: Display, grid: Warp) -> tuple[FloatArray, FloatArray]:
-    """Return stiffness and damping shown, N/m and N·s/m; the environment's mass counts with the device."""
-    felt = rendered(grid, display.environment, display.coupling)
-    stiffness = np.asarray(felt.stiffness)
-    if display.coupling is not None:
-        stiffness = stiffness + np.multiply(display.environment.mass, grid.rate**2)
-    return stiffness, np.asarray(felt.damping)
+class PlaneDepartures(NamedTuple):
+    """How far stiffness or damping leaves its limits at most, (N,); negative inside."""
+
+    largest: FloatArray  # In widths of the limits
+    omega: FloatArray  # Where, rad/s
+
+
+def plane_departures(display: Display, boxes: Boxes, lower: float, upper: float) -> PlaneDepartures:
+    """Return how far the stiffness and damping shown leave boxes at most over a range of ω.
+
+    Parameters
+    ----------
+    display : Display
+        One display, or N.
+    boxes : Boxes
+        One box, or N. A box without width counts as one unit wide.
+    lower, upper : float
+        Ends of the range, rad/s, between 0 and π/T.
+
+    Returns
+    -------
+    PlaneDepartures
+        Of shape (N,).
+
+    Raises
+    ------
+    UsageError
+        The range passes Nyquist; T not positive.
+    """
+    displays = [display]
+    if display.count is not None and display.environment.mass:
+        displays = [display.select(np.array(n)) for n in range(display.count)]
+    turns = [_turning_points(single, lower, upper) for single in displays]
+    # Fewer turns leave room for an end of the range, again.
+    omega = np.full((max(points.size for points in turns), len(turns)), upper)
+    for column, points in zip(omega.T, turns, strict=True):
+        column[: points.size] = points
+    shown = shown_element(warp(omega, display.period), display)
+    by_stiffness = boxes.stiffness.widths_off(shown.stiffness)
+    by_damping = boxes.damping.widths_off(shown.damping)
+    off, omega = np.broadcast_arrays(np.maximum(by_stiffness, by_damping), omega)
+    top = off.argmax(axis=0)[None]
+    largest = np.take_along_axis(off, top, axis=0)[0]
+    return PlaneDepartures(largest, np.take_along_axis(omega, top, axis=0)[0])
 
 
 def _turning_points(display: Display, lower: float, upper: float) -> FloatArray:
@@ -248,47 +366,26 @@ def _turning_points(display: Display, lower: float, upper: float) -> FloatArray:
 
     Without a mass both are monotone in Ω².
     """
-    own, half = display.environment, display.period / 2
-    if display.coupling is None or not own.mass:
+    environment, coupling = display.environment, display.coupling
+    if coupling is None or not environment.mass:
         return np.array([lower, upper])
+    half = display.period / 2
     # In units of the range's middle the coefficients are of one size.
     unit = np.tan(lower * half) * np.tan(upper * half) / half**2
-    x = Polynomial([0.0, unit])
-    spring, k_c, b_c = (
-        own.stiffness - own.mass * x,
-        display.coupling.stiffness,
-        display.coupling.damping,
-    )
-    first, second = own.damping**2 * x + spring**2, b_c**2 * x + k_c**2
-    under = (own.damping + b_c) ** 2 * x + (spring + k_c) ** 2
-    shown = first * b_c + second * own.damping, first * k_c + second * spring + own.mass * x * under
-    roots = [(over.deriv() * under - over * under.deriv()).roots() for over in shown]
+    square = Polynomial([0.0, unit])  # Ω²
+    b, m = environment.damping, environment.mass
+    k_c, b_c = coupling.stiffness, coupling.damping
+    spring = environment.stiffness - m * square
+    of_environment = b**2 * square + spring**2
+    of_coupling = b_c**2 * square + k_c**2
+    of_sum = (b + b_c) ** 2 * square + (spring + k_c) ** 2
+    damping = of_environment * b_c + of_coupling * b
+    stiffness = of_environment * k_c + of_coupling * spring + m * square * of_sum
+    roots = []
+    for shown in (damping, stiffness):
+        slope = shown.deriv() * of_sum - shown * of_sum.deriv()
+        roots.append(slope.roots())
     # A root that rounding made complex still splits the range; more points do no harm.
-    rates = np.sqrt(np.maximum(np.concatenate(roots).real, 0.0) * unit)
-    return np.array([lower, *np.clip(np.arctan(rates * half) / half, lower, upper), upper])
-
-
-def plane_departures(
-    display: Display, boxes: Boxes, lower: float, upper: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return how far the stiffness and damping shown leave boxes at most, in widths, and at which ω; exact.
-
-    Negative inside; shape (N,), of one display or N and one box or N.
-    """
-    one = display.size is None or not display.environment.mass
-    each = [display] if one else [display.at(n) for n in range(display.size or 0)]
-    turns = [_turning_points(part, lower, upper) for part in each]
-    # Fewer turns leave room for an end of the range, again.
-    omega = np.full((max(part.size for part in turns), len(turns)), upper)
-    for column, part in zip(omega.T, turns, strict=True):
-        column[: part.size] = part
-    off: FloatArray = np.full(np.broadcast_shapes(omega.shape, (boxes.size,)), -np.inf)
-    limits = boxes.stiffness, boxes.damping
-    for value, (low, high) in zip(
-        _shown(display, warp(omega, display.period)), limits, strict=True
-    ):
-        width = np.where(high > low, high - low, 1.0)
-        off = np.maximum(off, np.maximum(low - value, value - high) / width)
-    at = off.argmax(axis=0)[None]
-    where = np.take_along_axis(np.broadcast_to(omega, off.shape), at, axis=0)
-    return np.take_along_axis(off, at, axis=0)[0], where[0]
+    squares = np.maximum(np.concatenate(roots).real, 0.0) * unit
+    turns = omega_of_rate(np.sqrt(squares), display.period)
+    return np.array([lower, *np.clip(turns, lower, upper), upper])

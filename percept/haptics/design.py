@@ -8,32 +8,46 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.haptics.arrays import (
-    BoolArray,
-    FloatArray,
-    complex_from,
-    ratio,
+from percept.haptics.arrays import BoolArray, FloatArray, complex_from, ratio
+from percept.haptics.containment import (
+    ON_LIMIT,
+    Boxes,
+    Departures,
+    PlaneDepartures,
+    departures,
+    plane_departures,
 )
-from percept.haptics.containment import ON_LIMIT, Boxes, departures, plane_departures
 from percept.haptics.envelope import magnitude_envelope
-from percept.haptics.forms import Display
 from percept.haptics.impedance import device_impedance, device_parts, environment_impedance, warp
 from percept.haptics.impedance import hold as zero_order_hold
 from percept.haptics.limits import stable_stiffness
-from percept.haptics.records import AnyDevice, Coupling, Environment
-from percept.haptics.search import Gaps, search_grid, section_minimum, where_positive
+from percept.haptics.records import AnyDevice, Coupling, Display, Environment
+from percept.haptics.search import Intervals, search_grid, section_minimum, where_positive
 from percept.haptics.stability import demands
 from percept.html import NotebookRecord
 
-# An edge of the map is pulled inside by this fraction, a single coupling by less; then both are
-# checked.
-_OUTLINE, _INSIDE = 1e-3, 1e-4
-# Beyond the edge by this fraction a coupling shows what binds.
+__all__ = [
+    "CouplingDesign",
+    "EnvironmentBoundary",
+    "QualifyingCoupling",
+    "QualifyingRegion",
+    "design_couplings",
+]
+
+# An edge of the map is pulled inside by this fraction of k_c, and then checked.
+_OUTLINE = 1e-3
+# A single coupling is pulled inside by less, and then checked.
+_INSIDE = 1e-4
+# Beyond the edge by this fraction of k_c a coupling shows what binds.
 _BEYOND = 2e-3
 # Of an interval of k_c both ends and the middle are checked.
 _FRACTIONS = np.array([0.0, 0.5, 1.0])
+# Frequencies at which abs(Z_h_vc) is asked for at first.
 _START = 41
+# Checks that cut k_c away before a search gives up.
 _ROUNDS = 20
+# Lines of b_c, evenly spaced and as many evenly in the logarithm.
+_LINES = 81
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +55,8 @@ class EnvironmentBoundary:
     """What a coupled environment has to stay inside of: limits between which users feel the environment."""
 
     environment: Environment
-    stiffness: tuple[float, float]  # N/m
-    damping: tuple[float, float]  # N·s/m
+    stiffness: tuple[float, float]  # Lower and upper limit of k, N/m
+    damping: tuple[float, float]  # Of b, N·s/m
 
 
 @dataclass(frozen=True)
@@ -67,9 +81,8 @@ class QualifyingRegion(NotebookRecord):
 
     damping: FloatArray = field(repr=False)  # (n,) b_c of each line, N·s/m
     intervals: tuple[FloatArray, ...] = field(repr=False)  # Per line (m, 2), low and high k_c, N/m
-    largest: (
-        QualifyingCoupling | None
-    )  # By k_c, searched between the lines too; None where nothing qualifies
+    # By k_c, searched between the lines too; None where nothing qualifies.
+    largest: QualifyingCoupling | None
     softest: QualifyingCoupling | None
 
 
@@ -92,31 +105,60 @@ def design_couplings(
 ) -> CouplingDesign:
     """Return the couplings that are stable (Eq. 6) and keep each environment, and all, inside (Eq. 12).
 
-    Inside is meant at every ω between two `frequencies`, rad/s, and in two ways. abs(Z_h_vc) lies
-    between the smallest and the largest abs(Z_h) over the limits; effective stiffness and damping
-    lie within them. At one ω and fixed b_c each limit is a quadratic inequality in k_c, and
-    stability an upper limit. What these leave at a few ω is checked at all, and each ω that shows a
-    coupling outside joins them. `damping` are the lines of b_c, N·s/m, by default some 160 of them
-    up to the largest that is stable.
+    Inside is meant at every ω of a range, and in two ways. abs(Z_h_vc) lies between the smallest
+    and the largest abs(Z_h) over the limits; effective stiffness and damping lie within them.
+
+    Parameters
+    ----------
+    device : Device or TabulatedDevice
+        Known from DC to Nyquist.
+    boundaries : sequence of EnvironmentBoundary
+        Environments and the limits they have to stay inside of; one or more.
+    frequencies : pair of float
+        Ends of the range of ω, rad/s.
+    period : float
+        Sampling period T, s.
+    hold : {"average", "true"}
+        Eq. 8, or the true zero-order hold.
+    damping : array_like, optional
+        Lines of b_c, N·s/m; by default some 160 of them up to the largest that is stable.
+
+    Returns
+    -------
+    CouplingDesign
+        A region for each boundary, in their order, and one for all.
+
+    Raises
+    ------
+    UsageError
+        The range passes Nyquist or leaves the device's table; T not positive; an unknown hold.
+
+    Notes
+    -----
+    At one ω and fixed b_c each limit is a quadratic inequality in k_c, and stability an upper
+    limit. What these leave at a few ω is checked at all, and each ω that shows a coupling outside
+    joins them.
     """
-    lines = (
-        _usual_lines(device, period, hold)
-        if damping is None
-        else np.asarray(damping, dtype=np.float64)
-    )
+    lines = _usual_lines(device, period, hold)
+    if damping is not None:
+        lines = np.asarray(damping, dtype=np.float64)
+    lines = np.unique(lines)
     walls = [_Wall(device, boundary, frequencies, period, hold) for boundary in boundaries]
-    groups = [[wall] for wall in walls] + ([walls] if len(walls) > 1 else [])
-    regions = [_Search(device, group, period, hold).region(np.unique(lines)) for group in groups]
-    return CouplingDesign(each=tuple(regions[: len(walls)]), common=regions[-1])
+    each = [_Search(device, [wall], period, hold).region(lines) for wall in walls]
+    common = each[0]
+    if len(walls) > 1:
+        common = _Search(device, walls, period, hold).region(lines)
+    return CouplingDesign(tuple(each), common)
 
 
 def _usual_lines(device: AnyDevice, period: float, hold: str) -> FloatArray:
     """Return b_c from 0 to the largest that is stable at all."""
-    everywhere = warp(search_grid(device, period), period)
-    available, _ = device_parts(everywhere, device)
-    viscous, _ = demands(everywhere, hold)
+    grid = warp(search_grid(device, period), period)
+    available, _ = device_parts(grid, device)
+    viscous = demands(grid, hold).viscous
     largest = float(np.maximum(ratio(available, viscous, empty=np.inf), 0.0).min())
-    return np.concatenate([largest * np.linspace(0, 1, 81), largest * np.geomspace(1e-4, 1, 81)])
+    even, by_log = np.linspace(0, 1, _LINES), np.geomspace(1e-4, 1, _LINES)
+    return largest * np.concatenate([even, by_log])
 
 
 @dataclass(frozen=True)
@@ -131,69 +173,92 @@ class _Search:
     def region(self, lines: FloatArray) -> QualifyingRegion:
         """Return what is left on lines of b_c, with the ends of all."""
         for _ in range(_ROUNDS):
-            found = self._gaps(lines).inset(_OUTLINE)
-            line, column = np.nonzero(found.kept)
+            intervals = self._intervals(lines).inset(_OUTLINE)
+            line, column = np.nonzero(intervals.kept)
             if not line.size:
                 break
-            low, high = found.low[line, column, None], found.high[line, column, None]
+            low, high = intervals.low[line, column, None], intervals.high[line, column, None]
             k_c = low + _FRACTIONS * (high - low)
-            good = self._passing(Coupling(k_c.ravel(), np.repeat(lines[line], _FRACTIONS.size)))
-            found.kept[line, column] = good.reshape(k_c.shape).all(axis=1)
-            if good.all():
+            b_c = np.repeat(lines[line], _FRACTIONS.size)
+            passing = self._passing(Coupling(k_c.ravel(), b_c))
+            intervals.kept[line, column] = passing.reshape(k_c.shape).all(axis=1)
+            if passing.all():
                 break
-        return QualifyingRegion(lines, found.lines(), self._end(lines, 0), self._end(lines, 1))
+        largest = self._end(lines, softest=False)
+        softest = self._end(lines, softest=True)
+        return QualifyingRegion(lines, intervals.lines(), largest, softest)
 
-    def _gaps(self, damping: FloatArray) -> Gaps:
+    def _intervals(self, damping: FloatArray) -> Intervals:
         """Return the k_c that stability and the walls' ω leave on lines of b_c."""
-        cuts = np.concatenate([wall.forbidden(damping) for wall in self.walls], axis=1)
-        return Gaps.of(stable_stiffness(self.device, damping, self.period, self.hold), cuts)
+        forbidden = [wall.forbidden(damping) for wall in self.walls]
+        ceiling = stable_stiffness(self.device, damping, self.period, self.hold)
+        return Intervals.left_by(ceiling, np.concatenate(forbidden, axis=1))
 
     def _passing(self, couplings: Coupling) -> BoolArray:
         return np.logical_and.reduce([wall.passes(couplings) for wall in self.walls])
 
-    def _end(self, lines: FloatArray, side: int) -> QualifyingCoupling | None:
-        """Return the coupling with the largest k_c, or on side 1 the smallest, that passes."""
+    def _end(self, lines: FloatArray, *, softest: bool) -> QualifyingCoupling | None:
+        """Return the coupling with the largest k_c, or the softest, that passes."""
         for _ in range(_ROUNDS):
-            best = self._extreme(lines, side)
+            best = self._extreme(lines, softest=softest)
             if best is None:
                 return None
             if self._passing(best)[0]:
-                return self._described(best, side)
+                return self._described(best, softest=softest)
         return None
 
-    def _extreme(self, lines: FloatArray, side: int) -> Coupling | None:
+    def _extreme(self, lines: FloatArray, *, softest: bool) -> Coupling | None:
         """Return the coupling at an end of what the walls' ω leave, searched between the lines too."""
 
         def cost(damping: FloatArray) -> FloatArray:
-            return self._gaps(damping.ravel()).costs()[side].reshape(damping.shape)
+            intervals = self._intervals(damping.ravel())
+            costs = intervals.smallest() if softest else -intervals.largest()
+            return costs.reshape(damping.shape)
 
         costs = cost(lines)
         best = int(costs.argmin())
         if not np.isfinite(costs[best]):
             return None
         low, high = lines[[max(best - 1, 0)]], lines[[min(best + 1, lines.size - 1)]]
-        # Of equals the line counts: at the end of the range a section stops a hair's breadth short
-        # of it.
-        candidates = np.stack([lines[[best]], section_minimum(cost, low, high)])
+        between = section_minimum(cost, low, high)
+        # Of equals the line counts: a section stops a hair's breadth short of the range's end.
+        candidates = np.stack([lines[[best]], between])
         damping = candidates[int(cost(candidates).argmin())]
-        low_k, high_k = self._gaps(damping).inset(_INSIDE).lines()[0][-1 if side == 0 else 0]
-        return Coupling(np.array([low_k if side else high_k]), damping)
+        intervals = self._intervals(damping).inset(_INSIDE)
+        return Coupling(intervals.smallest() if softest else intervals.largest(), damping)
 
-    def _described(self, best: Coupling, side: int) -> QualifyingCoupling:
+    def _described(self, best: Coupling, *, softest: bool) -> QualifyingCoupling:
         """Say how deep inside a coupling is, and what binds it."""
-        here, damping = np.asarray(best.stiffness), np.asarray(best.damping)
-        stiffness = here * np.array([1.0, 1.0 - _BEYOND if side else 1.0 + _BEYOND])
-        both = [wall.departures(Coupling(stiffness, np.repeat(damping, 2))) for wall in self.walls]
-        stable = stable_stiffness(self.device, damping, self.period, self.hold)
-        binds = ["stability"] if stiffness[1] > stable[0] else []
-        worst = [
-            max((float(one[way][0][0]), float(one[way][1][0])) for one in both) for way in (0, 1)
-        ]
-        for way, name in enumerate(("magnitude", "plane")):
-            binds += [name] * any(one[way][0][1] > ON_LIMIT for one in both)
+        stiffness, damping = np.asarray(best.stiffness), np.asarray(best.damping)
+        beyond = stiffness * (1.0 - _BEYOND if softest else 1.0 + _BEYOND)
+        pair = Coupling(np.concatenate([stiffness, beyond]), np.repeat(damping, 2))
+        found = [wall.departures(pair) for wall in self.walls]
+        binds = []
+        if beyond[0] > stable_stiffness(self.device, damping, self.period, self.hold)[0]:
+            binds.append("stability")
+        if any(wall.magnitude.largest[1] > ON_LIMIT for wall in found):
+            binds.append("magnitude")
+        if any(wall.plane.largest[1] > ON_LIMIT for wall in found):
+            binds.append("plane")
+        magnitude = max((wall.magnitude for wall in found), key=lambda worst: worst.largest[0])
+        plane = max((wall.plane for wall in found), key=lambda worst: worst.largest[0])
         return QualifyingCoupling(
-            float(here[0]), float(damping[0]), *worst[0], *worst[1], tuple(binds)
+            stiffness=float(stiffness[0]),
+            damping=float(damping[0]),
+            magnitude=float(magnitude.largest[0]),
+            magnitude_omega=float(magnitude.omega[0]),
+            plane=float(plane.largest[0]),
+            plane_omega=float(plane.omega[0]),
+            binds=tuple(binds),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _WallDepartures:
+    """How far couplings leave one boundary."""
+
+    magnitude: Departures
+    plane: PlaneDepartures
 
 
 class _Wall:
@@ -211,83 +276,91 @@ class _Wall:
         hold: str,
     ) -> None:
         self._display = Display(device, boundary.environment, period, None, hold)
-        self._limits, self._ends = (boundary.stiffness, boundary.damping), frequencies
+        self._boundary = boundary
+        self._frequencies = frequencies
+        # The ω at which quadratics cut k_c: more join with each coupling found outside.
+        self._magnitude_omega = np.geomspace(*frequencies, _START)
         # Without a mass effective stiffness and damping are monotone in ω: both ends tell all.
-        self._omega = [np.geomspace(*frequencies, _START), np.array(frequencies)]
+        self._plane_omega = np.array(frequencies)
 
-    def departures(
-        self, couplings: Coupling, *, throughout: bool = False
-    ) -> tuple[tuple[FloatArray, FloatArray], ...]:
-        """Return the largest departure and its ω, of couplings (n,): of abs(Z_h_vc), of k and b."""
-        size = np.size(couplings.stiffness)
-        k, b = ((np.full(size, low), np.full(size, high)) for low, high in self._limits)
-        display, boxes = replace(self._display, coupling=couplings), Boxes(k, b)
-        magnitude = departures(display, boxes, *self._ends, throughout=throughout)
-        return (magnitude.largest, magnitude.omega), plane_departures(display, boxes, *self._ends)
+    def departures(self, couplings: Coupling, *, throughout: bool = False) -> _WallDepartures:
+        """Return the largest departures of couplings (n,)."""
+        limits = self._boundary.stiffness, self._boundary.damping
+        boxes = Boxes.of(*limits, count=np.size(couplings.stiffness))
+        display = replace(self._display, coupling=couplings)
+        magnitude = departures(display, boxes, *self._frequencies, throughout=throughout)
+        return _WallDepartures(magnitude, plane_departures(display, boxes, *self._frequencies))
 
     def passes(self, couplings: Coupling) -> BoolArray:
         """Say which couplings stay inside at all ω; where others leave is cut from now on."""
-        good: BoolArray = np.ones(np.size(couplings.stiffness), dtype=np.bool_)
-        for way, (largest, omega) in enumerate(self.departures(couplings, throughout=True)):
-            outside = largest > (0.0 if way else ON_LIMIT)
-            good &= ~outside
-            self._omega[way] = np.union1d(self._omega[way], _apart(omega[outside]))
-        return good
+        found = self.departures(couplings, throughout=True)
+        leaves_magnitude = found.magnitude.largest > ON_LIMIT
+        leaves_plane = found.plane.largest > 0.0
+        omega = _thinned(found.magnitude.omega[leaves_magnitude])
+        self._magnitude_omega = np.union1d(self._magnitude_omega, omega)
+        omega = _thinned(found.plane.omega[leaves_plane])
+        self._plane_omega = np.union1d(self._plane_omega, omega)
+        return ~(leaves_magnitude | leaves_plane)
 
     def forbidden(self, lines: FloatArray) -> FloatArray:
         """Return the open intervals of k_c that leave the boundary, shape (lines, cuts, 2)."""
         cuts = [*self._by_magnitude(lines[:, None]), *self._by_plane(lines[:, None])]
-        return np.concatenate(cuts, axis=1).reshape(lines.size, -1, 2)
+        return np.concatenate([cut.reshape(lines.size, -1, 2) for cut in cuts], axis=1)
 
     def _by_magnitude(self, b_c: FloatArray) -> Iterator[FloatArray]:
-        shown, own = self._display, self._display.environment
-        period, omega = shown.period, self._omega[0]
-        lower, upper = magnitude_envelope(
-            omega, shown.device, *self._limits, period, mass=own.mass, hold=shown.hold
+        """Yield where abs(Z_h_vc)² passes the square of either limit of abs(Z_h), per line and ω."""
+        device, environment = self._display.device, self._display.environment
+        period, hold, omega = self._display.period, self._display.hold, self._magnitude_omega
+        limits = self._boundary.stiffness, self._boundary.damping
+        envelope = magnitude_envelope(
+            omega, device, *limits, period, mass=environment.mass, hold=hold
         )
-        z_e, z_d = (
-            environment_impedance(omega, own, period),
-            device_impedance(omega, shown.device, period),
-        )
-        z_h = z_d + zero_order_hold(omega, period, kind=shown.hold) * z_e
+        z_e = environment_impedance(omega, environment, period)
+        z_d = device_impedance(omega, device, period)
+        z_h = z_d + zero_order_hold(omega, period, kind=hold) * z_e
         zeta = complex_from(0.0, -warp(omega, period).inverse_rate)
-        top0, top1 = z_d * z_e + b_c * z_h, zeta * z_h
-        over, under = np.abs(top0), np.abs(z_e + b_c)
-        along, across = (top0 * np.conj(top1)).real, ((z_e + b_c) * np.conj(zeta)).real
-        for u, side in ((upper, 1.0), (lower, -1.0)):
+        # Over and under the fraction: (top + k_c·slope)/(bottom + k_c·ζ).
+        top = z_d * z_e + b_c * z_h
+        slope = zeta * z_h
+        bottom = z_e + b_c
+        top_size, bottom_size = np.abs(top), np.abs(bottom)
+        top_slope = (top * np.conj(slope)).real
+        bottom_slope = (bottom * np.conj(zeta)).real
+        for limit, side in ((envelope.upper, 1.0), (envelope.lower, -1.0)):
             # Products of sum and difference, where squares of near numbers would cancel.
-            a = np.abs(zeta) ** 2 * (np.abs(z_h) - u) * (np.abs(z_h) + u)
-            c = (over - u * under) * (over + u * under)
-            yield where_positive(
-                side * np.broadcast_to(a, c.shape), side * (along - u**2 * across), side * c
-            )
+            a = np.abs(zeta) ** 2 * (np.abs(z_h) - limit) * (np.abs(z_h) + limit)
+            half_b = top_slope - limit**2 * bottom_slope
+            c = (top_size - limit * bottom_size) * (top_size + limit * bottom_size)
+            yield where_positive(*np.broadcast_arrays(side * a, side * half_b, side * c))
 
     def _by_plane(self, b_c: FloatArray) -> Iterator[FloatArray]:
-        own, period = self._display.environment, self._display.period
-        grid = warp(self._omega[1], period)
-        z_e = environment_impedance(grid.omega, own, period)
-        compliance = grid.inverse_rate**2
-        size, under, across = (
-            np.abs(z_e) ** 2,
-            np.abs(z_e + b_c) ** 2,
-            -z_e.imag * grid.inverse_rate,
-        )
-        spring = -z_e.imag / grid.inverse_rate
-        for values, pull, high_low in (
-            ((own.damping, 0.0, size * b_c + own.damping * b_c**2), 0.0, self._limits[1]),
-            ((spring, size / 2, spring * b_c**2), own.mass / compliance, self._limits[0]),
-        ):
-            a, half_b, c = values
-            for side, end in zip((-1.0, 1.0), high_low, strict=True):
-                # The limit of stiffness is meant with the environment's mass apart.
-                limit = end - pull
-                quadratic = (a - limit) * compliance, half_b - limit * across, c - limit * under
-                yield where_positive(
-                    *(side * np.broadcast_to(part, under.shape) for part in quadratic)
-                )
+        """Yield where effective stiffness or damping passes either of its limits, per line and ω.
+
+        Both are quadratics in k_c over abs(Z_e + Z_c)².
+        """
+        environment, period = self._display.environment, self._display.period
+        grid = warp(self._plane_omega, period)
+        z_e = environment_impedance(grid.omega, environment, period)
+        # Coefficients of abs(Z_e + Z_c)² are those of k_c², of 2k_c and of 1.
+        square = grid.inverse_rate**2
+        linear = -z_e.imag * grid.inverse_rate
+        constant = np.abs(z_e + b_c) ** 2
+        size = np.abs(z_e) ** 2
+        damping, spring = environment.damping, -z_e.imag / grid.inverse_rate
+        # The limits of stiffness are meant with the environment's mass apart.
+        inertia = environment.mass / square
+        for side, b in zip((-1.0, 1.0), self._boundary.damping, strict=True):
+            a, half_b = (damping - b) * square, -b * linear
+            c = size * b_c + damping * b_c**2 - b * constant
+            yield where_positive(*np.broadcast_arrays(side * a, side * half_b, side * c))
+        for side, limit in zip((-1.0, 1.0), self._boundary.stiffness, strict=True):
+            k = limit - inertia
+            a, half_b = (spring - k) * square, size / 2 - k * linear
+            c = spring * b_c**2 - k * constant
+            yield where_positive(*np.broadcast_arrays(side * a, side * half_b, side * c))
 
 
-def _apart(omega: FloatArray) -> FloatArray:
+def _thinned(omega: FloatArray) -> FloatArray:
     """Thin frequencies to one in each thousandth."""
     _, first = np.unique(np.round(np.log(omega) * 1e3), return_index=True)
     return omega[first]

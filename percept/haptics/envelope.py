@@ -1,15 +1,15 @@
 """Range of abs(Z_h) over a region of (k, b): a box, an ellipse; and the paper's corner curves (Eqs 16, 17).
 
-abs(Z_h) is a distance in the plane of (g·b, g·k/Ω). Over any region its extremes lie on the edge,
-except the value 0 where the region holds the point it is measured from. The edge of an ellipse is a
-curve by angle. Around a plain ellipse a distance is stationary at the roots of a quartic; the curve
-of a log-ellipse is looked at every degree. Every extreme is then refined to the precision of a
-double.
+abs(Z_h) is a distance in the plane of (g·b, g·k/Ω). A box stays a box in it: its nearest point is a
+clip, its farthest a corner. Over an ellipse the extremes lie on the edge, except the value 0 where
+the ellipse holds the point that distances are measured from. The edge is a curve by angle. Around a
+plain ellipse a distance is stationary at the roots of a quartic; the curve of a log-ellipse is
+looked at every degree. Every extreme is then refined to the precision of a double.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,19 +23,45 @@ from percept.haptics.arrays import (
     real_array,
     times,
 )
-from percept.haptics.containment import Plane
-from percept.haptics.impedance import warp
-from percept.haptics.perceived import distance_axes, perceived_magnitude
+from percept.haptics.impedance import omega_of_rate, warp
+from percept.haptics.perceived import DistancePlane, Point, perceived_magnitude
 from percept.haptics.records import AnyDevice, Device
 from percept.haptics.search import rising_root
 
-Limits = tuple[ArrayLike, ArrayLike]
+__all__ = [
+    "CornerCurves",
+    "Ellipse",
+    "Envelope",
+    "Limits",
+    "corner_crossings",
+    "corner_curves",
+    "magnitude_envelope",
+    "magnitude_envelope_ellipse",
+]
+
 # The curve of a log-ellipse is looked at every degree.
 _STEP = 2 * np.pi / 360
 _ANGLES = np.asarray(_STEP * np.arange(360), dtype=np.float64)
-# A circle's quartic has no leading term: the least it counts as, of the others. Roots move by as
-# much.
+# A circle's quartic has no leading term: it counts as this fraction of the others. Roots move by
+# as much.
 _LEADING = 1e-6
+
+Limits = tuple[ArrayLike, ArrayLike]
+"""Lower and upper limit of k, N/m, or of b, N·s/m."""
+
+
+class CornerCurves(NamedTuple):
+    """abs(Z_h) at two corners of a box, N·s/m, of one shape."""
+
+    at_low: FloatArray  # At both lower limits
+    at_high: FloatArray  # At both upper limits
+
+
+class Envelope(NamedTuple):
+    """Range of abs(Z_h) over a region, N·s/m, of one shape."""
+
+    lower: FloatArray
+    upper: FloatArray
 
 
 def corner_curves(
@@ -47,7 +73,7 @@ def corner_curves(
     *,
     mass: ArrayLike = 0.0,
     hold: str = "average",
-) -> tuple[FloatArray, FloatArray]:
+) -> CornerCurves:
     """Return abs(Z_h) at both lower and at both upper limits: the paper's boundary (Eqs 16, 17).
 
     Where the device's mass outweighs the stiffness the second curve runs below the first.
@@ -55,8 +81,8 @@ def corner_curves(
 
     Returns
     -------
-    at_low, at_high : ndarray
-        N·s/m, of the broadcast shape of all arguments.
+    CornerCurves
+        `at_low` and `at_high`, N·s/m, of the broadcast shape of all arguments.
 
     Raises
     ------
@@ -66,7 +92,8 @@ def corner_curves(
     k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
     b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
     at_low = perceived_magnitude(omega, device, k_low, b_low, period, mass=mass, hold=hold)
-    return at_low, perceived_magnitude(omega, device, k_high, b_high, period, mass=mass, hold=hold)
+    at_high = perceived_magnitude(omega, device, k_high, b_high, period, mass=mass, hold=hold)
+    return CornerCurves(at_low, at_high)
 
 
 def magnitude_envelope(
@@ -78,7 +105,7 @@ def magnitude_envelope(
     *,
     mass: ArrayLike = 0.0,
     hold: str = "average",
-) -> tuple[FloatArray, FloatArray]:
+) -> Envelope:
     """Return the exact lowest and highest abs(Z_h) over a box of (k, b).
 
     abs(Z_h) is a distance from one point in the plane of (g·b, g·k/Ω), where the box stays a box:
@@ -95,8 +122,8 @@ def magnitude_envelope(
 
     Returns
     -------
-    lower, upper : ndarray
-        N·s/m, of the broadcast shape of all arguments.
+    Envelope
+        `lower` and `upper`, N·s/m, of the broadcast shape of all arguments.
 
     Raises
     ------
@@ -106,16 +133,17 @@ def magnitude_envelope(
     grid = warp(omega, period)
     k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
     b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
-    across, along, held = distance_axes(grid, device, hold, real_array(mass, "mass", "kg"))
-    p_low, p_high = held.gain * b_low + across, held.gain * b_high + across
+    plane = DistancePlane.of(grid, device, hold, real_array(mass, "mass", "kg"))
+    p_low = plane.gain * b_low + plane.real
+    p_high = plane.gain * b_high + plane.real
+    q_at_low = plane.imaginary - times(k_low, plane.per_rate)
+    q_at_high = plane.imaginary - times(k_high, plane.per_rate)
     # g/Ω changes sign with ω.
-    q_ends = along - times(k_low, held.per_rate), along - times(k_high, held.per_rate)
-    q_low, q_high = np.minimum(*q_ends), np.maximum(*q_ends)
+    q_low, q_high = np.minimum(q_at_low, q_at_high), np.maximum(q_at_low, q_at_high)
     lower = np.hypot(_gap(p_low, p_high), _gap(q_low, q_high))
-    upper = np.hypot(
-        np.maximum(np.abs(p_low), np.abs(p_high)), np.maximum(np.abs(q_low), np.abs(q_high))
-    )
-    return lower[()], upper[()]
+    p_farthest = np.maximum(np.abs(p_low), np.abs(p_high))
+    q_farthest = np.maximum(np.abs(q_low), np.abs(q_high))
+    return Envelope(lower[()], np.hypot(p_farthest, q_farthest)[()])
 
 
 def _gap(low: FloatArray, high: FloatArray) -> FloatArray:
@@ -129,176 +157,245 @@ def corner_crossings(
     """Return the ω, increasing, at which the two corner curves of a rigid device cross: the band is empty.
 
     The squares of both curves differ by a quadratic in Ω².
+
+    Parameters
+    ----------
+    device : Device
+        Rigid; its modes are not looked at.
+    stiffness, damping : pair of float
+        (low, high) of k, N/m, and b, N·s/m.
+    period : float
+        Sampling period T, s.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        rad/s, n from 0 to 2.
     """
-    (k_low, k_high), (b_low, b_high), m, b_d = stiffness, damping, device.mass, device.damping
-    dk, db = k_high - k_low, b_high - b_low
-    square = -m * period * db
-    linear = db * (b_low + b_high + 2 * b_d) - 2 * dk * (m + b_d * period / 2)
-    roots = np.roots(np.array([square, linear, dk * (k_low + k_high)]))
+    k_low, k_high = stiffness
+    b_low, b_high = damping
+    k_width = k_high - k_low
+    b_width = b_high - b_low
+    mass_like = device.mass + device.damping * period / 2
+    square = -device.mass * period * b_width
+    linear = b_width * (b_low + b_high + 2 * device.damping) - 2 * k_width * mass_like
+    roots = np.roots(np.array([square, linear, k_width * (k_low + k_high)]))
     roots = np.sort(roots.real[(roots.imag == 0) & (roots.real > 0)])
-    return (2 / period) * np.arctan(np.sqrt(roots) * period / 2)
+    return omega_of_rate(np.sqrt(roots), period)
+
+
+class Ellipse(NamedTuple):
+    """All x with (x − centre)ᵀ shape⁻¹ (x − centre) ≤ radius².
+
+    x is (k, b), or with `log` their natural logarithms.
+    """
+
+    centre: ArrayLike  # (2,), N/m and N·s/m, or logarithms
+    shape: ArrayLike  # (2, 2), covariance of x, positive semidefinite
+    radius: float
+    log: bool = False
 
 
 def magnitude_envelope_ellipse(
     omega: ArrayLike,
     device: AnyDevice,
-    centre: ArrayLike,
-    shape: ArrayLike,
-    radius: float,
+    ellipse: Ellipse,
     period: float,
     *,
     mass: float = 0.0,
     hold: str = "average",
-    log: bool = False,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the lowest and highest abs(Z_h), N·s/m, over (x − centre)ᵀ shape⁻¹ (x − centre) ≤ radius².
+) -> Envelope:
+    """Return the lowest and highest abs(Z_h) over an ellipse of (k, b), or of their logarithms.
 
-    x is (k, b), or with `log` their natural logarithms, and `shape` a covariance of x. ω is above
-    zero.
+    Parameters
+    ----------
+    omega, device, period, hold
+        As in `perceived_impedance`; ω above zero.
+    ellipse : Ellipse
+        The region of (k, b).
+    mass : float
+        m_e of the environment, kg; may be negative.
+
+    Returns
+    -------
+    Envelope
+        `lower` and `upper`, N·s/m, of ω's shape.
+
+    Raises
+    ------
+    UsageError
+        As `perceived_impedance`.
     """
-    curve = _Curve.of(centre, shape, radius, log=log)
-    across, along, held = distance_axes(warp(omega, period), device, hold, mass)
-    parts = np.broadcast_arrays(held.gain, held.per_rate, across, along)
-    plane = Plane(*(part.ravel() for part in parts))
-    # A mass is endless at Nyquist.
-    seen = np.isfinite(plane.per_rate) & np.isfinite(plane.across) & np.isfinite(plane.along)
-    lower, upper = np.full((2, seen.size), np.inf)
-    lower[seen], upper[seen] = _extremes_along(curve, plane.at(seen))
-    lower[curve.holds_origin(plane)] = 0.0
-    return lower.reshape(parts[0].shape)[()], upper.reshape(parts[0].shape)[()]
+    curve = _Curve.around(ellipse)
+    plane = DistancePlane.of(warp(omega, period), device, hold, mass)
+    result_shape = plane.real.shape
+    plane = plane.flat()
+    # A mass is infinite at Nyquist.
+    finite = np.isfinite(plane.per_rate) & np.isfinite(plane.real) & np.isfinite(plane.imaginary)
+    lower, upper = np.full((2, finite.size), np.inf)
+    lower[finite], upper[finite] = _extremes_along(curve, plane.select(finite))
+    lower[curve.holds(plane.origin())] = 0.0
+    return Envelope(lower.reshape(result_shape)[()], upper.reshape(result_shape)[()])
 
 
-@dataclass(frozen=True)
-class _Curve:
-    """Edge of the ellipse: k and b by angle."""
+class _Derivatives(NamedTuple):
+    """First and second derivatives of k and b by the angle."""
 
-    centre: FloatArray  # (2,) of k and b, or of their logarithms
-    factor: FloatArray  # Lower triangular L with L·Lᵀ = radius²·shape
+    k1: FloatArray
+    k2: FloatArray
+    b1: FloatArray
+    b2: FloatArray
+
+
+class _Curve(NamedTuple):
+    """Edge of an ellipse by the angle φ: k = k₀ + k_cos·cos φ, b = b₀ + b_cos·cos φ + b_sin·sin φ.
+
+    For a log-ellipse these are the logarithms of k and b.
+    """
+
+    k0: float
+    b0: float
+    k_cos: float
+    b_cos: float
+    b_sin: float
     log: bool
 
     @classmethod
-    def of(cls, centre: ArrayLike, shape: ArrayLike, radius: float, *, log: bool) -> _Curve:
-        """Take the root of a covariance."""
-        (kk, kb), (_, bb) = np.asarray(shape, dtype=np.float64)
-        sd_k, sd_b = np.sqrt(kk), np.sqrt(bb)
-        rho = float(np.clip(kb / (sd_k * sd_b), -1.0, 1.0)) if sd_k * sd_b else 0.0
+    def around(cls, ellipse: Ellipse) -> _Curve:
+        """Take the Cholesky factor of the covariance, times the radius."""
+        k0, b0 = np.asarray(ellipse.centre, dtype=float)
+        covariance = np.asarray(ellipse.shape, dtype=float)
+        k_sd, b_sd = np.sqrt(covariance.diagonal())
+        rho = 0.0
+        if k_sd * b_sd:
+            rho = np.clip(covariance[0, 1] / (k_sd * b_sd), -1.0, 1.0)
         # (1 − ρ)(1 + ρ) keeps the digits that 1 − ρ² would lose.
         rest = np.sqrt((1 - rho) * (1 + rho))
-        factor = radius * np.array([[sd_k, 0.0], [rho * sd_b, rest * sd_b]])
-        return cls(np.asarray(centre, dtype=np.float64), factor, log)
+        k_cos, b_cos, b_sin = ellipse.radius * np.array([k_sd, rho * b_sd, rest * b_sd])
+        return cls(k0, b0, k_cos, b_cos, b_sin, ellipse.log)
 
-    def at(self, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def at(self, angle: FloatArray) -> Point:
         """Return k and b."""
-        (along_k, _), (cross, along_b) = self.factor
-        cos, sin = np.cos(angle), np.sin(angle)
-        k, b = self.centre[0] + along_k * cos, self.centre[1] + (cross * cos + along_b * sin)
-        return (np.exp(k), np.exp(b)) if self.log else (k, b)
+        k = self.k0 + self.k_cos * np.cos(angle)
+        b = self.b0 + (self.b_cos * np.cos(angle) + self.b_sin * np.sin(angle))
+        return Point(np.exp(k), np.exp(b)) if self.log else Point(k, b)
 
-    def slopes(self, angle: FloatArray) -> tuple[FloatArray, ...]:
-        """Return first and second derivative of k, then of b."""
-        (along_k, _), (cross, along_b) = self.factor
-        cos, sin = np.cos(angle), np.sin(angle)
-        k1, k2 = -along_k * sin, -along_k * cos
-        b1, b2 = along_b * cos - cross * sin, -cross * cos - along_b * sin
+    def derivatives(self, angle: FloatArray) -> _Derivatives:
+        """Return the derivatives of k and b."""
+        cos = np.cos(angle)
+        sin = np.sin(angle)
+        k1 = -self.k_cos * sin
+        k2 = -self.k_cos * cos
+        b1 = self.b_sin * cos - self.b_cos * sin
+        b2 = -self.b_cos * cos - self.b_sin * sin
         if not self.log:
-            return k1, k2, b1, b2
+            return _Derivatives(k1, k2, b1, b2)
         k, b = self.at(angle)
-        return k * k1, k * (k2 + k1 * k1), b * b1, b * (b2 + b1 * b1)
+        return _Derivatives(k * k1, k * (k2 + k1 * k1), b * b1, b * (b2 + b1 * b1))
 
-    def holds_origin(self, plane: Plane) -> BoolArray:
-        """Say where the region holds the (k, b) at which Z_h vanishes."""
-        k, b = (
-            ratio(plane.along, plane.per_rate, empty=np.inf),
-            ratio(-plane.across, plane.gain, empty=np.inf),
-        )
-        there: BoolArray = np.isfinite(k) & np.isfinite(b)
+    def holds(self, origin: Point) -> BoolArray:
+        """Say where the ellipse holds the (k, b) at which Z_h vanishes."""
+        x = np.array(origin)
+        exists: BoolArray = np.isfinite(x).all(axis=0)
         if self.log:
-            there &= (k > 0) & (b > 0)
-            k, b = np.log(np.where(there, k, 1.0)), np.log(np.where(there, b, 1.0))
-        off_k, off_b = (
-            np.where(there, k, 0.0) - self.centre[0],
-            np.where(there, b, 0.0) - self.centre[1],
-        )
-        u1 = ratio(off_k, self.factor[0, 0], empty=0.0)
-        u2 = ratio(off_b - times(self.factor[1, 0], u1), self.factor[1, 1], empty=0.0)
-        return there & (np.hypot(u1, u2) <= 1)
+            exists &= (x > 0).all(axis=0)
+            x = np.log(np.where(exists, x, 1.0))
+        k, b = np.where(exists, x, 0.0)
+        # In units of the factor's columns the edge is the unit circle.
+        first = ratio(k - self.k0, self.k_cos, empty=0.0)
+        second = ratio(b - self.b0 - times(self.b_cos, first), self.b_sin, empty=0.0)
+        return exists & (np.hypot(first, second) <= 1)
 
 
-def _extremes_along(curve: _Curve, plane: Plane) -> tuple[FloatArray, FloatArray]:
+class _Turns(NamedTuple):
+    """Angles near which the distance from the curve turns, shape (n,)."""
+
+    omega_index: IntArray  # At which ω
+    angle: FloatArray  # rad
+    sign: FloatArray  # 1 for a dip, −1 for a peak
+
+
+def _extremes_along(curve: _Curve, plane: DistancePlane) -> Envelope:
     """Return the smallest and the largest distance along the curve, at every ω."""
-    k, b = (np.abs(part).max() for part in curve.at(_ANGLES))
-    # Squares of numbers near one neither overflow nor vanish where they decide.
-    size = np.max(
-        [np.frexp(part)[1] for part in (plane.gain * b, plane.across, plane.along)]
-        + [np.frexp(plane.per_rate)[1] + np.frexp(k)[1]],
-        axis=0,
-    )
-    scaled = Plane(
-        *(np.ldexp(part, -size) for part in (plane.gain, plane.per_rate, plane.across, plane.along))
-    )
-    turns, seen, sign = (_turns_on_grid if curve.log else _stationary)(curve, scaled)
-    near, there = scaled.at(turns), plane.at(turns)
+    scaled = _scaled(curve, plane)
+    turns = _turns_on_grid(curve, scaled) if curve.log else _stationary(curve, scaled)
 
     def slopes(which: IntArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-        local = near.at(which)
-        k, b = curve.at(angle)
-        k1, k2, b1, b2 = curve.slopes(angle)
-        x, y = local.gain * b + local.across, local.along - local.per_rate * k
-        x1, y1, x2, y2 = (
-            local.gain * b1,
-            -local.per_rate * k1,
-            local.gain * b2,
-            -local.per_rate * k2,
-        )
-        first, second = x * x1 + y * y1, x1 * x1 + y1 * y1 + x * x2 + y * y2
-        return sign[which] * first, sign[which] * second
+        """Return half of the first and second derivatives of the square."""
+        here = scaled.select(turns.omega_index[which])
+        x, y = here.offsets(curve.at(angle))
+        k1, k2, b1, b2 = curve.derivatives(angle)
+        x1 = here.gain * b1
+        y1 = -here.per_rate * k1
+        x2 = here.gain * b2
+        y2 = -here.per_rate * k2
+        first = x * x1 + y * y1
+        second = x1 * x1 + y1 * y1 + x * x2 + y * y2
+        return turns.sign[which] * first, turns.sign[which] * second
 
-    lower, upper = np.full(plane.gain.size, np.inf), np.zeros(plane.gain.size)
+    refined = rising_root(slopes, turns.angle, turns.angle - _STEP, turns.angle + _STEP)
+    unscaled = plane.select(turns.omega_index)
+    lower = np.full(plane.gain.size, np.inf)
+    upper = np.zeros(plane.gain.size)
     # An angle stays as first seen where its refinement is worse in the last digits.
-    for angle in (seen, rising_root(slopes, seen, seen - _STEP, seen + _STEP)):
-        k, b = curve.at(angle)
+    for angle in (turns.angle, refined):
         with np.errstate(over="ignore"):
-            distance = np.hypot(there.gain * b + there.across, there.along - there.per_rate * k)
-        np.minimum.at(lower, turns, distance)
-        np.maximum.at(upper, turns, distance)
-    return lower, upper
+            distance = unscaled.distance(curve.at(angle))
+        np.minimum.at(lower, turns.omega_index, distance)
+        np.maximum.at(upper, turns.omega_index, distance)
+    return Envelope(lower, upper)
 
 
-def _turns_on_grid(curve: _Curve, plane: Plane) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return where distances turn on the grid: which ω, which angle, and 1 for a dip or -1 for a peak.
+def _scaled(curve: _Curve, plane: DistancePlane) -> DistancePlane:
+    """Take a power of two out of all distances at each ω.
 
-    All are refined: on the grid the wrong one may look better.
+    Squares of numbers near one neither overflow nor vanish where they decide.
     """
-    k, b = curve.at(_ANGLES)
-    x = plane.gain[:, None] * b + plane.across[:, None]
-    y = plane.along[:, None] - plane.per_rate[:, None] * k
+    largest_k, largest_b = (np.abs(part).max() for part in curve.at(_ANGLES))
+    _, exponents = np.frexp([plane.gain * largest_b, plane.real, plane.imaginary])
+    # The product of g/Ω and k might overflow, and the sum of their exponents cannot.
+    of_spring = np.frexp(plane.per_rate)[1] + np.frexp(largest_k)[1]
+    largest = np.maximum(exponents.max(axis=0), of_spring)
+    return DistancePlane(*(np.ldexp(field, -largest) for field in plane))
+
+
+def _turns_on_grid(curve: _Curve, plane: DistancePlane) -> _Turns:
+    """Return where distances turn on the grid; all are refined, for on it the wrong one may look better."""
+    column = DistancePlane(*(field[:, None] for field in plane))
+    x, y = column.offsets(curve.at(_ANGLES))
     square = x * x + y * y
-    before, after = np.roll(square, 1, axis=1), np.roll(square, -1, axis=1)
-    dips = np.nonzero((square <= before) & (square <= after))
-    peaks = np.nonzero((square >= before) & (square >= after))
-    turns, index = np.concatenate([dips, peaks], axis=1)
-    return turns, _ANGLES[index], np.repeat([1.0, -1.0], [dips[0].size, peaks[0].size])
+    before = np.roll(square, 1, axis=1)
+    after = np.roll(square, -1, axis=1)
+    dips = np.argwhere((square <= before) & (square <= after))
+    peaks = np.argwhere((square >= before) & (square >= after))
+    omega_index, angle_index = np.concatenate([dips, peaks]).T
+    sign = np.repeat([1.0, -1.0], [len(dips), len(peaks)])
+    return _Turns(omega_index, _ANGLES[angle_index], sign)
 
 
-def _stationary(curve: _Curve, plane: Plane) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return where distances from a plain ellipse are stationary, as `_turns_on_grid` does.
+def _stationary(curve: _Curve, plane: DistancePlane) -> _Turns:
+    """Return where distances from a plain ellipse are stationary.
 
     With x = c₁ + A·cos φ + B·sin φ and y = c₂ + C·cos φ, half the slope of x² + y² is AB·cos 2φ +
     ½(B² − A² − C²)·sin 2φ + c₁B·cos φ − (c₁A + c₂C)·sin φ. It is a quartic in e^{iφ}; its roots off
     the unit circle do no harm.
     """
-    k, b = curve.centre
-    (along_k, _), (cross, along_b) = curve.factor
-    x, y = plane.gain * b + plane.across, plane.along - plane.per_rate * k
-    a, b, c = plane.gain * cross, plane.gain * along_b, -plane.per_rate * along_k
-    double, single = a * b - 0.5j * (b * b - a * a - c * c), x * b + 1j * (x * a + y * c)
+    c1, c2 = plane.offsets(Point(curve.k0, curve.b0))
+    a = plane.gain * curve.b_cos
+    b = plane.gain * curve.b_sin
+    c = -plane.per_rate * curve.k_cos
+    double = a * b - 0.5j * (b * b - a * a - c * c)
+    single = c1 * b + 1j * (c1 * a + c2 * c)
     least = _LEADING * np.maximum(np.abs(double), np.abs(single))
     leading = np.where(np.abs(double) > least, double, np.where(least > 0, least, 1.0))
-    companion = np.zeros((x.size, 4, 4), dtype=complex)
+    # Roots of a polynomial are the eigenvalues of its companion matrix.
+    companion = np.zeros((a.size, 4, 4), dtype=complex)
     companion[:, [1, 2, 3], [0, 1, 2]] = 1.0
-    for power, term in ((3, single), (1, np.conj(single)), (0, np.conj(double))):
-        companion[:, power, 3] = -term / leading
-    angle = np.angle(np.linalg.eigvals(companion))
-    at = np.exp(1j * angle)
-    bend = (2j * double[:, None] * at**2 + 1j * single[:, None] * at).real
-    return np.repeat(np.arange(x.size), 4), angle.ravel(), np.where(bend.ravel() < 0, -1.0, 1.0)
+    companion[:, 3, 3] = -single / leading
+    companion[:, 1, 3] = -np.conj(single) / leading
+    companion[:, 0, 3] = -np.conj(double) / leading
+    angle = np.angle(np.linalg.eigvals(companion)).ravel()
+    omega_index = np.repeat(np.arange(a.size), 4)
+    root = np.exp(1j * angle)
+    bend = 2j * double[omega_index] * root**2 + 1j * single[omega_index] * root
+    return _Turns(omega_index, angle, np.where(bend.real < 0, -1.0, 1.0))

@@ -1,244 +1,297 @@
-"""Z_h on pieces of a range of ω as polynomials, by Bernstein coefficients that bound them from below.
+"""Polynomials on pieces of a range of ω, and abs(Z_h)² written as such polynomials.
 
-A polynomial of degree n on a piece is a form Σ cᵢ(1 − t)^(n−i)tⁱ, an array (n + 1, pieces). Its
-Bernstein coefficients are cᵢ/binom(n, i), and the least of them is a lower bound. Values at both
-ends of pieces are a form of degree one. The variable is x = Ω², or Ω itself for a device known by a
-table.
+On a piece a polynomial of degree n is the form Σ cᵢ(1 − t)^(n−i)tⁱ, with t from 0 to 1 along the
+piece. Its Bernstein coefficients are cᵢ/binom(n, i), and the least of them is a lower bound: where
+all are positive, so is the polynomial on the whole piece. The variable that is linear in t is Ω²,
+or Ω itself for a device known by a table.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import comb
-from typing import Any, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
-from percept.haptics.arrays import BoolArray, FloatArray, IntArray
-from percept.haptics.impedance import Warp, warp
-from percept.haptics.records import AnyDevice, Coupling, Device, Environment, TabulatedDevice
+from percept.haptics.arrays import BoolArray, FloatArray, IntArray, Scalars
+from percept.haptics.impedance import Warp, omega_of_rate, warp
+from percept.haptics.perceived import Extremes, Point
+from percept.haptics.records import Device, Display, Mode, TabulatedDevice
 
-#: A pair of arrays of one shape, such as k and b.
-Points: TypeAlias = tuple[FloatArray, FloatArray]
+__all__ = ["Form", "Squares"]
+
 # Rounding of a coefficient, as a fraction of the sizes of its terms.
 _ROUNDING = 64 * float(np.finfo(np.float64).eps)
 
 
-def product(*forms: FloatArray) -> FloatArray:
-    """Multiply forms."""
-    first, *rest = forms
-    for second in rest:
-        if len(first) < len(second):
-            first, second = second, first
-        found = np.zeros((len(first) + len(second) - 1, max(first.shape[1], second.shape[1])))
-        for i, row in enumerate(second):
-            found[i : i + len(first)] += row * first
-        first = found
-    return first
+class Form:
+    """A polynomial on each of many pieces; a number, or one number per piece, acts as a constant."""
+
+    # An array to the left of an operator leaves the operation to this class.
+    __array_ufunc__ = None
+
+    def __init__(self, coefficients: FloatArray) -> None:
+        #: (degree + 1, pieces), or (degree + 1, 1) where all pieces have the same.
+        self.coefficients = coefficients
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients, one more than the degree."""
+        return len(self.coefficients)
+
+    def __add__(self, other: Form | Scalars) -> Form:
+        other = _as_form(other)
+        size = max(self.size, other.size)
+        return Form(self.elevated(size) + other.elevated(size))
+
+    def __mul__(self, other: Form | Scalars) -> Form:
+        if not isinstance(other, Form):
+            return Form(self.coefficients * other)
+        shorter, longer = sorted((self, other), key=lambda form: form.size)
+        pieces = max(shorter.coefficients.shape[1], longer.coefficients.shape[1])
+        product = np.zeros((shorter.size + longer.size - 1, pieces))
+        for i, coefficient in enumerate(shorter.coefficients):
+            product[i : i + longer.size] += coefficient * longer.coefficients
+        return Form(product)
+
+    def __sub__(self, other: Form | Scalars) -> Form:
+        return self + -1.0 * other
+
+    def __rsub__(self, other: Scalars) -> Form:
+        return -1.0 * self + other
+
+    def __truediv__(self, divisor: FloatArray) -> Form:
+        return Form(self.coefficients / divisor)
+
+    __radd__ = __add__
+    __rmul__ = __mul__
+
+    def elevated(self, size: int) -> FloatArray:
+        """Return the same polynomial in `size` coefficients: a factor (1 − t) + t is one."""
+        missing = size - self.size
+        return (self * Form(_binomials(missing))).coefficients if missing else self.coefficients
+
+    def bernstein(self, size: int) -> FloatArray:
+        """Return `size` Bernstein coefficients."""
+        return self.elevated(size) / _binomials(size - 1)
 
 
-def total(*forms: FloatArray) -> FloatArray:
-    """Add forms, which takes them to the highest degree among them."""
-    highest = max(len(form) for form in forms)
-    found: Any = 0.0
-    for form in forms:
-        found = found + elevated(form, highest)
-    return np.asarray(found)
-
-
-def elevated(form: FloatArray, size: int) -> FloatArray:
-    """Write a form in `size` coefficients: (1 − t) + t is one."""
-    missing = size - len(form)
-    return product(form, _binomials(missing)) if missing else form
+def _as_form(value: Form | Scalars) -> Form:
+    return value if isinstance(value, Form) else Form(np.atleast_1d(value)[None])
 
 
 def _binomials(degree: int) -> FloatArray:
     return np.array([[float(comb(degree, i))] for i in range(degree + 1)])
 
 
-@dataclass(frozen=True)
-class Display:
-    """An environment displayed directly or through a coupling; device and coupling may hold arrays (n,)."""
+class _Impedance(NamedTuple):
+    """(real + jΩ·imaginary)/denominator, N·s/m; the denominator is positive."""
 
-    device: AnyDevice
-    environment: Environment
-    period: float
-    coupling: Coupling | None = None
-    hold: str = "average"
-
-    @property
-    def size(self) -> int | None:
-        """How many displays the arrays make, None for one."""
-        parts = [self.device.mass, self.device.damping] if isinstance(self.device, Device) else []
-        parts += [] if self.coupling is None else [self.coupling.stiffness, self.coupling.damping]
-        return max((np.size(part) for part in parts if np.ndim(part)), default=None)
-
-    def at(self, which: Any) -> Display:
-        """Return some of the displays."""
-
-        def some(value: Any) -> Any:
-            return value[which] if np.ndim(value) else value
-
-        device, coupling = self.device, self.coupling
-        if isinstance(device, Device):
-            device = replace(device, mass=some(device.mass), damping=some(device.damping))
-        if coupling is not None:
-            coupling = Coupling(some(coupling.stiffness), some(coupling.damping))
-        return replace(self, device=device, coupling=coupling)
+    real: Form
+    imaginary: Form
+    denominator: Form
 
 
-def _shown_forms(display: Display, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return forms of k·V, b·V and V > 0 of what is shown; the environment's mass counts with the device."""
-    own = display.environment
-    k, b, m = (np.array([[float(v)]]) for v in (own.stiffness, own.damping, own.mass))
-    if display.coupling is None:
-        return k, b, np.ones((1, 1))
-    k_c, b_c = (
-        np.atleast_1d(v)[None] for v in (display.coupling.stiffness, display.coupling.damping)
-    )
-    spring = total(k, -m * x) if m[0, 0] else k
-    near = total(b**2 * x, product(spring, spring))
-    beyond = total(b_c**2 * x, k_c**2)
-    joined = total(spring, k_c)
-    under = total((b + b_c) ** 2 * x, product(joined, joined))
-    stiffness = total(product(near, k_c), product(beyond, spring))
-    if m[0, 0]:
-        stiffness = total(stiffness, product(m * x, under))
-    return stiffness, total(product(near, b_c), product(beyond, b)), under
+def _device_ends(display: Display, grid: Warp, square: Form) -> list[_Impedance]:
+    """Return Z_d·e^{jh}/g + jΩm_e, or several between which it lies; `square` is Ω².
+
+    g is the hold's gain, m_e the environment's mass. All have one denominator.
+    """
+    device = display.device
+    if isinstance(device, TabulatedDevice):
+        ends = _tabulated(grid, device)
+    else:
+        ends = [_modal(square, device, grid.period / 2)]
+    gains = [1.0]
+    if display.hold == "true":
+        # h·cot h is the averaging hold's gain over the true one's, and falls with ω.
+        gains = list(grid.half * grid.cos / grid.sin)
+    mass = display.environment.mass
+    scaled = []
+    for real, imaginary, denominator in ends:
+        for gain in gains:
+            behind_hold = gain * imaginary + mass * denominator
+            scaled.append(_Impedance(gain * real, behind_hold, denominator))
+    return scaled
+
+
+def _modal(square: Form, device: Device, half: float) -> _Impedance:
+    """Return a rigid device with its modes behind the averaging hold; `half` is T/2."""
+    real = device.damping - np.multiply(device.mass, half) * square
+    imaginary = _as_form(device.mass + np.multiply(device.damping, half))
+    denominator = _as_form(1.0)
+    for mode in device.modes:
+        if not mode.mass or not (mode.stiffness or mode.damping):
+            continue
+        added = _mode(square, mode, half)
+        real = real * added.denominator + added.real * denominator
+        imaginary = imaginary * added.denominator + added.imaginary * denominator
+        denominator = denominator * added.denominator
+    largest = np.abs(denominator.coefficients).max(axis=0)
+    return _Impedance(real / largest, imaginary / largest, denominator / largest)
+
+
+def _mode(square: Form, mode: Mode, half: float) -> _Impedance:
+    """Return what a flexible mode adds behind the averaging hold."""
+    m, k, b = mode.mass, mode.stiffness, mode.damping
+    spring = k - m * square
+    damper = b * b * square
+    inertia = m * (k * spring + damper)
+    damping = m * m * b * (square * square)
+    real = damping - half * (square * inertia)
+    return _Impedance(real, inertia + half * damping, spring * spring + damper)
+
+
+def _tabulated(grid: Warp, device: TabulatedDevice) -> list[_Impedance]:
+    """Bound a measured device: it is linear in ω between rows, and ω is concave in Ω.
+
+    So it lies between the chord of ω over Ω and the parallel that touches ω from above.
+    """
+    rate, omega, half = grid.rate, grid.omega, grid.period / 2
+    impedance = device.at(omega)
+    slope = np.diff(omega, axis=0) / np.diff(rate, axis=0)
+    # Where the tangent of ω = atan(ΩT/2)/(T/2) is parallel to the chord.
+    touching = np.clip(np.sqrt(np.maximum(1 / slope - 1, 0.0)) / half, *rate)
+    chord = omega[:1] + slope * (touching - rate[:1])
+    above_chord = omega_of_rate(touching, grid.period) - chord
+    most_above = np.maximum(above_chord, 0.0) + _ROUNDING * omega[1:]
+    per_omega = np.diff(impedance, axis=0) / np.diff(omega, axis=0)
+    by_rate = Form(rate)
+    ends = []
+    for shift in (0.0, most_above):
+        shifted = impedance + shift * per_omega
+        real = Form(shifted.real)
+        imaginary = Form(shifted.imag)
+        real_behind_hold = real - half * (imaginary * by_rate)
+        imaginary_behind_hold = imaginary + half * (real * by_rate)
+        ends.append(_Impedance(real_behind_hold * by_rate, imaginary_behind_hold, by_rate))
+    return ends
+
+
+class _Shown(NamedTuple):
+    """Stiffness and damping that a display shows, both over one positive denominator."""
+
+    stiffness: Form
+    damping: Form
+    denominator: Form
+
+
+def _shown_forms(display: Display, square: Form) -> _Shown:
+    """Return what a display shows; the environment's mass counts with the device."""
+    environment, coupling = display.environment, display.coupling
+    k, b, m = environment.stiffness, environment.damping, environment.mass
+    if coupling is None:
+        return _Shown(_as_form(k), _as_form(b), _as_form(1.0))
+    k_c, b_c = coupling.stiffness, coupling.damping
+    # Ω²·abs(Z)² of environment, coupling and their sum.
+    spring = k - m * square if m else _as_form(k)
+    of_environment = b**2 * square + spring * spring
+    of_coupling = b_c**2 * square + np.square(k_c)
+    joined = spring + k_c
+    of_sum = (b + b_c) ** 2 * square + joined * joined
+    stiffness = k_c * of_environment + of_coupling * spring
+    if m:
+        stiffness = stiffness + m * square * of_sum
+    damping = b_c * of_environment + b * of_coupling
+    largest = np.abs(of_sum.coefficients).max(axis=0)
+    return _Shown(stiffness / largest, damping / largest, of_sum / largest)
 
 
 @dataclass(frozen=True)
 class Squares:
-    """abs(Z_h)² on pieces, times a positive polynomial: as displayed and for any (k, b) of a region.
+    """abs(Z_h)² on pieces, times a positive polynomial: as displayed, and of any (k, b).
 
-    Each is an array (ends, coefficients, pieces). The device lies between several ends where it is
-    no polynomial: the table's ω in Ω, and the true hold.
+    Each field holds Bernstein coefficients, shape (ends, coefficients, pieces). There are several
+    ends where the device is no polynomial: it then lies between them.
     """
 
-    shown: FloatArray  # As displayed, less `device`
+    shown: FloatArray  # As displayed, without `device`
     device: FloatArray  # Of k = b = 0
-    damping: FloatArray  # Coefficient of b²
-    across: FloatArray  # Of b
-    stiffness: FloatArray  # Of k²
-    along: FloatArray  # Of −k
-    size: FloatArray  # What `shown` and `device` round from
+    b_square: FloatArray  # Coefficient of b²
+    b_linear: FloatArray  # Of b
+    k_square: FloatArray  # Of k²
+    k_linear: FloatArray  # Of k
+    size: FloatArray  # Of the terms whose rounding `shown` and `device` have
     slack: FloatArray  # Bound of what the ends leave out of `device`
 
     @classmethod
     def of(cls, display: Display, omega: FloatArray) -> Squares:
-        """Take pieces by their ends, shape (2, pieces)."""
+        """Take pieces by their ends, shape (2, pieces), rad/s."""
         grid = warp(omega, display.period)
-        x, under, ends = _device_forms(grid, display)
-        felt = _shown_forms(display, x)
-        k, b, v = (form / np.abs(felt[2]).max(axis=0) for form in felt)
-        w2, v2, vw = product(under, under), product(v, v), product(v, under)
-        own = total(product(x, b, b, w2), product(k, k, w2))
-        rows, first = [], ends[0]
-        for real, imaginary in ends:
-            apart = (
-                total(part, -start) for part, start in zip((real, imaginary), first, strict=True)
-            )
-            real_apart, imaginary_apart = apart
-            mixed = product(x, vw, total(product(b, real), -product(k, imaginary)))
-            alone = _square(x, real, imaginary, v2)
-            rows.append(
-                [
-                    total(own, 2 * mixed),
-                    alone,
-                    product(x, w2, v2),
-                    2 * product(x, real, under, v2),
-                    product(w2, v2),
-                    2 * product(x, imaginary, under, v2),
-                    np.abs(total(own, alone)),
-                    4 * _square(x, real_apart, imaginary_apart, v2),
-                ]
-            )
-        highest = max(len(form) for row in rows for form in row)
-        scale = _binomials(highest - 1)
-        shape = (highest, omega.shape[1])
-        tables = [
-            [np.broadcast_to(elevated(form, highest) / scale, shape) for form in row]
-            for row in rows
-        ]
-        found = [np.array(part) for part in zip(*tables, strict=True)]
-        found[-1] = np.broadcast_to(found[-1].sum(axis=0), found[-1].shape)
-        return cls(*found)
+        square = Form(grid.rate**2)
+        if isinstance(display.device, TabulatedDevice):
+            square = Form(grid.rate) * Form(grid.rate)
+        shown = _shown_forms(display, square)
+        devices = _device_ends(display, grid, square)
+        ends = [_terms(square, shown, device, devices[0]) for device in devices]
+        size = max(form.size for terms in ends for form in terms.values())
+        shape = (size, omega.shape[1])
+        fields = {}
+        for name in ends[0]:
+            tables = [np.broadcast_to(terms[name].bernstein(size), shape) for terms in ends]
+            fields[name] = np.array(tables)
+        slack = fields["slack"]
+        fields["slack"] = np.broadcast_to(slack.sum(axis=0), slack.shape)
+        return cls(**fields)
 
-    def within(self, piece: IntArray, far: Points, near: Points, by: FloatArray) -> BoolArray:
-        """Say where abs(Z_h) as displayed surely lies below `far` and above `near`, (k, b) of shape (n,).
+    def surely_between(
+        self, piece: IntArray, extremes: Extremes, allowance: FloatArray
+    ) -> BoolArray:
+        """Say where abs(Z_h) as displayed surely lies between its extremes over a region.
 
-        `by` is how much it may lie beyond, as a fraction of the square.
+        All arguments have shape (n,). The allowance is how much the display may lie beyond, as a
+        fraction of the square.
         """
-        good: BoolArray = np.ones(by.shape, dtype=np.bool_)
+        decided: BoolArray = np.ones(allowance.shape, dtype=np.bool_)
+        rounding = _ROUNDING * (1 + np.abs(allowance))
         for end in range(len(self.shown)):
-            shown, device, damping, across, stiffness, along, size, slack = (
-                part[end][:, piece] for part in vars(self).values()
-            )
-            for (k, b), side in ((far, 1.0), (near, -1.0)):
-                own, springs = b * b * damping, k * k * stiffness
-                rest = own + b * across + springs - k * along
-                beyond = side * (rest - shown) + by * (device + (rest if side > 0 else shown))
-                lost = np.abs(by) * slack + _ROUNDING * (1 + np.abs(by)) * (
-                    size + np.abs(own) + np.abs(springs)
-                )
-                good &= (beyond >= lost).all(axis=0)
-        return good
+            terms = Squares(*(field[end][:, piece] for field in vars(self).values()))
+            least = np.abs(allowance) * terms.slack + rounding * terms.size
+
+            far, far_size = terms._at(extremes.farthest)
+            below = far - terms.shown + allowance * (terms.device + far)
+            decided &= (below >= least + rounding * far_size).all(axis=0)
+
+            near, near_size = terms._at(extremes.nearest)
+            above = terms.shown - near + allowance * (terms.device + terms.shown)
+            decided &= (above >= least + rounding * near_size).all(axis=0)
+        return decided
+
+    def _at(self, point: Point) -> tuple[FloatArray, FloatArray]:
+        """Return abs(Z_h)² of (k, b), without `device`, and the size of its terms."""
+        k, b = point
+        dampers = b * b * self.b_square
+        springs = k * k * self.k_square
+        square = dampers + b * self.b_linear + springs + k * self.k_linear
+        return square, np.abs(dampers) + np.abs(springs)
 
 
-def _square(x: FloatArray, real: FloatArray, imaginary: FloatArray, v2: FloatArray) -> FloatArray:
-    return product(x, v2, total(product(real, real), product(x, imaginary, imaginary)))
+def _terms(
+    square: Form, shown: _Shown, device: _Impedance, first_end: _Impedance
+) -> dict[str, Form]:
+    """Return the fields of `Squares` for one end of the device.
 
-
-def _device_forms(grid: Warp, display: Display) -> tuple[FloatArray, FloatArray, list[Points]]:
-    """Return x, W > 0 and pairs (R, I), with (R + jΩI)/W = Z_d·e^{jh}/g + jΩm of one pair or between them."""
-    device, rate, half = display.device, grid.rate, grid.period / 2
-    if isinstance(device, TabulatedDevice):
-        x, under, ends = _table_forms(grid, device, half)
-    else:
-        x = rate**2
-        d, m = (np.atleast_1d(v)[None] for v in (device.damping, device.mass))
-        real, imaginary, under = d - m * half * x, m + d * half, np.ones((1, 1))
-        for mode in device.modes:
-            light, k, b = (float(v) for v in (mode.mass, mode.stiffness, mode.damping))
-            if not light or not (k or b):
-                continue
-            spring = k - light * x
-            below = total(product(spring, spring), b * b * x)
-            swing, lossy = light * (k * spring + b * b * x), light * light * b * product(x, x)
-            own = total(lossy, -half * product(x, swing)), total(swing, half * lossy)
-            real = total(product(real, below), product(own[0], under))
-            imaginary = total(product(imaginary, below), product(own[1], under))
-            under = product(under, below)
-        largest = np.abs(under).max(axis=0)
-        under, ends = under / largest, [(real / largest, imaginary / largest)]
-    if display.hold == "true":
-        # Beside the averaging hold the device counts h·cot h times, which falls with ω.
-        factor = grid.half * grid.cos / grid.sin
-        ends = [(r * real, r * imaginary) for real, imaginary in ends for r in factor]
-    mass = float(display.environment.mass)
-    if mass:
-        ends = [(real, total(imaginary, mass * under)) for real, imaginary in ends]
-    return x, under, ends
-
-
-def _table_forms(
-    grid: Warp, device: TabulatedDevice, half: float
-) -> tuple[FloatArray, FloatArray, list[Points]]:
-    """Bound Z_d, linear in ω between rows, and ω, concave in Ω: between its chord and a parallel above."""
-    rate, omega = grid.rate, grid.omega
-    value = device.at(omega)
-    slope = np.diff(omega, axis=0) / np.diff(rate, axis=0)
-    # Where the tangent of atan(ΩT/2) is parallel to the chord.
-    turn = np.clip(np.sqrt(np.maximum(1 / slope - 1, 0.0)) / half, *rate)
-    above = np.arctan(turn * half) / half - omega[:1] - slope * (turn - rate[:1])
-    above = np.maximum(above, 0.0) + _ROUNDING * omega[1:]
-    along = np.diff(value, axis=0) / np.diff(omega, axis=0)
-    ends = []
-    for more in (0.0 * above, above):
-        real, imaginary = value.real + more * along.real, value.imag + more * along.imag
-        turned = (
-            total(real, -half * product(imaginary, rate)),
-            total(imaginary, half * product(real, rate)),
-        )
-        ends.append((product(turned[0], rate), turned[1]))
-    return product(rate, rate), rate, ends
+    With the device (R + jΩI)/W and (K, B)/V shown, all are Ω²W²V²·abs(Z_h)²/g².
+    """
+    real, imaginary, w = device
+    k, b, v = shown
+    both = w * v
+    v_square = v * v
+    springs = w * w * k * k
+    dampers = square * (w * w * b * b)
+    mixed = square * both * (b * real - k * imaginary)
+    alone = square * v_square * (real * real + square * imaginary * imaginary)
+    real_off = real - first_end.real
+    imaginary_off = imaginary - first_end.imaginary
+    off = square * v_square * (real_off * real_off + square * imaginary_off * imaginary_off)
+    return {
+        "shown": springs + dampers + 2.0 * mixed,
+        "device": alone,
+        "b_square": square * both * both,
+        "b_linear": 2.0 * square * both * v * real,
+        "k_square": both * both,
+        "k_linear": -2.0 * square * both * v * imaginary,
+        "size": Form(np.abs((springs + dampers + alone).coefficients)),
+        "slack": 4.0 * off,
+    }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +22,25 @@ from percept.haptics.arrays import (
 )
 from percept.haptics.records import AnyDevice, Coupling, Device, Environment, TabulatedDevice
 
+__all__ = [
+    "DISCRETIZATIONS",
+    "HOLDS",
+    "Element",
+    "Held",
+    "Warp",
+    "coupling_admittance",
+    "coupling_impedance",
+    "device_impedance",
+    "device_parts",
+    "environment_impedance",
+    "hold",
+    "omega_of_rate",
+    "rotated_device",
+    "series",
+    "tustin_damping",
+    "warp",
+]
+
 HOLDS = ("average", "true")
 DISCRETIZATIONS = ("tustin", "backward")
 
@@ -32,8 +52,7 @@ _DC_SLACK = 1e-100
 _NYQUIST_SLACK = 4 * float(np.spacing(np.pi))
 
 
-@dataclass(frozen=True)
-class Held:
+class Held(NamedTuple):
     """The hold's gain g and its products with Ω, each with its limit at DC and Nyquist."""
 
     gain: FloatArray  # g = abs(ZOH), cos h for the averaging hold (Eq. 8)
@@ -107,8 +126,12 @@ def warp(omega: ArrayLike, period: float) -> Warp:
     return Warp(omega=omega, period=period, half=half, sin=sin, cos=cos)
 
 
-@dataclass(frozen=True)
-class Element:
+def omega_of_rate(rate: ArrayLike, period: float) -> FloatArray:
+    """Return the ω, rad/s, at which Tustin's Ω is a given rate, rad/s."""
+    return np.asarray((2 / period) * np.arctan(np.multiply(rate, period / 2)))
+
+
+class Element(NamedTuple):
     """m·s + b + k/s, of numbers or arrays that broadcast; of either sign."""
 
     stiffness: Scalars  # k, N/m
@@ -117,48 +140,56 @@ class Element:
 
 
 def series(grid: Warp, first: Element, second: Element) -> Element:
-    """Return the damping Re Z and the stiffness −Ω·Im Z of Z = Z₁Z₂/(Z₁ + Z₂); `second` has no mass.
+    """Return the damping and the stiffness of two elements in series, at each ω.
 
+    Parameters
+    ----------
+    grid : Warp
+        Angles of ω.
+    first, second : Element
+        Z₁ and Z₂; `second` has no mass. Their parameters broadcast against ω.
+
+    Returns
+    -------
+    Element
+        Re Z, N·s/m, and −Ω·Im Z, N/m, of Z = Z₁Z₂/(Z₁ + Z₂). At an undamped resonance the
+        stiffness is +inf (a pole has no sign).
+
+    Notes
+    -----
     Z₁Z₂/(Z₁ + Z₂) = a₂²Z₁ + a₁²Z₂ with aᵢ = |Zᵢ|/|Z₁ + Z₂|: both weights are positive, so a passive
     pair keeps every digit of its damping. In the stiffness what springs and masses add to the
     weights is drawn together to k₁k₂(k₁ + k₂): left in them, it would be a difference of large
-    numbers near a resonance, k₁ = −k₂. At an undamped resonance the stiffness is +inf (a pole has
-    no sign).
+    numbers near a resonance, k₁ = −k₂.
     """
     r1, x1 = _scaled_parts(grid, first)
     r2, x2 = _scaled_parts(grid, second)
     total = np.hypot(r1 + r2, x1 + x2)
-    w1 = ratio(np.hypot(r2, x2), total, empty=0.0) ** 2
-    w2 = ratio(np.hypot(r1, x1), total, empty=0.0) ** 2
+
+    def of_total(part: FloatArray) -> FloatArray:
+        return ratio(part, total, empty=0.0)
+
+    w1 = of_total(np.hypot(r2, x2)) ** 2
+    w2 = of_total(np.hypot(r1, x1)) ** 2
+    damping = times(w1, first.damping) + times(w2, second.damping)
     at_dc, at_nyquist = grid.sin == 0, grid.cos == 0
     # The rate at Nyquist is not used there; 0 keeps it finite.
     inertia = np.multiply(first.mass, np.where(at_nyquist, 0.0, grid.rate) ** 2)
     with np.errstate(invalid="ignore"):
-        k1, k2 = first.stiffness - inertia, np.asarray(second.stiffness)
-        stiffness = (
-            times(ratio(r2, total, empty=0.0) ** 2, k1)
-            + times(ratio(r1, total, empty=0.0) ** 2, k2)
-            + times(ratio(x1, total, empty=0.0) * ratio(x2, total, empty=0.0), k1 + k2)
-        )
+        k1 = first.stiffness - inertia
+        k2 = second.stiffness
+        of_springs = times(of_total(x1) * of_total(x2), k1 + k2)
+        stiffness = times(of_total(r2) ** 2, k1) + times(of_total(r1) ** 2, k2) + of_springs
     pole = (total == 0) & (x1 != 0)
     stiffness = np.where(np.isfinite(stiffness) & ~pole, stiffness, np.inf)
-    damping = times(w1, first.damping) + times(w2, second.damping)
-    if not (at_dc | at_nyquist).any():
-        return Element(stiffness, damping)
-
-    # At DC stiffness outgrows damping, at Nyquist damping outgrows stiffness and a mass outgrows
-    # both. Next to Nyquist a mass takes b₂²/m off the stiffness.
-    stiffnesses, dampings = (first.stiffness, second.stiffness), (first.damping, second.damping)
-    heavy = np.asarray(first.mass) > 0
-    light1, light2 = _end_weights(dampings, stiffnesses)
-    nyquist = np.where(heavy, 0.0, light1), np.where(heavy, 1.0, light2)
-    taken = np.where(heavy, ratio(np.square(second.damping), first.mass, empty=0.0), 0.0)
-    ends = (at_dc, _end_weights(stiffnesses, dampings), 0.0), (at_nyquist, nyquist, taken)
-    for there, (a1, a2), less in ends:
-        stiffness = np.where(
-            there, a1**2 * first.stiffness + a2**2 * second.stiffness - less, stiffness
-        )
-        damping = np.where(there, a1**2 * first.damping + a2**2 * second.damping, damping)
+    if at_dc.any():
+        end = _series_at_dc(first, second)
+        stiffness = np.where(at_dc, end.stiffness, stiffness)
+        damping = np.where(at_dc, end.damping, damping)
+    if at_nyquist.any():
+        end = _series_at_nyquist(first, second)
+        stiffness = np.where(at_nyquist, end.stiffness, stiffness)
+        damping = np.where(at_nyquist, end.damping, damping)
     return Element(stiffness, damping)
 
 
@@ -169,13 +200,32 @@ def _scaled_parts(grid: Warp, element: Element) -> tuple[FloatArray, FloatArray]
     return np.multiply(element.damping, grid.sin * grid.cos), inertia - spring
 
 
-def _end_weights(
-    leading: tuple[Scalars, Scalars], following: tuple[Scalars, Scalars]
-) -> tuple[FloatArray, FloatArray]:
-    """Return Z₂/(Z₁ + Z₂) and Z₁/(Z₁ + Z₂) where one kind of parameter leads, if there is any of it."""
-    led = np.add(*leading) > 0
-    first, second = np.where(led, leading[0], following[0]), np.where(led, leading[1], following[1])
-    return ratio(second, first + second, empty=0.0), ratio(first, first + second, empty=0.0)
+def _series_at_dc(first: Element, second: Element) -> Element:
+    """Return two elements in series at DC, where stiffness outgrows damping."""
+    by_stiffness = np.add(first.stiffness, second.stiffness) > 0
+    z1 = np.where(by_stiffness, first.stiffness, first.damping)
+    z2 = np.where(by_stiffness, second.stiffness, second.damping)
+    return _weighted(first, second, z1, z2)
+
+
+def _series_at_nyquist(first: Element, second: Element) -> Element:
+    """Return them at Nyquist, where damping outgrows stiffness, and a mass outgrows both."""
+    by_damping = np.add(first.damping, second.damping) > 0
+    z1 = np.where(by_damping, first.damping, first.stiffness)
+    z2 = np.where(by_damping, second.damping, second.stiffness)
+    heavy = np.asarray(first.mass) > 0
+    end = _weighted(first, second, np.where(heavy, 1.0, z1), np.where(heavy, 0.0, z2))
+    # Next to Nyquist a mass takes b₂²/m off the stiffness.
+    taken = ratio(np.square(second.damping), first.mass, empty=0.0)
+    return Element(end.stiffness - np.where(heavy, taken, 0.0), end.damping)
+
+
+def _weighted(first: Element, second: Element, z1: FloatArray, z2: FloatArray) -> Element:
+    """Return a₂²Z₁ + a₁²Z₂ with aᵢ = zᵢ/(z₁ + z₂), zᵢ the leading parts of Zᵢ."""
+    w1 = ratio(z2, z1 + z2, empty=0.0) ** 2
+    w2 = ratio(z1, z1 + z2, empty=0.0) ** 2
+    stiffness = w1 * first.stiffness + w2 * second.stiffness
+    return Element(stiffness, w1 * first.damping + w2 * second.damping)
 
 
 def device_impedance(omega: ArrayLike, device: AnyDevice, period: float) -> ComplexArray:

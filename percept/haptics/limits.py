@@ -7,6 +7,8 @@ below 1/8 nothing is stable. Under the true hold it is K² ≤ 16bβ and β ≤ 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -22,6 +24,18 @@ from percept.haptics.impedance import DISCRETIZATIONS, HOLDS, device_parts, warp
 from percept.haptics.records import AnyDevice, Device, Environment
 from percept.haptics.search import lowest, rising_root, search_grid
 from percept.haptics.stability import demands
+
+__all__ = [
+    "CheapestCoupling",
+    "PassivityDamping",
+    "StableRegion",
+    "best_coupling_damping",
+    "max_coupling_stiffness",
+    "passivity_damping",
+    "stable_region",
+    "stable_stiffness",
+    "stiffness_limits",
+]
 
 # β/b of the cheapest coupling: where ∂K/∂β = 0, β² − 5.5·bβ − 2b² = 0.
 _CHEAPEST = (11 + np.sqrt(153)) / 4
@@ -66,10 +80,9 @@ def max_coupling_stiffness(
     period = checked_period(period)
     one_of(discretization, "discretization", DISCRETIZATIONS)
     one_of(hold, "hold", HOLDS)
-    b, b_c = np.broadcast_arrays(
-        nonnegative_array(device_damping, "device damping", "N·s/m"),
-        nonnegative_array(coupling_damping, "coupling damping", "N·s/m"),
-    )
+    b = nonnegative_array(device_damping, "device damping", "N·s/m")
+    b_c = nonnegative_array(coupling_damping, "coupling damping", "N·s/m")
+    b, b_c = np.broadcast_arrays(b, b_c)
     if discretization == "tustin":
         return (_stretch(b, b_c, hold) / period)[()]
     at_dc = 4 * np.sqrt(b) * (np.sqrt(b) + np.sqrt(b + b_c))
@@ -78,11 +91,11 @@ def max_coupling_stiffness(
     else:
         c = ratio(b_c, b, empty=np.inf)
         interior = (c > _DC_LIMIT) & (c < 8)
-        stretch = np.where(c > _DC_LIMIT, 0.0, at_dc)
+        # Outside the interior any c and room serve: their root is not used.
         room = np.where(interior, ratio(8 * b - b_c, b, empty=0.0), 1.0)
-        stretch = np.where(
-            interior, 2 * b * _interior_root(np.where(interior, c, 7.0), room), stretch
-        )
+        root = _interior_root(np.where(interior, c, 7.0), room)
+        stretch = np.where(c > _DC_LIMIT, 0.0, at_dc)
+        stretch = np.where(interior, 2 * b * root, stretch)
     return (stretch / period)[()]
 
 
@@ -105,18 +118,45 @@ def _interior_root(c: FloatArray, room: FloatArray) -> FloatArray:
     root without overshooting.
     """
     c, room = np.broadcast_arrays(c, room)
-    shape, c, room = c.shape, c.ravel(), room.ravel()
+    shape = c.shape
+    c = c.ravel()
+    room = room.ravel()
 
     def excess(which: IntArray, delta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        beta, left = c[which] + delta, room[which] - delta
-        value = 27 * delta**2 - beta * left * (1 + beta) ** 2
-        return value, 54 * delta - (1 + beta) ** 2 * (left - beta) - 2 * beta * left * (1 + beta)
+        """Return left minus right side, and its slope."""
+        beta = c[which] + delta
+        rest = room[which] - delta
+        value = 27 * delta**2 - beta * rest * (1 + beta) ** 2
+        slope = 54 * delta - (1 + beta) ** 2 * (rest - beta) - 2 * beta * rest * (1 + beta)
+        return value, slope
 
     return rising_root(excess, room, np.zeros_like(room), room).reshape(shape)
 
 
 def stable_stiffness(device: AnyDevice, b_c: FloatArray, period: float, hold: str) -> FloatArray:
-    """Return the largest stable k_c at each b_c, of any device; only that of a rigid one needs no search."""
+    """Return the largest stable k_c of any device (Eq. 6); only that of a rigid one needs no search.
+
+    Parameters
+    ----------
+    device : Device or TabulatedDevice
+        Known from DC to Nyquist.
+    b_c : ndarray
+        Damping of the coupling, N·s/m.
+    period : float
+        Sampling period T, s.
+    hold : {"average", "true"}
+        Eq. 8, or the true zero-order hold.
+
+    Returns
+    -------
+    ndarray
+        N/m, of b_c's shape; 0 where no positive stiffness is stable.
+
+    Raises
+    ------
+    UsageError
+        T not positive, a table that begins above Nyquist, an unknown hold.
+    """
     if isinstance(device, Device) and not device.modes:
         return np.asarray(max_coupling_stiffness(device.damping, b_c, period, hold=hold))
 
@@ -125,7 +165,7 @@ def stable_stiffness(device: AnyDevice, b_c: FloatArray, period: float, hold: st
     def limits(omega: FloatArray, which: IntArray) -> FloatArray:
         return stiffness_limits(omega, device, lines[which], period, hold)
 
-    return lowest(limits, search_grid(device, period), lines.size)[0].reshape(b_c.shape)
+    return lowest(limits, search_grid(device, period), lines.size).value.reshape(b_c.shape)
 
 
 def stiffness_limits(
@@ -135,9 +175,11 @@ def stiffness_limits(
     grid = warp(omega, period)
     available, _ = device_parts(grid, device)
     # Eq. 10 is viscous·β² + elastic·K² ≤ available·β.
-    viscous, elastic = demands(grid, hold)
-    spare = available - viscous * b_c
-    a, half_b = viscous / 4 + elastic, (viscous * b_c - available / 2) / 2
+    demand = demands(grid, hold)
+    needed = demand.viscous * b_c
+    spare = available - needed
+    a = demand.viscous / 4 + demand.elastic
+    half_b = (needed - available / 2) / 2
     # a·K² + 2·half_b·K − b_c·spare = 0, in the form that adds terms of one sign.
     root = np.hypot(half_b, np.sqrt(a) * np.sqrt(b_c) * np.sqrt(np.maximum(spare, 0.0)))
     falling = ratio(root - half_b, a, empty=np.inf)
@@ -146,19 +188,62 @@ def stiffness_limits(
     return (np.where((spare < 0) | (available < 0), 0.0, stretch) / grid.period)[()]
 
 
-def best_coupling_damping(stiffness: float, period: float) -> tuple[float, float]:
-    """Return the b_c, about 0.1248·k_cT, that needs the least b_d, 0.10695·k_cT, N·s/m (Eqs 6, 8)."""
+class CheapestCoupling(NamedTuple):
+    """The coupling damping that asks for the least device damping, N·s/m."""
+
+    coupling_damping: float  # b_c, about 0.1248·k_cT
+    device_damping: float  # The b_d that it asks for, about 0.10695·k_cT
+
+
+def best_coupling_damping(stiffness: float, period: float) -> CheapestCoupling:
+    """Return the b_c with which a coupling of a given stiffness needs the least b_d (Eqs 6, 8).
+
+    Parameters
+    ----------
+    stiffness : float
+        k_c, N/m.
+    period : float
+        Sampling period T, s.
+
+    Returns
+    -------
+    CheapestCoupling
+    """
     stretch = stiffness * period
     needed = 1 / (_CHEAPEST * 2 * np.sqrt((8 / _CHEAPEST - 1) / 27) * (1 + _CHEAPEST))
-    return float((_CHEAPEST * needed - 0.5) * stretch), float(needed * stretch)
+    return CheapestCoupling(
+        coupling_damping=float((_CHEAPEST * needed - 0.5) * stretch),
+        device_damping=float(needed * stretch),
+    )
+
+
+class StableRegion(NamedTuple):
+    """Vertices of a polygon in the plane of couplings, shape (n,)."""
+
+    stiffness: FloatArray  # k_c, N/m
+    damping: FloatArray  # b_c, N·s/m
 
 
 def stable_region(
     device_damping: float, period: float, *, hold: str = "average", points: int = 257
-) -> tuple[FloatArray, FloatArray]:
-    """Return (k_c, b_c) around all couplings, by Eq. 6, that Eq. 10 allows a rigid device; N/m and N·s/m.
+) -> StableRegion:
+    """Return the edge of all couplings (Eq. 6) that Eq. 10 allows a rigid device.
 
-    A polygon of `points` vertices on the curved edge, and the corner at the origin.
+    Parameters
+    ----------
+    device_damping : float
+        b_d, N·s/m.
+    period : float
+        Sampling period T, s.
+    hold : {"average", "true"}
+        Eq. 8, or the true zero-order hold.
+    points : int
+        Vertices on the curved edge.
+
+    Returns
+    -------
+    StableRegion
+        The vertices on the edge, and the corner at the origin.
     """
     # Half-cosine spacing: the edge leaves both ends like a square root.
     fraction = np.sin(np.linspace(0, np.pi / 2, points)) ** 2
@@ -171,21 +256,40 @@ def stable_region(
         beta = device_damping * (4.0 + 4.0 * fraction)
         stretch = _stretch(np.full_like(beta, device_damping), beta, hold)
         damping = np.maximum(beta - stretch / 2, 0.0)
-    return np.append(stretch, 0.0) / period, np.append(damping, 0.0)
+    return StableRegion(np.append(stretch, 0.0) / period, np.append(damping, 0.0))
 
 
-def passivity_damping(environment: Environment, period: float) -> tuple[FloatArray, FloatArray]:
-    """Return the device damping, N·s/m, above which an environment rendered without coupling is passive.
+class PassivityDamping(NamedTuple):
+    """Device damping above which an environment rendered without coupling is passive, N·s/m."""
 
-    First by Colgate & Schenkel, with the true zero-order hold and backward differences: without
-    mass k·T/2 + abs(b). They ask b_d > T/(2(1 − cos θ))·Re[(1 − e^{−jθ})·H(e^{jθ})] for all θ = ωT.
-    With u = sin²(θ/2) the right-hand side is k·T/2 − b(1 − 2u) − (2m/T)(3u − 4u²): convex in u, so
-    largest at DC, k·T/2 − b, or at Nyquist, k·T/2 + b + 2m/T. Then in the paper's own model (Eqs 7,
-    8), k·T/2 − b: there Re Z_h = b_d + cos²(θ/2)(b − k·T/2) + (2m/T)·sin²(θ/2), smallest at DC
-    where it can be negative at all.
+    colgate: FloatArray  # By Colgate & Schenkel: true zero-order hold, backward differences
+    paper: FloatArray  # In the paper's own model (Eqs 7, 8)
+
+
+def passivity_damping(environment: Environment, period: float) -> PassivityDamping:
+    """Return the device damping above which an environment rendered without coupling is passive.
+
+    Parameters
+    ----------
+    environment : Environment
+        Its parameters may be arrays.
+    period : float
+        Sampling period T, s.
+
+    Returns
+    -------
+    PassivityDamping
+        Of the broadcast shape of the environment's parameters.
+
+    Notes
+    -----
+    Colgate & Schenkel ask b_d > T/(2(1 − cos θ))·Re[(1 − e^{−jθ})·H(e^{jθ})] for all θ = ωT. With
+    u = sin²(θ/2) the right-hand side is k·T/2 − b(1 − 2u) − (2m/T)(3u − 4u²): convex in u, so
+    largest at DC, k·T/2 − b, or at Nyquist, k·T/2 + b + 2m/T. Without mass that is k·T/2 + abs(b).
+    In the paper's model it is k·T/2 − b: there Re Z_h = b_d + cos²(θ/2)(b − k·T/2) +
+    (2m/T)·sin²(θ/2), smallest at DC where it can be negative at all.
     """
-    k, b, m = (
-        np.asarray(part) for part in (environment.stiffness, environment.damping, environment.mass)
-    )
-    elastic = k * (period / 2)
-    return (elastic + b + m * (2 / period))[()], (elastic - b + 0.0 * m)[()]
+    elastic = np.multiply(environment.stiffness, period / 2)
+    colgate = elastic + environment.damping + np.multiply(environment.mass, 2 / period)
+    paper = elastic - environment.damping + np.multiply(environment.mass, 0.0)
+    return PassivityDamping(np.asarray(colgate)[()], np.asarray(paper)[()])

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.haptics.arrays import (
+    BoolArray,
     ComplexArray,
     FloatArray,
+    IntArray,
     Scalars,
     complex_from,
+    ratio,
     real_array,
     times,
 )
@@ -23,7 +28,24 @@ from percept.haptics.impedance import (
     tustin_damping,
     warp,
 )
-from percept.haptics.records import AnyDevice, Coupling, Environment
+from percept.haptics.records import AnyDevice, Coupling, Display, Environment
+
+__all__ = [
+    "DistancePlane",
+    "Extremes",
+    "Point",
+    "effective_impedance",
+    "perceived_impedance",
+    "perceived_magnitude",
+    "shown_element",
+]
+
+
+class Point(NamedTuple):
+    """Stiffness and damping, numbers or arrays of one shape; of either sign."""
+
+    stiffness: Scalars  # N/m
+    damping: Scalars  # N·s/m
 
 
 def effective_impedance(
@@ -33,7 +55,7 @@ def effective_impedance(
     period: float,
     *,
     discretization: str = "tustin",
-) -> tuple[FloatArray, FloatArray]:
+) -> Point:
     """Return the stiffness and the damping that environment and coupling in series show at each ω.
 
     Z_eff = Z_eZ_c/(Z_e + Z_c) has the damping Re Z_eff and the stiffness −Ω·Im Z_eff. Both may be
@@ -43,9 +65,9 @@ def effective_impedance(
 
     Returns
     -------
-    stiffness, damping : ndarray
-        N/m and N·s/m, of the broadcast shape of all arguments. The stiffness is +inf at an undamped
-        resonance of environment and coupling.
+    Point
+        `stiffness`, N/m, and `damping`, N·s/m, of the broadcast shape of all arguments. The
+        stiffness is +inf at an undamped resonance of environment and coupling.
 
     Raises
     ------
@@ -53,23 +75,30 @@ def effective_impedance(
         As `perceived_impedance`.
     """
     grid = warp(omega, period)
-    felt = rendered(grid, environment, coupling, discretization)
-    stiffness, damping, _ = np.broadcast_arrays(felt.stiffness, felt.damping, grid.omega)
-    return stiffness[()], damping[()]
+    element = _coupled(grid, environment, coupling, discretization)
+    stiffness, damping, _ = np.broadcast_arrays(element.stiffness, element.damping, grid.omega)
+    return Point(stiffness[()], damping[()])
 
 
-def rendered(
-    grid: Warp, environment: Environment, coupling: Coupling | None, discretization: str = "tustin"
+def _coupled(
+    grid: Warp, environment: Environment, coupling: Coupling | None, discretization: str
 ) -> Element:
-    """Return the environment, or what it shows through the coupling, at each ω."""
-    own = Element(environment.stiffness, environment.damping, environment.mass)
+    """Return the environment, or environment and coupling in series, at each ω."""
+    element = Element(environment.stiffness, environment.damping, environment.mass)
     if coupling is None:
-        return own
-    return series(
-        grid,
-        own,
-        Element(coupling.stiffness, tustin_damping(coupling, grid.period, discretization)),
-    )
+        return element
+    damping = tustin_damping(coupling, grid.period, discretization)
+    return series(grid, element, Element(coupling.stiffness, damping))
+
+
+def shown_element(grid: Warp, display: Display) -> Element:
+    """Return the stiffness and damping a display shows; the environment's mass counts with the device."""
+    environment, coupling = display.environment, display.coupling
+    element = _coupled(grid, environment, coupling, "tustin")
+    if coupling is None:
+        return Element(element.stiffness, element.damping)
+    inertia = np.multiply(environment.mass, grid.rate**2)
+    return Element(element.stiffness + inertia, element.damping)
 
 
 def perceived_impedance(
@@ -114,28 +143,29 @@ def perceived_impedance(
         unknown hold or discretization.
     """
     grid = warp(omega, period)
-    felt = rendered(grid, environment, coupling, discretization)
+    element = _coupled(grid, environment, coupling, discretization)
     real, imaginary = device_parts(grid, device)
-    held_real, held_imaginary = _held_parts(grid, grid.held(hold), felt)
+    held_real, held_imaginary = _held_parts(grid, grid.held(hold), element)
     return complex_from(real + held_real, imaginary + held_imaginary)
 
 
-def _held_parts(grid: Warp, held: Held, felt: Element) -> tuple[FloatArray, FloatArray]:
+def _held_parts(grid: Warp, held: Held, element: Element) -> tuple[FloatArray, FloatArray]:
     """Return the parts of ZOH·(m·s + b + k/s), N·s/m.
 
     Each product of gain, Ω^±1 and sin h or cos h is written out so that no factor overflows beside
     one that vanishes; only k at DC and m at Nyquist (true hold) are left with an infinite factor.
     """
-    spring, inertia = grid.period / 2, 2 / grid.period
+    gain_cos = held.gain * grid.cos
+    gain_sin = held.gain * grid.sin
     real = (
-        np.multiply(felt.damping, held.gain * grid.cos)
-        + times(felt.mass, held.rate * grid.sin)
-        - np.multiply(felt.stiffness, held.gain * grid.cos * spring)
+        np.multiply(element.damping, gain_cos)
+        + times(element.mass, held.rate * grid.sin)
+        - np.multiply(element.stiffness, gain_cos * (grid.period / 2))
     )
     imaginary = (
-        np.multiply(felt.mass, held.gain * grid.sin * inertia)
-        - np.multiply(felt.damping, held.gain * grid.sin)
-        - times(felt.stiffness, held.per_rate * grid.cos)
+        np.multiply(element.mass, gain_sin * (2 / grid.period))
+        - np.multiply(element.damping, gain_sin)
+        - times(element.stiffness, held.per_rate * grid.cos)
     )
     return real, imaginary
 
@@ -150,21 +180,84 @@ def perceived_magnitude(
     mass: ArrayLike = 0.0,
     hold: str = "average",
 ) -> FloatArray:
-    """Return abs(Z_h), N·s/m, as a distance, for any real k and b; a mass may be negative too.
+    """Return abs(Z_h) as a distance (see `DistancePlane`), for any real k and b.
 
-    With g the hold's gain and h = ωT/2, abs(Z_h) = abs(Z_d·e^{jh} + g·b + j·g·(m·Ω − k/Ω)): in the
-    plane of (g·b, g·k/Ω) it is the distance from one point, set by the device.
+    Parameters as in `perceived_impedance`; the mass of the environment, kg, may be negative too.
+
+    Returns
+    -------
+    ndarray
+        N·s/m, of the broadcast shape of all arguments.
+
+    Raises
+    ------
+    UsageError
+        As `perceived_impedance`.
     """
     grid = warp(omega, period)
-    k, b = real_array(stiffness, "stiffness", "N/m"), real_array(damping, "damping", "N·s/m")
-    across, along, held = distance_axes(grid, device, hold, real_array(mass, "mass", "kg"))
-    return np.hypot(held.gain * b + across, along - times(k, held.per_rate))
+    k = real_array(stiffness, "stiffness", "N/m")
+    b = real_array(damping, "damping", "N·s/m")
+    m = real_array(mass, "mass", "kg")
+    return DistancePlane.of(grid, device, hold, m).distance(Point(k, b))
+
+
+class Extremes(NamedTuple):
+    """The (k, b) of a region with the smallest and the largest abs(Z_h)."""
+
+    nearest: Point
+    farthest: Point
+
+
+class DistancePlane(NamedTuple):
+    """The plane of (g·b, g·k/Ω), in which abs(Z_h) is the distance from one point, set by the device.
+
+    With g the hold's gain and h = ωT/2, abs(Z_h) = abs(Z_d·e^{jh} + g·b + j·g·(m·Ω − k/Ω)).
+    """
+
+    gain: FloatArray  # g
+    per_rate: FloatArray  # g/Ω, s/rad
+    real: FloatArray  # Real part of Z_d·e^{jh} + j·g·m·Ω, N·s/m
+    imaginary: FloatArray  # Its imaginary part, N·s/m
+
+    @classmethod
+    def of(cls, grid: Warp, device: AnyDevice, hold: str, mass: Scalars = 0.0) -> DistancePlane:
+        """Take a device with the environment's mass, kg, at each ω."""
+        held = grid.held(hold)
+        real, imaginary = rotated_device(grid, device)
+        return cls(held.gain, held.per_rate, real, imaginary + times(mass, held.rate))
+
+    def flat(self) -> DistancePlane:
+        """Return all fields in one shape (n,)."""
+        return DistancePlane(*(field.ravel() for field in np.broadcast_arrays(*self)))
+
+    def select(self, which: IntArray | BoolArray) -> DistancePlane:
+        """Return some of the n elements of a flat plane."""
+        return DistancePlane(*(field[which] for field in self))
+
+    def offsets(self, point: Point) -> tuple[FloatArray, FloatArray]:
+        """Return the parts of Z_h·e^{jh}, N·s/m, at an ω where g/Ω is finite or k is not zero."""
+        k, b = point
+        return self.gain * b + self.real, self.imaginary - self.per_rate * k
+
+    def distance(self, point: Point) -> FloatArray:
+        """Return abs(Z_h), N·s/m."""
+        across = self.gain * point.damping + self.real
+        return np.hypot(across, self.imaginary - times(point.stiffness, self.per_rate))
+
+    def square(self, point: Point) -> FloatArray:
+        """Return abs(Z_h)² where `offsets` may be asked."""
+        across, along = self.offsets(point)
+        return np.asarray(across**2 + along**2)
+
+    def origin(self) -> Point:
+        """Return the (k, b) at which Z_h vanishes; infinite where there is none."""
+        k = ratio(self.imaginary, self.per_rate, empty=np.inf)
+        return Point(k, ratio(-self.real, self.gain, empty=np.inf))
 
 
 def distance_axes(
     grid: Warp, device: AnyDevice, hold: str, mass: Scalars = 0.0
 ) -> tuple[FloatArray, FloatArray, Held]:
-    """Return across, along and the hold such that abs(Z_h) = hypot(g·b + across, along − k·g/Ω)."""
-    held = grid.held(hold)
-    across, along = rotated_device(grid, device)
-    return across, along + times(mass, held.rate), held
+    """Return the plane's real and imaginary part, and the hold."""
+    plane = DistancePlane.of(grid, device, hold, mass)
+    return plane.real, plane.imaginary, grid.held(hold)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -12,11 +12,23 @@ from percept.errors import UsageError
 from percept.haptics.arrays import (
     ComplexArray,
     FloatArray,
+    IntArray,
     Scalars,
     complex_array,
     nonnegative_array,
     stored,
 )
+
+__all__ = [
+    "AnyDevice",
+    "Coupling",
+    "Device",
+    "Display",
+    "Environment",
+    "Mode",
+    "TabulatedDevice",
+    "refuse_arrays",
+]
 
 _UNITS = {"stiffness": "N/m", "damping": "N·s/m", "mass": "kg"}
 
@@ -201,15 +213,68 @@ AnyDevice: TypeAlias = Device | TabulatedDevice
 """What every argument called `device` accepts."""
 
 
+@dataclass(frozen=True)
+class Display:
+    """An environment displayed by a device, directly or through a coupling.
+
+    Mass and damping of the device and both parameters of the coupling may be arrays of shape (n,):
+    then these are n displays.
+
+    Parameters
+    ----------
+    device : Device or TabulatedDevice
+        Z_d.
+    environment : Environment
+        Z_e, of single numbers.
+    period : float
+        Sampling period T, s.
+    coupling : Coupling, optional
+        Z_c in Tustin's form (Eq. 12); None where environment and device are joined directly.
+    hold : {"average", "true"}
+        Eq. 8, or the true zero-order hold.
+    """
+
+    device: AnyDevice
+    environment: Environment
+    period: float
+    coupling: Coupling | None = None
+    hold: str = "average"
+
+    @property
+    def count(self) -> int | None:
+        """Number of displays, n; None where no parameter is an array."""
+        parameters: list[Scalars] = []
+        if isinstance(self.device, Device):
+            parameters += [self.device.mass, self.device.damping]
+        if self.coupling is not None:
+            parameters += [self.coupling.stiffness, self.coupling.damping]
+        lengths = [np.size(parameter) for parameter in parameters if np.ndim(parameter)]
+        return max(lengths, default=None)
+
+    def select(self, which: IntArray) -> Display:
+        """Return the displays of these indices, in this order."""
+
+        def selected(value: Scalars) -> Scalars:
+            return value if isinstance(value, float) else value[which]
+
+        device = self.device
+        if isinstance(device, Device):
+            mass = selected(device.mass)
+            device = replace(device, mass=mass, damping=selected(device.damping))
+        coupling = self.coupling
+        if coupling is not None:
+            coupling = Coupling(selected(coupling.stiffness), selected(coupling.damping))
+        return replace(self, device=device, coupling=coupling)
+
+
 def refuse_arrays(device: AnyDevice, coupling: Coupling) -> None:
     """Refuse arrays where one verdict is asked for."""
-    parts = [coupling.stiffness, coupling.damping]
+    parameters = [coupling.stiffness, coupling.damping]
     if isinstance(device, Device):
-        parts += [device.mass, device.damping]
-        parts += [
-            part for mode in device.modes for part in (mode.mass, mode.stiffness, mode.damping)
-        ]
-    if any(np.ndim(part) for part in parts):
+        parameters += [device.mass, device.damping]
+        for mode in device.modes:
+            parameters += [mode.mass, mode.stiffness, mode.damping]
+    if any(np.ndim(parameter) for parameter in parameters):
         raise UsageError(
             "a verdict is for one device and one coupling.",
             hint="For arrays use stability_margin or required_damping.",

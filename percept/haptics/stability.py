@@ -27,6 +27,19 @@ from percept.haptics.records import AnyDevice, Coupling, Device, TabulatedDevice
 from percept.haptics.search import covers_range, lowest, search_grid
 from percept.html import NotebookRecord
 
+__all__ = [
+    "AbsoluteStability",
+    "Demands",
+    "RequiredDamping",
+    "Verdict",
+    "absolute_stability",
+    "coupling_bound",
+    "demands",
+    "required_damping",
+    "required_damping_at",
+    "stability_margin",
+]
+
 # How near to 1 a margin counts as on the limit.
 _ROUNDING = 1e-12
 # κ = K/2β from which on the demand is largest at DC.
@@ -37,7 +50,8 @@ _KAPPA_AT_DC = float(np.sqrt(0.8))
 class RequiredDamping(NotebookRecord):
     """The damping a rigid device needs for a coupling; floats, or arrays of the coupling's shape."""
 
-    damping: Scalars  # Smallest b_d with which Eq. 10 holds at every ω, N·s/m; inf where no damping suffices
+    # Smallest b_d with which Eq. 10 holds at every ω, N·s/m; inf where no damping suffices.
+    damping: Scalars
     omega: Scalars  # The ω that binds, rad/s
 
 
@@ -79,20 +93,47 @@ def required_damping_at(
         hold.
     """
     grid = warp(omega, period)
-    viscous, elastic = demands(grid, hold)
+    demand = demands(grid, hold)
     beta = tustin_damping(coupling, grid.period, discretization)
     stretch = np.multiply(coupling.stiffness, grid.period)
     # Only positive terms, and K²/β as K·(K/β): K² alone may leave the range of a double.
     load = stretch * ratio(stretch, beta, empty=0.0)
-    needed = np.multiply(beta, viscous) + times(elastic, load)
+    needed = np.multiply(beta, demand.viscous) + times(demand.elastic, load)
     # A spring without a damper asks for infinitely much right up to Nyquist, so also there.
     return np.where(np.isinf(load), np.inf, needed)[()]
 
 
-def demands(grid: Warp, hold: str) -> tuple[FloatArray, FloatArray]:
-    """Return u and v of Eq. 10 as Re Z_d ≥ u·β + v·K²/β, β in Tustin's form and K = k_c·T."""
+@dataclass(frozen=True, eq=False)
+class Demands:
+    """Eq. 10 as Re Z_d ≥ viscous·β + elastic·K²/β, with β in Tustin's form and K = k_c·T."""
+
+    viscous: FloatArray
+    elastic: FloatArray
+
+
+def demands(grid: Warp, hold: str) -> Demands:
+    """Return what Eq. 10 asks for at each ω.
+
+    Parameters
+    ----------
+    grid : Warp
+        Angles of ω.
+    hold : {"average", "true"}
+        Eq. 8, or the true zero-order hold.
+
+    Returns
+    -------
+    Demands
+        Dimensionless, of ω's shape.
+
+    Raises
+    ------
+    UsageError
+        For an unknown hold.
+    """
     gain = grid.held(hold).gain
-    return gain * grid.one_minus_cos / 2, gain * grid.cos**2 / (8 * (1 + grid.cos))
+    elastic = gain * grid.cos**2 / (8 * (1 + grid.cos))
+    return Demands(viscous=gain * grid.one_minus_cos / 2, elastic=elastic)
 
 
 def required_damping(
@@ -135,11 +176,10 @@ def required_damping(
     c = np.cosh(u)
     damping = np.where(interior, beta * ((2 * c - 1) / (4 * (c + 1))), at_dc)
     # 1 − y = cosh(u₁) − cosh(u) as a product, u₁ that of y = 1: next to DC the difference would be
-    # lost.
-    short = np.arctanh((0.8 - inner**2) / ((_KAPPA_AT_DC + inner) * (1 - _KAPPA_AT_DC * inner))) * (
-        2 / 3
-    )
-    one_minus_y = 2 * np.sinh(u + short / 2) * np.sinh(short / 2)
+    # lost. u₁ − u is in closed form too.
+    tanh_rise = (0.8 - inner**2) / ((_KAPPA_AT_DC + inner) * (1 - _KAPPA_AT_DC * inner))
+    rise = np.arctanh(tanh_rise) * (2 / 3)
+    one_minus_y = 2 * np.sinh(u + rise / 2) * np.sinh(rise / 2)
     omega = np.where(interior, (4 / period) * np.arcsin(np.sqrt(one_minus_y / 2)), 0.0)
     return RequiredDamping(damping=stored(damping), omega=stored(omega))
 
@@ -181,11 +221,23 @@ def stability_margin(
 def coupling_bound(
     omega: ArrayLike, device: AnyDevice, period: float, *, hold: str = "average"
 ) -> FloatArray:
-    """Return the lower bound of Re 1/Z_c, m/(N·s), in Eq. 10 and Fig. 4; inf where nothing is dissipated."""
+    """Return the lower bound of Re 1/Z_c in Eq. 10 and Fig. 4.
+
+    Parameters as in `stability_margin`.
+
+    Returns
+    -------
+    ndarray
+        m/(N·s), of ω's shape; inf where the device dissipates nothing.
+
+    Raises
+    ------
+    UsageError
+        ω above Nyquist or outside a device's table, T not positive, an unknown hold.
+    """
     grid = warp(omega, period)
     available, _ = device_parts(grid, device)
-    viscous, _ = demands(grid, hold)
-    return ratio(viscous, available, empty=np.inf)[()]
+    return ratio(demands(grid, hold).viscous, available, empty=np.inf)[()]
 
 
 Verdict = Literal["stable", "marginal", "unstable", "undecided"]
@@ -243,10 +295,8 @@ def absolute_stability(
     refuse_arrays(device, coupling)
     if isinstance(device, Device) and not device.modes:
         need = required_damping(coupling, period, discretization=discretization, hold=hold)
-        smallest, binding = (
-            float(ratio(device.damping, need.damping, empty=np.inf)),
-            float(need.omega),
-        )
+        smallest = float(ratio(device.damping, need.damping, empty=np.inf))
+        binding = float(need.omega)
     else:
 
         def margin(omega: FloatArray, _: IntArray) -> FloatArray:
@@ -256,8 +306,9 @@ def absolute_stability(
                 )
             )
 
-        least, at = lowest(margin, search_grid(device, period), 1)
-        smallest, binding = float(least[0]), float(at[0])
+        least = lowest(margin, search_grid(device, period), 1)
+        smallest = float(least.value[0])
+        binding = float(least.x[0])
     verdict: Verdict = "stable" if smallest > 1 + _ROUNDING else "marginal"
     reason = f"The smallest margin is {smallest:.6g}, at {binding:.6g} rad/s."
     if smallest < 1 - _ROUNDING:

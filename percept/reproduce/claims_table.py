@@ -11,7 +11,7 @@ import numpy as np
 from scipy import special
 
 from percept.haptics import Coupling, Device, Environment
-from percept.haptics.envelope import magnitude_envelope_ellipse
+from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.inference import Moments, bias, t_interval, tolerance_factor
 from percept.reproduce.devices import direct_inside, share_true
 from percept.reproduce.published import LOOKED_AT, Evidence, Published, evidence, undecided
@@ -202,7 +202,7 @@ def _upper_of_ellipse(published: Published, k: Moments, b: Moments, correlation:
     centre = (float(k.mean), float(b.mean))
     device = Device(0.0, 0.0)
     _, upper = magnitude_envelope_ellipse(
-        LOOKED_AT, device, centre, covariance, radius, published.period
+        LOOKED_AT, device, Ellipse(centre, covariance, radius), published.period
     )
     return float(upper)
 

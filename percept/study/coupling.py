@@ -112,7 +112,6 @@ def _verdicts(
     for region in regions:
         if region.limits is None or region.environment not in setup.references:
             continue
-        k, b = ((np.array([low]), np.array([high])) for low, high in region.limits)
         reference = setup.references[region.environment]
         stiffness, damping = haptics.effective_impedance(read_at, reference, coupling, setup.period)
         for shape in BOXES:
@@ -121,13 +120,13 @@ def _verdicts(
             }
             for side, coupled in (("uncoupled", False), ("coupled", True)):
                 display = setup.display(region.environment, coupled=coupled)
-                departed = departures(display, Boxes(k, b, corners=shape == "corner"), *within)
+                boxes = Boxes.of(*region.limits, corners=shape == "corner")
+                departed = departures(display, boxes, *within)
                 row[f"verdict_{side}"] = departed.verdict()
                 row[f"departure_{side}"] = float(np.expm1(departed.largest[0]))
                 row[f"departure_omega_{side}"] = float(departed.omega[0])
-                row[f"plane_departure_{side}"] = float(
-                    plane_departures(display, Boxes(k, b), *within)[0][0]
-                )
+                in_plane = plane_departures(display, boxes, *within)
+                row[f"plane_departure_{side}"] = float(in_plane.largest[0])
             yield row | {
                 "effective_stiffness": float(stiffness),
                 "effective_damping": float(damping),
@@ -187,7 +186,7 @@ def populations(fit: Fit, asked: InferenceTable) -> dict[str, Boxes]:
     reach = -special.ndtri(0.5 * (1.0 - asked.level)) * fit.model.laws(fit.points).population_sd
     lower, upper = fit.scale.native(means - reach), fit.scale.native(means + reach)
     pairs = zip(fit.environments, fit.pairs(lower).values(), fit.pairs(upper).values(), strict=True)
-    return {e: Boxes((low[0], high[0]), (low[1], high[1])) for e, low, high in pairs}
+    return {e: Boxes.of((low[0], high[0]), (low[1], high[1])) for e, low, high in pairs}
 
 
 def study_realism(

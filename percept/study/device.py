@@ -14,10 +14,9 @@ from percept.boundary.curves import Shape
 from percept.errors import UsageError
 from percept.haptics import Coupling, Device, Environment, TabulatedDevice
 from percept.haptics.containment import ON_LIMIT, Boxes, departures
-from percept.haptics.envelope import magnitude_envelope_ellipse
-from percept.haptics.forms import Display
+from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.haptics.limits import passivity_damping
-from percept.haptics.records import AnyDevice
+from percept.haptics.records import AnyDevice, Display
 from percept.html import NotebookRecord
 from percept.scene import InferenceTable, Scene
 from percept.sessions.quantities import is_impedance
@@ -65,10 +64,11 @@ class Setup:
                 omega, self.device, *region.limits, self.period, mass=mass, hold=self.hold
             )
         ellipse = region.ellipse
+        log = ellipse.family == "lognormal"
+        around = Ellipse(ellipse.centre, ellipse.shape, ellipse.radius, log)
         return magnitude_envelope_ellipse(
-            omega, self.device, ellipse.centre, ellipse.shape, ellipse.radius, self.period,
-            mass=mass, hold=self.hold, log=ellipse.family == "lognormal",
-        )  # fmt: skip
+            omega, self.device, around, self.period, mass=mass, hold=self.hold
+        )
 
     def resonances(self, environment: str) -> Array:
         """Frequencies, rad/s, near which curves bend most: the device's mass on the reference, its modes."""
@@ -221,9 +221,9 @@ def device_sensitivity(
 
     def stays_inside(region: Region) -> NDArray[np.bool_]:
         assert region.limits is not None
-        k, b = ((np.full(mass.size, low), np.full(mass.size, high)) for low, high in region.limits)
+        boxes = Boxes.of(*region.limits, count=mass.size)
         display = together.display(region.environment, coupled=coupling is not None)
-        found = departures(display, Boxes(k, b), *within, throughout=True)
+        found = departures(display, boxes, *within, throughout=True)
         return (found.largest <= ON_LIMIT).reshape(shape)
 
     some = next(iter(limits.values()))

@@ -9,7 +9,7 @@ from percept.boundary.realism import realism
 from percept.haptics import Coupling, Device, Environment, effective_impedance, magnitude_envelope
 from percept.haptics import perceived_impedance as perceived
 from percept.haptics.containment import ON_LIMIT, Boxes
-from percept.haptics.forms import Display
+from percept.haptics.records import Display
 
 LOWER, UPPER, PERIOD, DEVICE = 0.1, 100.0, 1e-3, Device(1.0, 5.0)
 
@@ -23,7 +23,7 @@ def test_realism_is_that_of_a_loop_over_draws_and_a_fine_grid(coupling: Coupling
     k_low, b_low = np.exp(rng.normal(6.85, 0.06, 200)), rng.normal(0.5, 0.3, 200)
     k_high, b_high = k_low * 1.15, b_low + 1.0
     own = Environment(950.0, 1.2)
-    users = Boxes((k_low, k_high), (b_low, b_high))
+    users = Boxes.of((k_low, k_high), (b_low, b_high))
     found = realism(Display(DEVICE, own, PERIOD, coupling), users, LOWER, UPPER)
     shown = np.abs(perceived(omega, DEVICE, own, PERIOD, coupling=coupling))
     k, b = np.full(omega.size, 950.0), np.full(omega.size, 1.2)
@@ -47,7 +47,7 @@ def test_realism_is_that_of_a_loop_over_draws_and_a_fine_grid(coupling: Coupling
 
 
 def test_the_limits_of_a_population_are_real_themselves() -> None:
-    users = Boxes((np.array([900.0]), np.array([1100.0])), (np.array([1.0]), np.array([3.0])))
+    users = Boxes.of((900.0, 1100.0), (1.0, 3.0))
     for k, b in ((900.0, 1.0), (1100.0, 3.0), (900.0, 3.0)):
         found = realism(Display(DEVICE, Environment(k, b), PERIOD), users, LOWER, UPPER)
         assert (found.magnitude, found.plane) == (1.0, 1.0)
@@ -55,7 +55,7 @@ def test_the_limits_of_a_population_are_real_themselves() -> None:
 
 
 def test_a_display_far_away_is_real_to_nobody() -> None:
-    users = Boxes((np.full(9, 900.0), np.full(9, 1100.0)), (np.full(9, 1.0), np.full(9, 3.0)))
+    users = Boxes.of((900.0, 1100.0), (1.0, 3.0), count=9)
     found = realism(Display(DEVICE, Environment(9e3, 2.0), PERIOD), users, LOWER, UPPER)
     assert (found.magnitude, found.plane) == (0.0, 0.0)
 
@@ -65,9 +65,7 @@ def test_a_draw_that_no_search_decides_is_in_the_error() -> None:
     k, count = 1000.0, 100
     off = ON_LIMIT + np.linspace(-2e-15, 2e-15, count)
     for shift, undecided in ((0.0, True), (-1e-12, False)):
-        users = Boxes(
-            (np.full(count, 900.0), k * np.exp(-off - shift)), (np.zeros(count), np.zeros(count))
-        )
+        users = Boxes.of((900.0, k * np.exp(-off - shift)), (0.0, 0.0))
         found = realism(Display(Device(0.0, 0.0), Environment(k, 0.0), PERIOD), users, LOWER, UPPER)
         binomial = np.sqrt(found.magnitude * (1 - found.magnitude) / count)
         assert (found.magnitude_error > max(binomial, 1 / count)) == undecided

@@ -26,7 +26,7 @@ from percept.haptics import (
     perceived_impedance,
 )
 from percept.haptics.containment import ON_LIMIT, Boxes, Departures, departures
-from percept.haptics.forms import Display
+from percept.haptics.records import Display
 
 PERIOD, LOWER, UPPER = 1e-3, 0.1, 100.0
 # Of ten scenes so many have a planted excursion; one more touches its limit.
@@ -115,7 +115,7 @@ def limits_of(box: Boxes) -> tuple[tuple[float, float], ...]:
 
 def box(k: tuple[float, float], b: tuple[float, float]) -> Boxes:
     """A single box."""
-    return Boxes(*((np.array([low]), np.array([high])) for low, high in (k, b)))
+    return Boxes.of(k, b)
 
 
 def scenes(count: int, seed: int, *, mass: bool = False) -> Iterator[Scene]:
@@ -183,7 +183,7 @@ def _planted(display: Display, limits: Boxes, height: float) -> Boxes | None:
     def scaled(factor: float) -> Boxes:
         middles = [np.sqrt(low * high) for low, high in (limits.stiffness, limits.damping)]
         pairs = zip(middles, (limits.stiffness, limits.damping), strict=True)
-        return Boxes(*(tuple(at * (end / at) ** factor for end in pair) for at, pair in pairs))
+        return Boxes.of(*([at * (end / at) ** factor for end in pair] for at, pair in pairs))
 
     def excess(log_factor: float) -> float:
         found = departures(display, scaled(np.exp(log_factor)), LOWER, UPPER)

@@ -12,7 +12,8 @@ from percept.haptics import (
     effective_impedance,
 )
 from percept.haptics.containment import ON_LIMIT, Boxes, departures, plane_departures
-from percept.haptics.forms import Display, Squares, product, total
+from percept.haptics.forms import Form, Squares
+from percept.haptics.records import Display
 from tests.haptics.scenes import (
     LOWER,
     PERIOD,
@@ -90,7 +91,7 @@ def test_searches_together_are_those_one_by_one():
         np.sort(rng.uniform(500, 1500, (2, 40)), axis=0),
         np.sort(rng.uniform(0, 9, (2, 40)), axis=0),
     )
-    boxes = Boxes((k[0], k[1]), (b[0], b[1]))
+    boxes = Boxes.of(k, b)
     device, own = Device(1.0, 5.0, (Mode(0.1, 300.0, 0.05),)), Environment(1000.0, 3.0)
     couplings = Coupling(rng.uniform(1e3, 1e5, 40), rng.uniform(1, 100, 40))
     shared = departures(Display(device, own, PERIOD), boxes, LOWER, UPPER)
@@ -102,7 +103,7 @@ def test_searches_together_are_those_one_by_one():
     assert 0 < (each.largest > 0).sum() < 40
     for i in range(40):
         one = Coupling(float(couplings.stiffness[i]), float(couplings.damping[i]))
-        alone = boxes.some(np.array([i]))
+        alone = boxes.select(np.array([i]))
         for found, coupling in ((shared, None), (each, one)):
             single = departures(Display(device, own, PERIOD, coupling), alone, LOWER, UPPER)
             assert found.largest[i] == pytest.approx(single.largest[0], rel=2e-4)
@@ -111,10 +112,10 @@ def test_searches_together_are_those_one_by_one():
 
 def test_corner_curves_that_cross_leave_nothing_inside():
     display = Display(Device(1.0, 5.0), Environment(1000.0, 3.0), PERIOD)
-    limits = (np.array([900.0]), np.array([1100.0])), (np.array([2.0]), np.array([4.0]))
-    assert departures(display, Boxes(*limits), LOWER, UPPER).verdict() == "inside"
-    assert departures(display, Boxes(*limits, corners=True), LOWER, UPPER).verdict() == "outside"
-    assert departures(display, Boxes(*limits, corners=True), LOWER, 1.0).verdict() == "inside"
+    limits = (900.0, 1100.0), (2.0, 4.0)
+    assert departures(display, Boxes.of(*limits), LOWER, UPPER).verdict() == "inside"
+    assert departures(display, Boxes.of(*limits, corners=True), LOWER, UPPER).verdict() == "outside"
+    assert departures(display, Boxes.of(*limits, corners=True), LOWER, 1.0).verdict() == "inside"
 
 
 def test_a_mass_of_the_environment_belongs_to_what_users_adjust():
@@ -142,7 +143,10 @@ def test_forms_are_the_squares_they_stand_for(mass):
             table = Squares.of(display, ends)
             scene = Scene(display, box((700.0, 700.0), (6.0, 6.0)), "")
             below = (
-                table.damping * 36 + table.across * 6 + table.stiffness * 700**2 - table.along * 700
+                table.b_square * 36
+                + table.b_linear * 6
+                + table.k_square * 700**2
+                + table.k_linear * 700
             )
             ratio = (table.shown + table.device) / (below + table.device)
             # With one point for a box the departure is the ratio's logarithm, up or down.
@@ -155,12 +159,25 @@ def test_products_and_sums_of_forms_are_those_of_polynomials():
     t = np.linspace(0, 1, 7)
 
     def at(form):
-        n = len(form) - 1
-        return sum(row[0] * (1 - t) ** (n - i) * t**i for i, row in enumerate(form))
+        n = form.size - 1
+        terms = [c[0] * (1 - t) ** (n - i) * t**i for i, c in enumerate(form.coefficients)]
+        return sum(terms)
 
-    first, second = np.array([[1.0], [-2.0], [0.5]]), np.array([[3.0], [4.0]])
-    np.testing.assert_allclose(at(product(first, second)), at(first) * at(second), atol=1e-14)
-    np.testing.assert_allclose(at(total(first, second)), at(first) + at(second), atol=1e-14)
+    first, second = Form(np.array([[1.0], [-2.0], [0.5]])), Form(np.array([[3.0], [4.0]]))
+    number, per_piece = 7.0, np.array([7.0])
+    for form, value in (
+        (first + second, at(first) + at(second)),
+        (first - second, at(first) - at(second)),
+        (first * second, at(first) * at(second)),
+        (first + number, at(first) + 7.0),
+        (per_piece + first, at(first) + 7.0),
+        (number - first, 7.0 - at(first)),
+        (per_piece - first, 7.0 - at(first)),
+        (first * number, at(first) * 7.0),
+        (per_piece * first, at(first) * 7.0),
+        (first / per_piece, at(first) / 7.0),
+    ):
+        np.testing.assert_allclose(at(form), value, atol=1e-14)
 
 
 @pytest.mark.parametrize("mass", [0.0, 0.5, 20.0])
@@ -174,9 +191,8 @@ def test_departures_of_what_couplings_show(mass):
         (np.array([3500.0, 3000.0]), np.array([5500.0, 6000.0])),
         (np.full(2, 1.0), np.array([2.5, 7.0])),
     )
-    largest, where = plane_departures(
-        Display(Device(1.0, 5.0), own, PERIOD, couplings), Boxes(k, b), LOWER, UPPER
-    )
+    display = Display(Device(1.0, 5.0), own, PERIOD, couplings)
+    found = plane_departures(display, Boxes.of(k, b), LOWER, UPPER)
     omega = np.geomspace(LOWER, UPPER, 400_001)
     for n in (0, 1):
 
@@ -190,16 +206,14 @@ def test_departures_of_what_couplings_show(mass):
             ]
             return np.maximum(*sides)
 
-        assert largest[n] >= off(omega).max() - 1e-12
-        assert largest[n] == pytest.approx(off(omega).max(), rel=1e-4, abs=1e-6)
-        assert off(where[n]) == pytest.approx(largest[n], rel=1e-9)
+        assert found.largest[n] >= off(omega).max() - 1e-12
+        assert found.largest[n] == pytest.approx(off(omega).max(), rel=1e-4, abs=1e-6)
+        assert off(found.omega[n]) == pytest.approx(found.largest[n], rel=1e-9)
 
 
 def test_an_environment_itself_departs_from_many_boxes_by_its_own_k_and_b():
-    boxes = Boxes(
-        (np.array([900.0, 1010.0]), np.array([1100.0, 1110.0])), (np.zeros(2), np.full(2, 5.0))
-    )
-    largest, _ = plane_departures(
+    boxes = Boxes.of(([900.0, 1010.0], [1100.0, 1110.0]), (0.0, 5.0))
+    found = plane_departures(
         Display(Device(1.0, 5.0), Environment(1000.0, 3.0, 0.4), PERIOD), boxes, 1.0, 9.0
     )
-    np.testing.assert_allclose(largest, [-0.4, 0.1])
+    np.testing.assert_allclose(found.largest, [-0.4, 0.1])

@@ -17,7 +17,7 @@ from percept.haptics import (
 )
 from percept.haptics.design import EnvironmentBoundary, design_couplings
 from percept.haptics.limits import best_coupling_damping
-from percept.haptics.search import Gaps, where_positive
+from percept.haptics.search import Intervals, where_positive
 
 T = 1e-3
 RANGE = (0.1, 100.0)
@@ -216,15 +216,14 @@ def test_gaps_are_those_found_by_walking_along_each_line():
     cuts[rng.random(low.shape) < 0.05, 1] = np.inf
     cuts[rng.random(low.shape) < 0.05, 0] = -np.inf
     ceiling = np.where(rng.random(400) < 0.1, 0.0, rng.uniform(0.5, 9.0, 400))
-    gaps = Gaps.of(ceiling, cuts)
+    intervals = Intervals.left_by(ceiling, cuts)
     counts = set()
     for line, (top, own) in enumerate(zip(ceiling.tolist(), cuts, strict=True)):
         expected = left_over(top, own)
-        found = gaps.lines()[line]
+        found = intervals.lines()[line]
         np.testing.assert_array_equal(found, np.reshape(expected, (-1, 2)))
-        largest, smallest = gaps.costs()[:, line]
-        assert largest == (-expected[-1][1] if expected else np.inf)
-        assert smallest == (expected[0][0] if expected else np.inf)
+        assert intervals.largest()[line] == (expected[-1][1] if expected else -np.inf)
+        assert intervals.smallest()[line] == (expected[0][0] if expected else np.inf)
         counts.add(len(expected))
     assert counts >= {0, 1, 2, 3}
 
@@ -235,6 +234,6 @@ def test_where_a_polynomial_is_positive(a):
     half_b, c = (part.ravel() for part in np.meshgrid(values, values))
     k = np.linspace(-40.0, 40.0, 4001) + 1e-4
     positive = a * k**2 + 2 * half_b[:, None] * k + c[:, None] > 0
-    found = where_positive(np.full(half_b.shape, a), half_b, c).reshape(-1, 2, 2, 1)
+    found = where_positive(np.full(half_b.shape, a), half_b, c)[..., None]
     inside = ((found[:, :, 0] < k) & (k < found[:, :, 1])).any(axis=1)
     np.testing.assert_array_equal(inside, positive)

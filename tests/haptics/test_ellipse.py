@@ -12,7 +12,7 @@ from percept.haptics import (
     magnitude_envelope,
     perceived_impedance,
 )
-from percept.haptics.envelope import magnitude_envelope_ellipse
+from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.haptics.perceived import perceived_magnitude
 
 T = 1e-3
@@ -104,7 +104,9 @@ def random_ellipses(count, seed):
 def test_ends_are_the_stationary_points_on_the_edge():
     inside = 0
     for omega, device, centre, shape, radius, period in random_ellipses(60, 11):
-        lower, upper = magnitude_envelope_ellipse(omega, device, centre, shape, radius, period)
+        lower, upper = magnitude_envelope_ellipse(
+            omega, device, Ellipse(centre, shape, radius), period
+        )
         nearest, farthest, holds_origin, size = quartic(
             omega, device, centre, shape, radius, period
         )
@@ -131,7 +133,7 @@ def test_against_a_million_points_of_the_ellipse(omega):
         reach * np.array([np.cos(angle), np.sin(angle)])
     )
     seen = perceived_magnitude(omega, DEVICE, k, b, T)
-    lower, upper = magnitude_envelope_ellipse(omega, DEVICE, centre, shape, 2.5, T)
+    lower, upper = magnitude_envelope_ellipse(omega, DEVICE, Ellipse(centre, shape, 2.5), T)
     assert lower <= seen.min() * (1 + 1e-12)
     assert upper >= seen.max() * (1 - 1e-12)
     assert upper == pytest.approx(seen.max(), rel=1e-3)
@@ -142,7 +144,7 @@ def test_an_ellipse_about_nothing_at_all_reaches_as_far_as_its_longer_axis(
     plain_impedance, ellipse_edge
 ):
     nothing, shape = Device(0.0, 0.0), np.diag([4.0, 9.0])
-    lower, upper = magnitude_envelope_ellipse(10.0, nothing, (0.0, 0.0), shape, 1.0, T)
+    lower, upper = magnitude_envelope_ellipse(10.0, nothing, Ellipse((0.0, 0.0), shape, 1.0), T)
     seen = np.abs(plain_impedance(10.0, nothing, *ellipse_edge((0.0, 0.0), shape, 1.0)))
     assert lower == 0.0
     assert upper == pytest.approx(
@@ -153,7 +155,7 @@ def test_an_ellipse_about_nothing_at_all_reaches_as_far_as_its_longer_axis(
 def test_inside_the_box_around_it_and_touching_its_sides():
     omega = np.concatenate([[0.0], np.geomspace(1e-6, np.pi / T, 300)])
     shape = [[100.0, 6.0], [6.0, 1.0]]
-    lower, upper = magnitude_envelope_ellipse(omega, DEVICE, (15.0, 0.7), shape, 2.0, T)
+    lower, upper = magnitude_envelope_ellipse(omega, DEVICE, Ellipse((15.0, 0.7), shape, 2.0), T)
     box_lower, box_upper = magnitude_envelope(omega, DEVICE, (-5.0, 35.0), (-1.3, 2.7), T)
     assert (lower >= box_lower * (1 - 1e-14)).all()
     assert (upper <= box_upper * (1 + 1e-14)).all()
@@ -176,7 +178,7 @@ def test_flat_ellipses_are_segments_and_points(shape):
     # A correlation that is one in decimals is off by √eps in the square root of 1 − ρ².
     k, b = 15.0 + 2 * np.sqrt(shape[0][0]) * u, 0.7 + 2 * np.sqrt(shape[1][1]) * u
     seen = perceived_magnitude(omega[:, None], DEVICE, k, b, T)
-    lower, upper = magnitude_envelope_ellipse(omega, DEVICE, (15.0, 0.7), shape, 2.0, T)
+    lower, upper = magnitude_envelope_ellipse(omega, DEVICE, Ellipse((15.0, 0.7), shape, 2.0), T)
     np.testing.assert_allclose(upper, seen.max(axis=1), rtol=1e-7)
     np.testing.assert_allclose(lower, seen.min(axis=1), rtol=1e-6)
 
@@ -200,7 +202,9 @@ def test_log_ellipse_against_its_curve_and_its_inside(ellipse_edge):
                 centre = np.log(zero) + rng.normal(size=2) * sd
         cross = rng.uniform(-0.95, 0.95) * sd[0] * sd[1]
         shape = np.array([[sd[0] ** 2, cross], [cross, sd[1] ** 2]])
-        lower, upper = magnitude_envelope_ellipse(omega, device, centre, shape, 1.5, T, log=True)
+        lower, upper = magnitude_envelope_ellipse(
+            omega, device, Ellipse(centre, shape, 1.5, log=True), T
+        )
         edge = perceived_magnitude(omega, device, *np.exp(ellipse_edge(centre, shape, 1.5)), T)
         assert upper >= edge.max() * (1 - 1e-13)
         assert upper == pytest.approx(edge.max(), rel=1e-6)
@@ -235,7 +239,9 @@ def test_log_ellipse_finds_the_extreme_to_every_digit():
             centre[:, None] + 1.5 * sd[:, None] * np.array([np.cos(angles), np.sin(angles)])
         )
         seen = perceived_magnitude(omega, device, *edge, T)
-        lower, upper = magnitude_envelope_ellipse(omega, device, centre, shape, 1.5, T, log=True)
+        lower, upper = magnitude_envelope_ellipse(
+            omega, device, Ellipse(centre, shape, 1.5, log=True), T
+        )
         for value, sign in ((lower, 1), (upper, -1)):
             if value == 0:
                 continue
@@ -260,7 +266,9 @@ def test_log_ellipse_is_not_beaten_anywhere_on_its_edge(ellipse_edge):
         centre, sd = rng.uniform([0, -4], [12, 5]), 10 ** rng.uniform(-3, 0.6, 2)
         cross = (rng.uniform(-0.99, 0.99) if index % 5 else 1 - 1e-10) * sd.prod()
         shape = np.array([[sd[0] ** 2, cross], [cross, sd[1] ** 2]])
-        lower, upper = magnitude_envelope_ellipse(omega, device, centre, shape, 2.0, T, log=True)
+        lower, upper = magnitude_envelope_ellipse(
+            omega, device, Ellipse(centre, shape, 2.0, log=True), T
+        )
         edge = perceived_magnitude(
             omega, device, *np.exp(ellipse_edge(centre, shape, 2.0, 20_000)), T
         )
@@ -273,16 +281,21 @@ def test_small_log_ellipse_is_an_ellipse():
     shape = np.array([[1.0, 0.3], [0.3, 1.0]]) * 1e-8
     centre = np.array([1000.0, 2.0])
     omega = np.geomspace(0.1, 3000, 20)
-    by_log = magnitude_envelope_ellipse(omega, DEVICE, np.log(centre), shape, 2.0, T, log=True)
+    by_log = magnitude_envelope_ellipse(
+        omega, DEVICE, Ellipse(np.log(centre), shape, 2.0, log=True), T
+    )
     plain = magnitude_envelope_ellipse(
-        omega, DEVICE, centre, shape * np.outer(centre, centre), 2.0, T
+        omega, DEVICE, Ellipse(centre, shape * np.outer(centre, centre), 2.0), T
     )
     np.testing.assert_allclose(by_log, plain, rtol=1e-6)
 
 
 def test_log_ellipse_at_the_ends_and_by_broadcasting():
     lower, upper = magnitude_envelope_ellipse(
-        [0.0, np.pi / T], Device([[0.0], [1.0]], 5.0), (1.0, 1.0), np.eye(2), 1.0, T, log=True
+        [0.0, np.pi / T],
+        Device([[0.0], [1.0]], 5.0),
+        Ellipse((1.0, 1.0), np.eye(2), 1.0, log=True),
+        T,
     )
     np.testing.assert_array_equal(lower, [[np.inf, 5.0], [np.inf, np.inf]])
     np.testing.assert_array_equal(upper, [[np.inf, 5.0], [np.inf, np.inf]])
@@ -300,7 +313,7 @@ def test_a_mass_of_the_environment_moves_every_curve(hold, ellipse_edge):
     around = Environment(edge[0], edge[1], mass)
     felt = np.abs(perceived_impedance(omega[:, None], DEVICE, around, T, hold=hold))
     lower, upper = magnitude_envelope_ellipse(
-        omega, DEVICE, centre, shape, 1.5, T, mass=mass, hold=hold
+        omega, DEVICE, Ellipse(centre, shape, 1.5), T, mass=mass, hold=hold
     )
     np.testing.assert_allclose(upper, felt.max(axis=1), rtol=1e-6)
     np.testing.assert_allclose(lower, felt.min(axis=1), rtol=1e-4)
@@ -312,7 +325,7 @@ def test_a_mass_of_the_environment_moves_every_curve(hold, ellipse_edge):
         )
     )
     lower, upper = magnitude_envelope_ellipse(
-        omega, DEVICE, np.log(centre), small, 1.5, T, mass=mass, hold=hold, log=True
+        omega, DEVICE, Ellipse(np.log(centre), small, 1.5, log=True), T, mass=mass, hold=hold
     )
     np.testing.assert_allclose(upper, felt.max(axis=1), rtol=1e-6)
     np.testing.assert_allclose(lower, felt.min(axis=1), rtol=1e-4)

@@ -27,7 +27,7 @@ from percept.haptics import (
     stability_margin,
 )
 from percept.haptics.arrays import complex_from
-from percept.haptics.envelope import magnitude_envelope_ellipse
+from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.haptics.impedance import coupling_admittance, warp
 from percept.haptics.limits import stiffness_limits
 from percept.haptics.perceived import perceived_magnitude
@@ -280,7 +280,9 @@ def test_never_nan_and_negative_omega_is_the_conjugate(log_period, place, p, kin
     numbers = [
         perceived_magnitude(omega, device, -p[5], p[6], period, mass=p[7], **options),
         *magnitude_envelope(omega, device, *box, period, mass=p[7], **options),
-        *magnitude_envelope_ellipse(omega, device, (p[8], p[9]), shape, 1.5, period, **options),
+        *magnitude_envelope_ellipse(
+            omega, device, Ellipse((p[8], p[9]), shape, 1.5), period, **options
+        ),
         required_damping_at(omega, coupling, period, discretization=discretization, **options),
         stability_margin(omega, device, coupling, period, discretization=discretization, **options),
         required_damping(coupling, period, discretization=discretization, **options).damping,

@@ -15,21 +15,21 @@ def test_the_lowest_of_several_dips_is_found_though_another_looks_lower_on_the_g
         deep = 50.0 * (x - place[which]) ** 2 - depth[which]
         return np.minimum(deep, 50.0 * (x - 0.9) ** 2 - depth[which] + 0.01)
 
-    least, at = lowest(functions, grid, 3)
+    found = lowest(functions, grid, 3)
     # A parabola is flat to rounding within the root of a double's digits.
-    np.testing.assert_allclose(at, place, rtol=0, atol=1e-7)
-    np.testing.assert_allclose(least, -depth, rtol=1e-13)
+    np.testing.assert_allclose(found.x, place, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(found.value, -depth, rtol=1e-13)
 
 
 def test_a_function_that_is_lowest_at_an_end_or_level_or_endless_is_lowest_there():
     grid, slopes = np.linspace(1.0, 2.0, 9), np.array([1.0, -1.0, 0.0])
-    least, at = lowest(lambda x, which: slopes[which] * x, grid, 3)
-    assert least.tolist() == [1.0, -2.0, 0.0]
-    assert at[:2].tolist() == [1.0, 2.0]
-    least, _ = lowest(
+    found = lowest(lambda x, which: slopes[which] * x, grid, 3)
+    assert found.value.tolist() == [1.0, -2.0, 0.0]
+    assert found.x[:2].tolist() == [1.0, 2.0]
+    found = lowest(
         lambda x, which: np.full(np.broadcast_shapes(x.shape, which.shape), np.inf), grid, 2
     )
-    assert least.tolist() == [np.inf, np.inf]
+    assert found.value.tolist() == [np.inf, np.inf]
 
 
 def test_roots_are_found_over_many_decades_and_where_newton_alone_would_leave_the_bracket():
