@@ -1,0 +1,72 @@
+"""Fiducial populations: their margins are those of the t and chi-square, whatever is combined."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from percept.errors import RefusalError, UsageError
+from percept.inference.classical.central_range import central_range_confidence
+from percept.inference.classical.fiducial import fiducial_draws
+from percept.inference.classical.moments import Moments
+
+DRAWS = 40_000
+#: Smallest p-value of a test that holds: eighteen tests are made.
+LEAST_P = 1e-4
+
+
+def subjects(n, seed):
+    rng = np.random.default_rng(seed)
+    return rng.multivariate_normal([1.0, -2.0], [[1.0, 0.6], [0.6, 0.5]], size=n)
+
+
+@pytest.mark.parametrize("n", [3, 6, 30])
+@pytest.mark.parametrize("weights", [(1.0, 0.0), (0.0, 1.0), (0.3, -2.0)])
+def test_linear_margins_are_exact(n, weights):
+    values = subjects(n, n)
+    draws = fiducial_draws(values, DRAWS, np.random.default_rng(1))
+    weights = np.array(weights)
+    combined = values @ weights
+    sd = combined.std(ddof=1)
+    variance = np.einsum("p,dpq,q->d", weights, draws.covariance, weights)
+    chi_square = (n - 1) * sd**2 / variance
+    assert stats.kstest(chi_square, stats.chi2(n - 1).cdf).pvalue > LEAST_P
+    t = (draws.mean @ weights - combined.mean()) * np.sqrt(n) / sd
+    assert stats.kstest(t, stats.t(n - 1).cdf).pvalue > LEAST_P
+
+
+@pytest.mark.parametrize("n", [3, 10])
+def test_shares_of_draws_are_the_confidence_of_the_noncentral_t(n):
+    values = subjects(n, 7 * n)
+    draws = fiducial_draws(values, DRAWS, np.random.default_rng(2))
+    edge = stats.norm.isf(0.005)
+    sd = np.sqrt(draws.covariance[:, 0, 0])
+    for displayed in values[:, 0].mean() + values[:, 0].std(ddof=1) * np.array([0.0, 1.5, 3.0]):
+        share = np.mean(np.abs(displayed - draws.mean[:, 0]) <= edge * sd)
+        exact = central_range_confidence(displayed, Moments.from_values(values[:, 0]))
+        assert share == pytest.approx(exact, abs=4.0 * np.sqrt(0.25 / DRAWS))
+
+
+def test_one_degree_of_freedom_less_is_caught():
+    values = subjects(4, 3)
+    draws = fiducial_draws(values, DRAWS, np.random.default_rng(3))
+    chi_square = 2 * values[:, 0].var(ddof=1) / draws.covariance[:, 0, 0]
+    assert stats.kstest(chi_square, stats.chi2(2).cdf).pvalue < LEAST_P
+
+
+def test_correlation_is_that_of_the_sample():
+    values = subjects(200, 5)
+    draws = fiducial_draws(values, 4_000, np.random.default_rng(4))
+    sd = np.sqrt(np.diagonal(draws.covariance, axis1=1, axis2=2))
+    correlation = draws.covariance[:, 0, 1] / sd.prod(axis=1)
+    sample = np.corrcoef(values.T)[0, 1]
+    assert correlation.mean() == pytest.approx(sample, abs=0.1 * (1.0 - sample**2))
+
+
+def test_refusals():
+    rng = np.random.default_rng(0)
+    with pytest.raises(RefusalError, match="2 quantities needs at least 3 subjects"):
+        fiducial_draws(np.ones((2, 2)), 10, rng)
+    with pytest.raises(RefusalError, match="follows exactly from the others"):
+        fiducial_draws(np.outer(np.arange(5.0), [1.0, 2.0]), 10, rng)
+    with pytest.raises(UsageError, match="a row per subject"):
+        fiducial_draws([1.0, 2.0], 10, rng)
