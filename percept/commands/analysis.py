@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+import threading
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 _SETTINGS = ("seed", "tolerance", "level", "family", "method")
 _NOTICES = 10  # printed; percept validate lists all
+_SLOW_STAGE = 2.0  # seconds of a stage after which it is said
 _LONG = 60.0  # seconds of a run from which on a command says how long it takes
 
 
@@ -257,7 +259,9 @@ class Working:
 
     def __init__(self, what: str, *, shown: bool) -> None:
         self._told = not shown
+        self._shown = shown
         self._bar = _bar(what) if shown and sys.stderr.isatty() else None
+        self._waiting: threading.Timer | None = None
 
     def __enter__(self) -> Self:
         if self._bar is not None:
@@ -269,8 +273,21 @@ class Working:
 
     def stop(self) -> None:
         """Clear the line, before results are printed."""
+        if self._waiting is not None:
+            self._waiting.cancel()
         if self._bar is not None:
             self._bar.stop()
+
+    def stage(self, name: str) -> None:
+        """Show what is worked on; where there is no terminal, say it once it takes a while."""
+        if self._waiting is not None:
+            self._waiting.cancel()
+        if self._bar is not None:
+            self._bar.reset(self._bar.task_ids[0], description=name, total=None)
+        elif self._shown:
+            self._waiting = threading.Timer(_SLOW_STAGE, _say_stage, [name])
+            self._waiting.daemon = True
+            self._waiting.start()
 
     def show(self, words: str, done: int, total: int) -> None:
         """Show how much of a whole is done, with what else there is to say."""
@@ -284,11 +301,17 @@ class Working:
         if math.isfinite(state.worst_error):
             words += f", error {state.worst_error:.2%}, asked {state.tolerance:.2%}"
         self.show(words, state.steps, total)
+        if self._bar is not None:
+            self._bar.refresh()  # a short run would be over before the next turn
         if not self._told and state.seconds_left > _LONG:
             self._told = True
             quicker = f" Quicker: {state.quicker}." if state.quicker else ""
             minutes = f"{state.seconds_left / 60.0:.0f} min"
             print(f"percept: sampling takes about {minutes}.{quicker}", file=sys.stderr, flush=True)
+
+
+def _say_stage(name: str) -> None:
+    print(f"percept: {name} …", file=sys.stderr, flush=True)
 
 
 def _bar(what: str) -> rich.progress.Progress:

@@ -63,7 +63,9 @@ def _fit(arguments: argparse.Namespace) -> int:
 
     with Working("fitting", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
-        path = write_fit(study, arguments.out, force=arguments.force, say=notice)
+        path = write_fit(
+            study, arguments.out, progress=progress.stage, force=arguments.force, say=notice
+        )
     if arguments.json:
         print(path.read_text(encoding="utf-8"))
         return verdict(study)
@@ -118,6 +120,7 @@ def _report(arguments: argparse.Namespace) -> int:
             arguments.out,
             formats=arguments.formats,
             why=arguments.why,
+            progress=progress.stage,
             force=arguments.force,
             say=notice,
         )

@@ -7,7 +7,7 @@ from typing import Any
 
 from percept.errors import counted
 from percept.inference.record import percent
-from percept.report.numbers import bare, rounded
+from percept.report.numbers import bare, digits_of, rounded
 from percept.report.select import (
     METHODS,
     Record,
@@ -91,17 +91,17 @@ def contrast_sentences(document: Record) -> list[str]:
     rows = _overall(document.get("contrast") or ())
     said = []
     for row in rows[:_SAID]:
-        of = f" of {row['environment']}" if row["environment"] is not None else ""
+        of = f" in {row['environment']}" if row["environment"] is not None else ""
         label = f"{quantities[row['parameter']].label}{of}"
         estimate, lower, upper = (float(row[name]) for name in ("estimate", "lower", "upper"))
-        ends = " to ".join(bare(rounded(end, 3)) for end in (lower, upper))
+        digits = digits_of(estimate, lower, upper)
+        size = bare(rounded(estimate if row["family"] == "lognormal" else abs(estimate), digits))
+        ends = " to ".join(bare(rounded(end, digits)) for end in (lower, upper))
         if row["family"] == "lognormal":
-            how = f"{bare(rounded(estimate, 3))} times as high with {row['second']} as"
+            how = f"{size} times as high with {row['second']} as"
         else:
             side = "lower" if estimate < 0 else "higher"
-            how = (
-                f"{bare(rounded(abs(estimate), 3))} {row['unit']} {side} with {row['second']} than"
-            )
+            how = f"{size} {row['unit']} {side} with {row['second']} than"
             ends = f"{ends} {row['unit']}"
         sure = "confidence" if row["method"] == "classical" else "probability"
         who = f"{row['n']} of {counted(row['of_subjects'], user, users)}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib import metadata
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
@@ -28,7 +28,13 @@ _REPORT_ALONE = "only percept report has them"
 _EDGE_POINTS = 65  # of the stable region
 
 
-def build_document(study: Study, *, curves: bool = True, why: bool = False) -> dict[str, Any]:
+def build_document(
+    study: Study,
+    *,
+    curves: bool = True,
+    why: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> dict[str, Any]:
     """Build the document that the page, the tables and the figures are made from.
 
     Parameters
@@ -40,6 +46,8 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
         absent.
     why : bool
         Whether the reasons why the methods differ are wanted: ``ladder``, else None.
+    progress : callable, optional
+        Called with the name of each step.
 
     Returns
     -------
@@ -51,29 +59,42 @@ def build_document(study: Study, *, curves: bool = True, why: bool = False) -> d
         the units of the tables: units of the quantities, and N/m, N·s/m, rad/s, kg, s. No run
         times, no folders.
     """
-    boundaries = plain(study.boundaries) if curves else []
-    shown = distinct(boundaries, "environment")
-    windows = {name: window for name, window in study.zoom.items() if name in shown}
+    step = progress or (lambda _: None)
+    step("intervals")
     document: dict[str, Any] = {
         "schema": SCHEMA,
         "provenance": provenance(study),
         "data": data_of(study),
         "intervals": plain(study.intervals.assign(covers=study.interpretation["covers"])),
-        "contrast": plain(study.contrasts),
+    }
+    step("contrasts")
+    document["contrast"] = plain(study.contrasts)
+    step("boundaries")
+    boundaries = plain(study.boundaries) if curves else []
+    shown = distinct(boundaries, "environment")
+    windows = {name: window for name, window in study.zoom.items() if name in shown}
+    document |= {
         "boundaries": boundaries,
         "zoom": windows,
         "close": _close_views(study, windows),
         "passivity": plain(study.passivity) if curves else None,
-        "coupling": plain(study.coupling) if curves else None,
-        "band": plain(study.band) if curves else None,
-        "design": design_of(study) if boundaries and study.scene.coupling else None,
-        "sensitivity": plain(study.sensitivity) if curves else None,
-        "comparison": plain(study.comparison),
-        "ladder": plain(study.ladder) if why else None,
-        "diagnostics": plain(study.diagnostics),
-        "checks": _checks(study),
-        "skipped": [{"what": what, "why": why} for what, why in study.skipped],
     }
+    step("coupling")
+    document["coupling"] = plain(study.coupling) if curves else None
+    step("band law")
+    document["band"] = plain(study.band) if curves else None
+    step("admissible couplings")
+    wanted = boundaries and study.scene.coupling
+    document["design"] = design_of(study) if wanted else None
+    step("sensitivity to the device")
+    document["sensitivity"] = plain(study.sensitivity) if curves else None
+    step("comparison of methods")
+    document["comparison"] = plain(study.comparison)
+    document["ladder"] = plain(study.ladder) if why else None
+    document["diagnostics"] = plain(study.diagnostics)
+    step("checks of the model")
+    document["checks"] = _checks(study)
+    document["skipped"] = [{"what": what, "why": why} for what, why in study.skipped]
     if not curves and len(study.intervals):
         document["skipped"].append(
             {"what": "boundaries, coupling and band law", "why": _REPORT_ALONE}

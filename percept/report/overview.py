@@ -270,11 +270,21 @@ def _next_users(rows: Sequence[Record], quantities: Mapping[str, Quantity]) -> l
     return sentences
 
 
+def _digits_between(lower: float, upper: float) -> int:
+    """Return the digits that tell two ends apart: two, and more where they lie close together."""
+    width, size = upper - lower, max(abs(lower), abs(upper))
+    if not (0.0 < width < math.inf and 0.0 < size < math.inf):
+        return 2
+    decades = math.log10(size / width)
+    return 2 if decades < 1.0 else min(2 + math.ceil(decades), 6)
+
+
 def _user_range(row: Record) -> str:
     """Write the next user's range against the reference."""
     lower, upper = row["user_bias_lower"], row["user_bias_upper"]
     if row["relative"]:
-        ends = [bare(rounded(row[f"user_{side}_ratio"], 2)) for side in ("lower", "upper")]
+        ratios = [row["user_lower_ratio"], row["user_upper_ratio"]]
+        ends = [bare(rounded(ratio, _digits_between(*ratios))) for ratio in ratios]
         return f"{' to '.join(ends)} times the reference"
     ends = [bare(rounded(abs(end), 2)) for end in (lower, upper)]
     sides = ["below" if end < 0 else "above" for end in (lower, upper)]

@@ -23,6 +23,8 @@ from percept.report.select import (
     Record,
     Section,
     array,
+    choice_said,
+    chosen,
     distinct,
     each_by_itself,
     families_of,
@@ -162,7 +164,10 @@ def boundaries(document: Record) -> Section | None:
         "shapes": [
             {"name": name, "meaning": _SHAPES[name]} for name in ordered(_SHAPES, records, "shape")
         ],
-        "curves": [curves for name in names if (curves := _curves(document, name)) is not None],
+        "curves": [
+            curves for name in chosen(names) if (curves := _curves(document, name)) is not None
+        ],
+        "left_out": choice_said(names),
     }
     return Section("boundaries", "Realistic performance boundaries", values)
 

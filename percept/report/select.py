@@ -116,6 +116,28 @@ def matching(records: Iterable[Record], **wanted: Any) -> list[Record]:
     ]
 
 
+#: Most environments of a figure: more are strips that nobody reads, on a page of many megabytes.
+MOST_DRAWN = 24
+
+
+def chosen(names: Sequence[str]) -> list[str]:
+    """Return the environments that a figure draws: all, or some evenly spaced in their order."""
+    if len(names) <= MOST_DRAWN:
+        return list(names)
+    places = np.linspace(0, len(names) - 1, MOST_DRAWN).round().astype(int)
+    return [names[place] for place in places]
+
+
+def choice_said(names: Sequence[str]) -> str:
+    """Say that a figure leaves environments out; nothing where it draws them all."""
+    if len(names) <= MOST_DRAWN:
+        return ""
+    return (
+        f" {MOST_DRAWN} of {len(names)} environments are drawn, evenly spaced in their order. The"
+        " tables hold all."
+    )
+
+
 def ordered(names: Iterable[str], rows: Iterable[Record], field: str) -> list[str]:
     """Return the names that some row has."""
     present = {row[field] for row in rows}

@@ -115,8 +115,7 @@ def write_report(
         if form not in _FORMATS:
             raise UsageError(f"figures come as {', '.join(_FORMATS)}.", value=form)
     with filled_folder(out_dir, REPORT_FILES, force=force, say=say) as folder:
-        step("results")
-        document = build_document(study, why=why)
+        document = build_document(study, why=why, progress=progress)
         (folder / "report.json").write_text(dumps(document), encoding="utf-8")
         step("tables")
         (folder / "tables").mkdir()
@@ -141,6 +140,7 @@ def write_fit(
     study: Study,
     out_dir: str | Path,
     *,
+    progress: Progress | None = None,
     force: bool = False,
     say: Callable[[str], None] = warned,
 ) -> Path:
@@ -152,6 +152,8 @@ def write_fit(
         What it has not computed yet is computed now.
     out_dir : str or Path
         Folder, made where it does not exist; files of other programs in it stay.
+    progress : callable, optional
+        Called with the name of each step.
     force : bool
         Replace also files of these names that no earlier run wrote.
     say : callable
@@ -171,7 +173,7 @@ def write_fit(
         What the study refuses.
     """
     with filled_folder(out_dir, FIT_FILES, force=force, say=say) as folder:
-        document = build_document(study, curves=False)
+        document = build_document(study, curves=False, progress=progress)
         (folder / "fit.json").write_text(dumps(document), encoding="utf-8")
         if study.posterior is not None:
             write_posterior(study.posterior, folder / "posterior.nc")

@@ -1,14 +1,13 @@
-"""Checks over a whole study: references, duplicates, ids, units, the full grid, and what is seldom meant."""
+"""Checks over a whole study: references, duplicates, units, published tables, and the full grid."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from percept.errors import counted
 from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import Quantity
 from percept.sessions.records import IDS, MASS, Notice, Place, Problems, shown
@@ -19,15 +18,6 @@ TRIAL = [*IDS, "trial"]
 _OTHER_UNIT = 100.0
 #: What N/mm is in N/m: the slip of units there is.
 _THOUSAND = 1000.0
-#: A value as many times the median of its environment, or as small a part of it, is hardly ever a
-#: person's.
-_GROSS = 30.0
-#: Subjects an environment needs for its median to say anything of one of them.
-_FEWEST = 3
-#: Values below this share of all are few.
-_FEW = 0.05
-#: Equal values at one end that chance hardly gives, where adjustments are read to several digits.
-_ENOUGH = 4
 
 
 def settle_references(
@@ -129,6 +119,7 @@ def tell_duplicates(
     # about.
     event = f"keep {len(table) - len(again):,} rows" if numbered else "need a column of trials"
     hint += f' If rows are events of a trial, [sessions] keep = "last" would {event}.'
+    hint += ' If they are conditions of one subject, name their column: [study] factor = "…".'
     problems.add(text, hint=hint, **place(again[0]))
 
 
@@ -268,146 +259,3 @@ def count_grid(table: pd.DataFrame, rows: pd.Series[int]) -> dict[str, int]:
         "empty cells (subject × environment)": subjects * environments - len(filled),
         "missing repeats": int((filled.max() - filled).sum()),
     }
-
-
-def screen(
-    table: pd.DataFrame, parameters: Iterable[str], place: Place, pooled: Iterable[str], family: str
-) -> Iterator[Notice]:
-    """Warn of what is seldom meant. Nothing is left out: that is for the analyst to declare."""
-    for p in parameters:
-        yield from _gross_errors(table, p, place)
-        yield from _without_logarithm(table, p, place, family)
-        yield from _at_the_end(table, p, place)
-        yield from _never_moved(table, p)
-    tried = set(table.groupby(["subject", "environment"], sort=False).groups)
-    subjects, environments = (table[c].unique() for c in ("subject", "environment"))
-    if lacking := [f"{s} at {e}" for s in subjects for e in environments if (s, e) not in tried]:
-        has = "has" if len(lacking) == 1 else "have"
-        yield Notice(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")
-    for column in pooled:
-        yield from _pooled(table, column)
-
-
-def _gross_errors(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[Notice]:
-    column = f"{parameter}_adj"
-    positive = table[table[column] > 0]
-    by_environment = positive.groupby("environment", sort=False)
-    typical = by_environment[column].transform("median")
-    enough = by_environment["subject"].transform("nunique") >= _FEWEST
-    far = (positive[column] > _GROSS * typical) | (positive[column] < typical / _GROSS)
-    found = positive.assign(median=typical)[enough & far]
-    if len(found):
-        values = found[["subject", "environment", column, "median"]].to_numpy()
-        named = ["{} at {}: {:.6g}, median {:.6g}".format(*row) for row in values]
-        text = (
-            f"{counted(len(found), 'value')} of {parameter} far from the median of the environment,"
-            " here "
-        )
-        text += f"the first: a slip? Subjects {shown(named)}"
-        yield Notice(text, column=column, **place(found.index[0]))
-
-
-def _without_logarithm(
-    table: pd.DataFrame, parameter: str, place: Place, family: str
-) -> Iterator[Notice]:
-    """Count zeros and negative values, and say which way out fits them."""
-    column, reference = f"{parameter}_adj", f"{parameter}_ref"
-    known = table[table[column].notna()]
-    low = known[known[column] <= 0]
-    few_zeros = bool((low[column] == 0).all()) and len(low) <= _FEW * len(known)
-    no_ratio = bool((low[reference] <= 0).any())
-    # The normal family takes zeros and negative values; only a few zeros are doubted there.
-    if low.empty or (family != "lognormal" and (no_ratio or not few_zeros)):
-        return
-    normal = 'use family = "normal" in [inference]'
-    if no_ratio:
-        way = (
-            f"References of zero or below have no ratio: {normal} with scale in [model]. Where the"
-            " zero "
-        )
-        way += (
-            f"of the scale is arbitrary, add one offset to {reference} and {column} in [columns]."
-        )
-    elif few_zeros:
-        least = float(known.loc[known[column] > 0, column].min())
-        way = (
-            f'If they are failed trials, [sessions] exclude = [{{ column = "{column}", below ='
-            f" {least!r}, "
-        )
-        way += (
-            'why = "no adjustment" }] leaves them out and logs them. If people meant them,'
-            f" {normal}."
-        )
-    else:
-        way = f"Leaving out this many biases what is left: {normal}."
-    what = _counted_share(len(low), len(known), parameter)
-    yield Notice(
-        f"{what} zero or negative, here the first. {way}", column=column, **place(low.index[0])
-    )
-
-
-def _counted_share(count: int, total: int, parameter: str) -> str:
-    """Such as "2 values of k (20.0% of 10) are"."""
-    values = counted(count, "value")
-    return (
-        f"{values} of {parameter} ({count / total:.1%} of {total:,})"
-        f" {'is' if count == 1 else 'are'}"
-    )
-
-
-def _at_the_end(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[Notice]:
-    """Warn where more values equal the largest or least of all than the one next to it, by far."""
-    column = f"{parameter}_adj"
-    counts = table[column].value_counts().sort_index()
-    values, total = counts.index, int(counts.sum())
-    for at, beside, which, way in ((-1, -2, "largest", "above"), (0, 1, "least", "below")):
-        if len(counts) < 3 or counts.iloc[at] < max(_ENOUGH, _FEW * total, 3 * counts.iloc[beside]):
-            continue
-        # Zeros are told already, whatever they come from.
-        if values[at] > 0:
-            rule = (
-                f'{{ column = "{column}", {way} = {float(values[beside])!r}, why = "end of the'
-                ' knob" }'
-            )
-            text = f"{_counted_share(int(counts.iloc[at]), total, parameter)} the {which} of all, "
-            text += (
-                f"{values[at]:g}: the end of the knob? Such a value says only that the adjustment"
-                " lies "
-            )
-            text += (
-                f"{way} it, and the spread is too small. [sessions] exclude = [{rule}] leaves them"
-                " out "
-            )
-            first = table.index[table[column] == values[at]][0]
-            yield Notice(f"{text}and logs them.", column=column, **place(first))
-
-
-def _never_moved(table: pd.DataFrame, parameter: str) -> Iterator[Notice]:
-    column = f"{parameter}_adj"
-    known = table[table[column].notna()]
-    same = known[column] == known[f"{parameter}_ref"]
-    told = same.groupby(known["subject"], sort=False).agg(["all", "size"])
-    if names := [str(name) for name in told.index[told["all"] & (told["size"] > 1)]]:
-        who = f"subject{'s' * (len(names) > 1)} {shown(names)}"
-        text = (
-            f"{who} left {parameter} at the reference in every trial: was what they set recorded?"
-        )
-        yield Notice(text, column=column)
-
-
-def _pooled(table: pd.DataFrame, column: str) -> Iterator[Notice]:
-    """Say what becomes of groups that the analysis does not tell apart."""
-    levels = table.groupby(column, sort=False)["subject"].nunique()
-    if len(levels) < 2:
-        return
-    sizes = ", ".join(
-        f"{shown([str(name)])} {counted(int(n), 'subject')}" for name, n in levels.items()
-    )
-    text = f"{len(levels)} groups ({sizes}) are pooled: "
-    if (table.groupby("subject", sort=False)[column].nunique() > 1).any():
-        text += "a subject's trials of every group count as repeats of one another. "
-        text += f'[study] factor = "{column}" contrasts them.'
-    else:
-        text += "every interval is of one population that holds them all. "
-        text += f'"percept compare FILE --by {column}" compares them.'
-    yield Notice(text, column=column)

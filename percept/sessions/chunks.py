@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import RefusalError, UsageError
-from percept.sessions import checks
+from percept.sessions import checks, doubts
 from percept.sessions.options import DataTables, ReadOptions
 from percept.sessions.quantities import Quantities
 from percept.sessions.reading import Reading
@@ -232,13 +232,16 @@ class _Cells:
         references = pd.DataFrame(known).reindex(visits["environment"].unique())
         order = checks.in_order(references, self.options.environments)
         pooled = self.options.pooled(visits.columns)
+        quantities = [self.options.quantities[p] for p in self.parameters]
+        stripped = references.set_axis(names, axis=1)
+        scales = doubts.doubtful_scales(stripped, quantities)
         return Reduced(
             cells=pd.concat([cells[["subject", "environment", "n"]], measured], axis=1),
             references=references.loc[list(order)].rename_axis("environment").reset_index(),
             family=family,
             sources=tuple(reading.sources),
             notices=tuple(dict.fromkeys(reading.notices)),
-            warnings=tuple(checks.screen(visits, self.parameters, place, pooled, family)),
+            warnings=(*scales, *doubts.screen(visits, quantities, place, pooled, family)),
             counts=dict(reading.counts),
             options=self.options,
         )

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError, counted
-from percept.sessions import checks
+from percept.sessions import checks, doubts
 from percept.sessions.options import DataTables, ReadOptions
 from percept.sessions.quantities import Quantities, trial_columns
 from percept.sessions.reading import Reading
@@ -116,14 +116,19 @@ class Sessions:
     @cached_property
     def environments(self) -> tuple[str, ...]:
         """Environment ids as the scene lists them, then by their references."""
-        if self.form == "trials":
-            columns = [f"{p}_ref" for p in self.quantities]
-            references = self.table.groupby("environment", sort=False)[columns].first()
-        else:
-            wide = self.table.pivot_table("reference", "environment", "parameter", sort=False)
-            references = wide.reindex(columns=list(self.quantities))
         listed = self.options.environments if self.factor is None else self.factor.cells
-        return checks.in_order(references, listed)
+        return checks.in_order(self._references, listed)
+
+    @property
+    def _references(self) -> pd.DataFrame:
+        """Reference of every environment, by first appearance, and quantity."""
+        names = list(self.quantities)
+        if self.form == "trials":
+            columns = {f"{p}_ref": p for p in names}
+            references = self.table.groupby("environment", sort=False)[list(columns)].first()
+            return references.rename(columns=columns)
+        wide = self.table.pivot_table("reference", "environment", "parameter", sort=False)
+        return wide.reindex(columns=names)
 
     @property
     def masses(self) -> dict[str, float]:
@@ -142,8 +147,10 @@ class Sessions:
     @cached_property
     def warnings(self) -> tuple[Notice, ...]:
         """What to look at before believing the study: gross errors, unchanged controls, missing cells."""
+        quantities = [self.quantities[p] for p in self.parameters]
+        scales = doubts.doubtful_scales(self._references, quantities)
         if self.form != "trials":
-            return ()
+            return tuple(scales)
 
         def place(index: int) -> dict[str, Any]:
             # Sessions put together by hand have no places.
@@ -151,7 +158,8 @@ class Sessions:
             return dict(zip(("file", "row"), self.locate(index), strict=True)) if known else {}
 
         pooled = self.options.pooled(self.table.columns)
-        return tuple(checks.screen(self.table, self.parameters, place, pooled, self.options.family))
+        seldom = doubts.screen(self.table, quantities, place, pooled, self.options.family)
+        return (*scales, *seldom)
 
     def locate(self, index: int) -> tuple[str, int]:
         """File name and physical row (the header being 1) of an observation, by its label in `table`."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 from collections import Counter
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -13,12 +15,14 @@ from percept.errors import UsageError
 from percept.sessions import checks
 from percept.sessions.columns import resolve
 from percept.sessions.files import Input, expand, is_workbook, load, open_text
-from percept.sessions.grids import Block, text_blocks
+from percept.sessions.grids import Block, Dialect, Grid, text_blocks
 from percept.sessions.ids import Names, doubtful_ids, ids_from_name
-from percept.sessions.options import ReadOptions
+from percept.sessions.options import FileLimits, ReadOptions
 from percept.sessions.records import Exclusion, NoDataError, Notice, Place, Problems, Source
 from percept.sessions.table import FileTable
-from percept.sessions.typed import PARQUET, typed_block, typed_rows
+
+#: How a Parquet file begins.
+_PARQUET = b"PAR1"
 
 
 class Reading:
@@ -77,7 +81,7 @@ class Reading:
 
     def frame(self, frame: pd.DataFrame) -> Generator[FileTable]:
         """Take a DataFrame as a file; a row's number is its position plus 2, as if a header were line 1."""
-        block = typed_block(
+        block = _typed_block(
             [list(frame.columns), *frame.itertuples(index=False, name=None)], "<frame>"
         )
         table = FileTable("<frame>", iter([block]), self.options, {}, self.problems, self.names)
@@ -132,9 +136,9 @@ class Reading:
 def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Generator[Block]:
     """Give the cells of one input, whatever its format, in blocks."""
     file, data = entry.name, entry.data or b""
-    if data.startswith(PARQUET) or is_workbook(data, file):
-        rows = typed_rows(data, file, options.sessions.sheet, options.files)
-        yield typed_block(rows, file)
+    if data.startswith(_PARQUET) or is_workbook(data, file):
+        rows = _typed_rows(data, file, options.sessions.sheet, options.files)
+        yield _typed_block(rows, file)
         return
     text, encoding = open_text(entry, options.sessions.encoding)
     if encoding == "cp1252" and options.sessions.encoding is None:
@@ -148,3 +152,102 @@ def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Ge
         return found.form == "summary" or any(f"{p}_adj" in found.rules for p in options.quantities)
 
     yield from text_blocks(text, file=file, delimiter=options.sessions.delimiter, resolves=resolves)
+
+
+def _typed_rows(
+    data: bytes, file: str, sheet: str | None, limits: FileLimits
+) -> list[Sequence[Any]]:
+    """Give the header and rows of a Parquet file, or of a sheet with the values Excel stored."""
+    package = "pyarrow" if data.startswith(_PARQUET) else "openpyxl"
+    try:
+        if package == "pyarrow":
+            return _parquet_rows(data, file, limits)
+        rows = list(_sheet_rows(data, file, sheet, limits))
+    except UsageError:
+        raise
+    except ImportError:
+        message = f"such a file needs {package}."
+        hint = f"Install it: pip install {package}."
+        raise UsageError(message, file=file, hint=hint) from None
+    # What the XML reader meets escapes: KeyError, zlib.error and others.
+    except Exception as error:  # noqa: BLE001
+        message = f"a broken file: {str(error).rstrip('.')}."
+        raise UsageError(message, file=file, hint="Write it again, or as CSV.") from None
+    if not rows:
+        hint = "Name another with [sessions] sheet."
+        raise UsageError("the sheet is empty.", file=file, hint=hint)
+    # Cells right of the last column name hold notes.
+    width = len(rows[0])
+    return [row[:width] + [""] * (width - len(row)) for row in rows]
+
+
+def _parquet_rows(data: bytes, file: str, limits: FileLimits) -> list[Sequence[Any]]:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    buffer = pa.BufferReader(data)
+    size = pq.read_metadata(buffer)
+    limits.hold_table(size.num_rows, size.num_columns, file)
+    table = pq.read_table(pa.BufferReader(data))
+    columns = [column.to_pylist() for column in table.columns]
+    return [table.column_names, *zip(*columns, strict=True)]
+
+
+def _sheet_rows(
+    data: bytes, file: str, sheet: str | None, limits: FileLimits
+) -> Iterator[list[Any]]:
+    """Give the rows of a sheet without their trailing blank cells."""
+    import openpyxl
+
+    book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
+    name = book.sheetnames[0] if sheet is None else sheet
+    if name not in book.sheetnames:
+        message = f"no such sheet; there are {', '.join(book.sheetnames)}."
+        raise UsageError(message, file=file, value=sheet)
+    page = book[name]
+    # The size that a sheet states may be wrong.
+    page.reset_dimensions()
+    blank_rows = 0
+    width = 0
+    for number, cells in enumerate(page.iter_rows(), 1):
+        values = [_sheet_value(cell) for cell in cells]
+        while values and values[-1] == "":
+            values.pop()
+        width = max(width, len(values))
+        limits.hold_table(number, width, file)
+        if not values:
+            blank_rows += 1
+            continue
+        yield from ([] for _ in range(blank_rows))
+        blank_rows = 0
+        yield values
+
+
+def _sheet_value(cell: Any) -> Any:
+    """Value of a cell; whole numbers are written without a point, and errors are blank."""
+    value = cell.value
+    if value is None or cell.data_type == "e":
+        return ""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def _typed_block(rows: Iterable[Sequence[Any]], file: str) -> Block:
+    """Write the typed cells of a header and rows as text."""
+    header, *records = ([_text(value) for value in row] for row in rows)
+    # A last column without a name is no mark of a delimiter here.
+    names = tuple(name.strip() or f"column {number}" for number, name in enumerate(header, 1))
+    dialect = Dialect(file, names=names)
+    lines = list(range(2, len(records) + 2))
+    grid = Grid.of(dialect, records, lines, last=False)
+    if grid.cells.empty:
+        raise NoDataError("there are no data below the header.", file=file, hint="Leave it out.")
+    return Block(dialect, grid)
+
+
+def _text(value: Any) -> str:
+    """Write a typed cell as text; `repr` of a float reads back as the same double."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, float):
+        return "" if value != value else repr(float(value))
+    return "" if value is None or value is pd.NA or value is pd.NaT else str(value)

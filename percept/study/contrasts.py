@@ -98,7 +98,7 @@ class _Pair:
     @property
     def unit(self) -> str:
         """Unit of differences."""
-        return "references" if self.scale is None else self.quantity.unit or "its own unit"
+        return "references" if self.scale is None else self.quantity.unit or "units"
 
     def _basis(self, n: int, references: Sequence[str], *, overall: bool) -> str:
         """Say which subjects and references a contrast rests on."""

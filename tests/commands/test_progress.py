@@ -107,6 +107,27 @@ def test_a_long_run_says_once_how_long_it_takes_and_what_is_quicker(seconds, sai
     assert told == (wanted if said else "")
 
 
+STAGES = """
+import time
+from percept.commands.analysis import Working
+with Working("reporting", shown=True) as working:
+    working.stage("boundaries")
+    time.sleep(2.6)
+    working.stage("coupling")
+    time.sleep(0.5)
+"""
+
+
+def test_a_stage_is_shown_on_a_terminal_and_said_elsewhere_once_it_is_slow():
+    _, _, shown = on_a_terminal(STAGES)
+    assert re.search(r"boundaries\s+0:00:02", shown)
+    assert "coupling" in shown
+    done = subprocess.run(
+        [sys.executable, "-c", STAGES], capture_output=True, text=True, check=True
+    )
+    assert (done.stdout, done.stderr) == ("", "percept: boundaries …\n")
+
+
 def test_a_quiet_command_says_nothing_of_a_long_run(capsys):
     with Working("fitting", shown=False) as working:
         working(Progress(24, 480, float("nan"), 0.01, 600.0))

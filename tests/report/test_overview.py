@@ -157,6 +157,11 @@ def test_the_bias_from_a_reference_of_zero_is_in_units():
     assert found["sentences"][0] == "Stiffness is 15 N/m too high."
 
 
+def test_narrow_ranges_of_the_next_user_are_told_apart():
+    said = overview(document([("A", 9.98, 10, 10.02, 9.912, 10.034)]))["sentences"][-1]
+    assert said.endswith("the next user’s stiffness will be 0.991 to 1.003 times the reference.")
+
+
 @pytest.mark.parametrize(
     ("reference", "ends", "said", "user"),
     [

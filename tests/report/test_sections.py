@@ -6,9 +6,11 @@ import copy
 import re
 
 import pytest
+from matplotlib.figure import Figure
 
 from percept.report import build_document
 from percept.report.basis import bibtex, checks, cited, methods
+from percept.report.figures.from_document import drawings
 from percept.report.page import render_page
 from percept.report.sections import build_sections
 from percept.report.select import at
@@ -215,3 +217,37 @@ def test_the_page_s_numbers_follow_the_list(both):
     page = render_page(both, {}, date="2026-01-01")
     shown = [int(one) for one in re.findall(r"&nbsp;\[(\d+)\]", page)]
     assert list(dict.fromkeys(shown)) == list(range(1, len(cited(both)) + 1))
+
+
+def test_of_many_environments_some_are_drawn_and_the_page_says_so(classical):
+    document = copy.deepcopy(classical)
+    names = [f"E{number:02d}" for number in range(60)]
+    document["data"]["environments"] = names
+    for part in ("intervals", "boundaries"):
+        kept = [row for row in document[part] if row["environment"] == "VE1"]
+        document[part] = [row | {"environment": name} for name in names for row in kept]
+    document["data"]["cells"] = [
+        cell | {"environment": name}
+        for name in names
+        for cell in document["data"]["cells"]
+        if cell["environment"] == "VE1"
+    ]
+    everywhere = document["design"]["maps"][0]["environments"]
+    regions = [everywhere[0] | {"name": name} for name in names]
+    document["design"]["maps"][0]["environments"] = [*regions, everywhere[-1]]
+    said = "24 of 60 environments are drawn, evenly spaced in their order. The tables hold all."
+    by_name = {drawing.name: drawing for drawing in drawings(document)}
+    for name in ("overview_k", "overview_b", "boundaries", "ratios", "design"):
+        assert said in by_name[name].description, name
+    figure = Figure(figsize=(7.0, 7.0))
+    by_name["overview_k"].draw(figure)
+    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert (labels[0], labels[-1], len(labels)) == ("E00", "E59", 24)
+    for name, panels in (("boundaries", 24), ("ratios", 72), ("design", 25)):
+        figure = Figure(figsize=(7.0, 7.0))
+        by_name[name].draw(figure)
+        assert len(figure.axes) == panels, name
+    explorer = section(document, "boundaries")
+    assert [curves["name"] for curves in explorer["curves"]] == labels
+    assert said in explorer["left_out"]
+    assert said not in render_page(classical, {}, date="2026-01-01")

@@ -183,6 +183,7 @@ def test_repeats_without_numbers_are_one_problem(tmp_path):
     )
     assert '[sessions] trial = "order"' in error.hint
     assert 'keep = "last" would need a column of trials' in error.hint
+    assert 'conditions of one subject, name their column: [study] factor = "…".' in error.hint
     with pytest.raises(UsageError, match="32 of 36 rows"):
         reduce_sessions(tmp_path / "f.csv")
 

@@ -5,8 +5,14 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
-from percept import read_sessions
-from percept.sessions import ReadOptions, Sessions, format_validation, validate
+from percept import Scene, read_sessions
+from percept.sessions import (
+    ReadOptions,
+    Sessions,
+    format_validation,
+    reduce_sessions,
+    validate,
+)
 from tests import DATASETS
 
 HEADER = "subject,environment,k_ref,b_ref,k_adj,b_adj"
@@ -192,7 +198,7 @@ def test_groups_are_not_pooled_in_silence(tmp_path):
     assert (
         str(said)
         == "hand: 2 groups ('left' 2 subjects, 'right' 2 subjects) are pooled: every interval is of"
-        ' one population that holds them all. "percept compare FILE --by hand" compares them.'
+        ' all groups together. "percept compare FILE --by hand" compares them.'
     )
     assert read_sessions(path, options=ReadOptions().with_groups(["hand"])).warnings == ()
     rows = [f"{row},{t},{hand}" for row in CLEAN for t, hand in enumerate(("left", "right"), 1)]
@@ -200,3 +206,82 @@ def test_groups_are_not_pooled_in_silence(tmp_path):
     (said,) = read_sessions(path, options=ReadOptions(sessions={"groups": ["hand"]})).warnings
     assert "a subject's trials of every group count as repeats of one another." in said.text
     assert '[study] factor = "hand" contrasts them.' in said.text
+
+
+def scale_warnings(tmp_path, unit, references, **tables):
+    path = tmp_path / "scale.csv"
+    rows = [f"{s},{r},{r},{r + s}" for s in range(1, 5) for r in references]
+    path.write_text("\n".join(["subject,environment,x_ref,x_adj", *rows]) + "\n")
+    scene = Scene(quantities={"x": {"label": "size", "unit": unit}}, **tables)
+    sessions = read_sessions(path, scene=scene)
+    reduced = reduce_sessions(path, scene=scene, family=scene.inference.family)
+    assert [str(w) for w in reduced.warnings] == [str(w) for w in sessions.warnings]
+    return [warning.text for warning in sessions.warnings]
+
+
+ERRORS = (
+    'set x_ref = 0 in [environments], family = "normal" in [inference] and'
+    " scale = { x = 1.0 } in [model]."
+)
+
+
+@pytest.mark.parametrize(
+    ("unit", "references", "said"),
+    [
+        ("deg", (10.0, 170.0, 350.0), "size in deg goes round: references reach beyond half a"),
+        ("rad", (0.5, 4.0), "size in rad goes round: references reach beyond half a turn, 3.142"),
+        ("dB", (40.0, 60.0), "size in dB is a logarithm, so that ratios of its values mean"),
+        ("deg", (10.0, 45.0, 90.0), None),
+        ("Hz", (10.0, 350.0), None),
+    ],
+)
+def test_scales_without_ratios_say_what_to_set(tmp_path, unit, references, said):
+    found = scale_warnings(tmp_path, unit, references)
+    if said is None:
+        assert found == []
+    else:
+        (text,) = found
+        assert text.startswith(said)
+        assert text.endswith(ERRORS)
+
+
+def test_errors_of_a_scale_without_ratios_raise_no_warning(tmp_path):
+    path = tmp_path / "errors.csv"
+    path.write_text("subject,environment,x_adj\n1,a,2.5\n2,a,-1.5\n3,a,0.5\n")
+    scene = Scene(
+        quantities={"x": {"unit": "dB"}},
+        environments={"a": {"x_ref": 0.0}},
+        inference={"family": "normal"},
+        model={"scale": {"x": 1.0}},
+    )
+    assert read_sessions(path, scene=scene).warnings == ()
+
+
+def test_published_tables_have_scales_too(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("environment,parameter,reference,lower,upper,n,level\na,x,50,40,60,9,0.95\n")
+    scene = Scene(quantities={"x": {"unit": "dB"}})
+    (warning,) = read_sessions(path, scene=scene).warnings
+    assert "x in dB is a logarithm" in warning.text
+
+
+def test_references_that_differ_on_every_trial(tmp_path):
+    path = tmp_path / "t.csv"
+    rows = [f"{s},e{s}_{t},{t + s / 10},{t + 1}" for s in (1, 2) for t in range(1, 9)]
+    path.write_text("\n".join(["subject,environment,k_ref,k_adj", *rows]) + "\n")
+    text = read_sessions(path).warnings[0].text
+    assert text.startswith("16 of 16 environments have one trial: the reference seems to differ on")
+    assert text.endswith("give each condition one reference in [environments].")
+
+
+def test_more_groups_than_two_are_kept_by_two(tmp_path):
+    path = tmp_path / "t.csv"
+    rows = [f"{s},a,100,{100 + s},{'ABC'[s % 3]}" for s in range(1, 7)]
+    path.write_text("\n".join(["subject,environment,k_ref,k_adj,group", *rows]) + "\n")
+    (warning,) = read_sessions(path).warnings
+    assert warning.text.endswith(
+        '"percept compare FILE --by group" compares two of them, which [sessions]'
+        ' only = { group = ["B", "C"] } keeps.'
+    )
+    scene = Scene(sessions={"only": {"group": ["B", "C"]}})
+    assert set(read_sessions(path, scene=scene).table["group"]) == {"B", "C"}

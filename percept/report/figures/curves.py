@@ -33,6 +33,8 @@ from percept.report.select import (
     METHODS,
     Record,
     array,
+    choice_said,
+    chosen,
     distinct,
     each_by_itself,
     families_of,
@@ -208,17 +210,23 @@ _STRIP_TITLE = 14.0  # width, mm
 def boundary_drawings(document: Record) -> list[Drawing]:
     """Return the boundaries over ω, limits over the reference, and close views that the scene asks for."""
     families = families_of(document)
-    rows = _by_environment(document["boundaries"])
-    if not rows:
+    every = _by_environment(document["boundaries"])
+    if not every:
         return []
+    rows = {name: every[name] for name in chosen(list(every))}
+    left_out = choice_said(list(every))
     kinds = {row["kind"] for some in rows.values() for row in some}
     kind = next(kind for kind in _SHOWN_FIRST if kind in kinds)
     near = _by_environment(matching(document["close"], kind=kind))
-    return [
+    drawings = [
         _curves_drawing("boundaries", rows, kind, families, log=True),
         _ratio_drawing(rows, families, kind_names(document)),
-        *([_curves_drawing("boundaries_close", near, kind, families, log=False)] if near else []),
     ]
+    drawings = [replace(one, description=one.description + left_out) for one in drawings]
+    if near:
+        close = {name: near[name] for name in chosen(list(near))}
+        drawings.append(_curves_drawing("boundaries_close", close, kind, families, log=False))
+    return drawings
 
 
 def _by_environment(records: Sequence[Record]) -> dict[str, list[Record]]:

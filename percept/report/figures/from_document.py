@@ -35,6 +35,8 @@ from percept.report.select import (
     METHODS,
     Record,
     array,
+    choice_said,
+    chosen,
     compared_by_difference,
     distinct,
     families_of,
@@ -87,7 +89,9 @@ def interval_drawings(document: Record) -> list[Drawing]:
 
 def _interval_drawing(document: Record, parameter: str, bars: list[Bar]) -> Drawing:
     rows = matching(document["intervals"], parameter=parameter, joint="marginal")
-    environments, families = distinct(rows, "environment"), families_of(document)
+    every, families = distinct(rows, "environment"), families_of(document)
+    environments = chosen(every)
+    bars = [bar for bar in bars if bar.environment in environments]
     values = [values_of(document, one, parameter) for one in environments]
     relative = parameter not in compared_by_difference(rows)
     centre = 1.0 if relative else 0.0
@@ -112,7 +116,7 @@ def _interval_drawing(document: Record, parameter: str, bars: list[Bar]) -> Draw
     return Drawing(
         f"overview_{parameter}",
         f"What users set, {'divided by' if relative else 'less'} the reference",
-        _interval_caption(rows, bars, values, families),
+        _interval_caption(rows, bars, values, families) + choice_said(every),
         (86.0, 29.0 + (2.8 + 1.7 * groups) * len(environments)),
         draw,
     )
@@ -199,7 +203,10 @@ def design_drawings(document: Record) -> list[Drawing]:
         return []
     best = first(design["maps"], method=METHODS[::-1])
     assert best is not None
-    regions, edge, damping = best["environments"], design["stable"], array(best["damping"])
+    edge, damping = design["stable"], array(best["damping"])
+    names = [region["name"] for region in best["environments"] if region["name"] is not None]
+    drawn = {*chosen(names), None}
+    regions = [region for region in best["environments"] if region["name"] in drawn]
     columns = min(max(len(regions), 3), _COLUMNS)
 
     def draw(figure: Figure) -> None:
@@ -229,7 +236,7 @@ def design_drawings(document: Record) -> list[Drawing]:
             "Couplings that qualify, by stiffness and damping of the coupling",
             "Shaded: stable with this device, and inside the next user’s boundary"
             f" ({METHOD_NAMES[best['method']]}, {design['family']}), by |Z_h| and by effective"
-            f" stiffness and damping, at every ω, to 0.1 %.{marked}",
+            f" stiffness and damping, at every ω, to 0.1 %.{marked}{choice_said(names)}",
             (WIDE, 15.0 + 42.0 * -(-len(regions) // columns)),
             draw,
         )

@@ -1,0 +1,221 @@
+"""What is seldom meant in a study that can be read: warnings to look at before believing it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+import pandas as pd
+
+from percept.errors import counted
+from percept.sessions.quantities import Quantity
+from percept.sessions.records import Notice, Place, shown
+
+__all__ = ["doubtful_scales", "screen"]
+
+#: A value as many times the median of its environment, or as small a part of it, is hardly ever a
+#: person's.
+_GROSS = 30.0
+#: Subjects an environment needs for its median to say anything of one of them.
+_FEWEST = 3
+#: Values below this share of all are few.
+_FEW = 0.05
+#: Environments that a study hardly has on purpose.
+_MANY = 12
+#: A whole turn in units of angles, and the names of logarithmic units.
+_TURNS = {"deg": 360.0, "°": 360.0, "degree": 360.0, "degrees": 360.0, "rad": 2 * np.pi}
+_LOGARITHMIC = re.compile(r"db.*|bels?|np|phons?|cents?|semitones?|octaves?|decades?|ph")
+#: Equal values at one end that chance hardly gives, where adjustments are read to several digits.
+_ENOUGH = 4
+
+
+def doubtful_scales(references: pd.DataFrame, quantities: Iterable[Quantity]) -> Iterator[Notice]:
+    """Warn of quantities whose unit has no ratios; `references` has a column for each of them."""
+    for quantity in quantities:
+        values = references[quantity.name].dropna().to_numpy(dtype=float)
+        unit = quantity.unit.casefold()
+        turn = _TURNS.get(unit)
+        if _LOGARITHMIC.fullmatch(unit) and values.any():
+            why = "is a logarithm, so that ratios of its values mean nothing."
+            errors = "adjusted − reference"
+        elif turn and len(values) and max(np.ptp(values), np.abs(values).max()) > turn / 2:
+            why = (
+                f"goes round: references reach beyond half a turn, {turn / 2:.4g} {quantity.unit}."
+            )
+            errors = "adjusted − reference, within half a turn"
+        else:
+            continue
+        name = quantity.name
+        text = (
+            f"{quantity.label} in {quantity.unit} {why} Analyse its errors instead: give {name}_adj"
+            f' a column of {errors}, set {name}_ref = 0 in [environments], family = "normal" in'
+            f" [inference] and scale = {{ {name} = 1.0 }} in [model]."
+        )
+        yield Notice(text, column=f"{name}_adj")
+
+
+def _single_trials(table: pd.DataFrame) -> Iterator[Notice]:
+    """Warn of references that differ on every trial."""
+    trials = table["environment"].value_counts(sort=False)
+    single = int((trials == 1).sum())
+    if len(trials) > _MANY and single > len(trials) / 2:
+        text = (
+            f"{single} of {len(trials)} environments have one trial: the reference seems to differ"
+            " on every trial. Name a column of conditions, environment in [columns], and give each"
+            " condition one reference in [environments]."
+        )
+        yield Notice(text, column="environment")
+
+
+def screen(
+    table: pd.DataFrame,
+    quantities: Iterable[Quantity],
+    place: Place,
+    pooled: Iterable[str],
+    family: str,
+) -> Iterator[Notice]:
+    """Warn of what is seldom meant. Nothing is left out: that is for the analyst to declare."""
+    yield from _single_trials(table)
+    for p in (quantity.name for quantity in quantities):
+        yield from _gross_errors(table, p, place)
+        yield from _without_logarithm(table, p, place, family)
+        yield from _at_the_end(table, p, place)
+        yield from _never_moved(table, p)
+    tried = set(table.groupby(["subject", "environment"], sort=False).groups)
+    subjects, environments = (table[c].unique() for c in ("subject", "environment"))
+    if lacking := [f"{s} at {e}" for s in subjects for e in environments if (s, e) not in tried]:
+        has = "has" if len(lacking) == 1 else "have"
+        yield Notice(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")
+    for column in pooled:
+        yield from _pooled(table, column)
+
+
+def _gross_errors(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[Notice]:
+    column = f"{parameter}_adj"
+    positive = table[table[column] > 0]
+    by_environment = positive.groupby("environment", sort=False)
+    typical = by_environment[column].transform("median")
+    enough = by_environment["subject"].transform("nunique") >= _FEWEST
+    far = (positive[column] > _GROSS * typical) | (positive[column] < typical / _GROSS)
+    found = positive.assign(median=typical)[enough & far]
+    if len(found):
+        values = found[["subject", "environment", column, "median"]].to_numpy()
+        named = ["{} at {}: {:.6g}, median {:.6g}".format(*row) for row in values]
+        text = (
+            f"{counted(len(found), 'value')} of {parameter} far from the median of the environment,"
+            " here "
+        )
+        text += f"the first: a slip? Subjects {shown(named)}"
+        yield Notice(text, column=column, **place(found.index[0]))
+
+
+def _without_logarithm(
+    table: pd.DataFrame, parameter: str, place: Place, family: str
+) -> Iterator[Notice]:
+    """Count zeros and negative values, and say which way out fits them."""
+    column, reference = f"{parameter}_adj", f"{parameter}_ref"
+    known = table[table[column].notna()]
+    low = known[known[column] <= 0]
+    few_zeros = bool((low[column] == 0).all()) and len(low) <= _FEW * len(known)
+    no_ratio = bool((low[reference] <= 0).any())
+    # The normal family takes zeros and negative values; only a few zeros are doubted there.
+    if low.empty or (family != "lognormal" and (no_ratio or not few_zeros)):
+        return
+    normal = 'use family = "normal" in [inference]'
+    if no_ratio:
+        way = (
+            f"References of zero or below have no ratio: {normal} with scale in [model]. Where the"
+            " zero "
+        )
+        way += (
+            f"of the scale is arbitrary, add one offset to {reference} and {column} in [columns]."
+        )
+    elif few_zeros:
+        least = float(known.loc[known[column] > 0, column].min())
+        way = (
+            f'If they are failed trials, [sessions] exclude = [{{ column = "{column}", below ='
+            f" {least!r}, "
+        )
+        way += (
+            'why = "no adjustment" }] leaves them out and logs them. If people meant them,'
+            f" {normal}."
+        )
+    else:
+        way = f"Leaving out this many biases what is left: {normal}."
+    what = _counted_share(len(low), len(known), parameter)
+    yield Notice(
+        f"{what} zero or negative, here the first. {way}", column=column, **place(low.index[0])
+    )
+
+
+def _counted_share(count: int, total: int, parameter: str) -> str:
+    """Such as "2 values of k (20.0% of 10) are"."""
+    values = counted(count, "value")
+    return (
+        f"{values} of {parameter} ({count / total:.1%} of {total:,})"
+        f" {'is' if count == 1 else 'are'}"
+    )
+
+
+def _at_the_end(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[Notice]:
+    """Warn where more values equal the largest or least of all than the one next to it, by far."""
+    column = f"{parameter}_adj"
+    counts = table[column].value_counts().sort_index()
+    values, total = counts.index, int(counts.sum())
+    for at, beside, which, way in ((-1, -2, "largest", "above"), (0, 1, "least", "below")):
+        if len(counts) < 3 or counts.iloc[at] < max(_ENOUGH, _FEW * total, 3 * counts.iloc[beside]):
+            continue
+        # Zeros are told already, whatever they come from.
+        if values[at] > 0:
+            rule = (
+                f'{{ column = "{column}", {way} = {float(values[beside])!r}, why = "end of the'
+                ' knob" }'
+            )
+            text = f"{_counted_share(int(counts.iloc[at]), total, parameter)} the {which} of all, "
+            text += (
+                f"{values[at]:g}: the end of the knob? Such a value says only that the adjustment"
+                " lies "
+            )
+            text += (
+                f"{way} it, and the spread is too small. [sessions] exclude = [{rule}] leaves them"
+                " out "
+            )
+            first = table.index[table[column] == values[at]][0]
+            yield Notice(f"{text}and logs them.", column=column, **place(first))
+
+
+def _never_moved(table: pd.DataFrame, parameter: str) -> Iterator[Notice]:
+    column = f"{parameter}_adj"
+    known = table[table[column].notna()]
+    same = known[column] == known[f"{parameter}_ref"]
+    told = same.groupby(known["subject"], sort=False).agg(["all", "size"])
+    if names := [str(name) for name in told.index[told["all"] & (told["size"] > 1)]]:
+        who = f"subject{'s' * (len(names) > 1)} {shown(names)}"
+        text = (
+            f"{who} left {parameter} at the reference in every trial: was what they set recorded?"
+        )
+        yield Notice(text, column=column)
+
+
+def _pooled(table: pd.DataFrame, column: str) -> Iterator[Notice]:
+    """Say what becomes of groups that the analysis does not tell apart."""
+    levels = table.groupby(column, sort=False)["subject"].nunique()
+    if len(levels) < 2:
+        return
+    sizes = ", ".join(
+        f"{shown([str(name)])} {counted(int(n), 'subject')}" for name, n in levels.items()
+    )
+    text = f"{len(levels)} groups ({sizes}) are pooled: "
+    if (table.groupby("subject", sort=False)[column].nunique() > 1).any():
+        text += "a subject's trials of every group count as repeats of one another. "
+        text += f'[study] factor = "{column}" contrasts them.'
+    else:
+        text += "every interval is of all groups together. "
+        if len(levels) == 2:
+            text += f'"percept compare FILE --by {column}" compares them.'
+        else:
+            two = ", ".join(f'"{name}"' for name in levels.index[:2])
+            text += f'"percept compare FILE --by {column}" compares two of them, which [sessions]'
+            text += f" only = {{ {column} = [{two}] }} keeps."
+    yield Notice(text, column=column)
