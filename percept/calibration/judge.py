@@ -5,24 +5,26 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Iterable, Iterator
-from typing import Any, Literal
+from collections.abc import Iterator
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
 from percept.boundary.curves import Boundary
+from percept.calibration.studies import Line
 from percept.errors import RefusalError, UsageError
 from percept.haptics import Device
 from percept.haptics.perceived import perceived_magnitude
 from percept.inference.hierarchy.priors import Priors
 from percept.scene import Scene
 from percept.sessions import ReadOptions, Sessions
+from percept.sessions.quantities import is_impedance
 from percept.simulate.model import (
     PARAMETERS,
     Design,
-    Hyperparameters,
     TrueValues,
     draw_environments,
     draw_hyperparameters,
@@ -31,17 +33,52 @@ from percept.simulate.model import (
 from percept.study import Study
 from percept.study.regions import displayable
 
+__all__ = [
+    "Claim",
+    "CoveragePlan",
+    "Labels",
+    "Population",
+    "claim_of_cell",
+    "interval_truth",
+    "judge_study",
+    "judged_line",
+]
+
 Array = NDArray[np.float64]
 Family = Literal["lognormal", "normal"]
+Method = Literal["both", "classical", "bayesian"]
 # Users drawn per environment, whose curves a boundary of the next user is held against.
 _USERS = 200
+# Gauss-Hermite nodes: enough for the mean logarithm of normal users to four digits.
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(64)
-#: Claims of a plan that judges each interval by itself.
-EACH = "{parameter} in {environment}"
-#: What tells the claims of one study apart: what is claimed, and of which interval or boundary.
-LABELS = ["claim", "kind", "method", "family", "joint", "shape"]
-#: Labels of a claim, and for which fraction of users and frequencies it was true.
-_Held = tuple[tuple[str, ...], float]
+
+
+class Labels(NamedTuple):
+    """What tells the claims of one study apart: what is claimed, and of which interval or boundary."""
+
+    claim: str
+    kind: str = ""
+    method: str = ""
+    family: str = ""
+    joint: str = ""
+    shape: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Claim:
+    """What one study claims, and how far that is true."""
+
+    labels: Labels
+    truth: float  # Fraction of users, frequencies, environments and parameters it is true for
+
+    @classmethod
+    def from_line(cls, judged: Line) -> Claim:
+        """Take a claim as `judged_line` gives it."""
+        return cls(Labels(*(judged[name] for name in Labels._fields)), judged["held"])
+
+    def to_line(self) -> Line:
+        """Return the claim as JSON has it."""
+        return {**self.labels._asdict(), "held": self.truth}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -51,31 +88,26 @@ class CoveragePlan:
     references: tuple[tuple[float, ...], ...]  # Of `parameters`, in the environments tested
     environments: tuple[str, ...] = ()  # Their names; VE1, VE2, … where there are none
     subjects: int = 10  # Per study
-    trials: tuple[tuple[int, ...], ...] | None = (
-        None  # Of each subject in each environment; one where None
-    )
+    # Of each subject in each environment; one where None.
+    trials: tuple[tuple[int, ...], ...] | None = None
     truth: Family = "lognormal"  # Distribution of the simulated users
     family: Family = "lognormal"  # Of the hierarchical model
-    method: Literal["both", "classical", "bayesian"] = "both"  # Which methods are judged
+    method: Method = "both"  # Which methods are judged
     level: float = 0.99  # As `InferenceTable`
     share: float | None = None  # As `InferenceTable`
     confidence: float = 0.95  # As `InferenceTable`
     tolerance: float = 0.05  # Of the sampler
-    values: dict[str, Any] | None = (
-        None  # What the studies are drawn from, as `fitted_values` gives it
-    )
+    values: TrueValues | None = None  # What the studies are drawn from; the priors where None
     device: tuple[float, float] = (1.0, 5.0)  # kg and N·s/m
     period: float = 0.001  # Sampling period, s
     frequencies: tuple[float, float, int] = (0.1, 100.0, 11)  # From, to, rad/s, and how many
     seed: int = 1  # Of the whole
     model: dict[str, Any] = dataclasses.field(default_factory=dict)  # [model] of the analysis
     parameters: tuple[str, ...] = PARAMETERS  # One or two quantities
-    quantities: dict[str, Any] = dataclasses.field(
-        default_factory=dict
-    )  # [quantities] of the analysis
-    each: bool = (
-        False  # Judge the next user's intervals only, in each environment and parameter by itself
-    )
+    # [quantities] of the analysis.
+    quantities: dict[str, Any] = dataclasses.field(default_factory=dict)
+    # Judge the next user's intervals only, in each environment and parameter by itself.
+    each: bool = False
 
     def __post_init__(self) -> None:
         if len(self.references) < 2 and self.values is None:
@@ -88,23 +120,41 @@ class CoveragePlan:
     @property
     def key(self) -> str:
         """A digest that tells results of different plans apart."""
-        # Kept studies were counted when a plan could hold an environment out.
-        record = dataclasses.asdict(self) | {"held_out": None}
-        if self.parameters == PARAMETERS:
-            # Studies of stiffness and damping that are kept were counted before there were others.
-            del record["parameters"], record["quantities"]
-        return hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()[:16]
+        record = dataclasses.asdict(self)
+        text = json.dumps(record, sort_keys=True, default=np.ndarray.tolist)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
-    def true_values(self) -> TrueValues | None:
-        """Return `values` as a record, None where they are drawn from the priors."""
-        if self.values is None:
-            return None
-        hyper: dict[str, Any] = {
-            name: np.array(value) if isinstance(value, (list, tuple)) else value
-            for name, value in self.values["hyper"].items()
-        }
-        cells = {name: np.array(value) for name, value in self.values.items() if name != "hyper"}
-        return TrueValues(hyper=Hyperparameters(**hyper), **cells)
+    @property
+    def design(self) -> Design:
+        """Who adjusts what, and how often."""
+        references = np.array(self.references)
+        trials = np.ones((self.subjects, len(references)), int)
+        if self.trials is not None:
+            trials = np.array(self.trials)
+        return Design(references, trials, self.parameters, self.environments)
+
+    def scene(self, seed: int) -> Scene:
+        """Return the scene that a simulated study is analysed under."""
+        lower, upper, points = self.frequencies
+        mass, damping = self.device
+        described: dict[str, Any] = {"quantities": self.quantities}
+        if is_impedance(self.parameters):
+            described = {"device": {"mass": mass, "damping": damping, "period": self.period}}
+        return Scene(
+            **described,
+            frequency={"lower": lower, "upper": upper, "points": points},
+            model=self.model,
+            inference={
+                "kinds": ["user"] if self.each else ["mean", "user", "share"],
+                "level": self.level,
+                "share": self.level if self.share is None else self.share,
+                "confidence": self.confidence,
+                "family": self.family,
+                "method": self.method,
+                "tolerance": self.tolerance,
+                "seed": seed,
+            },
+        )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -143,15 +193,19 @@ class Population:
         return self.below(p, upper) - self.below(p, lower)
 
     def average(self, family: str) -> Array:
-        """Return what intervals of kind mean are about, by the family of the interval."""
-        if self.family == "lognormal":
-            return self.native(self.mean + (0.5 * self.sd**2 if family == "normal" else 0.0))
+        """Return what intervals of kind mean are about, by the family of the interval, (P,)."""
         if family == "normal":
+            # The mean of a lognormal is the exponential of its log mean plus half its variance.
+            shift = 0.5 * self.sd**2 if self.family == "lognormal" else 0.0
+            return self.native(self.mean + shift)
+        if self.family == "lognormal":
             return self.native(self.mean)
+        # The geometric mean of normal users, of those above zero.
         values = self.native(self.mean + self.sd * _NODES[:, None])
-        kept = np.where(values > 0, _WEIGHTS[:, None], 0.0)
-        logs = np.log(np.where(values > 0, values, 1.0))
-        return np.exp((kept * logs).sum(axis=0) / kept.sum(axis=0))
+        positive = values > 0
+        weights = np.where(positive, _WEIGHTS[:, None], 0.0)
+        logs = np.log(np.where(positive, values, 1.0))
+        return np.exp((weights * logs).sum(axis=0) / weights.sum(axis=0))
 
     def users(self, count: int, rng: np.random.Generator) -> Array:
         """Draw users, (count, P)."""
@@ -160,145 +214,183 @@ class Population:
         )
 
 
-def judge_study(plan: CoveragePlan, index: int) -> dict[str, Any]:
-    """Simulate study number `index` of a plan, analyse it, and judge every claim: a row each in `judged`."""
+def judged_line(plan: CoveragePlan, index: int) -> Line:
+    """Judge study number `index` of a plan; give its claims as a line of JSON has them.
+
+    Parameters
+    ----------
+    plan : CoveragePlan
+        The plan.
+    index : int
+        Number of the study, from zero.
+
+    Returns
+    -------
+    Line
+        Claims under ``judged``.
+    """
+    return {"judged": [claim.to_line() for claim in judge_study(plan, index)]}
+
+
+def judge_study(plan: CoveragePlan, index: int) -> list[Claim]:
+    """Simulate study number `index` of a plan, analyse it, and judge every claim.
+
+    Parameters
+    ----------
+    plan : CoveragePlan
+        The plan.
+    index : int
+        Number of the study, from zero: its seed.
+
+    Returns
+    -------
+    list of Claim
+        One per kind of claim, averaged over environments and parameters; "withheld" or "refused" first
+        where the Bayesian method gives nothing.
+    """
     rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(index,)))
     study, populations = _simulated(plan, rng)
-
-    def lost(claim: str) -> dict[str, Any]:
-        return dict(
-            zip((*LABELS, "held"), (claim, "", "bayesian", plan.family, "", "", 1.0), strict=True)
-        )
-
-    rows = []
-    try:
-        if study.fit is None and plan.method != "classical":
-            rows.append(lost("refused"))
-        elif study.fit is not None and not study.fit.run.gate.passed:
-            rows.append(lost("withheld"))
-    except RefusalError:
-        rows.append(lost("refused"))
+    claims = []
+    loss = "" if plan.method == "classical" else _bayesian_loss(study)
+    if loss:
+        claims.append(Claim(Labels(loss, method="bayesian", family=plan.family), 1.0))
+    if loss == "refused":
         if plan.method == "bayesian":
-            return {"judged": rows}
+            return claims
         study = Study(study.sessions, study.scene.with_inference(method="classical"))
-    users = dict(zip(study.environments, populations, strict=True))
-    held: dict[tuple[str, ...], list[float]] = {}
-    for labels, fraction in _claims(plan, study, users, rng):
-        held.setdefault(labels, []).append(fraction)
+    truths: dict[Labels, list[float]] = {}
+    for claim in _claims(plan, study, populations, rng):
+        truths.setdefault(claim.labels, []).append(claim.truth)
     # Environments and parameters of one study are not independent: a study is one observation.
-    rows += [
-        {**dict(zip(LABELS, labels, strict=True)), "held": float(np.mean(fractions))}
-        for labels, fractions in held.items()
-    ]
-    return {"judged": rows}
+    claims += [Claim(labels, float(np.mean(values))) for labels, values in truths.items()]
+    return claims
+
+
+def _bayesian_loss(study: Study) -> str:
+    """Say whether a study's Bayesian intervals are "refused" or "withheld"; nothing where they are given."""
+    try:
+        fit = study.fit
+    except RefusalError:
+        return "refused"
+    if fit is None:
+        return "refused"
+    return "" if fit.run.gate.passed else "withheld"
+
+
+def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, dict[str, Population]]:
+    """Simulate one study, and give the users of each of its environments."""
+    design = plan.design
+    values = plan.values
+    if values is None:
+        values = draw_environments(draw_hyperparameters(design, Priors(), rng), design, rng)
+    table = simulate(values, design, rng, family=plan.truth)
+    scene = plan.scene(seed=int(rng.integers(1 << 31)))
+    sessions = _as_sessions(table, scene, plan.parameters)
+    covariances = values.cov_u + values.cov_w
+    if not design.repeated:
+        # Without repeats a user's value contains the trial noise.
+        covariances = covariances + values.cov_e
+    populations = {}
+    for j, environment in enumerate(design.environments):
+        populations[environment] = Population(
+            plan.truth, design.references[j], values.beta[j], covariances[j], plan.parameters
+        )
+    return Study(sessions, scene), populations
+
+
+def _as_sessions(table: pd.DataFrame, scene: Scene, parameters: tuple[str, ...]) -> Sessions:
+    """Read simulated trials with declared units: a median far from its reference is no slip of units."""
+    columns = {}
+    for parameter in parameters:
+        unit = scene.quantities[parameter].unit
+        for name in (f"{parameter}_ref", f"{parameter}_adj"):
+            if unit:
+                columns[name] = {"name": name, "unit": unit}
+    options = ReadOptions(quantities=scene.quantities, columns=columns)
+    return Sessions.from_frame(table.drop(columns="source"), options=options)
+
+
+def claim_of_cell(parameter: str, environment: str) -> str:
+    """Name the claim of a plan that judges each interval by itself."""
+    return f"{parameter} in {environment}"
 
 
 def _claims(
-    plan: CoveragePlan, study: Study, users: dict[str, Population], rng: np.random.Generator
-) -> Iterator[_Held]:
-    """Yield each claim of a study, and how far it was true."""
+    plan: CoveragePlan,
+    study: Study,
+    populations: dict[str, Population],
+    rng: np.random.Generator,
+) -> Iterator[Claim]:
+    """Yield each claim of a study, and how far it is true."""
     intervals = study.intervals
     if plan.each:
         intervals = intervals.query(
             "joint == 'marginal' and (method == 'bayesian' or family == 'normal')"
         )
-    for row in intervals.to_dict("records"):
-        cell = {name: row[name] for name in ("environment", "parameter")}
-        claim = EACH.format(**cell) if plan.each else "interval"
-        yield _labels(claim, row), interval_held(row, users[row["environment"]])
-    if plan.parameters == PARAMETERS and not plan.each:
-        yield from _held_boundaries(study.boundaries, users, study, rng)
+    rows: Iterator[Any] = iter(intervals.itertuples(index=False))
+    for row in rows:
+        name = claim_of_cell(row.parameter, row.environment) if plan.each else "interval"
+        labels = Labels(name, row.kind, row.method, row.family, row.joint)
+        yield Claim(labels, interval_truth(row, populations[row.environment]))
+    if is_impedance(plan.parameters) and not plan.each:
+        yield from _boundary_claims(study, populations, rng)
 
 
-def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, list[Population]]:
-    """Simulate one study, and give the users of each of its environments."""
-    references = np.array(plan.references)
-    trials = (
-        np.ones((plan.subjects, len(references)), int)
-        if plan.trials is None
-        else np.array(plan.trials)
-    )
-    design = Design(references, trials, plan.parameters, plan.environments)
-    truth = plan.true_values()
-    if truth is None:
-        truth = draw_environments(draw_hyperparameters(design, Priors(), rng), design, rng)
-    table = simulate(truth, design, rng, family=plan.truth)
-    lower, upper, points = plan.frequencies
-    device = {"mass": plan.device[0], "damping": plan.device[1], "period": plan.period}
-    described = (
-        {"device": device} if plan.parameters == PARAMETERS else {"quantities": plan.quantities}
-    )
-    scene = Scene(
-        **described,
-        frequency={"lower": lower, "upper": upper, "points": points},
-        model=plan.model,
-        inference={
-            "kinds": ["user"] if plan.each else ["mean", "user", "share"],
-            "level": plan.level,
-            "share": plan.level if plan.share is None else plan.share,
-            "confidence": plan.confidence,
-            "family": plan.family,
-            "method": plan.method,
-            "tolerance": plan.tolerance,
-            "seed": int(rng.integers(1 << 31)),
-        },
-    )
-    # Without repeats a user's value contains the trial noise.
-    cov = truth.cov_u + truth.cov_w + (0.0 if design.repeated else truth.cov_e)
-    populations = [
-        Population(plan.truth, reference, beta, of_one, plan.parameters)
-        for reference, beta, of_one in zip(references, truth.beta, cov, strict=True)
-    ]
-    # Declared units: a true median far from its reference is no slip of the unit.
-    units = {
-        f"{name}_{column}": {"name": f"{name}_{column}", "unit": scene.quantities[name].unit}
-        for name in plan.parameters
-        for column in ("ref", "adj")
-        if scene.quantities[name].unit
-    }
-    options = ReadOptions(quantities=scene.quantities, columns=units)
-    return (
-        Study(Sessions.from_frame(table.drop(columns="source"), options=options), scene),
-        populations,
-    )
+def interval_truth(interval: Any, population: Population) -> float:
+    """Judge an interval.
+
+    Parameters
+    ----------
+    interval : object
+        A row of `Study.intervals`, its columns as attributes.
+    population : Population
+        The users of its environment.
+
+    Returns
+    -------
+    float
+        For kind "user" the share of users inside; for other kinds 1 where it is right, else 0.
+    """
+    p = population.parameters.index(interval.parameter)
+    if interval.kind == "mean":
+        average = population.average(interval.family)[p]
+        return float(interval.lower <= average <= interval.upper)
+    content = population.content(p, interval.lower, interval.upper)
+    return content if interval.kind == "user" else float(content >= interval.share)
 
 
-def _labels(claim: str, of: dict[Any, Any]) -> tuple[str, ...]:
-    return claim, *(str(of.get(name, "")) for name in LABELS[1:])
-
-
-def interval_held(row: dict[Any, Any], users: Population) -> float:
-    """Return what share of users an interval of the next user holds; of other kinds whether it is right."""
-    p, lower, upper = users.parameters.index(row["parameter"]), row["lower"], row["upper"]
-    if row["kind"] == "mean":
-        return float(lower <= users.average(row["family"])[p] <= upper)
-    content = users.content(p, lower, upper)
-    return content if row["kind"] == "user" else float(content >= row["share"])
-
-
-def _held_boundaries(
-    boundaries: Iterable[Boundary],
-    populations: dict[str, Population],
-    study: Study,
-    rng: np.random.Generator,
-) -> Iterator[_Held]:
+def _boundary_claims(
+    study: Study, populations: dict[str, Population], rng: np.random.Generator
+) -> Iterator[Claim]:
+    """Judge each boundary, at single frequencies and throughout, by the curves of users it is about."""
+    device = study.device
     table = study.scene.device
     assert table is not None
-    assert isinstance(study.device, Device)
-    users = {
-        environment: population.users(_USERS, rng)
-        for environment, population in populations.items()
-    }
-    for boundary in boundaries:
+    assert isinstance(device, Device)
+    drawn = {name: population.users(_USERS, rng) for name, population in populations.items()}
+    for boundary in study.boundaries:
+        # No boundary of a share is about single users, and a corner curve states no level.
         if boundary.kind == "share" or boundary.shape == "corner":
             continue
-        points = users[boundary.environment]
+        users = drawn[boundary.environment]
         if boundary.kind == "mean":
-            points = populations[boundary.environment].average(boundary.family)[None]
-        points = displayable(points)
+            users = populations[boundary.environment].average(boundary.family)[None]
+        users = displayable(users)
         curves = perceived_magnitude(
-            boundary.omega[:, None], study.device, points[:, 0], points[:, 1], table.period
+            boundary.omega[:, None], device, users[:, 0], users[:, 1], table.period
         )
         inside = (boundary.lower[:, None] <= curves) & (curves <= boundary.upper[:, None])
-        yield _labels("boundary at an omega", vars(boundary)), float(inside.mean())
-        yield _labels("boundary throughout", vars(boundary)), float(inside.all(axis=0).mean())
+        yield Claim(_boundary_labels("boundary at an omega", boundary), float(inside.mean()))
+        throughout = inside.all(axis=0)
+        yield Claim(_boundary_labels("boundary throughout", boundary), float(throughout.mean()))
+
+
+def _boundary_labels(claim: str, boundary: Boundary) -> Labels:
+    return Labels(
+        claim,
+        boundary.kind,
+        boundary.method,
+        boundary.family,
+        boundary.joint,
+        boundary.shape,
+    )

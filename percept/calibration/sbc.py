@@ -2,204 +2,261 @@
 
 Studies are drawn from the prior and fitted. Over them, a true value's rank among independent
 posterior draws is uniform, and so is the posterior distribution function at it, if the density, the
-sampler and the conditionals are right. All quantities of a design are judged together, by
-simultaneous bands.
+sampler and the conditionals are right. `percept.calibration.uniformity` judges whether they are.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import hashlib
 import json
+import math
 import os
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
-from percept.calibration.placing import SbcPlan, place_study
-from percept.calibration.studies import Checkpoint
-from percept.errors import UsageError
-from percept.provenance import Made
-from percept.workers import Mapper
+from percept.calibration.studies import Checkpoint, Line
+from percept.calibration.uniformity import Calibration, judge_places
+from percept.errors import RefusalError, UsageError
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.models import IntervalEstimands
+from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.statistics import Statistics, from_trials
+from percept.inference.sampling.gate import Run, Settings
+from percept.inference.sampling.run import sample
+from percept.simulate.model import (
+    Design,
+    TrueValues,
+    draw_environments,
+    draw_hyperparameters,
+    draw_responses,
+)
+from percept.workers import Mapper, in_process
 
-Counts = NDArray[np.int64]
-#: Probability that a right density is called wrong, per design.
-ERROR = 0.01
-_HALVINGS = 40
+__all__ = ["SBC_DESIGNS", "SbcPlan", "calibrate", "place_study", "places"]
+
+Array = NDArray[np.float64]
+# Stiffness in N/m and damping in N·s/m, from soft to stiff.
+_REFERENCES = np.array([[10.0, 0.1], [1e3, 1.0], [1e4, 10.0], [2.5e4, 25.0], [5e4, 50.0]])
+# Scales with one value per parameter; the others have one per parameter and environment.
+_BY_PARAMETER = ("s", "s_e", "kappa", "kappa_e", "omega", "omega_e", "sigma_u", "tau")
+# Trials of eight subjects in four environments: two miss some, and one sees a single one.
+_GAPS = np.ones((8, 4), dtype=np.int64)
+_GAPS[[0, 2, 2, 5, 5, 5], [1, 0, 3, 1, 2, 3]] = 0
+#: The kinds of study that are calibrated. Their order decides their seeds.
+SBC_DESIGNS: dict[str, Design] = {
+    "balanced": Design.balanced(_REFERENCES, subjects=10),
+    "trials": Design.balanced(_REFERENCES[:3], subjects=8, trials=3),
+    "missing cells": Design(_REFERENCES[:4], _GAPS),
+    "one parameter": Design.balanced(_REFERENCES[:4, :1], subjects=8, parameters=("k",)),
+    "one environment": Design.balanced(_REFERENCES[2:3], subjects=8),
+    "three subjects": Design.balanced(_REFERENCES[:3], subjects=3),
+    "weak scatter": Design.balanced(_REFERENCES, subjects=10, trials=3),
+    "thirty environments": Design.balanced(np.geomspace([10.0, 0.1], [5e4, 50.0], 30), subjects=8),
+}
+# Priors of truths and fits, where they are not the defaults. A twentieth of the scatter between
+# trials: the data can hardly tell the scatter between subjects from none.
+_PRIORS = {"weak scatter": Priors(log_s_mean=math.log(0.005))}
 
 
-class EcdfBand:
-    """Bounds of the number of values below each inner edge of equal bins, for values that are uniform."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SbcPlan:
+    """One design, to be simulated from the prior and fitted many times."""
 
-    def __init__(self, count: int, bins: int, tail: float) -> None:
-        self.count, self.tail = count, tail
-        self.edges = np.arange(1, bins) / bins
-        self.lower: Counts = np.asarray(
-            stats.binom.ppf(0.5 * tail, count, self.edges), dtype=np.int64
-        )
-        self.upper: Counts = np.asarray(
-            stats.binom.isf(0.5 * tail, count, self.edges), dtype=np.int64
-        )
+    design: str  # One of `SBC_DESIGNS`
+    seed: int = 1  # Of the whole
+    # Independent posterior draws a true value is ranked among: one less than a multiple of the bins,
+    # so that each bin holds equally many ranks.
+    draws: int = 199
+    bins: int = 20  # Equal bins that the ranks are counted in
+    tolerance: float = 0.2  # Of the sampler, on the limits of kinds mean and user
 
-    def probability(self) -> float:
-        """Probability that uniform values stay within the bounds at all edges at once.
-
-        Counts below successive edges are a Markov chain with binomial steps, so the probability is
-        a product of small matrices (Säilynoja, Bürkner & Vehtari 2022).
-        """
-        at = np.arange(self.lower[0], self.upper[0] + 1)
-        mass = stats.binom.pmf(at, self.count, self.edges[0])
-        for k in range(1, self.edges.size):
-            step = (self.edges[k] - self.edges[k - 1]) / (1.0 - self.edges[k - 1])
-            to = np.arange(self.lower[k], self.upper[k] + 1)
-            mass = mass @ stats.binom.pmf(
-                to[None, :] - at[:, None], (self.count - at)[:, None], step
+    def __post_init__(self) -> None:
+        if self.design not in SBC_DESIGNS:
+            raise UsageError(
+                f"no such design; there are {', '.join(SBC_DESIGNS)}.",
+                key="design",
+                value=self.design,
             )
-            at = to
-        return float(mass.sum())
-
-    def judge(self, quantity: str, values: NDArray[np.float64]) -> Uniformity:
-        """Count values below each edge and say whether the counts stay within the bounds."""
-        below = np.searchsorted(np.sort(values), self.edges, side="left")
-        low = stats.binom.cdf(below, self.count, self.edges)
-        high = stats.binom.sf(below - 1, self.count, self.edges)
-        return Uniformity(
-            quantity=quantity,
-            inside=bool(np.all((below >= self.lower) & (below <= self.upper))),
-            least_tail=float(min(1.0, 2.0 * np.minimum(low, high).min())),
-            below=tuple(below.tolist()),
-        )
-
-
-@functools.cache
-def ecdf_band(count: int, bins: int, error: float) -> EcdfBand:
-    """Find the narrowest band that uniform values leave with at most the probability given."""
-    low, high = (
-        0.0,
-        float(np.log(bins)),
-    )  # logarithms of error/tail: between one edge and a union of all
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        if EcdfBand(count, bins, error * float(np.exp(-middle))).probability() >= 1.0 - error:
-            high = middle
-        else:
-            low = middle
-    return EcdfBand(count, bins, error * float(np.exp(-high)))
-
-
-@dataclasses.dataclass(frozen=True)
-class Uniformity:
-    """Verdict on one quantity."""
-
-    quantity: str  # Such as "sigma[k,VE1]", "mean[b,VE2]" or "rho_w"
-    inside: bool  # Whether its empirical distribution stays inside the band
-    least_tail: float  # Smallest two-sided tail probability of a count, over the edges of the bins
-    below: tuple[int, ...]  # Values below each edge
-
-
-@dataclasses.dataclass(frozen=True)
-class Calibration:
-    """Verdict on one design."""
-
-    design: str  # As `SbcPlan`
-    fits: int
-    failed: int
-    reasons: tuple[str, ...]  # Why, each reason once
-    error: float  # Probability of any quantity leaving its band if all is right, at most
-    tail: float  # The band's tail probability at one edge
-    lower: tuple[int, ...]  # Of the band, at each edge
-    upper: tuple[int, ...]
-    quantities: tuple[
-        Uniformity, ...
-    ]  # Every scale, correlation, location and distribution function
 
     @property
-    def outside(self) -> tuple[str, ...]:
-        """Quantities outside the band."""
-        return tuple(one.quantity for one in self.quantities if not one.inside)
+    def key(self) -> str:
+        """A digest that tells results of different plans apart."""
+        text = json.dumps(dataclasses.asdict(self), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def calibrate(
     plan: SbcPlan,
     fits: int,
     *,
-    mapper: Mapper | None = None,
+    mapper: Mapper = in_process,
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Calibration:
-    """Simulate, fit and judge studies of one design."""
+    """Simulate, fit and judge studies of one design.
+
+    Parameters
+    ----------
+    plan : SbcPlan
+        The design.
+    fits : int
+        How many studies, at least one.
+    mapper : Mapper
+        The workers.
+    checkpoint : str or path-like, optional
+        File that keeps placed studies, so that an interrupted run goes on.
+    progress : callable, optional
+        Told how many studies are finished, and of how many.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    UsageError
+        No study is asked for, or the checkpoint holds something else.
+    """
     if fits < 1:
         raise UsageError("a calibration needs at least one study.", key="fits", value=fits)
-    place, kept = (
-        functools.partial(place_study, plan),
-        Checkpoint(checkpoint, plan.key, what="placed"),
-    )
-    return judge_places(plan, kept.complete(place, fits, mapper=mapper, progress=progress))
+    place = functools.partial(place_study, plan)
+    kept = Checkpoint(checkpoint, plan.key, what="placed")
+    placed = kept.complete(place, fits, mapper=mapper, progress=progress)
+    return judge_places(plan.design, plan.bins, placed)
 
 
-def judge_places(plan: SbcPlan, placed: list[dict[str, Any]]) -> Calibration:
-    """Judge all quantities of a design together."""
-    passed = [one["values"] for one in placed if not one["reason"]]
-    names = list(passed[0]) if passed else []
-    band = ecdf_band(len(passed), plan.bins, ERROR / max(len(names), 1))
-    return Calibration(
-        design=plan.design,
-        fits=len(placed),
-        failed=len(placed) - len(passed),
-        reasons=tuple(dict.fromkeys(one["reason"] for one in placed if one["reason"])),
-        error=ERROR,
-        tail=band.tail,
-        lower=tuple(band.lower.tolist()),
-        upper=tuple(band.upper.tolist()),
-        quantities=tuple(
-            band.judge(name, np.array([one[name] for one in passed])) for name in names
-        ),
-    )
+def place_study(
+    plan: SbcPlan,
+    index: int,
+    density: Callable[[Statistics, Priors], CollapsedDensity] = CollapsedDensity,
+) -> Line:
+    """Simulate study `index` of a plan, fit it and place its true values.
 
+    Parameters
+    ----------
+    plan : SbcPlan
+        The design.
+    index : int
+        Number of the study, from zero: its seed.
+    density : callable
+        Makes the density of the scales; a wrong one must be caught.
 
-def write_calibrations(
-    found: Sequence[Calibration], directory: str | os.PathLike[str], made: Made
-) -> None:
-    """Write verdicts as `sbc.json` (everything) and `sbc.md` (a table with how to read it).
-
-    Verdicts on other designs that the folder holds already stay.
+    Returns
+    -------
+    Line
+        `values`, a probability per quantity. There are none where there is a `reason`: what the gate
+        said, or the refusal.
     """
-    to = Path(directory)
-    to.mkdir(parents=True, exist_ok=True)
-    path = to / "sbc.json"
-    rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
-    rows += [{**dataclasses.asdict(one), "outside": list(one.outside)} for one in found]
-    rows = list({row["design"]: row for row in rows}.values())
-    path.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    total = sum(row["fits"] for row in rows)
-    head = (
-        f"# Simulation-based calibration\n\n{total} studies were drawn from the prior and fitted."
-        " True scales, correlations and locations are ranked among independent posterior draws;"
-        " `mean` and `user` are the posterior distribution functions at the true mean and at a new"
-        " user. Each design's quantities are judged together by simultaneous bands that a right"
-        f" density leaves with a probability of at most {100 * ERROR:g} %. Fits the gate withheld"
-        " are counted as failed and give no ranks. With few fits only large errors"
-        f" show.\n\n{made.sentence}\n\n"
+    design = SBC_DESIGNS[plan.design]
+    priors = _PRIORS.get(plan.design, Priors())
+    spawn_key = (list(SBC_DESIGNS).index(plan.design), index)
+    truth_seed, run_seed, draw_seed = np.random.SeedSequence(plan.seed, spawn_key=spawn_key).spawn(
+        3
     )
-    (to / "sbc.md").write_text(head + sbc_markdown(rows), encoding="utf-8")
+    rng = np.random.default_rng(truth_seed)
+    truth = draw_environments(draw_hyperparameters(design, priors, rng), design, rng)
+    model = density(_statistics(truth, design, rng), priors)
+    user = _one_more_user(truth, rng)
+    settings = Settings(tolerance=plan.tolerance, seed=int(run_seed.generate_state(1)[0]))
+    try:
+        run = sample(model, IntervalEstimands(model, kinds=("mean", "user")), settings)
+    except RefusalError as refusal:
+        return {"reason": str(refusal), "values": {}}
+    if not run.gate.passed:
+        return {"reason": " ".join(run.gate.reasons), "values": {}}
+    values = places(plan, model, run, truth, user, np.random.default_rng(draw_seed))
+    return {"reason": "", "values": values}
 
 
-def sbc_markdown(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Write verdicts, as `sbc.json` holds them, as a table in Markdown."""
-    lines = [
-        "| design | fits | failed | quantities | outside | farthest | tail | band |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        worst = min(row["quantities"], key=lambda q: q["least_tail"], default=None)
-        cells = [
-            row["design"], row["fits"], row["failed"], len(row["quantities"]), len(row["outside"]),
-            worst["quantity"] if worst else "", f"{worst['least_tail']:.2g}" if worst else "",
-            f"{row['tail']:.2g}",
-        ]  # fmt: skip
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
-    return "\n".join(lines) + "\n"
+def _statistics(truth: TrueValues, design: Design, rng: np.random.Generator) -> Statistics:
+    """Draw the trials of a study and reduce them to what the density takes."""
+    responses = draw_responses(truth, design, rng)
+    return from_trials(
+        responses.y,
+        responses.subject,
+        responses.environment,
+        design.decades.T,
+        parameters=design.parameters,
+        environments=design.environments,
+        subjects=design.subjects,
+    )
+
+
+def _one_more_user(truth: TrueValues, rng: np.random.Generator) -> Array:
+    """Draw one more user in every environment, by parameter and environment, (P·J,)."""
+    noise = rng.standard_normal(truth.beta.shape)
+    roots = np.linalg.cholesky(truth.cov_u + truth.cov_w)
+    user = truth.beta + np.einsum("jpq,jq->jp", roots, noise)
+    return user.T.ravel()
+
+
+def places(
+    plan: SbcPlan,
+    model: CollapsedDensity,
+    run: Run,
+    truth: TrueValues,
+    user: Array,
+    rng: np.random.Generator,
+) -> dict[str, float]:
+    """Place true values in a posterior, each as a probability that is uniform over studies.
+
+    Parameters
+    ----------
+    plan : SbcPlan
+        How many draws to rank among.
+    model : CollapsedDensity
+        The model of the run.
+    run : Run
+        A run that passed the gate.
+    truth : TrueValues
+        What the study was drawn from.
+    user : ndarray, shape (P·J,)
+        One more user in every environment.
+    rng : numpy.random.Generator
+        Chooses draws, and draws locations.
+
+    Returns
+    -------
+    dict of str to float
+        Ranks of scales and locations; under ``mean[…]`` and ``user[…]`` the posterior distribution
+        functions at the true mean and at the user.
+    """
+    points = np.concatenate(run.independent())
+    drawn = points[rng.choice(len(points), size=plan.draws, replace=False)]
+    probabilities: dict[str, float] = {}
+
+    def add(name: str, values: Array) -> None:
+        labels = _labels(name, model)
+        for label, value in zip(labels, values, strict=True):
+            probabilities[name + label] = float(value)
+
+    def rank(name: str, draws: Array, true: Array) -> None:
+        below = (draws.reshape(plan.draws, -1) < true).sum(axis=0)
+        add(name, (below + 0.5) / (plan.draws + 1))
+
+    for name, (_, values) in model.scales(drawn).items():
+        true = getattr(truth, name, None)
+        if true is None:
+            true = getattr(truth.hyper, name)
+        rank(name, values, np.ravel(np.transpose(true)))
+    beta = truth.beta.T.ravel()
+    rank("beta", model.draw(drawn, rng)[0], beta)
+    laws = model.laws(points)
+    add("mean", special.ndtr((beta - laws.mean) / laws.sd).mean(axis=0))
+    user_sd = np.hypot(laws.sd, laws.population_sd)
+    add("user", special.ndtr((user - laws.mean) / user_sd).mean(axis=0))
+    return probabilities
+
+
+def _labels(name: str, model: CollapsedDensity) -> list[str]:
+    """Return what tells the values of one name apart."""
+    if name.startswith("rho"):
+        return [""]
+    if name in _BY_PARAMETER:
+        return [f"[{parameter}]" for parameter in model.statistics.parameters]
+    return [f"[{parameter},{environment}]" for parameter, environment in model.cells]

@@ -4,27 +4,58 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from percept.errors import RefusalError, UsageError
+from percept.errors import RefusalError, UsageError, counted
 from percept.files import exclusive
 from percept.workers import Mapper, in_process
 
+__all__ = ["Checkpoint", "Line"]
+
+#: The result of one study, as a line of JSON has it.
+Line = dict[str, Any]
 # How every line starts: what is left of one cut short is told from a file of something else.
 _START = '{"plan": "'
 
 
 class Checkpoint:
-    """A file of JSON lines, one per study of a plan; lines of other plans stand beside them."""
+    """A file of JSON lines, one per study of a plan; lines of other plans stand beside them.
+
+    Parameters
+    ----------
+    path : str or path-like, optional
+        The file, made where it does not exist; without one nothing is kept.
+    plan : str
+        What tells the lines of this plan.
+    what : str
+        What was done to the studies, for messages: "judged".
+    """
 
     def __init__(self, path: str | os.PathLike[str] | None, plan: str, *, what: str) -> None:
         self._path = None if path is None else Path(path)
-        self._plan, self._what = plan, what
+        self._plan = plan
+        self._what = what
 
-    def read(self, studies: int) -> dict[int, dict[str, Any]]:
-        """Read the results of the plan's first studies by index; cut off a last line that is not whole."""
+    def read(self, studies: int) -> dict[int, Line]:
+        """Read the results of the plan's first studies; cut off a last line that is not whole.
+
+        Parameters
+        ----------
+        studies : int
+            How many studies, counted from zero.
+
+        Returns
+        -------
+        dict of int to Line
+            Results by the number of their study.
+
+        Raises
+        ------
+        UsageError
+            The file holds something else.
+        """
         if self._path is None or not self._path.exists():
             return {}
         with exclusive(self._path.parent):
@@ -33,16 +64,17 @@ class Checkpoint:
         for row, line in enumerate(lines, start=1):
             try:
                 result = json.loads(line)
-                plan, index = result.pop("plan"), int(result.pop("index"))
+                plan = result.pop("plan")
+                index = int(result.pop("index"))
             except (ValueError, KeyError, TypeError, AttributeError) as error:
-                raise self._strange(row) from error
+                raise self._foreign(row) from error
             if not result:
-                raise self._strange(row)
+                raise self._foreign(row)
             if plan == self._plan and index < studies:
                 results[index] = result
         return results
 
-    def append(self, index: int, result: Mapping[str, Any]) -> None:
+    def append(self, index: int, result: Line) -> None:
         """Write the result of study `index` behind the others."""
         if self._path is None:
             return
@@ -53,20 +85,39 @@ class Checkpoint:
 
     def complete(
         self,
-        study: Callable[[int], dict[str, Any]],
+        study: Callable[[int], Line],
         studies: int,
         *,
-        mapper: Mapper | None = None,
+        mapper: Mapper = in_process,
         progress: Callable[[int, int], None] | None = None,
-    ) -> list[dict[str, Any]]:
-        """Return the results of all studies, those not kept yet by calling `study` on the workers.
+    ) -> list[Line]:
+        """Return the results of all studies, and work on those that are not kept yet.
 
-        Studies that end in an error are told together, when all others are kept.
+        Parameters
+        ----------
+        study : callable
+            Works on one study, by its number.
+        studies : int
+            How many.
+        mapper : Mapper
+            The workers.
+        progress : callable, optional
+            Told how many studies are finished, and of how many.
+
+        Returns
+        -------
+        list of Line
+            In the order of their numbers.
+
+        Raises
+        ------
+        RefusalError
+            Some studies ended in an error; all others are kept.
         """
         results = self.read(studies)
         missing = sorted(set(range(studies)) - results.keys())
         errors: dict[int, Exception] = {}
-        for index, result in (mapper or in_process)(study, missing):
+        for index, result in mapper(study, missing):
             if isinstance(result, Exception):
                 errors[index] = result
                 continue
@@ -75,15 +126,7 @@ class Checkpoint:
             if progress:
                 progress(len(results), studies)
         if errors:
-            first = min(errors)
-            raise RefusalError(
-                f"{len(errors)} studies ended in an error; study {first}: "
-                f"{type(errors[first]).__name__}: {errors[first]}",
-                hint=(
-                    "The others are kept where there is a checkpoint: the same run again tries"
-                    " these only."
-                ),
-            ) from errors[first]
+            raise _refusal(errors) from errors[min(errors)]
         return [results[index] for index in sorted(results)]
 
     def _whole_lines(self, path: Path) -> list[str]:
@@ -97,10 +140,21 @@ class Checkpoint:
             ) from error
         if rest:
             if not (rest.startswith(_START) or _START.startswith(rest)):
-                raise self._strange(1 + whole.count("\n") + len(newline))
+                raise self._foreign(1 + whole.count("\n") + len(newline))
             # Truncating needs no room, which a full disk would not have for writing.
             os.truncate(path, data.rfind(b"\n") + 1)
         return whole.splitlines()
 
-    def _strange(self, row: int) -> UsageError:
+    def _foreign(self, row: int) -> UsageError:
         return UsageError(f"not a line of {self._what} studies.", file=str(self._path), row=row)
+
+
+def _refusal(errors: dict[int, Exception]) -> RefusalError:
+    """Say how many studies ended in an error, and the first of them."""
+    first = min(errors)
+    error = errors[first]
+    return RefusalError(
+        f"{counted(len(errors), 'study', 'studies')} ended in an error; study {first}:"
+        f" {type(error).__name__}: {error}",
+        hint="The others are kept where there is a checkpoint: the same run again tries these only.",
+    )

@@ -142,7 +142,7 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     """Print the comparison of the two methods on one study."""
     import numpy as np
 
-    from percept.calibration.coverage import recommend
+    from percept.calibration.advice import recommend
 
     table, ladder, method = study.comparison, study.ladder, study.scene.inference.method
     if method != "both":

@@ -68,7 +68,8 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     """Write DIR/coverage.md and DIR/coverage.csv; an interrupted run goes on from DIR/judged.jsonl."""
     import pandas as pd
 
-    from percept.calibration.coverage import FILE, coverage, coverage_markdown, gather
+    from percept.calibration.advice import ADVICE_FILE, gather
+    from percept.calibration.coverage import coverage, coverage_markdown
     from percept.provenance import made_by
     from percept.sessions.quantities import is_impedance
 
@@ -85,8 +86,8 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         shared: dict[str, Any] = {"mapper": mapper, "progress": told}
         if arguments.advice:
             table = gather(tuple(plans), out / "judged.jsonl", **shared)
-            table.to_csv(out / FILE, index=False)
-            print(out / FILE)
+            table.to_csv(out / ADVICE_FILE, index=False)
+            print(out / ADVICE_FILE)
             return
         rows = []
         for plan in plans:
@@ -115,7 +116,8 @@ def _calibrate(arguments: argparse.Namespace) -> None:
 
 def _plans(arguments: argparse.Namespace, out: Path) -> list[CoveragePlan]:
     """Plan studies of each number of subjects and distribution of users, for each method by itself."""
-    from percept.calibration.coverage import advice_plans, kept_values, plan_like, refuse_unfit
+    from percept.calibration.advice import advice_plans
+    from percept.calibration.coverage import kept_values, plan_like, refuse_unfit
 
     with Working("fitting the truth", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
@@ -134,8 +136,8 @@ def _plans(arguments: argparse.Namespace, out: Path) -> list[CoveragePlan]:
 
 def _sbc(arguments: argparse.Namespace) -> None:
     """Write DIR/sbc.json and DIR/sbc.md; an interrupted run goes on from DIR/fits.jsonl."""
-    from percept.calibration.placing import SBC_DESIGNS, SbcPlan
-    from percept.calibration.sbc import calibrate, write_calibrations
+    from percept.calibration.sbc import SBC_DESIGNS, SbcPlan, calibrate
+    from percept.calibration.uniformity import write_calibrations
     from percept.provenance import made_by
 
     if arguments.seed < 0:

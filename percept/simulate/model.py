@@ -94,6 +94,26 @@ class Hyperparameters:
     omega_e: Array
     rho_e: float
 
+    @classmethod
+    def zero(cls, parameters: int) -> Hyperparameters:
+        """No bias, no scatter and no correlation of so many parameters."""
+        zero = np.zeros(parameters)
+        return cls(
+            alpha=zero,
+            gamma=zero,
+            tau=zero,
+            sigma_u=zero,
+            rho_u=0.0,
+            s=zero,
+            kappa=zero,
+            omega=zero,
+            rho_w=0.0,
+            s_e=zero,
+            kappa_e=zero,
+            omega_e=zero,
+            rho_e=0.0,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class TrueValues:

@@ -10,7 +10,14 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study
-from percept.calibration.coverage import FILE, STUDIES, _sentences, advice_plans, gather, recommend
+from percept.calibration.advice import (
+    ADVICE_FILE,
+    STUDIES,
+    _sentences,
+    advice_plans,
+    gather,
+    recommend,
+)
 from percept.calibration.judge import judge_study
 from percept.cli import main
 from percept.sessions import Sessions
@@ -52,7 +59,7 @@ def test_plans_have_the_design_of_the_study(study: Study) -> None:
 
 
 def test_normal_users_have_the_mean_and_sd_of_their_cell(study: Study) -> None:
-    own = advice_plans(study)[1].true_values()
+    own = advice_plans(study)[1].values
     assert own is not None
     assert not own.cov_u.any()
     assert own.sigma_e.min() > 0.0
@@ -72,35 +79,35 @@ def test_normal_users_have_the_mean_and_sd_of_their_cell(study: Study) -> None:
 def test_each_interval_by_itself_makes_up_what_is_judged_together(study: Study) -> None:
     plan = dataclasses.replace(advice_plans(study)[1], method="classical", each=False)
     (whole,) = (
-        one["held"]
-        for one in judge_study(plan, 3)["judged"]
-        if (one["claim"], one["kind"], one["family"], one["joint"])
-        == ("interval", "user", "normal", "marginal")
+        one.truth
+        for one in judge_study(plan, 3)
+        if one.labels == ("interval", "user", "classical", "normal", "marginal", "")
     )
-    each = judge_study(dataclasses.replace(plan, each=True), 3)["judged"]
-    assert {one["claim"] for one in each} == {"k in VE1", "k in VE2", "b in VE1", "b in VE2"}
-    assert np.mean([one["held"] for one in each]) == pytest.approx(whole, rel=1e-12)
+    each = judge_study(dataclasses.replace(plan, each=True), 3)
+    assert {one.labels.claim for one in each} == {"k in VE1", "k in VE2", "b in VE1", "b in VE2"}
+    assert np.mean([one.truth for one in each]) == pytest.approx(whole, rel=1e-12)
 
 
 def test_a_recommendation_rests_on_enough_studies(plain: Study, tmp_path) -> None:
-    table = gather(advice_plans(plain)[:1], tmp_path / "judged.jsonl", studies=(2, 3))
+    table = gather(
+        advice_plans(plain)[:1], tmp_path / "judged.jsonl", studies={"bayesian": 2, "classical": 3}
+    )
     assert len(table) == 2 * 4
     assert table.groupby("method")["studies"].min().to_dict() == {"bayesian": 2, "classical": 3}
-    table.to_csv(tmp_path / FILE, index=False)
+    table.to_csv(tmp_path / ADVICE_FILE, index=False)
     # Normal users without pooling are missing, and a recommendation needs both truths.
-    (text,) = recommend(plain, tmp_path, "percept calibrate", (2, 3))
+    (text,) = recommend(plain, tmp_path, "percept calibrate", {"bayesian": 2, "classical": 3})
     assert text.endswith("For this design percept calibrate would tell.")
     twice = pd.concat([table, table.assign(plan=advice_plans(plain)[1].key)])
-    twice.to_csv(tmp_path / FILE, index=False)
-    told = recommend(plain, tmp_path, "percept calibrate", (2, 3))
+    twice.to_csv(tmp_path / ADVICE_FILE, index=False)
+    told = recommend(plain, tmp_path, "percept calibrate", {"bayesian": 2, "classical": 3})
     assert [text.split(" use ")[0] for text in told] == [
         "For stiffness in VE1", "For stiffness in VE2", "For damping in VE1", "For damping in VE2",
     ]  # fmt: skip
-    for enough in ((3, 3), (2, 4)):
-        assert (
-            "percept calibrate would tell"
-            in recommend(plain, tmp_path, "percept calibrate", enough)[0]
-        )
+    for bayesian, classical in ((3, 3), (2, 4)):
+        enough = {"bayesian": bayesian, "classical": classical}
+        (text,) = recommend(plain, tmp_path, "percept calibrate", enough)
+        assert "percept calibrate would tell" in text
 
 
 def covered(**held: tuple[float, float]) -> pd.DataFrame:
@@ -187,7 +194,7 @@ def test_calibrate_writes_what_compare_recommends_by(
     out.mkdir()
     lines = []
     for plan in advice_plans(plain):
-        for method, count in zip(("bayesian", "classical"), STUDIES, strict=True):
+        for method, count in STUDIES.items():
             key = dataclasses.replace(plan, method="both" if method == "bayesian" else method).key
             names = {"kind": "user", "method": method, "joint": "marginal", "shape": ""}
             family = "lognormal" if method == "bayesian" else "normal"
@@ -198,7 +205,7 @@ def test_calibrate_writes_what_compare_recommends_by(
             lines += [json.dumps({"plan": key, "index": i, "judged": judged}) for i in range(count)]
     (out / "judged.jsonl").write_text("\n".join(lines) + "\n")
     assert main(["calibrate", *words, "--advice", "--workers", "1", "--out", str(out)]) == 0
-    assert capsys.readouterr().out.strip() == str(out / FILE)
+    assert capsys.readouterr().out.strip() == str(out / ADVICE_FILE)
     assert main(["compare", *words, "--coverage", str(out)]) == 0
     told = [line for line in capsys.readouterr().out.splitlines() if " use the " in line]
     assert len(told) == 4

@@ -1,10 +1,10 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import math
 import os
+import types
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +22,19 @@ from percept.calibration.coverage import (
     plan_like,
     refuse_unfit,
     standard_error,
+    true_values,
 )
-from percept.calibration.judge import LABELS, CoveragePlan, Population, interval_held, judge_study
+from percept.calibration.judge import (
+    Claim,
+    CoveragePlan,
+    Labels,
+    Population,
+    interval_truth,
+    judge_study,
+)
 from percept.cluster import on_cluster
 from percept.sessions import ReadOptions, Sessions
+from percept.simulate.model import Hyperparameters, TrueValues
 from tests import DATASETS
 from tests.workers.clusters import QUIET, in_threads
 
@@ -39,28 +48,16 @@ PLAN = CoveragePlan(
 NORMAL = Population("normal", np.array([100.0, 2.0]), np.array([0.1, 0.0]), np.diag([0.01, 0.04]))
 
 
-def fixed_values(*, spread: float, environments: int) -> dict[str, object]:
+def fixed_values(*, spread: float, environments: int, parameters: int = 2) -> TrueValues:
     """Unbiased users of one spread everywhere, k and b independent."""
-    scales = (
-        "alpha",
-        "gamma",
-        "tau",
-        "sigma_u",
-        "s",
-        "kappa",
-        "omega",
-        "s_e",
-        "kappa_e",
-        "omega_e",
+    zero = np.zeros((environments, parameters))
+    return TrueValues(
+        hyper=Hyperparameters.zero(parameters),
+        delta=zero,
+        beta=zero,
+        sigma=zero + spread,
+        sigma_e=zero,
     )
-    hyper: dict[str, object] = {name: [0.0, 0.0] for name in scales}
-    hyper |= {"rho_u": 0.0, "rho_w": 0.0, "rho_e": 0.0}
-    zero = [[0.0, 0.0]] * environments
-    return {
-        "hyper": hyper,
-        **dict.fromkeys(("delta", "beta", "sigma_e"), zero),
-        "sigma": [[spread, spread]] * environments,
-    }
 
 
 def found(rows: pd.DataFrame, **wanted: str) -> Any:
@@ -155,21 +152,18 @@ def test_normal_users_lie_about_their_bias() -> None:
 @pytest.mark.parametrize(("upper", "held"), [(120.0, 0.0), (124.0, 1.0)])
 def test_limits_of_a_share_hold_where_they_contain_the_share(upper: float, held: float) -> None:
     """Of normals at 110 with SD 10, 84 % and 92 % lie below; the confidence is of another question."""
-    row = {
-        "parameter": "k", "kind": "share", "lower": 0.0, "upper": upper, "level": 0.9, "share": 0.9,
-        "confidence": 0.95, "family": "normal",
-    }  # fmt: skip
-    assert interval_held(row, NORMAL) == held
+    row = types.SimpleNamespace(
+        parameter="k", kind="share", lower=0.0, upper=upper, level=0.9, share=0.9, confidence=0.95,
+        family="normal",
+    )  # fmt: skip
+    assert interval_truth(row, NORMAL) == held
 
 
 def test_withheld_studies_count_among_all_and_claims_among_those_that_make_them() -> None:
-    def study(*of: str | float) -> dict[str, Any]:
-        return {"judged": [dict(zip([*LABELS, "held"], of, strict=True))]}
+    def interval(truth: float) -> list[Claim]:
+        return [Claim(Labels("interval", "mean", "bayesian", "lognormal", "marginal"), truth)]
 
-    def interval(held: float) -> dict[str, Any]:
-        return study("interval", "mean", "bayesian", "lognormal", "marginal", "", held)
-
-    withheld = study("withheld", "", "bayesian", "lognormal", "", "", 1.0)
+    withheld = [Claim(Labels("withheld", method="bayesian", family="lognormal"), 1.0)]
     rows = averaged(PLAN, [withheld, interval(1.0), interval(0.0), interval(1.0)])
     none, some = found(rows, claim="withheld"), found(rows, claim="interval")
     assert (none.held, none.studies) == (0.25, 4)
@@ -198,14 +192,12 @@ def test_another_plan_has_another_key(change: dict[str, object]) -> None:
 def test_fitted_values_are_those_of_the_fit() -> None:
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(tolerance=0.2, method="bayesian")
     study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene)
-    given = fitted_values(study)
-    truth = dataclasses.replace(PLAN, values=given).true_values()
+    truth = fitted_values(study)
     assert study.fit is not None
-    assert truth is not None
     model = study.fit.model
     named = {name: values for name, (_, values) in model.scales(study.fit.points).items()}
     for name in ("rho_u", "rho_w"):
-        assert given["hyper"][name] == pytest.approx(named[name].mean())
+        assert getattr(truth.hyper, name) == pytest.approx(named[name].mean())
     np.testing.assert_allclose(truth.hyper.alpha + truth.delta, truth.beta, atol=1e-12)
     np.testing.assert_allclose(truth.sigma.T, named["sigma"].mean(axis=0), rtol=1e-12)
     reference = np.array([study.reference[cell] for cell in model.cells])
@@ -215,19 +207,17 @@ def test_fitted_values_are_those_of_the_fit() -> None:
 
 
 def test_bayesian_claims_are_judged() -> None:
-    judged = judge_study(dataclasses.replace(PLAN, method="both", tolerance=0.2, seed=4), 0)[
-        "judged"
-    ]
-    claims = {(one["claim"], one["method"]) for one in judged}
+    judged = judge_study(dataclasses.replace(PLAN, method="both", tolerance=0.2, seed=4), 0)
+    claims = {(one.labels.claim, one.labels.method) for one in judged}
     assert {("interval", "bayesian"), ("boundary throughout", "bayesian")} <= claims
-    assert all(0.0 <= one["held"] <= 1.0 for one in judged)
+    assert all(0.0 <= one.truth <= 1.0 for one in judged)
 
 
 def test_normal_users_below_zero_are_refused_by_a_lognormal_model_and_said_so() -> None:
     values = fixed_values(spread=2.0, environments=3)
     plan = dataclasses.replace(PLAN, method="both", truth="normal", values=values)
-    judged = judge_study(plan, 0)["judged"]
-    assert [one["claim"] for one in judged if one["method"] == "bayesian"] == ["refused"]
+    labels = [one.labels for one in judge_study(plan, 0)]
+    assert [one.claim for one in labels if one.method == "bayesian"] == ["refused"]
     table = coverage_markdown(coverage(plan, 2))
     assert "| refused |" in table
 
@@ -255,21 +245,7 @@ def test_a_single_quantity_is_simulated_as_two_are() -> None:
     plan = plan_like(durations(level=0.9), method="classical")
     assert plan.parameters == ("duration",)
     assert plan.references == ((400.0,), (900.0,), (2000.0,))
-    zero = [[0.0]] * 3
-    scales = (
-        "alpha",
-        "gamma",
-        "tau",
-        "sigma_u",
-        "s",
-        "kappa",
-        "omega",
-        "s_e",
-        "kappa_e",
-        "omega_e",
-    )
-    hyper = {name: [0.0] for name in scales} | {"rho_u": 0.0, "rho_w": 0.0, "rho_e": 0.0}
-    values = {"hyper": hyper, "delta": zero, "beta": zero, "sigma_e": zero, "sigma": [[0.5]] * 3}
+    values = fixed_values(spread=0.5, environments=3, parameters=1)
     rows = coverage(dataclasses.replace(plan, values=values), 60)
     assert set(rows["claim"]) == {"interval"}
     for kind in ("mean", "user", "share"):
@@ -280,18 +256,18 @@ def test_a_single_quantity_is_simulated_as_two_are() -> None:
 def test_values_are_fitted_to_the_quantities_there_are() -> None:
     study = durations(tolerance=0.3)
     values = fitted_values(study)
-    assert np.shape(values["beta"]) == (3, 1)
-    plan_like(study, values=values).true_values()
+    assert values.beta.shape == (3, 1)
+    assert plan_like(study, values=values).values is values
     of_k = Scene.load(DATASETS / "hbfd.toml").with_inference(parameters=("k",), method="classical")
     refuse_unfit(Study(read_sessions(DATASETS / "hbfd_sessions.csv"), of_k))
 
 
-def test_studies_kept_of_stiffness_and_damping_stay_valid() -> None:
-    """The key of a plan is a digest of what it was before other quantities could be simulated."""
-    record = dataclasses.asdict(PLAN)
-    del record["parameters"], record["quantities"]
-    record["held_out"] = None
-    assert PLAN.key == hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()[:16]
+def test_plans_are_told_apart_by_what_they_hold_and_not_by_its_type() -> None:
+    values = fixed_values(spread=0.5, environments=3)
+    read = json.loads(json.dumps(dataclasses.asdict(values), default=np.ndarray.tolist))
+    plan = dataclasses.replace(PLAN, values=values)
+    again = dataclasses.replace(PLAN, values=true_values(read))
+    assert plan.key == again.key != PLAN.key
     lone = dataclasses.replace(PLAN, references=((1.0,), (2.0,)), parameters=("k",))
     assert lone.key != dataclasses.replace(lone, parameters=("b",)).key
 
@@ -302,8 +278,8 @@ def test_users_far_from_the_reference_are_no_slip_of_units() -> None:
         references=((1000.0, 1.0), (25000.0, 25.0)),
         subjects=8, truth="normal", method="classical", level=0.9, frequencies=(0.1, 100.0, 5),
     )  # fmt: skip
-    held = {one["claim"] for one in judge_study(plan, 315)["judged"]}
-    assert {"interval", "boundary throughout"} <= held
+    claims = {one.labels.claim for one in judge_study(plan, 315)}
+    assert {"interval", "boundary throughout"} <= claims
 
 
 def test_studies_that_all_agree_leave_an_error() -> None:

@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept.calibration import placing
-from percept.calibration.placing import SBC_DESIGNS, SbcPlan, place_study, places
-from percept.calibration.sbc import (
+from percept.calibration import sbc
+from percept.calibration.sbc import SBC_DESIGNS, SbcPlan, calibrate, place_study, places
+from percept.calibration.uniformity import (
     EcdfBand,
-    calibrate,
     ecdf_band,
     judge_places,
     sbc_markdown,
@@ -31,6 +30,10 @@ from percept.provenance import made_by
 from tests.workers.clusters import QUIET
 
 PLAN = SbcPlan(design="one environment")
+
+
+def judged(plan, placed):
+    return judge_places(plan.design, plan.bins, placed)
 
 
 def placed_at(values):
@@ -69,7 +72,7 @@ def with_a_narrow_prior(statistics, priors):
 
 @pytest.mark.parametrize("density", [with_a_narrow_prior, WithoutJacobian])
 def test_wrong_density_is_caught(density):
-    found = judge_places(PLAN, [place_study(PLAN, index, density) for index in range(10)])
+    found = judged(PLAN, [place_study(PLAN, index, density) for index in range(10)])
     assert any(name.startswith("sigma") for name in found.outside)
 
 
@@ -96,9 +99,9 @@ def ranks_under(moves, *, dimension=20, walkers=100, studies=30):
 
 def test_snooker_move_is_caught_and_ours_is_not():
     plan = dataclasses.replace(PLAN, draws=99)
-    assert judge_places(plan, ranks_under(emcee.moves.DESnookerMove())).outside == ("x",)
+    assert judged(plan, ranks_under(emcee.moves.DESnookerMove())).outside == ("x",)
     ours = standard_moves(ReferenceLaw(20), [np.random.default_rng(5)])
-    assert judge_places(plan, ranks_under(ours)).outside == ()
+    assert judged(plan, ranks_under(ours)).outside == ()
 
 
 def test_every_level_of_the_model_is_placed():
@@ -131,7 +134,7 @@ def test_truths_of_weak_scatter_are_a_twentieth_of_the_trials(monkeypatch):
         ratios.append(truth.hyper.s / truth.hyper.s_e)
         raise StopIteration
 
-    monkeypatch.setattr(placing, "draw_responses", stop)
+    monkeypatch.setattr(sbc, "draw_responses", stop)
     for index in range(200):
         with pytest.raises(StopIteration):
             place_study(SbcPlan(design="weak scatter"), index)
@@ -142,16 +145,16 @@ def test_truths_of_weak_scatter_are_a_twentieth_of_the_trials(monkeypatch):
 def test_uniform_values_pass_and_one_bent_quantity_is_named():
     names = [f"sigma[k,VE{j}]" for j in range(1, 31)]
     placed = uniform_places(300, names)
-    assert judge_places(PLAN, placed).outside == ()
+    assert judged(PLAN, placed).outside == ()
     bent = [
         placed_at({**one["values"], "sigma[k,VE7]": one["values"]["sigma[k,VE7]"] ** 1.6})
         for one in placed
     ]
-    assert judge_places(PLAN, bent).outside == ("sigma[k,VE7]",)
+    assert judged(PLAN, bent).outside == ("sigma[k,VE7]",)
 
 
 def test_the_error_is_shared_among_the_quantities():
-    found = judge_places(PLAN, uniform_places(100, [f"q{i}" for i in range(30)]))
+    found = judged(PLAN, uniform_places(100, [f"q{i}" for i in range(30)]))
     assert found.tail == ecdf_band(100, PLAN.bins, 0.01 / 30).tail
 
 
@@ -178,7 +181,7 @@ def test_studies_of_all_designs_have_streams_of_their_own(monkeypatch):
         seen.append(rng.random())
         raise StopIteration
 
-    monkeypatch.setattr(placing, "draw_hyperparameters", stop)
+    monkeypatch.setattr(sbc, "draw_hyperparameters", stop)
     for name in SBC_DESIGNS:
         for index in (0, 1):
             with pytest.raises(StopIteration):
@@ -197,12 +200,12 @@ def test_another_plan_has_another_key(change):
 
 def test_failed_fits_are_counted_with_their_reason():
     placed = [*uniform_places(40, ["tau[k]"]), failed("the ensembles disagree."), failed("stuck.")]
-    found = judge_places(PLAN, placed)
+    found = judged(PLAN, placed)
     assert (found.fits, found.failed) == (42, 2)
     assert found.reasons == ("the ensembles disagree.", "stuck.")
     row = {**dataclasses.asdict(found), "outside": []}
     assert "| one environment | 42 | 2 | 1 | 0 | tau[k] |" in sbc_markdown([row])
-    nothing = judge_places(PLAN, [failed("stuck.")])
+    nothing = judged(PLAN, [failed("stuck.")])
     assert (nothing.fits, nothing.failed, nothing.quantities) == (1, 1, ())
 
 
@@ -254,7 +257,7 @@ def test_interrupted_line_is_dropped_and_a_strange_one_refused(tmp_path):
 
 
 def test_report_says_how_many_and_what(tmp_path):
-    found = judge_places(PLAN, uniform_places(50, ["rho_w", "beta[k,VE1]"]))
+    found = judged(PLAN, uniform_places(50, ["rho_w", "beta[k,VE1]"]))
     write_calibrations([found], tmp_path, made_by("percept sbc"))
     text = (tmp_path / "sbc.md").read_text()
     assert "50 studies were drawn from the prior" in text
@@ -266,7 +269,7 @@ def test_report_says_how_many_and_what(tmp_path):
 
 def test_verdicts_on_other_designs_stay(tmp_path):
     found = [
-        judge_places(SbcPlan(design=name), uniform_places(20, ["rho_w"], seed))
+        judged(SbcPlan(design=name), uniform_places(20, ["rho_w"], seed))
         for seed, name in enumerate(("balanced", "trials", "balanced"))
     ]
     write_calibrations(found[:2], tmp_path, made_by("percept sbc"))

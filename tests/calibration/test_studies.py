@@ -135,7 +135,7 @@ def test_only_what_is_not_kept_is_worked_on(tmp_path: Path) -> None:
 def test_an_error_is_said_when_all_others_are_done(tmp_path: Path) -> None:
     path = tmp_path / "tried.jsonl"
     message = (
-        r"1 studies ended in an error; study 0: ZeroDivisionError: .*the same run again tries these"
+        r"1 study ended in an error; study 0: ZeroDivisionError: .*the same run again tries these"
     )
     with pytest.raises(RefusalError, match=message) as caught:
         kept(path).complete(lambda index: of(6 / index), 3)
