@@ -10,7 +10,7 @@ import percept
 ROOT = Path(percept.__file__).parent
 MODULES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(ROOT.rglob("*.py"))}
 #: The most modules, lines and exported names.
-BUDGET = {"modules": 190, "lines": 36_000, "names": 2_000}
+BUDGET = {"modules": 190, "lines": 45_000, "names": 2_000}
 #: Modules of one idea that is longer than 400 lines.
 LONGER: set[str] = set()
 
