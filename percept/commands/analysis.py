@@ -131,9 +131,15 @@ def _with_mapping(
     from percept.scene import Scene
     from percept.sessions import propose_columns
 
-    proposal = propose_columns(arguments.sessions[0], options=options)
+    proposal = propose_columns(*arguments.sessions, options=options)
     if not proposal.guessed:
         raise error
+    if proposal.refused is not None:
+        first = getattr(proposal.refused, "problems", (proposal.refused,))[0]
+        hint = f"{error.hint} percept tried a mapping of its own. Under it: {first}"
+        raise UsageError(
+            error.message, file=error.file, row=error.row, column=error.column, hint=hint
+        ) from error
     if arguments.accept and not proposal.missing:
         print(f"notice: columns are read as follows\n{proposal.text}", file=sys.stderr)
         own, tables = scene.model_dump(exclude_none=True), tomllib.loads(proposal.text)

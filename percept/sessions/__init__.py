@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from percept.sessions.chunks import Reduced, reduce_sessions
 from percept.sessions.options import ColumnRule, ExcludeRule, ReadOptions
+from percept.sessions.proposals import Proposal, propose_columns
 from percept.sessions.quantities import Quantity
 from percept.sessions.read import Sessions, read_sessions
 from percept.sessions.records import Exclusion, Notice, ReadError, Source
-from percept.sessions.validate import format_validation, propose_columns, validate
+from percept.sessions.validate import format_validation, validate
 
 __all__ = [
     "ColumnRule",
     "ExcludeRule",
     "Exclusion",
     "Notice",
+    "Proposal",
     "Quantity",
     "ReadError",
     "ReadOptions",

@@ -15,7 +15,7 @@ from percept.sessions.options import (
     ReadOptions,
     canonical_columns,
 )
-from percept.sessions.quantities import Quantities, numbers_of, with_mass
+from percept.sessions.quantities import IMPEDANCE, Quantities, numbers_of, with_mass
 from percept.sessions.records import NoDataError, shown
 
 _WORDS = {
@@ -188,6 +188,8 @@ def check_columns(
     if missing:
         from_name = ', or take it from file names with [sessions] filename = "{subject}"'
         hint = f"Name it in the scene's [columns]{from_name if 'subject' in missing else ''}."
+        if any("_adj" in name for name in missing) and options.quantities == IMPEDANCE:
+            hint += " What people adjusted beside stiffness and damping is named in [quantities]."
         if any("_ref" in name for name in missing):
             hint += " References can stand in [environments]."
         message = (

@@ -147,6 +147,71 @@ def test_names_of_studies_and_of_tools_are_known(tmp_path, head, mapped):
     assert f"[quantities.{name}]" in proposal.text
 
 
+def mapping_of(tmp_path, head, rows):
+    path = tmp_path / "s.csv"
+    path.write_text("\n".join([head, *rows]) + "\n")
+    return propose_columns(path)
+
+
+def test_a_proposal_says_how_many_rows_it_was_tried_on(tmp_path):
+    rows = [f"{p},{r},{r + p / 10}" for p in range(1, 3000) for r in (300, 600)]
+    proposal = mapping_of(tmp_path, "pp,reference,match", [*rows, "3000,300,"])
+    assert "# Tried on the whole file: 5998 rows of 5999 give an adjustment." in proposal.text
+    assert 'subject = "pp"  # 1 to 3000' in proposal.text
+    late = mapping_of(tmp_path, "pp,reference,match", [*rows, "3000,300,abc"])
+    assert (late.refused.row, late.refused.value) == (6000, "abc")
+
+
+def test_columns_that_the_file_refutes_are_not_proposed(tmp_path):
+    rows = [f"{p},{r},{r + p / 10},{p / 7:.4f}" for p in range(1, 9) for r in (300, 300, 600)]
+    proposal = mapping_of(tmp_path, "id,reference,match,rep_err", rows)
+    assert proposal.refused is None
+    assert "trial" not in proposal.guessed
+    assert 'trial = "order"' in proposal.text
+    # Whole numbers that do not number trials are found when the file is read.
+    rows = [f"{p},{r},{r + p / 10},5" for p in range(1, 9) for r in (300, 300, 600)]
+    proposal = mapping_of(tmp_path, "id,reference,match,repeat", rows)
+    assert proposal.refused is None
+    assert '# not used: "repeat"' in proposal.text
+
+
+def test_moments_are_no_references(tmp_path):
+    rows = [f"{p},A,{p * 1.7 + t},{p + t}" for p in range(1, 9) for t in range(3)]
+    proposal = mapping_of(tmp_path, "participant,condition,stimulus.started,response", rows)
+    assert proposal.missing == ("response_ref",)
+    # Nor are numbers that differ in every row, whatever their name.
+    rows = [f"{p},{p * 1.7 + t * 0.1:.3f},{p * 1.7 + t}" for p in range(1, 30) for t in range(3)]
+    proposal = mapping_of(tmp_path, "participant,stimulus_seen,response", rows)
+    assert proposal.missing == ("environment", "seen_ref")
+
+
+def test_a_whole_name_of_an_id_goes_before_a_part(tmp_path):
+    rows = [f"{t},{p},{r},{r + p / 10}" for p in range(1, 9) for t, r in enumerate((300, 600), 1)]
+    proposal = mapping_of(tmp_path, "sub_trial,id,reference,match", rows)
+    assert 'subject = "id"' in proposal.text
+    assert 'trial = "sub_trial"' in proposal.text
+
+
+def test_a_mapping_that_fails_is_not_shown(tmp_path, capsys):
+    path = study(tmp_path)
+    path.write_text(path.read_text() + "6,hard,0.9,abc,0.6\n")
+    assert fit(path, "--accept") == 2
+    said = capsys.readouterr().err
+    assert "This is what percept would make of them" not in said
+    assert "percept tried a mapping of its own. Under it: " in said
+    assert "value 'abc': not a number." in said
+
+
+def test_without_a_mapping_the_way_out_names_quantities(tmp_path, capsys):
+    path = tmp_path / "s.csv"
+    path.write_text("a,b\n1,2\n")
+    assert fit(path) == 2
+    assert (
+        "What people adjusted beside stiffness and damping is named in [quantities]."
+        in capsys.readouterr().err
+    )
+
+
 def test_a_table_among_others_is_found_in_a_folder(tmp_path):
     (tmp_path / "a.csv").write_text("time,x\n1,2\n")
     (tmp_path / "b.csv").write_text("pp,reference,match\n1,10,11\n")
