@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from percept.errors import counted
 from percept.sessions.quantities import Quantity
-from percept.sessions.records import Notice, Place, shown
+from percept.sessions.records import IDS, Notice, Place, clip, shown
+from percept.sessions.values import fold, is_missing
 
-__all__ = ["doubtful_scales", "screen"]
+__all__ = ["doubtful_ids", "doubtful_scales", "screen"]
 
 #: A value as many times the median of its environment, or as small a part of it, is hardly ever a
 #: person's.
@@ -28,6 +31,47 @@ _TURNS = {"deg": 360.0, "°": 360.0, "degree": 360.0, "degrees": 360.0, "rad": 2
 _LOGARITHMIC = re.compile(r"db.*|bels?|np|phons?|cents?|semitones?|octaves?|decades?|ph")
 #: Equal values at one end that chance hardly gives, where adjustments are read to several digits.
 _ENOUGH = 4
+#: Cyrillic and Greek letters, and the Latin ones that look the same.
+_HOMOGLYPHS = str.maketrans(
+    "АВЕКМНОРСТХаеорсухіѕјԁһ" + "ΑΒΕΖΗΙΚΜΝΟΡΤΥΧονκρ",
+    "ABEKMHOPCTXaeopcyxisjdh" + "ABEZHIKMNOPTYXovkp",
+)
+
+
+def doubtful_ids(table: pd.DataFrame, place: Place) -> Iterator[Notice]:
+    """Notice ids that look alike, and ids that read as a missing value, with the first row of each."""
+    for column in IDS:
+        firsts = table[column].drop_duplicates()
+        names = firsts.tolist()
+        rows = [_where(place(int(position))) for position in firsts.index]
+        written = [f"{_written(name)} ({row})" for name, row in zip(names, rows, strict=True)]
+        alike: dict[str, list[str]] = {}
+        for name, text in zip(names, written, strict=True):
+            alike.setdefault(_look(name), []).append(text)
+            if is_missing(name):
+                yield Notice(f"{column} {text} is taken as a name: is it a missing value?")
+        for texts in alike.values():
+            if len(texts) > 1:
+                yield Notice(f"{column}s {', '.join(texts)} look alike and are kept apart")
+
+
+def _where(place: Any) -> str:
+    return f"{place['file']}:{place['row']}"
+
+
+def _written(name: str) -> str:
+    """Quote a name; letters that look like Latin ones are written by their number."""
+    clipped = clip(name)
+    return ascii(clipped) if name.translate(_HOMOGLYPHS) != name else repr(clipped)
+
+
+def _look(name: str) -> str:
+    """Reduce a name to what it looks like: without case, leading zeros, or the script of a letter."""
+    plain = unicodedata.normalize("NFKC", fold(name)).translate(_HOMOGLYPHS).casefold()
+    try:
+        return f"{float(plain):.15g}"
+    except ValueError:
+        return plain.lstrip("0")
 
 
 def doubtful_scales(references: pd.DataFrame, quantities: Iterable[Quantity]) -> Iterator[Notice]:

@@ -245,6 +245,26 @@ def _unpacked(
     return content.getvalue()
 
 
+def ids_from_name(path: str, pattern: str | None, *, file: str) -> dict[str, str]:
+    """Ids in a file's name, by the scene's pattern."""
+    if pattern is None:
+        return {}
+    stem = PurePath(path).name
+    while (lower := stem.lower()).endswith(_SUFFIXES):
+        stem = stem[: lower.rindex(".")]
+    text = re.escape(pattern)
+    longest = re.fullmatch(re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>.+)", text), stem)
+    shortest = re.fullmatch(re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>.+?)", text), stem)
+    if longest is None or shortest is None:
+        hint = "Correct [sessions] filename."
+        raise UsageError(f"the name does not fit the pattern {pattern!r}.", file=file, hint=hint)
+    if longest.groupdict() != shortest.groupdict():
+        message = f"the name fits the pattern {pattern!r} in more than one way."
+        hint = "Put separators into [sessions] filename that do not occur in the ids."
+        raise UsageError(message, file=file, hint=hint)
+    return longest.groupdict()
+
+
 def open_text(entry: Input, declared: str | None) -> tuple[TextIO, str]:
     """Open an input as text, and name its encoding.
 

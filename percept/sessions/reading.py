@@ -14,12 +14,13 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions import checks
 from percept.sessions.columns import resolve
-from percept.sessions.files import Input, expand, is_workbook, load, open_text
+from percept.sessions.doubts import doubtful_ids
+from percept.sessions.files import Input, expand, ids_from_name, is_workbook, load, open_text
 from percept.sessions.grids import Block, Dialect, Grid, text_blocks
-from percept.sessions.ids import Names, doubtful_ids, ids_from_name
 from percept.sessions.options import FileLimits, ReadOptions
 from percept.sessions.records import Exclusion, NoDataError, Notice, Place, Problems, Source
 from percept.sessions.table import FileTable
+from percept.sessions.values import Names
 
 #: How a Parquet file begins.
 _PARQUET = b"PAR1"

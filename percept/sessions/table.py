@@ -15,10 +15,10 @@ from percept.errors import UsageError
 from percept.sessions import values
 from percept.sessions.columns import check_columns, position, resolve, unused_columns
 from percept.sessions.grids import Block, Grid
-from percept.sessions.ids import Names, fold
 from percept.sessions.options import KEPT_COLUMNS, ReadOptions, canonical_columns
 from percept.sessions.quantities import convert, numbers_of, quantity_of, with_mass
 from percept.sessions.records import IDS, MASS, Exclusion, Notice, Problems, shown
+from percept.sessions.values import Names, fold
 
 _LIMITS, _MOMENTS = ("lower", "upper"), ("mean", "sd")
 #: Limits at any level give back the mean and SD they were made of.

@@ -1,16 +1,19 @@
-"""A cell's text to its value: numbers with one decimal mark per file, and JSON paths."""
+"""A cell's text to its value: numbers with one decimal mark per file, JSON paths, and names."""
 
 from __future__ import annotations
 
 import json
 import re
+import unicodedata
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
-from percept.sessions.records import Problems
+from percept.sessions.records import Notice, Problems
 
 Mark = Literal[".", ","]
 
@@ -40,6 +43,7 @@ _NO_NUMBERS = (
     (r"(?i:[+-]?inf(inity)?)", "not a finite number.", ""),
     (r"(?s:.*)", "not a number.", ""),
 )  # fmt: skip
+_ZERO_WIDTH = re.compile("[\u200b-\u200f\u2060\ufeff\u00ad]")
 
 
 def is_missing(cell: str) -> bool:
@@ -166,3 +170,58 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(record) < len(pairs):
         raise CellError("a key stands twice in the record")
     return record
+
+
+def fold(name: str) -> str:
+    """Write a name in one Unicode form (NFC), without zero-width characters and surplus spaces."""
+    if name.isascii() and name == name.strip() and "  " not in name:
+        return name
+    return " ".join(_ZERO_WIDTH.sub("", unicodedata.normalize("NFC", name)).split())
+
+
+@dataclass
+class _Spellings:
+    """One name as it was first written, and its other spellings with the place of each."""
+
+    first: str
+    others: dict[str, str] = field(default_factory=dict)
+
+
+class Names:
+    """Names seen so far by column: those that differ in spaces or Unicode form only are one.
+
+    The spelling that comes first stands for all of them.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[str, str], _Spellings] = {}
+
+    def add(self, column: str, name: str) -> None:
+        """Take a spelling from the scene, which goes before those of the files."""
+        self._known.setdefault((column, fold(name)), _Spellings(name))
+
+    def settle(self, column: str, cells: pd.Series[str], file: str) -> pd.Series[str]:
+        """Write every name of a column in its first spelling."""
+        spelled: dict[str, str] = {}
+        for name in cells.unique():
+            known = self._known.setdefault((column, fold(name)), _Spellings(name))
+            if name == known.first:
+                continue
+            spelled[name] = known.first
+            if name not in known.others:
+                row = cells.index[cells == name][0]
+                known.others[name] = f"{file}:{row}"
+        return cells.replace(spelled) if spelled else cells
+
+    def notices(self) -> list[Notice]:
+        """Say which names have several spellings."""
+        notices = []
+        for (column, _), name in self._known.items():
+            if name.others:
+                places = ", ".join(name.others.values())
+                text = (
+                    f"{column} {name.first!r} is one name with another spelling in {places}: they"
+                    " differ in spaces, zero-width characters or Unicode form only"
+                )
+                notices.append(Notice(text))
+        return notices

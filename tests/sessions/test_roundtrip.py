@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, assume, given, settings
 
 from percept.errors import UsageError
 from percept.sessions import ReadOptions, Sessions, read_sessions
-from percept.sessions.ids import fold
+from percept.sessions.values import fold
 from tests.sessions.dialects import WRITERS, Trial, delimited, frame
 
 NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
