@@ -23,7 +23,15 @@ from percept.haptics.perceived import DistancePlane, Point, shown_element
 from percept.haptics.records import Display
 from percept.html import NotebookRecord
 
-__all__ = ["Evidence", "Feeling", "feels_real", "judge", "magnitude_margins", "search_grid"]
+__all__ = [
+    "Evidence",
+    "Feeling",
+    "feels_real",
+    "judge",
+    "least_margins",
+    "magnitude_margins",
+    "search_grid",
+]
 
 Array = NDArray[np.float64]
 Feeling: TypeAlias = Literal["feels real", "does not", "too little data"]
@@ -105,7 +113,7 @@ def feels_real(
     start = 0
     stop = min(_FIRST_DRAWS, users.size)
     while True:
-        margin = _least_margin(display, users.select(slice(start, stop)), omega, level)
+        margin = least_margins(display, users.select(slice(start, stop)), omega, level=level)
         inside_magnitude = np.concatenate([inside_magnitude, margin >= 0.0])
         too_near += int((np.abs(margin) < _TOO_NEAR).sum())
         evidence = _evidence(inside_magnitude, inside_plane[:stop], too_near)
@@ -196,7 +204,7 @@ def _margin(shares: Array, level: float) -> Array:
     return np.asarray(edge - np.abs(special.ndtri(np.clip(shares, 0.0, 1.0))))
 
 
-def _least_margin(display: Display, users: Users, omega: Array, level: float) -> Array:
+def least_margins(display: Display, users: Users, omega: Array, *, level: float) -> Array:
     """Return each draw's smallest margin over the range; outside, that of the grid is enough."""
     disc = _Disc.of(display, omega)
     integrals = _integrals(disc, users)

@@ -1,0 +1,106 @@
+"""Verdicts on displays: against a fine grid of frequencies, known cases, and today's easier rule."""
+
+import numpy as np
+import pytest
+from scipy import special
+
+from percept.boundary.feels_real import (
+    Evidence,
+    feels_real,
+    judge,
+    magnitude_margins,
+    search_grid,
+)
+from percept.boundary.users import Users
+from percept.haptics import Coupling, Device, Environment
+from percept.haptics.records import Display
+from tests.boundary.throughout import brute_force, random_scene
+
+LEVEL, DECISION = 0.99, 0.95
+WALL = Environment(stiffness=500.0, damping=2.0)
+DISPLAY = Display(Device(mass=0.5, damping=5.0), WALL, 1e-3)
+OMEGA = search_grid(0.1, 100.0, np.array([np.sqrt(500.0 / 0.5)]), np.array([0.02]))
+
+
+def populations(bias, sd, *, count=2_000, spread=0.0, seed=1):
+    """Lognormal users `bias` SDs above the wall; means scatter by `spread` SDs over the draws."""
+    rng = np.random.default_rng(seed)
+    shift = bias + spread * rng.standard_normal((2, count))
+    mean = np.log([[500.0], [2.0]]) + sd * shift
+    return Users(True, mean, np.full((2, count), sd), np.zeros(count))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_against_a_fine_grid(seed):
+    scene = random_scene(seed, draws=12)
+    mine, fine = brute_force(scene, points=1_500)
+    differing = (mine >= 0.0) != (fine >= 0.0)
+    # A finite grid may miss the lowest point of a dip, and sees no lower one.
+    assert np.all(mine[differing] < fine[differing])
+    assert np.all(np.abs(fine[differing]) < 1e-3)
+    # Only margins that could pass zero between two frequencies are searched.
+    searched = (fine >= 0.0) & (fine < 0.8)
+    assert np.all(mine[searched] <= fine[searched] + 1e-6)
+
+
+def test_users_about_the_wall_feel_it_and_far_ones_do_not():
+    near = feels_real(DISPLAY, populations(0.0, 0.2), OMEGA, level=LEVEL, decision=DECISION)
+    assert (near.probability, judge(near.probability, DECISION)) == (1.0, "feels real")
+    far = feels_real(DISPLAY, populations(4.0, 0.2), OMEGA, level=LEVEL, decision=DECISION)
+    assert (far.probability, judge(far.probability, DECISION)) == (0.0, "does not")
+
+
+def test_few_subjects_are_too_little_data():
+    vague = populations(1.0, 0.2, spread=1.5)
+    evidence = feels_real(DISPLAY, vague, OMEGA, level=LEVEL, decision=DECISION)
+    assert judge(evidence.probability, DECISION) == "too little data"
+    assert evidence.probability <= min(evidence.magnitude, evidence.plane)
+
+
+def test_a_wider_boundary_is_no_evidence():
+    # The wall lies three SDs off. Better data of the same users settle it; worse ones do not.
+    probabilities = [
+        feels_real(
+            DISPLAY, populations(3.0, 0.2, spread=spread), OMEGA, level=LEVEL, decision=DECISION
+        ).probability
+        for spread in (0.05, 0.5, 2.0)
+    ]
+    assert judge(probabilities[0], DECISION) == "does not"
+    assert judge(probabilities[2], DECISION) != "feels real"
+
+
+def test_a_soft_coupling_shows_another_wall():
+    soft = Display(DISPLAY.device, WALL, 1e-3, Coupling(stiffness=250.0, damping=2.0))
+    evidence = feels_real(soft, populations(0.0, 0.1), OMEGA, level=LEVEL, decision=DECISION)
+    assert judge(evidence.probability, DECISION) == "does not"
+
+
+def test_draws_are_added_only_while_the_error_straddles_a_threshold():
+    clear = feels_real(DISPLAY, populations(0.0, 0.2), OMEGA, level=LEVEL, decision=DECISION)
+    assert clear.draws == 512
+    users = populations(0.0, 0.2, spread=1.04)
+    at_threshold = feels_real(DISPLAY, users, OMEGA, level=LEVEL, decision=DECISION)
+    assert at_threshold.draws > clear.draws or at_threshold.clear_of(DECISION)
+    straddling = Evidence(0.95, 0.95, 1.0, error=0.01, too_near=0.0, draws=512)
+    assert not straddling.clear_of(DECISION)
+
+
+def test_margins_are_scores_of_the_share_below():
+    # With one damping for all and at low omega abs(Z_h) orders users as their stiffness does.
+    users = Users(True, np.log([[400.0], [2.0]]), np.array([[0.2], [1e-4]]), np.zeros(1))
+    (margin,) = magnitude_margins(DISPLAY, users, np.array([0.1]), level=LEVEL)[0]
+    score = np.log(500.0 / 400.0) / 0.2
+    assert margin == pytest.approx(special.ndtri(0.995) - score, abs=1e-5)
+
+
+def test_three_outcomes():
+    assert judge(0.95, DECISION) == "feels real"
+    assert judge(0.05, DECISION) == "does not"
+    assert judge(0.949, DECISION) == judge(0.051, DECISION) == "too little data"
+
+
+def test_the_grid_is_dense_at_resonances():
+    resonance = np.array([30.0])
+    grid = search_grid(0.1, 100.0, resonance, np.array([1e-3]))
+    assert (grid[0], grid[-1]) == (0.1, 100.0)
+    assert np.count_nonzero(np.abs(grid / 30.0 - 1.0) < 5e-3) >= 9

@@ -1,0 +1,99 @@
+"""Shares of users within a disc: against draws of users, and one order of integrals by the other."""
+
+import numpy as np
+import pytest
+from scipy import special
+
+from percept.boundary.users import DiscIntegral, Users, choose_integral, share_within
+from percept.haptics import Device
+from percept.haptics.impedance import warp
+from percept.haptics.perceived import DistancePlane, perceived_magnitude
+
+PERIOD = 1e-3
+DEVICE = Device(mass=0.5, damping=5.0)
+OMEGA = np.geomspace(0.1, 100.0, 7)
+DRAWN = 400_000
+
+
+def users(*, log, correlation=0.6):
+    """Two populations about 500 N/m and 2 N·s/m."""
+    mean = np.array([[500.0, 520.0], [2.0, 1.5]])
+    sd = np.array([[50.0, 20.0], [0.6, 0.3]])
+    if log:
+        return Users(True, np.log(mean), sd / mean, np.full(2, correlation))
+    return Users(False, mean, sd, np.full(2, correlation))
+
+
+def drawn_magnitudes(population, draw, omega, rng):
+    """abs(Z_h) of users drawn from one population, (users, frequencies)."""
+    scores = rng.standard_normal((2, DRAWN))
+    rho = population.correlation[draw]
+    scores[1] = rho * scores[0] + np.sqrt(1.0 - rho**2) * scores[1]
+    k, b = population.mean[:, draw, None] + population.sd[:, draw, None] * scores
+    if population.log:
+        k, b = np.exp(k), np.exp(b)
+    return perceived_magnitude(omega, DEVICE, k[:, None], b[:, None], PERIOD)
+
+
+def disc(k, b, omega=OMEGA):
+    plane = DistancePlane.of(warp(omega, PERIOD), DEVICE, "average").flat()
+    return plane, perceived_magnitude(omega, DEVICE, k, b, PERIOD)
+
+
+@pytest.mark.parametrize("log", [True, False])
+@pytest.mark.parametrize("correlation", [-0.9, 0.0, 0.6])
+def test_against_drawn_users(log, correlation):
+    population = users(log=log, correlation=correlation)
+    plane, radius = disc(540.0, 1.7)
+    shares = share_within(population.column(), plane, radius, DiscIntegral(0, 96))
+    rng = np.random.default_rng(3)
+    for draw in range(population.size):
+        counted = (drawn_magnitudes(population, draw, OMEGA, rng) <= radius).mean(axis=0)
+        error = np.sqrt(counted * (1.0 - counted) / DRAWN) + 1.0 / DRAWN
+        assert np.all(np.abs(shares[draw] - counted) <= 4.5 * error)
+
+
+@pytest.mark.parametrize("log", [True, False])
+def test_both_orders_of_integration_agree(log):
+    plane, radius = disc(480.0, 2.5)
+    column = users(log=log).column()
+    first = share_within(column, plane, radius, DiscIntegral(0, 384))
+    second = share_within(column, plane, radius, DiscIntegral(1, 1200))
+    np.testing.assert_allclose(first, second, rtol=0.0, atol=1e-6)
+
+
+def test_the_chosen_integral_settles():
+    plane, radius = disc(480.0, 2.5)
+    column = users(log=True).column()
+    for place, integral in enumerate(choose_integral(column, plane, radius)):
+        here = plane.select(np.array([place]))
+        chosen = share_within(column, here, radius[[place]], integral)
+        finest = share_within(column, here, radius[[place]], integral._replace(nodes=900))
+        np.testing.assert_allclose(chosen, finest, rtol=0.0, atol=1e-7)
+
+
+def test_a_law_of_one_quantity_is_the_limit_of_a_narrow_other():
+    population = users(log=False, correlation=0.0)
+    narrow = Users(False, population.mean, population.sd * [[1.0], [1e-7]], population.correlation)
+    omega = np.array([0.1])
+    plane, radius = disc(540.0, 2.0, omega)
+    share = share_within(narrow.column(), plane, radius, DiscIntegral(0, 96))[0, 0]
+    # At so low an omega abs(Z_h) rises with stiffness alone, and both users have one damping.
+    assert share == pytest.approx(special.ndtr((540.0 - 500.0) / 50.0), abs=1e-6)
+
+
+def test_central_ranges_hold_their_level():
+    boxes = users(log=True).central_ranges(0.9)
+    edge = special.ndtri(0.95)
+    np.testing.assert_allclose(
+        np.log(boxes.stiffness.high) - np.log([500.0, 520.0]), edge * np.array([0.1, 20.0 / 520.0])
+    )
+    assert np.all(boxes.damping.low < boxes.damping.high)
+
+
+def test_means_and_covariances_make_users():
+    covariance = np.array([[[4.0, 1.2], [1.2, 1.0]]])
+    made = Users.of(np.array([[5.0, 6.0]]), covariance, log=False)
+    assert made.mean.tolist() == [[5.0], [6.0]]
+    assert made.sd.tolist() == [[2.0], [1.0]]
+    assert made.correlation == pytest.approx(0.6)
