@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from percept.boundary.law import mixture_law
 from percept.boundary.limits import Magnitude
-from percept.inference.hierarchy.density import CollapsedDensity
 
 if TYPE_CHECKING:
     from percept.haptics.records import AnyDevice
@@ -98,14 +97,15 @@ def study_propagation(
     fit, setup = study.fit, study.setup
     assert fit is not None
     assert setup is not None
-    assert isinstance(fit.model, CollapsedDensity)
-    mean, own, users = fit.model.pairs(fit.points)
+    ((density, points),) = fit.model.pooled_parts(fit.points)
+    pairs = density.pairs(points)
     costs: list[PropagationCost] = []
     for j, name in enumerate(fit.environments):
         origin = fit.scale.origin[[fit.column[parameter, name] for parameter in ("k", "b")]]
-        for kind, covariance in (("mean", own[:, j]), ("user", own[:, j] + users[:, j])):
+        location = pairs.location[:, j]
+        for kind, covariance in (("mean", location), ("user", location + pairs.users[:, j])):
             costs += propagation_costs(
-                setup.device, setup.period, (np.log(origin) + mean[:, j], covariance),
+                setup.device, setup.period, (np.log(origin) + pairs.mean[:, j], covariance),
                 name=name, kind=kind, level=study.scene.inference.level, frequencies=frequencies,
             )  # fmt: skip
     return costs

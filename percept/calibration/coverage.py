@@ -20,7 +20,6 @@ from percept.calibration.judge import Claim, CoveragePlan, Labels, judged_line
 from percept.calibration.studies import Checkpoint, Line
 from percept.errors import RefusalError, UsageError
 from percept.files import write_whole
-from percept.inference.hierarchy.density import CollapsedDensity
 from percept.simulate.model import Hyperparameters, TrueValues
 from percept.study import Study
 from percept.study.responses import refuse_no_ratio
@@ -90,7 +89,7 @@ def fitted_values(study: Study) -> TrueValues:
     """
     refuse_unfit(study)
     fit = study.fit
-    if fit is None or not fit.passed or not isinstance(fit.model, CollapsedDensity):
+    if fit is None or not fit.passed or fit.trials is None:
         raise RefusalError(
             "calibration needs a passed Bayesian fit of the sessions.",
             hint='Set method = "both" and pooling = "partial", or calibrate from the prior.',

@@ -21,7 +21,6 @@ from percept.inference.checks.predictive import (
 )
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
-from percept.inference.hierarchy.models import Product
 from percept.inference.sampling.endpoints import mixture_quantile
 from percept.sessions.quantities import Quantities
 from percept.study.basics import Array, Stream, generator
@@ -235,11 +234,9 @@ def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> pd.Dat
 
 def bias_pull(fit: Fit, *, level: float) -> tuple[str, ...]:
     """Say how far the prior of the common bias moves average users from where a flat one has them."""
-    density = fit.model
-    assert isinstance(density, CollapsedDensity)
+    ((density, points),) = fit.model.pooled_parts(_some_draws(fit))
     flat = dataclasses.replace(density.priors, alpha_sd=_FLAT * density.priors.alpha_sd)
     free = CollapsedDensity(density.statistics, flat, density.layout.options, density.resolution)
-    points = _some_draws(fit)
     own = density.laws(points)
     other = free.laws(points)
     # Locations are integrated out of both densities, whose ratio tells how likely draws are under
@@ -268,12 +265,9 @@ def spread_pull(fit: Fit, *, level: float, users: tuple[str, str]) -> tuple[str,
 
     `users` are the study's words for one user and for several.
     """
-    points = _some_draws(fit)
-    parts = fit.model.split(points) if isinstance(fit.model, Product) else [(fit.model, points)]
     said: list[str] = []
-    for model, own in parts:
-        if isinstance(model, CollapsedDensity):
-            said += _pull_of_model(fit, model, own, level, users)
+    for model, points in fit.model.pooled_parts(_some_draws(fit)):
+        said += _pull_of_model(fit, model, points, level, users)
     return tuple(said)
 
 

@@ -112,11 +112,13 @@ class Fit(Prepared):
     @cached_property
     def subjects(self) -> SubjectDensity | Skipped:
         """Densities of the subjects' data under the pooled model of sessions."""
-        if not isinstance(self.model, CollapsedDensity) or self.trials is None:
+        parts = self.model.pooled_parts(self.points)
+        if self.trials is None or len(parts) != 1:
             needed = "they need the sessions of subjects, pooled over environments"
             return Skipped("checks of the model", needed)
         data = self.trials
-        return SubjectDensity(self.model, data.response, data.subject, data.environment)
+        ((density, _),) = parts
+        return SubjectDensity(density, data.response, data.subject, data.environment)
 
     @property
     def diagnostics(self) -> dict[str, Any]:

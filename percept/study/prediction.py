@@ -226,13 +226,13 @@ def _positive(quantity: Quantity, value: float | None) -> float:
 
 def _limits(fit: Fit, expected: NewEnvironment, kind: Kind, asked: InferenceTable) -> _Limits:
     """Work out the limits of a kind, with errors from means over batches of draws, each with its repeats."""
-    lower, upper, influence = estimands_of(fit.model, asked).limits(kind, expected.laws)
+    limits = estimands_of(fit.model, asked).limits(kind, expected.laws)
     batch = fit.run.batches()
+    influence = limits.influence
     own = influence.reshape(len(batch), -1, influence.shape[1]).mean(axis=1)
     means = np.stack([own[batch == number].mean(axis=0) for number in np.unique(batch)])
-    return _Limits.of(
-        lower, upper, (means.std(axis=0, ddof=1) / np.sqrt(len(means))).reshape(2, -1)
-    )
+    errors = means.std(axis=0, ddof=1) / np.sqrt(len(means))
+    return _Limits.of(limits.lower, limits.upper, errors.reshape(2, -1))
 
 
 def _rows(

@@ -130,11 +130,12 @@ def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
     laws = fit.model.laws(fit.points)
     labels: dict[str, Any] = {"method": "bayesian", "family": asked.family, "level": asked.level}
     for kind in asked.kinds:
-        ends = displayable(fit.scale.native(np.stack(halved.limits(kind, laws)[:2])))
+        limits = halved.limits(kind, laws)
+        ends = displayable(fit.scale.native(np.stack([limits.lower, limits.upper])))
         for environment, (k, b) in fit.pairs(ends).items():
-            limits = (float(k[0]), float(k[1])), (float(b[0]), float(b[1]))
+            sides = (float(k[0]), float(k[1])), (float(b[0]), float(b[1]))
             yield Region(
-                environment=environment, kind=kind, joint="bonferroni", limits=limits, **labels
+                environment=environment, kind=kind, joint="bonferroni", limits=sides, **labels
             )
 
 
@@ -201,11 +202,11 @@ def _classical_laws(pairs: Pairs, kinds: Sequence[LawKind], level: float) -> Ite
 
 
 def _posterior_laws(fit: Fit, asked: InferenceTable, kinds: Sequence[LawKind]) -> Iterator[Law]:
-    from percept.inference.hierarchy.density import CollapsedDensity
-
-    if not isinstance(fit.model, CollapsedDensity):
+    parts = fit.model.pooled_parts(fit.points)
+    if len(parts) != 1:
         return
-    mean, own, users = fit.model.pairs(fit.points)
+    ((density, points),) = parts
+    pairs = density.pairs(points)
     batch = fit.run.batches()
     for j, environment in enumerate(fit.environments):
         cells = [fit.column[parameter, environment] for parameter in ("k", "b")]
@@ -214,8 +215,11 @@ def _posterior_laws(fit: Fit, asked: InferenceTable, kinds: Sequence[LawKind]) -
         )
         n = int(fit.counts[cells[0]])
         for kind in kinds:
-            covariance = own[:, j] if kind == "mean" else own[:, j] + users[:, j]
-            yield posterior_law(environment, kind, scale, mean[:, j], covariance, batch, n, asked)
+            covariance = pairs.location[:, j]
+            if kind == "user":
+                covariance = covariance + pairs.users[:, j]
+            mean = pairs.mean[:, j]
+            yield posterior_law(environment, kind, scale, mean, covariance, batch, n, asked)
 
 
 def posterior_law(

@@ -10,7 +10,6 @@ import pytest
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import Product
 from percept.inference.hierarchy.new_environment import new_environment
 from percept.inference.sampling.endpoints import mixture_quantile
 from percept.sessions import Sessions
@@ -160,13 +159,11 @@ def published() -> Study:
 def test_published_limits_are_predicted_parameter_by_parameter(published: Study) -> None:
     assert published.fit is not None
     model = published.fit.model
-    assert isinstance(model, Product)
     points = published.fit.points[:40]
     x = np.array([0.7, -1.3])
     found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))
     np.testing.assert_array_equal(found.covariance[:, 0, 1], 0.0)
-    for p, (part, own) in enumerate(model.split(points)):
-        assert isinstance(part, CollapsedDensity)
+    for p, (part, own) in enumerate(model.pooled_parts(points)):
         statistics = part.statistics
         priors, named = part.priors, {n: v for n, (_, v) in part.scales(own).items()}
         response = np.array([pattern.mean[0, 0] for pattern in statistics.patterns])

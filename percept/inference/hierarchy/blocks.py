@@ -16,6 +16,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "Block",
+    "SharedCovariance",
+    "Vector",
+    "block",
+    "cholesky",
+    "gram",
+    "weighted_mean",
+    "weighted_mean_of_rows",
+]
+
 Array = NDArray[np.float64]
 #: One array per parameter: the components of a vector for every entry of the trailing axes.
 Vector = tuple[Array, ...]
@@ -38,20 +49,22 @@ class Block:
         return self.mapped(lambda part: part[key])
 
     def _leading_first(self, r: Vector) -> Vector:
-        """Swap the components where the second parameter leads; twice is not at all."""
+        """Swap the components where the second parameter leads; its own inverse."""
         return r[::-1] if self.precision else r
 
     def __add__(self, other: Block) -> Block:
-        v1, v2 = self.variances[0], other.variances[0]
+        v1 = self.variances[0]
+        v2 = other.variances[0]
         v = v1 + v2
         if self.slope is None or other.slope is None:
             return Block((v,), None, self.precision)
-        apart = self.slope - other.slope
+        difference = self.slope - other.slope
         share = v2 / v
         # The slope as a weighted mean: g1 - share (g1 - g2) would cancel where v2 is far above v1.
         slope = (v1 * self.slope + v2 * other.slope) / v
-        left = self.variances[1] + other.variances[1] + v1 * share * apart * apart
-        return Block((v, left), slope, self.precision)
+        rest = self.variances[1] + other.variances[1]
+        rest = rest + v1 * share * difference * difference
+        return Block((v, rest), slope, self.precision)
 
     def plus_diagonal(self, diagonal: Vector) -> Block:
         """Return the sum with a diagonal block, given in the order of the parameters."""
@@ -61,18 +74,22 @@ class Block:
             return Block((v,), None, self.precision)
         share = added[0] / v
         # v (g - s)² + d1 s² with s = g v/(v + d1) is g² v d1/(v + d1).
-        left = self.variances[1] + added[1] + self.slope * self.slope * self.variances[0] * share
-        return Block((v, left), self.slope * (self.variances[0] / v), self.precision)
+        rest = self.variances[1] + added[1]
+        rest = rest + self.slope * self.slope * self.variances[0] * share
+        slope = self.slope * (self.variances[0] / v)
+        return Block((v, rest), slope, self.precision)
 
     def total(self) -> Block:
         """Return the sum over the first axis."""
         v = self.variances[0].sum(axis=0)
         if self.slope is None:
             return Block((v,), None, self.precision)
-        slope = (self.variances[0] * self.slope).sum(axis=0) / v
-        apart = self.slope - slope
-        left = self.variances[1].sum(axis=0) + (self.variances[0] * apart * apart).sum(axis=0)
-        return Block((v, left), slope, self.precision)
+        weighted = self.variances[0] * self.slope
+        slope = weighted.sum(axis=0) / v
+        difference = self.slope - slope
+        scatter = self.variances[0] * difference * difference
+        rest = self.variances[1].sum(axis=0) + scatter.sum(axis=0)
+        return Block((v, rest), slope, self.precision)
 
     def scaled(self, factor: Array | float) -> Block:
         """Return the block times a positive number per entry."""
@@ -80,8 +97,9 @@ class Block:
 
     def inverse(self) -> Block:
         """Return the inverse block."""
+        variances = tuple(1.0 / part for part in self.variances[::-1])
         slope = None if self.slope is None else -self.slope
-        return Block(tuple(1.0 / part for part in self.variances[::-1]), slope, not self.precision)
+        return Block(variances, slope, not self.precision)
 
     def log_determinant(self) -> Array:
         """Return the log determinant per entry."""
@@ -93,7 +111,8 @@ class Block:
             return (self.variances[0] * r[0],)
         first, second = self._leading_first(r)
         leading = self.variances[0] * (first + self.slope * second)
-        return self._leading_first((leading, self.slope * leading + self.variances[1] * second))
+        following = self.slope * leading + self.variances[1] * second
+        return self._leading_first((leading, following))
 
     def _remainders(self, r: Vector) -> Vector:
         """Components of a vector, of the second what the first does not explain."""
@@ -101,62 +120,71 @@ class Block:
 
     def whiten(self, r: Vector) -> Vector:
         """Return F⁻¹r, where F is the lower factor of a covariance, FF' = A."""
-        left = self._remainders(r)
-        return tuple(part / np.sqrt(v) for part, v in zip(left, self.variances, strict=True))
+        parts = zip(self._remainders(r), self.variances, strict=True)
+        return tuple(part / np.sqrt(variance) for part, variance in parts)
 
     def distance(self, r: Vector) -> Array:
         """Return the sum of r'A⁻¹r over the first axis of r, per entry of a covariance A."""
-        squares = (np.einsum("k...,k...->...", part, part) for part in self._remainders(r))
-        return np.asarray(
-            sum(square / v for square, v in zip(squares, self.variances, strict=True))
-        )
+        distance: Array | float = 0.0
+        for part, variance in zip(self._remainders(r), self.variances, strict=True):
+            squares = np.einsum("k...,k...->...", part, part)
+            distance = distance + squares / variance
+        return np.asarray(distance)
 
     def factor_columns(self) -> list[Vector]:
         """Return the columns of the lower factor F of a covariance."""
         root = np.sqrt(self.variances[0])
         if self.slope is None:
             return [(root,)]
-        return [(root, self.slope * root), (np.zeros_like(root), np.sqrt(self.variances[1]))]
+        rest = np.sqrt(self.variances[1])
+        return [(root, self.slope * root), (np.zeros_like(root), rest)]
 
     def diagonal(self) -> Vector:
         """Return the variances of a covariance, one array per parameter."""
         if self.slope is None:
             return self.variances
-        v, left = self.variances
-        return (v, left + self.slope * self.slope * v)
+        v, rest = self.variances
+        return (v, rest + self.slope * self.slope * v)
 
 
 def block(sd: Vector, rho: Array | None = None, one_minus_size: Array | None = None) -> Block:
-    """Build a covariance from standard deviations and, for two parameters, a correlation."""
+    """Build a covariance from standard deviations and, for two parameters, a correlation.
+
+    `one_minus_size` is 1 - abs(rho), with the digits that a correlation near one loses.
+    """
+    variances = tuple(part * part for part in sd)
     if len(sd) == 1:
-        return Block((sd[0] * sd[0],))
+        return Block(variances)
+    first, second = variances
     if rho is None or one_minus_size is None:
-        return Block((sd[0] * sd[0], sd[1] * sd[1]), np.zeros_like(sd[0]))
-    left = one_minus_size * (1.0 + np.abs(rho))
-    return Block((sd[0] * sd[0], sd[1] * sd[1] * left), rho * (sd[1] / sd[0]))
+        return Block(variances, np.zeros_like(first))
+    unexplained = one_minus_size * (1.0 + np.abs(rho))
+    return Block((first, second * unexplained), rho * (sd[1] / sd[0]))
 
 
 def weighted_mean(parts: Block, total: Block, r: Vector, *, axis: int = -2) -> Vector:
     """Return K⁻¹ sum_j P_j r_j, K the total of the precisions P_j."""
     if parts.slope is None or total.slope is None:
-        return ((parts.variances[0] * r[0]).sum(axis=axis) / total.variances[0],)
+        weighted = parts.variances[0] * r[0]
+        return (weighted.sum(axis=axis) / total.variances[0],)
     second = parts.variances[0] * (r[1] + parts.slope * r[0])
     # Differences of slopes: applying K⁻¹ to P_j r_j would subtract numbers 1/(1 - rho²) times the
     # result.
-    first = (parts.variances[1] * r[0] + (parts.slope - total.slope) * second).sum(axis=axis)
-    mean = first / total.variances[1]
-    return (mean, second.sum(axis=axis) / total.variances[0] - total.slope * mean)
+    first = parts.variances[1] * r[0] + (parts.slope - total.slope) * second
+    mean = first.sum(axis=axis) / total.variances[1]
+    along = second.sum(axis=axis) / total.variances[0]
+    return (mean, along - total.slope * mean)
 
 
 def weighted_mean_of_rows(parts: Block, total: Block, rows: Array) -> Vector:
     """Return K⁻¹ sum_j P_j r_j for many constant vectors."""
     if parts.slope is None or total.slope is None:
         return (rows[0] @ parts.variances[0] / total.variances[0],)
-    v, left = parts.variances
+    v, rest = parts.variances
     # The weights of `weighted_mean`, applied to all vectors by one product of matrices each.
     cross = v * parts.slope
-    apart = parts.slope - total.slope
-    first = rows[0] @ (left + apart * cross) + rows[1] @ (apart * v)
+    difference = parts.slope - total.slope
+    first = rows[0] @ (rest + difference * cross) + rows[1] @ (difference * v)
     second = rows[0] @ cross + rows[1] @ v
     mean = first / total.variances[1]
     return (mean, second / total.variances[0] - total.slope * mean)
@@ -170,8 +198,20 @@ def gram(columns: Sequence[Array]) -> Block:
     cross = np.einsum("qjw,qjw->jw", columns[0], columns[1])
     # A variance that underflows leaves nothing to regress on.
     slope = np.divide(cross, first, out=np.zeros_like(cross), where=first > 0)
-    left = columns[1] - slope * columns[0]
-    return Block((first, np.einsum("qjw,qjw->jw", left, left)), slope)
+    residual = columns[1] - slope * columns[0]
+    rest = np.einsum("qjw,qjw->jw", residual, residual)
+    return Block((first, rest), slope)
+
+
+def cholesky(matrices: Array) -> Array:
+    """Lower factors of matrices (W, Q, Q), NaN where rounding left no positive definite one."""
+    try:
+        return np.asarray(np.linalg.cholesky(matrices), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        if len(matrices) == 1:
+            return np.full_like(matrices, np.nan)
+        middle = len(matrices) // 2
+        return np.concatenate([cholesky(matrices[:middle]), cholesky(matrices[middle:])])
 
 
 class SharedCovariance:
@@ -202,7 +242,8 @@ class SharedCovariance:
         if not self._shared:
             return [self._cells.whiten(r)]
         mean = weighted_mean(self._precisions, self._precision, r)
-        inside = tuple(component - m[..., None, :] for component, m in zip(r, mean, strict=True))
+        pairs = zip(r, mean, strict=True)
+        inside = tuple(component - m[..., None, :] for component, m in pairs)
         return [self._cells.whiten(inside), self._outer.whiten(mean)]
 
     def scatter_distance(self, rows: Array) -> Array:
@@ -212,4 +253,5 @@ class SharedCovariance:
             return self._cells.distance(vectors).sum(axis=0)
         mean = weighted_mean_of_rows(self._precisions, self._precision, rows)
         inside = tuple(r - m[:, None] for r, m in zip(vectors, mean, strict=True))
-        return self._cells.distance(inside).sum(axis=0) + self._outer.distance(mean)
+        within_cells = self._cells.distance(inside).sum(axis=0)
+        return within_cells + self._outer.distance(mean)

@@ -18,7 +18,7 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block, Vector, gram, weighted_mean
+from percept.inference.hierarchy.blocks import Block, Vector, cholesky, gram, weighted_mean
 from percept.inference.hierarchy.scales import Scales
 from percept.inference.hierarchy.statistics import Pattern
 
@@ -107,7 +107,7 @@ class Information:
             [np.broadcast_to(t, (self._environments, t.size)) for t in scales.tau]
         ).T
         matrix, right, before = self._normal_equations(_dense(kinds.inverse()), left)
-        self._factor = _cholesky(matrix)
+        self._factor = cholesky(matrix)
         pivots = np.einsum("wii->wi", self._factor)
         #: Whether enough digits are left, (W,).
         self.sound = (pivots * pivots >= _KEPT * before).all(axis=1)
@@ -251,17 +251,6 @@ def _dense(precision: Block) -> Array:
         return v[None, None]
     cross = v * g
     return np.stack([[precision.variances[1] + cross * g, cross], [cross, v]])
-
-
-def _cholesky(matrices: Array) -> Array:
-    """Lower factors (W, Q, Q), NaN where rounding left no positive definite matrix."""
-    try:
-        return np.asarray(np.linalg.cholesky(matrices))
-    except np.linalg.LinAlgError:
-        if len(matrices) == 1:
-            return np.full_like(matrices, np.nan)
-        middle = len(matrices) // 2
-        return np.concatenate([_cholesky(matrices[:middle]), _cholesky(matrices[middle:])])
 
 
 def _solve_lower(factor: Array, right: Array) -> Array:

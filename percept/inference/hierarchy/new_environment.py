@@ -7,17 +7,23 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
+from scipy import linalg, special
 
 from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
-from percept.inference.hierarchy.models import IntervalEstimands, Model, Product
+from percept.inference.hierarchy.models import IntervalEstimands, Model
 from percept.inference.hierarchy.scales import Scales
 from percept.inference.sampling.gate import Estimates
 
+__all__ = ["NewEnvironment", "NewEstimands", "new_environment"]
+
 Array = NDArray[np.float64]
-# Powers of the plastic number: their multiples fill the square evenly.
-_STEPS = 1.32471795724474602596 ** np.array([-1.0, -2.0])
+
+#: Real root of x³ = x + 1: multiples of its powers fill the square evenly (Roberts 2018), which
+#: `scipy.stats.qmc` does for numbers of points that are powers of two alone.
+_PLASTIC = 1.32471795724474602596
+_STEPS = _PLASTIC ** np.array([-1.0, -2.0])
+#: Least probability whose normal score is taken: zero has none.
 _LEAST = 1e-12
 
 
@@ -32,70 +38,105 @@ class NewEnvironment:
     @property
     def laws(self) -> ConditionalMoments:
         """Each parameter by itself, cells being parameters."""
-        variances = (
-            np.diagonal(part, axis1=1, axis2=2) for part in (self.covariance, self.population)
-        )
-        return ConditionalMoments(self.mean, *map(np.sqrt, variances))
+        variance = np.diagonal(self.covariance, axis1=1, axis2=2)
+        population_variance = np.diagonal(self.population, axis1=1, axis2=2)
+        return ConditionalMoments(self.mean, np.sqrt(variance), np.sqrt(population_variance))
 
 
 def new_environment(
     model: Model, points: Array, x: Array, *, repeats: int, rng: np.random.Generator
 ) -> NewEnvironment:
-    """Work out the laws of a new environment at posterior draws, with `repeats` spreads for each."""
-    if isinstance(model, Product):
-        parts = [
-            new_environment(part, own, x[[p]], repeats=repeats, rng=rng)
-            for p, (part, own) in enumerate(model.split(points))
-        ]
-        mean = np.concatenate([part.mean for part in parts], axis=1)
-        variances = (
-            np.concatenate([getattr(part, name)[:, 0] for part in parts], axis=1)
-            for name in ("covariance", "population")
-        )
-        # Uncorrelated parameters.
-        return NewEnvironment(mean, *(own[..., None] * np.eye(x.size) for own in variances))
-    if not isinstance(model, CollapsedDensity):
+    """Work out the laws of a new environment at posterior draws.
+
+    Parameters
+    ----------
+    model : Model
+        That pools environments.
+    points : ndarray
+        Coordinates of W draws, shape (W, d).
+    x : ndarray
+        Decades of the references above the geometric mean of those tested, shape (P,).
+    repeats : int
+        Spreads drawn for each draw: S = W · repeats.
+    rng : Generator
+        Where they come from.
+
+    Returns
+    -------
+    NewEnvironment
+        Parameters of different models are uncorrelated.
+
+    Raises
+    ------
+    RefusalError
+        A model without pooling, or of one environment.
+    """
+    parts = []
+    first = 0
+    for density, coordinates in model.pooled_parts(points):
+        if not density.layout.trend:
+            hint = "Add sessions with more reference environments."
+            raise RefusalError("one environment says nothing on others.", hint=hint)
+        last = first + density.layout.parameters
+        parts.append(_of_density(density, coordinates, x[first:last], repeats, rng))
+        first = last
+    if not parts:
         hint = 'Set pooling = "partial" in [model].'
         raise RefusalError("environments without pooling say nothing on others.", hint=hint)
-    if not model.layout.trend:
-        hint = "Add sessions with more reference environments."
-        raise RefusalError("one environment says nothing on others.", hint=hint)
+    return NewEnvironment(
+        mean=np.concatenate([part.mean for part in parts], axis=1),
+        covariance=linalg.block_diag(*(part.covariance for part in parts)),
+        population=linalg.block_diag(*(part.population for part in parts)),
+    )
 
+
+def _of_density(
+    density: CollapsedDensity, points: Array, x: Array, repeats: int, rng: np.random.Generator
+) -> NewEnvironment:
     def given(scales: Scales) -> tuple[Array, Array, Array]:
-        return _given_scales(model, scales, x, repeats, rng)
+        mean, covariance = _location(density, scales, x)
+        population = _population(scales, x, repeats, rng)
+        return (
+            np.repeat(mean, repeats, axis=0),
+            np.repeat(covariance, repeats, axis=0),
+            population.reshape(-1, x.size, x.size),
+        )
 
-    return NewEnvironment(*model.by_pass(points, given))
+    return NewEnvironment(*density.by_pass(points, given))
 
 
-def _given_scales(
-    density: CollapsedDensity, scales: Scales, x: Array, repeats: int, rng: np.random.Generator
-) -> tuple[Array, Array, Array]:
-    """Moments at W sets of scales: the location is normal given these, log sigma is drawn evenly."""
-    count, width = x.size, scales.log_prior.size
+def _location(density: CollapsedDensity, scales: Scales, x: Array) -> tuple[Array, Array]:
+    """Mean (W, P) and covariance (W, P, P) of the location at W sets of scales: it is normal."""
+    count = x.size
     # On alpha and gamma over their prior SDs.
     rows = np.zeros((count, 2 * count))
     rows[:, :count] = density.priors.alpha_sd * np.eye(count)
     rows[:, count:] = density.priors.gamma_sd * np.diag(x)
     mean, spread = density.locations(scales).trend(rows)
     covariance = np.einsum("qpw,qrw->wpr", spread, spread)
+    covariance[:, range(count), range(count)] += scales.named["tau"].T ** 2
+    return mean.T, covariance
+
+
+def _population(scales: Scales, x: Array, repeats: int, rng: np.random.Generator) -> Array:
+    """Covariances of users (W, R, P, P) at W sets of scales, log sigma drawn evenly."""
+    count = x.size
+    width = scales.log_prior.size
     named = scales.named
-    covariance[:, range(count), range(count)] += named["tau"].T ** 2
     log_sigma = np.log(named["s"]) + named.get("kappa", 0.0) * x[:, None]
-    sigma = np.exp(
-        log_sigma + named.get("omega", np.zeros((count, 1))) * _even((repeats, count, width), rng)
-    )
+    omega = named.get("omega", np.zeros((count, 1)))
+    sigma = np.exp(log_sigma + omega * _even_normals(repeats, count, width, rng))
     population = _covariance(np.moveaxis(sigma, -1, 0), named.get("rho_w"))
-    if "sigma_u" in named:
-        population = population + _covariance(named["sigma_u"].T[:, None], named.get("rho_u"))
-    mean, covariance = (np.repeat(part, repeats, axis=0) for part in (mean.T, covariance))
-    return mean, covariance, population.reshape(-1, count, count)
+    if "sigma_u" not in named:
+        return population
+    return population + _covariance(named["sigma_u"].T[:, None], named.get("rho_u"))
 
 
-def _even(shape: tuple[int, int, int], rng: np.random.Generator) -> Array:
+def _even_normals(repeats: int, count: int, width: int, rng: np.random.Generator) -> Array:
     """Return standard normals (R, P, W) that fill the square evenly, R in turn for each draw."""
-    repeats, count, width = shape
-    place = np.multiply.outer(np.arange(width * repeats), _STEPS[:count]) + rng.random(count)
-    normals = special.ndtri(np.clip(place % 1.0, _LEAST, 1.0 - _LEAST))
+    multiples = np.multiply.outer(np.arange(width * repeats), _STEPS[:count])
+    uniforms = (multiples + rng.random(count)) % 1.0
+    normals = special.ndtri(np.clip(uniforms, _LEAST, 1.0 - _LEAST))
     return np.moveaxis(normals.reshape(width, repeats, count), 0, -1)
 
 
@@ -109,15 +150,22 @@ def _covariance(sd: Array, rho: Array | None) -> Array:
 
 
 class NewEstimands(IntervalEstimands):
-    """Endpoints of the intervals of a new environment, cells being parameters."""
+    """Limits of the intervals of a new environment, cells being parameters."""
 
     def __init__(self, estimands: IntervalEstimands, x: Array, repeats: int, seed: int) -> None:
-        vars(self).update(vars(estimands))
-        self._x, self._repeats, self._seed = x, repeats, seed
-        self._rng = np.random.default_rng(seed)
-        self.cells = tuple(
-            (parameter, "new") for parameter in dict.fromkeys(p for p, _ in estimands.cells)
+        super().__init__(
+            estimands.model,
+            kinds=estimands.kinds,
+            level=estimands.level,
+            share=estimands.share,
+            confidence=estimands.confidence,
         )
+        self._x = x
+        self._repeats = repeats
+        self._seed = seed
+        self._rng = np.random.default_rng(seed)
+        parameters = dict.fromkeys(parameter for parameter, _ in estimands.cells)
+        self.cells = tuple((parameter, "new") for parameter in parameters)
 
     def identity(self) -> tuple[object, ...]:
         """Return what beside the model decides the limits."""
@@ -125,12 +173,12 @@ class NewEstimands(IntervalEstimands):
 
     def components(self, points: Array) -> Array:
         """ConditionalMoments per draw, shape (W, 3 P R): every spread side by side."""
-        found = new_environment(self.model, points, self._x, repeats=self._repeats, rng=self._rng)
-        return found.laws.pack().reshape(len(points), -1)
+        new = new_environment(self.model, points, self._x, repeats=self._repeats, rng=self._rng)
+        return new.laws.pack().reshape(len(points), -1)
 
     def estimates(self, components: Array) -> Iterator[tuple[Estimates, Array]]:
         """Limits of each kind, and the influence of each draw over all its spreads."""
-        for found, influence in super().estimates(
-            components.reshape(len(components) * self._repeats, -1)
-        ):
-            yield found, influence.reshape(len(components), self._repeats, -1).mean(axis=1)
+        draws = len(components)
+        spreads = components.reshape(draws * self._repeats, -1)
+        for estimates, influence in super().estimates(spreads):
+            yield estimates, influence.reshape(draws, self._repeats, -1).mean(axis=1)

@@ -16,7 +16,20 @@ from scipy import special
 
 from percept.errors import UsageError
 
+__all__ = ["LIMIT", "MEANINGS", "Named", "Priors", "correlation", "draws_first", "half_normal"]
+
 Array = NDArray[np.float64]
+#: Values by name, draws first, with the names of their other dimensions.
+Named = dict[str, tuple[tuple[str, ...], Array]]
+
+#: Beyond this many prior SDs a coordinate has no mass that doubles can weigh: exp(-35²/2) = 1e-266.
+LIMIT = 35.0
+#: Smallest SD: its square, and the square of that, must not underflow.
+_FLOOR = 1e-70
+#: Where erfinv(ndtr(u)) begins to lose more than a digit's last unit.
+_FAR = 1.5
+_DIMENSIONS = {1: (), 2: ("parameter",), 3: ("parameter", "environment")}
+#: What each field of `Priors` is, for tables.
 MEANINGS = {
     "alpha_sd": "SD of the common bias alpha (response scale)",
     "gamma_sd": "SD of the trend gamma of the bias (response scale per decade of the reference)",
@@ -79,23 +92,11 @@ class Priors:
                 )
 
 
-Named = dict[str, tuple[tuple[str, ...], Array]]
-_DIMENSIONS = {1: (), 2: ("parameter",), 3: ("parameter", "environment")}
-
-
 def draws_first(named: Mapping[str, Array]) -> Named:
     """Name the dimensions of draws (..., W), and put the draws first."""
     return {
         name: (_DIMENSIONS[value.ndim], np.moveaxis(value, -1, 0)) for name, value in named.items()
     }
-
-
-#: Beyond this many prior SDs a coordinate has no mass that doubles can weigh: exp(-35²/2) = 1e-266.
-LIMIT = 35.0
-#: Smallest SD: its square, and the square of that, must not underflow.
-_FLOOR = 1e-70
-#: Where erfinv(ndtr(u)) begins to lose more than a digit's last unit.
-_FAR = 1.5
 
 
 def half_normal(u: Array, scale: Array | float) -> Array:
@@ -114,7 +115,8 @@ def correlation(u: Array, shape: float = 2.0) -> tuple[Array, Array]:
     if shape == 2.0:
         # The Beta(2, 2) quantile is trigonometric; near the end the angle's distance from pi/6 is
         # kept. 1 - abs(rho) is 2 sin²(angle/2) + sqrt(3) sin(angle).
-        sine = np.sin(np.arcsin(np.sqrt(lower)) / 3.0)
+        half_angle = np.arcsin(np.sqrt(lower)) / 3.0
+        sine = np.sin(half_angle)
         rest = 2.0 * sine * (sine + np.sqrt(3.0 * (1.0 - sine * sine)))
     else:
         rest = 2.0 * _beta_quantile(shape, lower)
@@ -128,6 +130,5 @@ def _beta_quantile(shape: float, lower: Array) -> Array:
     quantile = np.asarray(special.betaincinv(shape, shape, lower))
     log_first = (np.log(lower) + np.log(shape) + special.betaln(shape, shape)) / shape
     first = np.exp(log_first)
-    return np.where(
-        np.isnan(quantile), first * (1.0 + (shape - 1.0) / (shape + 1.0) * first), quantile
-    )
+    series = first * (1.0 + (shape - 1.0) / (shape + 1.0) * first)
+    return np.where(np.isnan(quantile), series, quantile)

@@ -20,7 +20,10 @@ from percept.inference.hierarchy.spreads import (
 )
 from percept.inference.hierarchy.statistics import Statistics
 
+__all__ = ["Layout", "Options", "Scales"]
+
 Array = NDArray[np.float64]
+
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
@@ -45,11 +48,14 @@ class Scales:
     log_prior: Array  # (W,) Prior density of the coordinates
 
     def __getitem__(self, draws: Any) -> Scales:
-        shared = None if self.shared is None else self.shared[draws]
-        trial = None if self.trial is None else self.trial[..., draws]
-        tau = None if self.tau is None else tuple(tau[draws] for tau in self.tau)
-        named = {name: value[..., draws] for name, value in self.named.items()}
-        return Scales(self.between[..., draws], shared, trial, tau, named, self.log_prior[draws])
+        return Scales(
+            between=self.between[..., draws],
+            shared=None if self.shared is None else self.shared[draws],
+            trial=None if self.trial is None else self.trial[..., draws],
+            tau=None if self.tau is None else tuple(tau[draws] for tau in self.tau),
+            named={name: value[..., draws] for name, value in self.named.items()},
+            log_prior=self.log_prior[draws],
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,51 +72,58 @@ class _Level:
     @property
     def rho(self) -> str:
         """Name of its correlation."""
-        return "rho" + (self.suffix or "_w")
+        return f"rho{self.suffix or '_w'}"
 
 
 class Layout:
     """Order of the coordinates and their map to `Scales`."""
 
     def __init__(self, statistics: Statistics, priors: Priors, options: Options) -> None:
-        self.statistics, self.priors, self.options = statistics, priors, options
-        self.parameters, self.environments = (
-            len(statistics.parameters),
-            len(statistics.environments),
-        )
+        self.statistics = statistics
+        self.priors = priors
+        self.options = options
+        self.parameters = len(statistics.parameters)
+        self.environments = len(statistics.environments)
         self.trend = self.environments > 1
         self.subject_effect = options.subject_effect and self.trend and not statistics.summary
         self._common_spread = options.common_spread and self.trend
-        self._levels = [self._level(suffix) for suffix in ("", "_e")[: 1 + statistics.repeats]]
+        suffixes = ("", "_e") if statistics.repeats else ("",)
+        self._levels = [self._level(suffix) for suffix in suffixes]
         self._slots: dict[str, slice] = {}
         self.names: list[str] = []
         self._name_coordinates()
         self.dimension = len(self.names)
-        scaled = {"omega", "omega_e", "sigma_u", "tau"}
-        self._half_normal = {n: getattr(priors, f"{n}_scale") for n in self._slots if n in scaled}
+        self._half_normal: dict[str, float] = {}
+        for name in ("omega", "omega_e", "sigma_u", "tau"):
+            if name in self._slots:
+                self._half_normal[name] = getattr(priors, f"{name}_scale")
         self._correlations = [name for name in ("rho_w", "rho_e", "rho_u") if name in self._slots]
+        self._log_constant = -0.5 * _LOG_2PI * self.dimension
+        #: (d,) Distance from zero beyond which a coordinate has no mass.
         self.limits = np.full(self.dimension, LIMIT)
         standard = np.full(self.dimension, True)
-        for level in self._levels if not self._common_spread else ():
-            sigma = self._slots["sigma" + level.suffix]
-            # A unit of these is as short as the rough likelihood is narrow.
-            self.limits[sigma] *= np.sqrt(1.0 + level.spreads.weight.ravel())
-            standard[sigma] = False
-        self._standard = np.flatnonzero(
-            standard
-        )  # Coordinates that are standard normal whatever the rest
-        self._log_constant = -0.5 * _LOG_2PI * self.dimension
+        if not self._common_spread:
+            for level in self._levels:
+                sigma = self._slots[f"sigma{level.suffix}"]
+                # A unit of these is as short as the rough likelihood is narrow.
+                self.limits[sigma] *= np.sqrt(1.0 + level.spreads.weight.ravel())
+                standard[sigma] = False
+        #: Coordinates that are standard normal whatever the rest.
+        self._standard = np.flatnonzero(standard)
 
     def _level(self, suffix: str) -> _Level:
-        statistics, options = self.statistics, self.options
-        names = f"log_s{suffix}_mean", f"log_s{suffix}_sd", f"kappa{suffix}_sd"
-        centre, log_s_sd, kappa_sd = (getattr(self.priors, name) for name in names)
+        statistics = self.statistics
+        centre = getattr(self.priors, f"log_s{suffix}_mean")
+        log_s_sd = getattr(self.priors, f"log_s{suffix}_sd")
+        kappa_sd = getattr(self.priors, f"kappa{suffix}_sd")
         loadings = np.zeros((self.parameters, 2, self.environments))
         if self.trend:
             loadings[:, 0] = log_s_sd
-            loadings[:, 1] = 0.0 if options.weber else kappa_sd * statistics.x
+        if self.trend and not self.options.weber:
+            loadings[:, 1] = kappa_sd * statistics.x
         if suffix:
-            rough, tie = rough_trial(statistics), tie_trial(statistics)
+            rough = rough_trial(statistics)
+            tie = tie_trial(statistics)
         else:
             effect = self.subject_effect
             rough = rough_between(statistics, loadings, centre, log_s_sd, subject_effect=effect)
@@ -120,81 +133,104 @@ class Layout:
 
     def _name_coordinates(self) -> None:
         """Give every coordinate its name, and every scale its coordinates."""
-
-        def add(key: str, *axes: tuple[str, ...]) -> None:
-            labels = [",".join(label) for label in itertools.product(*axes)]
-            self._slots[key] = slice(len(self.names), len(self.names) + len(labels))
-            self.names.extend(f"{key}[{label}]" if label else key for label in labels)
-
-        each = self.statistics.parameters
+        parameters = self.statistics.parameters
+        pair = len(parameters) == 2
         for level in self._levels:
-            if not self._common_spread:
-                add("sigma" + level.suffix, each, self.statistics.environments)
-            if self.trend:
-                add("log_s" + level.suffix, each)
-            if self.trend and not self.options.weber:
-                add("kappa" + level.suffix, each)
-            if self.trend and not self._common_spread:
-                add("omega" + level.suffix, each)
-            if self.parameters == 2:
-                add(level.rho)
+            self._name_level(level)
+            if pair:
+                self._name(level.rho)
         if self.subject_effect:
-            add("sigma_u", each)
-            if self.parameters == 2:
-                add("rho_u")
+            self._name("sigma_u", parameters)
+            if pair:
+                self._name("rho_u")
         if self.trend:
-            add("tau", each)
+            self._name("tau", parameters)
+
+    def _name_level(self, level: _Level) -> None:
+        parameters = self.statistics.parameters
+        if not self._common_spread:
+            self._name(f"sigma{level.suffix}", parameters, self.statistics.environments)
+        if not self.trend:
+            return
+        self._name(f"log_s{level.suffix}", parameters)
+        if not self.options.weber:
+            self._name(f"kappa{level.suffix}", parameters)
+        if not self._common_spread:
+            self._name(f"omega{level.suffix}", parameters)
+
+    def _name(self, scale: str, *axes: tuple[str, ...]) -> None:
+        """Append the coordinates of a scale, one for each combination of labels."""
+        labels = [",".join(label) for label in itertools.product(*axes)]
+        first = len(self.names)
+        self._slots[scale] = slice(first, first + len(labels))
+        self.names += [f"{scale}[{label}]" if label else scale for label in labels]
 
     @property
     def priors_in_force(self) -> dict[str, float]:
         """Priors the model has a use for, by their names in `Priors`."""
-        used = {"alpha", *self._slots, *("log_s" + level.suffix for level in self._levels)}
-        used |= {"gamma"} if self.trend else set()
-        used |= {"rho"} if self._correlations else set()
-        return {name: v for name, v in vars(self.priors).items() if name.rpartition("_")[0] in used}
+        used = {"alpha", *self._slots}
+        used |= {f"log_s{level.suffix}" for level in self._levels}
+        if self.trend:
+            used.add("gamma")
+        if self._correlations:
+            used.add("rho")
+        priors = vars(self.priors)
+        return {name: v for name, v in priors.items() if name.rpartition("_")[0] in used}
 
     def scales(self, coords: Array) -> Scales:
-        """Map coordinates to scales."""
-        named = {
-            name: half_normal(coords[self._slots[name]], s) for name, s in self._half_normal.items()
-        }
-        rest: dict[str, Array] = {}
+        """Map coordinates (d, W) to scales."""
+        named: dict[str, Array] = {}
+        one_minus_size: dict[str, Array] = {}
+        for name, scale in self._half_normal.items():
+            named[name] = half_normal(coords[self._slots[name]], scale)
         for name in self._correlations:
-            named[name], rest[name] = correlation(
-                coords[self._slots[name].start], self.priors.rho_shape
-            )
+            u = coords[self._slots[name].start]
+            named[name], one_minus_size[name] = correlation(u, self.priors.rho_shape)
         standard = coords[self._standard]
         log_prior = self._log_constant - 0.5 * np.einsum("dw,dw->w", standard, standard)
         blocks: dict[str, Block] = {}
         for level in self._levels:
             sd, log_density = self._level_sd(level, coords, named)
             log_prior = log_prior + log_density
-            blocks[level.suffix] = block(tuple(sd), named.get(level.rho), rest.get(level.rho))
+            rho = named.get(level.rho)
+            blocks[level.suffix] = block(tuple(sd), rho, one_minus_size.get(level.rho))
         shared = None
         if self.subject_effect:
-            shared = block(tuple(named["sigma_u"]), named.get("rho_u"), rest.get("rho_u"))
-        tau = tuple(named["tau"]) if self.trend else None
-        return Scales(blocks[""], shared, blocks.get("_e"), tau, named, log_prior)
+            sd_u = tuple(named["sigma_u"])
+            shared = block(sd_u, named.get("rho_u"), one_minus_size.get("rho_u"))
+        return Scales(
+            between=blocks[""],
+            shared=shared,
+            trial=blocks.get("_e"),
+            tau=tuple(named["tau"]) if self.trend else None,
+            named=named,
+            log_prior=log_prior,
+        )
 
     def _level_sd(
         self, level: _Level, coords: Array, named: dict[str, Array]
     ) -> tuple[Array, Array | float]:
         """SDs of one level, shape (P, J, W), and the log density of their coordinates."""
-        e, width = level.suffix, coords.shape[1]
+        suffix = level.suffix
+        width = coords.shape[1]
         trend = np.zeros((self.parameters, 2, width))
-        for multiple, name in enumerate(("log_s" + e, "kappa" + e)):
+        for multiple, name in enumerate((f"log_s{suffix}", f"kappa{suffix}")):
             if name in self._slots:
                 trend[:, multiple] = coords[self._slots[name]]
+        log_density: Array | float = 0.0
         if self._common_spread:
             log_sigma = level.centre + np.swapaxes(level.loadings, 1, 2) @ trend
-            log_density: Array | float = 0.0
         else:
-            u = coords[self._slots["sigma" + e]].reshape(self.parameters, self.environments, width)
-            omega = named.get("omega" + e, np.full((self.parameters, width), level.log_s_sd))
+            flat = coords[self._slots[f"sigma{suffix}"]]
+            u = flat.reshape(self.parameters, self.environments, width)
+            # Without a trend log sigma is about its prior mean, with the prior SD of log s.
+            alone = np.full((self.parameters, width), level.log_s_sd)
+            omega = named.get(f"omega{suffix}", alone)
             log_sigma, trend, log_density = level.spreads(u, omega, trend)
         if self.trend:
-            named["s" + e] = np.exp(level.centre + level.log_s_sd * trend[:, 0])
-            if not self.options.weber:
-                named["kappa" + e] = level.kappa_sd * trend[:, 1]
-        named["sigma" + e] = np.exp(log_sigma)
-        return named["sigma" + e], log_density
+            named[f"s{suffix}"] = np.exp(level.centre + level.log_s_sd * trend[:, 0])
+        if self.trend and not self.options.weber:
+            named[f"kappa{suffix}"] = level.kappa_sd * trend[:, 1]
+        sigma = np.exp(log_sigma)
+        named[f"sigma{suffix}"] = sigma
+        return sigma, log_density

@@ -7,8 +7,11 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 
 from percept.errors import RefusalError
+
+__all__ = ["Pattern", "Statistics", "from_cells", "from_summary", "from_trials"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -22,7 +25,7 @@ class Pattern:
     trials: Array  # (E,) Trials per cell
     members: Indices  # (N,) The subjects
     mean: Array  # (P, E) Mean over the subjects of their cell means
-    rows: Array  # (P, K, E)
+    rows: Array  # (P, K, E) Rows whose outer products sum to the scatter about that mean
 
     @property
     def subjects(self) -> int:
@@ -67,29 +70,55 @@ def from_trials(
     environments: tuple[str, ...],
     subjects: tuple[str, ...],
 ) -> Statistics:
-    """Reduce trials to sufficient statistics."""
-    count_subjects, count_environments = len(subjects), len(environments)
-    cell = subject * count_environments + environment
-    cells = count_subjects * count_environments
+    """Reduce trials to sufficient statistics.
+
+    Parameters
+    ----------
+    response : ndarray
+        One row per trial, on the response scale, shape (trials, P).
+    subject, environment : ndarray of int
+        Number of the subject and of the environment of each trial, shape (trials,).
+    x : ndarray
+        Decades of each reference above their geometric mean, shape (P, J).
+    parameters, environments, subjects : tuple of str
+        Labels.
+
+    Returns
+    -------
+    Statistics
+
+    Raises
+    ------
+    RefusalError
+        Fewer than two subjects.
+    """
+    size = len(parameters)
+    shape = (len(subjects), len(environments))
+    cells = len(subjects) * len(environments)
+    cell = subject * len(environments) + environment
     counts = np.bincount(cell, minlength=cells)
-    sums = np.stack([np.bincount(cell, weights=column, minlength=cells) for column in response.T])
     with np.errstate(invalid="ignore"):
-        means = sums / counts
+        means = _sums(response.T, cell, cells) / counts
     # A second pass over the deviations: the first mean's rounding does not reach the scatter.
-    deviation = response.T - means[:, cell]
-    rest = np.stack([np.bincount(cell, weights=row, minlength=cells) for row in deviation])
+    rest = _sums(response.T - means[:, cell], cell, cells)
     means = means + np.where(counts > 0, rest / np.maximum(counts, 1), np.nan)
     deviation = response.T - means[:, cell]
-    counts = counts.reshape(count_subjects, count_environments)
-    cell_means = means.reshape(len(parameters), count_subjects, count_environments).transpose(
-        1, 0, 2
+    trial_rows = np.zeros((size, size, len(environments)))
+    for j in range(len(environments)):
+        factor = _triangle(deviation[:, environment == j].T)
+        trial_rows[:, : len(factor), j] = factor.T
+    return _of_cells(
+        counts.reshape(shape),
+        means.reshape(size, *shape).transpose(1, 0, 2),
+        trial_rows,
+        x,
+        _Labels(parameters, environments, subjects),
     )
-    trial_rows = np.zeros((len(parameters), len(parameters), count_environments))
-    for j in range(count_environments):
-        inside = deviation[:, environment == j].T
-        factor = _triangle(inside)
-        trial_rows[:, : factor.shape[0], j] = factor.T
-    return _of_cells(counts, cell_means, trial_rows, x, (parameters, environments, subjects))
+
+
+def _sums(rows: Array, cell: Indices, cells: int) -> Array:
+    """Sum rows (P, trials) over the trials of each cell: (P, cells)."""
+    return np.stack([np.bincount(cell, weights=row, minlength=cells) for row in rows])
 
 
 def from_cells(
@@ -102,40 +131,69 @@ def from_cells(
     environments: tuple[str, ...],
     subjects: tuple[str, ...],
 ) -> Statistics:
-    """Take trials that were reduced to cells already."""
+    """Take trials that were reduced to cells already.
+
+    Parameters
+    ----------
+    count : ndarray of int
+        Trials per subject and environment, shape (N, J).
+    mean : ndarray
+        Their means, NaN where there are none, shape (N, P, J).
+    scatter : ndarray
+        Pooled sums of squares and products of trials about these, shape (P, P, J).
+    x, parameters, environments, subjects
+        As `from_trials`.
+
+    Returns
+    -------
+    Statistics
+
+    Raises
+    ------
+    RefusalError
+        Fewer than two subjects.
+    """
     rows = np.zeros_like(scatter)
-    rows[0, 0] = np.sqrt(scatter[0, 0])
+    first = np.sqrt(scatter[0, 0])
+    rows[0, 0] = first
     if len(parameters) == 2:
-        rows[1, 0] = np.divide(
-            scatter[0, 1], rows[0, 0], out=np.zeros_like(rows[0, 0]), where=rows[0, 0] > 0
-        )
-        rows[1, 1] = np.sqrt(np.maximum(scatter[1, 1] - rows[1, 0] ** 2, 0.0))
-    return _of_cells(count, mean, rows, x, (parameters, environments, subjects))
+        nothing = np.zeros_like(first)
+        rows[1, 0] = np.divide(scatter[0, 1], first, out=nothing, where=first > 0)
+        rest = scatter[1, 1] - rows[1, 0] ** 2
+        rows[1, 1] = np.sqrt(np.maximum(rest, 0.0))
+    return _of_cells(count, mean, rows, x, _Labels(parameters, environments, subjects))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Labels:
+    parameters: tuple[str, ...]
+    environments: tuple[str, ...]
+    subjects: tuple[str, ...]
 
 
 def _of_cells(
-    counts: NDArray[np.intp],
-    cell_means: Array,
-    trial_rows: Array,
-    x: Array,
-    labels: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]],
+    counts: NDArray[np.intp], cell_means: Array, trial_rows: Array, x: Array, labels: _Labels
 ) -> Statistics:
-    subjects = labels[2]
-    if len(subjects) < 2:
+    if len(labels.subjects) < 2:
         raise RefusalError(
-            f"one subject ({', '.join(subjects)}) says nothing of the spread between subjects.",
+            f"one subject ({', '.join(labels.subjects)}) says nothing of the spread between"
+            " subjects.",
             hint="Add the sessions of at least one more subject.",
         )
     patterns = tuple(_patterns(counts, cell_means))
     sd, df = _between(cell_means)
-    size = cell_means.shape[1]
+    size = len(labels.parameters)
+    means = sum(p.environments.size * math.log(p.subjects) for p in patterns)
     constant = -0.5 * size * float(np.log(counts[counts > 0]).sum())
-    constant -= 0.5 * size * sum(p.environments.size * math.log(p.subjects) for p in patterns)
+    constant -= 0.5 * size * means
+    trial_df = np.maximum(counts - 1, 0).sum(axis=0)
     return Statistics(
-        *labels,
+        parameters=labels.parameters,
+        environments=labels.environments,
+        subjects=labels.subjects,
         x=np.asarray(x, dtype=float),
         patterns=patterns,
-        trial_df=np.maximum(counts - 1, 0).sum(axis=0).astype(float),
+        trial_df=trial_df.astype(float),
         trial_rows=trial_rows,
         constant=constant,
         sd=sd,
@@ -147,46 +205,59 @@ def _of_cells(
 def from_summary(
     mean: Array, sd: Array, n: Array, x: Array, *, parameter: str, environments: tuple[str, ...]
 ) -> Statistics:
-    """Take published means and SDs of one parameter as sufficient statistics."""
+    """Take published means and SDs of one parameter, each (J,), as sufficient statistics.
+
+    Subjects are not known across environments: each environment is a pattern of its own.
+    """
     patterns = []
     for j, count in enumerate(n):
-        members = np.arange(int(count))
-        rows = np.reshape(np.sqrt(count - 1.0) * sd[j], (1, 1, 1))
-        patterns.append(
-            Pattern(np.array([j]), np.ones(1), members, np.reshape(mean[j], (1, 1)), rows)
+        root_scatter = np.sqrt(count - 1.0) * sd[j]
+        pattern = Pattern(
+            environments=np.array([j]),
+            trials=np.ones(1),
+            members=np.arange(int(count)),
+            mean=np.reshape(mean[j], (1, 1)),
+            rows=np.reshape(root_scatter, (1, 1, 1)),
         )
+        patterns.append(pattern)
+    size = len(environments)
     return Statistics(
         parameters=(parameter,),
         environments=environments,
         subjects=(),
         x=np.reshape(x, (1, -1)),
         patterns=tuple(patterns),
-        trial_df=np.zeros(len(environments)),
-        trial_rows=np.zeros((1, 1, len(environments))),
+        trial_df=np.zeros(size),
+        trial_rows=np.zeros((1, 1, size)),
         constant=-0.5 * float(np.log(n).sum()),
         sd=np.reshape(sd, (1, -1)),
         df=np.reshape(n, (1, -1)) - 1.0,
-        cell_means=np.empty((0, 1, len(environments))),
+        cell_means=np.empty((0, 1, size)),
     )
 
 
 def _patterns(counts: NDArray[np.intp], cell_means: Array) -> list[Pattern]:
+    """Group subjects by their trial counts (N, J)."""
     distinct, member_of = np.unique(counts, axis=0, return_inverse=True)
     patterns = []
-    for index, pattern in enumerate(distinct):
-        present = np.flatnonzero(pattern)
+    for index, trials in enumerate(distinct):
+        present = np.flatnonzero(trials)
         members = np.flatnonzero(member_of.ravel() == index)
         values = cell_means[members][:, :, present]
         mean = values.mean(axis=0)
         mean = mean + (values - mean).mean(axis=0)
         flat = (values - mean).reshape(members.size, -1)
-        rows = _contrasts(flat) if members.size <= flat.shape[1] else _triangle(flat)
-        rows = rows.reshape(rows.shape[0], *mean.shape).transpose(1, 0, 2)
-        patterns.append(
-            Pattern(
-                present, pattern[present].astype(float), members, mean, np.ascontiguousarray(rows)
-            )
+        few = members.size <= flat.shape[1]
+        rows = _contrasts(flat) if few else _triangle(flat)
+        by_parameter = rows.reshape(len(rows), *mean.shape).transpose(1, 0, 2)
+        pattern = Pattern(
+            environments=present,
+            trials=trials[present].astype(float),
+            members=members,
+            mean=mean,
+            rows=np.ascontiguousarray(by_parameter),
         )
+        patterns.append(pattern)
     return patterns
 
 
@@ -197,18 +268,18 @@ def _triangle(rows: Array) -> Array:
 
 def _contrasts(flat: Array) -> Array:
     """Helmert contrasts: N - 1 rows with the scatter of N rows about their mean."""
-    n = flat.shape[0]
-    upper = np.arange(1, n)[:, None]
-    column = np.arange(n)[None, :]
-    helmert = np.where(column < upper, 1.0, np.where(column == upper, -upper, 0.0))
-    return (helmert / np.sqrt(upper * (upper + 1.0))) @ flat
+    return np.asarray(linalg.helmert(len(flat)) @ flat)
 
 
 def _between(cell_means: Array) -> tuple[Array, Array]:
+    """SD between subjects of the cell means (N, P, J), and its degrees of freedom, each (P, J)."""
     present = np.isfinite(cell_means)
     n = present.sum(axis=0)
-    mean = np.where(present, cell_means, 0.0).sum(axis=0) / np.maximum(n, 1)
+    divisor = np.maximum(n, 1)
+    mean = np.where(present, cell_means, 0.0).sum(axis=0) / divisor
     # Once more about that mean: equal values must have an SD of exactly zero.
-    mean = mean + np.where(present, cell_means - mean, 0.0).sum(axis=0) / np.maximum(n, 1)
+    rest = np.where(present, cell_means - mean, 0.0)
+    mean = mean + rest.sum(axis=0) / divisor
     squares = np.where(present, (cell_means - mean) ** 2, 0.0).sum(axis=0)
-    return np.sqrt(squares / np.maximum(n - 1, 1)), np.maximum(n - 1.0, 0.0)
+    sd = np.sqrt(squares / np.maximum(n - 1, 1))
+    return sd, np.maximum(n - 1.0, 0.0)

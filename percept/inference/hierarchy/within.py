@@ -16,7 +16,8 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.density import ConditionalMoments
+from percept.inference.hierarchy.blocks import cholesky
+from percept.inference.hierarchy.density import ConditionalMoments, Model
 from percept.inference.hierarchy.priors import LIMIT, Named, Priors, draws_first, half_normal
 from percept.inference.hierarchy.statistics import Statistics
 
@@ -47,7 +48,7 @@ class Spread:
         """Return z at coordinates u (W, count), and the log density of u."""
         weighed = np.swapaxes(self.rows(omega), 1, 2) * self._weight
         precision = np.eye(self.count) + weighed @ self.rows(omega)
-        factor = _cholesky(precision)
+        factor = cholesky(precision)
         middle = _solve(precision, weighed @ (self._rough - self.centre)[:, None])
         z = (middle + _solve(np.swapaxes(factor, 1, 2), u[..., None]))[..., 0]
         value = -0.5 * ((z**2).sum(axis=1) + _LOG_2PI * self.count) - np.log(_diagonal(factor)).sum(
@@ -71,7 +72,7 @@ class _Locations:
     log_density: Array  # (W,) Of the cell means, locations integrated out
 
 
-class WithinSubjects:
+class WithinSubjects(Model):
     """Contrasts of one quantity between two levels, at each of J references and on their average."""
 
     def __init__(
@@ -175,7 +176,7 @@ class WithinSubjects:
                 noise = noise + named["sigma_e"][:, e] ** 2 / part.trials
             covariance = noise[:, :, None] * np.eye(len(e)) + (named["sigma_u"] ** 2)[:, None, None]
             covariance = covariance + (named["sigma_v"] ** 2)[:, None, None] * np.outer(c[e], c[e])
-            factor = _cholesky(covariance)
+            factor = cholesky(covariance)
             scatter = _solve(
                 factor, np.broadcast_to(part.rows[0].T, (width, *part.rows[0].T.shape))
             )
@@ -190,7 +191,7 @@ class WithinSubjects:
             precision = precision + turned @ design
             right = right + (turned @ means)[..., 0]
             white.append((design, means))
-        factor = _cholesky(precision)
+        factor = cholesky(precision)
         mean = _solve(precision, right[..., None])
         # Squares of what is left, and of the prior's: nothing is subtracted from a large number.
         squares = (mean**2).sum(axis=(1, 2))
@@ -229,17 +230,9 @@ class WithinSubjects:
         )
         return np.asarray(np.sqrt(second / first))
 
-    def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Draw each contrast, and a new user's, once per coordinates; contrasts apart from one another."""
-        return self.laws(points).draw(rng)
-
     def scales(self, points: Array) -> Named:
         """Named scales at coordinates: dimensions and values, draws first."""
         return draws_first({name: value.T for name, value in self.named(points)[0].items()})
-
-
-def _cholesky(matrices: Array) -> Array:
-    return np.asarray(np.linalg.cholesky(matrices), dtype=np.float64)
 
 
 def _solve(matrices: Array, right: Array) -> Array:

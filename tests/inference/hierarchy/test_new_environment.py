@@ -60,9 +60,9 @@ def test_estimands_average_the_pull_of_a_draw_over_its_spreads() -> None:
     laws = new_environment(model, points, PLACE, repeats=3, rng=np.random.default_rng(0)).laws
     assert parts[0][0].names[0] == "lower mean limit of k in new"
     for kind, (found, influence) in zip(("mean", "user"), parts, strict=True):
-        lower, upper, pull = asked.limits(kind, laws)
-        np.testing.assert_array_equal(found.value, np.concatenate([lower, upper]))
-        np.testing.assert_allclose(influence, pull.reshape(300, 3, 4).mean(axis=1))
+        limits = asked.limits(kind, laws)
+        np.testing.assert_array_equal(found.value, np.concatenate([limits.lower, limits.upper]))
+        np.testing.assert_allclose(influence, limits.influence.reshape(300, 3, 4).mean(axis=1))
     assert (
         new.identity() != NewEstimands(asked, 2.0 * PLACE, 3, seed=0).identity() != asked.identity()
     )
