@@ -38,8 +38,9 @@ _ENOUGH = 1024
 _STEP, _CUT = 0.16, 4
 # Correlations nearer one count as this: a law on a line has no density.
 _NEAREST = 1e-6
-# Logarithms beyond this are as good as endless: 1e40 N/m.
-_ENDLESS = 40.0 * np.log(10.0)
+#: N/m and N·s/m: what lies farther out counts as this.
+BEYOND = 1e40
+_ENDLESS = np.log(BEYOND)
 # Points that stand for the law, at multiples of the powers of the plastic number: even in each
 # coordinate and in both.
 _POINTS, _EVEN = 4096, 1.32471795724474602596 ** np.array([-1.0, -2.0])
@@ -68,9 +69,12 @@ class Axis:
 
     def place(self, native: Array) -> Array:
         """Return how far along the grid k or b lies, from 0 to 1."""
-        values = np.log(np.maximum(native, np.exp(-_ENDLESS))) if self.log else native
+        least = np.exp(-_ENDLESS)
+        values = np.log(np.maximum(native, least)) if self.log else native
         u = np.arcsinh((values - self.centre) / self.unit)
-        return np.clip((u - self.low) / (self.high - self.low), 0.0, 1.0)
+        place = np.clip((u - self.low) / (self.high - self.low), 0.0, 1.0)
+        # All that is smaller counts as this small, and lies beyond no limit.
+        return np.where(native > least, place, 0.0) if self.log else place
 
     def rate(self, place: Array, native: Array) -> Array:
         """Return how fast a place moves with k or b; zero at the ends of the grid."""
@@ -118,6 +122,19 @@ class PairLaw:
             found.append(np.ascontiguousarray(held.transpose(2 - inner, 1 + inner, 0)))
         return found[0], found[1]
 
+    @functools.cached_property
+    def endless(self) -> float:
+        """Probability that k or b lies so far out that no limit is found there."""
+        beyond = 0.0
+        for axis, table in zip(self.axes, self.cumulated, strict=True):
+            row, over = steps(axis.place(np.array([-BEYOND, BEYOND])), table.shape[1])
+            held = table[:, row] + over * (table[:, row + 1] - table[:, row])
+            inside = np.trapezoid(
+                held[:, 1] - held[:, 0] * (not axis.log), dx=1.0 / (len(table) - 1)
+            )
+            beyond += max(0.0, 1.0 - float(inside))
+        return beyond
+
     def even(self, count: int) -> tuple[Array, Array, Array]:
         """Return points that fill the plane evenly, k and b each (count,), and their probability."""
         places = np.outer(_EVEN, np.arange(0.5, count)) % 1.0
@@ -142,14 +159,18 @@ class PairLaw:
 
 def mixture_law(mean: Array, covariance: Array, batch: NDArray[np.intp], family: Family) -> PairLaw:
     """Return the law of normals of (log) k and b, means (S, 2) and covariances (S, 2, 2), in batches (S,)."""
-    # Where the axes end and bend need not be exact.
-    some = mean[:: 1 + len(mean) // _ENOUGH]
-    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:: 1 + len(mean) // _ENOUGH]
     centre, about = mean.mean(axis=0), np.cov(mean.T, bias=True) + covariance.mean(axis=0)
-
+    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    # Few draws say where an axis bends. Where it ends a few wide draws decide, and all must be
+    # asked: what lies beyond the grid is lost.
+    every = 1 + len(mean) // _ENOUGH
+    asked = zip(_TAILS, (every, 1), strict=True)
     ends = [
-        [mixture_quantile(some, sd, tail, upper=upper)[0] for upper in (False, True)]
-        for tail in _TAILS
+        [
+            mixture_quantile(mean[::step], sd[::step], tail, upper=upper)[0]
+            for upper in (False, True)
+        ]
+        for tail, step in asked
     ]
     axes = _axes(about, np.array(ends), family)
     order = np.argsort(batch, kind="stable")
@@ -160,14 +181,17 @@ def mixture_law(mean: Array, covariance: Array, batch: NDArray[np.intp], family:
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
     density = np.empty((sizes.size, x.size, y.size))
     # In single precision exponentials take a fifth of the time, and keep seven digits.
-    scaled = np.multiply.outer(x, precision).astype(np.float32)
+    with np.errstate(over="ignore"):
+        scaled = np.multiply.outer(x, precision).astype(np.float32)
     terms = np.empty_like(scaled)
     for column, at in enumerate(y):
         off = at - own[1]
-        np.subtract(scaled, ((own[0] + slope * off) * precision).astype(np.float32), out=terms)
-        terms *= terms
-        terms *= np.float32(-0.5)
-        terms += (height - 0.5 * off * off / spread).astype(np.float32)
+        # Far out a square may pass what single precision holds: its exponential is zero.
+        with np.errstate(over="ignore"):
+            np.subtract(scaled, ((own[0] + slope * off) * precision).astype(np.float32), out=terms)
+            terms *= terms
+            terms *= np.float32(-0.5)
+            terms += (height - 0.5 * off * off / spread).astype(np.float32)
         # Below the smallest normal numbers arithmetic is a hundred times as slow.
         np.maximum(terms, np.float32(-80.0), out=terms)
         np.exp(terms, out=terms)

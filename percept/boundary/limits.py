@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import integrate, optimize, sparse, special
 
-from percept.boundary.law import PairLaw, steps
+from percept.boundary.law import BEYOND, PairLaw, steps
+from percept.errors import RefusalError
 from percept.haptics.impedance import warp
 from percept.haptics.perceived import distance_axes
 from percept.haptics.records import AnyDevice
@@ -36,16 +37,22 @@ _LAST = np.polynomial.legendre.legvander(_NODES, _NODES.size - 1)[:, -6:]
 _LEAST = 1e-14
 # Limits are found to this many SDs of a normal.
 _EXACT = 1e-4
-# Where they are first looked for; and how many bands from there, in logarithms, they may lie.
-_TAIL, _WIDER = 0.005, 3.0
-# Bands, in logarithms, that a limit moves by at most per SD.
-_STEEPEST, _NARROWEST = 100.0, 1e-9
+# Smallest fraction of its band over which a limit's score changes by one.
+_SHARPEST = 1e-3
+# Where they are first looked for.
+_TAIL = 0.005
+# Narrowest band, in logarithms, that steps of the search are measured in.
+_NARROWEST = 1e-9
+# SDs of a normal over which the slope of a limit is taken: in the tail of a heavy law the
+# quadrature gives a limit to all its digits, and its slope to none.
+_APART = 0.05
+# Smallest probability beyond a limit: the grid of a law leaves out a fifth of this.
+_LEAST_TAIL = 1e-5
 # Points that say where to look.
 _SOME = 600
 _TINY = np.finfo(np.float64).tiny
 # A level is calibrated to this many SDs of a normal.
-_CLOSE, _FARTHEST = 0.003, 3.0
-_MOST_LOG = 600.0
+_CLOSE = 0.003
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -94,55 +101,65 @@ class Magnitude:
             gains[:, self._finite],
             offsets[:, self._finite],
         )
-        self._solved: dict[float, tuple[Array, Array]] = {}
+        self._solved: dict[float, Array] = {}
         self._moved: dict[float, Array] = {}
 
     def limits(self, level: float, shifts: Array | None = None) -> Limits:
-        """Equal-tailed limits; `shifts` of their score by batch are part of the error."""
+        """Equal-tailed limits; `shifts` of their score by batch are part of the error.
+
+        RefusalError where the law does not determine them.
+        """
         score = _score(level)
-        logs, slopes = self._known(score)
+        if not score <= self._farthest:
+            raise RefusalError(f"a limit may lie beyond {BEYOND:.0e} N·s/m.")
+        logs = self._known(score)
         found = np.full((2, self._finite.size), np.inf)
         found[:, self._finite] = np.exp(logs)
         if not self._law.shares.size:
             return Limits(found[0], found[1], None)
         errors = np.zeros(found.shape)
         own = (0.0 if shifts is None else shifts) + self._changes(score)
-        errors[:, self._finite] = slopes * self._spread(own)
+        errors[:, self._finite] = self._slopes(score) * self._spread(own)
         return Limits(found[0], found[1], errors)
 
     def calibrate(self, level: float) -> Calibration:
-        """Choose the level at each omega that keeps curves inside at all of them with probability `level`."""
+        """Choose the level at each omega that keeps curves inside at all of them with probability `level`.
+
+        RefusalError where there is none that the law determines.
+        """
         first = _score(level)
 
         @functools.cache
         def leaving(score: float) -> tuple[float, NDArray[np.bool_]]:
-            held, binds = self._leaving(self._known(score)[0][None], self._law.cumulated[0][None])
+            held, binds = self._leaving(self._known(score)[None], self._law.cumulated[0][None])
             return float(np.log(np.maximum(held[0], _TINY) / (1.0 - level))), binds
 
         def excess(score: float) -> float:
             return leaving(score)[0]
 
+        farthest = self._farthest
+        if first > farthest or excess(farthest) > 0.0:
+            raise RefusalError(f"no limits at single frequencies hold whole curves at {level:g}.")
         # A normal's tail falls about as fast as its score.
         score, fall = first, first
         if (beyond := excess(first)) > 0.0:
-            step = min(beyond / fall, _FARTHEST)
-            while step < _FARTHEST and excess(first + step) > 0.0:
-                step = min(1.5 * step, _FARTHEST)
-            score = first + step
-            if excess(score) < 0.0:
-                score = max(
-                    first + _CLOSE, float(optimize.brentq(excess, first, score, xtol=_CLOSE))
-                )
+            step = min(beyond / fall, farthest - first)
+            while excess(first + step) > 0.0:
+                step = min(1.5 * step, farthest - first)
+            score = max(
+                first + _CLOSE, float(optimize.brentq(excess, first, first + step, xtol=_CLOSE))
+            )
             fall = (beyond - excess(score)) / (score - first)
         m = leaving(score)[1]
         # As `limits` will ask for it, which then finds everything known.
         score = _score(_level(score))
-        logs, slopes = self._known(score)
         # A batch moves limits and probabilities alike.
-        out = np.moveaxis(self._changes(score), -1, 0) * np.array([[-1.0], [1.0]])
-        of_batches = np.moveaxis(self._law.by_batch[0], -1, 0)[1:]
-        own, _ = self._leaving((logs + out * slopes)[..., m], of_batches, m)
-        shifts = (own - own @ self._law.shares) / (fall * (1.0 - level))
+        moved = self._between(score + np.moveaxis(self._changes(score), -1, 0))
+        batches = np.moveaxis(self._law.by_batch[0], -1, 0)
+        every = np.concatenate([self._known(score)[None], moved])
+        left, _ = self._leaving(every[..., m], batches, m)
+        own = left[1:] - left[0]
+        shifts = own / (fall * (1.0 - level))
         rate = 2.0 * float(_density(np.array(score)))
         return Calibration(_level(score), rate * float(self._spread(shifts)), shifts)
 
@@ -159,10 +176,7 @@ class Magnitude:
         b = outer.native(np.linspace(0.0, 1.0, table.shape[1]))
         square = (np.multiply.outer(b, gain_out) + offset_out) ** 2
         # Where a ball does not reach the line both its ends are the same.
-        # Squares stay finite: far beyond the tables all limits are alike.
-        side = np.sqrt(
-            np.maximum(np.exp(np.minimum(2.0 * logs[:, :, None], _MOST_LOG)) - square, 0.0)
-        )
+        side = np.sqrt(np.maximum(np.exp(2.0 * logs[:, :, None]) - square, 0.0))
         ends = [inner.place((sign * side - offset) / gain) for sign in (-1.0, 1.0)]
         left, right = (np.moveaxis(_along(table, end), 1, 0) for end in ends)
         order = left[0].argsort(axis=-1)
@@ -209,24 +223,44 @@ class Magnitude:
     def _changes(self, score: float) -> Array:
         """Return by what each batch moves the limits out, in SDs, (2, M, B)."""
         if score not in self._moved:
-            radius, inner = np.exp(self._known(score)[0]), self._outlook[1]
+            radius, inner = np.exp(self._known(score)), self._outlook[1]
             held = np.empty((*radius.shape, 1 + self._law.shares.size))
             for p in (0, 1):
                 side, at = np.nonzero(inner == p)
                 held[side, at] = self._by_batch(p, at, radius[side, at])
+            # A batch with draws far narrower than the tables' steps may seem to hold less than
+            # nothing.
+            held = np.clip(held, 0.0, 1.0)
             out = np.array([1.0, -1.0])[:, None, None] / _density(np.array(score))
             self._moved[score] = (held[..., 1:] - held[..., :1]) * out
         return self._moved[score]
 
-    def _known(self, score: float) -> tuple[Array, Array]:
-        """Return log limits (2, M) at a score, and their slopes in it."""
+    @functools.cached_property
+    def _farthest(self) -> float:
+        """The largest score of limits: farther out a law says too little, or lies beyond all impedances."""
+        return float(-special.ndtri(max(_LEAST_TAIL, self._law.endless)))
+
+    @functools.cached_property
+    def _range(self) -> tuple[Array, Array]:
+        """Logarithms between which limits lie, (M,) each: magnitudes over the grid of k and b."""
+        squares = np.zeros((2, self._gains.shape[1]))
+        for axis, gain, offset in zip(self._law.axes, self._gains, self._offsets, strict=True):
+            ends = np.multiply.outer(axis.native(np.array([0.0, 1.0])), gain) + offset
+            nearest = np.where(ends[0] * ends[1] > 0.0, np.abs(ends).min(axis=0), 0.0)
+            squares += np.square([nearest, np.abs(ends).max(axis=0)])
+        low, high = 0.5 * np.log(np.maximum(squares, BEYOND**-2))
+        return low, high
+
+    def _slopes(self, score: float) -> Array:
+        """Return how fast log limits (2, M) move out with their score."""
+        return np.abs(self._known(score + _APART) - self._known(score)) / _APART
+
+    def _known(self, score: float) -> Array:
+        """Return log limits (2, M) at a score."""
         if score in self._solved:
             return self._solved[score]
-        start, inner = self._outlook
-        if self._solved:
-            known = min(self._solved, key=lambda other: abs(other - score))
-            logs, slopes = self._solved[known]
-            start = logs + np.array([[-1.0], [1.0]]) * (score - known) * slopes
+        first, inner = self._outlook
+        start = self._from_others(score) if self._solved else first
         count = start.shape[1]
         at, inner = np.tile(np.arange(count), 2), inner.ravel()
         target = np.repeat([-score, score], count)
@@ -243,14 +277,31 @@ class Magnitude:
             return value.copy(), rate.copy()
 
         # A band far narrower than its magnitude may have no width among the points looked at.
-        scale = np.tile(np.maximum(start[1] - start[0], _NARROWEST), 2)
-        low, high = start.ravel() - _WIDER * scale, start.ravel() + _WIDER * scale
-        x = root(short, start.ravel(), low, high, scale, _EXACT)
-        short(x)
-        # Where a law all but ends the slope has none of the digits: no limit moves that far.
-        slopes = 1.0 / np.maximum(rate, 1.0 / (_STEEPEST * scale))
-        self._solved[score] = x.reshape(2, -1), slopes.reshape(2, -1)
+        scale = np.tile(np.maximum(first[1] - first[0], _NARROWEST), 2)
+        low, high = (np.tile(end, 2) for end in self._range)
+        # Near an edge of the law a limit is far sharper than its band: the score must be met.
+        x = root(short, np.clip(start.ravel(), low, high), low, high, scale, _EXACT * _SHARPEST)
+        self._solved[score] = x.reshape(2, -1)
         return self._solved[score]
+
+    def _between(self, scores: Array) -> Array:
+        """Return about where log limits lie at scores (B, 2, M), from those at scores that are known."""
+        known = np.array(sorted(self._solved))
+        logs = np.stack([self._solved[score] for score in known])
+        step = np.clip(np.searchsorted(known, scores) - 1, 0, known.size - 2)
+        part = np.minimum((scores - known[step]) / (known[step + 1] - known[step]), 1.0)
+        side, m = np.indices(scores.shape[1:])
+        left, right = logs[step, side, m], logs[step + 1, side, m]
+        return np.clip(left + part * (right - left), *self._range)
+
+    def _from_others(self, score: float) -> Array:
+        """Guess log limits from those at the nearest scores, along a straight line."""
+        nearest, *others = sorted(self._solved, key=lambda other: abs(other - score))
+        logs = self._solved[nearest]
+        if not others:
+            return logs
+        slope = (self._solved[others[0]] - logs) / (others[0] - nearest)
+        return logs + (score - nearest) * slope
 
     def content(
         self, at: NDArray[np.intp], radius: Array, inner_of: NDArray[np.intp]

@@ -233,9 +233,8 @@ def verdict(study: Study) -> int:
     """Say on standard error what the gate withholds, or the error it lets pass; return the exit code."""
     fit = study.fit
     if fit is None and study.scene.inference.method != "classical":
-        lacking = (
-            f"there are no Bayesian intervals: {dict(study.skipped).get('Bayesian intervals', '')}"
-        )
+        why = dict(study.skipped_before_curves).get("Bayesian intervals", "")
+        lacking = f"there are no Bayesian intervals: {why}"
     elif fit is not None and not fit.run.gate.passed:
         lacking = f"Bayesian intervals are withheld: {fit.withheld}"
     else:

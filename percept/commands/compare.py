@@ -151,7 +151,7 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
             f"only the {method} method was asked for, and nothing to compare it with.", hint=hint
         )
     if table is None or table.empty or ladder is None:
-        why = dict(study.skipped).get(
+        why = dict(study.skipped_before_curves).get(
             "Bayesian intervals", "percept fit prints what intervals there are."
         )
         raise RefusalError("no interval of one method has a counterpart in the other.", hint=why)

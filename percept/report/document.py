@@ -94,7 +94,8 @@ def build_document(
     document["diagnostics"] = plain(study.diagnostics)
     step("checks of the model")
     document["checks"] = _checks(study)
-    document["skipped"] = [{"what": what, "why": why} for what, why in study.skipped]
+    skipped = study.skipped if curves else study.skipped_before_curves
+    document["skipped"] = [{"what": what, "why": why} for what, why in skipped]
     if not curves and len(study.intervals):
         document["skipped"].append(
             {"what": "boundaries, coupling and band law", "why": _REPORT_ALONE}

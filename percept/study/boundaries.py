@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Collection, Iterator, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.boundary.curves import Boundary, Shape, drawing_grid
 from percept.boundary.limits import Calibration, Limits, Magnitude, relative_error
-from percept.errors import UsageError
+from percept.errors import RefusalError, UsageError
 from percept.scene import FrequencyTable, Scene
 from percept.study.basics import Array, Skipped
 from percept.study.device import Setup
 from percept.study.regions import Law, Region
 
+__all__ = ["JOINTS", "BoundaryDrawing", "increasing", "zoom_windows"]
+
 #: How k and b can be taken together: each by itself, both widened, one region, curves of their law.
 JOINTS = ("marginal", "bonferroni", "hotelling", "joint")
+_LAW_SHAPES: tuple[Shape, ...] = ("pointwise", "simultaneous")
+# Curves are not drawn when their Monte Carlo error exceeds this many times the tolerance.
+_MOST_TOLERANCES = 10.0
 
 
 def increasing(omega: ArrayLike) -> Array:
-    """Take frequencies (M,) as they are, rad/s; UsageError unless they are positive and increase."""
+    """Return frequencies (M,), rad/s, as an array; UsageError unless positive and increasing."""
     try:
         grid = np.asarray(omega, dtype=np.float64)
     except (TypeError, ValueError):
@@ -39,18 +44,42 @@ def zoom_windows(
     """Yield the windows of omega, rad/s, that the scene asks to look at closely."""
     table = scene.frequency
     for name, (low, high) in scene.report.zoom.items():
-        low, high = max(low, table.lower), min(high, table.upper)
+        what = f"zoom window of {name}"
+        low = max(low, table.lower)
+        high = min(high, table.upper)
         if name not in environments:
-            yield Skipped(f"zoom window of {name}", "no environment has this name")
+            yield Skipped(what, "no environment has this name")
         elif low < high:
             yield name, [float(low), float(high)]
         else:
-            outside = f"it lies outside {table.lower:g} to {table.upper:g} rad/s"
-            yield Skipped(f"zoom window of {name}", outside)
+            yield Skipped(what, f"it lies outside {table.lower:g} to {table.upper:g} rad/s")
 
 
-class Drawing:
-    """Boundaries of environments over a range, each environment's on one grid of its own."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Frame:
+    """What all curves of one environment share."""
+
+    omega: Array  # (M,) rad/s
+    reference: Array  # (M,) abs(Z_h) of the reference, N·s/m
+    coupled: Array | None  # (M,) through the coupling, N·s/m
+
+
+class BoundaryDrawing:
+    """Boundaries of environments over a range, each environment's on one grid of its own.
+
+    Parameters
+    ----------
+    setup : Setup
+        Device, coupling and references.
+    regions : collection of Region
+        What corner curves and envelopes go around.
+    laws : collection of Law
+        What pointwise and simultaneous limits come from.
+    table : FrequencyTable
+        The scene's range of omega.
+    tolerance : float
+        Monte Carlo error that the scene asks for, as a fraction of a half-width.
+    """
 
     def __init__(
         self,
@@ -58,10 +87,17 @@ class Drawing:
         regions: Collection[Region],
         laws: Collection[Law],
         table: FrequencyTable,
+        tolerance: float,
     ) -> None:
-        self._setup, self._regions, self._laws, self._table = setup, regions, laws, table
+        self._setup = setup
+        self._regions = regions
+        self._laws = laws
+        self._table = table
+        self._largest_error = _MOST_TOLERANCES * tolerance
         self._grids: dict[str, Array] = {}
-        self._calibrated: dict[Law, Calibration] = {}
+        self._on_grid: dict[Law, Magnitude] = {}
+        self._levels: dict[Law, Calibration] = {}
+        self._refused: dict[Law, dict[Shape, Skipped]] = {}
 
     def at(
         self,
@@ -70,102 +106,167 @@ class Drawing:
         kinds: Collection[str],
         joints: Collection[str] = JOINTS,
     ) -> tuple[Boundary, ...]:
-        """Draw boundaries at frequencies asked for, rad/s, or on the environments' grids."""
-        found: list[Boundary] = []
+        """Draw boundaries at frequencies (M,), rad/s, or on the environments' own grids."""
+        boundaries: list[Boundary] = []
         for environment in environments:
-            grid = self.grid(environment) if omega is None else omega
-            reference, coupled = (
-                self._setup.curve(environment, grid, coupled=c) for c in (False, True)
-            )
-            shared: dict[str, Any] = {"omega": grid, "reference": reference}
-            shared["coupled"] = coupled if self._setup.coupling is not None else None
+            frame = self._frame(environment, omega)
             for region in self._regions:
-                if (
-                    region.environment == environment
-                    and region.kind in kinds
-                    and region.joint in joints
-                ):
-                    found += self._around(region, shared)
+                chosen = region.kind in kinds and region.joint in joints
+                if region.environment == environment and chosen:
+                    boundaries += self._around(region, frame)
             for law in self._laws:
-                if law.environment == environment and law.kind in kinds and "joint" in joints:
-                    found += self._of_law(law, shared)
-        return tuple(found)
+                chosen = law.kind in kinds and "joint" in joints
+                if law.environment == environment and chosen:
+                    boundaries += self._of_law(law, frame)
+        return tuple(boundaries)
+
+    @property
+    def skipped(self) -> list[Skipped]:
+        """Curves of laws that are not drawn, and why."""
+        return [skipped for law in self._laws for skipped in self._refusals(law).values()]
 
     def grid(self, environment: str) -> Array:
         """Return the frequencies that all curves of an environment are drawn at, rad/s."""
-        if environment in self._grids:
-            return self._grids[environment]
-        table, regions = (
-            self._table,
-            [one for one in self._regions if one.environment == environment],
-        )
+        if environment not in self._grids:
+            self._grids[environment] = self._new_grid(environment)
+        return self._grids[environment]
+
+    def _new_grid(self, environment: str) -> Array:
+        lower = self._table.lower
+        upper = self._table.upper
+        if self._table.points:
+            return np.geomspace(lower, upper, self._table.points)
+        regions = [region for region in self._regions if region.environment == environment]
 
         def curves(omega: Array) -> tuple[Array, Array]:
-            own = [
-                self._setup.curve(environment, omega, coupled=coupled) for coupled in (False, True)
-            ]
-            limits = [
-                self._setup.outline(region, shape, omega)
-                for region in regions
-                for shape in _shapes(region)
-            ]
-            return np.stack(own), np.array(limits).reshape(-1, 2, omega.size)
+            direct = self._setup.curve(environment, omega, coupled=False)
+            coupled = self._setup.curve(environment, omega, coupled=True)
+            limits = []
+            for region in regions:
+                for shape in _shapes(region):
+                    limits.append(self._setup.outline(region, shape, omega))
+            return np.stack([direct, coupled]), np.array(limits).reshape(-1, 2, omega.size)
 
-        if table.points:
-            grid = np.geomspace(table.lower, table.upper, table.points)
-        else:
-            grid = drawing_grid(
-                curves, table.lower, table.upper, self._setup.resonances(environment)
-            )
-        self._grids[environment] = grid
-        return grid
+        return drawing_grid(curves, lower, upper, self._setup.resonances(environment))
 
-    def _around(self, region: Region, shared: dict[str, Any]) -> Iterator[Boundary]:
+    def _frame(self, environment: str, omega: Array | None) -> _Frame:
+        grid = self.grid(environment) if omega is None else omega
+        reference = self._setup.curve(environment, grid, coupled=False)
+        coupled = None
+        if self._setup.coupling is not None:
+            coupled = self._setup.curve(environment, grid, coupled=True)
+        return _Frame(grid, reference, coupled)
+
+    def _around(self, region: Region, frame: _Frame) -> Iterator[Boundary]:
         for shape in _shapes(region):
-            lower, upper = self._setup.outline(region, shape, shared["omega"])
-            yield Boundary(
-                lower=lower,
-                upper=upper,
-                shape=shape,
-                joint=region.joint,
-                **(shared | region.labels),
-            )
+            limits = Limits(*self._setup.outline(region, shape, frame.omega), None)
+            yield _boundary(region, region.joint, shape, limits, frame)
 
-    def _of_law(self, law: Law, shared: dict[str, Any]) -> Iterator[Boundary]:
-        """Yield the limits at each omega for itself, and those between which whole curves lie."""
-        magnitude = self._magnitude(law, shared["omega"])
+    def _of_law(self, law: Law, frame: _Frame) -> Iterator[Boundary]:
+        """Yield the limits at single frequencies, and those between which whole curves lie."""
+        for shape in _LAW_SHAPES:
+            if shape in self._refusals(law):
+                continue
+            limits = self._limits(law, shape, frame.omega)
+            boundary = _boundary(law, "joint", shape, limits, frame)
+            if shape == "simultaneous" and law.method == "bayesian":
+                level = self._level(law)
+                boundary = dataclasses.replace(
+                    boundary, pointwise_level=level.level, pointwise_level_error=level.error
+                )
+            yield boundary
+
+    def _refusals(self, law: Law) -> dict[Shape, Skipped]:
+        """Return why shapes of a law's curves are not drawn, judged on the environment's grid."""
+        if law not in self._refused:
+            refused: dict[Shape, Skipped] = {}
+            for shape in _LAW_SHAPES:
+                reason = self._refusal(law, shape)
+                if reason:
+                    refused[shape] = Skipped(_name(law, shape), reason)
+            self._refused[law] = refused
+        return self._refused[law]
+
+    def _refusal(self, law: Law, shape: Shape) -> str:
+        omega = self.grid(law.environment)
+        try:
+            limits = self._limits(law, shape, omega)
+        except RefusalError as refused:
+            return refused.message.removesuffix(".")
+        error = relative_error(omega, limits)
+        if error is None or error <= self._largest_error:
+            return ""
+        return (
+            f"their Monte Carlo error is {error:.2g} of the half-width,"
+            f" and curves are drawn up to {self._largest_error:.2g}"
+        )
+
+    def _limits(self, law: Law, shape: Shape, omega: Array) -> Limits:
+        """Return the limits (M,) of a law in a shape; RefusalError where there are none."""
+        magnitude = self._magnitude(law, omega)
+        if shape == "pointwise":
+            return magnitude.limits(law.level)
+        if law.method == "bayesian":
+            level = self._level(law)
+            return magnitude.limits(level.level, level.shifts)
+        # What holds (k, b) holds the whole curve. A calibrated level of the t law covers too
+        # little: 87 % of users where 90 % is stated.
+        region = law.region
+        if region is None:
+            raise RefusalError("the subjects' values give no ellipse.")
+        lower, upper = self._setup.outline(region, "envelope", omega)
         limits = magnitude.limits(law.level)
-        yield self._limits(law, "pointwise", limits, shared)
-        if law.method == "classical":
-            # What holds (k, b) holds the whole curve. A calibrated level of the t law covers too
-            # little: 87 % of users where 90 % is stated.
-            if (region := law.region) is not None:
-                lower, upper = self._setup.outline(region, "envelope", shared["omega"])
-                ends = np.minimum(lower, limits.lower), np.maximum(upper, limits.upper)
-                yield self._limits(law, "simultaneous", Limits(*ends, None), shared)
-            return
-        if law not in self._calibrated:
-            grid = self.grid(law.environment)
-            drawn = magnitude if shared["omega"] is grid else self._magnitude(law, grid)
-            self._calibrated[law] = drawn.calibrate(law.level)
-        held = self._calibrated[law]
-        together = magnitude.limits(held.level, held.shifts)
-        own = {"pointwise_level": held.level, "pointwise_level_error": held.error}
-        yield self._limits(law, "simultaneous", together, shared | own)
+        return Limits(np.minimum(lower, limits.lower), np.maximum(upper, limits.upper), None)
+
+    def _level(self, law: Law) -> Calibration:
+        """Return the level of a simultaneous band over the environment's grid."""
+        if law not in self._levels:
+            magnitude = self._magnitude(law, self.grid(law.environment))
+            self._levels[law] = magnitude.calibrate(law.level)
+        return self._levels[law]
 
     def _magnitude(self, law: Law, omega: Array) -> Magnitude:
+        if omega is self.grid(law.environment):
+            if law not in self._on_grid:
+                self._on_grid[law] = self._new_magnitude(law, omega)
+            return self._on_grid[law]
+        return self._new_magnitude(law, omega)
+
+    def _new_magnitude(self, law: Law, omega: Array) -> Magnitude:
         setup = self._setup
         mass = float(setup.references[law.environment].mass)
         return Magnitude(law.pair, setup.device, setup.period, omega, mass=mass, hold=setup.hold)
 
-    def _limits(self, law: Law, shape: Shape, limits: Limits, shared: dict[str, Any]) -> Boundary:
-        return Boundary(
-            lower=limits.lower, upper=limits.upper, errors=limits.errors,
-            error=relative_error(shared["omega"], limits),
-            shape=shape, joint="joint", **(shared | law.labels),
-        )  # fmt: skip
+
+def _boundary(
+    source: Region | Law, joint: str, shape: Shape, limits: Limits, frame: _Frame
+) -> Boundary:
+    """Put limits together with what they were drawn for."""
+    return Boundary(
+        environment=source.environment,
+        kind=source.kind,
+        method=source.method,
+        family=source.family,
+        joint=joint,
+        shape=shape,
+        level=source.level,
+        omega=frame.omega,
+        lower=limits.lower,
+        upper=limits.upper,
+        reference=frame.reference,
+        coupled=frame.coupled,
+        errors=limits.errors,
+        error=relative_error(frame.omega, limits),
+    )
+
+
+def _name(law: Law, shape: Shape) -> str:
+    """Name the curves of a law, as "Not computed" lists them."""
+    if law.method == "bayesian":
+        return f"{shape} Bayesian curves of {law.environment}, kind {law.kind}"
+    return f"{shape} classical curves of {law.environment}, kind {law.kind}, {law.family}"
 
 
 def _shapes(region: Region) -> tuple[Shape, ...]:
-    """Say which curves go around a region: an ellipse has no corners."""
+    """Return the curves that go around a region: an ellipse has no corners."""
     return ("corner", "envelope") if region.ellipse is None else ("envelope",)

@@ -21,8 +21,8 @@ from percept.inference.hierarchy.new_environment import (
 from percept.inference.record import Kind
 from percept.scene import InferenceTable
 from percept.sessions.quantities import IMPEDANCE, Quantities, Quantity, is_impedance
-from percept.study.basics import Array, Stream, generator
-from percept.study.boundaries import Drawing
+from percept.study.basics import Array, Skipped, Stream, generator
+from percept.study.boundaries import BoundaryDrawing
 from percept.study.fit import Fit, estimands_of, sampled
 from percept.study.intervals import bayesian_row
 from percept.study.regions import Law, LawKind, posterior_law, regions_of
@@ -53,6 +53,7 @@ class Prediction(NotebookRecord):
     #: As `percept.Study.intervals`, and `monte_carlo`, the error of the limits over the half-width.
     intervals: pd.DataFrame
     boundaries: tuple[Boundary, ...]  #: Of abs(Z_h); empty without a device
+    skipped: tuple[Skipped, ...] = ()  #: Curves that are not drawn, and why
     quantities: Quantities = dataclasses.field(default_factory=lambda: IMPEDANCE, repr=False)
 
     @property
@@ -146,16 +147,17 @@ def predict(
     scale = ResponseScale.of(reference, asked.family)
     intervals = pd.DataFrame(_rows(fit, expected, scale, asked, limits))
     boundaries: tuple[Boundary, ...] = ()
+    skipped: tuple[Skipped, ...] = ()
     if study.setup is not None and is_impedance(study.parameters):
         laws = [] if study.sessions.form == "summary" else list(_laws(fit, expected, scale, asked))
         environment = haptics.Environment(
             stiffness=float(reference[0]), damping=float(reference[1]), mass=mass
         )
         setup = dataclasses.replace(study.setup, references={_NEW: environment})
-        drawing = Drawing(
-            setup, regions_of(intervals, laws, None, asked), laws, study.scene.frequency
-        )
+        regions = regions_of(intervals, laws, None, asked)
+        drawing = BoundaryDrawing(setup, regions, laws, study.scene.frequency, asked.tolerance)
         boundaries = drawing.at(None, [_NEW], asked.kinds)
+        skipped = tuple(drawing.skipped)
     beyond = np.maximum(log - tested.max(axis=1), 0.0) + np.minimum(log - tested.min(axis=1), 0.0)
     far = np.hypot.reduce(tested - log[:, None], axis=0)
     return Prediction(
@@ -166,6 +168,7 @@ def predict(
         distance=float(far.min()),
         intervals=intervals,
         boundaries=boundaries,
+        skipped=skipped,
         quantities=quantities,
     )
 

@@ -23,7 +23,7 @@ from percept.sessions.quantities import is_impedance
 from percept.sessions.read import by_level
 from percept.study.band import Banded, band_study, with_band
 from percept.study.basics import FAMILIES, Skipped, analysed_parameters, referenced, results, select
-from percept.study.boundaries import JOINTS, Drawing, increasing, zoom_windows
+from percept.study.boundaries import JOINTS, BoundaryDrawing, increasing, zoom_windows
 from percept.study.coupling import (
     CouplingStudy,
     Realisms,
@@ -301,10 +301,11 @@ class Study(StudyViews):
         return self._drawing.at(grid, environments, kinds, joints)
 
     @cached_property
-    def _drawing(self) -> Drawing | None:
+    def _drawing(self) -> BoundaryDrawing | None:
         if self.setup is None:
             return None
-        return Drawing(self.setup, self.regions, self.curve_laws, self.scene.frequency)
+        table, tolerance = self.scene.frequency, self.scene.inference.tolerance
+        return BoundaryDrawing(self.setup, self.regions, self.curve_laws, table, tolerance)
 
     @cached_property
     def _zoom(self) -> list[tuple[str, list[float]] | Skipped]:
@@ -397,9 +398,15 @@ class Study(StudyViews):
         whole = self.sessions, self.scene, self.parameters, self.intervals, self._passed
         return climb(*whole, progress=self.progress, store=self.store)
 
-    @cached_property
+    @property
     def skipped(self) -> tuple[Skipped, ...]:
         """What was not computed, and why."""
+        curves = self._drawing.skipped if self._drawing is not None else []
+        return (*self.skipped_before_curves, *curves)
+
+    @cached_property
+    def skipped_before_curves(self) -> tuple[Skipped, ...]:
+        """What was not computed, and why, curves of laws not counted: they take time to draw."""
         parts: list[Any] = [*self._intervals, *self._with_reference, *self._setup, *self._zoom]
         parts += [*self._contrasts, *self._banded, *self._pairs]
         if self.setup is not None:

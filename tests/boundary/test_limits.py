@@ -11,8 +11,10 @@ from scipy import integrate, special
 
 from percept.boundary.law import PairLaw, confidence_law, mixture_law
 from percept.boundary.limits import Limits, Magnitude, relative_error
+from percept.errors import RefusalError
 from percept.haptics import Device, Environment, perceived_impedance
 from percept.haptics.perceived import perceived_magnitude
+from percept.inference.sampling.endpoints import mixture_quantile
 from tests.boundary.test_law import B, K, mixture
 
 DEVICE, PERIOD = Device(1.0, 5.0), 1e-3
@@ -177,6 +179,70 @@ def test_sixteen_times_the_draws_divide_the_error_by_four() -> None:
         assert errors is not None
         typical.append(np.sqrt((errors**2).mean()))
     assert typical[0] / typical[1] == pytest.approx(4.0, rel=0.25)
+
+
+def wide_draws(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """SDs of log k and log b, about as of an environment nobody tested: 60 times as wide once in 1,000."""
+    rng = np.random.default_rng(seed)
+    mean = np.array([9.5, 2.8]) + 0.05 * rng.standard_normal((count, 2))
+    sd = np.array([0.15, 0.5]) * np.exp(
+        np.maximum(0.83 * rng.exponential(size=(count, 1)) - 1.0, 0.0)
+    )
+    return mean, sd[:, :, None] ** 2 * np.eye(2)
+
+
+def test_few_wide_draws_decide_a_far_tail_and_are_all_asked() -> None:
+    mean, covariance = wide_draws(40_000, 1)
+    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    law = mixture_law(mean, covariance, np.arange(40_000) % 32, "lognormal")
+    for p, axis in enumerate(law.axes):
+        table = law.cumulated[p]
+        held = table.sum(axis=0) / table[:, -1].sum()
+        for tail in (5e-3, 1e-3, 1e-4):
+            value = np.exp(mixture_quantile(mean, sd, tail, upper=True)[0][p])
+            place = np.interp(axis.place(value), np.linspace(0.0, 1.0, held.size), held)
+            assert 1.0 - place == pytest.approx(tail, rel=0.05)
+
+
+def test_values_below_all_that_counts_are_in_every_ball() -> None:
+    """A law that reaches below 1e-40 on one side as far as above on the other: no ball loses that."""
+    mean, covariance = wide_draws(40_000, 1)
+    law = mixture_law(mean, covariance * 16.0, np.arange(40_000) % 32, "lognormal")
+    rare = Magnitude(law, DEVICE, PERIOD, OMEGA[:1])
+    held = rare.content(np.zeros(1, dtype=int), np.array([1e30]), np.zeros(1, dtype=int))[0][0]
+    sd = 4.0 * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    # Beyond the ball k or b alone is large: the gain of k is one over omega.
+    beyond = special.ndtr((mean - np.log([1e29, 1e30])) / sd)
+    either = 1.0 - np.prod(1.0 - beyond, axis=1)
+    assert 1.0 - held == pytest.approx(either.mean(), rel=0.05)
+
+
+def test_stated_error_of_a_band_is_its_scatter_where_few_draws_are_wide() -> None:
+    omega, logs, stated, count = np.array([0.1, 1.0, 3.0, 10.0, 100.0]), [], [], 10
+    for seed in range(count):
+        law = mixture_law(*wide_draws(4000, seed), np.arange(4000) % 32, "lognormal")
+        magnitude = Magnitude(law, DEVICE, PERIOD, omega)
+        together = magnitude.calibrate(0.99)
+        limits = magnitude.limits(together.level, together.shifts)
+        assert limits.errors is not None
+        logs.append(np.log(limits.upper))
+        stated.append(limits.errors[1])
+    scatter = np.std(logs, axis=0, ddof=1)
+    # An SD of 10 numbers scatters by 1/sqrt(18); wide draws of one batch make its error scatter
+    # too.
+    assert np.abs(np.log(np.median(stated, axis=0) / scatter)).max() < 4.0 / np.sqrt(18.0)
+
+
+def test_limits_that_a_law_does_not_determine_are_refused() -> None:
+    mean, covariance = mixture()
+    far = mixture_law(mean, covariance * 4e4, np.arange(400) % 16, "lognormal")
+    with pytest.raises(RefusalError, match=r"a limit may lie beyond 1e\+40 N·s/m"):
+        Magnitude(far, DEVICE, PERIOD, OMEGA).limits(0.99)
+    with pytest.raises(RefusalError, match="no limits at single frequencies hold whole curves"):
+        Magnitude(far, DEVICE, PERIOD, OMEGA).calibrate(0.99)
+    law = mixture_law(mean, covariance, np.arange(400) % 16, "lognormal")
+    with pytest.raises(RefusalError, match="a limit may lie beyond"):
+        Magnitude(law, DEVICE, PERIOD, OMEGA).limits(1.0 - 1e-6)
 
 
 def test_relative_error_is_a_mean_over_log_omega_in_half_widths() -> None:

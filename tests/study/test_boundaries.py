@@ -16,7 +16,7 @@ from percept.inference.regions import ellipse_region
 from percept.scene import FrequencyTable, InferenceTable
 from percept.sessions import Sessions
 from percept.study.basics import Skipped, results
-from percept.study.boundaries import Drawing, zoom_windows
+from percept.study.boundaries import BoundaryDrawing, zoom_windows
 from percept.study.coupling import study_coupling
 from percept.study.device import Setup
 from percept.study.regions import Pairs, laws_of
@@ -110,7 +110,9 @@ def test_whole_curves_of_normal_users_lie_in_the_classical_band_at_least_at_its_
         k, b = centre + root @ rng.standard_normal((2, 8))
         laws = laws_of([Pairs("normal", "A", k, b)], None, asked)
         regions = [law.region for law in laws if law.region is not None]
-        drawn = Drawing(setup, regions, laws, FrequencyTable()).at(omega, ["A"], held)
+        drawn = BoundaryDrawing(setup, regions, laws, FrequencyTable(), asked.tolerance).at(
+            omega, ["A"], held
+        )
         bands = {(one.kind, one.joint, one.shape): one for one in drawn}
         for region in regions:
             assert region.ellipse is not None
