@@ -218,9 +218,9 @@ def _statistics(
 
 def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> pd.DataFrame:
     """Quantiles of the average and the next user before any data."""
-    means, users = draw_prior(subjects.density, _PRIOR_DRAWS, generator(seed, Stream.PRIOR))[1:]
+    prior = draw_prior(subjects.density, _PRIOR_DRAWS, generator(seed, Stream.PRIOR))
     rows: list[dict[str, Any]] = []
-    for kind, drawn in (("mean", means), ("user", users)):
+    for kind, drawn in (("mean", prior.means), ("user", prior.users)):
         # The map to the quantity is increasing, so quantiles pass through it; far tails may be
         # infinite.
         with np.errstate(over="ignore"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import warnings
 
 import numpy as np
@@ -12,7 +13,10 @@ from scipy import special
 from percept.errors import RefusalError, UsageError
 from percept.inference.checks.subjects import SubjectDensity
 
+__all__ = ["Loo", "Predicted", "leave_one_out", "predict_left_out"]
+
 Array = NDArray[np.float64]
+
 #: Draws times subjects that are held at once; more subjects are judged by fewer draws.
 _MOST = 1 << 20
 
@@ -23,7 +27,7 @@ class Loo:
 
     pointwise: Array  # (N,)
     pareto_k: Array  # (N,) Tail index of the importance weights of leaving the subject out
-    good_k: float
+    good_k: float  # Index up to which such weights can be trusted, with this many draws
     points: Array  # (S, d) Draws that were reweighted
     weights: Array  # (S, N) Their weights without each subject
 
@@ -55,30 +59,50 @@ def leave_one_out(subjects: SubjectDensity, points: Array, *, chains: int) -> Lo
     """Leave each subject out by reweighting draws of the scales.
 
     The locations are integrated out of the weights, 1/p(y_i | scales, other subjects), so these
-    vary with the scales alone; weights of draws of the locations too would have far heavier tails.
+    vary with the scales alone. Weights of draws of the locations too would have far heavier tails.
+
+    Parameters
+    ----------
+    subjects : SubjectDensity
+        Densities of the subjects' data.
+    points : ndarray
+        Posterior draws, chain after chain, shape (S, d).
+    chains : int
+        Chains of equal length.
+
+    Returns
+    -------
+    Loo
+
+    Raises
+    ------
+    UsageError
+        Chains that are not of equal length.
+    RefusalError
+        A density that doubles cannot hold.
     """
     if len(points) % chains:
         raise UsageError(
             f"{len(points)} draws do not make equal chains.", key="chains", value=chains
         )
     by_chain = points.reshape(chains, -1, points.shape[1])
-    gap = max(1, -(-len(points) * subjects.subjects // _MOST))
+    gap = max(1, math.ceil(len(points) * subjects.subjects / _MOST))
     kept = by_chain[:, ::gap].reshape(-1, points.shape[1])
-    log_density = np.concatenate(
-        [subjects.left_out(scales).log_density for _, scales in subjects.batches(kept)]
-    )
-    if not np.isfinite(log_density).all():
-        i = int(np.argmin(np.isfinite(log_density).all(axis=0)))
+    parts = [subjects.left_out(scales).log_density for _, scales in subjects.batches(kept)]
+    log_density = np.concatenate(parts)
+    known = np.isfinite(log_density).all(axis=0)
+    if not known.all():
+        subject = subjects.density.statistics.subjects[int(np.argmin(known))]
         raise RefusalError(
-            f"what the others say of {subjects.density.statistics.subjects[i]} cannot be told in"
-            " double precision: some environment rests on this subject alone, at next to no"
-            " scatter.",
+            f"{subject} cannot be predicted from the others in double precision: an environment"
+            " rests on this subject alone, at next to no scatter.",
             hint="Leave that environment out, or ask for no model checks.",
         )
     return _smoothed(log_density, kept, chains)
 
 
 def _smoothed(log_density: Array, points: Array, chains: int) -> Loo:
+    """Smooth the weights' tails by ArviZ."""
     import arviz_base
     import arviz_stats
 
@@ -107,7 +131,8 @@ def predict_left_out(subjects: SubjectDensity, points: Array, weights: Array) ->
     farther = np.zeros(subjects.subjects)
     for cut, scales in subjects.batches(points):
         left = subjects.left_out(scales)
-        beyond = special.chdtrc(subjects.degrees, left.distance)
-        below += np.einsum("wi,wipj->ipj", weights[cut], special.ndtr(left.standard))
-        farther += np.einsum("wi,wi->i", weights[cut], beyond)
+        tail = special.chdtrc(subjects.degrees, left.distance)
+        cdf = special.ndtr(left.standard)
+        below += np.einsum("wi,wipj->ipj", weights[cut], cdf)
+        farther += np.einsum("wi,wi->i", weights[cut], tail)
     return Predicted(below, farther)

@@ -10,74 +10,110 @@ from numpy.typing import NDArray
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.priors import Named, draws_first
-from percept.inference.hierarchy.scales import Layout
+from percept.inference.hierarchy.scales import Layout, Scales
+
+__all__ = ["STATISTICS", "PriorDraws", "draw_prior", "replicate", "statistics_of"]
 
 Array = NDArray[np.float64]
+
+#: What `statistics_of` works out, in its order.
 STATISTICS = ("mean", "sd", "farthest")
 
 
-def draw_prior(
-    density: CollapsedDensity, draws: int, rng: np.random.Generator
-) -> tuple[Named, Array, Array]:
+@dataclasses.dataclass(frozen=True, eq=False)
+class PriorDraws:
+    """Draws of scales, population means and new users before any data."""
+
+    scales: Named
+    means: Array  # (draws, C)
+    users: Array  # (draws, C)
+
+
+def draw_prior(density: CollapsedDensity, draws: int, rng: np.random.Generator) -> PriorDraws:
     """Draw scales, population means and new users before any data."""
-    statistics, priors = density.statistics, density.priors
+    statistics = density.statistics
+    priors = density.priors
     # Without observed scatter every coordinate of log sigma is standard normal a priori, like the
     # rest.
     blank = dataclasses.replace(
-        statistics, sd=np.zeros_like(statistics.sd), trial_rows=np.zeros_like(statistics.trial_rows)
+        statistics,
+        sd=np.zeros_like(statistics.sd),
+        trial_rows=np.zeros_like(statistics.trial_rows),
     )
     layout = Layout(blank, priors, density.layout.options)
     scales = layout.scales(rng.standard_normal((layout.dimension, draws)))
-    size, environments = layout.parameters, layout.environments
-    beta = np.repeat(priors.alpha_sd * rng.standard_normal((size, 1, draws)), environments, axis=1)
+    alpha = priors.alpha_sd * rng.standard_normal((layout.parameters, 1, draws))
+    beta = np.repeat(alpha, layout.environments, axis=1)
     if scales.tau is not None:
-        gamma = priors.gamma_sd * rng.standard_normal((size, 1, draws))
+        gamma = priors.gamma_sd * rng.standard_normal(alpha.shape)
         beta += gamma * statistics.x[..., None]
         beta += np.stack(scales.tau)[:, None] * rng.standard_normal(beta.shape)
     user = beta.copy()
     for column in scales.between.factor_columns():
         user += np.stack(column) * rng.standard_normal(beta.shape[1:])
-    for column in scales.shared.factor_columns() if scales.shared is not None else ():
-        user += np.stack(column)[:, None] * rng.standard_normal(beta.shape[1:])
-    return draws_first(scales.named), beta.reshape(-1, draws).T, user.reshape(-1, draws).T
+    if scales.shared is not None:
+        for column in scales.shared.factor_columns():
+            user += np.stack(column)[:, None] * rng.standard_normal(beta.shape[1:])
+    return PriorDraws(
+        scales=draws_first(scales.named),
+        means=beta.reshape(-1, draws).T,
+        users=user.reshape(-1, draws).T,
+    )
 
 
 def statistics_of(cell_means: Array) -> Array:
-    """Mean, SD, and the farthest subject's distance from the mean in SDs, of every cell."""
+    """Mean, SD, and the farthest subject's distance from the mean in SDs, of every cell.
+
+    Parameters
+    ----------
+    cell_means : ndarray
+        Shape (..., N, P, J); NaN where a subject has none.
+
+    Returns
+    -------
+    ndarray
+        Shape (..., 3, P, J), NaN where subjects are too few.
+    """
     present = np.isfinite(cell_means)
     n = present.sum(axis=-3)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.where(present, cell_means, 0.0).sum(axis=-3) / n
-        off = np.where(present, cell_means - mean[..., None, :, :], 0.0)
-        sd = np.sqrt(np.square(off).sum(axis=-3) / (n - 1.0))
-        farthest = np.where(n > 2, np.abs(off).max(axis=-3) / sd, np.nan)
-    return np.stack([mean, np.where(n > 1, sd, np.nan), farthest], axis=-3)
+        deviation = np.where(present, cell_means - mean[..., None, :, :], 0.0)
+        squares = np.square(deviation).sum(axis=-3)
+        sd = np.sqrt(squares / (n - 1.0))
+        farthest = np.abs(deviation).max(axis=-3) / sd
+    sd = np.where(n > 1, sd, np.nan)
+    farthest = np.where(n > 2, farthest, np.nan)
+    return np.stack([mean, sd, farthest], axis=-3)
 
 
 def replicate(subjects: SubjectDensity, points: Array, rng: np.random.Generator) -> Array:
-    """Statistics of new studies of the same design, one per draw."""
-    density, studies = subjects.density, []
+    """Statistics of new studies of the same design, one per draw (S, d): shape (S, 3, P, J)."""
+    parts = []
     for _, scales in subjects.batches(points):
-        beta = density.locations(scales).draw(rng)
-        width = beta.shape[-1]
-        drawn = np.full(
-            (width, subjects.subjects, subjects.parameters, subjects.environments), np.nan
-        )
-        for pattern, cell in zip(
-            density.statistics.patterns, density.cell_blocks(scales), strict=True
-        ):
-            shape = (pattern.subjects, pattern.environments.size, width)
-            values = np.broadcast_to(
-                beta[:, None, pattern.environments], (subjects.parameters, *shape)
-            ).copy()
-            for column in cell.factor_columns():
-                values += np.stack(column)[:, None] * rng.standard_normal(shape)
-            for column in scales.shared.factor_columns() if scales.shared is not None else ():
-                values += np.stack(column)[:, None, None] * rng.standard_normal(
-                    (shape[0], 1, width)
-                )
-            drawn[:, pattern.members[:, None], :, pattern.environments] = values.transpose(
-                1, 2, 3, 0
-            )
-        studies.append(statistics_of(drawn))
-    return np.concatenate(studies)
+        parts.append(statistics_of(_new_studies(subjects, scales, rng)))
+    return np.concatenate(parts)
+
+
+def _new_studies(subjects: SubjectDensity, scales: Scales, rng: np.random.Generator) -> Array:
+    """Draw cell means of all subjects at W sets of scales, (W, N, P, J); NaN where none was measured."""
+    density = subjects.density
+    beta = density.locations(scales).draw(rng)
+    size, environments, width = beta.shape
+    drawn = np.full((width, subjects.subjects, size, environments), np.nan)
+    blocks = density.cell_blocks(scales)
+    for pattern, cell in zip(density.statistics.patterns, blocks, strict=True):
+        present = pattern.environments
+        shape = (pattern.subjects, present.size, width)
+        means = beta[:, None, present]
+        values = np.broadcast_to(means, (size, *shape)).copy()
+        for column in cell.factor_columns():
+            values += np.stack(column)[:, None] * rng.standard_normal(shape)
+        if scales.shared is not None:
+            for column in scales.shared.factor_columns():
+                effect = rng.standard_normal((pattern.subjects, 1, width))
+                values += np.stack(column)[:, None, None] * effect
+        # numpy puts the axes of two lists of indices first.
+        by_cell = values.transpose(1, 2, 3, 0)
+        drawn[:, pattern.members[:, None], :, present] = by_cell
+    return drawn

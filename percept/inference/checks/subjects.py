@@ -20,17 +20,20 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block, SharedCovariance
+from percept.inference.hierarchy.blocks import Block, SharedCovariance, cholesky
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.scales import Scales
 
+__all__ = ["LeftOut", "SubjectDensity"]
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+
 _LOG_2PI = math.log(2.0 * math.pi)
 #: Numbers in the largest temporary of a batch of draws.
 _BATCH = 1 << 20
 #: Smallest eigenvalue of K, which is 1 - 1/N or so, that is not rounding.
-_LEAST = 1e-12
+_LEAST_EIGENVALUE = 1e-12
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -49,21 +52,28 @@ class LeftOut:
 class SubjectDensity:
     """Densities of subjects' data under a hierarchical model.
 
-    Responses are (trials, P), subject and environment of each trial are indices (trials,).
+    Parameters
+    ----------
+    density : CollapsedDensity
+        The model.
+    response : ndarray
+        One row per trial, on the response scale, shape (trials, P).
+    subject, environment : ndarray of int
+        Number of the subject and of the environment of each trial, shape (trials,).
     """
 
     def __init__(
         self, density: CollapsedDensity, response: Array, subject: Indices, environment: Indices
     ) -> None:
         self.density = density
-        statistics = density.statistics
-        self._means = statistics.cell_means
+        self._means = density.statistics.cell_means
         subjects, self.parameters, self.environments = self._means.shape
+        shape = (subjects, self.environments)
         cell = subject * self.environments + environment
-        cells = subjects * self.environments
-        self._counts = np.bincount(cell, minlength=cells).reshape(subjects, self.environments)
-        scatter = _trial_scatter(response - self._means[subject, :, environment], cell, cells)
-        self._trials = [part.reshape(subjects, self.environments) for part in scatter]
+        counts = np.bincount(cell, minlength=subjects * self.environments)
+        self._counts = counts.reshape(shape)
+        deviation = response - self._means[subject, :, environment]
+        self._scatter = _CellScatter.of(deviation, cell, shape)
 
     @property
     def subjects(self) -> int:
@@ -73,7 +83,8 @@ class SubjectDensity:
     @property
     def degrees(self) -> Array:
         """Numbers a subject contributes: cells times parameters, shape (N,)."""
-        return (self._counts > 0).sum(axis=1) * float(self.parameters)
+        cells = (self._counts > 0).sum(axis=1)
+        return cells * float(self.parameters)
 
     def batches(self, points: Array) -> Iterator[tuple[slice, Scales]]:
         """Cut draws (S, d), with the scales of each cut: temporaries stay small in studies of any size."""
@@ -84,21 +95,29 @@ class SubjectDensity:
             yield cut, self.density.layout.scales(np.ascontiguousarray(points[cut].T))
 
     def left_out(self, scales: Scales) -> LeftOut:
-        """Predictive law of each subject's data given scales and the other subjects' data."""
+        """Predictive law of each subject's data given W sets of scales and the other subjects' data."""
         law = self.density.locations(scales)
-        mean, columns = np.stack(law.mean), law.columns()
+        mean = np.stack(law.mean)
+        columns = law.columns()
         width = scales.log_prior.size
         predicted = LeftOut(
-            np.empty((width, self.subjects)),
-            np.empty((width, self.subjects)),
-            np.full((width, *self._means.shape), np.nan),
+            log_density=np.empty((width, self.subjects)),
+            distance=np.empty((width, self.subjects)),
+            standard=np.full((width, *self._means.shape), np.nan),
         )
         cells = self.density.cell_blocks(scales)
         for pattern, cell in zip(self.density.statistics.patterns, cells, strict=True):
-            at, present = pattern.members, pattern.environments
-            apart = self._means[at][..., present, None] - mean[:, present]
-            _leave_out(predicted, at, present, apart, columns[:, :, present], cell, scales.shared)
-        predicted.log_density[...] += self._between_trials(scales) - 0.5 * _LOG_2PI * self.degrees
+            members = pattern.members
+            present = pattern.environments
+            residual = self._means[members][..., present, None] - mean[:, present]
+            part = _leave_out(residual, columns[:, :, present], cell, scales.shared)
+            predicted.log_density[:, members] = part.log_density
+            predicted.distance[:, members] = part.distance
+            # numpy puts the axes of two lists of indices first.
+            by_cell = part.standard.transpose(1, 3, 0, 2)
+            predicted.standard[:, members[:, None], :, present] = by_cell
+        trials = self._between_trials(scales) - 0.5 * _LOG_2PI * self.degrees
+        predicted.log_density[...] += trials
         return predicted
 
     def _between_trials(self, scales: Scales) -> Array | float:
@@ -106,83 +125,95 @@ class SubjectDensity:
         trial = self.density.trial_block(scales)
         if trial is None:
             return 0.0
-        counts = self._counts
-        first, slope, left = (part[..., None] for part in self._trials)
+        first = self._scatter.first[..., None]
         squares = first / trial.variances[0]
         if trial.slope is not None:
-            tilt = slope - trial.slope
-            squares = squares + (left + first * tilt * tilt) / trial.variances[1]
-        extra = np.maximum(counts - 1.0, 0.0)
-        constant = self.parameters * (
-            extra.sum(axis=1) * _LOG_2PI + np.log(np.maximum(counts, 1)).sum(axis=1)
-        )
-        return -0.5 * (squares.sum(axis=1) + extra @ trial.log_determinant() + constant[:, None]).T
+            tilt = self._scatter.slope[..., None] - trial.slope
+            rest = self._scatter.rest[..., None] + first * tilt * tilt
+            squares = squares + rest / trial.variances[1]
+        extra = np.maximum(self._counts - 1.0, 0.0)
+        log_counts = np.log(np.maximum(self._counts, 1)).sum(axis=1)
+        constant = self.parameters * (extra.sum(axis=1) * _LOG_2PI + log_counts)
+        determinants = extra @ trial.log_determinant()
+        return -0.5 * (squares.sum(axis=1) + determinants + constant[:, None]).T
 
 
-def _leave_out(
-    predicted: LeftOut,
-    at: Indices,
-    present: Indices,
-    apart: Array,
-    columns: Array,
-    cell: Block,
-    shared: Block | None,
-) -> None:
-    """Fill in the subjects of one pattern: `apart` (I, P, E, W) and `columns` (R, P, E, W) are r and B."""
+def _leave_out(residual: Array, columns: Array, cell: Block, shared: Block | None) -> LeftOut:
+    """Predict the I subjects of one pattern: `residual` (I, P, E, W) is r, `columns` (R, P, E, W) B."""
     covariance = SharedCovariance(cell, shared)
-    whitened, g = _whitened(covariance, apart), _whitened(covariance, columns)
-    factor, lost = _factor(np.eye(len(columns)) - np.matmul(g.transpose(0, 2, 1), g))
+    whitened = _whitened(covariance, residual)
+    g = _whitened(covariance, columns)
+    transposed = g.transpose(0, 2, 1)
+    factor = _factor(np.eye(len(columns)) - np.matmul(transposed, g))
     flat = columns.reshape(len(columns), -1, columns.shape[-1]).transpose(2, 0, 1)
-    right = np.concatenate([np.matmul(g.transpose(0, 2, 1), whitened), flat], axis=2)
+    right = np.concatenate([np.matmul(transposed, whitened), flat], axis=2)
     solved = np.linalg.solve(factor, right)
-    shift, root = solved[..., : at.size], solved[..., at.size :]
+    shift = solved[..., : len(residual)]
+    root = solved[..., len(residual) :]
     distance = np.square(whitened).sum(axis=1) + np.square(shift).sum(axis=1)
     log_diagonal = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
     log_determinant = covariance.log_determinant() - 2.0 * log_diagonal
-    predicted.log_density[:, at] = -0.5 * (log_determinant[:, None] + distance)
-    predicted.distance[:, at] = distance
-    variances = [cell.diagonal()] if shared is None else [cell.diagonal(), shared.diagonal()]
-    own = np.stack(
-        [np.broadcast_to(sum(parts), apart.shape[2:]) for parts in zip(*variances, strict=True)]
+    shape = (len(factor), *residual.shape[1:3], -1)
+    learned = np.matmul(root.transpose(0, 2, 1), shift).reshape(shape)
+    difference = residual.transpose(3, 1, 2, 0) + learned
+    variance = _variances(cell, shared, residual.shape[2:]).transpose(2, 0, 1)
+    variance = variance + np.square(root).sum(axis=1).reshape(shape[:3])
+    standard = difference / np.sqrt(variance)[..., None]
+    return LeftOut(
+        log_density=-0.5 * (log_determinant[:, None] + distance),
+        distance=distance,
+        standard=standard.transpose(0, 3, 1, 2),
     )
-    shape = (len(factor), *apart.shape[1:3], -1)
-    off = apart.transpose(3, 1, 2, 0) + np.matmul(root.transpose(0, 2, 1), shift).reshape(shape)
-    variance = own.transpose(2, 0, 1) + np.square(root).sum(axis=1).reshape(shape[:3])
-    standard = off / np.sqrt(variance)[..., None]
-    predicted.standard[:, at[:, None], :, present] = standard.transpose(3, 2, 0, 1)
-    for values in (predicted.log_density, predicted.distance, predicted.standard):
-        values[np.ix_(lost, at)] = np.nan
 
 
-def _factor(matrices: Array) -> tuple[Array, Indices]:
-    """Lower factors of (W, R, R) matrices, and the indices of those that rounding left without one."""
-    lost: Indices = np.empty(0, dtype=np.intp)
-    try:
-        factor = np.linalg.cholesky(matrices)
-    except np.linalg.LinAlgError:
-        lost = np.flatnonzero(~(np.linalg.eigvalsh(matrices)[:, 0] > _LEAST))
-        matrices[lost] = np.eye(matrices.shape[-1])
-        factor = np.linalg.cholesky(matrices)
-    return np.asarray(factor, dtype=float), lost
+def _variances(cell: Block, shared: Block | None, shape: tuple[int, ...]) -> Array:
+    """Variances of a subject's cell means about the locations, (P, E, W)."""
+    own = cell.diagonal()
+    if shared is not None:
+        own = tuple(a + b for a, b in zip(own, shared.diagonal(), strict=True))
+    return np.stack([np.broadcast_to(part, shape) for part in own])
+
+
+def _factor(matrices: Array) -> Array:
+    """Lower factors of (W, R, R) matrices, NaN of all that are singular but for rounding."""
+    factor = cholesky(matrices)
+    if np.isnan(factor).any():
+        smallest = np.linalg.eigvalsh(matrices)[:, 0]
+        factor[~(smallest > _LEAST_EIGENVALUE)] = np.nan
+    return factor
 
 
 def _whitened(covariance: SharedCovariance, vectors: Array) -> Array:
     """Rows of V^(-1/2) times vectors (n, P, E, W): (W, rows, n)."""
-    count, width = len(vectors), vectors.shape[-1]
+    count = len(vectors)
+    width = vectors.shape[-1]
     pieces = covariance.whiten(tuple(vectors.transpose(1, 0, 2, 3)))
     rows = [part.reshape(count, -1, width) for piece in pieces for part in piece]
     return np.concatenate(rows, axis=1).transpose(2, 1, 0)
 
 
-def _trial_scatter(deviation: Array, cell: Indices, cells: int) -> list[Array]:
-    """Scatter between trials per cell: of the first parameter, slope of the second on it, what is left."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class _CellScatter:
+    """Scatter between the trials of every cell, all (N, J), as a regression on the first parameter."""
 
-    def total(values: Array) -> Array:
-        return np.asarray(np.bincount(cell, weights=values, minlength=cells), dtype=float)
+    first: Array  # Sum of squares of the first parameter
+    slope: Array  # Of the second parameter on the first
+    rest: Array  # Sum of squares that leaves of the second
 
-    first = total(deviation[:, 0] ** 2)
-    if deviation.shape[1] == 1:
-        return [first, np.zeros(cells), np.zeros(cells)]
-    cross = total(deviation[:, 0] * deviation[:, 1])
-    slope = np.divide(cross, first, out=np.zeros(cells), where=first > 0)
-    return [first, slope, total((deviation[:, 1] - slope[cell] * deviation[:, 0]) ** 2)]
+    @classmethod
+    def of(cls, deviation: Array, cell: Indices, shape: tuple[int, int]) -> _CellScatter:
+        """Sum over trials: deviations (trials, P) and the number of the cell of each."""
+
+        def total(values: Array) -> Array:
+            sums = np.bincount(cell, weights=values, minlength=math.prod(shape))
+            return np.asarray(sums, dtype=float)
+
+        first = total(deviation[:, 0] ** 2)
+        slope = np.zeros_like(first)
+        rest = np.zeros_like(first)
+        if deviation.shape[1] > 1:
+            cross = total(deviation[:, 0] * deviation[:, 1])
+            np.divide(cross, first, out=slope, where=first > 0)
+            residual = deviation[:, 1] - slope[cell] * deviation[:, 0]
+            rest = total(residual**2)
+        return cls(first.reshape(shape), slope.reshape(shape), rest.reshape(shape))

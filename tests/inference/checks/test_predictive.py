@@ -41,7 +41,8 @@ def test_draws_have_their_priors(name):
     study = designs.study(name, rng)
     density = CollapsedDensity(study.statistics, OTHER)
     draws = 20_000
-    named, means, users = draw_prior(density, draws, rng)
+    prior = draw_prior(density, draws, rng)
+    named, means, users = prior.scales, prior.means, prior.users
     known = laws(OTHER)
     for key, (dimensions, value) in named.items():
         assert len(dimensions) == value.ndim - 1
@@ -72,7 +73,8 @@ def test_draws_have_their_priors(name):
 def test_users_of_one_draw_are_correlated_as_the_draw_says():
     rng = np.random.default_rng(32)
     density = CollapsedDensity(designs.study("one environment", rng).statistics)
-    named, means, users = draw_prior(density, 20_000, rng)
+    prior = draw_prior(density, 20_000, rng)
+    named, means, users = prior.scales, prior.means, prior.users
     off = (users - means) / named["sigma"][1][:, :, 0]
     rho = named["rho_w"][1]
     left = (off[:, 1] - rho * off[:, 0]) / np.sqrt(1.0 - rho**2)
