@@ -12,24 +12,28 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
-from percept.bench.measure import in_a_process, print_result
+from percept.bench.measure import Printed, in_a_process, print_result
 from percept.calibration.studies import Checkpoint
 from percept.errors import RefusalError, UsageError
 
 if TYPE_CHECKING:
     from percept.inference.hierarchy.statistics import Statistics
 
-#: Times the allowed time, and seconds at least, after which a fit is given up.
-_PATIENCE, _LEAST_PATIENCE = 10.0, 300.0
-#: Seconds that nutpie samples, and that its process may take with compiling.
-_SAMPLING, _PEER_PATIENCE = 180.0, 900.0
+__all__ = ["DESIGNS", "DesignCost", "StudyDesign", "design_costs", "simulated", "summary"]
+
+_PATIENCE = 10.0  # Times the allowed time after which a fit is given up
+_LEAST_PATIENCE = 300.0  # s, at least: a loaded machine is slow
+_SAMPLING = 180.0  # s that nutpie samples
+_PEER_PATIENCE = 900.0  # s that its process may take, with compiling
 _KINDS = 2  # mean and user: their limits are compared
+_FAR = 3.0  # Combined errors that a difference is counted beyond
+_MUCH_MEMORY = 1000.0  # MB
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +60,7 @@ class StudyDesign:
 
 
 _K: tuple[Literal["k"]] = ("k",)
-_WEAK = 0.02  # trials scatter five times as much as subjects
+_WEAK = 0.02  # Trials scatter five times as much as subjects
 DESIGNS = {
     "6x3x1": StudyDesign(6, 3, (1, 1), 3.0),
     "12x8x1": StudyDesign(12, 8, (1, 1), 4.0),
@@ -137,57 +141,81 @@ def design_costs(
     out: str | Path | None = None,
     log: Callable[[str], None] = lambda line: None,
 ) -> list[DesignCost]:
-    """Fit every design with every seed, each in a process of its own; nutpie on the data of the first seed.
+    """Fit designs, each in a process of its own; let nutpie sample the data of the first seed.
 
-    What is done is kept line by line in `out`, and taken from there: nutpie's too where it is not
-    asked for.
+    Parameters
+    ----------
+    names : sequence of str, optional
+        Of `DESIGNS`; all of them by default.
+    seeds : sequence of int
+        One study of each.
+    peer : bool
+        Whether nutpie runs where its result is not kept yet.
+    out : str or Path, optional
+        Folder that keeps what is done, line by line, and what is taken from there.
+    log : callable
+        Told of each process.
+
+    Returns
+    -------
+    list of DesignCost
+        Design by design, seed by seed.
+
+    Raises
+    ------
+    UsageError
+        A name that is no design.
     """
     for name in names:
         if name not in DESIGNS:
-            raise UsageError(
-                f"no such design; there are {', '.join(DESIGNS)}.", key="--rows", value=name
-            )
+            message = f"no such design; there are {', '.join(DESIGNS)}."
+            raise UsageError(message, key="--rows", value=name)
+    kept = _Kept(Path(out) / "designs.jsonl" if out else None, log)
     rows = []
     for name in names or DESIGNS:
+        design = DESIGNS[name]
         for seed in seeds:
-            fit = _kept("fit", name, seed, out, log)
-            theirs = _kept(
-                "peer", name, seed, out, log, run=peer and DESIGNS[name].peer and seed == seeds[0]
+            fit = kept.result("fit", name, seed)
+            assert fit is not None
+            fitted = fit["cost"]["steps"] > 0
+            row = DesignCost(
+                name,
+                seed,
+                design.allowed,
+                in_time=fitted and fit["cost"]["processor_s"] <= design.allowed,
+                in_wall_time=fitted and fit["cost"]["wall_s"] <= design.allowed,
+                **fit["cost"],
             )
-            found = _compared(fit, theirs) if theirs else {}
-            allowed, cost = DESIGNS[name].allowed, fit["cost"]
-            fitted = cost["steps"] > 0
-            in_time = fitted and cost["processor_s"] <= allowed
-            in_wall_time = fitted and cost["wall_s"] <= allowed
-            rows.append(DesignCost(name, seed, allowed, in_time, in_wall_time, **cost, **found))
+            run = peer and design.peer and seed == seeds[0]
+            theirs = kept.result("peer", name, seed, run=run)
+            rows.append(_compared(row, fit, theirs) if theirs else row)
     return rows
 
 
-def _kept(
-    task: str,
-    name: str,
-    seed: int,
-    out: str | Path | None,
-    log: Callable[[str], None],
-    *,
-    run: bool = True,
-) -> dict[str, Any]:
-    """Take the result of one process from the file of `out`, or run the process; empty without either."""
-    file = Path(out) / "designs.jsonl" if out else None
-    checkpoint = Checkpoint(file, f"{name} {task} {DESIGNS[name].plan}", what="measured")
-    kept = checkpoint.read(seed + 1)
-    if seed not in kept and run:
-        log(f"{name}, seed {seed}: {task}")
-        kept[seed] = _measured(task, name, seed)
-        checkpoint.append(seed, kept[seed])
-    return kept.get(seed, {})
+@dataclasses.dataclass(frozen=True)
+class _Kept:
+    """Results of processes, kept in a file as they are measured."""
+
+    file: Path | None
+    log: Callable[[str], None]
+
+    def result(self, task: str, name: str, seed: int, *, run: bool = True) -> Printed | None:
+        """Take the result of one process from the file, or run the process; None without either."""
+        plan = f"{name} {task} {DESIGNS[name].plan}"
+        checkpoint = Checkpoint(self.file, plan, what="measured")
+        results = checkpoint.read(seed + 1)
+        if seed not in results and run:
+            self.log(f"{name}, seed {seed}: {task}")
+            results[seed] = _measured(task, name, seed)
+            checkpoint.append(seed, results[seed])
+        return results.get(seed)
 
 
-def _measured(task: str, name: str, seed: int) -> dict[str, Any]:
+def _measured(task: str, name: str, seed: int) -> Printed:
     """Fit one study, or let nutpie sample it, in a process of its own; only the time where that fails."""
-    patience = (
-        max(_PATIENCE * DESIGNS[name].allowed, _LEAST_PATIENCE) if task == "fit" else _PEER_PATIENCE
-    )
+    patience = _PEER_PATIENCE
+    if task == "fit":
+        patience = max(_PATIENCE * DESIGNS[name].allowed, _LEAST_PATIENCE)
     begun = time.perf_counter()
     try:
         return in_a_process(__name__, [task, name, seed], timeout=patience)
@@ -200,73 +228,97 @@ def _measured(task: str, name: str, seed: int) -> dict[str, Any]:
         return {"cost": {"wall_s": wall, **lost, **unknown}}
 
 
-def _compared(fit: Mapping[str, Any], peer: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what nutpie took, and how far its limits lie from ours in combined errors."""
+def _compared(row: DesignCost, fit: Printed, peer: Printed) -> DesignCost:
+    """Add what nutpie took, and how far its limits lie from percept's in combined errors."""
+    row = dataclasses.replace(row, **peer["cost"])
     if "value" not in fit or "value" not in peer:
-        return dict(peer["cost"])
-    ours, theirs = np.array(fit["error"]), np.array(peer["error"])
-    z = np.abs(np.array(fit["value"]) - peer["value"]) / np.hypot(ours, theirs)
-    return dict(peer["cost"]) | {
-        "peer_error": float(np.median(theirs / ours)), "z_square": float(np.mean(z**2)),
-        "z_beyond_3": int((z > 3.0).sum()), "z_largest": float(z.max()), "compared": z.size,
-    }  # fmt: skip
+        return row
+    ours = np.array(fit["error"])
+    theirs = np.array(peer["error"])
+    difference = np.array(fit["value"]) - np.array(peer["value"])
+    z = np.abs(difference) / np.hypot(ours, theirs)
+    return dataclasses.replace(
+        row,
+        peer_error=float(np.median(theirs / ours)),
+        z_square=float(np.mean(z**2)),
+        z_beyond_3=int((z > _FAR).sum()),
+        z_largest=float(z.max()),
+        compared=z.size,
+    )
 
 
 def summary(rows: Sequence[DesignCost]) -> list[str]:
     """Say over all designs what the table shows of each."""
-    lines = []
-    for what, kept in (
-        ("pass the gate", [row.passed for row in rows]),
-        ("end within their time by processor time", [row.in_time for row in rows]),
-        ("stay below 1 GB of memory", [row.peak_mb < 1000.0 for row in rows]),
-    ):
-        others = [
-            f"{row.design} (seed {row.seed})"
-            for row, one in zip(rows, kept, strict=True)
-            if not one
-        ]
-        rest = f"; not {', '.join(others)}" if others else ""
-        lines.append(f"{sum(kept)} of {len(rows)} fits {what}{rest}.")
     on_wall = sum(row.in_wall_time for row in rows)
-    lines.append(
+    wall = sum(row.wall_s for row in rows)
+    processor = np.nansum([row.processor_s for row in rows])
+    peer = sum(row.peer_s or 0.0 for row in rows)
+    lines = [
+        _counted(rows, "pass the gate", [row.passed for row in rows]),
+        _counted(rows, "end within their time by processor time", [row.in_time for row in rows]),
+        _counted(rows, "stay below 1 GB of memory", [row.peak_mb < _MUCH_MEMORY for row in rows]),
         f"By wall time, {on_wall} of {len(rows)} fits end within their time: other work on the"
-        " machine counts there."
-    )
-    lines.append(
-        f"Together the fits took {sum(row.wall_s for row in rows):,.0f} s of wall time and"
-        f" {np.nansum([row.processor_s for row in rows]):,.0f} s of processor time, and nutpie's"
-        f" sampling {sum(row.peer_s or 0.0 for row in rows):,.0f} s. Rows are kept as they are"
-        " measured: the run named above may have measured only some of them, or none."
-    )
+        " machine counts there.",
+        f"Together the fits took {wall:,.0f} s of wall time and {processor:,.0f} s of processor"
+        f" time, and nutpie's sampling {peer:,.0f} s. Rows are kept as they are measured: the run"
+        " named above may have measured only some of them, or none.",
+    ]
     compared = [row for row in rows if row.z_square is not None]
     if compared:
-        counts = np.array([row.compared for row in compared], dtype=float)
-        square, beyond = np.array(
-            [(row.z_square, row.z_beyond_3) for row in compared], dtype=float
-        ).T
-        lines.append(
-            f"Against nutpie, {counts.sum():.0f} limits of kinds mean and user: differences over"
-            " combined errors have a root mean square of"
-            f" {math.sqrt(np.average(square, weights=counts)):.2f};"
-            f" {beyond.sum() / counts.sum():.2%} exceed 3; the largest is"
-            f" {max(row.z_largest or 0.0 for row in compared):.2f}. The limits follow from nutpie's"
-            " draws of the scales by the conditional normal laws of the locations."
-        )
-        coarse = [row.design for row in compared if (row.peer_error or 0.0) > 1.0]
-        lines.append(
-            f"Nutpie's own error exceeds percept's in {', '.join(coarse) or 'none of them'}."
-        )
+        lines += _against_nutpie(compared)
     done = {row.design for row in compared}
-    if alone := [name for name in dict.fromkeys(row.design for row in rows) if name not in done]:
+    alone = [name for name in dict.fromkeys(row.design for row in rows) if name not in done]
+    if alone:
         lines.append(f"Nutpie has not run, or gave no limits to compare, on {', '.join(alone)}.")
     return lines
+
+
+def _counted(rows: Sequence[DesignCost], what: str, true: Sequence[bool]) -> str:
+    """Say of how many fits something is true, and name the others."""
+    others = []
+    for row, kept in zip(rows, true, strict=True):
+        if not kept:
+            others.append(f"{row.design} (seed {row.seed})")
+    rest = f"; not {', '.join(others)}" if others else ""
+    return f"{sum(true)} of {len(rows)} fits {what}{rest}."
+
+
+def _against_nutpie(rows: Sequence[DesignCost]) -> list[str]:
+    """Say how far nutpie's limits lie from percept's, over rows that compare them."""
+    counts = np.array([row.compared for row in rows], dtype=float)
+    squares = np.array([row.z_square for row in rows], dtype=float)
+    beyond = sum(row.z_beyond_3 or 0 for row in rows)
+    largest = max(row.z_largest or 0.0 for row in rows)
+    limits = counts.sum()
+    coarse = [row.design for row in rows if (row.peer_error or 0.0) > 1.0]
+    return [
+        f"Against nutpie, {limits:.0f} limits of kinds mean and user: differences over combined"
+        " errors have a root mean square of"
+        f" {math.sqrt(np.average(squares, weights=counts)):.2f}; {beyond / limits:.2%} exceed 3;"
+        f" the largest is {largest:.2f}. The limits follow from nutpie's draws of the scales by the"
+        " conditional normal laws of the locations.",
+        f"Nutpie's own error exceeds percept's in {', '.join(coarse) or 'none of them'}.",
+    ]
 
 
 # One process
 
 
 def simulated(design: StudyDesign, seed: int) -> Statistics:
-    """Statistics of a study drawn from the model: omega 0.2, tau 0.05, sigma_u 0.1 at either parameter."""
+    """Simulate a study: omega 0.2, tau 0.05, sigma_u 0.1 at either parameter.
+
+    Parameters
+    ----------
+    design : StudyDesign
+        Its shape and scatter.
+    seed : int
+        Of the data.
+
+    Returns
+    -------
+    Statistics
+        What the density reads.
+    """
     from percept.scene import Scene
     from percept.sessions import Sessions
     from percept.simulate.model import Design, Hyperparameters, draw_environments, simulate
@@ -276,20 +328,32 @@ def simulated(design: StudyDesign, seed: int) -> Statistics:
     rng = np.random.default_rng([seed, *shape])
     trials = rng.integers(design.trials[0], design.trials[1] + 1, shape)
     trials[rng.random(shape) < design.missing] = 0
-    references = np.stack(
-        [np.geomspace(*ends, design.environments) for ends in ((1e3, 5e4), (1.0, 50.0))], axis=1
-    )[:, : len(design.parameters)]
+    stiffness = np.geomspace(1e3, 5e4, design.environments)
+    damping = np.geomspace(1.0, 50.0, design.environments)
+    size = len(design.parameters)
+    references = np.stack([stiffness, damping], axis=1)[:, :size]
     plan = Design(references, trials, design.parameters)
 
     def same(value: float) -> Any:
-        return np.full(len(design.parameters), value)
+        return np.full(size, value)
 
-    rho, repeated = design.correlation * (len(design.parameters) == 2), float(plan.repeated)
+    correlation = design.correlation if size == 2 else 0.0
+    repeated = float(plan.repeated)
     hyper = Hyperparameters(
-        alpha=same(0.05), gamma=same(0.02), tau=same(0.05), sigma_u=same(0.1), rho_u=rho,
-        s=same(design.sigma_w), kappa=same(0.0), omega=same(0.2), rho_w=rho,
-        s_e=same(design.sigma_e * repeated), kappa_e=same(0.0), omega_e=same(0.2 * repeated), rho_e=rho,
-    )  # fmt: skip
+        alpha=same(0.05),
+        gamma=same(0.02),
+        tau=same(0.05),
+        sigma_u=same(0.1),
+        rho_u=correlation,
+        s=same(design.sigma_w),
+        kappa=same(0.0),
+        omega=same(0.2),
+        rho_w=correlation,
+        s_e=same(design.sigma_e * repeated),
+        kappa_e=same(0.0),
+        omega_e=same(0.2 * repeated),
+        rho_e=correlation,
+    )
     table = simulate(draw_environments(hyper, plan, rng), plan, rng, family=design.family)
     of_outlier = table["subject"] == plan.subjects[0]
     for name in design.parameters:
@@ -299,7 +363,7 @@ def simulated(design: StudyDesign, seed: int) -> Statistics:
     return model.statistics
 
 
-def _fit(statistics: Statistics, seed: int) -> dict[str, Any]:
+def _fit(statistics: Statistics, seed: int) -> Printed:
     """Fit to the default tolerance; limits of kinds mean and user, and what they cost."""
     import resource
 
@@ -308,24 +372,32 @@ def _fit(statistics: Statistics, seed: int) -> dict[str, Any]:
     from percept.inference.sampling.gate import Settings
     from percept.inference.sampling.run import sample
 
-    started, before = time.perf_counter(), time.process_time()
+    started = time.perf_counter()
+    before = time.process_time()
     model = CollapsedDensity(statistics)
     run = sample(model, IntervalEstimands(model), Settings(seed=seed))
-    wall, processor = time.perf_counter() - started, time.process_time() - before
-    gate, limits = run.gate, 2 * _KINDS * len(model.cells)
+    wall = time.perf_counter() - started
+    processor = time.process_time() - before
+    gate = run.gate
     cost = {
-        "coordinates": len(model.names), "wall_s": wall, "processor_s": processor, "steps": run.steps,
-        "tau": gate.autocorrelation_time, "rhat": gate.rhat, "worst_error": gate.worst_error,
-        "passed": gate.passed, "reasons": " ".join([*gate.reasons, gate.error_reached]).strip(),
+        "coordinates": len(model.names),
+        "wall_s": wall,
+        "processor_s": processor,
+        "steps": run.steps,
+        "tau": gate.autocorrelation_time,
+        "rhat": gate.rhat,
+        "worst_error": gate.worst_error,
+        "passed": gate.passed,
+        "reasons": " ".join([*gate.reasons, gate.error_reached]).strip(),
         "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-    }  # fmt: skip
-    return {
-        "cost": cost,
-        "value": run.estimates.value[:limits].tolist(), "error": run.errors[:limits].tolist(),
-    }  # fmt: skip
+    }
+    # The kinds mean and user come first, each with two limits of every cell.
+    limits = 2 * _KINDS * len(model.cells)
+    value = run.estimates.value[:limits]
+    return {"cost": cost, "value": value, "error": run.errors[:limits]}
 
 
-def main(task: str) -> None:
+def _main(task: str) -> None:
     """Do one task and print what it gave."""
     kind, name, seed = json.loads(task)
     statistics = simulated(DESIGNS[name], seed)
@@ -339,4 +411,4 @@ def main(task: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    _main(sys.argv[1])

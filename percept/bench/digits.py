@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import partial
-from itertools import cycle, islice
 from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.bench import twins as twin
-from percept.bench.twins import Levels
+from percept.bench.twins import Levels, Number
 from percept.inference import Moments
 from percept.inference.classical.trials import subject_means
 from percept.inference.hierarchy.blocks import Block, block
@@ -22,9 +20,20 @@ from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.scales import Scales
 from percept.inference.hierarchy.statistics import from_trials
 
+__all__ = [
+    "Digits",
+    "collapsed",
+    "density_digits",
+    "digits_of",
+    "digits_row",
+    "moment_digits",
+    "number_accuracy",
+    "small_large",
+]
+
 Array: TypeAlias = NDArray[np.float64]
-# mpmath numbers have no types.
-Number: TypeAlias = Any
+
+_MOST_DIGITS = 16.0  # A double has no more
 
 
 @dataclass(frozen=True)
@@ -50,61 +59,79 @@ class Digits:
 
 
 def digits_of(error: float) -> float:
-    """Decimal digits of a relative error, 0 to 16; none of NaN."""
-    return 0.0 if math.isnan(error) else min(16.0, max(0.0, -math.log10(max(error, 1e-300))))
+    """Return the decimal digits of a relative error, 0 to 16; none of NaN."""
+    if math.isnan(error):
+        return 0.0
+    digits = -math.log10(max(error, 1e-300))
+    return min(_MOST_DIGITS, max(0.0, digits))
 
 
 def digits_row(
     quantity: str, along: str, at: str | float, errors: list[float], promise: float
 ) -> Digits:
-    """One row of the table, from the relative errors of its cases."""
+    """Return one row of the table, from the relative errors of its cases."""
     worst = max(errors)
     return Digits(quantity, along, at, len(errors), digits_of(worst), worst / promise)
 
 
 # Means and SDs
 
-_ULPS = 4  # promised distance from the correctly rounded value
+_ULPS = 4  # Promised distance from the correctly rounded value
+_SAMPLE = 1000  # Values of a random sample
+_NUM_ACC = {2: "1", 3: "1000000", 4: "10000000"}  # Whole part of NIST's sets
+_SMALL_LARGE = ("1", "1000000", "1000000000000")  # The same of three sets each
+_REPLICATES = (21, 201, 2001)  # In each of the nine treatments
 
 
 def number_accuracy(which: int) -> tuple[Array, float, float]:
-    """NIST's NumAcc data set 1 to 4, its certified mean and SD."""
+    """Return NIST's NumAcc data set 1 to 4, its certified mean and SD."""
     if which == 1:
         return np.array([10000001.0, 10000003.0, 10000002.0]), 10000002.0, 1.0
-    whole = {2: "1", 3: "1000000", 4: "10000000"}[which]
-    texts = [f"{whole}.2", *islice(cycle((f"{whole}.1", f"{whole}.3")), 1000)]
+    whole = _NUM_ACC[which]
+    texts = [f"{whole}.2"] + [f"{whole}.1", f"{whole}.3"] * 500
     return np.array([float(text) for text in texts]), float(f"{whole}.2"), 0.1
 
 
 def small_large(which: int) -> tuple[Array, NDArray[np.int64], float]:
-    """NIST's one-way data set SmLs01 to SmLs09, and the certified SD within its nine treatments."""
-    whole = ("1", "1000000", "1000000000000")[(which - 1) // 3]
-    replicates = (21, 201, 2001)[(which - 1) % 3]
+    """Return NIST's one-way data set SmLs01 to SmLs09, its treatments, and the certified SD within them."""
+    size, length = divmod(which - 1, 3)
+    whole = _SMALL_LARGE[size]
+    replicates = _REPLICATES[length]
     texts = []
     for tenths in (4, 3, 5, 3, 5, 3, 5, 3, 5):
-        sides = (f"{whole}.{tenths - 1}", f"{whole}.{tenths + 1}")
-        texts += [f"{whole}.{tenths}", *islice(cycle(sides), replicates - 1)]
-    return np.array([float(text) for text in texts]), np.repeat(np.arange(9), replicates), 0.1
+        texts.append(f"{whole}.{tenths}")
+        texts += [f"{whole}.{tenths - 1}", f"{whole}.{tenths + 1}"] * (replicates // 2)
+    values = np.array([float(text) for text in texts])
+    return values, np.repeat(np.arange(9), replicates), 0.1
 
 
 def moment_digits(*, seed: int = 1) -> list[Digits]:
-    """Compare means and SDs with exact rational arithmetic."""
+    """Compare means and SDs with exact rational arithmetic.
+
+    Parameters
+    ----------
+    seed : int
+        Of the random samples.
+
+    Returns
+    -------
+    list of Digits
+        A row for each mean and each SD.
+    """
     random = np.random.default_rng(seed)
-    samples: dict[str, Array] = {
-        f"NumAcc{which}": number_accuracy(which)[0] for which in range(1, 5)
-    } | {
-        "offset 1e15": 1e15 + random.normal(size=1000),
-        "constant 0.1": np.full(1000, 0.1),
-        "denormal": np.asarray(5e-324 * random.integers(1, 1000, 1000)),
-        "huge": 1e308 * random.uniform(-1.0, 1.0, 1000),
-        "300 decades": random.normal(size=1000) * 10.0 ** random.integers(-150, 150, 1000),
+    samples = {f"NumAcc{which}": number_accuracy(which)[0] for which in range(1, 5)}
+    samples |= {
+        "offset 1e15": 1e15 + random.normal(size=_SAMPLE),
+        "constant 0.1": np.full(_SAMPLE, 0.1),
+        "denormal": np.asarray(5e-324 * random.integers(1, 1000, _SAMPLE)),
+        "huge": 1e308 * random.uniform(-1.0, 1.0, _SAMPLE),
+        "300 decades": random.normal(size=_SAMPLE) * 10.0 ** random.integers(-150, 150, _SAMPLE),
         "1e300, 1, -1e300": np.array([1e300, 1.0, -1e300]),
     }
     rows = []
     for name, values in samples.items():
         moments = Moments.from_values(values)
-        exact_mean = float(sum(map(Fraction, values.tolist()), Fraction(0)) / values.size)
-        rows.append(_moment_row("mean", name, moments.mean, exact_mean))
+        rows.append(_moment_row("mean", name, moments.mean, float(_exact_mean(values))))
         rows.append(_moment_row("SD", name, moments.sd, _exact_sd([values])))
     for which in range(1, 10):
         values, treatment, _ = small_large(which)
@@ -116,32 +143,42 @@ def moment_digits(*, seed: int = 1) -> list[Digits]:
 
 def _moment_row(quantity: str, name: str, ours: Any, exact: float) -> Digits:
     if exact:
-        error, promise = abs(float(ours) - exact) / abs(exact), _ULPS * math.ulp(exact) / abs(exact)
+        error = abs(float(ours) - exact) / abs(exact)
+        promise = _ULPS * math.ulp(exact) / abs(exact)
     else:
-        error, promise = 0.0 if ours == exact else math.inf, 1.0
+        error = 0.0 if ours == exact else math.inf
+        promise = 1.0
     return digits_row(quantity, "data set", name, [error], promise)
 
 
-def _exact_sd(groups: list[Array]) -> float:
-    """SD about the groups' means, correctly rounded."""
+def _exact_mean(values: Array) -> Fraction:
+    return sum(map(Fraction, values.tolist()), Fraction(0)) / values.size
+
+
+def _exact_sd(groups: Sequence[Array]) -> float:
+    """Return the SD about the groups' means, correctly rounded."""
     import mpmath
 
     total = Fraction(0)
+    freedom = -len(groups)
     for group in groups:
-        fractions = [Fraction(value) for value in group.tolist()]
-        mean = sum(fractions, Fraction(0)) / len(fractions)
-        total += sum(((value - mean) ** 2 for value in fractions), Fraction(0))
-    variance = total / (sum(group.size for group in groups) - len(groups))
+        mean = _exact_mean(group)
+        total += sum((Fraction(value) - mean) ** 2 for value in group.tolist())
+        freedom += group.size
+    variance = total / freedom
     with mpmath.workdps(60):
         return float(mpmath.sqrt(mpmath.mpf(variance.numerator) / variance.denominator))
 
 
 # The hierarchical model's density
 
-DENSITY_PROMISE = 1e-9  # largest error per unit of 1 + abs(log p)
-_ENVIRONMENTS, _TRIALS, _SUBJECTS = 3, 2, 10
-_PLAIN = Levels(between=0.2, shared=0.1, trial=0.05, tau=0.1, rest=0.5)
-_EXPONENTS = (-12, -8, -4, 0, 4, 8, 12)
+_DENSITY_PROMISE = 1e-9  # Largest error per unit of 1 + abs(log p)
+_ENVIRONMENTS = 3
+_TRIALS = 2
+_SUBJECTS = 10
+_ORDINARY = Levels(between=0.2, shared=0.1, trial=0.05, tau=0.1, rest=0.5)
+_TINY = Levels(between=1e-6, shared=1e-6, trial=1e-6, tau=1e-6, rest=0.5)
+_EXPONENTS = (-12, -8, -4, 0, 4, 8, 12)  # Of ten, of a variance
 Formula: TypeAlias = Callable[[Array, Array, Levels], float]
 
 
@@ -149,42 +186,19 @@ Formula: TypeAlias = Callable[[Array, Array, Levels], float]
 class _Case:
     along: str
     at: float
-    levels: Levels = _PLAIN
+    levels: Levels = _ORDINARY
     subjects: int = _SUBJECTS
     offset: float = 0.0
 
 
-def density_digits(
-    draws: int = 3, *, seed: int = 1, along: tuple[str, ...] = (), formula: Formula | None = None
-) -> list[Digits]:
-    """Compare log densities with 120-digit arithmetic, on random responses."""
-    rng = np.random.default_rng(seed)
-    x = np.tile(np.linspace(-1.5, 1.5, _ENVIRONMENTS), (2, 1))
-    rows = []
-    for case in _cases():
-        if along and case.along not in along:
-            continue
-        errors = []
-        for _ in range(draws):
-            response = case.offset + 0.3 * rng.standard_normal(
-                (case.subjects, _ENVIRONMENTS, _TRIALS, 2)
-            )
-            exact = twin.exact(response, x, case.levels)
-            errors.append(_density_error((formula or collapsed)(response, x, case.levels), exact))
-        rows.append(digits_row("log density", case.along, case.at, errors, DENSITY_PROMISE))
-    return rows
-
-
 def collapsed(response: Array, x: Array, levels: Levels) -> float:
-    """Percept's log density of responses (subjects, environments, trials, parameters)."""
+    """Return percept's log density of responses (subjects, environments, trials, parameters)."""
     subjects, environments, trials, size = response.shape
-    subject, environment, _ = (
-        axis.ravel() for axis in np.indices((subjects, environments, trials))
-    )
+    subject, environment, _ = np.indices((subjects, environments, trials))
     statistics = from_trials(
         response.reshape(-1, size),
-        subject,
-        environment,
+        subject.ravel(),
+        environment.ravel(),
         x,
         parameters=("k", "b"),
         environments=tuple(f"VE{j + 1}" for j in range(environments)),
@@ -193,30 +207,73 @@ def collapsed(response: Array, x: Array, levels: Levels) -> float:
 
     def level(sd: float, *shape: int) -> Block:
         rest = np.full(shape, levels.rest)
-        return block((np.full(shape, sd), np.full(shape, sd)), 1.0 - rest, rest)
+        sds = np.full(shape, sd)
+        return block((sds, sds), 1.0 - rest, rest)
 
+    tau = np.array([levels.tau])
     scales = Scales(
         between=level(levels.between, environments, 1),
         shared=level(levels.shared, 1),
         trial=level(levels.trial, environments, 1),
-        tau=(np.array([levels.tau]),) * 2,
+        tau=(tau, tau),
         named={},
         log_prior=np.zeros(1),
     )
     return float(CollapsedDensity(statistics).log_likelihood(scales)[0])
 
 
+def density_digits(
+    draws: int = 3, *, seed: int = 1, along: tuple[str, ...] = (), formula: Formula = collapsed
+) -> list[Digits]:
+    """Compare log densities with 120-digit arithmetic, on random responses.
+
+    Parameters
+    ----------
+    draws : int
+        Studies of each case.
+    seed : int
+        Of the responses.
+    along : tuple of str, optional
+        Only cases in which one of these varies.
+    formula : callable, optional
+        What is compared: from responses, the environments' x and the scales to log p.
+
+    Returns
+    -------
+    list of Digits
+        A row for each case.
+    """
+    rng = np.random.default_rng(seed)
+    x = np.tile(np.linspace(-1.5, 1.5, _ENVIRONMENTS), (2, 1))
+    rows = []
+    for case in _cases():
+        if along and case.along not in along:
+            continue
+        errors = []
+        for _ in range(draws):
+            noise = rng.standard_normal((case.subjects, _ENVIRONMENTS, _TRIALS, 2))
+            response = case.offset + 0.3 * noise
+            exact = twin.exact(response, x, case.levels)
+            errors.append(_density_error(formula(response, x, case.levels), exact))
+        rows.append(digits_row("log density", case.along, case.at, errors, _DENSITY_PROMISE))
+    return rows
+
+
 def _cases() -> Iterator[_Case]:
     sds = [10.0 ** (exponent / 2) for exponent in _EXPONENTS]
     for sd in sds:
         yield _Case("all variances", sd**2, Levels(sd, sd, sd, sd, 0.5))
-    tiny = partial(replace, Levels(1e-6, 1e-6, 1e-6, 1e-6, 0.5))
-    for name in ("between", "shared", "trial", "tau"):
-        for sd in sds:
-            only: dict[str, Any] = {name: sd}
-            yield _Case(f"variance of {name}, others 1e-12", sd**2, tiny(**only))
+    for sd in sds:
+        yield _Case("variance of between, others 1e-12", sd**2, replace(_TINY, between=sd))
+    for sd in sds:
+        yield _Case("variance of shared, others 1e-12", sd**2, replace(_TINY, shared=sd))
+    for sd in sds:
+        yield _Case("variance of trial, others 1e-12", sd**2, replace(_TINY, trial=sd))
+    for sd in sds:
+        yield _Case("variance of tau, others 1e-12", sd**2, replace(_TINY, tau=sd))
     for power in range(1, 10):
-        yield _Case("1 − correlation", 10.0**-power, replace(_PLAIN, rest=10.0**-power))
+        rest = 10.0**-power
+        yield _Case("1 − correlation", rest, replace(_ORDINARY, rest=rest))
     for subjects in (2, 10, 100, 1000, 10_000):
         yield _Case("subjects", subjects, subjects=subjects)
     for offset in (0.0, 1.0, 1e3, 1e6, 1e9):
@@ -224,5 +281,7 @@ def _cases() -> Iterator[_Case]:
 
 
 def _density_error(computed: float, exact: Number) -> float:
-    """Error over 1 + abs(log p); infinite for NaN."""
-    return float(abs(computed - exact) / (1 + abs(exact))) if math.isfinite(computed) else math.inf
+    """Return the error over 1 + abs(log p); infinite for NaN."""
+    if not math.isfinite(computed):
+        return math.inf
+    return float(abs(computed - exact) / (1 + abs(exact)))

@@ -10,7 +10,7 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, TypeAlias, get_type_hints
 
 import numpy as np
 
@@ -19,60 +19,123 @@ from percept.files import FolderFiles, filled_folder
 from percept.provenance import Made, made_by
 from percept.results.plain import dumps, plain
 
-SCHEMA = "percept-measurement-2"
+__all__ = [
+    "Column",
+    "Machine",
+    "Measurement",
+    "Printed",
+    "in_a_process",
+    "machine",
+    "measurement",
+    "measurement_files",
+    "print_result",
+    "python_output",
+    "write_measurement",
+]
+
+_SCHEMA = "percept-measurement-2"
+#: What a process prints: a JSON object.
+Printed: TypeAlias = dict[str, Any]
 
 
 def python_output(*words: str, timeout: float | None = None, **changes: str) -> str:
-    """Run Python in a process of its own, its environment changed; its standard output.
+    """Run Python in a process of its own.
 
-    It keeps percept's modules compiled. Installed packages are compiled as they are installed. A
-    checkout would be compiled again at every start where `PYTHONDONTWRITEBYTECODE` is set.
+    The process keeps percept's modules compiled. Installed packages are compiled as they are
+    installed. A checkout would be compiled again at every start where `PYTHONDONTWRITEBYTECODE` is
+    set.
+
+    Parameters
+    ----------
+    *words : str
+        Arguments of Python.
+    timeout : float, optional
+        Seconds after which the process is ended.
+    **changes : str
+        Variables of its environment that differ from this process's.
+
+    Returns
+    -------
+    str
+        Its standard output.
+
+    Raises
+    ------
+    RefusalError
+        Where it fails, with its last line, or does not end in time.
     """
-    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    environment = os.environ | changes
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     command = [sys.executable, *words]
     try:
         done = subprocess.run(
-            command,
-            capture_output=True,
-            text=True,
-            check=False,
-            env=kept | changes,
-            timeout=timeout,
+            command, capture_output=True, text=True, check=False, env=environment, timeout=timeout
         )
     except subprocess.TimeoutExpired:
         raise RefusalError(f"not finished after {timeout:g} s.") from None
     if done.returncode:
-        *_, last = ["no message", *done.stderr.strip().splitlines()]
-        raise RefusalError(f"{' '.join(words[:3])} failed: {last}")
+        lines = done.stderr.strip().splitlines() or ["no message"]
+        raise RefusalError(f"{' '.join(words[:3])} failed: {lines[-1]}")
     return done.stdout
 
 
-def in_a_process(module: str, task: Any, *, timeout: float | None = None) -> dict[str, Any]:
+def in_a_process(module: str, task: object, *, timeout: float | None = None) -> Printed:
     """Give a task to a module run as a program, in a process of its own, and return what it prints."""
     output = python_output("-m", module, json.dumps(task), timeout=timeout)
     # Some libraries print to standard output, around the result.
-    *_, line = (line for line in output.splitlines() if line.startswith("{"))
-    return dict(json.loads(line))
+    results = [line for line in output.splitlines() if line.startswith("{")]
+    return dict(json.loads(results[-1]))
 
 
-def print_result(result: Mapping[str, Any]) -> None:
+def print_result(result: Mapping[str, object]) -> None:
     """Print what `in_a_process` returns, on a line of its own."""
     sys.stdout.write(f"\n{json.dumps(result, default=np.ndarray.tolist)}\n")
 
 
-def machine(loads: tuple[float, float], seconds: float) -> dict[str, Any]:
+@dataclasses.dataclass(frozen=True)
+class Machine:
+    """The machine a measurement was made on, and its load."""
+
+    processors: int | None
+    system: str
+    architecture: str
+    load_before: float
+    load_after: float
+    seconds: float  # That the measurement took
+
+
+def machine(loads: tuple[float, float], seconds: float) -> Machine:
     """Describe this machine, its load before and after, and how long the measurement took."""
-    return {
-        "processors": os.cpu_count(), "system": platform.system(), "architecture": platform.machine(),
-        "load_before": loads[0], "load_after": loads[1], "seconds": seconds,
-    }  # fmt: skip
+    return Machine(os.cpu_count(), platform.system(), platform.machine(), *loads, seconds)
 
 
-def described(record: type) -> tuple[str, dict[str, str]]:
-    """First line of a record's docstring, and the meaning that annotates each of its fields."""
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """Fields of a row, and what they mean."""
+
+    names: list[str]
+    meaning: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Measurement:
+    """What a part measured, as its JSON file holds it."""
+
+    schema: str
+    part: str
+    about: str
+    columns: list[Column]
+    made: Made
+    notes: list[str]  # What follows from all rows
+    machine: Machine
+    rows: list[dict[str, object]]
+
+
+def described(record: type) -> tuple[str, list[Column]]:
+    """Return the first line of a record's docstring, and the meaning that annotates each field."""
     hints = get_type_hints(record, include_extras=True)
     about = (record.__doc__ or "").partition("\n")[0]
-    return about, {name: hint.__metadata__[0] for name, hint in hints.items()}
+    return about, [Column([name], hint.__metadata__[0]) for name, hint in hints.items()]
 
 
 def measurement(
@@ -83,51 +146,64 @@ def measurement(
     loads: tuple[float, float],
     seconds: float,
     notes: Sequence[str] = (),
-) -> dict[str, Any]:
-    """Collect what a part measured; `notes` say what follows from all rows."""
+) -> Measurement:
+    """Collect what a part measured.
+
+    Parameters
+    ----------
+    part : str
+        Its name.
+    records : sequence of dataclasses
+        One for each row. Every field is annotated with its meaning.
+    command : str
+        What was typed.
+    loads : pair of float
+        Load of the machine before and after.
+    seconds : float
+        That the run took.
+    notes : sequence of str, optional
+        What follows from all rows.
+
+    Returns
+    -------
+    Measurement
+        As its JSON file holds it.
+    """
     about, columns = described(type(records[0]))
-    document = {
-        "schema": SCHEMA,
-        "part": part,
-        "about": about,
-        "columns": [{"names": [name], "meaning": meaning} for name, meaning in columns.items()],
-        "made": made_by(command),
-        "notes": notes,
-        "machine": machine(loads, seconds),
-        "rows": [dataclasses.asdict(record) for record in records],
-    }
-    return dict(plain(document))
+    rows = [plain(record) for record in records]
+    described_machine = machine(loads, seconds)
+    made = made_by(command)
+    return Measurement(_SCHEMA, part, about, columns, made, list(notes), described_machine, rows)
 
 
-def measurement_markdown(document: Mapping[str, Any]) -> str:
+def measurement_markdown(document: Measurement) -> str:
     """Write the document as a page."""
-    at, names = document["machine"], list(document["rows"][0])
-    lines = [
-        f"# {document['part'].capitalize()}",
-        "",
-        document["about"] + ("" if document["part"] == "digits" else " The studies are simulated."),
-        "",
-        (
-            f"{Made(**document['made']).sentence} The run took {at['seconds']:.0f} s on {at['processors']}"
-            f" processors ({at['system']}, {at['architecture']}), load {at['load_before']:.1f}"
-            f" before and {at['load_after']:.1f} after."
-        ),
-        *(line for note in document["notes"] for line in ("", note)),
-        "",
-        "| " + " | ".join(names) + " |",
-        "|" + "---|" * len(names),
-    ]
-    lines += [
-        "| " + " | ".join(_cell(row[name]) for name in names) + " |" for row in document["rows"]
-    ]
-    lines += [
-        "",
-        *(f"- {', '.join(one['names'])}: {one['meaning']}" for one in document["columns"]),
-    ]
+    at = document.machine
+    about = document.about
+    if document.part != "digits":
+        about += " The studies are simulated."
+    run = (
+        f"The run took {at.seconds:.0f} s on {at.processors} processors ({at.system},"
+        f" {at.architecture}), load {at.load_before:.1f} before and {at.load_after:.1f} after."
+    )
+    lines = [f"# {document.part.capitalize()}", "", about, "", f"{document.made.sentence} {run}"]
+    for note in document.notes:
+        lines += ["", note]
+    names = list(document.rows[0])
+    lines += ["", _table_row(names), "|" + "---|" * len(names)]
+    for row in document.rows:
+        lines.append(_table_row([_cell(row[name]) for name in names]))
+    lines.append("")
+    for column in document.columns:
+        lines.append(f"- {', '.join(column.names)}: {column.meaning}")
     return "\n".join(lines) + "\n"
 
 
-def _cell(value: Any) -> str:
+def _table_row(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _cell(value: object) -> str:
     if value is None:
         return ""
     if isinstance(value, float):
@@ -142,12 +218,31 @@ def measurement_files(part: str) -> FolderFiles:
     return FolderFiles(f"{part}.md", (f"{part}.md", f"{part}.json"))
 
 
-def write_measurement(
-    document: Mapping[str, Any], out_dir: str | Path, *, force: bool = False
-) -> Path:
-    """Write the document and its page, named after the part."""
-    name = f"{document['part']}.md"
-    with filled_folder(out_dir, measurement_files(document["part"]), force=force) as folder:
-        (folder / f"{document['part']}.json").write_text(dumps(document), encoding="utf-8")
+def write_measurement(document: Measurement, out_dir: str | Path, *, force: bool = False) -> Path:
+    """Write the document and its page, named after the part.
+
+    Parameters
+    ----------
+    document : Measurement
+        What was measured.
+    out_dir : str or Path
+        Folder, made where it does not exist.
+    force : bool
+        Replace also files of these names that no earlier run wrote.
+
+    Returns
+    -------
+    Path
+        Of the page.
+
+    Raises
+    ------
+    UsageError
+        Where a name is taken by a file that no earlier run wrote, or the folder cannot be written.
+    """
+    name = f"{document.part}.md"
+    with filled_folder(out_dir, measurement_files(document.part), force=force) as folder:
+        text = dumps(plain(document))
+        (folder / f"{document.part}.json").write_text(text, encoding="utf-8")
         (folder / name).write_text(measurement_markdown(document), encoding="utf-8")
     return Path(out_dir) / name

@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from percept.haptics.records import AnyDevice
     from percept.study import Study
 
+__all__ = ["PropagationCost", "propagation_costs", "study_propagation"]
+
 Array: TypeAlias = NDArray[np.float64]
-#: Frequencies of the bands: first and last, rad/s, and how many.
-_EVERY = (0.1, 100.0, 121)
-#: Into how many sets the draws are cut.
-_SETS = (16, 4, 1)
-#: Draws of a batch: an error from many batches has little scatter of its own.
-_BATCH = 16
+
+_EVERY = (0.1, 100.0, 121)  # Frequencies of the bands: first and last, rad/s, and how many
+_SETS = (16, 4, 1)  # Into how many sets the draws are cut
+_BATCH = 16  # Draws of a batch: an error from many batches has little scatter of its own
 
 
 @dataclass(frozen=True)
@@ -58,54 +58,105 @@ def propagation_costs(
     level: float = 0.99,
     frequencies: tuple[float, float, int] = _EVERY,
 ) -> list[PropagationCost]:
-    """Time bands of normals of the logarithms of (k, b), means (S, 2) and covariances (S, 2, 2)."""
+    """Time bands of a law of (k, b) from sets of its draws.
+
+    Parameters
+    ----------
+    device : Device
+        What the hand holds.
+    period : float
+        T, s.
+    pairs : pair of ndarray
+        Normal laws of the logarithms of (k, b), a draw of the scales each: means (S, 2) and
+        covariances (S, 2, 2).
+    name, kind : str
+        Of the rows.
+    level : float
+        Of the bands.
+    frequencies : tuple
+        First and last, rad/s, and how many.
+
+    Returns
+    -------
+    list of PropagationCost
+        A row for each number of sets.
+    """
     mean, covariance = pairs
     omega = np.geomspace(*frequencies)
     # In another order: what neighbours share is then spread over sets and batches.
     order = np.random.default_rng(1).permutation(len(mean))
 
-    def band(chosen: NDArray[np.intp]) -> tuple[Array, Array, float]:
+    def band(chosen: NDArray[np.intp]) -> _Band:
         started = time.process_time()
-        law = mixture_law(
-            mean[chosen], covariance[chosen], np.arange(chosen.size) // _BATCH, "lognormal"
-        )
+        batch = np.arange(chosen.size) // _BATCH
+        law = mixture_law(mean[chosen], covariance[chosen], batch, "lognormal")
         limits = Magnitude(law, device, period, omega).limits(level)
         assert limits.errors is not None
-        return np.log([limits.lower, limits.upper]), limits.errors, time.process_time() - started
+        seconds = time.process_time() - started
+        return _Band(np.log([limits.lower, limits.upper]), limits.errors, seconds)
 
-    whole = band(order)[0]
+    whole = band(order).limits
     half_width = 0.5 * (whole[1] - whole[0])
     costs: list[PropagationCost] = []
     for sets in _SETS:
-        found, errors, seconds = zip(*map(band, np.array_split(order, sets)), strict=True)
-        stated, difference = (
-            float(np.sqrt(np.mean((np.array(values) / half_width) ** 2)))
-            for values in (errors, np.array(found) - whole)
-        )
-        falls = (costs[0].stated if costs else stated) / stated
+        bands = [band(chosen) for chosen in np.array_split(order, sets)]
+        stated = _root_mean_square([each.errors / half_width for each in bands])
+        difference = _root_mean_square([(each.limits - whole) / half_width for each in bands])
+        falls = costs[0].stated / stated if costs else 1.0
+        seconds = median(each.seconds for each in bands)
         size = len(mean) // sets
-        costs.append(
-            PropagationCost(name, kind, sets, size, median(seconds), stated, difference, falls)
-        )
+        costs.append(PropagationCost(name, kind, sets, size, seconds, stated, difference, falls))
     return costs
+
+
+@dataclass(frozen=True, eq=False)
+class _Band:
+    limits: Array  # (2, omega) of log abs(Z_h)
+    errors: Array  # Of the same shape
+    seconds: float
+
+
+def _root_mean_square(values: list[Array]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def study_propagation(
     study: Study, *, frequencies: tuple[float, float, int] = _EVERY
 ) -> list[PropagationCost]:
-    """Time the bands of every environment of a study, of the average user and of the next one."""
-    fit, setup = study.fit, study.setup
+    """Time the bands of every environment of a study, of the average user and of the next one.
+
+    Parameters
+    ----------
+    study : Study
+        With a device and a fit of stiffness and damping.
+    frequencies : tuple
+        First and last, rad/s, and how many.
+
+    Returns
+    -------
+    list of PropagationCost
+        Environment by environment.
+    """
+    fit = study.fit
+    setup = study.setup
     assert fit is not None
     assert setup is not None
     ((density, points),) = fit.model.pooled_parts(fit.points)
     pairs = density.pairs(points)
     costs: list[PropagationCost] = []
     for j, name in enumerate(fit.environments):
-        origin = fit.scale.origin[[fit.column[parameter, name] for parameter in ("k", "b")]]
+        cells = [fit.column[parameter, name] for parameter in ("k", "b")]
+        centre = np.log(fit.scale.origin[cells]) + pairs.mean[:, j]
         location = pairs.location[:, j]
-        for kind, covariance in (("mean", location), ("user", location + pairs.users[:, j])):
+        laws = {"mean": location, "user": location + pairs.users[:, j]}
+        for kind, covariance in laws.items():
             costs += propagation_costs(
-                setup.device, setup.period, (np.log(origin) + pairs.mean[:, j], covariance),
-                name=name, kind=kind, level=study.scene.inference.level, frequencies=frequencies,
-            )  # fmt: skip
+                setup.device,
+                setup.period,
+                (centre, covariance),
+                name=name,
+                kind=kind,
+                level=study.scene.inference.level,
+                frequencies=frequencies,
+            )
     return costs

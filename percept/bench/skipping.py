@@ -7,31 +7,64 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Sized
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-from percept.bench.measure import in_a_process, print_result
+from percept.bench.measure import Printed, in_a_process, print_result
 
 if TYPE_CHECKING:
     from percept.study import Study
 
+__all__ = [
+    "STAGES",
+    "Saving",
+    "savings",
+    "skipping_cost",
+    "stages_of",
+    "study_without",
+    "work_of",
+]
+
 #: Scenes by what each leaves out.
-SCENES = (
-    "nothing", "coupling", "device", "one parameter", "all but one environment", "bayesian",
+_SCENES = (
+    "nothing",
+    "coupling",
+    "device",
+    "one parameter",
+    "all but one environment",
+    "bayesian",
     "page and figures",
-)  # fmt: skip
+)
 #: Packages, of others and of ours, that some scene does without.
-PACKAGES = (
-    "emcee", "arviz_base", "arviz_stats", "xarray", "h5netcdf", "matplotlib.figure", "jinja2",
-    "percept.inference.hierarchy", "percept.inference.sampling", "percept.boundary", "percept.report.figures",
-)  # fmt: skip
+_PACKAGES = (
+    "emcee",
+    "arviz_base",
+    "arviz_stats",
+    "xarray",
+    "h5netcdf",
+    "matplotlib.figure",
+    "jinja2",
+    "percept.inference.hierarchy",
+    "percept.inference.sampling",
+    "percept.boundary",
+    "percept.report.figures",
+)
 #: What a study works out, each only when it is asked for.
 STAGES = (
-    "intervals", "fit", "posterior", "regions", "curve_laws", "boundaries", "sensitivity", "coupling",
-    "realism", "coupling_design", "band",
-)  # fmt: skip
+    "intervals",
+    "fit",
+    "posterior",
+    "regions",
+    "curve_laws",
+    "boundaries",
+    "sensitivity",
+    "coupling",
+    "realism",
+    "coupling_design",
+    "band",
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,24 +83,26 @@ class Saving:
 
 def skipping_cost(*, repeats: int = 3) -> tuple[Saving, ...]:
     """Run scenes, round by round, so that all see the same machine."""
-    return savings([{scene: work_of(scene) for scene in SCENES} for _ in range(repeats)])
+    rounds = []
+    for _ in range(repeats):
+        rounds.append({scene: work_of(scene) for scene in _SCENES})
+    return savings(rounds)
 
 
-def savings(rounds: Sequence[Mapping[str, Mapping[str, Any]]]) -> tuple[Saving, ...]:
+def savings(rounds: Sequence[Mapping[str, Printed]]) -> tuple[Saving, ...]:
     """Reduce rounds of every scene's work; the first scene leaves nothing out."""
-    seconds = {scene: median(works[scene]["seconds"] for works in rounds) for scene in rounds[0]}
-    whole = next(iter(seconds.values()))
-    return tuple(
-        Saving(
-            scene, seconds[scene], seconds[scene] / whole, tuple(work["imports"]), tuple(work["stages"]),
-            work["coordinates"],
-        )
-        for scene, work in rounds[0].items()
-    )  # fmt: skip
+    rows: list[Saving] = []
+    for scene, work in rounds[0].items():
+        seconds = median(works[scene]["seconds"] for works in rounds)
+        whole = rows[0].seconds if rows else seconds
+        imports = tuple(work["imports"])
+        stages = tuple(work["stages"])
+        rows.append(Saving(scene, seconds, seconds / whole, imports, stages, work["coordinates"]))
+    return tuple(rows)
 
 
-def work_of(scene: str, *, tolerance: float = 0.05, method: str = "both") -> dict[str, Any]:
-    """Run one scene in a fresh process."""
+def work_of(scene: str, *, tolerance: float = 0.05, method: str = "both") -> Printed:
+    """Run one scene in a fresh process; its seconds, imports, stages and coordinates."""
     return in_a_process(__name__, [scene, tolerance, method])
 
 
@@ -77,16 +112,17 @@ def _main(task: str) -> None:
 
     scene, tolerance, method = json.loads(task)
     study = study_without(scene, tolerance=tolerance, method=method)
+    write = write_fit if scene == "page and figures" else write_report
     with tempfile.TemporaryDirectory() as folder:
-        (write_fit if scene == "page and figures" else write_report)(study, Path(folder) / "out")
-    print_result(
-        {
-            "seconds": time.process_time(),
-            "imports": [name for name in PACKAGES if name in sys.modules],
-            "stages": stages_of(study),
-            "coordinates": (study.diagnostics or {"dimension": 0})["dimension"],
-        }
-    )
+        write(study, Path(folder) / "out")
+    diagnostics = study.diagnostics
+    work = {
+        "seconds": time.process_time(),
+        "imports": [name for name in _PACKAGES if name in sys.modules],
+        "stages": stages_of(study),
+        "coordinates": diagnostics["dimension"] if diagnostics else 0,
+    }
+    print_result(work)
 
 
 def stages_of(study: Study) -> list[str]:
@@ -107,10 +143,8 @@ def study_without(
     from percept.study import Study
 
     tables = Scene.load(dataset("hbfd.toml")).to_dict()
-    tables["inference"] |= {
-        "tolerance": tolerance,
-        "method": "classical" if without == "bayesian" else method,
-    }
+    tables["inference"]["tolerance"] = tolerance
+    tables["inference"]["method"] = "classical" if without == "bayesian" else method
     if points is not None:
         tables["frequency"]["points"] = points
     if without in ("coupling", "device"):
@@ -125,8 +159,8 @@ def study_without(
     return Study(sessions, scene)
 
 
-def _empty(result: Any) -> bool:
-    return result is None or (hasattr(result, "__len__") and len(result) == 0)
+def _empty(result: object) -> bool:
+    return result is None or (isinstance(result, Sized) and len(result) == 0)
 
 
 if __name__ == "__main__":

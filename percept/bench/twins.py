@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Mapping
 from types import SimpleNamespace
 from typing import Any, TypeAlias
@@ -10,16 +11,53 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "DIGITS",
+    "Formula",
+    "Levels",
+    "Number",
+    "Point",
+    "admittance_backward",
+    "box_lower",
+    "box_upper",
+    "coupled",
+    "coupled_backward",
+    "coupling_backward",
+    "coupling_tustin",
+    "direct",
+    "direct_flexible_true",
+    "effective",
+    "effective_damping",
+    "environment",
+    "error_over_condition",
+    "exact",
+    "flexible",
+    "hold_average",
+    "hold_true",
+    "is_nyquist",
+    "limit_error_over_condition",
+    "magnitude",
+    "margin",
+    "required",
+    "required_at",
+    "rigid",
+]
+
 Array: TypeAlias = NDArray[np.float64]
 # mpmath numbers and matrices have no types.
 Number: TypeAlias = Any
-Formula: TypeAlias = Callable[[Any], Number]
+#: The inputs of a formula by name, with z, s, θ and the mpmath context `mp`.
+Point: TypeAlias = Any
+Formula: TypeAlias = Callable[[Point], Number]
 
 DIGITS = 120
-_ALPHA_SD, _GAMMA_SD = 1.0, 0.25
-_STEP = "1e-30"
-_NYQUIST_GAP = "1e-80"
-_NOTHING, _EVERYTHING = 1e-50, 1e50
+_ALPHA_SD = 1.0  # Priors of the model: of the level of a parameter
+_GAMMA_SD = 0.25  # And of its trend, per decade
+_STEP = "1e-30"  # Relative change of an input: its square is lost in 120 digits' last 60
+_NYQUIST_GAP = "1e-80"  # π − ωT of a point that stands for Nyquist, where Tustin's s is infinite
+# Exact values beyond these stand for 0 and inf, which 1e-80 from Nyquist are not reached.
+_NOTHING = 1e-50
+_EVERYTHING = 1e50
 
 
 # The density. Every subject sees every environment equally often. Two parameters; a subject's
@@ -44,53 +82,48 @@ def exact(response: Array, x: Array, levels: Levels) -> Number:
     with mpmath.workdps(DIGITS):
         subjects, environments, trials, _ = response.shape
         covariance, design = _model(environments, trials, x, levels)
-        columns = [
-            [mpmath.mpf(value) for value in row]
-            for row in response.reshape(subjects, -1).T.tolist()
-        ]
+        columns = []
+        for column in response.reshape(subjects, -1).T.tolist():
+            columns.append([mpmath.mpf(value) for value in column])
         size = len(columns)
         total = mpmath.matrix([mpmath.fsum(column) for column in columns])
-        squares = mpmath.matrix(size, size)
-        for i in range(size):
-            for j in range(i + 1):
-                squares[i, j] = squares[j, i] = mpmath.fdot(columns[i], columns[j])
         inverse = covariance**-1
+        # The locations' factor is common to all subjects, and integrated out by Woodbury's formula.
         pull = design.T * inverse
         inner = mpmath.eye(design.cols) + subjects * pull * design
         right = pull * total
-        distance = mpmath.fsum(
-            inverse[i, j] * squares[i, j] for i in range(size) for j in range(size)
-        )
-        distance -= (right.T * inner**-1 * right)[0]
-        log_determinant = subjects * mpmath.log(mpmath.det(covariance)) + mpmath.log(
-            mpmath.det(inner)
-        )
-        return -(distance + log_determinant + subjects * size * mpmath.log(2 * mpmath.pi)) / 2
+        distance = -(right.T * inner**-1 * right)[0]
+        for i in range(size):
+            distance += inverse[i, i] * mpmath.fdot(columns[i], columns[i])
+            for j in range(i):
+                distance += 2 * inverse[i, j] * mpmath.fdot(columns[i], columns[j])
+        log_determinant = subjects * mpmath.log(mpmath.det(covariance))
+        log_determinant += mpmath.log(mpmath.det(inner))
+        constant = subjects * size * mpmath.log(2 * mpmath.pi)
+        return -(distance + log_determinant + constant) / 2
 
 
 def _model(environments: int, trials: int, x: Array, levels: Levels) -> tuple[Number, Number]:
     """Covariance of one subject's values about the locations, and the columns of the locations' factor."""
     import mpmath
 
-    between, shared, trial, tau, rest = (mpmath.mpf(value) for value in dataclasses.astuple(levels))
-    rows = [(j, r, p) for j in range(environments) for r in range(trials) for p in range(2)]
-    covariance = [
-        [
-            (1 if p == q else 1 - rest)
-            * (shared**2 + (j == h) * between**2 + ((j, r) == (h, s)) * trial**2)
-            for h, s, q in rows
-        ]
-        for j, r, p in rows
-    ]
-    design = [
-        [
-            *((p == q) * mpmath.mpf(_ALPHA_SD) for q in range(2)),
-            *((p == q) * mpmath.mpf(_GAMMA_SD) * mpmath.mpf(float(x[p, j])) for q in range(2)),
-            *(((j, p) == (h, q)) * tau for h in range(environments) for q in range(2)),
-        ]
-        for j, _, p in rows
-    ]
-    return mpmath.matrix(covariance), mpmath.matrix(design)
+    correlation = 1 - mpmath.mpf(levels.rest)
+    rows = list(itertools.product(range(environments), range(trials), range(2)))
+    covariance = mpmath.matrix(len(rows), len(rows))
+    # Columns: two levels, two trends, and a deviation of each environment and parameter.
+    design = mpmath.matrix(len(rows), 4 + 2 * environments)
+    for i, (j, r, p) in enumerate(rows):
+        for other, (h, s, q) in enumerate(rows):
+            variance = mpmath.mpf(levels.shared) ** 2
+            if j == h:
+                variance += mpmath.mpf(levels.between) ** 2
+            if (j, r) == (h, s):
+                variance += mpmath.mpf(levels.trial) ** 2
+            covariance[i, other] = variance if p == q else correlation * variance
+        design[i, p] = mpmath.mpf(_ALPHA_SD)
+        design[i, 2 + p] = mpmath.mpf(_GAMMA_SD) * mpmath.mpf(float(x[p, j]))
+        design[i, 4 + 2 * j + p] = mpmath.mpf(levels.tau)
+    return covariance, design
 
 
 # The haptics formulas
@@ -104,7 +137,24 @@ def is_nyquist(theta: float) -> bool:
 def error_over_condition(
     computed: complex, exact: Formula, inputs: Mapping[str, float], *, at_nyquist: bool = False
 ) -> float:
-    """Return the relative error over max(1, condition of `exact` in its inputs)."""
+    """Return the relative error over max(1, condition of `exact` in its inputs).
+
+    Parameters
+    ----------
+    computed : complex
+        What percept gives.
+    exact : Formula
+        The same in any precision.
+    inputs : mapping
+        Values of the formula, ω in rad/s and T in s among them.
+    at_nyquist : bool, optional
+        Whether ωT stands for π.
+
+    Returns
+    -------
+    float
+        inf where `computed` is not finite and should be.
+    """
     import mpmath
 
     with mpmath.workdps(DIGITS):
@@ -135,28 +185,43 @@ def limit_error_over_condition(
 
     The error in k_c is the misfit of the required damping over its slope; so is what each input
     contributes.
+
+    Parameters
+    ----------
+    stiffness : float
+        The largest k_c that percept gives, N/m.
+    device, coupling : float
+        b_d and b_c, N·s/m.
+    period : float
+        T, s.
+
+    Returns
+    -------
+    float
+        inf for NaN, and for no stiffness where some would do.
     """
     import mpmath
 
     with mpmath.workdps(DIGITS):
-        b_d, b_c, t, k = (mpmath.mpf(value) for value in (device, coupling, period, stiffness))
+        b_d = mpmath.mpf(device)
+        b_c = mpmath.mpf(coupling)
+        t = mpmath.mpf(period)
+        k = mpmath.mpf(stiffness)
         if np.isnan(stiffness):
             return float("inf")
         if k == 0:
-            enough = largest_required(mpmath, k, b_c) >= b_d * (1 - mpmath.mpf("1e-15"))
+            enough = _largest_required(mpmath, k, b_c) >= b_d * (1 - mpmath.mpf("1e-15"))
             return 0.0 if enough else float("inf")
         step = 1 + mpmath.mpf(_STEP)
 
         def needed(k: Number, b_c: Number, t: Number) -> Number:
-            return largest_required(mpmath, k * t, b_c + k * t / 2)
+            return _largest_required(mpmath, k * t, b_c + k * t / 2)
 
         base = needed(k, b_c, t)
-        slopes = [
-            abs(needed(*moved) - base)
-            for moved in ((k * step, b_c, t), (k, b_c * step, t), (k, b_c, t * step))
-        ]
-        by_k = slopes[0] / mpmath.mpf(_STEP)
-        condition = (b_d + (slopes[1] + slopes[2]) / mpmath.mpf(_STEP)) / by_k
+        by_k = abs(needed(k * step, b_c, t) - base) / mpmath.mpf(_STEP)
+        by_coupling = abs(needed(k, b_c * step, t) - base) / mpmath.mpf(_STEP)
+        by_period = abs(needed(k, b_c, t * step) - base) / mpmath.mpf(_STEP)
+        condition = (b_d + by_coupling + by_period) / by_k
         return float(abs(base - b_d) / by_k / max(mpmath.mpf(1), condition))
 
 
@@ -170,76 +235,83 @@ def _point(inputs: Mapping[str, Number], mp: Any) -> SimpleNamespace:
     return SimpleNamespace(**inputs, theta=theta, z=z, s=s, mp=mp)
 
 
-def series(a: Number, b: Number) -> Number:
+def _series(a: Number, b: Number) -> Number:
     """Two elements in series; nothing passes an absent one."""
     return 0 if a == 0 or b == 0 else a * b / (a + b)
 
 
-def rigid(p: Any) -> Number:
+def rigid(p: Point) -> Number:
     """Eq. 5."""
     return p.m * p.s + p.b_d
 
 
-def flexible(p: Any) -> Number:
+def flexible(p: Point) -> Number:
     """Eq. 5 with one mode added."""
-    return rigid(p) + series(p.m_i * p.s, p.b_i + p.k_i / p.s)
+    return rigid(p) + _series(p.m_i * p.s, p.b_i + p.k_i / p.s)
 
 
-def environment(p: Any) -> Number:
+def environment(p: Point) -> Number:
     """Eq. 7."""
     return p.m_e * p.s + p.b_e + p.k_e / p.s
 
 
-def coupling_backward(p: Any) -> Number:
+def coupling_backward(p: Point) -> Number:
     """Eq. 6."""
     return p.b_c + p.k_c * p.period * p.z / (p.z - 1)
 
 
-def coupling_tustin(p: Any) -> Number:
+def coupling_tustin(p: Point) -> Number:
     """Tustin's coupling (Eq. 12)."""
     return p.b_c + p.k_c / p.s
 
 
-def admittance_backward(p: Any) -> Number:
+def admittance_backward(p: Point) -> Number:
     """1/Z_c, or p22 (Eq. 4)."""
     z_c = coupling_backward(p)
     return p.mp.inf if z_c == 0 else 1 / z_c
 
 
-def hold_average(p: Any) -> Number:
+def hold_average(p: Point) -> Number:
     """Eq. 8."""
     return (p.z + 1) / (2 * p.z)
 
 
-def hold_true(p: Any) -> Number:
+def hold_true(p: Point) -> Number:
     """(1 − e^{−jθ})/(jθ)."""
     return (1 - 1 / p.z) / (p.mp.j * p.theta)
 
 
-def effective(p: Any) -> Number:
+def effective(p: Point) -> Number:
     """Environment seen through its coupling."""
-    return series(environment(p), coupling_tustin(p))
+    return _series(environment(p), coupling_tustin(p))
 
 
-def perceived(device: Formula, zoh: Formula, shown: Formula) -> Formula:
+def effective_damping(p: Point) -> Number:
+    """Its real part."""
+    return p.mp.mpc(effective(p)).real
+
+
+def _perceived(device: Formula, zoh: Formula, shown: Formula) -> Formula:
     """Eqs 11 and 13: a device, and what the hold shows of the rest."""
     return lambda p: device(p) + zoh(p) * shown(p)
 
 
-direct = perceived(rigid, hold_average, environment)
-direct_flexible_true = perceived(flexible, hold_true, environment)
-coupled = perceived(rigid, hold_average, effective)
-coupled_backward = perceived(
-    rigid, hold_average, lambda p: series(environment(p), coupling_backward(p))
-)
+def _effective_backward(p: Point) -> Number:
+    return _series(environment(p), coupling_backward(p))
 
 
-def magnitude(p: Any) -> Number:
+direct = _perceived(rigid, hold_average, environment)
+direct_flexible_true = _perceived(flexible, hold_true, environment)
+coupled = _perceived(rigid, hold_average, effective)
+coupled_backward = _perceived(rigid, hold_average, _effective_backward)
+
+
+def magnitude(p: Point) -> Number:
     """abs(Z_h) with a negative stiffness and a negative damping, as limits may be."""
     return abs(rigid(p) + hold_average(p) * (p.m_e * p.s - p.b_e - p.k_e / p.s))
 
 
-def box_lower(p: Any) -> Number:
+def box_lower(p: Point) -> Number:
     """Lowest abs(Z_h) over k in [−k_e, k_c], b in [−b_e, b_c]: zero inside, else on an edge or a corner."""
     zoh = hold_average(p)
     base = rigid(p) / zoh + p.m_e * p.s
@@ -249,19 +321,16 @@ def box_lower(p: Any) -> Number:
     return abs(zoh * (base + near_b - p.mp.j * near_k / rate))
 
 
-def box_upper(p: Any) -> Number:
+def box_upper(p: Point) -> Number:
     """Highest abs(Z_h) over the same box."""
-    return max(
-        abs(rigid(p) + hold_average(p) * (p.m_e * p.s + b + k / p.s))
-        for b in (-p.b_e, p.b_c)
-        for k in (-p.k_e, p.k_c)
-    )
+    corners = itertools.product((-p.b_e, p.b_c), (-p.k_e, p.k_c))
+    return max(abs(rigid(p) + hold_average(p) * (p.m_e * p.s + b + k / p.s)) for b, k in corners)
 
 
 def required_at(coupling: Formula, zoh: Formula) -> Formula:
     """Eq. 10 solved for Re Z_d."""
 
-    def formula(p: Any) -> Number:
+    def formula(p: Point) -> Number:
         z_c = coupling(p)
         if z_c == 0:
             return p.mp.mpf(0)
@@ -272,19 +341,19 @@ def required_at(coupling: Formula, zoh: Formula) -> Formula:
     return formula
 
 
-def margin(p: Any) -> Number:
+def margin(p: Point) -> Number:
     """Re Z_d of a device with a mode over what Eq. 10 asks for."""
     required = required_at(coupling_backward, hold_average)(p)
     return p.mp.inf if required == 0 else flexible(p).real / required
 
 
-def required(p: Any) -> Number:
+def required(p: Point) -> Number:
     """Largest of βy(1 − y)/2 + K²y³/(8β(1 + y)) over y, its slope set to zero by bisection."""
     stretch = p.k_c * p.period
-    return largest_required(p.mp, stretch, p.b_c + stretch / 2)
+    return _largest_required(p.mp, stretch, p.b_c + stretch / 2)
 
 
-def largest_required(mp: Any, stretch: Number, beta: Number) -> Number:
+def _largest_required(mp: Any, stretch: Number, beta: Number) -> Number:
     """Return the maximum over y in [0, 1]."""
     if beta == 0:
         return mp.inf if stretch else mp.mpf(0)
@@ -293,15 +362,11 @@ def largest_required(mp: Any, stretch: Number, beta: Number) -> Number:
         return beta * y * (1 - y) / 2 + stretch**2 * y**3 / (8 * beta * (1 + y))
 
     def slope(y: Number) -> Number:
-        return beta * (1 - 2 * y) / 2 + stretch**2 * (3 * y**2 + 2 * y**3) / (
-            8 * beta * (1 + y) ** 2
-        )
+        elastic = stretch**2 * (3 * y**2 + 2 * y**3) / (8 * beta * (1 + y) ** 2)
+        return beta * (1 - 2 * y) / 2 + elastic
 
     if slope(mp.mpf(1)) >= 0:
         return value(mp.mpf(1))
     # An error in y enters the maximum squared.
-    return value(
-        mp.findroot(
-            slope, (mp.mpf("0.5") - mp.mpf("1e-9"), mp.mpf(1)), solver="anderson", tol=1e-90
-        )
-    )
+    ends = mp.mpf("0.5") - mp.mpf("1e-9"), mp.mpf(1)
+    return value(mp.findroot(slope, ends, solver="anderson", tol=1e-90))

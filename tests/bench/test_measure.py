@@ -20,14 +20,15 @@ RECORDS = (Digits, Saving, Growth)
 def test_every_column_is_explained(record: type) -> None:
     about, columns = described(record)
     assert about.endswith(".")
-    assert list(columns) == [field.name for field in dataclasses.fields(record)]
-    assert all(meaning.endswith(".") for meaning in columns.values())
+    names = [column.names for column in columns]
+    assert names == [[field.name] for field in dataclasses.fields(record)]
+    assert all(column.meaning.endswith(".") for column in columns)
 
 
 def test_the_page_rounds_and_the_document_does_not() -> None:
     saving = Saving("device|hand", 1 / 3, 1.0, ("emcee", "jinja2"), (), 22)
     document = measurement("skipping", [saving], command="typed", loads=(0.5, 1.5), seconds=12.4)
-    assert document["rows"][0]["seconds"] == 1 / 3
+    assert document.rows[0]["seconds"] == 1 / 3
     page = measurement_markdown(document)
     assert page.startswith(
         "# Skipping\n\nThe cost of one scene. The studies are simulated.\n\nMade on 20"
@@ -37,12 +38,15 @@ def test_the_page_rounds_and_the_document_does_not() -> None:
     assert "load 0.5 before and 1.5 after." in page
     assert "| device\\|hand | 0.3333 | 1 | emcee, jinja2 |  | 22 |" in page
     assert "- seconds: Processor time of the whole process, imports" in page
-    assert "simulated" not in measurement_markdown(document | {"part": "digits"})
+    assert "simulated" not in measurement_markdown(dataclasses.replace(document, part="digits"))
 
 
 def test_parts_that_write_a_page_of_their_own_go_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "growth", "peers"]) == 2
-    assert "value 'peers': not a part that goes with others; those are " in capsys.readouterr().err
+    assert "value 'peers': must run alone." in capsys.readouterr().err
+    assert main(["bench", "sizes"]) == 2
+    said = capsys.readouterr().err
+    assert "value 'sizes': no such part; they are designs, digits, propagation" in said
 
 
 @pytest.mark.parametrize("asked", ["digits", "--stability"])

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.bench.measure import Printed
 from percept.inference.hierarchy.blocks import Block, block
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.models import IntervalEstimands
@@ -20,174 +22,255 @@ from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Scales
 from percept.inference.hierarchy.statistics import Statistics
 
+__all__ = ["averaged_limits", "cells_model", "nutpie_limits"]
+
 Array = NDArray[np.float64]
-_CHAINS, _TUNE, _DRAWS = 4, 2000, 10_000
-#: Shorter steps than by default: divergences would bias what percept is compared with.
-_ACCEPTANCE = 0.95
-#: Draws per chain below which there are no limits.
-_FEWEST = 100
+#: A number or an array of PyMC, or of numpy; PyMC has no types.
+Term: TypeAlias = Any
+
+_CHAINS = 4
+_TUNE = 2000  # Draws of each chain that are not kept
+_DRAWS = 10_000  # Of each chain, unless time ends first
+_ACCEPTANCE = 0.95  # Shorter steps than by default: divergences would bias the comparison
+_FEWEST = 100  # Draws per chain below which there are no limits
 #: What the limits need.
 _SCALES = ("tau", "sigma_u", "rho_u", "sigma", "rho_w", "sigma_e", "rho_e")
 
 
-def cells_model(statistics: Statistics, priors: Priors, *, centred: bool = False) -> Any:
-    """Write the model in PyMC: plainly, or with shifts and spreads as multiples of their SDs (no funnel)."""
-    import pymc as pm
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """The cells that have trials, one row each."""
 
-    size, environments = statistics.x.shape
-    person, cell = np.nonzero(np.isfinite(statistics.cell_means[:, 0]))
-    mean = statistics.cell_means[person, :, cell]
-    trials = np.zeros((len(statistics.subjects), environments))
-    for pattern in statistics.patterns:
-        trials[np.ix_(pattern.members, pattern.environments)] = pattern.trials
-    trials = trials[person, cell]
-    x = statistics.x
+    person: NDArray[np.intp]
+    environment: NDArray[np.intp]
+    mean: Array  # (cells, parameters)
+    trials: Array
 
-    def correlation(name: str) -> Any:
-        if size == 1:
+    @classmethod
+    def of(cls, statistics: Statistics) -> _Cells:
+        person, environment = np.nonzero(np.isfinite(statistics.cell_means[:, 0]))
+        trials = np.zeros((len(statistics.subjects), len(statistics.environments)))
+        for pattern in statistics.patterns:
+            trials[np.ix_(pattern.members, pattern.environments)] = pattern.trials
+        mean = statistics.cell_means[person, :, environment]
+        return cls(person, environment, mean, trials[person, environment])
+
+
+@dataclass(frozen=True, eq=False)
+class _Terms:
+    """Parts of the model, written inside a PyMC model."""
+
+    x: Array  # (parameters, environments)
+    priors: Priors
+    centred: bool
+
+    def correlation(self, name: str) -> Term:
+        """Return the correlation of both parameters; 0 for one."""
+        import pymc as pm
+
+        if len(self.x) == 1:
             return 0.0
-        half = pm.Beta(f"half_{name}", priors.rho_shape, priors.rho_shape)
+        half = pm.Beta(f"half_{name}", self.priors.rho_shape, self.priors.rho_shape)
         return pm.Deterministic(name, 2.0 * half - 1.0)
 
-    def about(centre: Any, sd: Any, name: str, multiple: str) -> Any:
-        if centred:
-            return pm.Normal(name, centre, sd[:, None], shape=(size, environments))
-        return centre + sd[:, None] * pm.Normal(multiple, shape=(size, environments))
+    def about(self, centre: Term, sd: Term, name: str, multiple: str) -> Term:
+        """Return normal values, themselves unknowns or multiples of their SD."""
+        import pymc as pm
 
-    def spreads(suffix: str) -> Any:
-        log_s = pm.Normal(
-            "log_s" + suffix, getattr(priors, f"log_s{suffix}_mean"), getattr(priors, f"log_s{suffix}_sd"),
-            shape=size,
-        )  # fmt: skip
-        kappa = pm.Normal("kappa" + suffix, 0.0, getattr(priors, f"kappa{suffix}_sd"), shape=size)
-        omega = pm.HalfNormal("omega" + suffix, getattr(priors, f"omega{suffix}_scale"), shape=size)
-        log_sigma = about(
-            log_s[:, None] + kappa[:, None] * x, omega, "log_sigma" + suffix, "z" + suffix
-        )
-        return pm.Deterministic("sigma" + suffix, pm.math.exp(log_sigma))
+        if self.centred:
+            return pm.Normal(name, centre, sd[:, None], shape=self.x.shape)
+        return centre + sd[:, None] * pm.Normal(multiple, shape=self.x.shape)
 
+    def locations(self) -> Term:
+        """Return β by parameter and environment."""
+        import pymc as pm
+
+        size = len(self.x)
+        tau = pm.HalfNormal("tau", self.priors.tau_scale, shape=size)
+        alpha = pm.Normal("alpha", 0.0, self.priors.alpha_sd, shape=size)
+        gamma = pm.Normal("gamma", 0.0, self.priors.gamma_sd, shape=size)
+        delta = self.about(0.0, tau, "delta", "z_delta")
+        return pm.Deterministic("beta", alpha[:, None] + gamma[:, None] * self.x + delta)
+
+    def spreads(self, suffix: str) -> Term:
+        """Return SDs by parameter and environment, between subjects or ("_e") between trials."""
+        import pymc as pm
+
+        size = len(self.x)
+        centre = getattr(self.priors, f"log_s{suffix}_mean")
+        sd = getattr(self.priors, f"log_s{suffix}_sd")
+        log_s = pm.Normal(f"log_s{suffix}", centre, sd, shape=size)
+        kappa_sd = getattr(self.priors, f"kappa{suffix}_sd")
+        kappa = pm.Normal(f"kappa{suffix}", 0.0, kappa_sd, shape=size)
+        omega_scale = getattr(self.priors, f"omega{suffix}_scale")
+        omega = pm.HalfNormal(f"omega{suffix}", omega_scale, shape=size)
+        trend = log_s[:, None] + kappa[:, None] * self.x
+        log_sigma = self.about(trend, omega, f"log_sigma{suffix}", f"z{suffix}")
+        return pm.Deterministic(f"sigma{suffix}", pm.math.exp(log_sigma))
+
+
+def cells_model(statistics: Statistics, priors: Priors, *, centred: bool = False) -> Any:
+    """Write the model in PyMC.
+
+    Parameters
+    ----------
+    statistics : Statistics
+        What the density reads.
+    priors : Priors
+        Percept's.
+    centred : bool
+        Whether shifts and spreads are unknowns themselves, as a model is plainly written. By
+        default they are multiples of their SDs, which leaves no funnel.
+
+    Returns
+    -------
+    pymc.Model
+        Its `beta` and `spread` are what limits need.
+    """
+    import pymc as pm
+
+    cells = _Cells.of(statistics)
+    terms = _Terms(statistics.x, priors, centred)
+    size = len(statistics.x)
     with pm.Model() as model:
-        tau = pm.HalfNormal("tau", priors.tau_scale, shape=size)
-        alpha = pm.Normal("alpha", 0.0, priors.alpha_sd, shape=size)
-        gamma = pm.Normal("gamma", 0.0, priors.gamma_sd, shape=size)
-        delta = about(0.0, tau, "delta", "z_delta")
-        beta = pm.Deterministic("beta", alpha[:, None] + gamma[:, None] * x + delta)
-        sigma, rho_w = spreads(""), correlation("rho_w")
-        sigma_u, rho_u = (
-            pm.HalfNormal("sigma_u", priors.sigma_u_scale, shape=size),
-            correlation("rho_u"),
-        )
+        beta = terms.locations()
+        sigma = terms.spreads("")
+        rho_w = terms.correlation("rho_w")
+        sigma_u = pm.HalfNormal("sigma_u", priors.sigma_u_scale, shape=size)
+        rho_u = terms.correlation("rho_u")
         z = pm.Normal("z_u", shape=(size, len(statistics.subjects)))
         u = [sigma_u[0] * z[0]]
         if size == 2:
             u.append(sigma_u[1] * (rho_u * z[0] + pm.math.sqrt(1.0 - rho_u**2) * z[1]))
         pm.Deterministic("spread", pm.math.sqrt(sigma_u[:, None] ** 2 + sigma**2))
-        variance = [sigma[p][cell] ** 2 for p in range(size)]
-        shared = rho_w * (sigma[0] * sigma[-1])[cell]
+        variance = [sigma[p][cells.environment] ** 2 for p in range(size)]
+        shared = rho_w * (sigma[0] * sigma[-1])[cells.environment]
         if statistics.repeats:
-            sigma_e, rho_e = spreads("_e"), correlation("rho_e")
-            variance = [v + sigma_e[p][cell] ** 2 / trials for p, v in enumerate(variance)]
-            shared = shared + rho_e * (sigma_e[0] * sigma_e[-1])[cell] / trials
+            sigma_e = terms.spreads("_e")
+            rho_e = terms.correlation("rho_e")
+            for p in range(size):
+                variance[p] += sigma_e[p][cells.environment] ** 2 / cells.trials
+            shared += rho_e * (sigma_e[0] * sigma_e[-1])[cells.environment] / cells.trials
             pm.Potential("scatter", _scatter_density(statistics, sigma_e, rho_e))
-        off = mean[:, 0] - beta[0][cell] - u[0][person]
-        pm.Normal("k", off, pm.math.sqrt(variance[0]), observed=np.zeros(len(mean)))
+        location = [beta[p][cells.environment] + u[p][cells.person] for p in range(size)]
+        off = cells.mean[:, 0] - location[0]
+        pm.Normal("k", off, pm.math.sqrt(variance[0]), observed=np.zeros(len(cells.mean)))
         if size == 2:
-            given_k = beta[1][cell] + u[1][person] + shared / variance[0] * off
+            given_k = location[1] + shared / variance[0] * off
             left = variance[1] - shared**2 / variance[0]
-            pm.Normal("b", given_k, pm.math.sqrt(left), observed=mean[:, 1])
+            pm.Normal("b", given_k, pm.math.sqrt(left), observed=cells.mean[:, 1])
     return model
 
 
-def _scatter_density(statistics: Statistics, sigma_e: Any, rho_e: Any) -> Any:
+def _scatter_density(statistics: Statistics, sigma_e: Term, rho_e: Term) -> Term:
     """Log density of the scatter between trials, summed over environments, without its constant."""
     import pymc as pm
 
-    rows, df = statistics.trial_rows, statistics.trial_df
+    rows = statistics.trial_rows
+    df = statistics.trial_df
     scatter = np.einsum("pkj,qkj->pqj", rows, rows)
     if len(scatter) == 1:
         return -(df * pm.math.log(sigma_e[0]) + 0.5 * scatter[0, 0] / sigma_e[0] ** 2).sum()
     left = 1.0 - rho_e**2
     squares = scatter[0, 0] / sigma_e[0] ** 2 + scatter[1, 1] / sigma_e[1] ** 2
-    squares = squares - 2.0 * rho_e * scatter[0, 1] / (sigma_e[0] * sigma_e[1])
+    squares -= 2.0 * rho_e * scatter[0, 1] / (sigma_e[0] * sigma_e[1])
     log_sd = pm.math.log(sigma_e[0]) + pm.math.log(sigma_e[1]) + 0.5 * pm.math.log(left)
     return -(df * log_sd + 0.5 * squares / left).sum()
 
 
-def nutpie_limits(statistics: Statistics, seed: int, *, seconds: float) -> dict[str, Any]:
+def nutpie_limits(statistics: Statistics, seed: int, *, seconds: float) -> Printed:
     """Sample for at most so long; limits of kinds mean and user, their errors, and what the run said."""
     import nutpie
 
     model = cells_model(statistics, Priors())
-    compiled = nutpie.compile_pymc_model(
-        model, var_names=[name for name in _SCALES if name in model]
-    )
+    scales = [name for name in _SCALES if name in model]
+    compiled = nutpie.compile_pymc_model(model, var_names=scales)
     started = time.perf_counter()
     # A thread per chain, whatever the processors: a run that is cut short then has draws of every
     # chain.
     sampler = nutpie.sample(
-        compiled, draws=_DRAWS, tune=_TUNE, chains=_CHAINS, cores=_CHAINS, seed=seed,
-        target_accept=_ACCEPTANCE, progress_bar=False, save_warmup=False, blocking=False,
-    )  # fmt: skip
+        compiled,
+        draws=_DRAWS,
+        tune=_TUNE,
+        chains=_CHAINS,
+        cores=_CHAINS,
+        seed=seed,
+        target_accept=_ACCEPTANCE,
+        progress_bar=False,
+        save_warmup=False,
+        blocking=False,
+    )
     try:
         tree = sampler.wait(timeout=seconds)
     except TimeoutError:
         tree = sampler.abort()
     wall = time.perf_counter() - started
-    scales = {name: np.asarray(tree.posterior[name]) for name in _SCALES if name in tree.posterior}
     # Chains cut short are filled up with NaN.
-    done = np.isfinite(scales["sigma_u"][..., 0]).sum(axis=1)
-    if done.min() < _FEWEST:
+    done = np.isfinite(np.asarray(tree.posterior["sigma_u"])[..., 0]).sum(axis=1)
+    length = int(done.min())
+    if length < _FEWEST:
         return {"cost": {"peer_s": wall, "peer_draws": int(done.sum())}}
-    value, error = averaged_limits(
-        statistics, {name: kept[:, : done.min()] for name, kept in scales.items()}
-    )
-    cost = {
-        "peer_s": wall, "peer_draws": int(_CHAINS * done.min()),
-        "divergences": int(np.nansum(tree.sample_stats.diverging)),
-    }  # fmt: skip
-    return {"cost": cost, "value": value.tolist(), "error": error.tolist()}
+    draws = {name: np.asarray(tree.posterior[name])[:, :length] for name in scales}
+    value, error = averaged_limits(statistics, draws)
+    divergences = int(np.nansum(tree.sample_stats.diverging))
+    cost = {"peer_s": wall, "peer_draws": _CHAINS * length, "divergences": divergences}
+    return {"cost": cost, "value": value, "error": error}
 
 
 def averaged_limits(statistics: Statistics, draws: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Limits and their errors from draws of the scales, (chains, draws, ...) by name.
+    """Return limits of kinds mean and user from draws of the scales.
 
     Given the scales the locations are normal: their distribution functions are averaged, as percept
     does.
+
+    Parameters
+    ----------
+    statistics : Statistics
+        What the density reads.
+    draws : mapping
+        By name, (chains, draws, ...).
+
+    Returns
+    -------
+    value, error : ndarray
+        Limits on the response scale, and their Monte Carlo standard errors.
     """
     from arviz_stats.base.array import BaseArray
 
     array_stats: Any = BaseArray()
     model = CollapsedDensity(statistics)
     chains, length = draws["sigma_u"].shape[:2]
-    # Draws last.
-    flat = {
-        name: np.moveaxis(kept.reshape(chains * length, *kept.shape[2:]), 0, -1)
-        for name, kept in draws.items()
-    }
+    count = chains * length
+    flat = {}
+    for name, values in draws.items():
+        # Draws last.
+        flat[name] = np.moveaxis(values.reshape(count, *values.shape[2:]), 0, -1)
+    packed = []
     step = model.draws_per_pass
-    packed = [
-        model.moments(
-            _scales({name: kept[..., i : i + step] for name, kept in flat.items()})
-        ).pack()
-        for i in range(0, chains * length, step)
-    ]
-    parts = list(IntervalEstimands(model, kinds=("mean", "user")).estimates(np.concatenate(packed)))
-    influence = np.concatenate([part for _, part in parts], axis=1)
+    for start in range(0, count, step):
+        some = {name: values[..., start : start + step] for name, values in flat.items()}
+        packed.append(model.moments(_scales(some)).pack())
+    estimands = IntervalEstimands(model, kinds=("mean", "user"))
+    parts = list(estimands.estimates(np.concatenate(packed)))
+    value = np.concatenate([estimates.value for estimates, _ in parts])
+    influence = np.concatenate([influence for _, influence in parts], axis=1)
     series = np.moveaxis(influence.reshape(chains, length, -1), -1, 0)
-    value = np.concatenate([found.value for found, _ in parts])
     return value, np.asarray(array_stats.mcse(series, method="mean"))
 
 
 def _scales(named: dict[str, Array]) -> Scales:
-    """Scales as percept's conditional laws take them; the density of coordinates plays no part."""
+    """Return scales as percept's conditional laws take them; the density of coordinates plays no part."""
 
     def covariance(sd: str, rho: str) -> Block:
         correlation = named.get(rho)
         rest = None if correlation is None else 1.0 - np.abs(correlation)
         return block(tuple(named[sd]), correlation, rest)
 
-    trial = covariance("sigma_e", "rho_e") if "sigma_e" in named else None
     return Scales(
-        covariance("sigma", "rho_w"), covariance("sigma_u", "rho_u"), trial, tuple(named["tau"]), named,
-        np.zeros(named["tau"].shape[-1]),
-    )  # fmt: skip
+        between=covariance("sigma", "rho_w"),
+        shared=covariance("sigma_u", "rho_u"),
+        trial=covariance("sigma_e", "rho_e") if "sigma_e" in named else None,
+        tau=tuple(named["tau"]),
+        named=named,
+        log_prior=np.zeros(named["tau"].shape[-1]),
+    )

@@ -9,12 +9,11 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from matplotlib.figure import Figure
 
-from percept.bench.measure import machine
-from percept.bench.peers.engines import ENGINES, STUDIES, engine
+from percept.bench.measure import Machine, machine
+from percept.bench.peers.engines import ENGINES, STUDIES, Engine, engine
 from percept.bench.peers.processes import (
     COMMANDS,
     LONGEST,
@@ -35,63 +34,43 @@ from percept.report.page import render_standalone
 from percept.reproduce.published import dataset
 from percept.results.plain import dumps, plain
 
-SCHEMA, PAGE = "percept-benchmark-2", "index.html"
+__all__ = [
+    "PAGE",
+    "Aim",
+    "Benchmark",
+    "Plan",
+    "Reached",
+    "build_document",
+    "reached",
+    "run_benchmark",
+    "write_benchmark",
+]
+
+PAGE = "index.html"
+_SCHEMA = "percept-benchmark-2"
 _FILES = FolderFiles(PAGE, (PAGE, "benchmark.json", "figures/time-*.svg"))
 #: Errors over half-width at which times are compared.
-LEVELS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
-_OURS, _PLAIN = "percept", "nutpie"
-#: Draws per chain that samplers of this kind take where nothing else is asked for.
-_USUAL_DRAWS = 1000
-_RATIO = 2.0  # time goes with the error to this power, once a sampler has converged
-_Times = tuple[float, float, float]  # Warm, cold and processor time, s
+_LEVELS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
+_OURS = "percept"
+_PLAIN = "nutpie"
+_USUAL_DRAWS = 1000  # Per chain: samplers of this kind take so many where nothing else is asked for
+_RATIO = 2.0  # Time goes with the error to this power, once a sampler has converged
+_AIM_LEVEL = 0.01  # Error at which sampling times are compared with what percept aims at
+_AIM_DRAWS = 1000.0  # Times nutpie's effective draws per second
+_AIM_TIME = 5000.0  # Times faster than nutpie to that error
 _EXTRA = "pip install 'percept[peers]'"
+_COLOURS = ("bayesian", "ink", "classical", "warn", "coupled")
 
 
-def run_benchmark(
-    out: str | Path,
-    *,
-    command: str,
-    engines: Sequence[str] = (),
-    studies: Sequence[str] = (),
-    seconds: float = 150.0,
-    repeats: int = 5,
-    quick: bool = False,
-    force: bool = False,
-    log: Callable[[str], None] = lambda line: None,
-) -> Path:
-    """Measure every installed engine on every study with a reference, and whole commands; write the page."""
-    refuse_foreign(out, _FILES, force=force)
-    chosen = [engine(name) for name in engines] or list(ENGINES)
-    references = {name: stored_reference(name) for name in studies or stored_references()}
-    left_out = {one.title: one.missing for one in chosen if one.missing}
-    present = [one for one in chosen if not one.missing]
-    for title, missing in left_out.items():
-        log(f"{title}: left out, {', '.join(missing)} not installed; {_EXTRA}")
-    if not present:
-        raise RefusalError(
-            "none of these engines is installed.", value=", ".join(engines), hint=_EXTRA
-        )
-    begun, before = time.perf_counter(), os.getloadavg()[0]
-    whole: list[Whole] = []
-    if repeats:
-        commands = {
-            name: words for name, words in COMMANDS.items() if not quick or name not in LONGEST
-        }
-        if importlib.util.find_spec("pymc") is None:
-            del commands["import pymc"]
-            left_out["import pymc"] = ("pymc",)
-        log("whole commands")
-        files = str(dataset("hbfd_sessions.csv")), str(dataset("hbfd.toml"))
-        whole = whole_commands(*files, repeats=0 if quick else repeats, commands=commands)
-    measured: list[Measured] = []
-    for study, reference in references.items():
-        measured += measure(present, study, reference, seconds=seconds, quick=quick, log=log)
-    packages = sorted({name for one in present for name in one.packages} - {"percept"})
-    document = build_document(
-        measured, whole, references, left_out=left_out, made=made_by(command, packages),
-        at=machine((before, os.getloadavg()[0]), time.perf_counter() - begun),
-    )  # fmt: skip
-    return write_benchmark(document, out, force=force)
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What a benchmark measures; empty names stand for all."""
+
+    engines: Sequence[str] = ()
+    studies: Sequence[str] = ()
+    seconds: float = 150.0  # After which no run of an engine begins
+    repeats: int = 5  # Rounds of whole commands
+    quick: bool = False  # The smallest budgets, to see that all works
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,38 +83,210 @@ class Reached:
     warm: float  # s
     cold: float  # s
     processor: float  # s
-    extrapolated: (
-        bool  # Whether no run was as accurate: the most accurate one, at time over error squared
-    )
+    extrapolated: bool  # Whether the most accurate run's time over error squared stands here
     warm_ratio: float  # Over percept's times to the same error, as the next two; NaN without them
     cold_ratio: float
     processor_ratio: float
 
 
-def reached(measured: Sequence[Measured], levels: Sequence[float] = LEVELS) -> list[Reached]:
+@dataclasses.dataclass(frozen=True)
+class Aim:
+    """A ratio of percept to nutpie, and what percept aims at."""
+
+    what: str
+    value: float  # By wall time
+    processor: float
+    aim: float
+
+
+@dataclasses.dataclass(frozen=True)
+class _Study:
+    """A study and the limits that errors are measured against."""
+
+    name: str
+    about: str
+    limits: int
+    runs: int
+    effective: float
+    scatter: float
+    relative_error: float
+
+
+@dataclasses.dataclass(frozen=True)
+class _Title:
+    """An engine as the page names it."""
+
+    name: str
+    title: str
+    unit: str
+
+
+@dataclasses.dataclass(frozen=True)
+class _LeftOut:
+    name: str
+    missing: list[str]  # Packages
+
+
+@dataclasses.dataclass(frozen=True)
+class Benchmark:
+    """A run, as benchmark.json holds it."""
+
+    schema: str
+    made: Made
+    machine: Machine
+    studies: list[_Study]
+    engines: list[_Title]
+    left_out: list[_LeftOut]
+    measured: Sequence[Measured]
+    reached: list[Reached]
+    whole: Sequence[Whole]
+    comparisons: list[Comparison]
+    aims: list[Aim]
+    losses: list[str]
+
+
+def run_benchmark(
+    out: str | Path,
+    plan: Plan,
+    *,
+    command: str,
+    force: bool = False,
+    log: Callable[[str], None] = lambda line: None,
+) -> Path:
+    """Measure every installed engine on every study with a reference, and whole commands.
+
+    Parameters
+    ----------
+    out : str or Path
+        Folder of the page, made where it does not exist.
+    plan : Plan
+        What is measured.
+    command : str
+        What was typed, as the page says it.
+    force : bool
+        Replace also files of the page's names that no earlier run wrote.
+    log : callable
+        Told of each step.
+
+    Returns
+    -------
+    Path
+        Of the page.
+
+    Raises
+    ------
+    RefusalError
+        Where no engine asked for is installed, or a study has no reference.
+    UsageError
+        For an engine that does not exist, and for a folder that cannot be written.
+    """
+    refuse_foreign(out, _FILES, force=force)
+    chosen = [engine(name) for name in plan.engines] or list(ENGINES)
+    references = {name: stored_reference(name) for name in plan.studies or stored_references()}
+    present = [one for one in chosen if not one.missing]
+    left_out = {one.title: one.missing for one in chosen if one.missing}
+    for title, missing in left_out.items():
+        log(f"{title}: left out, {', '.join(missing)} not installed; {_EXTRA}")
+    if not present:
+        names = ", ".join(plan.engines)
+        raise RefusalError("none of these engines is installed.", value=names, hint=_EXTRA)
+    begun = time.perf_counter()
+    load_before = os.getloadavg()[0]
+    whole: list[Whole] = []
+    if plan.repeats:
+        if importlib.util.find_spec("pymc") is None:
+            left_out["import pymc"] = ("pymc",)
+        log("whole commands")
+        whole = _whole(plan, without=tuple(left_out))
+    measured: list[Measured] = []
+    for study, reference in references.items():
+        measured += measure(
+            present, study, reference, seconds=plan.seconds, quick=plan.quick, log=log
+        )
+    packages = _packages(present)
+    loads = (load_before, os.getloadavg()[0])
+    document = build_document(
+        measured,
+        whole,
+        references,
+        left_out=left_out,
+        made=made_by(command, packages),
+        at=machine(loads, time.perf_counter() - begun),
+    )
+    return write_benchmark(document, out, force=force)
+
+
+def _whole(plan: Plan, *, without: Sequence[str]) -> list[Whole]:
+    """Time whole commands; a quick benchmark leaves the longest out."""
+    commands = {}
+    for name, words in COMMANDS.items():
+        if name not in without and not (plan.quick and name in LONGEST):
+            commands[name] = words
+    sessions = str(dataset("hbfd_sessions.csv"))
+    scene = str(dataset("hbfd.toml"))
+    repeats = 0 if plan.quick else plan.repeats
+    return whole_commands(sessions, scene, repeats=repeats, commands=commands)
+
+
+def _packages(engines: Sequence[Engine]) -> list[str]:
+    """Return the packages whose versions the page names."""
+    names = {name for one in engines for name in one.packages}
+    return sorted(names - {"percept"})
+
+
+@dataclasses.dataclass(frozen=True)
+class _Times:
+    """Of one engine to one error, s."""
+
+    warm: float
+    cold: float
+    processor: float
+    extrapolated: bool
+
+
+def reached(measured: Sequence[Measured], levels: Sequence[float] = _LEVELS) -> list[Reached]:
     """Work out times to given errors, and their ratios to percept's."""
-    found: dict[tuple[str, str, float], tuple[_Times, bool]] = {}
-    for study, name in dict.fromkeys((one.study, one.engine) for one in measured):
-        group = [one for one in measured if (one.study, one.engine) == (study, name)]
-        found |= {(study, name, level): _time_to(level, group) for level in levels}
+    groups: dict[tuple[str, str], list[Measured]] = {}
+    for row in measured:
+        groups.setdefault((row.study, row.engine), []).append(row)
     rows = []
-    for (study, name, level), (times, extrapolated) in found.items():
-        ours, _ = found.get((study, _OURS, level), ((math.nan,) * 3, False))
-        warm, cold, processor = (taken / own for taken, own in zip(times, ours, strict=True))
-        rows.append(Reached(study, name, level, *times, extrapolated, warm, cold, processor))
+    for (study, name), group in groups.items():
+        own_group = groups.get((study, _OURS))
+        for level in levels:
+            times = _time_to(level, group)
+            own = _time_to(level, own_group) if own_group else _NOT_MEASURED
+            rows.append(
+                Reached(
+                    study,
+                    name,
+                    level,
+                    times.warm,
+                    times.cold,
+                    times.processor,
+                    times.extrapolated,
+                    times.warm / own.warm,
+                    times.cold / own.cold,
+                    times.processor / own.processor,
+                )
+            )
     return rows
 
 
-def _time_to(level: float, group: Sequence[Measured]) -> tuple[_Times, bool]:
-    """Return the times to an error, and whether no run was as accurate."""
-    enough = [one for one in group if one.error <= level]
+_NOT_MEASURED = _Times(math.nan, math.nan, math.nan, extrapolated=False)
+
+
+def _time_to(level: float, group: Sequence[Measured]) -> _Times:
+    """Return the times to an error: of the fastest run that is as accurate, or extrapolated."""
+    enough = [row for row in group if row.error <= level]
     if enough:
-        best, more = min(enough, key=lambda one: one.warm), 1.0
+        best = min(enough, key=lambda row: row.warm)
+        more = 1.0
     else:
-        best = min(group, key=lambda one: one.error)
+        best = min(group, key=lambda row: row.error)
         more = (best.error / level) ** _RATIO
     start = best.cold - best.warm
-    return (best.warm * more, start + best.warm * more, best.processor * more), not enough
+    warm = best.warm * more
+    return _Times(warm, start + warm, best.processor * more, extrapolated=not enough)
 
 
 def build_document(
@@ -144,131 +295,160 @@ def build_document(
     references: Mapping[str, Reference],
     *,
     made: Made,
-    at: Mapping[str, Any],
+    at: Machine,
     left_out: Mapping[str, Sequence[str]] | None = None,
-) -> dict[str, Any]:
-    """Collect a run; what was left out comes with the packages it misses."""
-    times, compared = reached(measured), comparisons(whole)
-    aims, present = _aims(measured, times), {row.engine for row in measured}
-    studies = [
-        {
-            "name": name, "about": STUDIES.get(name, name), "limits": one.value.size, "runs": one.runs,
-            "effective": one.effective, "scatter": one.scatter,
-            "relative_error": one.relative_error(one.value + one.error),
-        }
-        for name, one in references.items()
-    ]  # fmt: skip
-    document = {
-        "schema": SCHEMA,
-        "made": made,
-        "machine": at,
-        "studies": studies,
-        "engines": [
-            {"name": one.name, "title": one.title, "unit": one.unit}
-            for one in ENGINES
-            if one.name in present
-        ],
-        "left_out": [
-            {"name": name, "missing": missing} for name, missing in (left_out or {}).items()
-        ],
-        "measured": measured,
-        "reached": times,
-        "whole": whole,
-        "comparisons": compared,
-        "aims": aims,
-        "losses": _losses(times, aims, compared),
-    }
-    return dict(plain(document))
+) -> Benchmark:
+    """Collect a run.
+
+    Parameters
+    ----------
+    measured : sequence of Measured
+        Engines on studies.
+    whole : sequence of Whole
+        Whole commands.
+    references : mapping
+        By study, in the page's order.
+    made : Made
+        What the page was made by.
+    at : Machine
+        Where.
+    left_out : mapping, optional
+        What was left out, with the packages it misses.
+
+    Returns
+    -------
+    Benchmark
+        With times to given errors, ratios, and where percept does not win.
+    """
+    times = reached(measured)
+    compared = comparisons(whole)
+    aims = _aims(measured, times)
+    present = {row.engine for row in measured}
+    studies = []
+    for name, one in references.items():
+        error = one.relative_error(one.value + one.error)
+        about = STUDIES.get(name, name)
+        studies.append(
+            _Study(name, about, one.value.size, one.runs, one.effective, one.scatter, error)
+        )
+    return Benchmark(
+        schema=_SCHEMA,
+        made=made,
+        machine=at,
+        studies=studies,
+        engines=[_Title(one.name, one.title, one.unit) for one in ENGINES if one.name in present],
+        left_out=[_LeftOut(name, list(missing)) for name, missing in (left_out or {}).items()],
+        measured=measured,
+        reached=times,
+        whole=whole,
+        comparisons=compared,
+        aims=aims,
+        losses=[*_slower(times), *_missed(aims), *_broken(compared)],
+    )
 
 
-def _aims(measured: Sequence[Measured], times: Sequence[Reached]) -> list[dict[str, Any]]:
+def _aims(measured: Sequence[Measured], times: Sequence[Reached]) -> list[Aim]:
     """Compare percept and nutpie on the plain model of the first study with what percept aims at."""
-    first = [one for one in measured if one.study == measured[0].study]
-    theirs = [one for one in first if one.engine == _PLAIN]
-    ours = [one for one in first if one.engine == _OURS]
+    study = measured[0].study
+    theirs = [row for row in measured if (row.study, row.engine) == (study, _PLAIN)]
+    ours = [row for row in measured if (row.study, row.engine) == (study, _OURS)]
     if not theirs or not ours:
         return []
-    best = max(ours, key=lambda one: one.effective_per_second)
+    best = max(ours, key=lambda row: row.effective_per_second)
     # With divergences its effective draws vary many times from run to run: what users take.
-    usual = min(theirs, key=lambda one: abs(one.size - _USUAL_DRAWS))
-    at = next(
-        row for row in times if (row.study, row.engine, row.level) == (usual.study, _PLAIN, 0.01)
+    usual = min(theirs, key=lambda row: abs(row.size - _USUAL_DRAWS))
+    plain_at_aim = (study, _PLAIN, _AIM_LEVEL)
+    to_aim = next(row for row in times if (row.study, row.engine, row.level) == plain_at_aim)
+    of_draws = Aim(
+        f"effective draws per second over nutpie’s, 4 × {usual.size:.0f} draws",
+        best.effective_per_second / usual.effective_per_second,
+        best.effective_per_processor_second / usual.effective_per_processor_second,
+        _AIM_DRAWS,
     )
-    draws = best.effective_per_second / usual.effective_per_second
-    processor = best.effective_per_processor_second / usual.effective_per_processor_second
-    of_draws = f"effective draws per second over nutpie’s, 4 × {usual.size:.0f} draws"
-    of_time = "nutpie’s sampling time to an error of 1 %, over percept’s"
-    names = ("what", "value", "processor", "aim")
-    rows = (
-        (of_draws, draws, processor, 1000.0),
-        (of_time, at.warm_ratio, at.processor_ratio, 5000.0),
+    of_time = Aim(
+        f"nutpie’s sampling time to an error of {100 * _AIM_LEVEL:g} %, over percept’s",
+        to_aim.warm_ratio,
+        to_aim.processor_ratio,
+        _AIM_TIME,
     )
-    return [dict(zip(names, row, strict=True)) for row in rows]
+    return [of_draws, of_time]
 
 
-def _losses(
-    times: Sequence[Reached], aims: Sequence[dict[str, Any]], compared: Sequence[Comparison]
-) -> list[str]:
-    """Say where percept is not the fastest, and which aims and promises are not kept."""
-    lines = [
-        f"{row.study}: {engine(row.engine).title} reaches {row.level:.1%} {state} in {ratio:.2f}"
-        f" times percept’s time{', extrapolated' if row.extrapolated else ''}."
-        for row in times
-        if row.engine != _OURS
-        for state, ratio in (("warm", row.warm_ratio), ("cold", row.cold_ratio))
-        if ratio < 1.0
-    ]
+def _slower(times: Sequence[Reached]) -> list[str]:
+    """Say where another engine is faster than percept."""
+    lines = []
+    for row in times:
+        if row.engine == _OURS:
+            continue
+        extrapolated = ", extrapolated" if row.extrapolated else ""
+        for state, ratio in (("warm", row.warm_ratio), ("cold", row.cold_ratio)):
+            if ratio < 1.0:
+                lines.append(
+                    f"{row.study}: {engine(row.engine).title} reaches {row.level:.1%} {state} in"
+                    f" {ratio:.2f} times percept’s time{extrapolated}."
+                )
+    return lines
+
+
+def _missed(aims: Sequence[Aim]) -> list[str]:
+    """Say which aims are not reached."""
+    lines = []
     for one in aims:
-        what, value, aim = one["what"], one["value"], one["aim"]
-        if value < aim:
-            lines.append(f"{what[0].upper()}{what[1:]}: {value:.3g}; {aim:g} is the aim.")
-    return lines + [
-        f"{one.command} takes {one.ratio:.2f} times the wall time and {one.processor_ratio:.2f}"
-        f" times the processor time of {one.against}; {one.promised:g} is promised."
-        for one in compared
-        if not one.kept
-    ]
+        if one.value < one.aim:
+            what = one.what[0].upper() + one.what[1:]
+            lines.append(f"{what}: {one.value:.3g}; {one.aim:g} is the aim.")
+    return lines
 
 
-_COLOURS = "bayesian", "ink", "classical", "warn", "coupled"
+def _broken(compared: Sequence[Comparison]) -> list[str]:
+    """Say which promised ratios of whole commands are not kept."""
+    lines = []
+    for one in compared:
+        if not one.kept:
+            lines.append(
+                f"{one.command} takes {one.ratio:.2f} times the wall time and"
+                f" {one.processor_ratio:.2f} times the processor time of {one.against};"
+                f" {one.promised:g} is promised."
+            )
+    return lines
 
 
-def write_benchmark(
-    document: Mapping[str, Any], out_dir: str | Path, *, force: bool = False
-) -> Path:
-    """Write a benchmark's document, figures and page."""
+def write_benchmark(document: Benchmark, out_dir: str | Path, *, force: bool = False) -> Path:
+    """Write a benchmark's document, figures and page; return the page's path."""
+    series = dict.fromkeys((row.study, row.engine) for row in document.reached)
+    levels = dict.fromkeys(row.level for row in document.reached)
     with filled_folder(out_dir, _FILES, force=force) as folder:
-        (folder / "benchmark.json").write_text(dumps(document), encoding="utf-8")
-        drawings = [_against_error(document, one) for one in document["studies"]]
+        (folder / "benchmark.json").write_text(dumps(plain(document)), encoding="utf-8")
+        drawings = [_against_error(document, study) for study in document.studies]
         page = render_standalone(
             "percept.bench.peers",
             "benchmark.html.j2",
             draw_all(drawings, folder / "figures"),
             digits=3,
             document=document,
-            made=document["made"],
-            names={one["name"]: one for one in document["engines"]},
-            levels=list(dict.fromkeys(row["level"] for row in document["reached"])),
-            series=list(
-                dict.fromkeys((row["study"], row["engine"]) for row in document["reached"])
-            ),
-            at={(row["study"], row["engine"], row["level"]): row for row in document["reached"]},
+            made=document.made,
+            names={one.name: one for one in document.engines},
+            levels=list(levels),
+            series=list(series),
+            at={(row.study, row.engine, row.level): row for row in document.reached},
         )
         (folder / PAGE).write_text(page, encoding="utf-8")
     return Path(out_dir) / PAGE
 
 
-def _against_error(document: Mapping[str, Any], study: Mapping[str, Any]) -> Drawing:
+def _against_error(document: Benchmark, study: _Study) -> Drawing:
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, left=18.0, bottom=30.0)
-        for one, colour in zip(document["engines"], _COLOURS, strict=False):
-            of = study["name"], one["name"]
-            own = [row for row in document["measured"] if (row["study"], row["engine"]) == of]
-            own.sort(key=lambda row: row["size"])
-            errors, times = [100.0 * row["error"] for row in own], [row["warm"] for row in own]
-            ax.plot(
-                errors, times, color=COLOURS[colour], marker="o", markersize=3.5, label=one["title"]
-            )
+        for one, name in zip(document.engines, _COLOURS, strict=False):
+            rows = []
+            for row in document.measured:
+                if (row.study, row.engine) == (study.name, one.name):
+                    rows.append(row)
+            rows.sort(key=lambda row: row.size)
+            errors = [100.0 * row.error for row in rows]
+            times = [row.warm for row in rows]
+            colour = COLOURS[name]
+            ax.plot(errors, times, color=colour, marker="o", markersize=3.5, label=one.title)
         log_scale(ax)
         ax.set_xlabel("error of the limits (% of half-width)")
         ax.set_ylabel("time (s)")
@@ -276,9 +456,9 @@ def _against_error(document: Mapping[str, Any], study: Mapping[str, Any]) -> Dra
         legend(ax, ncols=2)
 
     return Drawing(
-        f"time-{study['name']}",
-        f"Run time against error, {study['name']}",
-        f"{study['about']}. Median time of sampling and limits over the root mean square error of"
+        f"time-{study.name}",
+        f"Run time against error, {study.name}",
+        f"{study.about}. Median time of sampling and limits over the root mean square error of"
         " all limits; each mark is one budget, each line one engine. Left and down is better.",
         (170.0, 118.0),
         draw,

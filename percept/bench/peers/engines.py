@@ -19,9 +19,27 @@ if TYPE_CHECKING:
     from percept.inference.hierarchy.models import IntervalEstimands, Model
     from percept.inference.hierarchy.statistics import Statistics
 
+__all__ = [
+    "CONFIDENCE",
+    "ENGINES",
+    "SHARE",
+    "STUDIES",
+    "Array",
+    "Engine",
+    "Fitted",
+    "engine",
+    "limits_of_draws",
+    "percept_run",
+    "share_half_widths",
+    "study_statistics",
+]
+
 Array: TypeAlias = NDArray[np.float64]
-KINDS = ("mean", "user", "share")
-LEVEL, SHARE, CONFIDENCE = 0.99, 0.99, 0.95
+
+_KINDS = ("mean", "user", "share")
+_LEVEL = 0.99
+SHARE = 0.99
+CONFIDENCE = 0.95
 #: Studies compared, and what each is. The second part is simulated by `percept.bench.designs`.
 STUDIES = {
     "published": "10 subjects, 5 environments, one trial; k and b",
@@ -31,6 +49,15 @@ STUDIES = {
     ),
     "20x100x1": "20 subjects, 100 environments, one trial; k and b",
 }
+_MOST_STEPS = 2_000_000  # Of percept, so that only its tolerance ends a run
+
+_WALKERS = 256  # Of emcee, where the coordinates do not ask for more
+_KEPT_EVERY = 10  # Steps of emcee
+_BURN_IN = 0.25  # Of emcee's steps
+
+_CHAINS = 4  # Of PyMC and nutpie, as their users take them
+_PYMC_TUNE = 1000
+_NUTPIE_TUNE = 400
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -41,9 +68,7 @@ class Fitted:
     error: Array  # (3, 2, C) Monte Carlo standard errors
     effective: float  # Effective draws of the slowest quantity behind them
     seconds: float  # Wall time of sampling and of the limits, without compiling
-    notes: dict[
-        str, float
-    ]  # What its user would look at: divergences, acceptance, autocorrelation time
+    notes: dict[str, float]  # What its user would look at: divergences, acceptance, steps
 
 
 #: Samples within a budget, in the engine's own unit, from a seed.
@@ -80,19 +105,21 @@ def study_statistics(name: str) -> Statistics:
     from percept.study.fit import prepare
 
     parameters = ("k",) if name == "published-k" else ("k", "b")
-    model: Any = prepare(read_sessions(dataset("hbfd_sessions.csv")), Scene(), parameters).model
+    sessions = read_sessions(dataset("hbfd_sessions.csv"))
+    model: Any = prepare(sessions, Scene(), parameters).model
     return model.statistics
 
 
-def percept_model(statistics: Statistics) -> tuple[Model, IntervalEstimands]:
+def _percept_model(statistics: Statistics) -> tuple[Model, IntervalEstimands]:
     """Return percept's model with its default priors, and the limits compared."""
     from percept.inference.hierarchy.density import CollapsedDensity
     from percept.inference.hierarchy.models import IntervalEstimands
 
     model = CollapsedDensity(statistics)
-    return model, IntervalEstimands(
-        model, kinds=KINDS, level=LEVEL, share=SHARE, confidence=CONFIDENCE
+    estimands = IntervalEstimands(
+        model, kinds=_KINDS, level=_LEVEL, share=SHARE, confidence=CONFIDENCE
     )
+    return model, estimands
 
 
 def percept_run(statistics: Statistics, tolerance: float, seed: int) -> Fitted:
@@ -101,20 +128,25 @@ def percept_run(statistics: Statistics, tolerance: float, seed: int) -> Fitted:
     from percept.inference.sampling.run import sample
 
     started = time.perf_counter()
-    model, estimands = percept_model(statistics)
-    run = sample(model, estimands, Settings(tolerance=tolerance, seed=seed, most_steps=2_000_000))
-    gate, shape = run.gate, (len(KINDS), 2, len(estimands.cells))
+    model, estimands = _percept_model(statistics)
+    run = sample(model, estimands, Settings(tolerance=tolerance, seed=seed, most_steps=_MOST_STEPS))
+    gate = run.gate
+    shape = (len(_KINDS), 2, len(estimands.cells))
+    value = run.estimates.value.reshape(shape)
+    error = run.errors.reshape(shape)
     notes = {
-        "passed": float(gate.passed), "worst_error": gate.worst_error, "steps": float(run.steps),
-        "autocorrelation_time": gate.autocorrelation_time, "acceptance": gate.acceptance,
-    }  # fmt: skip
-    return Fitted(
-        run.estimates.value.reshape(shape), run.errors.reshape(shape), gate.effective_draws,
-        time.perf_counter() - started, notes,
-    )  # fmt: skip
+        "passed": float(gate.passed),
+        "worst_error": gate.worst_error,
+        "steps": float(run.steps),
+        "autocorrelation_time": gate.autocorrelation_time,
+        "acceptance": gate.acceptance,
+    }
+    seconds = time.perf_counter() - started
+    return Fitted(value, error, gate.effective_draws, seconds, notes)
 
 
-_WALKERS, _KEPT_EVERY, _BURN_IN = 256, 10, 0.25
+def _percept(statistics: Statistics) -> Sampler:
+    return partial(percept_run, statistics)
 
 
 def _emcee(statistics: Statistics) -> Sampler:
@@ -123,28 +155,31 @@ def _emcee(statistics: Statistics) -> Sampler:
 
     from percept.inference.sampling.diagnostics import autocorrelation_time, normal_scores
 
-    model, estimands = percept_model(statistics)
-    shape = (len(KINDS), 2, len(estimands.cells))
+    model, estimands = _percept_model(statistics)
+    shape = (len(_KINDS), 2, len(estimands.cells))
+    dimension = len(model.names)
     # emcee refuses an ensemble of fewer.
-    walkers = max(_WALKERS, 2 * len(model.names))
+    walkers = max(_WALKERS, 2 * dimension)
 
     def fit(budget: float, seed: int) -> Fitted:
-        started, steps = time.perf_counter(), int(budget)
-        points = 0.5 * np.random.default_rng(seed).standard_normal((walkers, len(model.names)))
-        sampler = emcee.EnsembleSampler(*points.shape, model, vectorize=True)
+        started = time.perf_counter()
+        steps = int(budget)
+        points = 0.5 * np.random.default_rng(seed).standard_normal((walkers, dimension))
+        sampler = emcee.EnsembleSampler(walkers, dimension, model, vectorize=True)
         # emcee takes nothing but a legacy state here, and ignores the rest in silence.
-        state = emcee.State(points, random_state=np.random.RandomState(seed).get_state(legacy=True))
+        random_state = np.random.RandomState(seed).get_state(legacy=True)
+        state = emcee.State(points, random_state=random_state)
         sampler.run_mcmc(state, steps, skip_initial_state_check=True)
-        kept = np.asarray(sampler.get_chain(discard=int(_BURN_IN * steps), thin=_KEPT_EVERY))
-        components = estimands.components(kept.reshape(-1, kept.shape[2]))
-        scores = normal_scores(components.reshape(*kept.shape[:2], -1))
+        discarded = int(_BURN_IN * steps)
+        chain = np.asarray(sampler.get_chain(discard=discarded, thin=_KEPT_EVERY))
+        components = estimands.components(chain.reshape(-1, dimension))
+        scores = normal_scores(components.reshape(*chain.shape[:2], -1))
         slowest = float(autocorrelation_time(scores[None]).max())
         effective = len(components) / slowest
         parts = list(estimands.estimates(components))
         value = np.concatenate([estimates.value for estimates, _ in parts])
-        error = np.concatenate([influence.std(axis=0) for _, influence in parts]) / np.sqrt(
-            effective
-        )
+        sd = np.concatenate([influence.std(axis=0) for _, influence in parts])
+        error = sd / np.sqrt(effective)
         notes = {
             "acceptance": float(np.mean(sampler.acceptance_fraction)),
             "autocorrelation_time": slowest * _KEPT_EVERY,
@@ -155,23 +190,23 @@ def _emcee(statistics: Statistics) -> Sampler:
     return fit
 
 
-_CHAINS = 4
-
-
 def _pymc(statistics: Statistics) -> Sampler:
     import pymc as pm
 
-    from percept.bench.peers.cells import cells_model
-    from percept.inference.hierarchy.priors import Priors
-
-    model = cells_model(statistics, Priors(), centred=True)
+    model = _plain_model(statistics, centred=True)
 
     def fit(budget: float, seed: int) -> Fitted:
         with model:
             tree = pm.sample(
-                int(budget), tune=1000, chains=_CHAINS, cores=os.cpu_count(), random_seed=seed,
-                progressbar=False, compute_convergence_checks=False, var_names=["beta", "spread"],
-            )  # fmt: skip
+                int(budget),
+                tune=_PYMC_TUNE,
+                chains=_CHAINS,
+                cores=os.cpu_count(),
+                random_seed=seed,
+                progressbar=False,
+                compute_convergence_checks=False,
+                var_names=["beta", "spread"],
+            )
         return _of_tree(tree, seed, float(tree.posterior.attrs["sampling_time"]))
 
     return fit
@@ -180,37 +215,46 @@ def _pymc(statistics: Statistics) -> Sampler:
 def _nutpie(statistics: Statistics, *, centred: bool) -> Sampler:
     import nutpie
 
-    from percept.bench.peers.cells import cells_model
-    from percept.inference.hierarchy.priors import Priors
-
-    model = cells_model(statistics, Priors(), centred=centred)
+    model = _plain_model(statistics, centred=centred)
     compiled = nutpie.compile_pymc_model(model, var_names=["beta", "spread"])
 
     def fit(budget: float, seed: int) -> Fitted:
         started = time.perf_counter()
         tree = nutpie.sample(
-            compiled, draws=int(budget), tune=400, chains=_CHAINS, cores=os.cpu_count(), seed=seed,
+            compiled,
+            draws=int(budget),
+            tune=_NUTPIE_TUNE,
+            chains=_CHAINS,
+            cores=os.cpu_count(),
+            seed=seed,
             progress_bar=False,
-        )  # fmt: skip
+        )
         return _of_tree(tree, seed, time.perf_counter() - started)
 
     return fit
 
 
+def _plain_model(statistics: Statistics, *, centred: bool) -> Any:
+    from percept.bench.peers.cells import cells_model
+    from percept.inference.hierarchy.priors import Priors
+
+    return cells_model(statistics, Priors(), centred=centred)
+
+
 def _of_tree(tree: Any, seed: int, seconds: float) -> Fitted:
-    """Limits from the draws of a general sampler, as its users take them."""
+    """Return limits from the draws of a general sampler, as its users take them."""
     started = time.perf_counter()
-    beta, spread = (np.asarray(tree.posterior[name]) for name in ("beta", "spread"))
+    beta = np.asarray(tree.posterior["beta"])
+    spread = np.asarray(tree.posterior["spread"])
     shape = (*beta.shape[:2], -1)
-    limits = limits_of_draws(
-        beta.reshape(shape), spread.reshape(shape), np.random.default_rng(seed)
-    )
+    rng = np.random.default_rng(seed)
+    limits = limits_of_draws(beta.reshape(shape), spread.reshape(shape), rng)
     seconds += time.perf_counter() - started
     return Fitted(*limits, seconds, {"divergences": float(tree.sample_stats.diverging.sum())})
 
 
 def share_half_widths(off: Array, spread: Array, share: float = SHARE) -> Array:
-    """Half-width h with Phi((h - off)/spread) - Phi((-h - off)/spread) = share."""
+    """Return the half-width h with Phi((h - off)/spread) - Phi((-h - off)/spread) = share."""
     from scipy import special
     from scipy.optimize import elementwise
 
@@ -218,71 +262,118 @@ def share_half_widths(off: Array, spread: Array, share: float = SHARE) -> Array:
         return special.ndtr(apart - t) + special.ndtr(-apart - t) - (1.0 - share)
 
     apart = np.abs(off) / spread
-    beyond = apart + special.ndtri(0.5 * (1.0 + share)) + 1.0
-    found = elementwise.find_root(missing, (np.zeros_like(apart), beyond), args=(apart,))
-    return np.asarray(found.x * spread)
+    enough = apart + special.ndtri(0.5 * (1.0 + share)) + 1.0
+    root = elementwise.find_root(missing, (np.zeros_like(apart), enough), args=(apart,))
+    return np.asarray(root.x * spread)
 
 
 def limits_of_draws(
     beta: Array, spread: Array, rng: np.random.Generator
 ) -> tuple[Array, Array, float]:
-    """Limits from draws (chains, draws, cells), their errors, and the effective draws of the slowest."""
+    """Return limits from raw draws, as quantiles.
+
+    Parameters
+    ----------
+    beta, spread : ndarray, shape (chains, draws, cells)
+        Means of the populations, and their SDs.
+    rng : numpy.random.Generator
+        Draws new users.
+
+    Returns
+    -------
+    value, error : ndarray, shape (3, 2, cells)
+        Limits of the kinds mean, user and share, and their Monte Carlo standard errors.
+    effective : float
+        Effective draws of the slowest quantity.
+    """
     from arviz_stats.base.array import BaseArray
 
     array_stats: Any = BaseArray()
-    tails = (0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL))
+    tails = (0.5 * (1.0 - _LEVEL), 0.5 * (1.0 + _LEVEL))
+
+    def error_of_mean(draws: Array) -> Array:
+        return np.asarray(array_stats.mcse(np.moveaxis(draws, -1, 0), method="mean"))
+
+    def error_of_quantile(draws: Array, probability: float) -> Array:
+        series = np.moveaxis(draws, -1, 0)
+        return np.asarray(array_stats.mcse(series, method="quantile", prob=probability))
+
+    value = []
+    error = []
     user = beta + spread * rng.standard_normal(beta.shape)
+    for draws in (beta, user):
+        value.append(np.quantile(draws, tails, axis=(0, 1)))
+        error.append([error_of_quantile(draws, tail) for tail in tails])
     centre = beta.mean(axis=(0, 1))
     half = share_half_widths(beta - centre, spread)
     h = np.quantile(half, CONFIDENCE, axis=(0, 1))
-    quantiles = [np.quantile(draws, tails, axis=(0, 1)) for draws in (beta, user)]
-    value = np.stack([*quantiles, np.stack([centre - h, centre + h])])
-
-    def error(draws: Array, **how: Any) -> Array:
-        return np.asarray(array_stats.mcse(np.moveaxis(draws, -1, 0), **how))
-
-    errors = [
-        [error(draws, method="quantile", prob=tail) for tail in tails] for draws in (beta, user)
-    ]
-    of_share = np.hypot(error(half, method="quantile", prob=CONFIDENCE), error(beta, method="mean"))
-    # 5 and 95 %: the tails whose draws are counted since Vehtari et al. (2021).
-    effective = [
-        np.asarray(array_stats.ess(np.moveaxis(draws, -1, 0), method=method, **how))
-        for draws in (beta, np.log(spread))
-        for method, how in (("bulk", {}), ("tail", {"prob": (0.05, 0.95)}))
-    ]
-    return value, np.stack([*errors, [of_share, of_share]]), float(np.nanmin(effective))
+    value.append(np.stack([centre - h, centre + h]))
+    of_share = np.hypot(error_of_quantile(half, CONFIDENCE), error_of_mean(beta))
+    error.append([of_share, of_share])
+    effective = []
+    for draws in (beta, np.log(spread)):
+        series = np.moveaxis(draws, -1, 0)
+        effective.append(array_stats.ess(series, method="bulk"))
+        # 5 and 95 %: the tails whose draws are counted since Vehtari et al. (2021).
+        effective.append(array_stats.ess(series, method="tail", prob=(0.05, 0.95)))
+    return np.stack(value), np.stack(error), float(np.nanmin(effective))
 
 
 _NUTS_UNIT = "draws per chain, 4 chains"
-_NUTS_SIZES = ((250, 5), (1000, 5), (4000, 3), (16000, 1))
+_NUTS_BUDGETS = ((250, 5), (1000, 5), (4000, 3), (16000, 1))
 _NUTPIE = ("nutpie", "pymc", "pytensor", "numba")
 ENGINES = (
     Engine(
-        "percept", "percept", lambda statistics: partial(percept_run, statistics),
-        ("percept", "emcee", "numpy", "scipy"), "tolerance",
-        ((0.1, 5), (0.02, 5), (0.01, 5), (0.005, 5), (0.002, 3), (0.001, 2)), 0.1,
+        "percept",
+        "percept",
+        _percept,
+        ("percept", "emcee", "numpy", "scipy"),
+        "tolerance",
+        ((0.1, 5), (0.02, 5), (0.01, 5), (0.005, 5), (0.002, 3), (0.001, 2)),
+        0.1,
     ),
     Engine(
-        "emcee", "emcee's stretch moves on percept's density", _emcee, ("percept", "emcee"),
+        "emcee",
+        "emcee's stretch moves on percept's density",
+        _emcee,
+        ("percept", "emcee"),
         "steps of 256 walkers, or of twice the coordinates",
-        ((1000, 5), (4000, 5), (16000, 3), (64000, 1)), 200,
+        ((1000, 5), (4000, 5), (16000, 3), (64000, 1)),
+        200,
     ),
     Engine(
-        "nutpie", "nutpie, written plainly", partial(_nutpie, centred=True), _NUTPIE, _NUTS_UNIT,
-        ((250, 5), (1000, 15), (4000, 3), (16000, 1)), 50,
+        "nutpie",
+        "nutpie, written plainly",
+        partial(_nutpie, centred=True),
+        _NUTPIE,
+        _NUTS_UNIT,
+        ((250, 5), (1000, 15), (4000, 3), (16000, 1)),
+        50,
     ),
     Engine(
-        "nutpie-noncentred", "nutpie, non-centred by hand", partial(_nutpie, centred=False), _NUTPIE,
-        _NUTS_UNIT, _NUTS_SIZES, 50,
+        "nutpie-noncentred",
+        "nutpie, non-centred by hand",
+        partial(_nutpie, centred=False),
+        _NUTPIE,
+        _NUTS_UNIT,
+        _NUTS_BUDGETS,
+        50,
     ),
-    Engine("pymc", "PyMC, written plainly", _pymc, ("pymc", "pytensor"), _NUTS_UNIT, _NUTS_SIZES, 50),
-)  # fmt: skip
+    Engine(
+        "pymc",
+        "PyMC, written plainly",
+        _pymc,
+        ("pymc", "pytensor"),
+        _NUTS_UNIT,
+        _NUTS_BUDGETS,
+        50,
+    ),
+)
 
 
 def engine(name: str) -> Engine:
     """Return the engine of that name."""
-    found = {one.name: one for one in ENGINES}
-    if name in found:
-        return found[name]
-    raise UsageError(f"no such engine; they are {', '.join(found)}.", key="engine", value=name)
+    by_name = {one.name: one for one in ENGINES}
+    if name in by_name:
+        return by_name[name]
+    raise UsageError(f"no such engine; they are {', '.join(by_name)}.", key="engine", value=name)

@@ -17,16 +17,27 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from percept.bench.measure import in_a_process, print_result, python_output
-from percept.bench.peers.engines import Engine, engine, study_statistics
+from percept.bench.measure import Printed, in_a_process, print_result, python_output
+from percept.bench.peers.engines import Engine, Fitted, engine, study_statistics
 
 if TYPE_CHECKING:
     # What it needs would count as the start of every engine's process.
     from percept.bench.peers.reference import Reference
+
+__all__ = [
+    "COMMANDS",
+    "LONGEST",
+    "Comparison",
+    "Measured",
+    "Whole",
+    "comparisons",
+    "measure",
+    "whole_commands",
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,12 +52,21 @@ class Measured:
     cold: float  # The same with the start of the process, s
     warm_range: tuple[float, float]  # Shortest and longest warm time
     processor: float  # Processor time of a warm run, s
-    error: float  # Root mean square over all limits of the difference from the reference, over half-widths
+    error: float  # Root mean square of all limits' differences from the reference, over half-widths
     error_range: tuple[float, float]  # Smallest and largest
     effective_per_second: float  # Effective draws of the slowest quantity, per second of a warm run
     effective_per_processor_second: float  # The same per second of processor time
     agreement: float  # Root mean square of (limit - reference) over the Monte Carlo error of both
     notes: dict[str, float]  # Medians of what the engine said
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Run:
+    """One run of an engine's process."""
+
+    size: float
+    processor: float  # s
+    fitted: Fitted
 
 
 def measure(
@@ -58,68 +78,101 @@ def measure(
     quick: bool = False,
     log: Callable[[str], None] = lambda line: None,
 ) -> list[Measured]:
-    """Measure engines on one study, one after the other."""
+    """Measure engines on one study, one after the other.
+
+    Parameters
+    ----------
+    engines : sequence of Engine
+        Installed ones.
+    study : str
+        Of `STUDIES`.
+    reference : Reference
+        Its limits.
+    seconds : float
+        After these no run of an engine begins.
+    quick : bool
+        One run each, of the size that shows that it works.
+    log : callable
+        Told of each engine.
+
+    Returns
+    -------
+    list of Measured
+        Engine by engine, the smallest budget first.
+    """
     measured: list[Measured] = []
     for one in engines:
         log(f"{study}, {one.title}")
         task = {
-            "engine": one.name, "study": study, "seconds": seconds, "seed": 1,
-            "budgets": ((one.quick, 1),) if quick else one.budgets, "started": time.time(),
-        }  # fmt: skip
+            "engine": one.name,
+            "study": study,
+            "seconds": seconds,
+            "seed": 1,
+            "budgets": ((one.quick, 1),) if quick else one.budgets,
+            "started": time.time(),
+        }
         measured += _reduced(study, one.name, in_a_process(__name__, task), reference)
     return measured
 
 
-def _reduced(study: str, name: str, given: dict[str, Any], reference: Reference) -> list[Measured]:
-    runs, rows = given["runs"], []
+def _reduced(study: str, name: str, printed: Printed, reference: Reference) -> list[Measured]:
+    """Reduce the runs of an engine to a row for each budget."""
+    by_size: dict[float, list[_Run]] = {}
+    for run in printed["runs"]:
+        fields = run["fitted"]
+        value = np.array(fields["value"])
+        error = np.array(fields["error"])
+        fitted = Fitted(value, error, fields["effective"], fields["seconds"], fields["notes"])
+        by_size.setdefault(run["size"], []).append(_Run(run["size"], run["processor"], fitted))
+    smallest = next(iter(by_size.values()))
     # What the first run of a process takes beyond a later one: imports, building and compiling.
-    again = median(run["seconds"] for run in runs if run["size"] == runs[0]["size"])
-    start = max(given["first"] - again, 0.0)
-    for size in dict.fromkeys(run["size"] for run in runs):
-        group = [run for run in runs if run["size"] == size]
-        seconds, values = (
-            [run["seconds"] for run in group],
-            np.array([run["value"] for run in group]),
-        )
-        claimed = np.hypot([run["error"] for run in group], reference.error)
-        errors = [reference.relative_error(value) for value in values]
-        warm, worked, draws = (
-            median(run[key] for run in group) for key in ("seconds", "processor", "effective")
-        )
-        rows.append(
-            Measured(
-                study=study,
-                engine=name,
-                size=size,
-                repeats=len(group),
-                warm=warm,
-                cold=start + warm,
-                warm_range=(min(seconds), max(seconds)),
-                processor=worked,
-                error=median(errors),
-                error_range=(min(errors), max(errors)),
-                effective_per_second=draws / warm,
-                effective_per_processor_second=draws / worked,
-                agreement=float(np.sqrt(np.mean(((values - reference.value) / claimed) ** 2))),
-                notes={
-                    key: median(run["notes"][key] for run in group) for key in group[0]["notes"]
-                },
-            )
-        )
-    return rows
+    start = max(printed["first"] - median(run.fitted.seconds for run in smallest), 0.0)
+    return [_row(study, name, start, runs, reference) for runs in by_size.values()]
+
+
+def _row(
+    study: str, name: str, start: float, runs: Sequence[_Run], reference: Reference
+) -> Measured:
+    fits = [run.fitted for run in runs]
+    seconds = [fitted.seconds for fitted in fits]
+    errors = [reference.relative_error(fitted.value) for fitted in fits]
+    warm = median(seconds)
+    processor = median(run.processor for run in runs)
+    effective = median(fitted.effective for fitted in fits)
+    difference = np.array([fitted.value for fitted in fits]) - reference.value
+    claimed = np.hypot([fitted.error for fitted in fits], reference.error)
+    notes = {}
+    for key in fits[0].notes:
+        notes[key] = median(fitted.notes[key] for fitted in fits)
+    return Measured(
+        study=study,
+        engine=name,
+        size=runs[0].size,
+        repeats=len(runs),
+        warm=warm,
+        cold=start + warm,
+        warm_range=(min(seconds), max(seconds)),
+        processor=processor,
+        error=median(errors),
+        error_range=(min(errors), max(errors)),
+        effective_per_second=effective / warm,
+        effective_per_processor_second=effective / processor,
+        agreement=float(np.sqrt(np.mean((difference / claimed) ** 2))),
+        notes=notes,
+    )
 
 
 _NEEDED = "numpy, scipy.stats, pandas, emcee, arviz_base, arviz_stats, h5netcdf"
-_REPORT, _FIT = (
-    ("-m", "percept", command, "SESSIONS", "--out", "OUT") for command in ("report", "fit")
-)
+_REPORT = ("-m", "percept", "report", "SESSIONS", "--out", "OUT")
+_FIT = ("-m", "percept", "fit", "SESSIONS", "--out", "OUT")
+_SEEDED_REPORT = (*_REPORT, "--seed", "SEED", "--scene", "SCENE")
 #: Name to arguments of Python; SESSIONS, SCENE, OUT and SEED, another in every round, are filled
 #: in.
-COMMANDS = {
+COMMANDS: dict[str, tuple[str, ...]] = {
     "import pymc": ("-c", "import pymc"),
     "import what percept fit needs": ("-c", f"import {_NEEDED}"),
-    "percept report": (*_REPORT, "--seed", "SEED", "--scene", "SCENE"),
-    "percept report, no checks": (*_REPORT, "--seed", "SEED", "--scene", "SCENE", "--no-checks"),
+    "percept report": _SEEDED_REPORT,
+    "percept report, no checks": (*_SEEDED_REPORT, "--no-checks"),
     "percept fit": (*_FIT, "--seed", "SEED"),
     "percept fit, 2 %": (*_FIT, "--seed", "SEED", "--tolerance", "0.02"),
     "percept fit, classical": (*_FIT, "--method", "classical"),
@@ -165,35 +218,60 @@ def whole_commands(
     """Run every command in turn, round by round, so that all see the machine alike.
 
     One round more comes before those, and counts only where `repeats` is 0.
+
+    Parameters
+    ----------
+    sessions, scene : str
+        Files of the study.
+    repeats : int
+        Rounds that count.
+    commands : mapping
+        As `COMMANDS`.
+
+    Returns
+    -------
+    list of Whole
+        A row for each command.
+
+    Raises
+    ------
+    RefusalError
+        Where a command fails.
     """
-    times: dict[str, list[tuple[float, float]]] = {name: [] for name in commands}
+    wall: dict[str, list[float]] = {name: [] for name in commands}
+    processor: dict[str, list[float]] = {name: [] for name in commands}
     for round_ in range(repeats + 1):
         for name, words in commands.items():
-            with tempfile.TemporaryDirectory() as out:
-                spent = _timed(_filled(words, sessions, scene, str(Path(out, "out")), str(round_)))
-            if round_ or not repeats:  # the first fills the system's caches
-                times[name].append(spent)
+            with tempfile.TemporaryDirectory() as folder:
+                out = str(Path(folder, "out"))
+                seconds, worked = _timed(_filled(words, sessions, scene, out, str(round_)))
+            # The first round fills the system's caches.
+            if round_ or not repeats:
+                wall[name].append(seconds)
+                processor[name].append(worked)
     rows = []
     for name, words in commands.items():
-        wall, processor = zip(*times[name], strict=True)
         typed = shlex.join(["python", *_filled(words, "SESSIONS", "SCENE", "DIR", "SEED")])
         typed = typed.replace("python -m percept", "percept")
-        rows.append(Whole(name, typed, wall, median(wall), median(processor)))
+        times = tuple(wall[name])
+        rows.append(Whole(name, typed, times, median(times), median(processor[name])))
     return rows
 
 
 def comparisons(rows: Sequence[Whole]) -> list[Comparison]:
     """Return the ratios that are promised, of the commands that were run."""
     by_name = {one.name: one for one in rows}
-    found = []
+    compared = []
     for command, against, promised in _PROMISES:
-        if command in by_name and against in by_name:
-            one, other = by_name[command], by_name[against]
-            ratio = median(a / b for a, b in zip(one.seconds, other.seconds, strict=True))
-            processor = one.processor / other.processor
-            kept = max(ratio, processor) <= promised
-            found.append(Comparison(command, against, ratio, processor, promised, kept))
-    return found
+        if command not in by_name or against not in by_name:
+            continue
+        own = by_name[command]
+        other = by_name[against]
+        ratio = median(a / b for a, b in zip(own.seconds, other.seconds, strict=True))
+        processor = own.processor / other.processor
+        kept = max(ratio, processor) <= promised
+        compared.append(Comparison(command, against, ratio, processor, promised, kept))
+    return compared
 
 
 def _filled(words: Sequence[str], sessions: str, scene: str, out: str, seed: str) -> list[str]:
@@ -202,44 +280,44 @@ def _filled(words: Sequence[str], sessions: str, scene: str, out: str, seed: str
 
 
 def _timed(words: Sequence[str]) -> tuple[float, float]:
-    """Wall and processor seconds of one process; percept finds no posterior kept from an earlier one."""
-    before, started = processor_seconds(), time.perf_counter()
+    """Return wall and processor seconds of one process; it finds no posterior of an earlier one."""
+    before = _processor_seconds()
+    started = time.perf_counter()
     python_output(*words, PERCEPT_CACHE="off")
-    return time.perf_counter() - started, processor_seconds() - before
+    return time.perf_counter() - started, _processor_seconds() - before
 
 
-def main(given: str) -> None:
+def _main(text: str) -> None:
     """Run an engine as its task says and print what it gave."""
-    task = json.loads(given)
-    warnings.simplefilter(
-        "ignore"
-    )  # samplers warn about runs as short as some of these are meant to be
+    task = json.loads(text)
+    # Samplers warn about runs as short as some of these are meant to be.
+    warnings.simplefilter("ignore")
     began = time.time()
     statistics = study_statistics(task["study"])
     # Reading is the same for all engines, and no part of any of them.
     read = time.time() - began
     sampler = engine(task["engine"]).prepare(statistics)
     seed = task["seed"]
-    runs: list[dict[str, Any]] = []
-    sampler(task["budgets"][0][0], seed)
+    smallest, _ = task["budgets"][0]
+    sampler(smallest, seed)
     first = time.time() - task["started"] - read
+    runs: list[_Run] = []
     for size, repeats in task["budgets"]:
         for _ in range(repeats):
             if runs and time.time() - task["started"] > task["seconds"]:
                 break
             seed += 1
-            before = processor_seconds()
+            before = _processor_seconds()
             fitted = sampler(size, seed)
-            spent = processor_seconds() - before
-            runs.append({"size": size, "processor": spent} | dataclasses.asdict(fitted))
-    print_result({"first": first, "runs": runs})
+            runs.append(_Run(size, _processor_seconds() - before, fitted))
+    print_result({"first": first, "runs": [dataclasses.asdict(run) for run in runs]})
 
 
-def processor_seconds() -> float:
-    """Processor seconds of this process and of those it has waited for."""
+def _processor_seconds() -> float:
+    """Return processor seconds of this process and of those it has waited for."""
     times = os.times()
     return times.user + times.system + times.children_user + times.children_system
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    _main(sys.argv[1])

@@ -9,20 +9,28 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from percept.bench.measure import Printed
 from percept.bench.peers.engines import STUDIES, Array, percept_run, study_statistics
 from percept.calibration.studies import Checkpoint
 from percept.errors import RefusalError
 from percept.results.plain import plain
 
-FILE = "reference.json"
-_RUNS, _TOLERANCE = 30, 0.005
+if TYPE_CHECKING:
+    from percept.inference.hierarchy.statistics import Statistics
+
+__all__ = ["Reference", "make_references", "stored_reference", "stored_references"]
+
+_FILE = "reference.json"
+_RUNS = 30
+_TOLERANCE = 0.005  # Of each run: the pool's error is a fifth of that
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -36,18 +44,27 @@ class Reference:
     scatter: float  # SD of the runs over what each claims
 
     @classmethod
-    def pooled(cls, rows: list[dict[str, Any]]) -> Self:
+    def pooled(cls, rows: Sequence[Printed]) -> Self:
         """Pool runs of equal length, each a mapping with value, error and effective."""
         values = np.array([row["value"] for row in rows])
         errors = np.array([row["error"] for row in rows])
         count = len(rows)
-        value, claimed = values.mean(axis=0), np.sqrt((errors**2).mean(axis=0))
-        spread = (values - value) / claimed
-        scatter = (
-            math.sqrt((spread**2).sum() / ((count - 1) * value.size)) if count > 1 else math.nan
-        )
+        value = values.mean(axis=0)
+        claimed = np.sqrt((errors**2).mean(axis=0))
         effective = sum(row["effective"] for row in rows)
+        scatter = math.nan
+        if count > 1:
+            squares = ((values - value) / claimed) ** 2
+            scatter = math.sqrt(squares.sum() / ((count - 1) * value.size))
         return cls(value, claimed / math.sqrt(count), effective, count, scatter)
+
+    @classmethod
+    def stored(cls, fields: Mapping[str, float]) -> Self:
+        """Return a reference as its file holds it."""
+        reference = cls(**fields)  # type: ignore[arg-type]
+        return dataclasses.replace(
+            reference, value=np.array(reference.value), error=np.array(reference.error)
+        )
 
     @property
     def half_width(self) -> Array:
@@ -55,50 +72,69 @@ class Reference:
         return 0.5 * (self.value[:, 1:] - self.value[:, :1])
 
     def relative_error(self, value: Array) -> float:
-        """Root mean square error of limits (3, 2, C) over their half-widths."""
+        """Return the root mean square error of limits (3, 2, C) over their half-widths."""
         return float(np.sqrt(np.mean(((value - self.value) / self.half_width) ** 2)))
 
 
 def stored_references() -> dict[str, Reference]:
     """Return the references that come with percept, by study."""
-    text = resources.files("percept.bench.peers").joinpath(FILE).read_text(encoding="utf-8")
-    return {
-        study: Reference(**(kept | {name: np.array(kept[name]) for name in ("value", "error")}))
-        for study, kept in json.loads(text).items()
-    }
+    text = resources.files("percept.bench.peers").joinpath(_FILE).read_text(encoding="utf-8")
+    return {study: Reference.stored(fields) for study, fields in json.loads(text).items()}
 
 
 def stored_reference(study: str) -> Reference:
-    """Return the reference of one study."""
-    found = stored_references()
-    if study not in found:
+    """Return the reference of one study; RefusalError where there is none."""
+    references = stored_references()
+    if study not in references:
         raise RefusalError(
-            f"no reference limits are stored; there are some for {', '.join(found)}.",
+            f"no reference limits are stored; there are some for {', '.join(references)}.",
             key="--rows",
             value=study,
             hint="Make them: percept bench reference --rows STUDY --out DIR.",
         )
-    return found[study]
+    return references[study]
 
 
 def make_references(
     out: str | Path,
-    studies: tuple[str, ...] = (),
+    studies: Sequence[str] = (),
     *,
     runs: int = _RUNS,
     log: Callable[[str], None] = lambda line: None,
 ) -> Path:
-    """Pool runs of each study beside the stored references; an interrupted call goes on."""
+    """Pool runs of studies beside the stored references; an interrupted call goes on.
+
+    Parameters
+    ----------
+    out : str or Path
+        Folder that keeps runs and references.
+    studies : sequence of str, optional
+        Of `STUDIES`; all by default.
+    runs : int
+        Of each study.
+    log : callable
+        Told of each run.
+
+    Returns
+    -------
+    Path
+        The references, in the form percept stores them in.
+    """
     folder = Path(out)
-    found = stored_references()
+    references = stored_references()
     for study in studies or STUDIES:
-        statistics = study_statistics(study)
+        log(f"{study}: {runs} runs")
+        run = partial(_run, study_statistics(study))
+        checkpoint = Checkpoint(folder / "runs.jsonl", f"{study} {_TOLERANCE}", what="reference")
+        progress = partial(_say, log, study)
+        references[study] = Reference.pooled(checkpoint.complete(run, runs, progress=progress))
+    (folder / _FILE).write_text(json.dumps(plain(references)) + "\n", encoding="utf-8")
+    return folder / _FILE
 
-        def run(seed: int, study: str = study, statistics: Any = statistics) -> dict[str, Any]:
-            log(f"{study}: run {seed + 1} of {runs}")
-            return dict(plain(percept_run(statistics, _TOLERANCE, seed)))
 
-        kept = Checkpoint(folder / "runs.jsonl", f"{study} {_TOLERANCE}", what="reference")
-        found[study] = Reference.pooled(kept.complete(run, runs))
-    (folder / FILE).write_text(json.dumps(plain(found)) + "\n", encoding="utf-8")
-    return folder / FILE
+def _run(statistics: Statistics, seed: int) -> Printed:
+    return dict(plain(percept_run(statistics, _TOLERANCE, seed)))
+
+
+def _say(log: Callable[[str], None], study: str, done: int, runs: int) -> None:
+    log(f"{study}: {done} of {runs} runs done")
