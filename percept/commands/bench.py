@@ -135,7 +135,7 @@ def _growth(_: _Arguments) -> _Rows:
 
 
 def _peers(arguments: _Arguments) -> Path:
-    from percept.bench.peers.document import Plan, run_benchmark
+    from percept.bench.peers.run import Plan, run_benchmark
 
     plan = Plan(
         arguments.engines, arguments.rows, arguments.seconds, arguments.repeats, arguments.quick

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from percept.bench.designs import DESIGNS, DesignCost, design_costs, simulated, summary
+from percept.bench.designs import DesignCost, design_costs, summary
 from percept.bench.peers.cells import averaged_limits
+from percept.bench.studies import DESIGNS, simulated
 from percept.cli import main
 from percept.errors import UsageError
 from percept.inference.hierarchy.density import CollapsedDensity

@@ -40,7 +40,7 @@ _KINDS = ("mean", "user", "share")
 _LEVEL = 0.99
 SHARE = 0.99
 CONFIDENCE = 0.95
-#: Studies compared, and what each is. The second part is simulated by `percept.bench.designs`.
+#: Studies compared, and what each is. The second part is simulated by `percept.bench.studies`.
 STUDIES = {
     "published": "10 subjects, 5 environments, one trial; k and b",
     "published-k": "10 subjects, 5 environments, one trial; k alone",
@@ -96,7 +96,7 @@ class Engine:
 def study_statistics(name: str) -> Statistics:
     """Reduce one of `STUDIES` to what the density reads."""
     if not name.startswith("published"):
-        from percept.bench.designs import DESIGNS, simulated
+        from percept.bench.studies import DESIGNS, simulated
 
         return simulated(DESIGNS[name], 1)
     from percept.reproduce.published import dataset

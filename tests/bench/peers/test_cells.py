@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept.bench.designs import StudyDesign, simulated
 from percept.bench.peers.cells import cells_model
+from percept.bench.studies import StudyDesign, simulated
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.priors import Priors
 

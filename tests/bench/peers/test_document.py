@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from percept.bench.measure import machine
-from percept.bench.peers.document import PAGE, build_document, reached, write_benchmark
+from percept.bench.peers.document import build_document, reached
 from percept.bench.peers.processes import COMMANDS, Measured, Whole, comparisons
 from percept.bench.peers.reference import Reference
+from percept.bench.peers.run import PAGE, write_benchmark
 from percept.provenance import made_by
 from percept.results.plain import plain
 
