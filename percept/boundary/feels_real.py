@@ -9,7 +9,7 @@ draws hold the display and others not.
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,8 @@ class Evidence(NotebookRecord):
     probability: float  # By abs(Z_h) and by effective stiffness and damping
     magnitude: float  # By abs(Z_h) alone
     plane: float  # By effective stiffness and damping alone
+    lowest: float  # By abs(Z_h) at the one omega where it is least probable
+    lowest_omega: float  # rad/s
     error: float  # Monte Carlo standard error of `probability`, with the draws that are too near
     too_near: float  # Share of draws whose margin is below what the search resolves
     draws: int
@@ -105,37 +107,41 @@ def feels_real(
     Evidence
         From the first draws, doubled until the verdict is clear or all are used.
     """
-    inside_magnitude = np.empty(0, dtype=bool)
-    too_near = 0
     ranges = users.central_ranges(level)
     departures = plane_departures(display, ranges, omega[0], omega[-1])
     inside_plane = departures.largest <= 0.0
+    judged: list[_Margins] = []
     start = 0
     stop = min(_FIRST_DRAWS, users.size)
     while True:
-        margin = least_margins(display, users.select(slice(start, stop)), omega, level=level)
-        inside_magnitude = np.concatenate([inside_magnitude, margin >= 0.0])
-        too_near += int((np.abs(margin) < _TOO_NEAR).sum())
-        evidence = _evidence(inside_magnitude, inside_plane[:stop], too_near)
+        some = users.select(slice(start, stop))
+        judged.append(_search_margins(display, some, omega, level))
+        evidence = _evidence(judged, inside_plane[:stop], omega)
         if stop == users.size or evidence.clear_of(decision):
             return evidence
         start = stop
         stop = min(2 * stop, users.size)
 
 
-def _evidence(
-    inside_magnitude: NDArray[np.bool_], inside_plane: NDArray[np.bool_], too_near: int
-) -> Evidence:
-    draws = inside_plane.size
-    probability = float((inside_magnitude & inside_plane).mean())
+def _evidence(judged: list[_Margins], inside_plane: NDArray[np.bool_], omega: Array) -> Evidence:
+    """Count the draws under which a display feels real."""
+    least = np.concatenate([margins.least for margins in judged])
+    inside_at = sum(np.count_nonzero(margins.at_omega >= 0.0, axis=0) for margins in judged)
+    draws = least.size
+    inside = least >= 0.0
+    too_near = float((np.abs(least) < _TOO_NEAR).mean())
+    probability = float((inside & inside_plane).mean())
     # Where all draws agree the binomial error counts as one draw.
-    binomial = max(np.sqrt(probability * (1.0 - probability) / draws), 1.0 / draws)
+    binomial = max(float(np.sqrt(probability * (1.0 - probability) / draws)), 1.0 / draws)
+    lowest = int(np.argmin(inside_at))
     return Evidence(
         probability=probability,
-        magnitude=float(inside_magnitude.mean()),
+        magnitude=float(inside.mean()),
         plane=float(inside_plane.mean()),
-        error=float(binomial) + too_near / draws,
-        too_near=too_near / draws,
+        lowest=float(np.min(inside_at)) / draws,
+        lowest_omega=float(omega[lowest]),
+        error=binomial + too_near,
+        too_near=too_near,
         draws=draws,
     )
 
@@ -206,6 +212,18 @@ def _margin(shares: Array, level: float) -> Array:
 
 def least_margins(display: Display, users: Users, omega: Array, *, level: float) -> Array:
     """Return each draw's smallest margin over the range; outside, that of the grid is enough."""
+    return _search_margins(display, users, omega, level).least
+
+
+class _Margins(NamedTuple):
+    """Margins of D draws."""
+
+    at_omega: Array  # (D, M)
+    least: Array  # (D,) Over the whole range
+
+
+def _search_margins(display: Display, users: Users, omega: Array, level: float) -> _Margins:
+    """Look at every frequency, and between those where a margin dips."""
     disc = _Disc.of(display, omega)
     integrals = _integrals(disc, users)
     margins = _margins_on(disc, integrals, users, level)
@@ -233,4 +251,4 @@ def least_margins(display: Display, users: Users, omega: Array, *, level: float)
         )
         # A flat dip, which the next integral would not show, has no bracket and no result.
         np.fmin.at(least, draw, lowest.f_x)
-    return least
+    return _Margins(margins, least)

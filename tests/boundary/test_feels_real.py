@@ -55,6 +55,7 @@ def test_few_subjects_are_too_little_data():
     evidence = feels_real(DISPLAY, vague, OMEGA, level=LEVEL, decision=DECISION)
     assert judge(evidence.probability, DECISION) == "too little data"
     assert evidence.probability <= min(evidence.magnitude, evidence.plane)
+    assert evidence.magnitude <= evidence.lowest
 
 
 def test_a_wider_boundary_is_no_evidence():
@@ -81,7 +82,10 @@ def test_draws_are_added_only_while_the_error_straddles_a_threshold():
     users = populations(0.0, 0.2, spread=1.04)
     at_threshold = feels_real(DISPLAY, users, OMEGA, level=LEVEL, decision=DECISION)
     assert at_threshold.draws > clear.draws or at_threshold.clear_of(DECISION)
-    straddling = Evidence(0.95, 0.95, 1.0, error=0.01, too_near=0.0, draws=512)
+    straddling = Evidence(
+        probability=0.95, magnitude=0.95, plane=1.0, lowest=0.96, lowest_omega=0.1, error=0.01,
+        too_near=0.0, draws=512,
+    )  # fmt: skip
     assert not straddling.clear_of(DECISION)
 
 

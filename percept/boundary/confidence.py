@@ -1,0 +1,177 @@
+"""Whether a display feels real by the classical method: environment by environment, part by part.
+
+Stiffness and damping are judged by the noncentral t at their least favourable omega, exactly for
+normal users. abs(Z_h) is judged at each omega by fiducial draws of the population, approximately.
+A display feels real where every part is confident of it, and does not where one part is confident
+of the contrary: the first keeps its error rate without, the second with, a correction for parts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.boundary.feels_real import Feeling, feels_real
+from percept.boundary.users import Users
+from percept.haptics.impedance import warp
+from percept.haptics.perceived import shown_element
+from percept.haptics.records import Display
+from percept.html import NotebookRecord
+from percept.inference.classical.central_range import central_range_confidence
+from percept.inference.classical.fiducial import fiducial_draws
+from percept.inference.classical.moments import Moments
+
+__all__ = ["Confidence", "SubjectPairs", "confidence", "limits_confidence"]
+
+Array = NDArray[np.float64]
+
+#: Most fiducial draws of the population.
+_DRAWS = 2048
+#: Parts that may each say "does not": stiffness, damping, abs(Z_h).
+_PARTS = 3
+#: Subjects that the joint law of stiffness and damping needs.
+_FEWEST_FOR_PAIR = 3
+
+
+@dataclasses.dataclass(frozen=True)
+class Confidence(NotebookRecord):
+    """Confidence that a display lies in the central range of users, part by part."""
+
+    stiffness: float  # At the omega least favourable to it
+    damping: float
+    magnitude: float | None  # abs(Z_h) at its least favourable omega; None without subjects' pairs
+    magnitude_omega: float | None  # rad/s
+    together: float | None  # Share of draws in which all parts hold at every omega
+    together_error: float | None  # Its Monte Carlo standard error
+
+    @property
+    def parts(self) -> tuple[float, ...]:
+        """Confidences of the parts that are known."""
+        known = self.stiffness, self.damping, self.magnitude
+        return tuple(part for part in known if part is not None)
+
+    def verdict(self, decision: float) -> Feeling:
+        """Judge by the least confident part."""
+        least = min(self.parts)
+        if least >= decision:
+            return "feels real"
+        return "does not" if least <= (1.0 - decision) / _PARTS else "too little data"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SubjectPairs:
+    """What n subjects adjusted, a row of stiffness and damping each; logarithms where `log`."""
+
+    values: Array  # (n, 2)
+    log: bool
+
+
+def confidence(
+    display: Display,
+    subjects: SubjectPairs,
+    omega: Array,
+    *,
+    level: float,
+    decision: float,
+    rng: np.random.Generator,
+) -> Confidence:
+    """Judge a display by the subjects of its environment.
+
+    Parameters
+    ----------
+    display : Display
+        One environment, directly or through a coupling.
+    subjects : SubjectPairs
+        At least two; with fewer than three abs(Z_h) is not judged.
+    omega : ndarray, shape (M,)
+        rad/s, from `percept.boundary.feels_real.search_grid`.
+    level : float
+        Share of all users that a central range holds.
+    decision : float
+        Confidence from which a display is said to feel real.
+    rng : numpy.random.Generator
+        Source of the fiducial draws.
+
+    Returns
+    -------
+    Confidence
+        Of stiffness and damping exact, of abs(Z_h) by up to 2,048 draws.
+
+    Raises
+    ------
+    RefusalError
+        Where all users set one quantity to the same value.
+    """
+    stiffness = Moments.from_values(subjects.values[:, 0])
+    damping = Moments.from_values(subjects.values[:, 1])
+    by_parts = limits_confidence(display, stiffness, damping, omega, level=level, log=subjects.log)
+    if len(subjects.values) < _FEWEST_FOR_PAIR:
+        return by_parts
+    draws = fiducial_draws(subjects.values, _DRAWS, rng)
+    users = Users.of(draws.mean, draws.covariance, log=subjects.log)
+    evidence = feels_real(display, users, omega, level=level, decision=decision)
+    return dataclasses.replace(
+        by_parts,
+        magnitude=evidence.lowest,
+        magnitude_omega=evidence.lowest_omega,
+        together=evidence.probability,
+        together_error=evidence.error,
+    )
+
+
+def limits_confidence(
+    display: Display,
+    stiffness: Moments,
+    damping: Moments,
+    omega: Array,
+    *,
+    level: float,
+    log: bool,
+) -> Confidence:
+    """Judge stiffness and damping alone, as published limits allow.
+
+    Parameters
+    ----------
+    display : Display
+        One environment, directly or through a coupling.
+    stiffness, damping : Moments
+        Of the users, of the logarithms where `log` is true.
+    omega : ndarray, shape (M,)
+        rad/s.
+    level : float
+        Share of all users that a central range holds.
+    log : bool
+        Whether users scatter by ratios.
+
+    Returns
+    -------
+    Confidence
+        Without abs(Z_h).
+
+    Raises
+    ------
+    RefusalError
+        Where all users set one quantity to the same value.
+    """
+    shown = shown_element(warp(omega, display.period), display)
+    return Confidence(
+        stiffness=_least(np.asarray(shown.stiffness), stiffness, level, log=log),
+        damping=_least(np.asarray(shown.damping), damping, level, log=log),
+        magnitude=None,
+        magnitude_omega=None,
+        together=None,
+        together_error=None,
+    )
+
+
+def _least(shown: Array, users: Moments, level: float, *, log: bool) -> float:
+    """Return the smallest confidence over omega: it falls to both sides, so an extreme has it."""
+    extremes = np.array([shown.min(), shown.max()])
+    if log:
+        # No user feels a stiffness or damping of zero or less under the lognormal family.
+        if extremes[0] <= 0.0:
+            return 0.0
+        extremes = np.log(extremes)
+    return float(np.min(central_range_confidence(extremes, users, level=level)))
