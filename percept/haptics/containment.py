@@ -64,11 +64,13 @@ class Range(NamedTuple):
 
     def farther_end(self, value: Scalars) -> FloatArray:
         """Return the limit that lies farther from a value."""
-        return np.where(np.multiply(2, value) > self.low + self.high, self.low, self.high)
+        above_middle = np.multiply(2, value) > self.low + self.high
+        return np.where(above_middle, self.low, self.high)
 
     def widths_off(self, value: Scalars) -> FloatArray:
-        """Return how far a value lies beyond the nearer limit, in widths; without width, in units."""
-        width = np.where(self.high > self.low, self.high - self.low, 1.0)
+        """Return how far a value lies beyond the nearer limit, in widths, or units without width."""
+        width = self.high - self.low
+        width = np.where(width > 0, width, 1.0)
         return np.maximum(self.low - value, value - self.high) / width
 
 
@@ -107,26 +109,29 @@ class Boxes:
         return Boxes(self.stiffness.select(which), self.damping.select(which), self.corners)
 
     def extremes(self, plane: DistancePlane) -> Extremes:
-        """Return the nearest and the farthest (k, b) of each box at its own ω, both of shape (N,)."""
+        """Return the nearest and the farthest (k, b) of each box at its own ω."""
         if self.corners:
-            at_low = Point(self.stiffness.low, self.damping.low)
-            return Extremes(at_low, Point(self.stiffness.high, self.damping.high))
+            return Extremes(
+                nearest=Point(self.stiffness.low, self.damping.low),
+                farthest=Point(self.stiffness.high, self.damping.high),
+            )
         k, b = plane.origin()
-        nearest = Point(np.clip(k, *self.stiffness), np.clip(b, *self.damping))
-        farthest = Point(self.stiffness.farther_end(k), self.damping.farther_end(b))
-        return Extremes(nearest, farthest)
+        return Extremes(
+            nearest=Point(np.clip(k, *self.stiffness), np.clip(b, *self.damping)),
+            farthest=Point(self.stiffness.farther_end(k), self.damping.farther_end(b)),
+        )
 
 
 @dataclass(frozen=True)
 class Departures:
-    """How far N displays leave their regions at most, as log ratios; negative inside. Shape (N,)."""
+    """How far N displays leave their regions at most, as log ratios, (N,); negative inside."""
 
     largest: FloatArray  # Largest seen
     omega: FloatArray  # Where, rad/s
     bound: FloatArray  # No ω departs by more; inf where the search ended undecided
 
     def verdict(self, n: int = 0) -> Literal["inside", "marginal", "outside"]:
-        """Judge one of them; within rounding, or where the bound decides nothing, it is marginal."""
+        """Judge one; within rounding, or where the bound decides nothing, it is marginal."""
         if self.largest[n] > ON_LIMIT:
             return "outside"
         return "inside" if self.bound[n] < -ON_LIMIT else "marginal"
@@ -174,9 +179,10 @@ class _Search:
         self._display = display
         self._boxes = boxes
         self._throughout = throughout
-        ends = _first_pieces(display, lower, upper)
+        one_display = display.count is None
         self._count = boxes.size if display.count is None else display.count
-        self._pairs = _Pairs.start(ends, self._count, shared=display.count is None)
+        cuts = _first_cuts(display, lower, upper)
+        self._pairs = _Pairs.start(cuts, self._count, shared=one_display)
         self._largest = np.full(self._count, -np.inf)
         self._omega = np.full(self._count, lower)
         # How much more than the largest seen a bound allows.
@@ -188,7 +194,8 @@ class _Search:
             self._look(end)
         for halving in range(_MOST_ROUNDS):
             if self._throughout:
-                self._pairs = self._pairs.select(self._largest[self._pairs.item] <= ON_LIMIT)
+                maybe_inside = self._largest <= ON_LIMIT
+                self._pairs = self._pairs.select(maybe_inside[self._pairs.item])
             if not self._pairs.item.size:
                 break
             extremes = self._look(self._pairs.middle)
@@ -211,14 +218,14 @@ class _Search:
         display = self._display.select(pairs.owner)
         grid = warp(omega, display.period)
         mass = display.environment.mass
-        plane = DistancePlane.of(grid, display.device, display.hold, mass).flat()
+        of_piece = DistancePlane.of(grid, display.device, display.hold, mass).flat()
         element = shown_element(grid, display)
-        shown = plane.square(Point(element.stiffness, element.damping))
-        shown, plane = shown[pairs.piece], plane.select(pairs.piece)
+        displayed = of_piece.square(Point(element.stiffness, element.damping))[pairs.piece]
+        plane = of_piece.select(pairs.piece)
         extremes = self._boxes.select(pairs.item).extremes(plane)
         with np.errstate(divide="ignore", invalid="ignore"):
-            above = shown / plane.square(extremes.farthest)
-            below = plane.square(extremes.nearest) / shown
+            above = displayed / plane.square(extremes.farthest)
+            below = plane.square(extremes.nearest) / displayed
             departure = 0.5 * np.log(np.fmax(above, below))
         departure = np.where(np.isnan(departure), _DEEPEST, departure)
         self._keep(np.clip(departure, _DEEPEST, _LARGEST), omega)
@@ -237,14 +244,16 @@ class _Search:
         """Return the departure that a piece must stay below to need no further halving."""
         if self._throughout:
             return np.full(self._count, ON_LIMIT)
-        return self._largest + np.maximum(self._gap, _FRACTION * np.abs(self._largest))
+        fraction = _FRACTION * np.abs(self._largest)
+        return self._largest + np.maximum(self._gap, fraction)
 
     def _widened(self) -> bool:
         """Widen the bounds of undecided items tenfold; False where no bound can be given."""
         undecided = np.unique(self._pairs.item)
-        if self._gap[undecided].min() >= _LARGEST:
+        gap = self._gap[undecided]
+        if gap.min() >= _LARGEST:
             return False
-        self._gap[undecided] = np.minimum(10 * self._gap[undecided], _LARGEST)
+        self._gap[undecided] = np.minimum(10 * gap, _LARGEST)
         return True
 
     def _decided(self, extremes: Extremes) -> BoolArray:
@@ -257,15 +266,16 @@ class _Search:
         return squares.surely_between(pairs.piece, extremes, allowance[pairs.item])
 
 
-def _first_pieces(display: Display, lower: float, upper: float) -> FloatArray:
-    """Return where the range is cut before any halving: the rows of a table, resonances of modes."""
-    count = int(np.ceil(_PIECES_PER_DECADE * np.log10(upper / lower))) + 1
+def _first_cuts(display: Display, lower: float, upper: float) -> FloatArray:
+    """Return where the range is cut before any halving: also at rows of a table and resonances."""
+    pieces = np.ceil(_PIECES_PER_DECADE * np.log10(upper / lower))
+    count = int(pieces) + 1
     device = display.device
     cuts = np.geomspace(lower, upper, max(2, count))
     if isinstance(device, TabulatedDevice):
         cuts = np.union1d(cuts, device.omega)
     else:
-        rates = [np.sqrt(mode.stiffness / mode.mass) for mode in device.modes if mode.mass]
+        rates = [mode.resonance for mode in device.modes]
         cuts = np.union1d(cuts, omega_of_rate(rates, display.period))
     inner = cuts[(cuts > lower) & (cuts < upper)]
     return np.array([lower, *inner, upper])
@@ -280,14 +290,13 @@ class _Pairs(NamedTuple):
     piece: IntArray  # (pairs,)
 
     @classmethod
-    def start(cls, ends: FloatArray, count: int, *, shared: bool) -> _Pairs:
+    def start(cls, cuts: FloatArray, count: int, *, shared: bool) -> _Pairs:
         """Pair every item with every piece; with `shared` all items have the same pieces."""
-        pieces = ends.size - 1
-        omega = np.stack([ends[:-1], ends[1:]])
-        item: IntArray = np.repeat(np.arange(count), pieces)
+        omega = np.stack([cuts[:-1], cuts[1:]])
+        piece = np.arange(cuts.size - 1)
+        item = np.repeat(np.arange(count), piece.size)
         if shared:
-            piece = np.tile(np.arange(pieces), count)
-            return cls(omega, np.zeros_like(piece[:pieces]), item, piece)
+            return cls(omega, np.zeros_like(piece), item, np.tile(piece, count))
         return cls(np.tile(omega, count), item, item, np.arange(item.size))
 
     def select(self, which: BoolArray) -> _Pairs:
@@ -306,7 +315,8 @@ class _Pairs(NamedTuple):
         omega = np.stack([starts.ravel(), ends.ravel()])
         first_half = 2 * self.piece
         piece = np.column_stack([first_half, first_half + 1]).ravel()
-        return _Pairs(omega, np.repeat(self.owner, 2), np.repeat(self.item, 2), piece)
+        owner = np.repeat(self.owner, 2)
+        return _Pairs(omega, owner, np.repeat(self.item, 2), piece)
 
     @property
     def middle(self) -> FloatArray:
@@ -348,8 +358,9 @@ def plane_departures(display: Display, boxes: Boxes, lower: float, upper: float)
     if display.count is not None and display.environment.mass:
         displays = [display.select(np.array(n)) for n in range(display.count)]
     turns = [_turning_points(single, lower, upper) for single in displays]
+    most = max(points.size for points in turns)
     # Fewer turns leave room for an end of the range, again.
-    omega = np.full((max(points.size for points in turns), len(turns)), upper)
+    omega = np.full((most, len(turns)), upper)
     for column, points in zip(omega.T, turns, strict=True):
         column[: points.size] = points
     shown = shown_element(warp(omega, display.period), display)
@@ -357,12 +368,13 @@ def plane_departures(display: Display, boxes: Boxes, lower: float, upper: float)
     by_damping = boxes.damping.widths_off(shown.damping)
     off, omega = np.broadcast_arrays(np.maximum(by_stiffness, by_damping), omega)
     top = off.argmax(axis=0)[None]
-    largest = np.take_along_axis(off, top, axis=0)[0]
-    return PlaneDepartures(largest, np.take_along_axis(omega, top, axis=0)[0])
+    largest = np.take_along_axis(off, top, axis=0)
+    where = np.take_along_axis(omega, top, axis=0)
+    return PlaneDepartures(largest[0], where[0])
 
 
 def _turning_points(display: Display, lower: float, upper: float) -> FloatArray:
-    """Return both ends of a range of ω, rad/s, and where stiffness or damping of one display turns between.
+    """Return both ends of a range of ω, rad/s, and where stiffness or damping turns between.
 
     Without a mass both are monotone in Ω².
     """
@@ -371,7 +383,7 @@ def _turning_points(display: Display, lower: float, upper: float) -> FloatArray:
         return np.array([lower, upper])
     half = display.period / 2
     # In units of the range's middle the coefficients are of one size.
-    unit = np.tan(lower * half) * np.tan(upper * half) / half**2
+    unit = (np.tan(lower * half) / half) * (np.tan(upper * half) / half)
     square = Polynomial([0.0, unit])  # Ω²
     b, m = environment.damping, environment.mass
     k_c, b_c = coupling.stiffness, coupling.damping
@@ -388,4 +400,5 @@ def _turning_points(display: Display, lower: float, upper: float) -> FloatArray:
     # A root that rounding made complex still splits the range; more points do no harm.
     squares = np.maximum(np.concatenate(roots).real, 0.0) * unit
     turns = omega_of_rate(np.sqrt(squares), display.period)
-    return np.array([lower, *np.clip(turns, lower, upper), upper])
+    inner = np.clip(turns, lower, upper)
+    return np.array([lower, *inner, upper])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,6 +43,8 @@ _INSIDE = 1e-4
 _BEYOND = 2e-3
 # Of an interval of k_c both ends and the middle are checked.
 _FRACTIONS = np.array([0.0, 0.5, 1.0])
+# Below a lower limit a difference from it is negative, beyond an upper limit positive.
+_SIDES = (-1.0, 1.0)
 # Frequencies at which abs(Z_h_vc) is asked for at first.
 _START = 41
 # Checks that cut k_c away before a search gives up.
@@ -144,21 +147,22 @@ def design_couplings(
         lines = np.asarray(damping, dtype=np.float64)
     lines = np.unique(lines)
     walls = [_Wall(device, boundary, frequencies, period, hold) for boundary in boundaries]
-    each = [_Search(device, [wall], period, hold).region(lines) for wall in walls]
+    each = tuple(_Search(device, [wall], period, hold).region(lines) for wall in walls)
     common = each[0]
     if len(walls) > 1:
         common = _Search(device, walls, period, hold).region(lines)
-    return CouplingDesign(tuple(each), common)
+    return CouplingDesign(each, common)
 
 
 def _usual_lines(device: AnyDevice, period: float, hold: str) -> FloatArray:
     """Return b_c from 0 to the largest that is stable at all."""
     grid = warp(search_grid(device, period), period)
     available, _ = device_parts(grid, device)
-    viscous = demands(grid, hold).viscous
-    largest = float(np.maximum(ratio(available, viscous, empty=np.inf), 0.0).min())
-    even, by_log = np.linspace(0, 1, _LINES), np.geomspace(1e-4, 1, _LINES)
-    return largest * np.concatenate([even, by_log])
+    viscous, _ = demands(grid, hold)
+    limits = ratio(available, viscous, empty=np.inf)
+    even = np.linspace(0, 1, _LINES)
+    by_logarithm = np.geomspace(1e-4, 1, _LINES)
+    return max(float(limits.min()), 0.0) * np.concatenate([even, by_logarithm])
 
 
 @dataclass(frozen=True)
@@ -177,11 +181,12 @@ class _Search:
             line, column = np.nonzero(intervals.kept)
             if not line.size:
                 break
-            low, high = intervals.low[line, column, None], intervals.high[line, column, None]
+            low = intervals.low[line, column, None]
+            high = intervals.high[line, column, None]
             k_c = low + _FRACTIONS * (high - low)
             b_c = np.repeat(lines[line], _FRACTIONS.size)
-            passing = self._passing(Coupling(k_c.ravel(), b_c))
-            intervals.kept[line, column] = passing.reshape(k_c.shape).all(axis=1)
+            passing = self._passing(Coupling(k_c.ravel(), b_c)).reshape(k_c.shape)
+            intervals.kept[line, column] = passing.all(axis=1)
             if passing.all():
                 break
         largest = self._end(lines, softest=False)
@@ -219,8 +224,8 @@ class _Search:
         best = int(costs.argmin())
         if not np.isfinite(costs[best]):
             return None
-        low, high = lines[[max(best - 1, 0)]], lines[[min(best + 1, lines.size - 1)]]
-        between = section_minimum(cost, low, high)
+        before, after = max(best - 1, 0), min(best + 1, lines.size - 1)
+        between = section_minimum(cost, lines[[before]], lines[[after]])
         # Of equals the line counts: a section stops a hair's breadth short of the range's end.
         candidates = np.stack([lines[[best]], between])
         damping = candidates[int(cost(candidates).argmin())]
@@ -231,10 +236,11 @@ class _Search:
         """Say how deep inside a coupling is, and what binds it."""
         stiffness, damping = np.asarray(best.stiffness), np.asarray(best.damping)
         beyond = stiffness * (1.0 - _BEYOND if softest else 1.0 + _BEYOND)
-        pair = Coupling(np.concatenate([stiffness, beyond]), np.repeat(damping, 2))
+        pair = Coupling(np.append(stiffness, beyond), np.append(damping, damping))
         found = [wall.departures(pair) for wall in self.walls]
+        stable = stable_stiffness(self.device, damping, self.period, self.hold)
         binds = []
-        if beyond[0] > stable_stiffness(self.device, damping, self.period, self.hold)[0]:
+        if beyond[0] > stable[0]:
             binds.append("stability")
         if any(wall.magnitude.largest[1] > ON_LIMIT for wall in found):
             binds.append("magnitude")
@@ -253,8 +259,7 @@ class _Search:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _WallDepartures:
+class _WallDepartures(NamedTuple):
     """How far couplings leave one boundary."""
 
     magnitude: Departures
@@ -304,8 +309,10 @@ class _Wall:
 
     def forbidden(self, lines: FloatArray) -> FloatArray:
         """Return the open intervals of k_c that leave the boundary, shape (lines, cuts, 2)."""
-        cuts = [*self._by_magnitude(lines[:, None]), *self._by_plane(lines[:, None])]
-        return np.concatenate([cut.reshape(lines.size, -1, 2) for cut in cuts], axis=1)
+        b_c = lines[:, None]
+        cuts = [*self._by_magnitude(b_c), *self._by_plane(b_c)]
+        flat = [cut.reshape(lines.size, -1, 2) for cut in cuts]
+        return np.concatenate(flat, axis=1)
 
     def _by_magnitude(self, b_c: FloatArray) -> Iterator[FloatArray]:
         """Yield where abs(Z_h_vc)² passes the square of either limit of abs(Z_h), per line and ω."""
@@ -319,18 +326,19 @@ class _Wall:
         z_d = device_impedance(omega, device, period)
         z_h = z_d + zero_order_hold(omega, period, kind=hold) * z_e
         zeta = complex_from(0.0, -warp(omega, period).inverse_rate)
-        # Over and under the fraction: (top + k_c·slope)/(bottom + k_c·ζ).
+        # Z_h_vc is (top + k_c·ζ·Z_h)/(bottom + k_c·ζ).
         top = z_d * z_e + b_c * z_h
-        slope = zeta * z_h
         bottom = z_e + b_c
-        top_size, bottom_size = np.abs(top), np.abs(bottom)
-        top_slope = (top * np.conj(slope)).real
+        top_size = np.abs(top)
+        bottom_size = np.abs(bottom)
+        top_slope = (top * np.conj(zeta * z_h)).real
         bottom_slope = (bottom * np.conj(zeta)).real
-        for limit, side in ((envelope.upper, 1.0), (envelope.lower, -1.0)):
+        for limit, side in zip(envelope, _SIDES, strict=True):
             # Products of sum and difference, where squares of near numbers would cancel.
-            a = np.abs(zeta) ** 2 * (np.abs(z_h) - limit) * (np.abs(z_h) + limit)
+            size, bottom_limit = np.abs(z_h), limit * bottom_size
+            a = np.abs(zeta) ** 2 * (size - limit) * (size + limit)
             half_b = top_slope - limit**2 * bottom_slope
-            c = (top_size - limit * bottom_size) * (top_size + limit * bottom_size)
+            c = (top_size - bottom_limit) * (top_size + bottom_limit)
             yield where_positive(*np.broadcast_arrays(side * a, side * half_b, side * c))
 
     def _by_plane(self, b_c: FloatArray) -> Iterator[FloatArray]:
@@ -346,21 +354,25 @@ class _Wall:
         linear = -z_e.imag * grid.inverse_rate
         constant = np.abs(z_e + b_c) ** 2
         size = np.abs(z_e) ** 2
-        damping, spring = environment.damping, -z_e.imag / grid.inverse_rate
-        # The limits of stiffness are meant with the environment's mass apart.
-        inertia = environment.mass / square
-        for side, b in zip((-1.0, 1.0), self._boundary.damping, strict=True):
-            a, half_b = (damping - b) * square, -b * linear
+        damping = environment.damping
+        for b, side in zip(self._boundary.damping, _SIDES, strict=True):
+            a = (damping - b) * square
+            half_b = -b * linear
             c = size * b_c + damping * b_c**2 - b * constant
             yield where_positive(*np.broadcast_arrays(side * a, side * half_b, side * c))
-        for side, limit in zip((-1.0, 1.0), self._boundary.stiffness, strict=True):
+        spring = -z_e.imag / grid.inverse_rate
+        # The limits of stiffness are meant with the environment's mass apart.
+        inertia = environment.mass / square
+        for limit, side in zip(self._boundary.stiffness, _SIDES, strict=True):
             k = limit - inertia
-            a, half_b = (spring - k) * square, size / 2 - k * linear
+            a = (spring - k) * square
+            half_b = size / 2 - k * linear
             c = spring * b_c**2 - k * constant
             yield where_positive(*np.broadcast_arrays(side * a, side * half_b, side * c))
 
 
 def _thinned(omega: FloatArray) -> FloatArray:
     """Thin frequencies to one in each thousandth."""
-    _, first = np.unique(np.round(np.log(omega) * 1e3), return_index=True)
+    thousandths = np.round(np.log(omega) * 1e3)
+    _, first = np.unique(thousandths, return_index=True)
     return omega[first]

@@ -1,4 +1,4 @@
-"""Range of abs(Z_h) over a region of (k, b): a box, an ellipse; and the paper's corner curves (Eqs 16, 17).
+"""Range of abs(Z_h) over a box or an ellipse of (k, b), and the paper's corner curves (Eqs 16, 17).
 
 abs(Z_h) is a distance in the plane of (g·b, g·k/Ω). A box stays a box in it: its nearest point is a
 clip, its farthest a corner. Over an ellipse the extremes lie on the edge, except the value 0 where
@@ -139,11 +139,13 @@ def magnitude_envelope(
     q_at_low = plane.imaginary - times(k_low, plane.per_rate)
     q_at_high = plane.imaginary - times(k_high, plane.per_rate)
     # g/Ω changes sign with ω.
-    q_low, q_high = np.minimum(q_at_low, q_at_high), np.maximum(q_at_low, q_at_high)
+    q_low = np.minimum(q_at_low, q_at_high)
+    q_high = np.maximum(q_at_low, q_at_high)
     lower = np.hypot(_gap(p_low, p_high), _gap(q_low, q_high))
     p_farthest = np.maximum(np.abs(p_low), np.abs(p_high))
     q_farthest = np.maximum(np.abs(q_low), np.abs(q_high))
-    return Envelope(lower[()], np.hypot(p_farthest, q_farthest)[()])
+    upper = np.hypot(p_farthest, q_farthest)
+    return Envelope(lower[()], upper[()])
 
 
 def _gap(low: FloatArray, high: FloatArray) -> FloatArray:
@@ -154,7 +156,7 @@ def _gap(low: FloatArray, high: FloatArray) -> FloatArray:
 def corner_crossings(
     device: Device, stiffness: tuple[float, float], damping: tuple[float, float], period: float
 ) -> FloatArray:
-    """Return the ω, increasing, at which the two corner curves of a rigid device cross: the band is empty.
+    """Return the ω at which the two corner curves of a rigid device cross: the band is empty.
 
     The squares of both curves differ by a quadratic in Ω².
 
@@ -170,7 +172,7 @@ def corner_crossings(
     Returns
     -------
     ndarray, shape (n,)
-        rad/s, n from 0 to 2.
+        rad/s, increasing; n from 0 to 2.
     """
     k_low, k_high = stiffness
     b_low, b_high = damping
@@ -179,9 +181,11 @@ def corner_crossings(
     mass_like = device.mass + device.damping * period / 2
     square = -device.mass * period * b_width
     linear = b_width * (b_low + b_high + 2 * device.damping) - 2 * k_width * mass_like
-    roots = np.roots(np.array([square, linear, k_width * (k_low + k_high)]))
-    roots = np.sort(roots.real[(roots.imag == 0) & (roots.real > 0)])
-    return omega_of_rate(np.sqrt(roots), period)
+    constant = k_width * (k_low + k_high)
+    roots = np.roots(np.array([square, linear, constant]))
+    crosses = (roots.imag == 0) & (roots.real > 0)
+    rates = np.sqrt(np.sort(roots.real[crosses]))
+    return omega_of_rate(rates, period)
 
 
 class Ellipse(NamedTuple):
@@ -232,8 +236,9 @@ def magnitude_envelope_ellipse(
     plane = plane.flat()
     # A mass is infinite at Nyquist.
     finite = np.isfinite(plane.per_rate) & np.isfinite(plane.real) & np.isfinite(plane.imaginary)
-    lower, upper = np.full((2, finite.size), np.inf)
-    lower[finite], upper[finite] = _extremes_along(curve, plane.select(finite))
+    extremes = np.full((2, finite.size), np.inf)
+    extremes[:, finite] = _extremes_along(curve, plane.select(finite))
+    lower, upper = extremes
     lower[curve.holds(plane.origin())] = 0.0
     return Envelope(lower.reshape(result_shape)[()], upper.reshape(result_shape)[()])
 
@@ -271,14 +276,23 @@ class _Curve(NamedTuple):
             rho = np.clip(covariance[0, 1] / (k_sd * b_sd), -1.0, 1.0)
         # (1 − ρ)(1 + ρ) keeps the digits that 1 − ρ² would lose.
         rest = np.sqrt((1 - rho) * (1 + rho))
-        k_cos, b_cos, b_sin = ellipse.radius * np.array([k_sd, rho * b_sd, rest * b_sd])
-        return cls(k0, b0, k_cos, b_cos, b_sin, ellipse.log)
+        return cls(
+            k0=k0,
+            b0=b0,
+            k_cos=ellipse.radius * k_sd,
+            b_cos=ellipse.radius * (rho * b_sd),
+            b_sin=ellipse.radius * (rest * b_sd),
+            log=ellipse.log,
+        )
 
     def at(self, angle: FloatArray) -> Point:
         """Return k and b."""
-        k = self.k0 + self.k_cos * np.cos(angle)
-        b = self.b0 + (self.b_cos * np.cos(angle) + self.b_sin * np.sin(angle))
-        return Point(np.exp(k), np.exp(b)) if self.log else Point(k, b)
+        cos = np.cos(angle)
+        k = self.k0 + self.k_cos * cos
+        b = self.b0 + (self.b_cos * cos + self.b_sin * np.sin(angle))
+        if self.log:
+            return Point(np.exp(k), np.exp(b))
+        return Point(k, b)
 
     def derivatives(self, angle: FloatArray) -> _Derivatives:
         """Return the derivatives of k and b."""
@@ -291,7 +305,12 @@ class _Curve(NamedTuple):
         if not self.log:
             return _Derivatives(k1, k2, b1, b2)
         k, b = self.at(angle)
-        return _Derivatives(k * k1, k * (k2 + k1 * k1), b * b1, b * (b2 + b1 * b1))
+        return _Derivatives(
+            k1=k * k1,
+            k2=k * (k2 + k1 * k1),
+            b1=b * b1,
+            b2=b * (b2 + b1 * b1),
+        )
 
     def holds(self, origin: Point) -> BoolArray:
         """Say where the ellipse holds the (k, b) at which Z_h vanishes."""
@@ -303,7 +322,8 @@ class _Curve(NamedTuple):
         k, b = np.where(exists, x, 0.0)
         # In units of the factor's columns the edge is the unit circle.
         first = ratio(k - self.k0, self.k_cos, empty=0.0)
-        second = ratio(b - self.b0 - times(self.b_cos, first), self.b_sin, empty=0.0)
+        rest = b - self.b0 - times(self.b_cos, first)
+        second = ratio(rest, self.b_sin, empty=0.0)
         return exists & (np.hypot(first, second) <= 1)
 
 
@@ -333,7 +353,9 @@ def _extremes_along(curve: _Curve, plane: DistancePlane) -> Envelope:
         second = x1 * x1 + y1 * y1 + x * x2 + y * y2
         return turns.sign[which] * first, turns.sign[which] * second
 
-    refined = rising_root(slopes, turns.angle, turns.angle - _STEP, turns.angle + _STEP)
+    before = turns.angle - _STEP
+    after = turns.angle + _STEP
+    refined = rising_root(slopes, turns.angle, before, after)
     unscaled = plane.select(turns.omega_index)
     lower = np.full(plane.gain.size, np.inf)
     upper = np.zeros(plane.gain.size)
@@ -351,16 +373,18 @@ def _scaled(curve: _Curve, plane: DistancePlane) -> DistancePlane:
 
     Squares of numbers near one neither overflow nor vanish where they decide.
     """
-    largest_k, largest_b = (np.abs(part).max() for part in curve.at(_ANGLES))
-    _, exponents = np.frexp([plane.gain * largest_b, plane.real, plane.imaginary])
-    # The product of g/Ω and k might overflow, and the sum of their exponents cannot.
-    of_spring = np.frexp(plane.per_rate)[1] + np.frexp(largest_k)[1]
-    largest = np.maximum(exponents.max(axis=0), of_spring)
+    edge = curve.at(_ANGLES)
+    of_damper = plane.gain * np.abs(edge.damping).max()
+    _, exponents = np.frexp([of_damper, plane.real, plane.imaginary])
+    # The product of g/Ω and k might overflow; the sum of their exponents cannot.
+    _, of_rate = np.frexp(plane.per_rate)
+    _, of_spring = np.frexp(np.abs(edge.stiffness).max())
+    largest = np.maximum(exponents.max(axis=0), of_rate + of_spring)
     return DistancePlane(*(np.ldexp(field, -largest) for field in plane))
 
 
 def _turns_on_grid(curve: _Curve, plane: DistancePlane) -> _Turns:
-    """Return where distances turn on the grid; all are refined, for on it the wrong one may look better."""
+    """Return where distances turn on the grid; on it the wrong turn may look better."""
     column = DistancePlane(*(field[:, None] for field in plane))
     x, y = column.offsets(curve.at(_ANGLES))
     square = x * x + y * y
@@ -387,7 +411,8 @@ def _stationary(curve: _Curve, plane: DistancePlane) -> _Turns:
     double = a * b - 0.5j * (b * b - a * a - c * c)
     single = c1 * b + 1j * (c1 * a + c2 * c)
     least = _LEADING * np.maximum(np.abs(double), np.abs(single))
-    leading = np.where(np.abs(double) > least, double, np.where(least > 0, least, 1.0))
+    substitute = np.where(least > 0, least, 1.0)
+    leading = np.where(np.abs(double) > least, double, substitute)
     # Roots of a polynomial are the eigenvalues of its companion matrix.
     companion = np.zeros((a.size, 4, 4), dtype=complex)
     companion[:, [1, 2, 3], [0, 1, 2]] = 1.0
@@ -398,4 +423,5 @@ def _stationary(curve: _Curve, plane: DistancePlane) -> _Turns:
     omega_index = np.repeat(np.arange(a.size), 4)
     root = np.exp(1j * angle)
     bend = 2j * double[omega_index] * root**2 + 1j * single[omega_index] * root
-    return _Turns(omega_index, angle, np.where(bend.real < 0, -1.0, 1.0))
+    sign = np.where(bend.real < 0, -1.0, 1.0)
+    return _Turns(omega_index, angle, sign)

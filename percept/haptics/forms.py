@@ -9,6 +9,7 @@ or Ω itself for a device known by a table.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from math import comb
 from typing import NamedTuple
 
@@ -26,7 +27,7 @@ _ROUNDING = 64 * float(np.finfo(np.float64).eps)
 
 
 class Form:
-    """A polynomial on each of many pieces; a number, or one number per piece, acts as a constant."""
+    """A polynomial on each of many pieces; a number, or one per piece, acts as a constant."""
 
     # An array to the left of an operator leaves the operation to this class.
     __array_ufunc__ = None
@@ -48,11 +49,12 @@ class Form:
     def __mul__(self, other: Form | Scalars) -> Form:
         if not isinstance(other, Form):
             return Form(self.coefficients * other)
-        shorter, longer = sorted((self, other), key=lambda form: form.size)
-        pieces = max(shorter.coefficients.shape[1], longer.coefficients.shape[1])
-        product = np.zeros((shorter.size + longer.size - 1, pieces))
-        for i, coefficient in enumerate(shorter.coefficients):
-            product[i : i + longer.size] += coefficient * longer.coefficients
+        if self.size < other.size:
+            return other * self
+        pieces = max(self.coefficients.shape[1], other.coefficients.shape[1])
+        product = np.zeros((self.size + other.size - 1, pieces))
+        for i, coefficient in enumerate(other.coefficients):
+            product[i : i + self.size] += coefficient * self.coefficients
         return Form(product)
 
     def __sub__(self, other: Form | Scalars) -> Form:
@@ -69,8 +71,10 @@ class Form:
 
     def elevated(self, size: int) -> FloatArray:
         """Return the same polynomial in `size` coefficients: a factor (1 − t) + t is one."""
-        missing = size - self.size
-        return (self * Form(_binomials(missing))).coefficients if missing else self.coefficients
+        if size == self.size:
+            return self.coefficients
+        one = Form(_binomials(size - self.size))
+        return (self * one).coefficients
 
     def bernstein(self, size: int) -> FloatArray:
         """Return `size` Bernstein coefficients."""
@@ -78,11 +82,16 @@ class Form:
 
 
 def _as_form(value: Form | Scalars) -> Form:
-    return value if isinstance(value, Form) else Form(np.atleast_1d(value)[None])
+    if isinstance(value, Form):
+        return value
+    return Form(np.atleast_1d(value)[None])
 
 
+@cache
 def _binomials(degree: int) -> FloatArray:
-    return np.array([[float(comb(degree, i))] for i in range(degree + 1)])
+    """Return binom(degree, i) as a column."""
+    row = [float(comb(degree, i)) for i in range(degree + 1)]
+    return np.array(row)[:, None]
 
 
 class _Impedance(NamedTuple):
@@ -134,7 +143,9 @@ def _modal(square: Form, device: Device, half: float) -> _Impedance:
 
 def _mode(square: Form, mode: Mode, half: float) -> _Impedance:
     """Return what a flexible mode adds behind the averaging hold."""
-    m, k, b = mode.mass, mode.stiffness, mode.damping
+    m = mode.mass
+    k = mode.stiffness
+    b = mode.damping
     spring = k - m * square
     damper = b * b * square
     inertia = m * (k * spring + damper)
@@ -148,15 +159,19 @@ def _tabulated(grid: Warp, device: TabulatedDevice) -> list[_Impedance]:
 
     So it lies between the chord of ω over Ω and the parallel that touches ω from above.
     """
-    rate, omega, half = grid.rate, grid.omega, grid.period / 2
+    rate = grid.rate
+    omega = grid.omega
+    half = grid.period / 2
     impedance = device.at(omega)
-    slope = np.diff(omega, axis=0) / np.diff(rate, axis=0)
+    rise = np.diff(omega, axis=0)
+    slope = rise / np.diff(rate, axis=0)
     # Where the tangent of ω = atan(ΩT/2)/(T/2) is parallel to the chord.
-    touching = np.clip(np.sqrt(np.maximum(1 / slope - 1, 0.0)) / half, *rate)
+    touching = np.sqrt(np.maximum(1 / slope - 1, 0.0)) / half
+    touching = np.clip(touching, *rate)
     chord = omega[:1] + slope * (touching - rate[:1])
     above_chord = omega_of_rate(touching, grid.period) - chord
     most_above = np.maximum(above_chord, 0.0) + _ROUNDING * omega[1:]
-    per_omega = np.diff(impedance, axis=0) / np.diff(omega, axis=0)
+    per_omega = np.diff(impedance, axis=0) / rise
     by_rate = Form(rate)
     ends = []
     for shift in (0.0, most_above):
@@ -179,11 +194,13 @@ class _Shown(NamedTuple):
 
 def _shown_forms(display: Display, square: Form) -> _Shown:
     """Return what a display shows; the environment's mass counts with the device."""
-    environment, coupling = display.environment, display.coupling
-    k, b, m = environment.stiffness, environment.damping, environment.mass
-    if coupling is None:
+    k = display.environment.stiffness
+    b = display.environment.damping
+    m = display.environment.mass
+    if display.coupling is None:
         return _Shown(_as_form(k), _as_form(b), _as_form(1.0))
-    k_c, b_c = coupling.stiffness, coupling.damping
+    k_c = display.coupling.stiffness
+    b_c = display.coupling.damping
     # Ω²·abs(Z)² of environment, coupling and their sum.
     spring = k - m * square if m else _as_form(k)
     of_environment = b**2 * square + spring * spring
@@ -226,11 +243,12 @@ class Squares:
         devices = _device_ends(display, grid, square)
         ends = [_terms(square, shown, device, devices[0]) for device in devices]
         size = max(form.size for terms in ends for form in terms.values())
-        shape = (size, omega.shape[1])
+        every_piece = np.zeros(omega.shape[1])
         fields = {}
         for name in ends[0]:
-            tables = [np.broadcast_to(terms[name].bernstein(size), shape) for terms in ends]
+            tables = [terms[name].bernstein(size) + every_piece for terms in ends]
             fields[name] = np.array(tables)
+        # All ends together, for each of them.
         slack = fields["slack"]
         fields["slack"] = np.broadcast_to(slack.sum(axis=0), slack.shape)
         return cls(**fields)
@@ -246,7 +264,8 @@ class Squares:
         decided: BoolArray = np.ones(allowance.shape, dtype=np.bool_)
         rounding = _ROUNDING * (1 + np.abs(allowance))
         for end in range(len(self.shown)):
-            terms = Squares(*(field[end][:, piece] for field in vars(self).values()))
+            of_piece = [field[end][:, piece] for field in vars(self).values()]
+            terms = Squares(*of_piece)
             least = np.abs(allowance) * terms.slack + rounding * terms.size
 
             far, far_size = terms._at(extremes.farthest)
@@ -272,26 +291,29 @@ def _terms(
 ) -> dict[str, Form]:
     """Return the fields of `Squares` for one end of the device.
 
-    With the device (R + jΩI)/W and (K, B)/V shown, all are Ω²W²V²·abs(Z_h)²/g².
+    With x = Ω², the device (R + jΩI)/w and (k, b)/v shown, all are parts of x·w²v²·abs(Z_h)²/g².
     """
     real, imaginary, w = device
     k, b, v = shown
-    both = w * v
-    v_square = v * v
-    springs = w * w * k * k
-    dampers = square * (w * w * b * b)
-    mixed = square * both * (b * real - k * imaginary)
-    alone = square * v_square * (real * real + square * imaginary * imaginary)
+    wv = w * v
+    xwv = square * wv
+    xwvv = xwv * v
+    wk = w * k
+    wb = w * b
+    springs_and_dampers = wk * wk + square * (wb * wb)
+    mixed = xwv * (b * real - k * imaginary)
+    xvv = square * (v * v)
+    alone = xvv * (real * real + square * (imaginary * imaginary))
     real_off = real - first_end.real
     imaginary_off = imaginary - first_end.imaginary
-    off = square * v_square * (real_off * real_off + square * imaginary_off * imaginary_off)
+    off = xvv * (real_off * real_off + square * (imaginary_off * imaginary_off))
     return {
-        "shown": springs + dampers + 2.0 * mixed,
+        "shown": springs_and_dampers + 2.0 * mixed,
         "device": alone,
-        "b_square": square * both * both,
-        "b_linear": 2.0 * square * both * v * real,
-        "k_square": both * both,
-        "k_linear": -2.0 * square * both * v * imaginary,
-        "size": Form(np.abs((springs + dampers + alone).coefficients)),
+        "b_square": xwv * wv,
+        "b_linear": 2.0 * (xwvv * real),
+        "k_square": wv * wv,
+        "k_linear": -2.0 * (xwvv * imaginary),
+        "size": Form(np.abs((springs_and_dampers + alone).coefficients)),
         "slack": 4.0 * off,
     }

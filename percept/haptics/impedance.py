@@ -1,4 +1,4 @@
-"""Tustin's frequency axis, and the impedances of device, environment, coupling and hold (Eqs 5 to 8)."""
+"""Tustin's frequency axis; impedances of device, environment, coupling and hold (Eqs 5 to 8)."""
 
 from __future__ import annotations
 
@@ -119,16 +119,22 @@ def warp(omega: ArrayLike, period: float) -> Warp:
     theta = np.where(size < _DC_SLACK, 0.0 * theta, theta)
     half = theta / 2
     # π − θ is exact where θ is near π, and its sine then keeps every digit that ωT has.
-    cos = np.where(size > np.pi / 2, np.sin(((_PI - size) + _PI_LOW) / 2), np.cos(half))
+    below_nyquist = (_PI - size) + _PI_LOW
+    cos = np.where(size > np.pi / 2, np.sin(below_nyquist / 2), np.cos(half))
     at_nyquist = size >= _PI - _NYQUIST_SLACK
-    cos = np.where(at_nyquist, 0.0, cos)
-    sin = np.where(at_nyquist, np.sign(theta), np.sin(half))
-    return Warp(omega=omega, period=period, half=half, sin=sin, cos=cos)
+    return Warp(
+        omega=omega,
+        period=period,
+        half=half,
+        sin=np.where(at_nyquist, np.sign(theta), np.sin(half)),
+        cos=np.where(at_nyquist, 0.0, cos),
+    )
 
 
 def omega_of_rate(rate: ArrayLike, period: float) -> FloatArray:
     """Return the ω, rad/s, at which Tustin's Ω is a given rate, rad/s."""
-    return np.asarray((2 / period) * np.arctan(np.multiply(rate, period / 2)))
+    half = np.arctan(np.multiply(rate, period / 2))
+    return np.asarray((2 / period) * half)
 
 
 class Element(NamedTuple):
@@ -172,16 +178,19 @@ def series(grid: Warp, first: Element, second: Element) -> Element:
     w1 = of_total(np.hypot(r2, x2)) ** 2
     w2 = of_total(np.hypot(r1, x1)) ** 2
     damping = times(w1, first.damping) + times(w2, second.damping)
-    at_dc, at_nyquist = grid.sin == 0, grid.cos == 0
+    at_dc = grid.sin == 0
+    at_nyquist = grid.cos == 0
     # The rate at Nyquist is not used there; 0 keeps it finite.
-    inertia = np.multiply(first.mass, np.where(at_nyquist, 0.0, grid.rate) ** 2)
+    rate = np.where(at_nyquist, 0.0, grid.rate)
+    inertia = np.multiply(first.mass, rate**2)
     with np.errstate(invalid="ignore"):
         k1 = first.stiffness - inertia
         k2 = second.stiffness
-        of_springs = times(of_total(x1) * of_total(x2), k1 + k2)
-        stiffness = times(of_total(r2) ** 2, k1) + times(of_total(r1) ** 2, k2) + of_springs
+        by_dampers = times(of_total(r2) ** 2, k1) + times(of_total(r1) ** 2, k2)
+        stiffness = by_dampers + times(of_total(x1) * of_total(x2), k1 + k2)
     pole = (total == 0) & (x1 != 0)
-    stiffness = np.where(np.isfinite(stiffness) & ~pole, stiffness, np.inf)
+    finite = np.isfinite(stiffness) & ~pole
+    stiffness = np.where(finite, stiffness, np.inf)
     if at_dc.any():
         end = _series_at_dc(first, second)
         stiffness = np.where(at_dc, end.stiffness, stiffness)
@@ -214,18 +223,23 @@ def _series_at_nyquist(first: Element, second: Element) -> Element:
     z1 = np.where(by_damping, first.damping, first.stiffness)
     z2 = np.where(by_damping, second.damping, second.stiffness)
     heavy = np.asarray(first.mass) > 0
-    end = _weighted(first, second, np.where(heavy, 1.0, z1), np.where(heavy, 0.0, z2))
+    z1 = np.where(heavy, 1.0, z1)
+    z2 = np.where(heavy, 0.0, z2)
+    end = _weighted(first, second, z1, z2)
     # Next to Nyquist a mass takes b₂²/m off the stiffness.
     taken = ratio(np.square(second.damping), first.mass, empty=0.0)
-    return Element(end.stiffness - np.where(heavy, taken, 0.0), end.damping)
+    stiffness = end.stiffness - np.where(heavy, taken, 0.0)
+    return Element(stiffness, end.damping)
 
 
 def _weighted(first: Element, second: Element, z1: FloatArray, z2: FloatArray) -> Element:
     """Return a₂²Z₁ + a₁²Z₂ with aᵢ = zᵢ/(z₁ + z₂), zᵢ the leading parts of Zᵢ."""
     w1 = ratio(z2, z1 + z2, empty=0.0) ** 2
     w2 = ratio(z1, z1 + z2, empty=0.0) ** 2
-    stiffness = w1 * first.stiffness + w2 * second.stiffness
-    return Element(stiffness, w1 * first.damping + w2 * second.damping)
+    return Element(
+        stiffness=w1 * first.stiffness + w2 * second.stiffness,
+        damping=w1 * first.damping + w2 * second.damping,
+    )
 
 
 def device_impedance(omega: ArrayLike, device: AnyDevice, period: float) -> ComplexArray:
@@ -260,7 +274,8 @@ def device_parts(grid: Warp, device: AnyDevice) -> tuple[FloatArray, FloatArray]
         value = device.at(grid.omega)
         return value.real, value.imag
     damping, flexible = _modes(grid, device)
-    return np.add(device.damping, damping), times(device.mass, grid.rate) + flexible
+    inertia = times(device.mass, grid.rate)
+    return np.add(device.damping, damping), inertia + flexible
 
 
 def rotated_device(grid: Warp, device: AnyDevice) -> tuple[FloatArray, FloatArray]:
@@ -272,20 +287,24 @@ def rotated_device(grid: Warp, device: AnyDevice) -> tuple[FloatArray, FloatArra
     else:
         # Ω·cos h is formed as (2/T)·sin h, which stays finite at Nyquist.
         push = (2 / grid.period) * grid.sin
-        swing = times(device.mass, ratio(push * grid.sin, grid.cos, empty=0.0))
+        push_tan = ratio(push * grid.sin, grid.cos, empty=0.0)
+        swing = times(device.mass, push_tan)
         rigid_real = device.damping * grid.cos - swing
         rigid_imag = device.damping * grid.sin + device.mass * push
         damping, flexible = _modes(grid, device)
     real = rigid_real + (damping * grid.cos - flexible * grid.sin)
-    return real, rigid_imag + (flexible * grid.cos + damping * grid.sin)
+    imaginary = rigid_imag + (flexible * grid.cos + damping * grid.sin)
+    return real, imaginary
 
 
 def _modes(grid: Warp, device: Device) -> tuple[FloatArray, FloatArray]:
     """Return the parts of what the flexible modes add, N·s/m."""
     damping = flexible = np.zeros_like(grid.omega)
     for mode in device.modes:
-        shown = series(grid, Element(0.0, 0.0, mode.mass), Element(mode.stiffness, mode.damping))
-        damping, flexible = damping + shown.damping, flexible + grid.spring(shown.stiffness)
+        mass = Element(0.0, 0.0, mode.mass)
+        shown = series(grid, mass, Element(mode.stiffness, mode.damping))
+        damping = damping + shown.damping
+        flexible = flexible + grid.spring(shown.stiffness)
     return damping, flexible
 
 
@@ -342,8 +361,10 @@ def coupling_admittance(
     z_c = coupling_impedance(omega, coupling, period, discretization=discretization)
     size = np.hypot(z_c.real, z_c.imag)
     # Dividing twice by the modulus keeps its square from leaving the range of a double.
-    real = ratio(ratio(z_c.real, size, empty=0.0), size, empty=np.inf)
-    return complex_from(real, ratio(ratio(-z_c.imag, size, empty=0.0), size, empty=0.0))
+    cos = ratio(z_c.real, size, empty=0.0)
+    sin = ratio(-z_c.imag, size, empty=0.0)
+    real = ratio(cos, size, empty=np.inf)
+    return complex_from(real, ratio(sin, size, empty=0.0))
 
 
 def tustin_damping(coupling: Coupling, period: float, discretization: str) -> FloatArray:

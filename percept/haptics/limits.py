@@ -85,9 +85,11 @@ def max_coupling_stiffness(
     b, b_c = np.broadcast_arrays(b, b_c)
     if discretization == "tustin":
         return (_stretch(b, b_c, hold) / period)[()]
-    at_dc = 4 * np.sqrt(b) * (np.sqrt(b) + np.sqrt(b + b_c))
+    root_b = np.sqrt(b)
+    at_dc = 4 * root_b * (root_b + np.sqrt(b + b_c))
     if hold == "true":
-        stretch = np.minimum(at_dc, np.maximum(0.0, 2 * (np.pi * b - b_c)))
+        at_nyquist = np.maximum(0.0, 2 * (np.pi * b - b_c))
+        stretch = np.minimum(at_dc, at_nyquist)
     else:
         c = ratio(b_c, b, empty=np.inf)
         interior = (c > _DC_LIMIT) & (c < 8)
@@ -101,14 +103,17 @@ def max_coupling_stiffness(
 
 def _stretch(b: FloatArray, beta: FloatArray, hold: str) -> FloatArray:
     """Return the largest K = k_c·T at a damping β in Tustin's form, N·s/m; 0 where there is none."""
+    at_dc = 4 * np.sqrt(b) * np.sqrt(beta)
     if hold == "true":
-        return np.where(beta <= np.pi * b, 4 * np.sqrt(b) * np.sqrt(beta), 0.0)
+        return np.where(beta <= np.pi * b, at_dc, 0.0)
     rho = ratio(b, beta, empty=0.0)
     inner = np.clip(rho, 0.125, 0.2)
     # 8ρ − 1 as (8b − β)/β, which keeps its digits next to the limit.
-    left = np.where(rho > 0.2, 0.6, np.maximum(0.0, ratio(8 * b - beta, beta, empty=0.0)))
-    kappa = np.sqrt(left / 27) * (1 + inner) / inner
-    return np.where(rho > 0.2, 4 * np.sqrt(b) * np.sqrt(beta), 2 * beta * kappa)
+    above_limit = np.maximum(0.0, ratio(8 * b - beta, beta, empty=0.0))
+    # Where ρ > 0.2 any value serves: the limit at DC holds.
+    above_limit = np.where(rho > 0.2, 0.6, above_limit)
+    kappa = np.sqrt(above_limit / 27) * (1 + inner) / inner
+    return np.where(rho > 0.2, at_dc, 2 * beta * kappa)
 
 
 def _interior_root(c: FloatArray, room: FloatArray) -> FloatArray:
@@ -126,8 +131,9 @@ def _interior_root(c: FloatArray, room: FloatArray) -> FloatArray:
         """Return left minus right side, and its slope."""
         beta = c[which] + delta
         rest = room[which] - delta
-        value = 27 * delta**2 - beta * rest * (1 + beta) ** 2
-        slope = 54 * delta - (1 + beta) ** 2 * (rest - beta) - 2 * beta * rest * (1 + beta)
+        square = (1 + beta) ** 2
+        value = 27 * delta**2 - beta * rest * square
+        slope = 54 * delta - square * (rest - beta) - 2 * beta * rest * (1 + beta)
         return value, slope
 
     return rising_root(excess, room, np.zeros_like(room), room).reshape(shape)
@@ -165,7 +171,8 @@ def stable_stiffness(device: AnyDevice, b_c: FloatArray, period: float, hold: st
     def limits(omega: FloatArray, which: IntArray) -> FloatArray:
         return stiffness_limits(omega, device, lines[which], period, hold)
 
-    return lowest(limits, search_grid(device, period), lines.size).value.reshape(b_c.shape)
+    least = lowest(limits, search_grid(device, period), lines.size)
+    return least.value.reshape(b_c.shape)
 
 
 def stiffness_limits(
@@ -175,17 +182,19 @@ def stiffness_limits(
     grid = warp(omega, period)
     available, _ = device_parts(grid, device)
     # Eq. 10 is viscous·β² + elastic·K² ≤ available·β.
-    demand = demands(grid, hold)
-    needed = demand.viscous * b_c
+    viscous, elastic = demands(grid, hold)
+    needed = viscous * b_c
     spare = available - needed
-    a = demand.viscous / 4 + demand.elastic
+    a = viscous / 4 + elastic
     half_b = (needed - available / 2) / 2
     # a·K² + 2·half_b·K − b_c·spare = 0, in the form that adds terms of one sign.
-    root = np.hypot(half_b, np.sqrt(a) * np.sqrt(b_c) * np.sqrt(np.maximum(spare, 0.0)))
+    product_root = np.sqrt(a) * np.sqrt(b_c) * np.sqrt(np.maximum(spare, 0.0))
+    root = np.hypot(half_b, product_root)
     falling = ratio(root - half_b, a, empty=np.inf)
     rising = ratio(b_c * spare, root + half_b, empty=0.0)
     stretch = np.where(half_b <= 0, falling, rising)
-    return (np.where((spare < 0) | (available < 0), 0.0, stretch) / grid.period)[()]
+    none = (spare < 0) | (available < 0)
+    return (np.where(none, 0.0, stretch) / grid.period)[()]
 
 
 class CheapestCoupling(NamedTuple):
@@ -210,7 +219,8 @@ def best_coupling_damping(stiffness: float, period: float) -> CheapestCoupling:
     CheapestCoupling
     """
     stretch = stiffness * period
-    needed = 1 / (_CHEAPEST * 2 * np.sqrt((8 / _CHEAPEST - 1) / 27) * (1 + _CHEAPEST))
+    kappa_root = np.sqrt((8 / _CHEAPEST - 1) / 27)
+    needed = 1 / (_CHEAPEST * 2 * kappa_root * (1 + _CHEAPEST))
     return CheapestCoupling(
         coupling_damping=float((_CHEAPEST * needed - 0.5) * stretch),
         device_damping=float(needed * stretch),
@@ -246,7 +256,8 @@ def stable_region(
         The vertices on the edge, and the corner at the origin.
     """
     # Half-cosine spacing: the edge leaves both ends like a square root.
-    fraction = np.sin(np.linspace(0, np.pi / 2, points)) ** 2
+    angle = np.linspace(0, np.pi / 2, points)
+    fraction = np.sin(angle) ** 2
     if hold == "true":
         # The DC limit meets the axis b_c = 0 at β = 4b, beyond β = πb: the Nyquist limit is the
         # whole edge.
@@ -256,7 +267,8 @@ def stable_region(
         beta = device_damping * (4.0 + 4.0 * fraction)
         stretch = _stretch(np.full_like(beta, device_damping), beta, hold)
         damping = np.maximum(beta - stretch / 2, 0.0)
-    return StableRegion(np.append(stretch, 0.0) / period, np.append(damping, 0.0))
+    stiffness = np.append(stretch, 0.0) / period
+    return StableRegion(stiffness, np.append(damping, 0.0))
 
 
 class PassivityDamping(NamedTuple):

@@ -1,4 +1,4 @@
-"""What the hand feels: Z_h with and without a virtual coupling, and what a coupling shows (Eqs 11 to 13)."""
+"""What the hand feels: Z_h with and without a coupling, and what a coupling shows (Eqs 11 to 13)."""
 
 from __future__ import annotations
 
@@ -92,7 +92,20 @@ def _coupled(
 
 
 def shown_element(grid: Warp, display: Display) -> Element:
-    """Return the stiffness and damping a display shows; the environment's mass counts with the device."""
+    """Return the stiffness and damping that a display shows at each ω.
+
+    Parameters
+    ----------
+    grid : Warp
+        Angles of ω.
+    display : Display
+        What is displayed. Its environment's mass counts with the device, and is not shown.
+
+    Returns
+    -------
+    Element
+        N/m and N·s/m, without mass.
+    """
     environment, coupling = display.environment, display.coupling
     element = _coupled(grid, environment, coupling, "tustin")
     if coupling is None:
@@ -209,7 +222,7 @@ class Extremes(NamedTuple):
 
 
 class DistancePlane(NamedTuple):
-    """The plane of (g·b, g·k/Ω), in which abs(Z_h) is the distance from one point, set by the device.
+    """The plane of (g·b, g·k/Ω), in which abs(Z_h) is the distance from a point that the device sets.
 
     With g the hold's gain and h = ωT/2, abs(Z_h) = abs(Z_d·e^{jh} + g·b + j·g·(m·Ω − k/Ω)).
     """
@@ -235,19 +248,18 @@ class DistancePlane(NamedTuple):
         return DistancePlane(*(field[which] for field in self))
 
     def offsets(self, point: Point) -> tuple[FloatArray, FloatArray]:
-        """Return the parts of Z_h·e^{jh}, N·s/m, at an ω where g/Ω is finite or k is not zero."""
+        """Return real and imaginary part of Z_h·e^{jh}, N·s/m."""
         k, b = point
-        return self.gain * b + self.real, self.imaginary - self.per_rate * k
+        return self.gain * b + self.real, self.imaginary - times(k, self.per_rate)
 
     def distance(self, point: Point) -> FloatArray:
         """Return abs(Z_h), N·s/m."""
-        across = self.gain * point.damping + self.real
-        return np.hypot(across, self.imaginary - times(point.stiffness, self.per_rate))
+        return np.hypot(*self.offsets(point))
 
     def square(self, point: Point) -> FloatArray:
-        """Return abs(Z_h)² where `offsets` may be asked."""
-        across, along = self.offsets(point)
-        return np.asarray(across**2 + along**2)
+        """Return abs(Z_h)², of use where neither overflows nor vanishes."""
+        real, imaginary = self.offsets(point)
+        return np.asarray(real**2 + imaginary**2)
 
     def origin(self) -> Point:
         """Return the (k, b) at which Z_h vanishes; infinite where there is none."""

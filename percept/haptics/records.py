@@ -121,6 +121,11 @@ class Mode(_Parameters):
     stiffness: Scalars
     damping: Scalars
 
+    @property
+    def resonance(self) -> float:
+        """Ω at which mass and spring of a single mode resonate, rad/s; 0 without a mass."""
+        return float(np.sqrt(self.stiffness / self.mass)) if self.mass else 0.0
+
 
 @dataclass(frozen=True)
 class Device(_Parameters):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -103,21 +103,19 @@ def search_grid(device: AnyDevice, period: float) -> FloatArray:
             )
         parts.append(device.omega)
     else:
-        parts += [_around(mode, period) for mode in device.modes if mode.mass and mode.stiffness]
+        parts += [_around(mode, period) for mode in device.modes if mode.resonance]
     omega = np.unique(np.concatenate(parts))
     return omega[(omega >= first) & (omega <= last)]
 
 
 def _around(mode: Mode, period: float) -> FloatArray:
     """Return ω, rad/s, about the resonance of a mode."""
-    rate = float(np.sqrt(mode.stiffness / mode.mass))
-    width = float(mode.damping / mode.mass) + _NARROWEST * rate
-    rates = rate + width * np.concatenate([-_OFFSETS, [0.0], _OFFSETS])
+    width = mode.damping / mode.mass + _NARROWEST * mode.resonance
+    rates = mode.resonance + width * np.concatenate([-_OFFSETS, [0.0], _OFFSETS])
     return omega_of_rate(np.maximum(rates, 0.0), period)
 
 
-@dataclass(frozen=True, eq=False)
-class Lowest:
+class Lowest(NamedTuple):
     """Least values of n functions, shape (n,), and where they are."""
 
     value: FloatArray
@@ -146,14 +144,17 @@ def lowest(
     Lowest
         Of shape (count,).
     """
-    seen = np.broadcast_to(function(grid[:, None], np.arange(count)), (grid.size, count))
+    seen = function(grid[:, None], np.arange(count))
+    seen = np.broadcast_to(seen, (grid.size, count))
     with np.errstate(invalid="ignore"):
-        falls = seen[:-1] - seen[1:] > _ROUNDING * np.abs(seen[1:])
+        fall = seen[:-1] - seen[1:]
+        falls = fall > _ROUNDING * np.abs(seen[1:])
     ends = np.ones((1, count), dtype=bool)
     falls_before = np.concatenate([ends, falls])
     rises_after = np.concatenate([~falls, ends])
     dips, which = np.nonzero(falls_before & rises_after)
-    low, high = grid[np.maximum(dips - 1, 0)], grid[np.minimum(dips + 1, grid.size - 1)]
+    low = grid[np.maximum(dips - 1, 0)]
+    high = grid[np.minimum(dips + 1, grid.size - 1)]
     between = section_minimum(lambda x: function(x, which), low, high)
     refined = function(between[None], which)[0]
     # The grid's own point stays where it is as low: at the ends of the range a section stops short.
@@ -161,7 +162,8 @@ def lowest(
     values = np.where(better, refined, seen[dips, which])
     x = np.where(better, between, grid[dips])
     order = np.lexsort((values, which))
-    first = order[np.flatnonzero(np.diff(which[order], prepend=-1))]
+    _, first_of_each = np.unique(which[order], return_index=True)
+    first = order[first_of_each]
     return Lowest(values[first], x[first])
 
 
@@ -187,7 +189,8 @@ def section_minimum(
     for _ in range(_ROUNDS):
         x = low + fractions * (high - low)
         best = function(x[1:-1]).argmin(axis=0) + 1
-        low, high = x[best - 1, column], x[best + 1, column]
+        low = x[best - 1, column]
+        high = x[best + 1, column]
     return (low + high) / 2
 
 
@@ -211,7 +214,9 @@ def rising_root(
     -------
     ndarray, shape (n,)
     """
-    x, low, high = start.copy(), low.copy(), high.copy()
+    x = start.copy()
+    low = low.copy()
+    high = high.copy()
     open_roots = np.arange(x.size)
     for _ in range(_STEPS):
         before = x[open_roots]
@@ -225,87 +230,94 @@ def rising_root(
         after = np.where(inside, newton, (bottom + top) / 2)
         after = np.where(value == 0, before, after)
         x[open_roots] = after
-        open_roots = open_roots[np.abs(after - before) > _LAST_STEP * np.abs(after)]
+        moved = np.abs(after - before) > _LAST_STEP * np.abs(after)
+        open_roots = open_roots[moved]
         if not open_roots.size:
             break
     return x
 
 
-@dataclass(frozen=True, eq=False)
-class Intervals:
-    """Intervals of k_c on lines of b_c, shape (lines, n); where `kept`, `low` to `high`, increasing."""
+class Intervals(NamedTuple):
+    """Intervals of k_c on lines of b_c, shape (lines, n), increasing along a line."""
 
     low: FloatArray  # N/m
     high: FloatArray  # N/m
-    kept: BoolArray
+    kept: BoolArray  # Which of them there are
 
     @classmethod
     def left_by(cls, ceiling: FloatArray, forbidden: FloatArray) -> Intervals:
-        """Take open intervals (lines, cuts, 2) out of [0, ceiling] of each line; NaN forbids nothing."""
-        absent = np.isnan(forbidden).any(axis=2)
-        starts = np.where(absent, np.inf, forbidden[..., 0])
-        ends = np.where(absent, -np.inf, forbidden[..., 1])
-        order = starts.argsort(axis=1)
-        starts = np.take_along_axis(starts, order, axis=1)
-        ends = np.take_along_axis(ends, order, axis=1)
-        # What is left lies before, between and behind the cuts: from the farthest end so far to
-        # the next start.
-        column = np.zeros((ceiling.size, 1))
-        high = np.minimum(np.concatenate([starts, column + np.inf], axis=1), ceiling[:, None])
-        low = np.maximum.accumulate(np.concatenate([column, ends], axis=1), axis=1)
-        # After a cut that forbids nothing the same interval would stand again.
-        repeated = np.concatenate([column > 0, high[:, 1:] == high[:, :-1]], axis=1)
-        return cls(low, high, (high > low) & ~repeated & (ceiling > 0)[:, None])
+        """Take open intervals out of [0, ceiling] of each line.
+
+        `forbidden` has shape (lines, cuts, 2); what begins and ends at 0 forbids nothing.
+        """
+        order = forbidden[..., 0].argsort(axis=1)
+        starts = np.take_along_axis(forbidden[..., 0], order, axis=1)
+        ends = np.take_along_axis(forbidden[..., 1], order, axis=1)
+        # What is left lies between the farthest end so far and the next start.
+        top = ceiling[:, None]
+        low = np.maximum.accumulate(np.hstack([np.zeros_like(top), ends]), axis=1)
+        high = np.minimum(np.hstack([starts, top]), top)
+        return cls(low, high, high > low)
 
     def inset(self, fraction: float) -> Intervals:
         """Pull both ends inside by a fraction of the value, at most to the middle; 0 stays."""
-        low, high = np.where(self.kept, self.low, 0.0), np.where(self.kept, self.high, 0.0)
+        low = np.where(self.kept, self.low, 0.0)
+        high = np.where(self.kept, self.high, 0.0)
         half_width = (high - low) / 2
-        low, high = (
-            low + np.minimum(half_width, fraction * low),
-            high - np.minimum(half_width, fraction * high),
-        )
-        return Intervals(low, high, self.kept.copy())
+        raised = low + np.minimum(half_width, fraction * low)
+        lowered = high - np.minimum(half_width, fraction * high)
+        return Intervals(raised, lowered, self.kept.copy())
 
     def lines(self) -> tuple[FloatArray, ...]:
         """Return the intervals of each line, shape (m, 2)."""
-        pairs = np.stack([self.low[self.kept], self.high[self.kept]], axis=1)
-        return tuple(np.split(pairs, np.cumsum(self.kept.sum(axis=1))[:-1]))
+        pairs = np.column_stack([self.low[self.kept], self.high[self.kept]])
+        last = np.cumsum(self.kept.sum(axis=1))
+        return tuple(np.split(pairs, last[:-1]))
 
     def largest(self) -> FloatArray:
         """Return the largest k_c of each line; −inf without any."""
-        return np.where(self.kept, self.high, -np.inf).max(axis=1)
+        return self.high.max(axis=1, initial=-np.inf, where=self.kept)
 
     def smallest(self) -> FloatArray:
         """Return the smallest k_c of each line; inf without any."""
-        return np.where(self.kept, self.low, np.inf).min(axis=1)
+        return self.low.min(axis=1, initial=np.inf, where=self.kept)
 
 
 def where_positive(a: FloatArray, half_b: FloatArray, c: FloatArray) -> FloatArray:
-    """Return where a·k² + 2·half_b·k + c > 0: two open intervals (low, high), NaN where absent.
+    """Return where a·k² + 2·half_b·k + c > 0, as up to two open intervals of k.
 
-    The result has shape (..., 2, 2): which interval, which end.
+    Parameters
+    ----------
+    a, half_b, c : ndarray
+        Coefficients, of one shape.
+
+    Returns
+    -------
+    ndarray, shape (..., 2, 2)
+        Which interval; its low and its high end. Both are 0 where there is no interval.
     """
     # A line counts as a parabola that bends down, with its other root at infinity.
     a = np.where(a == 0, -0.0, a)
-    always = (a == 0) & (half_b == 0) & (c > 0)
+    convex = a > 0
     discriminant = half_b**2 - a * c
     real = discriminant > 0
-    # The root of larger size, and the other by the product of both: neither cancels.
-    root = half_b + np.copysign(np.sqrt(np.where(real, discriminant, 0.0)), half_b)
-    first, second = ratio(-root, a, empty=np.nan), ratio(-c, root, empty=np.nan)
-    low, high = np.fmin(first, second), np.fmax(first, second)
-    convex = a > 0
-    outside = convex & real
+    size = np.sqrt(np.where(real, discriminant, 0.0))
+    # −q/a is the root of larger size, −c/q the other: neither cancels.
+    q = half_b + np.copysign(size, half_b)
+    larger = ratio(-q, a, empty=np.nan)
+    smaller = ratio(-c, q, empty=np.nan)
+    low = np.fmin(larger, smaller)
+    high = np.fmax(larger, smaller)
+    constant = (a == 0) & (half_b == 0)
+    everywhere = np.where(constant, c > 0, convex & ~real)
     between = ~convex & real
-    everywhere = (convex & ~real) | always
-    intervals = np.full((*low.shape, 2, 2), np.nan)
+    outside = convex & real
+    intervals = np.zeros((*low.shape, 2, 2))
+    intervals[everywhere, 0] = -np.inf, np.inf
     intervals[between, 0, 0] = low[between]
     intervals[between, 0, 1] = high[between]
     intervals[outside, 0, 0] = -np.inf
     intervals[outside, 0, 1] = low[outside]
     intervals[outside, 1, 0] = high[outside]
     intervals[outside, 1, 1] = np.inf
-    intervals[everywhere, 0, 0] = -np.inf
-    intervals[everywhere, 0, 1] = np.inf
     return intervals

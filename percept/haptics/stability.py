@@ -7,7 +7,7 @@ where Re Z_d is at least what Eq. 10 asks for at every ω.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -93,18 +93,17 @@ def required_damping_at(
         hold.
     """
     grid = warp(omega, period)
-    demand = demands(grid, hold)
+    viscous, elastic = demands(grid, hold)
     beta = tustin_damping(coupling, grid.period, discretization)
     stretch = np.multiply(coupling.stiffness, grid.period)
     # Only positive terms, and K²/β as K·(K/β): K² alone may leave the range of a double.
     load = stretch * ratio(stretch, beta, empty=0.0)
-    needed = np.multiply(beta, demand.viscous) + times(demand.elastic, load)
+    needed = np.multiply(beta, viscous) + times(elastic, load)
     # A spring without a damper asks for infinitely much right up to Nyquist, so also there.
     return np.where(np.isinf(load), np.inf, needed)[()]
 
 
-@dataclass(frozen=True, eq=False)
-class Demands:
+class Demands(NamedTuple):
     """Eq. 10 as Re Z_d ≥ viscous·β + elastic·K²/β, with β in Tustin's form and K = k_c·T."""
 
     viscous: FloatArray
@@ -132,8 +131,10 @@ def demands(grid: Warp, hold: str) -> Demands:
         For an unknown hold.
     """
     gain = grid.held(hold).gain
-    elastic = gain * grid.cos**2 / (8 * (1 + grid.cos))
-    return Demands(viscous=gain * grid.one_minus_cos / 2, elastic=elastic)
+    return Demands(
+        viscous=gain * grid.one_minus_cos / 2,
+        elastic=gain * grid.cos**2 / (8 * (1 + grid.cos)),
+    )
 
 
 def required_damping(
@@ -168,20 +169,23 @@ def required_damping(
     at_dc = np.where(kappa == 0, 0.0, stretch * (kappa / 8))
     if hold == "true":
         at_nyquist = beta / np.pi
-        binds = np.where(at_dc > at_nyquist, 0.0, np.pi / period)
-        return RequiredDamping(damping=stored(np.maximum(at_dc, at_nyquist)), omega=stored(binds))
+        damping = np.maximum(at_dc, at_nyquist)
+        omega = np.where(at_dc > at_nyquist, 0.0, np.pi / period)
+        return RequiredDamping(stored(damping), stored(omega))
     interior = kappa < _KAPPA_AT_DC
     inner = np.where(interior, kappa, 0.0)
     u = np.arctanh(inner) * (2 / 3)
     c = np.cosh(u)
-    damping = np.where(interior, beta * ((2 * c - 1) / (4 * (c + 1))), at_dc)
+    at_stationary = beta * ((2 * c - 1) / (4 * (c + 1)))
+    damping = np.where(interior, at_stationary, at_dc)
     # 1 − y = cosh(u₁) − cosh(u) as a product, u₁ that of y = 1: next to DC the difference would be
     # lost. u₁ − u is in closed form too.
-    tanh_rise = (0.8 - inner**2) / ((_KAPPA_AT_DC + inner) * (1 - _KAPPA_AT_DC * inner))
-    rise = np.arctanh(tanh_rise) * (2 / 3)
+    above = (_KAPPA_AT_DC + inner) * (1 - _KAPPA_AT_DC * inner)
+    rise = np.arctanh((0.8 - inner**2) / above) * (2 / 3)
     one_minus_y = 2 * np.sinh(u + rise / 2) * np.sinh(rise / 2)
-    omega = np.where(interior, (4 / period) * np.arcsin(np.sqrt(one_minus_y / 2)), 0.0)
-    return RequiredDamping(damping=stored(damping), omega=stored(omega))
+    quarter_angle = np.arcsin(np.sqrt(one_minus_y / 2))
+    omega = np.where(interior, (4 / period) * quarter_angle, 0.0)
+    return RequiredDamping(stored(damping), stored(omega))
 
 
 def stability_margin(
