@@ -1,4 +1,4 @@
-"""Impedances of a sampled haptic display, exact from DC to Nyquist; their bounds, stability and couplings.
+"""Impedances of a sampled haptic display, their bounds, stability and couplings, DC to Nyquist.
 
 Angular frequencies are in rad/s, impedances in N·s/m, periods in seconds. Only numpy is needed.
 Equation numbers refer to "The effect of static virtual couplings on realistic performance of haptic

@@ -9,6 +9,25 @@ from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import UsageError
 
+__all__ = [
+    "LARGEST",
+    "BoolArray",
+    "ComplexArray",
+    "FloatArray",
+    "IntArray",
+    "Scalars",
+    "checked_period",
+    "complex_array",
+    "complex_from",
+    "nonnegative_array",
+    "one_of",
+    "ordered_limits",
+    "ratio",
+    "real_array",
+    "stored",
+    "times",
+]
+
 FloatArray: TypeAlias = NDArray[np.float64]
 ComplexArray: TypeAlias = NDArray[np.complex128]
 BoolArray: TypeAlias = NDArray[np.bool_]
@@ -17,16 +36,17 @@ Scalars: TypeAlias = float | FloatArray
 
 # Beyond this no device exists, and products of a few parameters would leave the range of a double.
 LARGEST = 1e100
+# In s. For the same reason; no device samples as fast.
 _SHORTEST_PERIOD = 1e-100
 
 
 def real_array(value: ArrayLike, name: str, unit: str) -> FloatArray:
-    """Return `value` as finite doubles, or say what is wrong with it."""
+    """Return `value` as finite doubles; anything else is a `UsageError` with `name` and `unit`."""
     return _finite(value, name, unit, "real", "iuf").astype(np.float64)
 
 
 def complex_array(value: ArrayLike, name: str, unit: str) -> ComplexArray:
-    """Return `value` as finite complex doubles, or say what is wrong with it."""
+    """Return `value` as finite complex doubles (see `real_array`)."""
     return _finite(value, name, unit, "complex", "iufc").astype(np.complex128)
 
 
@@ -66,7 +86,7 @@ def nonnegative_array(value: ArrayLike, name: str, unit: str) -> FloatArray:
 
 
 def checked_period(period: float) -> float:
-    """Return T as a float, or refuse it."""
+    """Return the sampling period T, s, as a float; anything but one positive number is refused."""
     value = real_array(period, "period", "s")
     if value.ndim or not value >= _SHORTEST_PERIOD:
         raise UsageError(
@@ -113,7 +133,7 @@ def one_of(value: str, name: str, choices: tuple[str, ...]) -> str:
 
 
 def times(parameter: ArrayLike, factor: ArrayLike) -> FloatArray:
-    """Multiply, with 0·inf = 0: a spring or mass of zero is absent, even where its factor is infinite."""
+    """Multiply, with 0·inf = 0: a spring or mass of zero is absent, whatever its factor."""
     with np.errstate(invalid="ignore"):
         product = np.multiply(parameter, factor)
     if np.isfinite(product).all():
@@ -125,12 +145,12 @@ def ratio(numerator: ArrayLike, denominator: ArrayLike, *, empty: ArrayLike) -> 
     """Divide, with x/0 = inf of x's sign, and `empty` for 0/0 and inf/inf; NaN stays NaN."""
     with np.errstate(divide="ignore", invalid="ignore"):
         quotient = np.divide(numerator, denominator)
-    lost = np.isnan(quotient) & ~np.isnan(numerator) & ~np.isnan(denominator)
-    return np.where(lost, empty, quotient)
+    given = ~np.isnan(numerator) & ~np.isnan(denominator)
+    return np.where(np.isnan(quotient) & given, empty, quotient)
 
 
 def complex_from(real: ArrayLike, imaginary: ArrayLike) -> ComplexArray:
-    """Join two parts; real + 1j·imaginary would turn an infinite part into NaN."""
+    """Join two parts, of shapes that broadcast; real + 1j·imaginary makes NaN of infinite ones."""
     real, imaginary = np.broadcast_arrays(real, imaginary)
     joined = np.empty(real.shape, dtype=np.complex128)
     joined.real = real

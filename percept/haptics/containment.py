@@ -68,7 +68,7 @@ class Range(NamedTuple):
         return np.where(above_middle, self.low, self.high)
 
     def widths_off(self, value: Scalars) -> FloatArray:
-        """Return how far a value lies beyond the nearer limit, in widths, or units without width."""
+        """Return how far a value lies beyond the nearer limit, in widths (in units if zero)."""
         width = self.high - self.low
         width = np.where(width > 0, width, 1.0)
         return np.maximum(self.low - value, value - self.high) / width
@@ -164,10 +164,10 @@ def departures(
     UsageError
         The range passes Nyquist or leaves a device's table; T not positive.
     """
-    return _Search(display, boxes, lower, upper, throughout=throughout).run()
+    return _DepartureSearch(display, boxes, lower, upper, throughout=throughout).run()
 
 
-class _Search:
+class _DepartureSearch:
     """The largest departure seen of each item, and the bound on what was not seen.
 
     An item is a box with its display.

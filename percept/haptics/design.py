@@ -1,4 +1,4 @@
-"""Couplings that are stable and keep what is displayed inside users' limits: for one environment, for all."""
+"""Couplings that are stable and keep displayed environments inside users' limits."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _LINES = 81
 
 @dataclass(frozen=True, eq=False)
 class EnvironmentBoundary:
-    """What a coupled environment has to stay inside of: limits between which users feel the environment."""
+    """An environment, and the limits it has to stay inside of when it is coupled."""
 
     environment: Environment
     stiffness: tuple[float, float]  # Lower and upper limit of k, N/m
@@ -91,9 +91,9 @@ class QualifyingRegion(NotebookRecord):
 
 @dataclass(frozen=True, eq=False)
 class CouplingDesign(NotebookRecord):
-    """Couplings that qualify for each environment, in the order of the boundaries, and for all at once."""
+    """Couplings that qualify for each environment, and for all of them."""
 
-    each: tuple[QualifyingRegion, ...]
+    each: tuple[QualifyingRegion, ...]  # In the order of the boundaries
     common: QualifyingRegion
 
 
@@ -106,7 +106,7 @@ def design_couplings(
     hold: str = "average",
     damping: ArrayLike | None = None,
 ) -> CouplingDesign:
-    """Return the couplings that are stable (Eq. 6) and keep each environment, and all, inside (Eq. 12).
+    """Return the couplings that are stable (Eq. 6) and keep environments inside (Eq. 12).
 
     Inside is meant at every ω of a range, and in two ways. abs(Z_h_vc) lies between the smallest
     and the largest abs(Z_h) over the limits; effective stiffness and damping lie within them.
@@ -147,10 +147,10 @@ def design_couplings(
         lines = np.asarray(damping, dtype=np.float64)
     lines = np.unique(lines)
     walls = [_Wall(device, boundary, frequencies, period, hold) for boundary in boundaries]
-    each = tuple(_Search(device, [wall], period, hold).region(lines) for wall in walls)
+    each = tuple(_CouplingSearch(device, [wall], period, hold).region(lines) for wall in walls)
     common = each[0]
     if len(walls) > 1:
-        common = _Search(device, walls, period, hold).region(lines)
+        common = _CouplingSearch(device, walls, period, hold).region(lines)
     return CouplingDesign(each, common)
 
 
@@ -166,7 +166,7 @@ def _usual_lines(device: AnyDevice, period: float, hold: str) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class _Search:
+class _CouplingSearch:
     """Cuts k_c away at the walls' ω until a check at all ω finds nothing outside."""
 
     device: AnyDevice
@@ -213,7 +213,7 @@ class _Search:
         return None
 
     def _extreme(self, lines: FloatArray, *, softest: bool) -> Coupling | None:
-        """Return the coupling at an end of what the walls' ω leave, searched between the lines too."""
+        """Return the coupling at an end of what the walls' ω leave, also between the lines."""
 
         def cost(damping: FloatArray) -> FloatArray:
             intervals = self._intervals(damping.ravel())
@@ -224,8 +224,9 @@ class _Search:
         best = int(costs.argmin())
         if not np.isfinite(costs[best]):
             return None
-        before, after = max(best - 1, 0), min(best + 1, lines.size - 1)
-        between = section_minimum(cost, lines[[before]], lines[[after]])
+        low = lines[[max(best - 1, 0)]]
+        high = lines[[min(best + 1, lines.size - 1)]]
+        between = section_minimum(cost, low, high)
         # Of equals the line counts: a section stops a hair's breadth short of the range's end.
         candidates = np.stack([lines[[best]], between])
         damping = candidates[int(cost(candidates).argmin())]
@@ -234,20 +235,21 @@ class _Search:
 
     def _described(self, best: Coupling, *, softest: bool) -> QualifyingCoupling:
         """Say how deep inside a coupling is, and what binds it."""
-        stiffness, damping = np.asarray(best.stiffness), np.asarray(best.damping)
+        stiffness = np.asarray(best.stiffness)
+        damping = np.asarray(best.damping)
         beyond = stiffness * (1.0 - _BEYOND if softest else 1.0 + _BEYOND)
         pair = Coupling(np.append(stiffness, beyond), np.append(damping, damping))
-        found = [wall.departures(pair) for wall in self.walls]
+        by_wall = [wall.departures(pair) for wall in self.walls]
         stable = stable_stiffness(self.device, damping, self.period, self.hold)
         binds = []
         if beyond[0] > stable[0]:
             binds.append("stability")
-        if any(wall.magnitude.largest[1] > ON_LIMIT for wall in found):
+        if any(wall.magnitude.largest[1] > ON_LIMIT for wall in by_wall):
             binds.append("magnitude")
-        if any(wall.plane.largest[1] > ON_LIMIT for wall in found):
+        if any(wall.plane.largest[1] > ON_LIMIT for wall in by_wall):
             binds.append("plane")
-        magnitude = max((wall.magnitude for wall in found), key=lambda worst: worst.largest[0])
-        plane = max((wall.plane for wall in found), key=lambda worst: worst.largest[0])
+        magnitude = max(by_wall, key=lambda wall: wall.magnitude.largest[0]).magnitude
+        plane = max(by_wall, key=lambda wall: wall.plane.largest[0]).plane
         return QualifyingCoupling(
             stiffness=float(stiffness[0]),
             damping=float(damping[0]),
@@ -298,12 +300,12 @@ class _Wall:
 
     def passes(self, couplings: Coupling) -> BoolArray:
         """Say which couplings stay inside at all ω; where others leave is cut from now on."""
-        found = self.departures(couplings, throughout=True)
-        leaves_magnitude = found.magnitude.largest > ON_LIMIT
-        leaves_plane = found.plane.largest > 0.0
-        omega = _thinned(found.magnitude.omega[leaves_magnitude])
+        departed = self.departures(couplings, throughout=True)
+        leaves_magnitude = departed.magnitude.largest > ON_LIMIT
+        leaves_plane = departed.plane.largest > 0.0
+        omega = _thinned(departed.magnitude.omega[leaves_magnitude])
         self._magnitude_omega = np.union1d(self._magnitude_omega, omega)
-        omega = _thinned(found.plane.omega[leaves_plane])
+        omega = _thinned(departed.plane.omega[leaves_plane])
         self._plane_omega = np.union1d(self._plane_omega, omega)
         return ~(leaves_magnitude | leaves_plane)
 
@@ -315,9 +317,10 @@ class _Wall:
         return np.concatenate(flat, axis=1)
 
     def _by_magnitude(self, b_c: FloatArray) -> Iterator[FloatArray]:
-        """Yield where abs(Z_h_vc)² passes the square of either limit of abs(Z_h), per line and ω."""
+        """Yield where abs(Z_h_vc) passes the upper or lower limit of abs(Z_h), per line and ω."""
         device, environment = self._display.device, self._display.environment
-        period, hold, omega = self._display.period, self._display.hold, self._magnitude_omega
+        period, hold = self._display.period, self._display.hold
+        omega = self._magnitude_omega
         limits = self._boundary.stiffness, self._boundary.damping
         envelope = magnitude_envelope(
             omega, device, *limits, period, mass=environment.mass, hold=hold
@@ -329,13 +332,14 @@ class _Wall:
         # Z_h_vc is (top + k_c·ζ·Z_h)/(bottom + k_c·ζ).
         top = z_d * z_e + b_c * z_h
         bottom = z_e + b_c
+        size = np.abs(z_h)
         top_size = np.abs(top)
         bottom_size = np.abs(bottom)
         top_slope = (top * np.conj(zeta * z_h)).real
         bottom_slope = (bottom * np.conj(zeta)).real
         for limit, side in zip(envelope, _SIDES, strict=True):
             # Products of sum and difference, where squares of near numbers would cancel.
-            size, bottom_limit = np.abs(z_h), limit * bottom_size
+            bottom_limit = limit * bottom_size
             a = np.abs(zeta) ** 2 * (size - limit) * (size + limit)
             half_b = top_slope - limit**2 * bottom_slope
             c = (top_size - bottom_limit) * (top_size + bottom_limit)
@@ -346,9 +350,9 @@ class _Wall:
 
         Both are quadratics in k_c over abs(Z_e + Z_c)².
         """
-        environment, period = self._display.environment, self._display.period
-        grid = warp(self._plane_omega, period)
-        z_e = environment_impedance(grid.omega, environment, period)
+        environment = self._display.environment
+        grid = warp(self._plane_omega, self._display.period)
+        z_e = environment_impedance(grid.omega, environment, grid.period)
         # Coefficients of abs(Z_e + Z_c)² are those of k_c², of 2k_c and of 1.
         square = grid.inverse_rate**2
         linear = -z_e.imag * grid.inverse_rate

@@ -342,13 +342,13 @@ def _extremes_along(curve: _Curve, plane: DistancePlane) -> Envelope:
 
     def slopes(which: IntArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return half of the first and second derivatives of the square."""
-        here = scaled.select(turns.omega_index[which])
-        x, y = here.offsets(curve.at(angle))
+        local = scaled.select(turns.omega_index[which])
+        x, y = local.offsets(curve.at(angle))
         k1, k2, b1, b2 = curve.derivatives(angle)
-        x1 = here.gain * b1
-        y1 = -here.per_rate * k1
-        x2 = here.gain * b2
-        y2 = -here.per_rate * k2
+        x1 = local.gain * b1
+        y1 = -local.per_rate * k1
+        x2 = local.gain * b2
+        y2 = -local.per_rate * k2
         first = x * x1 + y * y1
         second = x1 * x1 + y1 * y1 + x * x2 + y * y2
         return turns.sign[which] * first, turns.sign[which] * second

@@ -73,8 +73,8 @@ class Form:
         """Return the same polynomial in `size` coefficients: a factor (1 − t) + t is one."""
         if size == self.size:
             return self.coefficients
-        one = Form(_binomials(size - self.size))
-        return (self * one).coefficients
+        unit = Form(_binomials(size - self.size))
+        return (self * unit).coefficients
 
     def bernstein(self, size: int) -> FloatArray:
         """Return `size` Bernstein coefficients."""

@@ -103,7 +103,25 @@ class Warp:
 
 
 def warp(omega: ArrayLike, period: float) -> Warp:
-    """Check ω and T and return their angles."""
+    """Check ω and T and return their angles.
+
+    Parameters
+    ----------
+    omega : array_like
+        rad/s, up to π/T in magnitude.
+    period : float
+        Sampling period T, s.
+
+    Returns
+    -------
+    Warp
+        Of ω's shape; ωT within 4 ulp of π is Nyquist.
+
+    Raises
+    ------
+    UsageError
+        ω above Nyquist, T not positive, a value that is not finite.
+    """
     period = checked_period(period)
     omega = real_array(omega, "omega", "rad/s")
     theta = omega * period
@@ -357,7 +375,20 @@ def coupling_impedance(
 def coupling_admittance(
     omega: ArrayLike, coupling: Coupling, period: float, *, discretization: str = "backward"
 ) -> ComplexArray:
-    """Return 1/Z_c(jω), m/(N·s), the p22 of Eq. 4; infinite where there is no coupling at all."""
+    """Return 1/Z_c(jω), the p22 of Eq. 4.
+
+    Parameters as in `coupling_impedance`.
+
+    Returns
+    -------
+    ndarray of complex
+        m/(N·s). Infinite where there is no coupling at all.
+
+    Raises
+    ------
+    UsageError
+        As `coupling_impedance`.
+    """
     z_c = coupling_impedance(omega, coupling, period, discretization=discretization)
     size = np.hypot(z_c.real, z_c.imag)
     # Dividing twice by the modulus keeps its square from leaving the range of a double.
@@ -368,7 +399,7 @@ def coupling_admittance(
 
 
 def tustin_damping(coupling: Coupling, period: float, discretization: str) -> FloatArray:
-    """Return the b_c that Tustin's form needs: k_c·(Tz)/(z−1) is k_c/s plus a damping of k_c·T/2."""
+    """Return the b_c of Tustin's form: k_c·(Tz)/(z−1) is k_c/s plus a damping of k_c·T/2."""
     one_of(discretization, "discretization", DISCRETIZATIONS)
     if discretization == "tustin":
         return np.asarray(coupling.damping)

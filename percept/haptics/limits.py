@@ -1,4 +1,4 @@
-"""What a device can carry: the stiffest couplings, the region of stable ones, passive rendering (Eq. 10).
+"""What a device can carry: stiffest couplings, all stable ones, passive rendering (Eq. 10).
 
 With b the device's damping, β the coupling's in Tustin's form, K = k_c·T and ρ = b/β, Eq. 10 over
 all ω reads K ≤ 2βκ(ρ), where κ² = (8ρ − 1)(1 + ρ)²/(27ρ²) for 1/8 ≤ ρ ≤ 1/5 and κ² = 4ρ above;
@@ -102,7 +102,7 @@ def max_coupling_stiffness(
 
 
 def _stretch(b: FloatArray, beta: FloatArray, hold: str) -> FloatArray:
-    """Return the largest K = k_c·T at a damping β in Tustin's form, N·s/m; 0 where there is none."""
+    """Return the largest K = k_c·T, N·s/m, at a damping β in Tustin's form; 0 where none is."""
     at_dc = 4 * np.sqrt(b) * np.sqrt(beta)
     if hold == "true":
         return np.where(beta <= np.pi * b, at_dc, 0.0)
@@ -117,8 +117,9 @@ def _stretch(b: FloatArray, beta: FloatArray, hold: str) -> FloatArray:
 
 
 def _interior_root(c: FloatArray, room: FloatArray) -> FloatArray:
-    """Return δ = K/2b of the backward difference: 27δ² = (c + δ)(e − δ)(1 + c + δ)², e = `room` = 8 − c.
+    """Return δ = K/2b of the backward difference, between 0 and `room`.
 
+    With e = 8 − c, the room, it solves 27δ² = (c + δ)(e − δ)(1 + c + δ)².
     The difference of the two sides is convex between the root and e: Newton from e falls onto the
     root without overshooting.
     """
@@ -140,7 +141,7 @@ def _interior_root(c: FloatArray, room: FloatArray) -> FloatArray:
 
 
 def stable_stiffness(device: AnyDevice, b_c: FloatArray, period: float, hold: str) -> FloatArray:
-    """Return the largest stable k_c of any device (Eq. 6); only that of a rigid one needs no search.
+    """Return the largest stable k_c (Eq. 6), in closed form for a rigid device, else by a search.
 
     Parameters
     ----------
@@ -178,7 +179,7 @@ def stable_stiffness(device: AnyDevice, b_c: FloatArray, period: float, hold: st
 def stiffness_limits(
     omega: ArrayLike, device: AnyDevice, b_c: FloatArray, period: float, hold: str
 ) -> FloatArray:
-    """Return the largest k_c that Eq. 10 allows at each ω: 0 where no positive one is, inf where any is."""
+    """Return the largest k_c that Eq. 10 allows at each ω; 0 where none is, inf where all are."""
     grid = warp(omega, period)
     available, _ = device_parts(grid, device)
     # Eq. 10 is viscous·β² + elastic·K² ≤ available·β.

@@ -1,4 +1,4 @@
-"""What the hand feels: Z_h with and without a coupling, and what a coupling shows (Eqs 11 to 13)."""
+"""What the hand feels: Z_h without and with a coupling, and what that shows (Eqs 11 to 13)."""
 
 from __future__ import annotations
 
@@ -222,9 +222,10 @@ class Extremes(NamedTuple):
 
 
 class DistancePlane(NamedTuple):
-    """The plane of (g·b, g·k/Ω), in which abs(Z_h) is the distance from a point that the device sets.
+    """The plane of (g·b, g·k/Ω), in which abs(Z_h) is the distance from one point.
 
-    With g the hold's gain and h = ωT/2, abs(Z_h) = abs(Z_d·e^{jh} + g·b + j·g·(m·Ω − k/Ω)).
+    The device sets that point. With g the hold's gain and h = ωT/2,
+    abs(Z_h) = abs(Z_d·e^{jh} + g·b + j·g·(m·Ω − k/Ω)).
     """
 
     gain: FloatArray  # g

@@ -1,4 +1,4 @@
-"""What is connected to what: devices, environments and couplings, checked once, when they are made."""
+"""What is connected to what: devices, environments and couplings, checked when they are made."""
 
 from __future__ import annotations
 
@@ -200,7 +200,23 @@ class TabulatedDevice:
         object.__setattr__(self, "impedance", impedance)
 
     def at(self, omega: ArrayLike) -> ComplexArray:
-        """Return Z_d at ω (rad/s, conjugate for negative), linear between rows; refused outside the table."""
+        """Return Z_d at ω, linear between rows.
+
+        Parameters
+        ----------
+        omega : array_like
+            rad/s; negative ω gives the conjugate.
+
+        Returns
+        -------
+        ndarray of complex
+            N·s/m, of ω's shape.
+
+        Raises
+        ------
+        UsageError
+            ω outside the table.
+        """
         omega = np.asarray(omega, dtype=np.float64)
         size = np.abs(omega)
         outside = ~((size >= self.omega[0]) & (size <= self.omega[-1]))

@@ -1,4 +1,4 @@
-"""Where a search looks and how it ends: frequencies of a device; minima, roots and intervals of curves."""
+"""Where a search looks and how it ends: frequencies of a device; minima, roots, intervals."""
 
 from __future__ import annotations
 
@@ -125,9 +125,9 @@ class Lowest(NamedTuple):
 def lowest(
     function: Callable[[FloatArray, IntArray], FloatArray], grid: FloatArray, count: int
 ) -> Lowest:
-    """Return the least value of each of many functions; each dip seen on a grid is refined.
+    """Return the least value of each of many functions; each dip on a grid is refined.
 
-    Of dips seen the wrong one may look lower on the grid.
+    All dips are refined: on the grid the wrong one may look lower.
 
     Parameters
     ----------
@@ -144,25 +144,26 @@ def lowest(
     Lowest
         Of shape (count,).
     """
-    seen = function(grid[:, None], np.arange(count))
-    seen = np.broadcast_to(seen, (grid.size, count))
+    on_grid = function(grid[:, None], np.arange(count))
+    on_grid = np.broadcast_to(on_grid, (grid.size, count))
     with np.errstate(invalid="ignore"):
-        fall = seen[:-1] - seen[1:]
-        falls = fall > _ROUNDING * np.abs(seen[1:])
+        fall = on_grid[:-1] - on_grid[1:]
+        falls = fall > _ROUNDING * np.abs(on_grid[1:])
     ends = np.ones((1, count), dtype=bool)
     falls_before = np.concatenate([ends, falls])
     rises_after = np.concatenate([~falls, ends])
-    dips, which = np.nonzero(falls_before & rises_after)
+    dips, index = np.nonzero(falls_before & rises_after)
     low = grid[np.maximum(dips - 1, 0)]
     high = grid[np.minimum(dips + 1, grid.size - 1)]
-    between = section_minimum(lambda x: function(x, which), low, high)
-    refined = function(between[None], which)[0]
+    between = section_minimum(lambda x: function(x, index), low, high)
+    refined = function(between[None], index)[0]
     # The grid's own point stays where it is as low: at the ends of the range a section stops short.
-    better = refined < seen[dips, which]
-    values = np.where(better, refined, seen[dips, which])
+    dip_values = on_grid[dips, index]
+    better = refined < dip_values
+    values = np.where(better, refined, dip_values)
     x = np.where(better, between, grid[dips])
-    order = np.lexsort((values, which))
-    _, first_of_each = np.unique(which[order], return_index=True)
+    order = np.lexsort((values, index))
+    _, first_of_each = np.unique(index[order], return_index=True)
     first = order[first_of_each]
     return Lowest(values[first], x[first])
 

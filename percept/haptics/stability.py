@@ -1,4 +1,4 @@
-"""Stability with a virtual coupling: the device damping it needs, how much there is, and Llewellyn's verdict.
+"""Stability with a virtual coupling: the damping it needs, how much there is, Llewellyn's verdict.
 
 By Eqs 1 to 4, 9 and 10 a device and its coupling are stable with every passive hand and environment
 where Re Z_d is at least what Eq. 10 asks for at every ω.
@@ -48,7 +48,7 @@ _KAPPA_AT_DC = float(np.sqrt(0.8))
 
 @dataclass(frozen=True)
 class RequiredDamping(NotebookRecord):
-    """The damping a rigid device needs for a coupling; floats, or arrays of the coupling's shape."""
+    """The damping that a coupling asks of a rigid device; floats, or of the coupling's shape."""
 
     # Smallest b_d with which Eq. 10 holds at every ω, N·s/m; inf where no damping suffices.
     damping: Scalars

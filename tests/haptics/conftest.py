@@ -8,7 +8,7 @@ T = 1e-3
 
 @pytest.fixture(scope="session")
 def plain_impedance():
-    """Z_h of a rigid device at one ω as Eq. 13 is written, in complex arithmetic; k and b of any sign."""
+    """Z_h of a rigid device as Eq. 13 is written, in complex arithmetic; k and b of any sign."""
 
     def impedance(omega, device, k, b, mass=0.0):
         h = omega * T / 2

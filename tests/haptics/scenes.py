@@ -1,4 +1,4 @@
-"""Random scenes to judge, some with an excursion of planted height; and the departure at one ω in 50 digits.
+"""Random scenes to judge, some with a planted excursion; the departure at one ω in 50 digits.
 
 `python -m tests.haptics.scenes COUNT POINTS` holds the verdicts of many scenes against a grid.
 """
@@ -119,7 +119,7 @@ def box(k: tuple[float, float], b: tuple[float, float]) -> Boxes:
 
 
 def scenes(count: int, seed: int, *, mass: bool = False) -> Iterator[Scene]:
-    """Rigid, modal and tabulated devices in turn, with `mass` each with an environment that has one."""
+    """Rigid, modal and tabulated devices in turn; with `mass` environments have one."""
     rng = np.random.default_rng(seed)
     for i in range(count):
         display, limits = _random(rng, ("rigid", "modal", "table")[i % 3])
@@ -162,7 +162,7 @@ def _random(rng: np.random.Generator, kind: str) -> tuple[Display, Boxes]:
 
 
 def heavy_tables(count: int, seed: int) -> Iterator[Scene]:
-    """Environments with a mass, displayed by tabulated devices through couplings; nothing is planted."""
+    """Environments with a mass, displayed by tabulated devices through couplings."""
     rng = np.random.default_rng(seed)
     while count:
         display, limits = _random(rng, "table")
@@ -178,7 +178,7 @@ def _heavy(rng: np.random.Generator, display: Display) -> Display:
 
 
 def _planted(display: Display, limits: Boxes, height: float) -> Boxes | None:
-    """Widen or narrow a box until the largest departure is `height`; None where no width does it."""
+    """Widen or narrow a box until the largest departure is `height`; None if no width does it."""
 
     def scaled(factor: float) -> Boxes:
         middles = [np.sqrt(low * high) for low, high in (limits.stiffness, limits.damping)]

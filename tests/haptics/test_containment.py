@@ -1,4 +1,4 @@
-"""Verdicts over a range of ω: against grids, 50-digit arithmetic, and cases known in closed form."""
+"""Verdicts over a range of ω: against grids, 50-digit arithmetic, and cases in closed form."""
 
 import numpy as np
 import pytest
@@ -119,7 +119,7 @@ def test_corner_curves_that_cross_leave_nothing_inside():
 
 
 def test_a_mass_of_the_environment_belongs_to_what_users_adjust():
-    """Through a coupling so stiff that it hides nothing, a reference is as far inside as directly."""
+    """A coupling so stiff that it hides nothing leaves a reference as far inside as none."""
     own = Environment(1000.0, 3.0, 0.7)
     limits = box((900.0, 1100.0), (2.0, 4.0))
     direct = departures(Display(Device(1.0, 5.0), own, PERIOD), limits, LOWER, UPPER)

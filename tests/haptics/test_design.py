@@ -154,7 +154,7 @@ def test_no_limit_leaves_stability_alone():
 
 
 def test_the_softest_coupling_has_no_damping_where_that_is_softest():
-    """Beside a stiff wall the least k_c rises with b_c: a hair's breadth above zero is not the end."""
+    """Beside a stiff wall the least k_c rises with b_c: one just above zero is not the end."""
     wall = EnvironmentBoundary(Environment(10000.0, 10.0), (7800.0, 11100.0), (1.0, 30.0))
     region = design_couplings(Device(1.0, 5.0), [wall], RANGE, T).common
     assert region.softest.damping == 0.0

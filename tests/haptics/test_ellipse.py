@@ -20,9 +20,10 @@ DEVICE = Device(1.0, 5.0)
 
 
 def quartic(omega, device, centre, shape, radius, period):
-    """Nearest and farthest stationary point, whether the origin is inside, and the terms' size; 60 digits.
+    """Nearest and farthest stationary point, whether the origin is inside, the terms' size.
 
-    With u = e^{iφ} the derivative of |c + M(cos φ, sin φ)|² is a polynomial of degree four in u.
+    In 60 digits. With u = e^{iφ} the derivative of |c + M(cos φ, sin φ)|² is a polynomial of degree
+    four in u.
     """
     with mpmath.workdps(60):
         half = mpmath.mpf(omega) * mpmath.mpf(period) / 2

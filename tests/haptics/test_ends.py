@@ -150,7 +150,7 @@ def test_hold_keeps_its_digits_next_to_nyquist():
 
 
 def test_beside_an_undamped_resonance_the_stiffness_is_that_of_springs_in_series():
-    """k₁k₂/(k₁ + k₂), k₁ = k − mΩ²: a few ulp from the pole too it is huge, and never cancels to nothing."""
+    """k₁k₂/(k₁ + k₂), k₁ = k − mΩ², is huge a few ulp from the pole too, and never cancels."""
     period = 1e-3
     environment, coupling = Environment(1000.0, 0.0, mass=0.5), Coupling(5000.0, 0.0)
     pole = 2 / period * np.arctan(np.sqrt(6000 / 0.5) * period / 2)

@@ -1,4 +1,4 @@
-"""What a device can carry: published limits, the forward problem, the stable region, passive rendering."""
+"""What a device can carry: published limits, forward problem, stable region, passive rendering."""
 
 from pathlib import Path
 

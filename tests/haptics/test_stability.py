@@ -1,4 +1,4 @@
-"""Required damping, margins, the bound of Fig. 4, verdicts: known numbers, searches, limiting cases."""
+"""Required damping, margins, the bound of Fig. 4, verdicts: known numbers, searches, limits."""
 
 import numpy as np
 import pytest
@@ -222,7 +222,7 @@ def test_modes_add_margin():
     coupling=st.tuples(*[st.one_of(st.just(0.0), st.floats(1e-6, 1e6))] * 2),
 )
 def test_no_pole_of_parts_that_are_not_negative_lies_outside_the_unit_circle(mode, coupling):
-    """Why margins alone decide: the poles of a mode by Tustin's method, and of both forms of 1/Z_c."""
+    """Why margins alone decide: poles of a mode by Tustin's method, and of both forms of 1/Z_c."""
     (m, k, b), (k_c, b_c) = mode, coupling
     s = np.roots([m, b, k]) if m else np.empty(0)
     poles = [*((2 + s * T) / (2 - s * T))]
