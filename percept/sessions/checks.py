@@ -10,7 +10,7 @@ import pandas as pd
 
 from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import Quantity
-from percept.sessions.records import IDS, MASS, Notice, Place, Problems, shown
+from percept.sessions.records import IDS, MASS, Notice, Places, Problems, shown
 
 #: What tells a trial from others.
 TRIAL = [*IDS, "trial"]
@@ -25,7 +25,7 @@ def settle_references(
     declared: Mapping[str, Mapping[str, float]],
     known: dict[str, dict[str, float]],
     parameters: Iterable[str],
-    place: Place,
+    place: Places,
     problems: Problems,
 ) -> None:
     """Fill references from the scene or earlier rows, and hold every row of an environment to one reference.
@@ -81,7 +81,7 @@ def in_order(references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...]
 
 def check_duplicates(
     table: pd.DataFrame,
-    place: Place,
+    place: Places,
     problems: Problems,
     *,
     numbered: bool,
@@ -100,7 +100,7 @@ def tell_duplicates(
     table: pd.DataFrame,
     again: Sequence[int],
     where: str,
-    place: Place,
+    place: Places,
     problems: Problems,
     *,
     numbered: bool,
@@ -147,7 +147,7 @@ def check_plausible(
     table: pd.DataFrame,
     quantities: Iterable[Quantity],
     declared: Set[str],
-    place: Place,
+    place: Places,
     problems: Problems,
 ) -> list[Notice]:
     """Refuse median ratios of adjustments to references beyond 100, and files a thousand times the others.
@@ -192,7 +192,7 @@ def check_plausible(
 
 
 def check_summary(
-    table: pd.DataFrame, options: ReadOptions, place: Place, problems: Problems
+    table: pd.DataFrame, options: ReadOptions, place: Places, problems: Problems
 ) -> None:
     """Check a published table: parameter, order of limits, n, level, units, and one row for each interval."""
     quantities = options.quantities
@@ -235,7 +235,7 @@ def check_summary(
 def _check_declared(
     table: pd.DataFrame,
     declared: Mapping[str, Mapping[str, float]],
-    place: Place,
+    place: Places,
     problems: Problems,
 ) -> None:
     """Hold the references of a published table to those of the scene."""

@@ -17,7 +17,7 @@ from percept.sessions import checks, doubts
 from percept.sessions.options import DataTables, ReadOptions
 from percept.sessions.quantities import Quantities
 from percept.sessions.reading import Reading
-from percept.sessions.records import IDS, Notice, Place, Source
+from percept.sessions.records import IDS, Notice, Place, Places, Source
 from percept.sessions.table import FileTable
 
 #: Each trial of a subject, session and environment takes a bit, so that its number is bounded.
@@ -140,7 +140,10 @@ class _Cells:
     def add(self, frame: pd.DataFrame, file: str) -> None:
         """Check and add one block."""
         problems, rows = self.reading.problems, frame["row"].to_numpy()
-        place = lambda at: {"file": file, "row": int(rows[at])}  # noqa: E731
+
+        def place(at: int) -> Place:
+            return Place(file=file, row=int(rows[at]))
+
         declared = self.options.environments
         checks.settle_references(frame, declared, self.references, self.parameters, place, problems)
         if self.options.sessions.trial != "order":
@@ -160,7 +163,7 @@ class _Cells:
         if sum(map(len, self.visits)) > _VISITS:
             self.visits = [self._merged(pd.concat(self.visits), list(IDS))]
 
-    def _check_trials(self, frame: pd.DataFrame, place: Place) -> None:
+    def _check_trials(self, frame: pd.DataFrame, place: Places) -> None:
         """Find trials that stand twice, in this block or in an earlier one."""
         trials, problems = frame["trial"].to_numpy(), self.reading.problems
         wrong = np.flatnonzero((trials < 0) | (trials >= _TRIALS))
@@ -186,7 +189,7 @@ class _Cells:
                 frame, sorted(again), "an earlier row", place, problems, numbered=numbered
             )
 
-    def _response(self, p: str, frame: pd.DataFrame, place: Place) -> pd.Series[float]:
+    def _response(self, p: str, frame: pd.DataFrame, place: Places) -> pd.Series[float]:
         adjusted, reference, log = frame[f"{p}_adj"], frame[f"{p}_ref"], self.family == "lognormal"
         bad = (reference <= 0) | ((adjusted <= 0) & log)
         if bad.any():
@@ -221,7 +224,7 @@ class _Cells:
         reading, names, family = self.reading, list(self.options.quantities), self.family
         reading.refuse_nothing(self.visits)
         visits = self._merged(pd.concat(self.visits), list(IDS))
-        place = reading.place(visits)
+        place = reading.places(visits)
         reading.check(visits, self.parameters, visits["rows"])
         cells = self._merged(visits, ["subject", "environment"])
         reading.counts["rows without every parameter"] = int((cells["rows"] - cells["n"]).sum())

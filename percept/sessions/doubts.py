@@ -12,7 +12,7 @@ import pandas as pd
 
 from percept.errors import counted
 from percept.sessions.quantities import Quantity
-from percept.sessions.records import IDS, Notice, Place, clip, shown
+from percept.sessions.records import IDS, Notice, Places, clip, shown
 from percept.sessions.values import fold, is_missing
 
 __all__ = ["doubtful_ids", "doubtful_scales", "screen"]
@@ -38,7 +38,7 @@ _HOMOGLYPHS = str.maketrans(
 )
 
 
-def doubtful_ids(table: pd.DataFrame, place: Place) -> Iterator[Notice]:
+def doubtful_ids(table: pd.DataFrame, place: Places) -> Iterator[Notice]:
     """Notice ids that look alike, and ids that read as a missing value, with the first row of each."""
     for column in IDS:
         firsts = table[column].drop_duplicates()
@@ -115,7 +115,7 @@ def _single_trials(table: pd.DataFrame) -> Iterator[Notice]:
 def screen(
     table: pd.DataFrame,
     quantities: Iterable[Quantity],
-    place: Place,
+    place: Places,
     pooled: Iterable[str],
     family: str,
 ) -> Iterator[Notice]:
@@ -135,7 +135,7 @@ def screen(
         yield from _pooled(table, column)
 
 
-def _gross_errors(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[Notice]:
+def _gross_errors(table: pd.DataFrame, parameter: str, place: Places) -> Iterator[Notice]:
     column = f"{parameter}_adj"
     positive = table[table[column] > 0]
     by_environment = positive.groupby("environment", sort=False)
@@ -155,7 +155,7 @@ def _gross_errors(table: pd.DataFrame, parameter: str, place: Place) -> Iterator
 
 
 def _without_logarithm(
-    table: pd.DataFrame, parameter: str, place: Place, family: str
+    table: pd.DataFrame, parameter: str, place: Places, family: str
 ) -> Iterator[Notice]:
     """Count zeros and negative values, and say which way out fits them."""
     column, reference = f"{parameter}_adj", f"{parameter}_ref"
@@ -202,7 +202,7 @@ def _counted_share(count: int, total: int, parameter: str) -> str:
     )
 
 
-def _at_the_end(table: pd.DataFrame, parameter: str, place: Place) -> Iterator[Notice]:
+def _at_the_end(table: pd.DataFrame, parameter: str, place: Places) -> Iterator[Notice]:
     """Warn where more values equal the largest or least of all than the one next to it, by far."""
     column = f"{parameter}_adj"
     counts = table[column].value_counts().sort_index()

@@ -26,6 +26,7 @@ from percept.sessions.records import (
     Exclusion,
     Factor,
     Notice,
+    Place,
     Source,
     shown,
 )
@@ -152,10 +153,12 @@ class Sessions:
         if self.form != "trials":
             return tuple(scales)
 
-        def place(index: int) -> dict[str, Any]:
+        def place(index: int) -> Place:
             # Sessions put together by hand have no places.
-            known = index in self.provenance.index
-            return dict(zip(("file", "row"), self.locate(index), strict=True)) if known else {}
+            if index not in self.provenance.index:
+                return Place()
+            file, row = self.locate(index)
+            return Place(file=file, row=row)
 
         pooled = self.options.pooled(self.table.columns)
         seldom = doubts.screen(self.table, quantities, place, pooled, self.options.family)
@@ -239,7 +242,7 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
         problems.add(message, file=list(forms.values())[1], hint="Read them one by one.")
     reading.refuse_nothing(frames)
     merged = pd.concat(frames, ignore_index=True)
-    place = reading.place(merged)
+    place = reading.places(merged)
     columns, groups = list(SUMMARY_COLUMNS), list[str]()
     if "summary" in forms:
         checks.check_summary(merged, options, place, problems)

@@ -1,4 +1,4 @@
-"""What the reader says beside the table: sources, notices, exclusions, and problems in one message."""
+"""What the reader says beside the table: sources, notices, exclusions, and problems with places."""
 
 from __future__ import annotations
 
@@ -6,21 +6,56 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import TypedDict
 
 from percept.errors import PerceptError, UsageError
+
+__all__ = [
+    "IDS",
+    "MASS",
+    "SUMMARY_COLUMNS",
+    "CellPlace",
+    "Exclusion",
+    "Factor",
+    "NoDataError",
+    "Notice",
+    "Place",
+    "Places",
+    "Problems",
+    "ReadError",
+    "Source",
+    "clip",
+    "shown",
+    "summarised",
+]
 
 IDS = ("subject", "session", "environment")
 #: Mass of an environment (Eq. 7): a reference that nobody adjusts.
 MASS = "m_ref"
 SUMMARY_COLUMNS = ("environment", "parameter", "reference", "lower", "upper", "n", "level")
-#: Problems that a message lists, and problems that are kept.
-_LISTED, _KEPT = 10, 1000
+#: Lines of a message about several problems.
+_LISTED = 10
+#: Problems that are kept; of a broken file of a million rows nobody reads more.
+_KEPT = 1000
 #: Problems of one kind that are written out.
 _ALIKE = 3
 
+
+class Place(TypedDict, total=False):
+    """Where a row stands: arguments of errors and notices."""
+
+    file: str
+    row: int
+
+
+class CellPlace(Place, total=False):
+    """Where a cell stands."""
+
+    column: str
+
+
 #: From a row's position in a table to its `file` and `row`.
-Place = Callable[[int], Mapping[str, Any]]
+Places = Callable[[int], Place]
 
 
 def clip(value: str, length: int = 60) -> str:
@@ -31,7 +66,8 @@ def clip(value: str, length: int = 60) -> str:
 def shown(names: Sequence[str], limit: int = 12) -> str:
     """List names from a file in a message: quoted, control characters escaped, clipped."""
     listed = ", ".join(repr(clip(name)) for name in names[:limit])
-    return listed + (f" and {len(names) - limit} more" if len(names) > limit else "")
+    more = len(names) - limit
+    return f"{listed} and {more} more" if more > 0 else listed
 
 
 @dataclass(frozen=True)
@@ -53,10 +89,8 @@ class Notice:
     column: str | None = None
 
     def __str__(self) -> str:
-        place = ":".join(
-            str(part) for part in (self.file, self.row, self.column) if part is not None
-        )
-        return f"{place}: {self.text}" if place else self.text
+        parts = [str(part) for part in (self.file, self.row, self.column) if part is not None]
+        return ": ".join([":".join(parts), self.text]) if parts else self.text
 
 
 @dataclass(frozen=True)
@@ -112,59 +146,82 @@ class ReadError(UsageError):
 
     def __init__(self, problems: Sequence[UsageError], total: int | None = None) -> None:
         first = problems[0]
-        place = {
-            name: getattr(first, name) for name in ("file", "row", "column", "key", "value", "hint")
-        }
-        super().__init__(first.message, **place)
+        super().__init__(
+            first.message,
+            file=first.file,
+            row=first.row,
+            column=first.column,
+            key=first.key,
+            value=first.value,
+            hint=first.hint,
+        )
         self.problems = tuple(problems)
         self.total = len(self.problems) if total is None else total
 
     def __str__(self) -> str:
         if self.total == 1:
             return str(self.problems[0])
-        lines = summarised(self.problems)[:_LISTED]
-        more = ["percept validate lists them by kind"] if self.total > _LISTED else []
-        return "\n  ".join([f"{self.total} problems:", *lines, *more])
+        lines = [f"{self.total} problems:", *summarised(self.problems)[:_LISTED]]
+        if self.total > _LISTED:
+            lines.append("percept validate lists them by kind")
+        return "\n  ".join(lines)
 
 
 class NoDataError(UsageError):
-    """A file without trials, as an aborted run or a tracker leaves; it is left out where others have them."""
+    """A file without trials, of an aborted run or a tracker; left out where other files have them."""
 
 
 def summarised(problems: Sequence[PerceptError]) -> list[str]:
-    """Give a line per problem; of a kind in one column of a file, three and how many more there are."""
+    """Give a line per problem; of a kind in one column of a file, three and the number of the rest."""
     kinds: dict[tuple[object, ...], list[PerceptError]] = {}
     for problem in problems:
-        kinds.setdefault((problem.file, problem.column, problem.message), []).append(problem)
+        kind = (problem.file, problem.column, problem.message)
+        kinds.setdefault(kind, []).append(problem)
     lines: list[str] = []
     for alike in kinds.values():
-        lines += map(str, alike[:_ALIKE])
-        if more := alike[_ALIKE:]:
-            where = (
-                f"{more[0].file}, column {more[0].column!r}, rows {more[0].row} to {more[-1].row}"
-            )
-            lines.append(f"{where}: {len(more)} more of this kind")
+        lines += [str(problem) for problem in alike[:_ALIKE]]
+        rest = alike[_ALIKE:]
+        if rest:
+            rows = f"rows {rest[0].row} to {rest[-1].row}"
+            where = f"{rest[0].file}, column {rest[0].column!r}, {rows}"
+            lines.append(f"{where}: {len(rest)} more of this kind")
     return lines
 
 
 class Problems:
-    """A bounded list of problems, so that a user mends a file once and not once per error."""
+    """A bounded list of problems, so that a user corrects a file once and not once per error."""
 
     def __init__(self) -> None:
         self._kept: list[UsageError] = []
         self.total = 0
 
-    def add(self, message: str, *, value: object = None, **place: Any) -> None:
+    def add(
+        self,
+        message: str,
+        *,
+        file: str | None = None,
+        row: int | None = None,
+        column: str | None = None,
+        key: str | None = None,
+        value: object = None,
+        hint: str | None = None,
+    ) -> None:
         """Record one problem; arguments as in :class:`~percept.errors.UsageError`."""
+        if isinstance(value, str):
+            value = clip(value)
         self.extend(
-            UsageError(message, value=clip(value) if isinstance(value, str) else value, **place)
+            UsageError(message, file=file, row=row, column=column, key=key, value=value, hint=hint)
         )
 
     def extend(self, error: UsageError) -> None:
         """Record an error, or each problem of a :class:`ReadError`."""
-        found = error.problems if isinstance(error, ReadError) else (error,)
-        self._kept.extend(found[: max(0, _KEPT - len(self._kept))])
-        self.total += error.total if isinstance(error, ReadError) else 1
+        room = max(0, _KEPT - len(self._kept))
+        if isinstance(error, ReadError):
+            self._kept.extend(error.problems[:room])
+            self.total += error.total
+        else:
+            self._kept.extend([error][:room])
+            self.total += 1
 
     @contextmanager
     def collecting(self) -> Iterator[None]:

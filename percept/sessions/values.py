@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from percept.sessions.records import Notice, Problems
+from percept.sessions.records import CellPlace, Notice, Problems
 
 Mark = Literal[".", ","]
 
@@ -103,26 +103,30 @@ def parse_numbers(
     rows: npt.NDArray[np.int64],
     mark: Mark | None,
     problems: Problems,
-    mend: str = "Correct the cell.",
-    **place: Any,
+    place: CellPlace,
+    *,
+    correct: str = "Correct the cell.",
 ) -> npt.NDArray[np.float64]:
     """Convert cells to the nearest doubles."""
     mark = mark or "."
-    out, is_number = np.full(len(cells), np.nan), _NUMBER[mark].fullmatch
+    numbers = np.full(len(cells), np.nan)
+    is_number = _NUMBER[mark].fullmatch
     for at, cell in enumerate(cells):
         text = cell.strip(_SPACE)
         if is_number(text):
-            out[at] = number = float(text.replace(",", "."))
+            numbers[at] = number = float(text.replace(",", "."))
             is_zero = not re.search("[1-9]", re.split("[eE]", text)[0])
             if is_zero or LEAST <= abs(number) <= LARGEST:
                 continue
-            message, hint = f"not between {LEAST:g} and {LARGEST:g} in size.", ""
+            message = f"not between {LEAST:g} and {LARGEST:g} in size."
+            hint = ""
         elif text.lower() in _MISSING:
             continue
         else:
             message, hint = _diagnosis(text, mark)
-        problems.add(message, row=int(rows[at]), value=cell, hint=hint or mend, **place)
-    return out
+        located: CellPlace = {**place, "row": int(rows[at])}
+        problems.add(message, value=cell, hint=hint or correct, **located)
+    return numbers
 
 
 def _diagnosis(text: str, mark: Mark) -> tuple[str, str]:

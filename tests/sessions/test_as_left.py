@@ -218,8 +218,7 @@ def test_what_the_last_event_leaves_out_is_counted(tmp_path):
     assert (
         said
         == f'{tmp_path / "f.csv"}: keep = "last" leaves out 48 of 50 rows (96.0%) as earlier events'
-        " of a trial; no column numbers the trials, so that of a subject in an environment one"
-        " row stays"
+        " of a trial; no column numbers the trials, so one row stays per subject and environment"
     )
 
 

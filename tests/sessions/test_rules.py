@@ -132,7 +132,7 @@ def test_numbers_are_correctly_rounded(value, kind, digits):
 
     text = f"{value:.{digits}{kind}}"
     problems = Problems()
-    (got,) = parse_numbers([text], [2], ".", problems, file="f", column="k_adj")
+    (got,) = parse_numbers([text], [2], ".", problems, {"file": "f", "column": "k_adj"})
     exact = Fraction(text)
     if problems.total:
         assert exact != 0
@@ -696,7 +696,7 @@ def test_published_means_become_the_limits_of_their_interval(tmp_path):
     )
     assert row["upper"] + row["lower"] == pytest.approx(2 * 14.914, rel=1e-13)
     error = refusal(tmp_path, head + "VE1,k,15,14.9,-1,10,0.99\n")
-    assert (error.column, error.message) == ("sd", "is negative.")
+    assert (error.column, error.message) == ("sd", "a standard deviation is not negative.")
 
 
 def test_limits_go_before_a_mean_and_sd(tmp_path):
@@ -857,5 +857,5 @@ def test_an_environment_that_no_row_names_is_noticed(tmp_path):
         {"environments": {"A": {"k_ref": 10.0}, "B": {"k_ref": 20.0}}}
     )
     notices = [str(notice) for notice in read_sessions(tmp_path / "t.csv", options=options).notices]
-    assert "B: [environments] names it, and no row does" in notices
+    assert "B: [environments] names it, and no row has it" in notices
     assert not any(notice.startswith("A:") for notice in notices)
