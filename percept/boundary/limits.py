@@ -37,10 +37,11 @@ _LAST = np.polynomial.legendre.legvander(_NODES, _NODES.size - 1)[:, -6:]
 _LEAST = 1e-14
 # Limits are found to this many SDs of a normal.
 _EXACT = 1e-4
-# Smallest fraction of its band over which a limit's score changes by one.
-_SHARPEST = 1e-3
-# Where they are first looked for.
-_TAIL = 0.005
+# SDs of a normal by which a limit must not miss; one that does is looked for again, to this
+# fraction of the usual step.
+_FAR_OFF, _SHARPEST = 0.01, 1e-3
+# Where they are first looked for; and within how many bands from there, in logarithms.
+_TAIL, _WIDER = 0.005, 3.0
 # Narrowest band, in logarithms, that steps of the search are measured in.
 _NARROWEST = 1e-9
 # SDs of a normal over which the slope of a limit is taken: in the tail of a heavy law the
@@ -279,8 +280,12 @@ class Magnitude:
         # A band far narrower than its magnitude may have no width among the points looked at.
         scale = np.tile(np.maximum(first[1] - first[0], _NARROWEST), 2)
         low, high = (np.tile(end, 2) for end in self._range)
-        # Near an edge of the law a limit is far sharper than its band: the score must be met.
-        x = root(short, np.clip(start.ravel(), low, high), low, high, scale, _EXACT * _SHARPEST)
+        begin = np.clip(start.ravel(), low, high)
+        near = np.maximum(low, begin - _WIDER * scale), np.minimum(high, begin + _WIDER * scale)
+        x = root(short, begin, *near, scale, _EXACT)
+        if np.abs(short(x)[0]).max(initial=0.0) > _FAR_OFF:
+            # It lies farther off; or, near an edge of the law, is far sharper than its band is wide.
+            x = root(short, x, low, high, scale, _EXACT * _SHARPEST)
         self._solved[score] = x.reshape(2, -1)
         return self._solved[score]
 
