@@ -9,7 +9,6 @@ import statistics
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,17 +22,32 @@ from percept.inference import Moments
 from percept.sessions import Sessions
 from percept.simulate.model import SOURCE, Design, correlated_normal, session_table
 
-#: Correlation of one parameter in two environments, and of k and b in one.
-BETWEEN, CORRELATION = 0.4, 0.3
+__all__ = ["BETWEEN", "CORRELATION", "PublishedLimits", "simulate_like", "write_sessions"]
+
+#: Correlation of one parameter in two environments.
+BETWEEN = 0.4
+#: Correlation of stiffness and damping in one environment.
+CORRELATION = 0.3
 # Ten subjects scatter widely about stated correlations; the nearest of many draws misses them by
 # little.
 _CANDIDATES = 200
 # Significant digits of adjusted values: the fewest with which the table's limits come out.
-_DIGITS = 6, 10, 15
+_DIGITS = (6, 10, 15)
 # Limits with more digits were not printed: they come from means and SDs.
 _PRINTED_DIGITS = 12
+# Exponent below which exp underflows to zero.
+_UNDERFLOW = 700.0
 Array = NDArray[np.float64]
 _Rows = tuple[tuple[Decimal, ...], ...]
+
+
+@dataclass(frozen=True)
+class _Cell:
+    """One parameter in one environment, with the digits that were printed."""
+
+    reference: Decimal
+    lower: Decimal
+    upper: Decimal
 
 
 @dataclass(frozen=True)
@@ -50,8 +64,24 @@ class PublishedLimits:
 
     @classmethod
     def from_sessions(cls, sessions: Sessions) -> PublishedLimits:
-        """Take a summary that `read_sessions` checked, and require what can be reproduced of it."""
-        table, file = sessions.table, sessions.sources[0].name if sessions.sources else None
+        """Take a summary that `read_sessions` checked, and require what can be reproduced of it.
+
+        Parameters
+        ----------
+        sessions : Sessions
+            A published table.
+
+        Returns
+        -------
+        PublishedLimits
+
+        Raises
+        ------
+        UsageError
+            No table of limits, a row is missing, rows differ in n or level, or limits were worked out.
+        """
+        table = sessions.table
+        file = sessions.sources[0].name if sessions.sources else None
         if sessions.form != "summary":
             hint = "It needs environment, parameter, reference, lower, upper, n and level."
             raise UsageError("no table of published limits.", file=file, hint=hint)
@@ -60,36 +90,22 @@ class PublishedLimits:
             if others:
                 message = f"all rows must have the same {column}; the first has {first}."
                 raise UsageError(message, file=file, column=column, value=str(others[0]))
-        rows = table[["environment", "parameter", "reference", "lower", "upper"]].itertuples(
-            index=False
+        printed = _printed(table)
+        for key in itertools.product(sessions.environments, sessions.parameters):
+            _require_printed(printed.get(key), key, file)
+        cells = [
+            [printed[environment, parameter] for parameter in sessions.parameters]
+            for environment in sessions.environments
+        ]
+        return cls(
+            environments=sessions.environments,
+            parameters=sessions.parameters,
+            reference=tuple(tuple(cell.reference for cell in row) for row in cells),
+            lower=tuple(tuple(cell.lower for cell in row) for row in cells),
+            upper=tuple(tuple(cell.upper for cell in row) for row in cells),
+            n=int(table["n"].iloc[0]),
+            level=float(table["level"].iloc[0]),
         )
-        # As they were printed, without the last digits of a double.
-        cells = {
-            (e, p): [Decimal(f"{number:.15g}") for number in numbers] for e, p, *numbers in rows
-        }
-        environments, parameters = sessions.environments, sessions.parameters
-        for e, p in itertools.product(environments, parameters):
-            if (e, p) not in cells:
-                raise UsageError(
-                    f"there is no row for {e}, {p}, though others have one.", file=file
-                )
-            lower, upper = limits = cells[e, p][1:]
-            if max(len(limit.as_tuple().digits) for limit in limits) > _PRINTED_DIGITS:
-                message = (
-                    f"{e}, {p}: printed limits are needed, and {lower} to {upper} was worked out."
-                )
-                hint = "percept fit takes means and standard deviations."
-                raise UsageError(message, file=file, hint=hint)
-            if lower == upper:
-                raise UsageError(
-                    f"{e}, {p}: the limits {lower} and {upper} must differ.", file=file
-                )
-        reference, low, high = (
-            tuple(tuple(cells[e, p][at] for p in parameters) for e in environments)
-            for at in range(3)
-        )
-        n, level = int(table["n"].iloc[0]), float(table["level"].iloc[0])
-        return cls(environments, parameters, reference, low, high, n, level)
 
     @property
     def factor(self) -> float:
@@ -99,8 +115,36 @@ class PublishedLimits:
     @property
     def moments(self) -> Moments:
         """Mean and SD of the subjects behind the limits, (J, P)."""
-        lower, upper = (np.array(part, dtype=float) for part in (self.lower, self.upper))
+        lower = np.array(self.lower, dtype=float)
+        upper = np.array(self.upper, dtype=float)
         return Moments.from_limits(lower, upper, self.n, level=self.level)
+
+
+def _printed(table: pd.DataFrame) -> dict[tuple[str, str], _Cell]:
+    """Take numbers as they were printed, without the last digits of a double."""
+    cells = {}
+    for row in table.to_dict("records"):
+        numbers = [Decimal(f"{row[name]:.15g}") for name in ("reference", "lower", "upper")]
+        cells[row["environment"], row["parameter"]] = _Cell(*numbers)
+    return cells
+
+
+def _require_printed(cell: _Cell | None, key: tuple[str, str], file: str | None) -> None:
+    """Refuse a cell that no simulated subjects can print as."""
+    where = ", ".join(key)
+    if cell is None:
+        raise UsageError(f"there is no row for {where}, though others have one.", file=file)
+    digits = max(len(limit.as_tuple().digits) for limit in (cell.lower, cell.upper))
+    if digits > _PRINTED_DIGITS:
+        raise UsageError(
+            f"{where}: printed limits are needed, and {cell.lower} to {cell.upper} was worked out.",
+            file=file,
+            hint="percept fit takes means and standard deviations.",
+        )
+    if cell.lower == cell.upper:
+        raise UsageError(
+            f"{where}: the limits {cell.lower} and {cell.upper} must differ.", file=file
+        )
 
 
 def simulate_like(published: Sessions, *, seed: int, subjects: int | None = None) -> pd.DataFrame:
@@ -108,6 +152,27 @@ def simulate_like(published: Sessions, *, seed: int, subjects: int | None = None
 
     Values are exp(a + c·z) of correlated standard normal scores z. Their coefficient of variation
     rises with c from 0 to √n, so the published one fixes c, and the mean then fixes a.
+
+    Parameters
+    ----------
+    published : Sessions
+        A published table.
+    seed : int
+        Seed of the scores.
+    subjects : int, optional
+        Subjects, the table's own n by default.
+
+    Returns
+    -------
+    DataFrame
+        As `session_table` gives it, with one trial per cell.
+
+    Raises
+    ------
+    UsageError
+        The table, the seed or the number of subjects cannot be used.
+    RefusalError
+        No positive values have these limits.
     """
     limits = PublishedLimits.from_sessions(published)
     count = limits.n if subjects is None else subjects
@@ -115,21 +180,26 @@ def simulate_like(published: Sessions, *, seed: int, subjects: int | None = None
         raise UsageError("a seed is a whole number, not negative.", key="seed", value=seed)
     if count < 2:
         raise UsageError("at least two subjects are needed.", key="subjects", value=count)
-    names: Any = {"parameters": limits.parameters, "environments": limits.environments}
-    design = Design.balanced(np.array(limits.reference, dtype=float), subjects=count, **names)
+    design = Design.balanced(
+        np.array(limits.reference, dtype=float),
+        subjects=count,
+        parameters=limits.parameters,
+        environments=limits.environments,
+    )
     environments, parameters = design.references.shape
-    rng = np.random.default_rng(seed)
-    z = _scores(rng, (count, environments, parameters))
-    mean, sd = np.asarray(limits.moments.mean), np.asarray(limits.moments.sd)
+    z = _scores(np.random.default_rng(seed), (count, environments, parameters))
+    moments = limits.moments
+    mean = np.asarray(moments.mean)
+    sd = np.asarray(moments.sd)
     adjusted = np.empty_like(z)
     for j, p in np.ndindex(environments, parameters):
         where = f"{limits.environments[j]}, {limits.parameters[p]}"
         exact = _match(z[:, j, p], float(mean[j, p]), float(sd[j, p]), where)
-        adjusted[:, j, p] = _rounded(
-            exact, limits.factor, (limits.lower[j][p], limits.upper[j][p]), where
-        )
-    i, j = np.indices((count, environments)).reshape(2, -1)
-    return session_table(design, i, j, np.ones_like(i), adjusted.reshape(-1, parameters))
+        printed = (limits.lower[j][p], limits.upper[j][p])
+        adjusted[:, j, p] = _rounded(exact, limits.factor, printed, where)
+    subject, environment = np.indices((count, environments)).reshape(2, -1)
+    trial = np.ones_like(subject)
+    return session_table(design, subject, environment, trial, adjusted.reshape(-1, parameters))
 
 
 def _scores(rng: np.random.Generator, shape: tuple[int, int, int]) -> Array:
@@ -138,15 +208,16 @@ def _scores(rng: np.random.Generator, shape: tuple[int, int, int]) -> Array:
     pairs = np.triu_indices(environments, 1)
 
     def draw() -> Array:
-        u = correlated_normal(rng, (subjects, 1, parameters), CORRELATION)
-        return math.sqrt(BETWEEN) * u + math.sqrt(1 - BETWEEN) * correlated_normal(
-            rng, shape, CORRELATION
-        )
+        common = correlated_normal(rng, (subjects, 1, parameters), CORRELATION)
+        own = correlated_normal(rng, shape, CORRELATION)
+        return math.sqrt(BETWEEN) * common + math.sqrt(1 - BETWEEN) * own
 
     def miss(z: Array) -> float:
         """Distance of both average correlations from those wanted; one that does not exist is as wanted."""
-        r = np.reshape(np.corrcoef(z.reshape(subjects, -1), rowvar=False), shape[1:] * 2)
-        within, across = CORRELATION, BETWEEN
+        correlations = np.corrcoef(z.reshape(subjects, -1), rowvar=False)
+        r = np.reshape(correlations, (environments, parameters) * 2)
+        within = CORRELATION
+        across = BETWEEN
         if parameters == 2:
             within = float(np.diagonal(r[:, 0, :, 1]).mean())
         if environments > 1:
@@ -161,7 +232,9 @@ def _match(z: Array, mean: float, sd: float, where: str) -> Array:
     if mean <= 0:
         message = f"the limits' middle {mean:g} is not positive, so no positive values have it."
         raise RefusalError(f"{where}: {message}")
-    if sd >= (most := math.sqrt(len(z))) * mean:
+    # Of n values, all but one of which are zero, the SD is √n means.
+    most = math.sqrt(len(z))
+    if sd >= most * mean:
         message = f"no {len(z)} positive values have a standard deviation of {sd / mean:.4g} means"
         raise RefusalError(f"{where}: {message}; the most is below {most:.4g}.")
     # The largest is 1: no overflow however steep.
@@ -172,12 +245,13 @@ def _match(z: Array, mean: float, sd: float, where: str) -> Array:
         return float(values.std(ddof=1) / values.mean()) - sd / mean
 
     # Beyond this slope the smallest value would underflow to zero.
-    steepest = 700 / -shape.min()
+    steepest = _UNDERFLOW / -shape.min()
     if excess(steepest) <= 0:
         raise RefusalError(
             f"{where}: the scores drawn cannot be spread that far.", hint="Try another seed."
         )
-    values = np.exp(brentq(excess, 0.0, steepest, xtol=1e-14, rtol=1e-14) * shape)
+    slope = brentq(excess, 0.0, steepest, xtol=1e-14, rtol=1e-14)
+    values = np.exp(slope * shape)
     return mean / values.mean() * values
 
 
@@ -185,17 +259,20 @@ def _rounded(
     exact: Array, factor: float, printed: tuple[Decimal, Decimal], where: str
 ) -> list[float]:
     """Round values to the fewest digits with which their interval prints as the table's limits."""
+    lower, upper = printed
     for digits in _DIGITS:
         values = [float(f"{value:.{digits - 1}e}") for value in exact]
-        mean, half = statistics.fmean(values), factor * statistics.stdev(values)
-        if all(
-            Decimal(limit).quantize(wanted) == wanted
-            for limit, wanted in zip((mean - half, mean + half), printed, strict=True)
-        ):
+        mean = statistics.fmean(values)
+        half_width = factor * statistics.stdev(values)
+        if _prints_as(mean - half_width, lower) and _prints_as(mean + half_width, upper):
             return values
     raise RefusalError(
         f"{where}: no values of {_DIGITS[-1]} digits give limits that print as published."
     )
+
+
+def _prints_as(limit: float, printed: Decimal) -> bool:
+    return Decimal(limit).quantize(printed) == printed
 
 
 def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
@@ -203,6 +280,22 @@ def write_sessions(table: pd.DataFrame, path: str | os.PathLike[str]) -> Path:
 
     Numbers have the fewest digits that read back as the same double. A file that was not simulated
     stays.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As `session_table` gives it.
+    path : str or path-like
+        The file.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    UsageError
+        The file is there already and was not simulated, or cannot be written.
     """
     target = Path(path)
     if target.is_file() and not _simulated(target):

@@ -19,27 +19,44 @@ from numpy.typing import ArrayLike, NDArray
 from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.priors import Priors
 
+__all__ = [
+    "PARAMETERS",
+    "SOURCE",
+    "Design",
+    "Hyperparameters",
+    "Responses",
+    "TrueValues",
+    "correlated_normal",
+    "draw_environments",
+    "draw_hyperparameters",
+    "draw_responses",
+    "session_table",
+    "simulate",
+]
+
+#: What the column `source` of every simulated table says.
 SOURCE = "simulated"
+#: Stiffness and damping, which a design has unless it says otherwise.
 PARAMETERS = ("k", "b")
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
     """Who adjusts what, and how often."""
 
-    references: NDArray[np.float64]  # (J, P) positive, in the order of `parameters` and their units
-    trials: NDArray[
-        np.int64
-    ]  # (I, J) trials of each subject in each environment, 0 for an empty cell
+    references: Array  # (J, P) positive, in the order of `parameters` and their units
+    trials: Indices  # (I, J) trials of each subject in each environment, 0 for an empty cell
     parameters: tuple[str, ...] = PARAMETERS
     environments: tuple[str, ...] = ()  # (J,) names; VE1, VE2, … when empty
 
     def __post_init__(self) -> None:
         references = np.array(self.references, dtype=float)
-        if (bad := references[~(np.isfinite(references) & (references > 0))]).size:
+        usable = np.isfinite(references) & (references > 0)
+        if not usable.all():
             message = "every reference must be positive: responses are ratios to it."
-            raise UsageError(message, key="references", value=float(bad[0]))
+            raise UsageError(message, key="references", value=float(references[~usable][0]))
         names = self.environments or tuple(f"VE{j}" for j in range(1, len(references) + 1))
         object.__setattr__(self, "references", references)
         object.__setattr__(self, "environments", names)
@@ -54,7 +71,21 @@ class Design:
         parameters: tuple[str, ...] = PARAMETERS,
         environments: tuple[str, ...] = (),
     ) -> Design:
-        """Let every subject meet every environment equally often."""
+        """Let every subject meet every environment equally often.
+
+        Parameters
+        ----------
+        references : array_like, shape (J, P)
+            Positive, in the units of the parameters.
+        subjects, trials : int
+            Subjects, and trials of each in each environment.
+        parameters, environments : tuple of str
+            Names; of environments VE1, VE2, … by default.
+
+        Returns
+        -------
+        Design
+        """
         table = np.asarray(references, dtype=float)
         return cls(table, np.full((subjects, len(table)), trials), parameters, environments)
 
@@ -145,16 +176,30 @@ class TrueValues:
 class Responses:
     """The N trials of one study on the model's scale, ordered by subject, environment, trial."""
 
-    subject: NDArray[np.int64]  # (N,) index
-    environment: NDArray[np.int64]  # (N,) index
-    trial: NDArray[np.int64]  # (N,) number within its cell, from 1
+    subject: Indices  # (N,) index
+    environment: Indices  # (N,) index
+    trial: Indices  # (N,) number within its cell, from 1
     y: Array  # (N, P)
     u: Array  # (I, P) subject effects
     w: Array  # (I, J, P) effects of a subject in an environment, drawn for empty cells too
 
 
 def correlated_normal(rng: np.random.Generator, shape: tuple[int, ...], rho: float) -> Array:
-    """Draw standard normals whose last axis, of length 1 or 2, has correlation `rho`."""
+    """Draw standard normals whose last axis, of length 1 or 2, has a correlation.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Draws.
+    shape : tuple of int
+        Of the result.
+    rho : float
+        Correlation of the two, within [-1, 1].
+
+    Returns
+    -------
+    ndarray
+    """
     z = rng.standard_normal(shape)
     if shape[-1] == 2:
         # (1 - rho)(1 + rho) keeps the digits that 1 - rho**2 loses near ±1.
@@ -165,11 +210,25 @@ def correlated_normal(rng: np.random.Generator, shape: tuple[int, ...], rho: flo
 def draw_hyperparameters(
     design: Design, priors: Priors, rng: np.random.Generator
 ) -> Hyperparameters:
-    """Draw what the environments share from its prior; levels the design cannot show are zero."""
+    """Draw what the environments share from its prior; levels the design cannot show are zero.
+
+    Parameters
+    ----------
+    design : Design
+        One environment shows no scatter between environments, one trial none between trials.
+    priors : Priors
+        The priors.
+    rng : numpy.random.Generator
+        Draws. Zero levels are drawn too, so that a seed means the same for every design.
+
+    Returns
+    -------
+    Hyperparameters
+    """
     count = len(design.parameters)
-    several, repeats, pair = (
-        float(shows) for shows in (len(design.environments) > 1, design.repeated, count == 2)
-    )
+    several = float(len(design.environments) > 1)
+    repeats = float(design.repeated)
+    pair = float(count == 2)
 
     def normal(sd: float, mean: float = 0.0) -> Array:
         return rng.normal(mean, sd, count)
@@ -197,7 +256,21 @@ def draw_hyperparameters(
 def draw_environments(
     hyper: Hyperparameters, design: Design, rng: np.random.Generator
 ) -> TrueValues:
-    """Draw each environment's shift δ and its SDs σ and σ_e, given what the environments share."""
+    """Draw each environment's shift δ and its SDs σ and σ_e, given what the environments share.
+
+    Parameters
+    ----------
+    hyper : Hyperparameters
+        What they share.
+    design : Design
+        The references.
+    rng : numpy.random.Generator
+        Draws.
+
+    Returns
+    -------
+    TrueValues
+    """
     x = design.decades
     delta = hyper.tau * rng.standard_normal(x.shape)
 
@@ -214,7 +287,21 @@ def draw_environments(
 
 
 def draw_responses(values: TrueValues, design: Design, rng: np.random.Generator) -> Responses:
-    """Draw the subjects and their trials, y = β_j + u_i + w_ij + e_ijr, given the true values."""
+    """Draw the subjects and their trials, y = β_j + u_i + w_ij + e_ijr, given the true values.
+
+    Parameters
+    ----------
+    values : TrueValues
+        The true values.
+    design : Design
+        Who adjusts what.
+    rng : numpy.random.Generator
+        Draws.
+
+    Returns
+    -------
+    Responses
+    """
     subjects, environments = design.trials.shape
     parameters = len(design.parameters)
     hyper = values.hyper
@@ -222,12 +309,18 @@ def draw_responses(values: TrueValues, design: Design, rng: np.random.Generator)
     w = values.sigma * correlated_normal(rng, (subjects, environments, parameters), hyper.rho_w)
     counts = design.trials.ravel()
     cell = np.repeat(np.arange(counts.size), counts)
-    i, j = np.divmod(cell, environments)
+    subject, environment = np.divmod(cell, environments)
+    # Number of the first trial of each trial's cell.
     first = np.repeat(np.cumsum(counts) - counts, counts)
-    e = values.sigma_e[j] * correlated_normal(rng, (cell.size, parameters), hyper.rho_e)
-    y = values.beta[j] + u[i] + w[i, j] + e
+    noise = correlated_normal(rng, (cell.size, parameters), hyper.rho_e)
+    e = values.sigma_e[environment] * noise
     return Responses(
-        subject=i, environment=j, trial=np.arange(cell.size) - first + 1, y=y, u=u, w=w
+        subject=subject,
+        environment=environment,
+        trial=np.arange(cell.size) - first + 1,
+        y=values.beta[environment] + u[subject] + w[subject, environment] + e,
+        u=u,
+        w=w,
     )
 
 
@@ -238,36 +331,77 @@ def simulate(
     *,
     family: Literal["lognormal", "normal"] = "lognormal",
 ) -> pd.DataFrame:
-    """Draw the sessions of a study: the adjusted value is reference·exp(y), or reference·(1 + y)."""
-    found = draw_responses(values, design, rng)
-    reference = design.references[found.environment]
+    """Draw the sessions of a study: the adjusted value is reference·exp(y), or reference·(1 + y).
+
+    Parameters
+    ----------
+    values : TrueValues
+        The true values.
+    design : Design
+        Who adjusts what.
+    rng : numpy.random.Generator
+        Draws.
+    family : {"lognormal", "normal"}
+        Distribution of the users.
+
+    Returns
+    -------
+    DataFrame
+        As `session_table` gives it.
+
+    Raises
+    ------
+    RefusalError
+        A response leaves the range of doubles.
+    """
+    responses = draw_responses(values, design, rng)
+    reference = design.references[responses.environment]
     with np.errstate(over="ignore", under="ignore"):
-        adjusted = reference * (np.exp(found.y) if family == "lognormal" else 1 + found.y)
-    lost = ~np.isfinite(adjusted) | ((adjusted <= 0) & (family == "lognormal"))
+        ratio = np.exp(responses.y) if family == "lognormal" else 1 + responses.y
+        adjusted = reference * ratio
+    lost = ~np.isfinite(adjusted)
+    if family == "lognormal":
+        lost |= adjusted <= 0
     if lost.any():
-        message, value = "a drawn response leaves the range of doubles.", float(found.y[lost][0])
+        message = "a drawn response leaves the range of doubles."
+        value = float(responses.y[lost][0])
         raise RefusalError(message, value=value, hint="Use another seed.")
-    return session_table(design, found.subject, found.environment, found.trial, adjusted)
+    return session_table(
+        design, responses.subject, responses.environment, responses.trial, adjusted
+    )
 
 
 def session_table(
-    design: Design,
-    subject: NDArray[np.int64],
-    environment: NDArray[np.int64],
-    trial: NDArray[np.int64],
-    adjusted: NDArray[np.float64],
+    design: Design, subject: Indices, environment: Indices, trial: Indices, adjusted: Array
 ) -> pd.DataFrame:
-    """Put N trials into a tidy table; `adjusted` is (N, P)."""
+    """Put N trials into a tidy table.
+
+    Parameters
+    ----------
+    design : Design
+        Names and references.
+    subject, environment : ndarray of int, shape (N,)
+        Indices.
+    trial : ndarray of int, shape (N,)
+        Number within its cell, from 1.
+    adjusted : ndarray, shape (N, P)
+        Adjusted values, in the units of the parameters.
+
+    Returns
+    -------
+    DataFrame
+        The columns of a session file, and `source`.
+    """
     columns: dict[str, object] = {
         "subject": np.array(design.subjects, dtype=object)[subject],
         "session": "1",
         "environment": np.array(design.environments, dtype=object)[environment],
     }
-    columns |= {
-        f"{name}_ref": design.references[environment, p] for p, name in enumerate(design.parameters)
-    }
+    for p, name in enumerate(design.parameters):
+        columns[f"{name}_ref"] = design.references[environment, p]
     columns["trial"] = trial
-    columns |= {f"{name}_adj": adjusted[:, p] for p, name in enumerate(design.parameters)}
+    for p, name in enumerate(design.parameters):
+        columns[f"{name}_adj"] = adjusted[:, p]
     columns["source"] = SOURCE
     return pd.DataFrame(columns)
 
