@@ -10,6 +10,18 @@ import argparse
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+__all__ = [
+    "FORCE",
+    "JSON",
+    "QUIET",
+    "Argument",
+    "Command",
+    "argument",
+    "flag",
+    "folder",
+    "number",
+]
+
 
 class Argument(NamedTuple):
     """An argument of a command, as argparse takes it."""

@@ -25,11 +25,34 @@ if TYPE_CHECKING:
     from percept.study.fit import RunStore
     from percept.workers import Mapper
 
-_SETTINGS = ("seed", "tolerance", "level", "family", "method")
-_NOTICES = 10  # printed; percept validate lists all
-_SLOW_STAGE = 2.0  # seconds of a stage after which it is said
-_LONG = 60.0  # seconds of a run from which on a command says how long it takes
+__all__ = [
+    "SESSIONS",
+    "SETTINGS",
+    "STUDY",
+    "WORKERS",
+    "Working",
+    "checks_argument",
+    "in_words_of",
+    "notice",
+    "open_mapper",
+    "open_study",
+    "print_json",
+    "read_scene",
+    "settings",
+    "show",
+    "tell_error",
+    "verdict",
+    "write_new",
+]
 
+# Keys of [inference] that have a flag.
+_SETTINGS = ("seed", "tolerance", "level", "family", "method")
+# Notices printed: what a terminal shows at once. percept validate lists all.
+_NOTICES = 10
+# s after which a stage is said: a shorter one is over before its line is read.
+_SLOW_STAGE = 2.0
+# s of a run from which on a command says how long it takes: one may want a larger tolerance.
+_LONG = 60.0
 
 SESSIONS = argument(
     "sessions", "PATH", "session files or folders, or a published summary", nargs="+"
@@ -68,11 +91,11 @@ WORKERS = (
 
 def checks_argument(*, usual: bool) -> Argument:
     """Describe `--checks` and `--no-checks`, which go before the scene's `[checks]`."""
-    said = (
+    meaning = (
         f"check the model: normality, subjects left out, predictions ({'yes' if usual else 'no'})"
     )
     return argument(
-        "--checks", None, said, action=argparse.BooleanOptionalAction, default=usual or None
+        "--checks", None, meaning, action=argparse.BooleanOptionalAction, default=usual or None
     )
 
 
@@ -112,8 +135,8 @@ def open_study(
         sessions = read_sessions(*arguments.sessions, options=options.with_groups(groups))
     if not arguments.quiet:
         notices = (*sessions.warnings, *sessions.notices)
-        for told in notices[:_NOTICES]:
-            notice(str(told))
+        for text in notices[:_NOTICES]:
+            notice(str(text))
         if len(notices) > _NOTICES:
             print(
                 f"and {len(notices) - _NOTICES} more notices: see percept validate", file=sys.stderr
@@ -142,13 +165,14 @@ def _with_mapping(
         ) from error
     if arguments.accept and not proposal.missing:
         print(f"notice: columns are read as follows\n{proposal.text}", file=sys.stderr)
-        own, tables = scene.model_dump(exclude_none=True), tomllib.loads(proposal.text)
+        tables = scene.model_dump(exclude_none=True)
+        proposed = tomllib.loads(proposal.text)
         if scene.quantities == Scene().quantities:
             # Stiffness and damping are what a scene without quantities means, not a part of this
             # one.
-            del own["quantities"]
+            del tables["quantities"]
         return scene.with_tables(
-            **{name: own.get(name, {}) | table for name, table in tables.items()}
+            **{name: tables.get(name, {}) | table for name, table in proposed.items()}
         )
     lacking = f" It lacks {', '.join(proposal.missing)}." if proposal.missing else ""
     hint = f"Add --write-scene scene.toml to write it, or --accept to go on with it.{lacking}"
@@ -263,7 +287,7 @@ class Working:
     """Shows on a terminal how far a command is and the time left; says how long a long run takes."""
 
     def __init__(self, what: str, *, shown: bool) -> None:
-        self._told = not shown
+        self._has_told_time = not shown
         self._shown = shown
         self._bar = _bar(what) if shown and sys.stderr.isatty() else None
         self._waiting: threading.Timer | None = None
@@ -308,8 +332,8 @@ class Working:
         self.show(words, state.steps, total)
         if self._bar is not None:
             self._bar.refresh()  # a short run would be over before the next turn
-        if not self._told and state.seconds_left > _LONG:
-            self._told = True
+        if not self._has_told_time and state.seconds_left > _LONG:
+            self._has_told_time = True
             quicker = f" Quicker: {state.quicker}." if state.quicker else ""
             minutes = f"{state.seconds_left / 60.0:.0f} min"
             print(f"percept: sampling takes about {minutes}.{quicker}", file=sys.stderr, flush=True)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import shlex
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from percept.commands import JSON, Command, argument
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 
     from percept.study import Study
 
+__all__ = ["COMPARE"]
+
 _PAIRS = [
     "environment", "parameter", "kind", "lower_classical", "upper_classical", "lower_bayesian",
     "upper_bayesian", "width_ratio", "shift", "overlap",
@@ -40,6 +44,7 @@ _CONTRAST = [
     "error",
     "n",
 ]
+# Boundaries printed: what a terminal shows at once.
 _MOST_CURVES = 10
 _CURVES = """area: mean over log omega of
 abs(log(B/A)) of the lower and the upper curve; largest: log(B/A) at that omega (rad/s)."""
@@ -47,63 +52,97 @@ _STEPS_SAY = """width: ratio of widths; centre: shift in classical half-widths;
 error: Monte Carlo standard error (log_width_error: of the ratio's logarithm)."""
 
 
-def _run(arguments: argparse.Namespace) -> None:
-    """Print the methods' comparison for one path, the difference of the studies for two."""
-    from percept.sessions.read import by_level
-    from percept.study.compare import compare_studies, split_by, within_subjects
+@dataclass(frozen=True)
+class _Named:
+    """A study and what it is called here."""
 
-    paths, column = arguments.sessions, arguments.by
+    name: str
+    study: Study
+
+
+def _run(arguments: argparse.Namespace) -> None:
+    """Compare the methods for one path, two studies for two, and groups or conditions for a column."""
     with Working("comparing", shown=not arguments.quiet) as progress:
-        if column:
-            if arguments.other_scene:
-                raise UsageError("--by compares groups under one scene; leave --other-scene out.")
-            study = open_study(arguments, progress, groups=[column])
-            if within_subjects(study.sessions, column):
-                return _contrasts(study.over(by_level(study.sessions, column)), arguments, progress)
-            groups = split_by(study.sessions, column)
-            if len(groups) > 2:
-                raise UsageError(
-                    f"there are {len(groups)} groups, {', '.join(groups)}; two can be compared.",
-                    column=column,
-                    hint=f"Keep two in the scene: [sessions] only.{column}.",
-                )
-            studies = [
-                (f"{column} {group}", study.over(sessions)) for group, sessions in groups.items()
-            ]
-        elif len(paths) == 1 and not arguments.other_scene:
-            return _methods(open_study(arguments, progress), arguments, progress)
-        elif len(paths) > 2:
-            raise UsageError(
-                "compare takes one or two studies; put the files of a study in a folder."
-            )
+        if arguments.by:
+            _by_column(arguments, progress)
+        elif len(arguments.sessions) == 1 and not arguments.other_scene:
+            _methods(open_study(arguments, progress), arguments, progress)
         else:
-            studies = []
-            for path, scene in zip(
-                (paths[0], paths[-1]), (None, arguments.other_scene), strict=True
-            ):
-                own = vars(arguments) | {"sessions": [path], "scene": scene or arguments.scene}
-                name = f"{path} under {own['scene']}" if own["scene"] else path
-                studies.append((name, open_study(argparse.Namespace(**own), progress)))
-        (name_a, a), (name_b, b) = studies
-        found = compare_studies(a, b)
-    tell_error(a, b)
+            _two_studies(arguments, progress)
+
+
+def _by_column(arguments: argparse.Namespace, progress: Working) -> None:
+    """Compare conditions where subjects went through several, and groups of subjects otherwise."""
+    from percept.sessions.read import by_level
+    from percept.study.compare import split_by, within_subjects
+
+    column = arguments.by
+    if arguments.other_scene:
+        raise UsageError("--by compares groups under one scene; leave --other-scene out.")
+    study = open_study(arguments, progress, groups=[column])
+    if within_subjects(study.sessions, column):
+        _contrasts(study.over(by_level(study.sessions, column)), arguments, progress)
+        return
+    groups = split_by(study.sessions, column)
+    if len(groups) > 2:
+        raise UsageError(
+            f"there are {len(groups)} groups, {', '.join(groups)}; two can be compared.",
+            column=column,
+            hint=f"Keep two in the scene: [sessions] only.{column}.",
+        )
+    first, second = (
+        _Named(f"{column} {group}", study.over(sessions)) for group, sessions in groups.items()
+    )
+    _differences(first, second, arguments, progress)
+
+
+def _two_studies(arguments: argparse.Namespace, progress: Working) -> None:
+    """Compare two paths, or one path under two scenes."""
+    paths = arguments.sessions
+    if len(paths) > 2:
+        raise UsageError("compare takes one or two studies; put the files of a study in a folder.")
+    first = _opened(arguments, paths[0], arguments.scene, progress)
+    second = _opened(arguments, paths[-1], arguments.other_scene or arguments.scene, progress)
+    _differences(first, second, arguments, progress)
+
+
+def _opened(
+    arguments: argparse.Namespace, path: str, scene: str | None, progress: Working
+) -> _Named:
+    """Open one of two studies."""
+    own = argparse.Namespace(**vars(arguments) | {"sessions": [path], "scene": scene})
+    return _Named(f"{path} under {scene}" if scene else path, open_study(own, progress))
+
+
+def _differences(
+    first: _Named, second: _Named, arguments: argparse.Namespace, progress: Working
+) -> None:
+    """Print how two studies differ."""
+    from percept.study.compare import compare_studies
+
+    a = first.study
+    comparison = compare_studies(a, second.study)
+    progress.stop()
+    tell_error(a, second.study)
     if arguments.json:
-        return print_json({"studies": {"a": name_a, "b": name_b}, **_stated(a), **vars(found)})
-    show("\n".join([f"A: {name_a}", f"B: {name_b}", *map(in_words_of(a.scene), found.notes)]))
+        studies = {"a": first.name, "b": second.name}
+        print_json({"studies": studies, **_stated(a), **vars(comparison)})
+        return
+    notes = map(in_words_of(a.scene), comparison.notes)
+    show("\n".join([f"A: {first.name}", f"B: {second.name}", *notes]))
     show(f"Both: {_claim(a)}.")
-    if len(found.differences):
+    if len(comparison.differences):
         unit = "ratio B/A" if a.scene.inference.family == "lognormal" else "difference B - A"
-        _print(f"Average users, {unit}; spread between users, ratio B/A:", found.differences)
-    elif not len(found.curves):
-        _print("Intervals of A and B; width ratio B/A:", found.intervals)
-    if len(found.curves):
-        areas = found.curves[["area_lower", "area_upper"]].max(axis=1)
-        worst = found.curves.loc[
-            areas.sort_values(ascending=False, kind="stable").index[:_MOST_CURVES]
-        ]
-        head = f"The {len(worst)} of {len(found.curves)} boundaries farthest apart. {_CURVES}"
-        _print(head, worst)
-    return None
+        head = f"Average users, {unit}; spread between users, ratio B/A:"
+        _print(head, comparison.differences)
+    elif not len(comparison.curves):
+        _print("Intervals of A and B; width ratio B/A:", comparison.intervals)
+    if len(comparison.curves):
+        areas = comparison.curves[["area_lower", "area_upper"]].max(axis=1)
+        farthest = areas.sort_values(ascending=False, kind="stable").index[:_MOST_CURVES]
+        count = len(comparison.curves)
+        head = f"The {len(farthest)} of {count} boundaries farthest apart. {_CURVES}"
+        _print(head, comparison.curves.loc[farthest])
 
 
 def _contrasts(study: Study, arguments: argparse.Namespace, progress: Working) -> None:
@@ -113,10 +152,18 @@ def _contrasts(study: Study, arguments: argparse.Namespace, progress: Working) -
     from percept.study.basics import Skipped, results
     from percept.study.contrasts import contrast_rows
 
-    how = {"progress": study.progress, "store": study.store}
-    rows = list(contrast_rows(study.sessions, study.parameters, study.scene, **how))
-    table, factor = pd.DataFrame(results(rows)), study.sessions.factor
+    factor = study.sessions.factor
     assert factor is not None
+    rows = list(
+        contrast_rows(
+            study.sessions,
+            study.parameters,
+            study.scene,
+            progress=study.progress,
+            store=study.store,
+        )
+    )
+    table = pd.DataFrame(results(rows))
     notes = [f"{row.what}: {row.why}" for row in rows if isinstance(row, Skipped)]
     progress.stop()
     if table.empty:
@@ -125,7 +172,8 @@ def _contrasts(study: Study, arguments: argparse.Namespace, progress: Working) -
         )
     if arguments.json:
         stated = {"factor": factor.name, "levels": factor.levels, **_stated(study), "notes": notes}
-        return print_json({**stated, "contrast": table})
+        print_json({**stated, "contrast": table})
+        return
     show("\n".join([f"{factor.name}: the same subjects at {', '.join(factor.levels)}.", *notes]))
     show(f"Paired, {_claim(study)}.")
     table = table.assign(environment=table["environment"].fillna("overall"))
@@ -135,7 +183,6 @@ def _contrasts(study: Study, arguments: argparse.Namespace, progress: Working) -
         if unit:
             measure = f"difference, in {unit}"
         _print(f"{of.capitalize()}, {second} against {first}, {measure}:", alike[_CONTRAST])
-    return None
 
 
 def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> None:
@@ -144,12 +191,14 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
 
     from percept.calibration.advice import recommend
 
-    table, ladder, method = study.comparison, study.ladder, study.scene.inference.method
+    method = study.scene.inference.method
     if method != "both":
         hint = 'Set method = "both", or give a second study.'
         raise RefusalError(
             f"only the {method} method was asked for, and nothing to compare it with.", hint=hint
         )
+    table = study.comparison
+    ladder = study.ladder
     if table is None or table.empty or ladder is None:
         why = dict(study.skipped_before_curves).get(
             "Bayesian intervals", "percept fit prints what intervals there are."
@@ -157,21 +206,28 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
         raise RefusalError("no interval of one method has a counterpart in the other.", hint=why)
     progress.stop()
     tell_error(study)
-    asked = {"scene": arguments.scene, **settings(arguments), "out": arguments.coverage}
-    flags = [f"--{name} {value}" for name, value in asked.items() if value is not None]
-    command = " ".join(["percept calibrate", *arguments.sessions, *flags, "--advice"])
-    advice = recommend(study, arguments.coverage, command)
+    advice = recommend(study, arguments.coverage, _calibrate_command(arguments))
     if arguments.json:
-        return print_json(
-            {**_stated(study), "comparison": table, "ladder": ladder, "advice": advice}
-        )
+        results = {"comparison": table, "ladder": ladder, "advice": advice}
+        print_json({**_stated(study), **results})
+        return
     _print(f"Intervals in pairs, {_claim(study)}:", table[_PAIRS])
     show("\nWhy they differ, step by step from the classical interval of the normal family:")
-    show("\n".join(map(in_words_of(study.scene), [*ladder.sentences, *ladder.notes, "", *advice])))
-    kind, effects = study.scene.inference.kinds[0], ladder.effects
-    steps = effects.assign(width=np.exp(effects["log_width"]))[effects["kind"] == kind]
-    _print(f"The steps of kind {kind}. {_STEPS_SAY}", steps[_STEPS])
-    return None
+    sentences = [*ladder.sentences, *ladder.notes, "", *advice]
+    show("\n".join(map(in_words_of(study.scene), sentences)))
+    kind = study.scene.inference.kinds[0]
+    effects = ladder.effects.assign(width=np.exp(ladder.effects["log_width"]))
+    _print(f"The steps of kind {kind}. {_STEPS_SAY}", effects[effects["kind"] == kind][_STEPS])
+
+
+def _calibrate_command(arguments: argparse.Namespace) -> str:
+    """Write the command that simulates studies like this one."""
+    words = ["percept", "calibrate", *arguments.sessions]
+    options = {"scene": arguments.scene, **settings(arguments), "out": arguments.coverage}
+    for name, value in options.items():
+        if value is not None:
+            words += [f"--{name}", str(value)]
+    return shlex.join([*words, "--advice"])
 
 
 def _stated(study: Study) -> dict[str, Any]:

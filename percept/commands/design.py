@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import inspect
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from percept.commands import JSON, Command, argument, flag, folder, number
 from percept.commands.analysis import STUDY, WORKERS, Working, open_mapper, open_study, print_json
@@ -13,10 +14,13 @@ from percept.errors import UsageError
 
 if TYPE_CHECKING:
     from percept.calibration.judge import CoveragePlan
+    from percept.planning import Plan
+
+__all__ = ["CALIBRATE", "PLAN", "SBC"]
 
 _KINDS = ("mean", "user", "share")
 # Options that not every kind has.
-_NAMES = ("half_width", "sd", "family", "ratio", "level", "share", "confidence")
+_OF_SOME_KINDS = ("half_width", "sd", "family", "ratio", "level", "share", "confidence")
 
 _SOURCES = {"fit": "the values fitted to it", "prior": "the prior"}
 _REFITTED = {
@@ -36,8 +40,8 @@ other way round, show what the wrong family costs. A study of normal users in wh
 has no lognormal row, so `studies` can be few.
 
 """
-_CURVES = """ Curves belong to a device of {0[0]:g} kg and {0[1]:g} N·s/m at a period of {1:g} s, at
-{2[2]} frequencies from {2[0]:g} to {2[1]:g} rad/s."""
+_CURVES = """ Curves belong to a device of {mass:g} kg and {damping:g} N·s/m at a period of {period:g} s, at
+{points} frequencies from {lower:g} to {upper:g} rad/s."""
 
 
 def _plan(arguments: argparse.Namespace) -> None:
@@ -46,22 +50,30 @@ def _plan(arguments: argparse.Namespace) -> None:
     from percept.results.plain import plain
 
     kind = arguments.kind
-    planner: Any = {"mean": plan_mean, "user": plan_user, "share": plan_share}[kind]
+    planners: dict[str, Callable[..., Plan]] = {
+        "mean": plan_mean,
+        "user": plan_user,
+        "share": plan_share,
+    }
+    planner = planners[kind]
+    options = {name: getattr(arguments, name) for name in _OF_SOME_KINDS}
+    given = {name: value for name, value in options.items() if value is not None}
     taken = inspect.signature(planner).parameters
-    given = {name: value for name in _NAMES if (value := getattr(arguments, name)) is not None}
     needed = [name for name, parameter in taken.items() if parameter.default is parameter.empty]
-    for says, names in (
-        ("needs", [name for name in needed if name not in given]),
-        ("has no use for", [name for name in given if name not in taken]),
-    ):
-        if names:
-            flags = " and ".join(f"--{name.replace('_', '-')}" for name in names)
-            raise UsageError(f"kind {kind} {says} {flags}.")
+    _refuse(kind, "needs", [name for name in needed if name not in given])
+    _refuse(kind, "has no use for", [name for name in given if name not in taken])
     plan = planner(**given, assurance=arguments.assurance)
     if arguments.json:
         print_json({**plain(plan), "covers": plan.covers})
     else:
         print(plan.covers)
+
+
+def _refuse(kind: str, what: str, names: list[str]) -> None:
+    """Refuse options that a kind lacks, or has no use for."""
+    if names:
+        flags = " and ".join(f"--{name.replace('_', '-')}" for name in names)
+        raise UsageError(f"kind {kind} {what} {flags}.")
 
 
 def _calibrate(arguments: argparse.Namespace) -> None:
@@ -71,10 +83,10 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     from percept.calibration.advice import ADVICE_FILE, gather
     from percept.calibration.coverage import coverage, coverage_markdown
     from percept.provenance import made_by
-    from percept.sessions.quantities import is_impedance
 
     out = Path(arguments.out)
     plans = _plans(arguments, out)
+    checkpoint = out / "judged.jsonl"
     with (
         Working("simulating", shown=not arguments.quiet) as working,
         open_mapper(arguments) as mapper,
@@ -83,32 +95,22 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         def told(done: int, total: int) -> None:
             working.show(f"{done} of {total} studies", done, total)
 
-        shared: dict[str, Any] = {"mapper": mapper, "progress": told}
         if arguments.advice:
-            table = gather(tuple(plans), out / "judged.jsonl", **shared)
+            table = gather(tuple(plans), checkpoint, mapper=mapper, progress=told)
             table.to_csv(out / ADVICE_FILE, index=False)
             print(out / ADVICE_FILE)
             return
-        rows = []
+        tables = []
         for plan in plans:
-            classical = arguments.classical if plan.method == "classical" else None
-            studies = arguments.studies if classical is None else classical
-            rows.append(coverage(plan, studies, checkpoint=out / "judged.jsonl", **shared))
-    table = pd.concat(rows).sort_values(["truth", "subjects"], kind="stable")
-    methods = dict.fromkeys(plan.method for plan in plans)
+            studies = arguments.studies
+            if plan.method == "classical" and arguments.classical is not None:
+                studies = arguments.classical
+            tables.append(
+                coverage(plan, studies, mapper=mapper, checkpoint=checkpoint, progress=told)
+            )
+    table = pd.concat(tables).sort_values(["truth", "subjects"], kind="stable")
     out.mkdir(parents=True, exist_ok=True)
-    head = _HEAD.format(
-        paths=" ".join(Path(path).name for path in arguments.sessions),
-        trials="one trial each" if arguments.subjects else "its subjects and trials",
-        source=_SOURCES[arguments.source],
-        methods=" and ".join(_REFITTED[name] for name in methods).format(100 * plans[0].tolerance),
-        curves=(
-            _CURVES.format(plans[0].device, plans[0].period, plans[0].frequencies)
-            if is_impedance(plans[0].parameters)
-            else ""
-        ),
-    )
-    page = f"{head}{made_by(arguments.typed).sentence}\n\n{coverage_markdown(table)}"
+    page = f"{_head(arguments, plans)}{made_by(arguments.typed).sentence}\n\n{coverage_markdown(table)}"
     (out / "coverage.md").write_text(page, encoding="utf-8")
     table.to_csv(out / "coverage.csv", index=False)
     print(out / "coverage.md")
@@ -126,12 +128,42 @@ def _plans(arguments: argparse.Namespace, out: Path) -> list[CoveragePlan]:
             return list(advice_plans(study))
         values = kept_values(study, out) if arguments.source == "fit" else None
     method = study.scene.inference.method
-    return [
-        plan_like(study, subjects, truth=truth, values=values, method=one)
-        for one in (("classical", "bayesian") if method == "both" else (method,))
-        for subjects in arguments.subjects or [None]
-        for truth in arguments.truth
-    ]
+    methods = ["classical", "bayesian"] if method == "both" else [method]
+    plans = []
+    for judged_method in methods:
+        for subjects in arguments.subjects or [None]:
+            for truth in arguments.truth:
+                plans.append(
+                    plan_like(study, subjects, truth=truth, values=values, method=judged_method)
+                )
+    return plans
+
+
+def _head(arguments: argparse.Namespace, plans: list[CoveragePlan]) -> str:
+    """Write what the page says before its table."""
+    from percept.sessions.quantities import is_impedance
+
+    plan = plans[0]
+    methods = dict.fromkeys(_REFITTED[plan.method] for plan in plans)
+    curves = ""
+    if is_impedance(plan.parameters):
+        mass, damping = plan.device
+        lower, upper, points = plan.frequencies
+        curves = _CURVES.format(
+            mass=mass,
+            damping=damping,
+            period=plan.period,
+            points=points,
+            lower=lower,
+            upper=upper,
+        )
+    return _HEAD.format(
+        paths=" ".join(Path(path).name for path in arguments.sessions),
+        trials="one trial each" if arguments.subjects else "its subjects and trials",
+        source=_SOURCES[arguments.source],
+        methods=" and ".join(methods).format(100 * plan.tolerance),
+        curves=curves,
+    )
 
 
 def _sbc(arguments: argparse.Namespace) -> None:
@@ -145,6 +177,7 @@ def _sbc(arguments: argparse.Namespace) -> None:
     plans = [SbcPlan(design=name, seed=arguments.seed) for name in arguments.designs or SBC_DESIGNS]
     out = Path(arguments.out)
     out.mkdir(parents=True, exist_ok=True)
+    calibrations = []
     with (
         Working("simulating", shown=True) as working,
         open_mapper(arguments) as mapper,
@@ -153,14 +186,16 @@ def _sbc(arguments: argparse.Namespace) -> None:
         def told(done: int, fits: int) -> None:
             working.show(f"{done} of {fits} fits, {plan.design}", done, fits)
 
-        kept: dict[str, Any] = {
-            "mapper": mapper,
-            "checkpoint": out / "fits.jsonl",
-            "progress": told,
-        }
-        calibrations = []
         for plan in plans:
-            calibrations.append(calibrate(plan, arguments.fits, **kept))
+            calibrations.append(
+                calibrate(
+                    plan,
+                    arguments.fits,
+                    mapper=mapper,
+                    checkpoint=out / "fits.jsonl",
+                    progress=told,
+                )
+            )
     write_calibrations(calibrations, out, made_by(arguments.typed))
     print(out / "sbc.md")
 

@@ -6,10 +6,16 @@ import argparse
 import platform
 import re
 from importlib import metadata
+from typing import TYPE_CHECKING
 
 from percept import __version__
 from percept.commands import Command, argument
 from percept.errors import UsageError, counted
+
+if TYPE_CHECKING:
+    from packaging.requirements import Requirement
+
+__all__ = ["CACHE", "COMPLETION", "DOCTOR"]
 
 _CACHE = """Show what posteriors are kept for next time, or clear them.
 
@@ -24,29 +30,41 @@ def _doctor(_: argparse.Namespace) -> int:
 
     from percept.cache import cache_folder
 
-    needed, broken, extras = 0, list[str](), dict[str, list[str]]()
-    for requirement in map(Requirement, metadata.requires("percept") or ()):
-        try:
-            fits = requirement.specifier.contains(
-                metadata.version(requirement.name), prereleases=True
-            )
-        except metadata.PackageNotFoundError:
-            fits = False
+    needed = 0
+    broken: list[str] = []
+    extras: dict[str, list[str]] = {}  # What each extra lacks
+    for line in metadata.requires("percept") or ():
+        requirement = Requirement(line)
         extra = re.search(r"extra == .([\w-]+)", str(requirement.marker or ""))
-        lacking = extras.setdefault(extra[1], []) if extra else broken
-        needed += extra is None
-        if not fits:
+        if extra is None:
+            needed += 1
+            lacking = broken
+        else:
+            lacking = extras.setdefault(extra[1], [])
+        if not _is_met(requirement):
             lacking.append(f"{requirement.name}{requirement.specifier}")
     print(f"percept {__version__}, Python {platform.python_version()}, {platform.platform()}")
     print(f"needed: {needed - len(broken)} of {needed} packages are here")
-    said = [f"{name} lacks {', '.join(lacks)}" if lacks else name for name, lacks in extras.items()]
-    print(f"extras: {'; '.join(said)}")
+    states = [
+        f"{name} lacks {', '.join(lacking)}" if lacking else name
+        for name, lacking in extras.items()
+    ]
+    print(f"extras: {'; '.join(states)}")
     print(f"cache: {cache_folder() or 'off'}")
-    for wanted in broken:
-        print(f'Install {wanted}: python -m pip install "{wanted}"')
+    for package in broken:
+        print(f'Install {package}: python -m pip install "{package}"')
     if not broken:
         print("Everything percept needs is here.")
     return int(bool(broken))
+
+
+def _is_met(requirement: Requirement) -> bool:
+    """Whether a package is here in a version that is asked for."""
+    try:
+        version = metadata.version(requirement.name)
+    except metadata.PackageNotFoundError:
+        return False
+    return requirement.specifier.contains(version, prereleases=True)
 
 
 def _cache(arguments: argparse.Namespace) -> None:
