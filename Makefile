@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 JOBS ?= 2
 
 .DEFAULT_GOAL := install
-.PHONY: help install report reproduce test test-matrix test-page lint bench calibrate coverage reports docs clean
+.PHONY: help install report reproduce test evidence test-matrix test-page lint bench calibrate coverage reports docs clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -25,6 +25,9 @@ report: $(STAMP)  ## analyse the published study and print the page's path
 
 test: lint  ## lint, types and the whole test suite
 	@$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -q
+
+evidence: $(STAMP)  ## tests that take minutes: refits, kills, sweeps; their page in reports/evidence
+	@$(BIN)/python -m tests.evidence --workers $(JOBS) --out reports/evidence
 
 test-page: $(STAMP) build/node_modules/axe-core  ## the report's page in a headless Chromium
 	@$(BIN)/python -m pytest -m page tests/page -q -rs
@@ -65,7 +68,7 @@ reproduce: $(STAMP)  ## the paper claim by claim, and print the page's path
 	@$(BIN)/percept reproduce --out build/reproduction
 
 # Pages name the commit they are made from: make them in a clean tree, and commit them alone.
-reports: reproduced digits bench coverage calibrate  ## every page of reports/ (hours; each target alone resumes)
+reports: reproduced digits bench coverage calibrate evidence  ## every page of reports/ (hours; each target alone resumes)
 
 .PHONY: reproduced digits
 reproduced: $(STAMP)  ## the example page and the paper of reports/ (minutes)

@@ -3,7 +3,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import os
 import types
 from pathlib import Path
 from typing import Any
@@ -301,9 +300,7 @@ def test_wrong_plans() -> None:
         coverage(PLAN, 1)
 
 
-@pytest.mark.skipif(
-    "PERCEPT_LONG" not in os.environ, reason="set PERCEPT_LONG for minutes of refits"
-)
+@pytest.mark.evidence
 def test_bayesian_coverage_averaged_over_the_prior() -> None:
     plan = dataclasses.replace(PLAN, method="both", tolerance=0.1)
     rows = coverage(plan, 200)
@@ -312,14 +309,12 @@ def test_bayesian_coverage_averaged_over_the_prior() -> None:
             assert row.held > row.stated - 4 * row.error
 
 
-@pytest.mark.skipif(
-    "PERCEPT_LONG" not in os.environ, reason="set PERCEPT_LONG for minutes of refits"
-)
+@pytest.mark.evidence
 def test_regions_hold_whole_curves_drawn_from_the_prior_and_pointwise_bands_do_not() -> None:
     plan = dataclasses.replace(
         PLAN, method="both", tolerance=0.1, frequencies=(0.1, 100.0, 40), seed=2
     )
-    judged = coverage(plan, int(os.environ.get("PERCEPT_STUDIES", "200")))
+    judged = coverage(plan, 200)
     for kind in ("mean", "user"):
         whole = {
             "claim": "boundary throughout",

@@ -132,7 +132,7 @@ def test_report_ends_with_the_page_and_keeps_what_was_there(tmp_path, capsys):
     summary = json.loads((out / "report.json").read_text(encoding="utf-8"))["summary"]
     warnings = [f"warning: {sentence}" for sentence in summary["cautions"]]
     assert said == [*summary["overview"]["sentences"], *warnings]
-    assert said[0].startswith("Stiffness is set ")
+    assert said[0].startswith("Stiffness is ")
     assert warnings
     assert "VE5" in Path(last).read_text(encoding="utf-8")
     assert (out / "notes.txt").read_text() == "mine"
@@ -320,13 +320,12 @@ def in_shell(line):
 
 @pytest.mark.parametrize("closed", ["2>&-", "<&- >&- 2>&-"])
 def test_streams_that_the_caller_closed_cost_nothing_but_what_they_would_show(tmp_path, closed):
-    out = tmp_path / "out"
-    words = f"percept fit '{SESSIONS}' --method classical --out '{out}' {closed}"
-    ran = in_shell(words)
+    scene = tmp_path / "scene.toml"
+    ran = in_shell(f"percept new '{scene}' {closed}")
     assert (ran.returncode, ran.stderr) == (0, "")
-    assert ran.stdout.count("fit.json") == (closed == "2>&-")
-    assert json.loads((out / "fit.json").read_text(encoding="utf-8"))["intervals"]
-    refused = in_shell(f"percept fit nowhere.csv {closed}")
+    assert ran.stdout.count("scene.toml") == (closed == "2>&-")
+    assert "[device]" in scene.read_text(encoding="utf-8")
+    refused = in_shell(f"percept new '{scene}' {closed}")
     assert refused.returncode == 2
     assert refused.stdout == ""
 
@@ -334,7 +333,7 @@ def test_streams_that_the_caller_closed_cost_nothing_but_what_they_would_show(tm
 @pytest.mark.parametrize(
     "line",
     ["percept doctor | true; exit ${PIPESTATUS[0]}",
-     "percept fit nowhere.csv 2>&1 | true; exit ${PIPESTATUS[0]}"],
+     "percept nothing 2>&1 | true; exit ${PIPESTATUS[0]}"],
 )  # fmt: skip
 def test_output_that_nobody_reads_ends_quietly_as_a_shell_tells_it(line):
     ran = in_shell(line)
@@ -493,7 +492,7 @@ def test_an_error_above_the_tolerance_is_a_warning_and_no_failure(tmp_path, caps
     assert main(["fit", *words, "--out", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().err
     assert told.startswith("percept: The Monte Carlo error reached is ")
-    assert "where 0.01 % was asked. A larger most_steps (now 200) lowers it." in told
+    assert "0.01 % was requested. A larger most_steps (now 200) lowers it." in told
     document = json.loads((tmp_path / "out" / "fit.json").read_text(encoding="utf-8"))
     assert {row["method"] for row in document["intervals"]} == {"classical", "bayesian"}
     gate = document["diagnostics"]["gate"]

@@ -1,7 +1,5 @@
 """Every function against the textbook formula in 120 digits, within 1e-13 times its condition."""
 
-import os
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,8 +8,11 @@ from hypothesis import strategies as st
 from percept.bench import twins as twin
 from percept.bench.digits_haptics import PROMISE, QUANTITIES, haptics_digits
 from percept.haptics import Coupling, required_damping_at
+from tests import LONG
 
-CASES = int(os.environ.get("PERCEPT_SWEEP_CASES", "60"))
+CASES = 1000 if LONG else 60
+# Tests over more cases in `make evidence`.
+REDUCED = pytest.mark.evidence(reduced=True)
 
 
 @pytest.fixture(scope="module")
@@ -19,6 +20,7 @@ def sweep():
     return haptics_digits(CASES)
 
 
+@REDUCED
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_promise_is_kept(sweep, quantity):
     rows = [row for row in sweep if row.quantity == quantity]
@@ -31,7 +33,8 @@ parameter = st.one_of(st.just(0.0), st.floats(-15, 15).map(lambda e: 10.0**e), s
 NAMES = ("m", "b_d", "k_e", "b_e", "m_e", "k_c", "b_c", "m_i", "b_i", "k_i")
 
 
-@settings(max_examples=int(os.environ.get("PERCEPT_SWEEP_EXAMPLES", "15")), deadline=None)
+@REDUCED
+@settings(max_examples=500 if LONG else 15, deadline=None)
 @given(
     log_period=st.floats(-6, 0),
     share=st.one_of(st.just(1.0), st.floats(0, 1), st.floats(-15, -1e-3).map(lambda e: 10**e)),

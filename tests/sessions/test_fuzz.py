@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 
+import pytest
+
 from percept.sessions import read_sessions
+from tests import LONG
 from tests.sessions.dialects import WRITERS, example
 from tests.sessions.fuzz import check, fuzz, main
 
-FILES = int(os.environ.get("PERCEPT_FUZZ_FILES", "300"))
+FILES = 20_000 if LONG else 200
 
 
+@pytest.mark.evidence(reduced=True)
 def test_mutated_files_are_read_rightly_or_refused():
     outcome = fuzz(FILES, seed=20)
     assert outcome.failures == []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import types
 
 import numpy as np
@@ -24,6 +23,7 @@ from percept.study.band import (
 from percept.study.basics import FAMILIES
 from percept.study.intervals import Cell, cell_moments
 from percept.study.responses import ResponseScale
+from tests import LONG
 
 
 def test_bands_are_relative_to_the_impedance_of_the_reference(fitted: Study) -> None:
@@ -126,7 +126,6 @@ ONE_SD = {
     "offset": {"c": 2.0, "w": 0.05},
     "power": {"w": 0.15 * 10.0**0.15, "p": 0.85},
 }
-LONG = "PERCEPT_LONG" in os.environ
 STUDIES = 100 if LONG else 10
 
 
@@ -171,6 +170,7 @@ def widened(law: str, width: float) -> np.ndarray:
     )
 
 
+@pytest.mark.evidence(reduced=True)
 @pytest.mark.parametrize("law", LAWS)
 def test_classical_laws_hold_the_true_parameters_as_often_as_stated(law: str) -> None:
     freedom = SUBJECTS - 1
@@ -212,6 +212,7 @@ def test_replicates_have_the_bands_of_the_study_in_their_middle() -> None:
     assert np.all(np.abs(off) < 4.5 * np.log(drawn).std(axis=0) / np.sqrt(len(drawn)))
 
 
+@pytest.mark.evidence(reduced=True)
 @pytest.mark.parametrize("law", LAWS if LONG else ["offset"])
 def test_posterior_laws_hold_the_true_parameters(law: str) -> None:
     few = slice(None, None, 1 if LONG else 3)

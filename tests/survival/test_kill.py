@@ -3,15 +3,16 @@
 import pytest
 
 from percept.files import write_whole
-from tests.survival.kill import Survival, check_whole
+from tests import LONG
+from tests.survival.kill import JOBS, Survival, check_whole
 
 
-@pytest.mark.parametrize(("job", "kills"), [("fit", 1), ("batch", 1)])
-def test_killed_commands_leave_whole_files_and_come_to_the_same_end(tmp_path, job, kills):
-    if job == "batch":
-        pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
-    survival = Survival(tmp_path, seed=5, sampled=False, workers=1)
-    tally = survival.run(job, kills, kills_per_run=kills, told=lambda line: None)
+@pytest.mark.evidence(reduced=True)
+@pytest.mark.parametrize("job", JOBS if LONG else ("fit", "batch"))
+def test_killed_commands_leave_whole_files_and_come_to_the_same_end(tmp_path, job):
+    kills = 40 if LONG else 1
+    survival = Survival(tmp_path, seed=5, sampled=LONG, workers=2 if LONG else 1)
+    tally = survival.run(job, kills, told=lambda line: None)
     assert tally.kills == kills
     assert tally.finished >= 1
 

@@ -1,5 +1,4 @@
 import json
-import os
 
 import mpmath as mp
 import numpy as np
@@ -9,6 +8,7 @@ from scipy import stats
 from percept.errors import RefusalError, UsageError
 from percept.inference import tolerance_factor
 from percept.inference.classical.tolerance import factor_of_tails
+from tests import LONG
 
 from . import oracles
 
@@ -30,11 +30,10 @@ def test_factors_against_quadrature_in_20_digits(sided):
     assert np.abs(factors / truth - 1.0).max() <= 1e-13
 
 
-REMADE = (
-    REFERENCE if os.environ.get("PERCEPT_LONG_TESTS") else [REFERENCE[i] for i in (8, 87, 240, 300)]
-)
+REMADE = REFERENCE if LONG else [REFERENCE[i] for i in (8, 87, 240, 300)]
 
 
+@pytest.mark.evidence(reduced=True)
 @pytest.mark.parametrize("row", REMADE, ids=str)
 def test_the_reference_table_can_be_made_again(row):
     sided, n, share, confidence, text = row

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 
 import numpy as np
 import pandas as pd
@@ -15,9 +14,6 @@ from percept.cli import main
 from percept.inference import prediction_interval, tolerance_interval
 from percept.sessions import Sessions
 
-LONG = pytest.mark.skipif(
-    "PERCEPT_LONG" not in os.environ, reason="set PERCEPT_LONG for minutes of fits"
-)
 KINDS = ("mean", "user", "share")
 DECADES = {"k": (10.0, 5e4), "b": (0.1, 50.0)}
 
@@ -247,7 +243,7 @@ def test_twenty_environments():
     assert np.log(spread).std() < 0.7 * np.log(found).std()
 
 
-@LONG
+@pytest.mark.evidence
 def test_a_correlation_of_999_in_a_thousand_has_an_answer():
     """Slow: hundreds of steps per effective draw."""
     response = responses(10, 3, seed=8, shared=0.0)
