@@ -11,6 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 from percept.errors import UsageError
 from percept.html import fields_html
 
+__all__ = [
+    "ROW",
+    "Family",
+    "FloatOrArray",
+    "Interval",
+    "Joint",
+    "Kind",
+    "Method",
+    "Side",
+    "percent",
+]
+
 Kind: TypeAlias = Literal["mean", "user", "share"]
 Method: TypeAlias = Literal["classical", "bayesian"]
 Family: TypeAlias = Literal["normal", "lognormal"]
@@ -115,8 +127,8 @@ class Interval:
         """Say what the interval covers, with a study's words for one user and for several."""
         clauses = [f"{self._statement(user, users)} ({', '.join(self._basis(users))})"]
         if self.expected_share is not None:
-            held = percent(self.expected_share, digits=3)
-            clauses.append(f"it is not a range of {users}, and holds an expected {held} of them")
+            share = percent(self.expected_share, digits=3)
+            clauses.append(f"it is not a range of {users}, and holds an expected {share} of them")
         if self.joint == "bonferroni":
             clauses.append("widened so that the statements on both quantities are true together")
         if self.approximate:
@@ -149,8 +161,11 @@ class Interval:
         return f"The {who} lies {where}, with {sure}"
 
     def _basis(self, users: str) -> list[str]:
-        low, high = int(np.min(self.n)), int(np.max(self.n))
-        parts = [f"from {low} {users}" if low == high else f"from {low} to {high} {users}"]
+        fewest = int(np.min(self.n))
+        most = int(np.max(self.n))
+        parts = [f"from {fewest} {users}"]
+        if fewest != most:
+            parts = [f"from {fewest} to {most} {users}"]
         if self.repeats is False:
             parts.append("one trial each, trial noise included")
         elif self.repeats and self.method == "classical":
@@ -163,10 +178,15 @@ class Interval:
 def percent(probability: ArrayLike, digits: int = 15) -> str:
     """Write a probability as a percentage, an array as its range; 100 % is one alone."""
     values = np.asarray(probability, dtype=float)
-    low, high = (_percentage(float(v), digits) for v in (values.min(), values.max()))
+    low = _percentage(float(values.min()), digits)
+    high = _percentage(float(values.max()), digits)
     return f"{low} %" if low == high else f"{low} % to {high} %"
 
 
 def _percentage(probability: float, digits: int) -> str:
-    texts = (f"{100.0 * probability:.{count}g}" for count in range(digits, 18))
-    return next(text for text in texts if text != "100" or probability == 1.0)
+    """Write with some digits, and more where 100 would be said of less than one."""
+    while True:
+        text = f"{100.0 * probability:.{digits}g}"
+        if text != "100" or probability == 1.0:
+            return text
+        digits += 1

@@ -19,7 +19,7 @@ from percept.boundary.band import (
     size_name,
 )
 from percept.haptics import Device, magnitude_envelope
-from percept.inference.classical.intervals import interval_of
+from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.classical.moments import Moments
 from percept.inference.record import Family, Kind
 from percept.scene import InferenceTable
@@ -164,7 +164,7 @@ def _limits(
     moments: Moments, mean: Array, sd: Array, kind: Kind, family: Family, asked: InferenceTable
 ) -> tuple[Array, Array]:
     """Limits about redrawn means and SDs: an interval's half-width in SDs depends on n alone."""
-    factor = interval_of(kind, moments, **claim_of(asked), family=family).factor
+    factor = interval_of(kind, moments, Claim(**claim_of(asked), family=family)).factor
     assert factor is not None
     lower, upper = mean - float(factor) * sd, mean + float(factor) * sd
     if family == "normal":

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import RefusalError, counted
-from percept.inference.classical.intervals import paired_contrast, spread_ratio
+from percept.inference.classical.contrasts import paired_contrast, spread_ratio
 from percept.inference.classical.trials import subject_means
 from percept.inference.record import percent
 from percept.scene import InferenceTable, Scene

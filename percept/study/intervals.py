@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import PerceptError, RefusalError
-from percept.inference.classical.intervals import interval_of
+from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.classical.moments import Moments
 from percept.inference.classical.trials import check_normality, subject_means
 from percept.inference.record import ROW, Family, Interval, Joint, Kind
@@ -151,7 +151,7 @@ def classical_rows(
             how: Any = {**claim_of(asked), "family": family, "unit": cell.quantity.unit}
             at = cell.parameter, cell.environment
             for kind, joint in itertools.product(asked.kinds, joints):
-                interval = interval_of(kind, cell.moments, joint=joint, **how)
+                interval = interval_of(kind, cell.moments, Claim(joint=joint, **how))
                 yield _row(interval, at, reference[at], users)
 
 

@@ -1,4 +1,4 @@
-"""The three kinds of interval, two ratios to the reference, and contrasts of two conditions."""
+"""The three kinds of interval, and two ratios to the reference."""
 
 from __future__ import annotations
 
@@ -16,25 +16,46 @@ from percept.inference.classical.moments import (
     check_option,
     finite_values,
     fitted,
-    mean_and_sd,
     plain,
     tail_of,
 )
 from percept.inference.classical.tolerance import factor_of_tails
 from percept.inference.record import Family, FloatOrArray, Interval, Joint, Kind, Side, percent
 
-#: SDs of standardised values, below which the values of two conditions are multiples of one
-#: another.
-_PROPORTION = 1e-12
+__all__ = [
+    "Claim",
+    "Ratio",
+    "bias",
+    "family_moments",
+    "interval_of",
+    "prediction_interval",
+    "t_interval",
+    "tolerance_interval",
+    "weber_fraction",
+]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim:
+    """What an interval states; fields as in `tolerance_interval`."""
+
+    level: float = 0.99
+    share: float | None = None
+    confidence: float = 0.95
+    family: Family = "normal"
+    joint: Joint = "marginal"
+    side: Side = "both"
+    unit: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ratio(NotebookRecord):
     """A ratio to the reference, unit-free, with its equal-tailed interval."""
 
-    quantity: Literal[
-        "bias", "weber"
-    ]  # Average user over reference, or SD between users over reference
+    #: Average user over reference, or SD between users over reference.
+    quantity: Literal["bias", "weber"]
     estimate: FloatOrArray
     lower: FloatOrArray
     upper: FloatOrArray
@@ -45,12 +66,11 @@ class Ratio(NotebookRecord):
     @property
     def covers(self) -> str:
         """One plain sentence saying what the interval covers."""
-        average = "typical (geometric-mean)" if self.family == "lognormal" else "average"
-        who = (
-            "standard deviation between users"
-            if self.quantity == "weber"
-            else f"{average} user's value"
-        )
+        who = "average user's value"
+        if self.family == "lognormal":
+            who = "typical (geometric-mean) user's value"
+        if self.quantity == "weber":
+            who = "standard deviation between users"
         sure = f"{percent(self.level)} confidence"
         return f"The {who} divided by the reference lies between the limits, with {sure}."
 
@@ -100,7 +120,8 @@ def t_interval(
     RefusalError
         Fewer than 2 subjects, no scatter, zero or negative values under ``"lognormal"``.
     """
-    return interval_of("mean", x, level=level, family=family, joint=joint, side=side, unit=unit)
+    claim = Claim(level=level, family=family, joint=joint, side=side, unit=unit)
+    return interval_of("mean", x, claim)
 
 
 def prediction_interval(
@@ -129,7 +150,8 @@ def prediction_interval(
     UsageError, RefusalError
         As `t_interval`.
     """
-    return interval_of("user", x, level=level, family=family, joint=joint, side=side, unit=unit)
+    claim = Claim(level=level, family=family, joint=joint, side=side, unit=unit)
+    return interval_of("user", x, claim)
 
 
 def tolerance_interval(
@@ -167,57 +189,70 @@ def tolerance_interval(
     UsageError, RefusalError
         As `t_interval`; a share or confidence outside (0, 1).
     """
-    return interval_of(
-        "share", x, level=level, share=share, confidence=confidence,
-        family=family, joint=joint, side=side, unit=unit,
-    )  # fmt: skip
+    claim = Claim(
+        level=level,
+        share=share,
+        confidence=confidence,
+        family=family,
+        joint=joint,
+        side=side,
+        unit=unit,
+    )
+    return interval_of("share", x, claim)
 
 
-def interval_of(
-    kind: Kind,
-    x: ArrayLike | Moments,
-    *,
-    level: float = 0.99,
-    share: float | None = None,
-    confidence: float = 0.95,
-    family: Family = "normal",
-    joint: Joint = "marginal",
-    side: Side = "both",
-    unit: str = "",
-) -> Interval:
-    """Interval of any kind; options as in `t_interval` and `tolerance_interval`."""
-    check_option("joint", joint, ("marginal", "bonferroni"))
-    check_option("side", side, ("both", "lower", "upper"))
-    tail = tail_of(level, joint=joint) / (2.0 if side == "both" else 1.0)
-    moments, approximate = family_moments(x, family)
+def interval_of(kind: Kind, x: ArrayLike | Moments, claim: Claim) -> Interval:
+    """Work out an interval of any kind.
+
+    Parameters
+    ----------
+    kind : {"mean", "user", "share"}
+        What is covered: the average user, the next user, or at least a share of all users.
+    x : array_like or Moments
+        As `t_interval`.
+    claim : Claim
+        What the interval states.
+
+    Returns
+    -------
+    Interval
+        Fields of shape (...), in the unit of `x`.
+
+    Raises
+    ------
+    UsageError, RefusalError
+        As `tolerance_interval`.
+    """
+    check_option("joint", claim.joint, ("marginal", "bonferroni"))
+    check_option("side", claim.side, ("both", "lower", "upper"))
+    moments, approximate = family_moments(x, claim.family)
+    mean = np.asarray(moments.mean)
     n = np.asarray(moments.n)
-    t = -np.asarray(special.stdtrit(n - 1.0, tail), dtype=float)
-    expected_share = None
+    t = _t_quantile(n, claim)
+    share = claim.level if claim.share is None else claim.share
     if kind == "mean":
         factor = t / np.sqrt(n)
-        expected_share = plain(_expected_share(t, n, side))
     elif kind == "user":
         factor = t * np.sqrt(1.0 + 1.0 / n)
     else:
-        share = level if share is None else share
-        beta = tail_of(share, "share", joint=joint)
-        alpha = tail_of(confidence, "confidence", joint=joint)
-        factor = np.asarray(
-            factor_of_tails(n, beta, alpha, sided="two" if side == "both" else "one")
-        )
-    mean, half_width = np.asarray(moments.mean), factor * np.asarray(moments.sd)
-    lower = np.full_like(mean, -np.inf) if side == "upper" else mean - half_width
-    upper = np.full_like(mean, np.inf) if side == "lower" else mean + half_width
+        factor = _share_factor(n, share, claim)
+    half_width = factor * np.asarray(moments.sd)
+    lower = mean - half_width
+    upper = mean + half_width
+    if claim.side == "upper":
+        lower = np.full_like(mean, -np.inf)
+    if claim.side == "lower":
+        upper = np.full_like(mean, np.inf)
     ends = np.stack([lower, mean, upper])
-    if family == "lognormal":
+    if claim.family == "lognormal":
         with np.errstate(over="ignore"):  # a limit beyond the largest double is infinite
             ends = np.exp(ends)
     lower, estimate, upper = ends
     return Interval(
         kind=kind,
         method="classical",
-        family=family,
-        level=level,
+        family=claim.family,
+        level=claim.level,
         lower=plain(lower),
         upper=plain(upper),
         estimate=plain(estimate),
@@ -226,26 +261,46 @@ def interval_of(
         sd=moments.sd,
         factor=plain(np.broadcast_to(factor, mean.shape)),
         share=share if kind == "share" else None,
-        confidence=confidence if kind == "share" else None,
-        joint=joint,
-        side=side,
-        expected_share=expected_share,
+        confidence=claim.confidence if kind == "share" else None,
+        joint=claim.joint,
+        side=claim.side,
+        expected_share=plain(_expected_share(t, n, claim.side)) if kind == "mean" else None,
         repeats=moments.repeats,
         approximate=approximate,
-        unit=unit,
+        unit=claim.unit,
     )
+
+
+def _t_quantile(n: NDArray[np.int64], claim: Claim) -> Array:
+    """Quantile of t at the level, n - 1 degrees of freedom."""
+    tail = tail_of(claim.level, joint=claim.joint)
+    if claim.side == "both":
+        tail /= 2.0
+    return -np.asarray(special.stdtrit(n - 1.0, tail), dtype=float)
+
+
+def _share_factor(n: NDArray[np.int64], share: float, claim: Claim) -> Array:
+    """Half-width of a tolerance interval, in SDs."""
+    outside = tail_of(share, "share", joint=claim.joint)
+    miss = tail_of(claim.confidence, "confidence", joint=claim.joint)
+    sided = "two" if claim.side == "both" else "one"
+    return np.asarray(factor_of_tails(n, outside, miss, sided=sided))
 
 
 def family_moments(x: ArrayLike | Moments, family: Family) -> tuple[Moments, bool]:
     """Return moments that scatter, on the scale of a family, and whether they are moment-matched."""
     check_option("family", family, ("normal", "lognormal"))
+    log = family == "lognormal"
+    approximate = False
     if isinstance(x, Moments):
-        moments, approximate = x.on_scale(family), family == "lognormal" and x.scale == "linear"
+        approximate = log and x.scale == "linear"
+        moments = x.on_scale(family)
     else:
-        moments, approximate = Moments.from_values(x, log=family == "lognormal"), False
+        moments = Moments.from_values(x, log=log)
     still = np.asarray(moments.sd) == 0.0
     if still.any():
-        where = "" if still.ndim == 0 else f" (first at index {np.argwhere(still)[0].tolist()})"
+        first = np.argwhere(still)[0].tolist()
+        where = f" (first at index {first})" if still.ndim else ""
         raise RefusalError(
             f"All subjects gave the same value{where}: with no scatter there is no interval.",
             hint=(
@@ -281,7 +336,16 @@ def bias(
     """
     mean = t_interval(x, level=level, family=family)
     ends = np.stack([np.asarray(end) for end in (mean.estimate, mean.lower, mean.upper)])
-    return _ratio("bias", ends, reference, level, family, mean.n)
+    estimate, lower, upper = _over_reference(ends, reference)
+    return Ratio(
+        quantity="bias",
+        estimate=estimate,
+        lower=lower,
+        upper=upper,
+        level=level,
+        family=family,
+        n=mean.n,
+    )
 
 
 def weber_fraction(x: ArrayLike | Moments, reference: ArrayLike, *, level: float = 0.99) -> Ratio:
@@ -303,110 +367,44 @@ def weber_fraction(x: ArrayLike | Moments, reference: ArrayLike, *, level: float
         As `bias`.
     """
     moments, _ = family_moments(x, "normal")
-    tail, half = tail_of(level) / 2.0, (np.asarray(moments.n) - 1.0) / 2.0
-    low, high = (
-        half / quantile(half, tail) for quantile in (special.gammainccinv, special.gammaincinv)
-    )
-    ends = np.asarray(moments.sd) * np.sqrt(np.stack([np.ones_like(low), low, high]))
-    return _ratio("weber", ends, reference, level, "normal", moments.n)
-
-
-def _expected_share(
-    t: NDArray[np.float64], n: NDArray[np.int64], side: Side
-) -> NDArray[np.float64]:
-    """Share of users that mean ± t·SD/√n holds on average over studies."""
-    # The next user differs from the mean by SD·√(1 + 1/n) times a t.
-    within = t / np.sqrt(n + 1.0)
-    if side != "both":
-        return np.asarray(special.stdtr(n - 1.0, within), dtype=float)
-    # One less twice the tail would lose what a small t holds.
-    return np.asarray(
-        special.betainc(0.5, (n - 1.0) / 2.0, within**2 / (n - 1.0 + within**2)), dtype=float
-    )
-
-
-def _ratio(
-    quantity: Literal["bias", "weber"],
-    ends: NDArray[np.float64],
-    reference: ArrayLike,
-    level: float,
-    family: Family,
-    n: int | NDArray[np.int64],
-) -> Ratio:
-    shown = finite_values(reference, name="references")
-    if (shown <= 0.0).any():
-        raise RefusalError(
-            "A reference of zero or below has no ratio.",
-            value=float(shown.min()),
-            hint="Leave this parameter of this environment out.",
-        )
-    fitted("References and samples", shown, ends[0])
-    estimate, lower, upper = (plain(end / shown) for end in ends)
+    tail = tail_of(level) / 2.0
+    half_df = (np.asarray(moments.n) - 1.0) / 2.0
+    low = half_df / special.gammainccinv(half_df, tail)
+    high = half_df / special.gammaincinv(half_df, tail)
+    square_ratios = np.stack([np.ones_like(low), low, high])
+    ends = np.asarray(moments.sd) * np.sqrt(square_ratios)
+    estimate, lower, upper = _over_reference(ends, reference)
     return Ratio(
-        quantity=quantity,
+        quantity="weber",
         estimate=estimate,
         lower=lower,
         upper=upper,
         level=level,
-        family=family,
-        n=n,
+        family="normal",
+        n=moments.n,
     )
 
 
-@dataclass(frozen=True)
-class SpreadRatio:
-    """The SD between subjects in the second condition over that in the first."""
-
-    estimate: float
-    lower: float
-    upper: float
-    p_value: float  # Of equal SDs, two-sided
-    n: int  # Subjects
-
-
-def paired_contrast(
-    difference: NDArray[np.float64], kind: Kind, *, level: float, share: float, confidence: float
-) -> tuple[Interval, float]:
-    """Interval of subjects' differences (n,), and the p-value of a mean of zero by the paired t-test."""
-    moments = Moments.from_values(difference)
-    if moments.sd == 0.0:
-        raise RefusalError("all subjects differ alike: with no scatter there is no interval.")
-    interval = interval_of(kind, moments, level=level, share=share, confidence=confidence)
-    n = len(difference)
-    t = abs(float(moments.mean)) / float(moments.sd) * np.sqrt(n)
-    return interval, 2.0 * float(special.stdtr(n - 1, -t))
+def _expected_share(t: Array, n: NDArray[np.int64], side: Side) -> Array:
+    """Share of users that mean ± t·SD/√n holds on average over studies."""
+    df = n - 1.0
+    # The next user differs from the mean by SD·√(1 + 1/n) times a t.
+    within = t / np.sqrt(n + 1.0)
+    if side != "both":
+        return np.asarray(special.stdtr(df, within), dtype=float)
+    # One less twice the tail would lose what a small t holds.
+    fraction = within**2 / (df + within**2)
+    return np.asarray(special.betainc(0.5, df / 2.0, fraction), dtype=float)
 
 
-def spread_ratio(
-    first: NDArray[np.float64], second: NDArray[np.float64], *, level: float
-) -> SpreadRatio:
-    """Ratio of SDs of pairs (n,), by Pitman and Morgan.
-
-    Sum and difference of two variables are uncorrelated where their variances are equal. The
-    interval holds the ratios that the test of this correlation, n - 2 degrees of freedom, does not
-    reject.
-    """
-    n = len(first)
-    if n < 3:
-        raise RefusalError("the spread of fewer than three pairs cannot be compared.")
-    means, sds = zip(*(mean_and_sd(values) for values in (first, second)), strict=True)
-    if min(sds) == 0.0:
-        raise RefusalError("all subjects adjusted alike: with no scatter there is no ratio.")
-    a, b = (
-        (values - mean) / sd for values, mean, sd in zip((first, second), means, sds, strict=True)
-    )
-    # (1 - r)(1 + r) of the SDs of difference and sum: 1 - r² would cancel.
-    apart, together = (float(mean_and_sd(values)[1]) for values in (b - a, b + a))
-    if min(apart, together) < _PROPORTION:
+def _over_reference(ends: Array, reference: ArrayLike) -> list[FloatOrArray]:
+    """Divide the estimate and both limits (3, ...) by references that have a ratio."""
+    references = finite_values(reference, name="references")
+    if (references <= 0.0).any():
         raise RefusalError(
-            "the values of both conditions move in proportion: their ratio has no interval."
+            "A reference of zero or below has no ratio.",
+            value=float(references.min()),
+            hint="Leave this parameter of this environment out.",
         )
-    rest = apart * together / 2.0  # sqrt(1 - r²)
-    ratio = float(sds[1] / sds[0])
-    half = rest * -float(special.stdtrit(n - 2, tail_of(level) / 2.0)) / np.sqrt(n - 2)
-    # The roots of ratio² (k ± sqrt(k² - 1)), k = 1 + 2 half²; the smaller is the reciprocal of the
-    # larger.
-    wide = half + np.hypot(half, 1.0)
-    t = (ratio - 1.0 / ratio) * np.sqrt(n - 2) / (2.0 * rest)
-    p_value = 2.0 * float(special.stdtr(n - 2, -abs(t)))
-    return SpreadRatio(ratio, float(ratio / wide), float(ratio * wide), p_value, n)
+    fitted("References and samples", references, ends[0])
+    return [plain(end / references) for end in ends]

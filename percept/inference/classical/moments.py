@@ -15,6 +15,21 @@ from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
 from percept.inference.record import FloatOrArray
 
+__all__ = [
+    "Moments",
+    "check_option",
+    "finite_values",
+    "fitted",
+    "mean_and_sd",
+    "plain",
+    "sample",
+    "subject_counts",
+    "tail_of",
+    "tails",
+]
+
+Array = NDArray[np.float64]
+
 _MOST_SUBJECTS = 2.0**53  # whole numbers above this are not told apart by doubles
 
 
@@ -58,9 +73,8 @@ class Moments(NotebookRecord):
         sd = finite_values(self.sd, name="standard deviations")
         if (sd < 0.0).any():
             raise UsageError("A standard deviation cannot be negative.", value=float(sd.min()))
-        mean, sd, n = fitted(
-            "Means, standard deviations and counts", mean, sd, subject_counts(self.n)
-        )
+        counts = subject_counts(self.n)
+        mean, sd, n = fitted("Means, standard deviations and counts", mean, sd, counts)
         object.__setattr__(self, "mean", plain(mean))
         object.__setattr__(self, "sd", plain(sd))
         object.__setattr__(self, "n", int(n) if n.ndim == 0 else n.astype(np.int64))
@@ -129,7 +143,8 @@ class Moments(NotebookRecord):
         """
         low = finite_values(lower, name="lower limits")
         high = finite_values(upper, name="upper limits")
-        low, high, count = fitted("Lower and upper limits and counts", low, high, subject_counts(n))
+        counts = subject_counts(n)
+        low, high, count = fitted("Lower and upper limits and counts", low, high, counts)
         if (low > high).any():
             raise UsageError(
                 "A lower limit lies above its upper limit.",
@@ -138,7 +153,8 @@ class Moments(NotebookRecord):
             )
         t = -special.stdtrit(count - 1.0, tail_of(level) / 2.0)
         half_width = 0.5 * high - 0.5 * low
-        return cls(0.5 * low + 0.5 * high, half_width / t * np.sqrt(count), count.astype(np.int64))
+        sd = half_width / t * np.sqrt(count)
+        return cls(0.5 * low + 0.5 * high, sd, count.astype(np.int64))
 
     def on_scale(self, family: str) -> Moments:
         """Return these moments on the scale of a family, published ones by moment matching.
@@ -168,7 +184,8 @@ class Moments(NotebookRecord):
             )
         if family == "normal" or self.scale == "log":
             return self
-        mean, sd = np.asarray(self.mean), np.asarray(self.sd)
+        mean = np.asarray(self.mean)
+        sd = np.asarray(self.sd)
         if (mean <= 0.0).any():
             raise RefusalError(
                 "A lognormal has a positive mean; the published one is zero or negative.",
@@ -185,13 +202,16 @@ class Moments(NotebookRecord):
         )
 
 
-def mean_and_sd(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and SD along the last axis, each rounded once: `statistics` sums fractions. One value has SD 0."""
+def mean_and_sd(samples: Array) -> tuple[Array, Array]:
+    """Mean and SD along the last axis, each rounded once; one value has SD 0.
+
+    Python's `statistics` sums fractions.
+    """
+    shape = samples.shape[:-1]
     rows = samples.reshape(-1, samples.shape[-1]).tolist()
-    moments = np.array([(statistics.mean(row), _sd(row)) for row in rows]).reshape(
-        *samples.shape[:-1], 2
-    )
-    return moments[..., 0], moments[..., 1]
+    means = np.array([statistics.mean(row) for row in rows])
+    sds = np.array([_sd(row) for row in rows])
+    return means.reshape(shape), sds.reshape(shape)
 
 
 def _sd(row: list[float]) -> float:
@@ -201,7 +221,7 @@ def _sd(row: list[float]) -> float:
         return math.inf
 
 
-def plain(values: NDArray[np.float64]) -> FloatOrArray:
+def plain(values: Array) -> FloatOrArray:
     """Return a float for an array of no dimensions, else the array."""
     return float(values) if values.ndim == 0 else values
 
@@ -213,9 +233,7 @@ def check_option(name: str, value: str, options: tuple[str, ...]) -> None:
         raise UsageError(f"{name} must be one of {named}.", value=value)
 
 
-def finite_values(
-    values: ArrayLike, *, name: str = "values", positive: bool = False
-) -> NDArray[np.float64]:
+def finite_values(values: ArrayLike, *, name: str = "values", positive: bool = False) -> Array:
     """Return `values` as doubles, all of them finite numbers and, where asked, fit for a logarithm."""
     if np.ma.is_masked(values):
         raise UsageError(
@@ -236,11 +254,13 @@ def finite_values(
         doubles = given.astype(np.float64)
     except (TypeError, ValueError, OverflowError):
         raise UsageError(f"The {name} must be real numbers; their type is {given.dtype}.") from None
-    if not np.isfinite(doubles).all():
-        at = np.argwhere(~np.isfinite(doubles))[0]
+    finite = np.isfinite(doubles)
+    if not finite.all():
+        index = np.argwhere(~finite)[0]
         raise UsageError(
-            f"The {name} must be finite numbers; the first that is not is at index {at.tolist()}.",
-            value=float(doubles[tuple(at)]),
+            f"The {name} must be finite numbers; the first that is not is at index"
+            f" {index.tolist()}.",
+            value=float(doubles[tuple(index)]),
             hint="Leave the trial out, or correct it.",
         )
     if positive and (doubles <= 0.0).any():
@@ -252,7 +272,7 @@ def finite_values(
     return doubles
 
 
-def sample(values: ArrayLike, *, positive: bool = False, least: int = 2) -> NDArray[np.float64]:
+def sample(values: ArrayLike, *, positive: bool = False, least: int = 2) -> Array:
     """Return samples whose subjects, `least` or more, run along the last axis."""
     doubles = finite_values(values, positive=positive)
     if doubles.ndim == 0:
@@ -282,7 +302,7 @@ def subject_counts(n: ArrayLike) -> NDArray[np.int64]:
     return counts.astype(np.int64)
 
 
-def fitted(names: str, *arrays: NDArray[Any]) -> tuple[NDArray[np.float64], ...]:
+def fitted(names: str, *arrays: NDArray[Any]) -> tuple[Array, ...]:
     """Return arrays as doubles of one shape."""
     try:
         shape = np.broadcast_shapes(*(array.shape for array in arrays))
@@ -292,7 +312,7 @@ def fitted(names: str, *arrays: NDArray[Any]) -> tuple[NDArray[np.float64], ...]
     return tuple(np.broadcast_to(np.asarray(array, dtype=np.float64), shape) for array in arrays)
 
 
-def tails(level: ArrayLike, name: str = "level") -> NDArray[np.float64]:
+def tails(level: ArrayLike, name: str = "level") -> Array:
     """Return 1 − level, which is exact for doubles from 0.5 up."""
     try:
         values = np.asarray(level, dtype=float)
@@ -316,8 +336,9 @@ def tail_of(level: float, name: str = "level", *, joint: str = "marginal") -> fl
     return float(tail) / 2.0 if joint == "bonferroni" else float(tail)
 
 
-def _log_ratios(values: NDArray[np.float64], first: NDArray[np.float64]) -> NDArray[np.float64]:
+def _log_ratios(values: Array, first: Array) -> Array:
     """Return log(values/first), with the digits of values that hardly differ."""
     near = (values > 0.5 * first) & (values < 2.0 * first)
-    close = np.log1p(np.divide(values - first, first, out=np.zeros_like(values), where=near))
-    return np.where(near, close, np.log(values) - np.log(first))
+    nothing = np.zeros_like(values)
+    relative = np.divide(values - first, first, out=nothing, where=near)
+    return np.where(near, np.log1p(relative), np.log(values) - np.log(first))

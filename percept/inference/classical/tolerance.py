@@ -23,10 +23,17 @@ from scipy import special
 from percept.inference.classical.moments import check_option, fitted, plain, subject_counts, tails
 from percept.inference.record import FloatOrArray
 
-_NODES = 200  # keeps 13 digits from n = 2 to 1e6
-_NEGLIGIBLE = 1e-17  # of 1 − γ: what lies beyond the last node
-_REMEMBERED = 4096  # requests: environments, families and studies ask for the same few
+__all__ = ["factor_of_tails", "tolerance_factor"]
+
+#: Nodes of the integral: they keep 13 digits from n = 2 to 1e6.
+_NODES = 200
+#: What lies beyond the last node, of 1 − γ.
+_NEGLIGIBLE = 1e-17
+#: Requests kept: environments, families and studies ask for the same few.
+_REMEMBERED = 4096
+#: Most steps of Newton's method, which needs some ten, and its relative accuracy.
 _NEWTON_STEPS = 60
+_ACCURACY = 1e-15
 
 _legendre = cache(np.polynomial.legendre.leggauss)
 
@@ -68,7 +75,8 @@ def tolerance_factor(
     2.3.
     """
     check_option("sided", sided, ("two", "one"))
-    beta, alpha = tails(share, "share"), tails(confidence, "confidence")
+    beta = tails(share, "share")
+    alpha = tails(confidence, "confidence")
     return factor_of_tails(subject_counts(n), beta, alpha, sided=sided)
 
 
@@ -76,50 +84,53 @@ def factor_of_tails(
     n: ArrayLike, beta: ArrayLike, alpha: ArrayLike, *, sided: str = "two"
 ) -> FloatOrArray:
     """Factor that leaves out beta = 1 − P of the population and misses it with probability alpha = 1 − γ."""
-    arrays = fitted("n, share and confidence", *(np.asarray(given) for given in (n, beta, alpha)))
-    if sided == "one":
-        n, beta, alpha = arrays
-        # The mirrored distribution has the small probability in its lower tail, and keeps its
-        # digits.
-        return plain(
-            -special.nctdtrit(n - 1.0, np.sqrt(n) * special.ndtri(beta), alpha) / np.sqrt(n)
-        )
-    return plain(np.vectorize(_two_sided, otypes=[float])(*arrays))
+    arrays = [np.asarray(argument) for argument in (n, beta, alpha)]
+    n, beta, alpha = fitted("n, share and confidence", *arrays)
+    if sided == "two":
+        return plain(np.vectorize(_two_sided, otypes=[float])(n, beta, alpha))
+    # The mirrored distribution has the small probability in its lower tail, and keeps its digits.
+    root_n = np.sqrt(n)
+    quantile = special.nctdtrit(n - 1.0, root_n * special.ndtri(beta), alpha)
+    return plain(-quantile / root_n)
 
 
 @lru_cache(_REMEMBERED)
 def _two_sided(n: float, beta: float, alpha: float) -> float:
-    half = (n - 1.0) / 2.0
+    """Two-sided factor for n subjects."""
+    half_df = (n - 1.0) / 2.0
+    root_n = math.sqrt(n)
     node, weight = _legendre(_NODES)
-    edge = -special.ndtri(alpha * _NEGLIGIBLE) / 2.0
-    z = edge * (1.0 + node)
-    weight = edge * weight * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * z**2)
-    radius = _content_radius(z / math.sqrt(n), beta)
-    log_gamma = special.gammaln(half)
+    half_edge = -special.ndtri(alpha * _NEGLIGIBLE) / 2.0
+    z = half_edge * (1.0 + node)
+    weight = half_edge * weight * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * z**2)
+    radius = _content_radius(z / root_n, beta)
+    log_gamma = special.gammaln(half_df)
 
     def miss_probability(log_factor: float) -> tuple[float, float]:
-        x = half * (radius * math.exp(-log_factor)) ** 2
+        x = half_df * (radius * math.exp(-log_factor)) ** 2
         with np.errstate(under="ignore"):
-            density = np.exp(half * np.log(x) - x - log_gamma)  # times x
-        return float(weight @ special.gammainc(half, x)), -2.0 * float(weight @ density)
+            density = np.exp(half_df * np.log(x) - x - log_gamma)  # times x
+        probability = weight @ special.gammainc(half_df, x)
+        return float(probability), -2.0 * float(weight @ density)
 
     # Enough: less is held only if the mean is farther off than alpha/4 a side, or the SD below its
     # alpha/2.
-    farthest = _content_radius(-special.ndtri(alpha / 4.0) / math.sqrt(n), beta)
-    least_sd = math.sqrt(special.gammaincinv(half, alpha / 2.0) / half)
-    return math.exp(_newton(miss_probability, alpha, math.log(farthest / least_sd)))
+    farthest_mean = -special.ndtri(alpha / 4.0) / root_n
+    least_sd = math.sqrt(special.gammaincinv(half_df, alpha / 2.0) / half_df)
+    start = math.log(_content_radius(farthest_mean, beta) / least_sd)
+    return math.exp(_newton(miss_probability, alpha, start))
 
 
 def _content_radius(x: FloatOrArray, beta: float) -> FloatOrArray:
     """Solve Q(r + x) + Q(r − x) = beta for r, Q the upper normal tail."""
 
-    def held_out(r: FloatOrArray) -> tuple[FloatOrArray, FloatOrArray]:
+    def outside(r: FloatOrArray) -> tuple[FloatOrArray, FloatOrArray]:
+        probability = special.ndtr(-(r + x)) + special.ndtr(x - r)
         density = np.exp(-0.5 * (r + x) ** 2) + np.exp(-0.5 * (r - x) ** 2)
-        return special.ndtr(-(r + x)) + special.ndtr(x - r), -density / math.sqrt(2.0 * math.pi)
+        return probability, -density / math.sqrt(2.0 * math.pi)
 
-    return _newton(
-        held_out, beta, x - special.ndtri(beta / 2.0)
-    )  # exact at x = 0, too large elsewhere
+    start = x - special.ndtri(beta / 2.0)  # exact at x = 0, too large elsewhere
+    return _newton(outside, beta, start)
 
 
 def _newton(
@@ -137,6 +148,6 @@ def _newton(
         value, slope = probability(x)
         step = np.log(value / target) * value / slope
         x = x - step
-        if np.all(np.abs(step) <= 1e-15 * np.maximum(1.0, np.abs(x))):
+        if np.all(np.abs(step) <= _ACCURACY * np.maximum(1.0, np.abs(x))):
             break
     return x

@@ -20,20 +20,22 @@ from percept.inference.classical.moments import (
 )
 from percept.inference.record import Family
 
-_SHAPIRO_MOST = 5000  # beyond, the published approximation of its p-value is not valid
+__all__ = ["Normality", "SubjectMeans", "check_normality", "subject_means"]
+
+Array = NDArray[np.float64]
+
+#: Beyond, the published approximation of the test's p-value is not valid.
+_SHAPIRO_MOST = 5000
 
 
 @dataclass(frozen=True, eq=False)
 class SubjectMeans(NotebookRecord):
     """One value per subject, in the order in which the subjects first appear."""
 
-    values: NDArray[
-        np.float64
-    ]  # (n,) Mean of the trials, geometric under "lognormal", in their unit
+    values: Array  # (n,) Mean of the trials, geometric under "lognormal", in their unit
     family: Family  # Scale on which the trials were averaged
-    trial_sd: (
-        float | None
-    )  # SD between trials of a subject, pooled, on that scale; None without repeats
+    #: SD between trials of a subject, pooled, on that scale; None without repeats.
+    trial_sd: float | None
 
     def moments(self) -> Moments:
         """Return mean and SD of the subjects' values on the family's scale, each subject counting once."""
@@ -74,11 +76,15 @@ def subject_means(
     trials: dict[Any, list[float]] = {}
     for label, value in zip(who.tolist(), y.tolist(), strict=True):
         trials.setdefault(label, []).append(value)
-    means, sds = np.array([mean_and_sd(np.array(own)) for own in trials.values()]).T
-    squares = [sd * sd * (len(own) - 1) for sd, own in zip(sds, trials.values(), strict=True)]
+    means = []
+    squares = []
+    for own_trials in trials.values():
+        mean, sd = mean_and_sd(np.array(own_trials))
+        means.append(float(mean))
+        squares.append(float(sd * sd) * (len(own_trials) - 1))
     repeats = y.size - len(trials)
     return SubjectMeans(
-        values=np.exp(means) if log else means,
+        values=np.exp(means) if log else np.array(means),
         family=family,
         trial_sd=math.sqrt(math.fsum(squares) / repeats) if repeats else None,
     )

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from percept import RefusalError
-from percept.inference.classical.intervals import paired_contrast, spread_ratio
+from percept.inference.classical.contrasts import paired_contrast, spread_ratio
 
 CLAIM = {"level": 0.9, "share": 0.9, "confidence": 0.95}
 
@@ -67,7 +67,7 @@ def test_the_interval_of_spread_covers():
     ("first", "second", "message"),
     [
         ([1.0, 2.0], [1.0, 3.0], "fewer than three pairs"),
-        ([1.0, 1.0, 1.0], [1.0, 3.0, 2.0], "adjusted alike"),
+        ([1.0, 1.0, 1.0], [1.0, 3.0, 2.0], "all values of a condition are equal"),
         ([1.0, 2.0, 4.0], [2.0, 4.0, 8.0], "in proportion"),
         ([1.0, 2.0, 4.0], [-2.0, -4.0, -8.0], "in proportion"),
     ],
@@ -78,5 +78,5 @@ def test_pairs_without_a_ratio_are_refused(first, second, message):
 
 
 def test_subjects_who_differ_alike_have_no_interval():
-    with pytest.raises(RefusalError, match="all subjects differ alike"):
+    with pytest.raises(RefusalError, match="all differences are equal"):
         paired_contrast(np.array([0.5, 0.5, 0.5]), "mean", **CLAIM)

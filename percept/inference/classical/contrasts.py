@@ -1,0 +1,90 @@
+"""Two conditions that the same subjects went through: difference of means, and ratio of SDs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from percept.errors import RefusalError
+from percept.inference.classical.intervals import Claim, interval_of
+from percept.inference.classical.moments import Moments, mean_and_sd, tail_of
+from percept.inference.record import Interval, Kind
+
+__all__ = ["SpreadRatio", "paired_contrast", "spread_ratio"]
+
+Array = NDArray[np.float64]
+
+#: SDs of standardised values, below which the values of two conditions are multiples of one
+#: another.
+_PROPORTION = 1e-12
+
+
+@dataclass(frozen=True)
+class SpreadRatio:
+    """The SD between subjects in the second condition over that in the first."""
+
+    estimate: float
+    lower: float
+    upper: float
+    p_value: float  # Of equal SDs, two-sided
+    n: int  # Subjects
+
+
+def paired_contrast(
+    difference: Array, kind: Kind, *, level: float, share: float, confidence: float
+) -> tuple[Interval, float]:
+    """Interval of subjects' differences (n,), and the p-value of a mean of zero by the paired t-test."""
+    moments = Moments.from_values(difference)
+    if moments.sd == 0.0:
+        raise RefusalError("all differences are equal: with no scatter there is no interval.")
+    claim = Claim(level=level, share=share, confidence=confidence)
+    interval = interval_of(kind, moments, claim)
+    n = len(difference)
+    t = abs(float(moments.mean)) / float(moments.sd) * np.sqrt(n)
+    return interval, 2.0 * float(special.stdtr(n - 1, -t))
+
+
+def spread_ratio(first: Array, second: Array, *, level: float) -> SpreadRatio:
+    """Ratio of SDs of pairs (n,), by Pitman and Morgan.
+
+    Sum and difference of two variables are uncorrelated where their variances are equal. The
+    interval holds the ratios that the test of this correlation, n - 2 degrees of freedom, does not
+    reject.
+    """
+    n = len(first)
+    if n < 3:
+        raise RefusalError("the spread of fewer than three pairs cannot be compared.")
+    first_mean, first_sd = mean_and_sd(first)
+    second_mean, second_sd = mean_and_sd(second)
+    if min(first_sd, second_sd) == 0.0:
+        raise RefusalError(
+            "all values of a condition are equal: with no scatter there is no ratio."
+        )
+    a = (first - first_mean) / first_sd
+    b = (second - second_mean) / second_sd
+    # (1 - r)(1 + r) of the SDs of difference and sum: 1 - r² would cancel.
+    _, sd_of_difference = mean_and_sd(b - a)
+    _, sd_of_sum = mean_and_sd(b + a)
+    if min(sd_of_difference, sd_of_sum) < _PROPORTION:
+        raise RefusalError(
+            "the values of both conditions move in proportion: their ratio has no interval."
+        )
+    uncorrelated = float(sd_of_difference) * float(sd_of_sum) / 2.0  # sqrt(1 - r²)
+    ratio = float(second_sd / first_sd)
+    df = n - 2
+    t_limit = -float(special.stdtrit(df, tail_of(level) / 2.0))
+    half = uncorrelated * t_limit / np.sqrt(df)
+    # The roots of ratio² (k ± sqrt(k² - 1)), k = 1 + 2 half²; the smaller is the reciprocal of the
+    # larger.
+    width = half + np.hypot(half, 1.0)
+    t = (ratio - 1.0 / ratio) * np.sqrt(df) / (2.0 * uncorrelated)
+    return SpreadRatio(
+        estimate=ratio,
+        lower=float(ratio / width),
+        upper=float(ratio * width),
+        p_value=2.0 * float(special.stdtr(df, -abs(t))),
+        n=n,
+    )
