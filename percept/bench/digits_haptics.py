@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -30,21 +31,63 @@ from percept.haptics.arrays import complex_from
 from percept.haptics.impedance import coupling_admittance, warp
 from percept.haptics.perceived import perceived_magnitude
 
-__all__ = ["PROMISE", "QUANTITIES", "haptics_digits"]
+__all__ = ["PROMISE", "QUANTITIES", "Inputs", "haptics_digits"]
 
 PROMISE = 1e-13  # Largest relative error per unit of the formula's condition
 
-_NAMES = ("m", "b_d", "k_e", "b_e", "m_e", "k_c", "b_c", "m_i", "b_i", "k_i")
 _SLOWEST = 1e-9  # rad/s
 _WIDE = 15  # Decades on either side of 1 that parameters are drawn from
 _USUAL = 2  # The same for sizes met in practice, whose terms meet and cancel
 _ABSENT = 0.03  # Probability that a parameter is zero
 _AT_NYQUIST = 0.02  # Probability that ωT is π
 
-Values: TypeAlias = Mapping[str, float]
-Computed: TypeAlias = Callable[[Values], Any]
-#: Error over condition, given the values and whether ωT is π.
-Check: TypeAlias = Callable[[Values, bool], float]
+
+@dataclass(frozen=True)
+class Inputs:
+    """Values that formulas take, in SI units."""
+
+    omega: float
+    period: float
+    m: float
+    b_d: float
+    k_e: float
+    b_e: float
+    m_e: float
+    k_c: float
+    b_c: float
+    m_i: float
+    b_i: float
+    k_i: float
+
+    @property
+    def device(self) -> Device:
+        """A rigid device."""
+        return Device(self.m, self.b_d)
+
+    @property
+    def flexible(self) -> Device:
+        """The same with one mode."""
+        return Device(self.m, self.b_d, (Mode(self.m_i, self.k_i, self.b_i),))
+
+    @property
+    def environment(self) -> Environment:
+        """What is shown."""
+        return Environment(self.k_e, self.b_e, self.m_e)
+
+    @property
+    def coupling(self) -> Coupling:
+        """Between device and environment."""
+        return Coupling(self.k_c, self.b_c)
+
+    @property
+    def at_nyquist(self) -> bool:
+        """Whether ωT is π."""
+        return twin.is_nyquist(self.omega * self.period)
+
+
+Computed: TypeAlias = Callable[[Inputs], Any]
+#: Returns the error over the condition.
+Check: TypeAlias = Callable[[Inputs], float]
 
 #: What is compared, by name.
 QUANTITIES: dict[str, Check] = {}
@@ -73,12 +116,12 @@ def haptics_digits(
         A row for each quantity and decade.
     """
     errors: dict[tuple[str, int], list[float]] = {}
-    for values in _cases(cases, np.random.default_rng(seed)):
-        theta = values["omega"] * values["period"]
-        at_nyquist = twin.is_nyquist(theta)
-        decade = 1 if at_nyquist else int(np.floor(np.log10(theta)))
+    for inputs in _cases(cases, np.random.default_rng(seed)):
+        decade = int(np.floor(np.log10(inputs.omega * inputs.period)))
+        if inputs.at_nyquist:
+            decade = 1
         for name in quantities or QUANTITIES:
-            error = QUANTITIES[name](values, at_nyquist)
+            error = QUANTITIES[name](inputs)
             errors.setdefault((name, decade), []).append(error)
     rows = []
     for (name, decade), of_cases in sorted(errors.items()):
@@ -86,8 +129,9 @@ def haptics_digits(
     return rows
 
 
-def _cases(count: int, rng: np.random.Generator) -> Iterator[dict[str, float]]:
+def _cases(count: int, rng: np.random.Generator) -> Iterator[Inputs]:
     """Yield sets of parameters, all drawn on the log scale."""
+    names = [field.name for field in fields(Inputs)[2:]]
     for _ in range(count):
         period = 10 ** rng.uniform(-6, 0)
         nyquist = np.pi / period
@@ -101,86 +145,79 @@ def _cases(count: int, rng: np.random.Generator) -> Iterator[dict[str, float]]:
         if rng.uniform() < _AT_NYQUIST:
             omega = nyquist
         decades = _WIDE if rng.uniform() < 0.5 else _USUAL
-        values = {name: float(10 ** rng.uniform(-decades, decades)) for name in _NAMES}
-        for name in _NAMES:
+        values = {name: float(10 ** rng.uniform(-decades, decades)) for name in names}
+        for name in names:
             if rng.uniform() < _ABSENT:
                 values[name] = 0.0
-        yield {"omega": max(omega, _SLOWEST), "period": period, **values}
+        yield Inputs(max(omega, _SLOWEST), period, **values)
 
 
-def _device(v: Values) -> Device:
-    return Device(v["m"], v["b_d"])
+def _perceived(v: Inputs) -> Any:
+    return perceived_impedance(v.omega, v.device, v.environment, v.period)
 
 
-def _flexible(v: Values) -> Device:
-    return Device(v["m"], v["b_d"], (Mode(v["m_i"], v["k_i"], v["b_i"]),))
+def _perceived_flexible(v: Inputs) -> Any:
+    return perceived_impedance(v.omega, v.flexible, v.environment, v.period, hold="true")
 
 
-def _environment(v: Values) -> Environment:
-    return Environment(v["k_e"], v["b_e"], v["m_e"])
-
-
-def _coupling(v: Values) -> Coupling:
-    return Coupling(v["k_c"], v["b_c"])
-
-
-def _at(function: Callable[..., Any], *makes: Callable[[Values], Any], **options: Any) -> Computed:
-    """Call a function of ω, of what `makes` makes of the values, and of T."""
-    return lambda v: function(v["omega"], *(make(v) for make in makes), v["period"], **options)
-
-
-def _coupled(v: Values, discretization: str) -> Any:
+def _coupled(v: Inputs, discretization: str) -> Any:
     return perceived_impedance(
-        v["omega"],
-        _device(v),
-        _environment(v),
-        v["period"],
-        coupling=_coupling(v),
+        v.omega,
+        v.device,
+        v.environment,
+        v.period,
+        coupling=v.coupling,
         discretization=discretization,
     )
 
 
-def _effective(v: Values) -> Any:
-    stiffness, damping = _effective_parts(v)
-    return complex_from(damping, warp(v["omega"], v["period"]).spring(stiffness))
+def _effective(v: Inputs) -> Any:
+    stiffness, damping = effective_impedance(v.omega, v.environment, v.coupling, v.period)
+    return complex_from(damping, warp(v.omega, v.period).spring(stiffness))
 
 
-def _effective_parts(v: Values) -> Any:
-    return effective_impedance(v["omega"], _environment(v), _coupling(v), v["period"])
-
-
-def _effective_damping(v: Values) -> Any:
-    _, damping = _effective_parts(v)
+def _effective_damping(v: Inputs) -> Any:
+    _, damping = effective_impedance(v.omega, v.environment, v.coupling, v.period)
     return damping
 
 
-def _magnitude(v: Values) -> Any:
-    k = -v["k_e"]
-    b = -v["b_e"]
-    return perceived_magnitude(v["omega"], _device(v), k, b, v["period"], mass=v["m_e"])
+def _magnitude(v: Inputs) -> Any:
+    return perceived_magnitude(v.omega, v.device, -v.k_e, -v.b_e, v.period, mass=v.m_e)
 
 
-def _box(v: Values) -> tuple[Any, Any]:
-    k = (-v["k_e"], v["k_c"])
-    b = (-v["b_e"], v["b_c"])
-    return magnitude_envelope(v["omega"], _device(v), k, b, v["period"], mass=v["m_e"])
+def _box(v: Inputs) -> tuple[Any, Any]:
+    k = (-v.k_e, v.k_c)
+    b = (-v.b_e, v.b_c)
+    return magnitude_envelope(v.omega, v.device, k, b, v.period, mass=v.m_e)
 
 
-def _damping_for_all(v: Values) -> Any:
-    return required_damping(_coupling(v), v["period"]).damping
+def _required_at(v: Inputs) -> Any:
+    return required_damping_at(v.omega, v.coupling, v.period)
 
 
-def _stiffness_limit(v: Values, at_nyquist: bool) -> float:
-    limit = max_coupling_stiffness(v["b_d"], v["b_c"], v["period"])
-    return twin.limit_error_over_condition(float(limit), v["b_d"], v["b_c"], v["period"])
+def _required_at_true(v: Inputs) -> Any:
+    return required_damping_at(v.omega, v.coupling, v.period, discretization="tustin", hold="true")
 
 
-def _compare(name: str, ours: Computed, exact: twin.Formula, inputs: tuple[str, ...]) -> None:
+def _margin(v: Inputs) -> Any:
+    return stability_margin(v.omega, v.flexible, v.coupling, v.period)
+
+
+def _required(v: Inputs) -> Any:
+    return required_damping(v.coupling, v.period).damping
+
+
+def _stiffness_limit(v: Inputs) -> float:
+    limit = max_coupling_stiffness(v.b_d, v.b_c, v.period)
+    return twin.limit_error_over_condition(float(limit), v.b_d, v.b_c, v.period)
+
+
+def _compare(name: str, ours: Computed, exact: twin.Formula, inputs: Sequence[str]) -> None:
     """Put a quantity of ours beside its exact formula of some inputs."""
 
-    def error(v: Values, at_nyquist: bool) -> float:
-        own = {key: v[key] for key in inputs}
-        return twin.error_over_condition(ours(v), exact, own, at_nyquist=at_nyquist)
+    def error(v: Inputs) -> float:
+        own = {key: getattr(v, key) for key in inputs}
+        return twin.error_over_condition(ours(v), exact, own, at_nyquist=v.at_nyquist)
 
     QUANTITIES[name] = error
 
@@ -196,19 +233,39 @@ _DIRECT = (*_RIGID, *_SHOWN)
 _EFFECTIVE = (*_W, *_SHOWN, *_VC)
 _ALL = (*_DIRECT, *_VC)
 
-_compare("Z_d", _at(device_impedance, _device), twin.rigid, _RIGID)
-_compare("Z_d, flexible", _at(device_impedance, _flexible), twin.flexible, _FLEXIBLE)
-_compare("Z_e", _at(environment_impedance, _environment), twin.environment, _ENVIRONMENT)
-_compare("Z_c, Eq. 6", _at(coupling_impedance, _coupling), twin.coupling_backward, _COUPLING)
-_compare("1/Z_c, Eq. 6", _at(coupling_admittance, _coupling), twin.admittance_backward, _COUPLING)
-_compare("ZOH, Eq. 8", _at(hold), twin.hold_average, _W)
-_compare("ZOH, true", _at(hold, kind="true"), twin.hold_true, _W)
+_compare("Z_d", lambda v: device_impedance(v.omega, v.device, v.period), twin.rigid, _RIGID)
+_compare(
+    "Z_d, flexible",
+    lambda v: device_impedance(v.omega, v.flexible, v.period),
+    twin.flexible,
+    _FLEXIBLE,
+)
+_compare(
+    "Z_e",
+    lambda v: environment_impedance(v.omega, v.environment, v.period),
+    twin.environment,
+    _ENVIRONMENT,
+)
+_compare(
+    "Z_c, Eq. 6",
+    lambda v: coupling_impedance(v.omega, v.coupling, v.period),
+    twin.coupling_backward,
+    _COUPLING,
+)
+_compare(
+    "1/Z_c, Eq. 6",
+    lambda v: coupling_admittance(v.omega, v.coupling, v.period),
+    twin.admittance_backward,
+    _COUPLING,
+)
+_compare("ZOH, Eq. 8", lambda v: hold(v.omega, v.period), twin.hold_average, _W)
+_compare("ZOH, true", lambda v: hold(v.omega, v.period, kind="true"), twin.hold_true, _W)
 _compare("Z_eff", _effective, twin.effective, _EFFECTIVE)
 _compare("Re Z_eff", _effective_damping, twin.effective_damping, _EFFECTIVE)
-_compare("Z_h", _at(perceived_impedance, _device, _environment), twin.direct, _DIRECT)
+_compare("Z_h", _perceived, twin.direct, _DIRECT)
 _compare(
     "Z_h, flexible, true hold",
-    _at(perceived_impedance, _flexible, _environment, hold="true"),
+    _perceived_flexible,
     twin.direct_flexible_true,
     (*_FLEXIBLE, *_SHOWN),
 )
@@ -219,21 +276,16 @@ _compare("box, upper", lambda v: _box(v)[1], twin.box_upper, _ALL)
 _compare("box, lower", lambda v: _box(v)[0], twin.box_lower, _ALL)
 _compare(
     "required damping at ω",
-    _at(required_damping_at, _coupling, discretization="backward", hold="average"),
+    _required_at,
     twin.required_at(twin.coupling_backward, twin.hold_average),
     _COUPLING,
 )
 _compare(
     "required damping at ω, true hold",
-    _at(required_damping_at, _coupling, discretization="tustin", hold="true"),
+    _required_at_true,
     twin.required_at(twin.coupling_tustin, twin.hold_true),
     _COUPLING,
 )
-_compare(
-    "stability margin",
-    _at(stability_margin, _flexible, _coupling),
-    twin.margin,
-    (*_FLEXIBLE, *_VC),
-)
-_compare("required damping", _damping_for_all, twin.required, _COUPLING)
+_compare("stability margin", _margin, twin.margin, (*_FLEXIBLE, *_VC))
+_compare("required damping", _required, twin.required, _COUPLING)
 QUANTITIES["largest stiffness"] = _stiffness_limit

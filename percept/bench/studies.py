@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import tomllib
+from importlib import resources
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -37,37 +39,19 @@ class StudyDesign:
         return hashlib.sha256(repr(dataclasses.astuple(self)).encode()).hexdigest()[:16]
 
 
-_K: tuple[Literal["k"]] = ("k",)
-_WEAK = 0.02  # Trials scatter five times as much as subjects
-DESIGNS = {
-    "6x3x1": StudyDesign(6, 3, (1, 1), 3.0),
-    "12x8x1": StudyDesign(12, 8, (1, 1), 4.0),
-    "24x12x1": StudyDesign(24, 12, (1, 1), 5.0),
-    "24x20x1": StudyDesign(24, 20, (1, 1), 10.0),
-    "6x3x3": StudyDesign(6, 3, (3, 3), 4.0),
-    "12x5x3": StudyDesign(12, 5, (3, 3), 6.0),
-    "12x8x5": StudyDesign(12, 8, (5, 5), 10.0),
-    "24x12x3": StudyDesign(24, 12, (3, 3), 20.0),
-    "6x3x3-weak": StudyDesign(6, 3, (3, 3), 4.0, sigma_w=_WEAK),
-    "12x5x3-weak": StudyDesign(12, 5, (3, 3), 6.0, sigma_w=_WEAK),
-    "12x8x5-weak": StudyDesign(12, 8, (5, 5), 10.0, sigma_w=_WEAK),
-    "24x12x3-weak": StudyDesign(24, 12, (3, 3), 20.0, sigma_w=_WEAK),
-    "24x12x3-none": StudyDesign(24, 12, (3, 3), 25.0, sigma_w=0.0, correlation=0.9),
-    "40x6x10-weak": StudyDesign(40, 6, (10, 10), 15.0, sigma_w=_WEAK),
-    "10x5-irregular-normal": StudyDesign(10, 5, (1, 6), 12.0, missing=0.2, family="normal"),
-    "24x8-irregular": StudyDesign(24, 8, (1, 4), 30.0, missing=0.2),
-    "60x8-irregular": StudyDesign(60, 8, (1, 4), 60.0, missing=0.2),
-    "8x4x2-outlier": StudyDesign(8, 4, (2, 2), 8.0, outlier=3.0),
-    "40x20-irregular-k": StudyDesign(40, 20, (2, 5), 60.0, parameters=_K),
-    "80x15-irregular-k": StudyDesign(80, 15, (1, 4), 60.0, missing=0.2, parameters=_K),
-    "315x60-irregular-k": StudyDesign(315, 60, (1, 4), 600.0, missing=0.2, parameters=_K),
-    "186x60x2-k": StudyDesign(186, 60, (2, 2), 300.0, parameters=_K),
-    "30x100x3": StudyDesign(30, 100, (3, 3), 600.0, peer=False),
-    "20x60x1": StudyDesign(20, 60, (1, 1), 60.0),
-    "20x100x1": StudyDesign(20, 100, (1, 1), 300.0),
-    "30x200x1-k": StudyDesign(30, 200, (1, 1), 300.0, parameters=_K),
-    "200x5x20": StudyDesign(200, 5, (20, 20), 10.0),
-}
+def _designs() -> dict[str, StudyDesign]:
+    text = resources.files("percept.bench").joinpath("designs.toml").read_text(encoding="utf-8")
+    designs = {}
+    for name, fields in tomllib.loads(text).items():
+        fields["trials"] = tuple(fields["trials"])
+        if "parameters" in fields:
+            fields["parameters"] = tuple(fields["parameters"])
+        designs[name] = StudyDesign(**fields)
+    return designs
+
+
+#: By name: subjects x environments x trials, and what is not ordinary.
+DESIGNS = _designs()
 
 
 def simulated(design: StudyDesign, seed: int) -> Statistics:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from percept.bench import twins as twin
-from percept.bench.digits_haptics import PROMISE, QUANTITIES, haptics_digits
+from percept.bench.digits_haptics import PROMISE, QUANTITIES, Inputs, haptics_digits
 from percept.haptics import Coupling, required_damping_at
 from tests import LONG
 
@@ -43,10 +43,9 @@ NAMES = ("m", "b_d", "k_e", "b_e", "m_e", "k_c", "b_c", "m_i", "b_i", "k_i")
 def test_promise_is_kept_where_hypothesis_looks(log_period, share, parameters):
     period = 10**log_period
     omega = max(np.pi / period * share, 1e-9)
-    values = {"omega": omega, "period": period, **dict(zip(NAMES, parameters, strict=True))}
-    at_nyquist = twin.is_nyquist(omega * period)
+    inputs = Inputs(omega, period, **dict(zip(NAMES, parameters, strict=True)))
     for quantity, check in QUANTITIES.items():
-        assert check(values, at_nyquist) <= PROMISE, quantity
+        assert check(inputs) <= PROMISE, quantity
 
 
 def test_sweep_reaches_nyquist_and_low_frequency(sweep):
