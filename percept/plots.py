@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from scipy import stats
 
 from percept.errors import RefusalError, UsageError
-from percept.report.document import data_of, provenance
 from percept.report.figures.canvas import COLOURS
 from percept.report.figures.curves import draw_magnitude, draw_stability, like_limits, reference_of
 from percept.report.figures.from_document import (
@@ -35,6 +34,7 @@ from percept.report.select import (
 from percept.results.plain import plain
 from percept.study import Study
 from percept.study.basics import select
+from percept.study.results import data_of
 
 # Names are the user's: a dollar sign among them begins no formula.
 _STYLE: Any = {"text.parse_math": False, "axes.formatter.use_mathtext": False}
@@ -185,7 +185,8 @@ def plot_check(study: Study, *, ax: Axes | None) -> Axes:
 
 def _document(study: Study, **results: Any) -> Record:
     """Return the part of a report's document that a figure is drawn from."""
-    return {"provenance": provenance(study), "data": data_of(study), **results}
+    scene = {"scene": plain(study.scene.to_dict())}
+    return {"provenance": scene, "data": plain(data_of(study.sessions, study.scene)), **results}
 
 
 def _nothing(what: str) -> RefusalError:

@@ -24,7 +24,7 @@ ALLOWED = {
     "results": {"haptics", "sessions", "html", "errors"},
     "boundary": {"results", "haptics", "inference", "html", "errors"},
     "scene": {"sessions", "inference", "html", "errors"},
-    "study": _ANALYSIS - {"study"},
+    "study": (_ANALYSIS - {"study"}) | {"report"},
     "cache": {"inference", "files", "errors"},
     "workers": {"errors"},
     "cluster": {"cache", "workers", "errors"},
@@ -33,13 +33,13 @@ ALLOWED = {
     "calibration": _ANALYSIS | {"simulate", "workers", "files", "provenance"},
     "batch_folder": {"files", "errors"},
     "batch": {"batch_folder", "study", "sessions", "scene", "workers", "cache", "errors"},
-    "report": _ANALYSIS | {"files", "provenance", "__version__"},
+    "report": (_ANALYSIS - {"study"}) | {"files", "provenance", "__version__"},
     "reproduce": _ANALYSIS | {"files", "provenance", "report", "simulate"},
     "plots": {"report", "results", "study", "errors"},
 }
 #: What a part looks up by name when it is called, though it lies above: a study shows itself
 #: through these.
-LOOKED_UP = {"study": {"percept.plots", "percept.report"}}
+LOOKED_UP = {"study": {"percept.plots"}}
 #: The ends, which may import everything, and which nothing but an end imports.
 ENDS = {"cli", "commands", "bench", "__main__", "__init__"}
 #: Packages that are not Python's own, for the parts that have to stay light or pure.
@@ -52,7 +52,7 @@ OUTSIDE = {
     "inference": {"numpy", "scipy", "emcee", "arviz_base", "arviz_stats", "xarray"},
     "results": {"numpy", "pydantic"},
     "boundary": {"numpy", "scipy", "pandas"},
-    "study": {"numpy", "scipy", "pandas", "xarray", "arviz_stats"},
+    "study": {"numpy", "scipy", "pandas", "pydantic", "xarray", "arviz_stats"},
     "planning": {"numpy", "scipy"},
 }
 

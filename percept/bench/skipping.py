@@ -108,13 +108,16 @@ def work_of(scene: str, *, tolerance: float = 0.05, method: str = "both") -> Pri
 
 def _main(task: str) -> None:
     """Do the work of one scene and print what it took as JSON."""
-    from percept.report.write import write_fit, write_report
+    from percept.report import fill_fit, fit_folder
 
     scene, tolerance, method = json.loads(task)
     study = study_without(scene, tolerance=tolerance, method=method)
-    write = write_fit if scene == "page and figures" else write_report
     with tempfile.TemporaryDirectory() as folder:
-        write(study, Path(folder) / "out")
+        if scene == "page and figures":
+            with fit_folder(Path(folder) / "out") as into:
+                fill_fit(into, study.results(curves=False), posterior=study.posterior)
+        else:
+            study.report(Path(folder) / "out")
     diagnostics = study.diagnostics
     work = {
         "seconds": time.process_time(),

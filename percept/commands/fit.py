@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from percept.commands import FORCE, JSON, Command, argument, flag, folder, number
@@ -26,7 +27,7 @@ from percept.commands.analysis import (
     tell_error,
     verdict,
 )
-from percept.errors import counted, printable
+from percept.errors import UsageError, counted, printable
 
 if TYPE_CHECKING:
     from percept.batch import Summary
@@ -59,13 +60,14 @@ numbers.
 
 def _fit(arguments: argparse.Namespace) -> int:
     """Write DIR/fit.json and DIR/posterior.nc, and print the intervals."""
-    from percept.report import write_fit
+    from percept.report import fill_fit, fit_folder
 
     with Working("fitting", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
-        path = write_fit(
-            study, arguments.out, progress=progress.stage, force=arguments.force, say=notice
-        )
+        with fit_folder(arguments.out, force=arguments.force, say=notice) as into:
+            results = study.results(curves=False, progress=progress.stage)
+            fill_fit(into, results, posterior=study.posterior)
+        path = Path(arguments.out) / "fit.json"
     if arguments.json:
         print(path.read_text(encoding="utf-8"))
         return verdict(study)
@@ -111,12 +113,13 @@ def _print_checks(study: Study, say: Callable[[str], str]) -> None:
 
 def _report(arguments: argparse.Namespace) -> int:
     """Write the report, with what the gate does not withhold; and print its findings, warnings and path."""
-    from percept.report import write_report
-
+    if arguments.results:
+        return _report_again(arguments)
+    if not arguments.sessions:
+        raise UsageError("there are no sessions.", hint="Name files or folders, or give --from.")
     with Working("writing the report", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
-        page = write_report(
-            study,
+        page = study.report(
             arguments.out,
             formats=arguments.formats,
             why=arguments.why,
@@ -125,15 +128,44 @@ def _report(arguments: argparse.Namespace) -> int:
             say=notice,
         )
     if not arguments.quiet:
-        summary = json.loads((page.parent / "report.json").read_text(encoding="utf-8"))["summary"]
-        # What `verdict` says stands on standard error.
-        told = ("There are no Bayesian intervals", "The Monte Carlo error reached")
-        warnings = [f"warning: {said}" for said in summary["cautions"] if not said.startswith(told)]
-        print(
-            "\n".join(map(in_words_of(study.scene), [*summary["overview"]["sentences"], *warnings]))
-        )
+        _print_findings(page, in_words_of(study.scene))
     print(page)
     return verdict(study)
+
+
+def _report_again(arguments: argparse.Namespace) -> int:
+    """Make page, tables and figures again from a report.json."""
+    from percept.report import rewrite_report
+
+    changes = {"scene": arguments.scene, "why": arguments.why or None, **settings(arguments)}
+    given = [f"--{name}" for name, value in changes.items() if value is not None]
+    if arguments.sessions or given:
+        raise UsageError(
+            "--from takes results as they are.",
+            hint=f"Leave out {', '.join(given) or 'the sessions'}.",
+        )
+    with Working("writing the report", shown=not arguments.quiet) as progress:
+        page = rewrite_report(
+            arguments.results,
+            arguments.out,
+            formats=arguments.formats,
+            progress=progress.stage,
+            force=arguments.force,
+            say=notice,
+        )
+    if not arguments.quiet:
+        _print_findings(page, printable)
+    print(page)
+    return 0
+
+
+def _print_findings(page: Path, say: Callable[[str], str]) -> None:
+    """Print the sentences and warnings of a report's first screen."""
+    summary = json.loads((page.parent / "report.json").read_text(encoding="utf-8"))["summary"]
+    # What `verdict` says stands on standard error.
+    told = ("There are no Bayesian intervals", "The Monte Carlo error reached")
+    warnings = [f"warning: {said}" for said in summary["cautions"] if not said.startswith(told)]
+    print("\n".join(map(say, [*summary["overview"]["sentences"], *warnings])))
 
 
 def _predict(arguments: argparse.Namespace) -> None:
@@ -244,7 +276,11 @@ REPORT = Command(
     "Analyse sessions and write the report: page, report.json, tables, figures and posterior.",
     "percept report sessions/ --scene scene.toml --out results",
     (
-        *STUDY,
+        argument("sessions", "PATH", "session files or folders, or a published summary", nargs="*"),
+        *STUDY[1:],
+        argument(
+            "--from", "FILE", "make it again from this report.json, without data", dest="results"
+        ),
         checks_argument(usual=True),
         folder("report"),
         flag("--why", "say why the methods differ; samples the models between them"),

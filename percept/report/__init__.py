@@ -1,9 +1,16 @@
-"""The report of a study: page, report.json, tables, figures and posterior."""
+"""The report of results: page, report.json, tables, figures and posterior."""
 
 from __future__ import annotations
 
-from percept.report.document import build_document
-from percept.report.write import write_fit, write_report
-from percept.results.plain import dumps
+from percept.report.document import document_of
+from percept.report.write import (
+    fill_fit,
+    fill_report,
+    fit_folder,
+    report_folder,
+    rewrite_report,
+)
 
-__all__ = ["build_document", "dumps", "write_fit", "write_report"]
+__all__ = [
+    "document_of", "fill_fit", "fill_report", "fit_folder", "report_folder", "rewrite_report",
+]  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cache, reduce
@@ -143,7 +144,12 @@ def checks(document: Record) -> Section | None:
     for steps, caption in _CHECKS.items():
         rows: Any = reduce(lambda inner, step: inner and inner.get(step), steps.split("/"), record)
         if rows:
-            heads = {name: _HEADS.get(name, name) for name in rows[0] if name not in _UNSHOWN}
+            rows = [_flat(row) for row in rows]
+            heads = {
+                name: _HEADS.get(name, re.sub("quantiles/(.*)", r"\1 %", name))
+                for name in rows[0]
+                if name not in _UNSHOWN
+            }
             table = {"caption": caption, "pointer": f"/checks/{steps}", "heads": heads}
             tables.append({**table, "rows": rows})
     bayesian = record.get("loo") is not None
@@ -153,6 +159,13 @@ def checks(document: Record) -> Section | None:
         "bayesian": bayesian,
     }
     return Section("checks", "Checks of the model", values)
+
+
+def _flat(row: Record) -> Record:
+    """Give each quantile of a row a name of its own, by its pointer below the row."""
+    quantiles = row.get("quantiles", {})
+    flat = {name: value for name, value in row.items() if name != "quantiles"}
+    return flat | {f"quantiles/{name}": value for name, value in quantiles.items()}
 
 
 def data(document: Record) -> Section:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,16 +13,13 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.files import FolderFiles, filled_folder, warned
-from percept.report.document import build_document
+from percept.report.document import document_of
 from percept.report.select import Record, matching, quantities_of
-from percept.results.plain import dumps
+from percept.results import Results, dumps
 
 if TYPE_CHECKING:
     from xarray import DataTree
 
-    from percept.study import Study
-
-Progress = Callable[[str], None]
 _FORMATS = ("svg", "pdf", "png")
 _TABLES = (
     "intervals_*", "data_*", "band_*", "band", "boundaries", "contrast", "comparison", "realism",
@@ -55,129 +54,151 @@ _FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")
 _IN_UNIT = ("lower", "upper", "estimate", "reference", "mean", "sd", "coupled", "impedance", "band")
 
 
-def write_report(
-    study: Study,
+@contextmanager
+def report_folder(
     out_dir: str | Path,
     *,
     formats: Sequence[str] = ("svg",),
-    why: bool = False,
-    date: str | None = None,
-    progress: Progress | None = None,
     force: bool = False,
-    say: Callable[[str], None] = warned,
-) -> Path:
-    """Write the page, report.json, tables, figures and the posterior of a study.
-
-    Everything is first written beside `out_dir`, then moved into it file by file, the page last: a
-    run that fails leaves nothing behind. Of the files in `out_dir` only those an earlier run wrote
-    are replaced or removed; where somebody edited one since, it is kept as NAME.bak.
+    say: Callable[[str], None] | None = None,
+) -> Iterator[Path]:
+    """Give an empty folder for a report; its files move to `out_dir` at the end, the page last.
 
     Parameters
     ----------
-    study : Study
-        What it has not computed yet is computed now.
     out_dir : str or Path
         Folder, made where it does not exist.
     formats : sequence of {"svg", "pdf", "png"}
-        Of the figures' files; none: only those inside the page.
-    why : bool
-        Say why the methods differ; samples the models between the two.
-    date : str, optional
-        Printed on the page; today where not given. It is in no other file.
-    progress : callable, optional
-        Called with the name of each step.
+        Of the figures' files.
     force : bool
         Replace also files of the report's names that no earlier run wrote.
-    say : callable
-        Told of each edited file that is kept; a warning by default.
+    say : callable, optional
+        Told of each edited file that is kept as NAME.bak; a warning by default.
 
-    Returns
-    -------
+    Yields
+    ------
     Path
-        The page, ``out_dir/report.html``.
+        The folder to fill.
 
     Raises
     ------
     UsageError
-        Where `out_dir` is a file or cannot be written, or a format is unknown. Before anything is
-        computed where a name in it is taken by a file that no earlier run wrote.
-    PerceptError
-        What the study refuses.
+        Where `out_dir` is a file or cannot be written, where a name in it is taken by a file that
+        no earlier run wrote, or where a format is unknown.
     """
-    # `fit` needs none of these, and matplotlib is slow to import.
+    for form in formats:
+        if form not in _FORMATS:
+            raise UsageError(f"figures come as {', '.join(_FORMATS)}.", value=form)
+    with filled_folder(out_dir, REPORT_FILES, force=force, say=say or warned) as folder:
+        yield folder
+
+
+def fill_report(
+    folder: Path,
+    results: Results,
+    *,
+    posterior: DataTree | None = None,
+    formats: Sequence[str] = ("svg",),
+    date: str | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> None:
+    """Write the page, report.json, tables, figures and the posterior into a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        As `report_folder` gives it.
+    results : Results
+        Of a study, or read back from report.json.
+    posterior : DataTree, optional
+        Draws to put beside them.
+    formats : sequence of {"svg", "pdf", "png"}
+        Of the figures' files; none: only those inside the page.
+    date : str, optional
+        Printed on the page; today where not given. It is in no other file.
+    progress : callable, optional
+        Called with the name of each step.
+    """
+    # A fit needs none of these, and matplotlib is slow to import.
     from percept.report.basis import bibtex
     from percept.report.figures.from_document import drawings
     from percept.report.figures.output import draw_all
     from percept.report.page import render_page
 
     step = progress or (lambda _: None)
-    for form in formats:
-        if form not in _FORMATS:
-            raise UsageError(f"figures come as {', '.join(_FORMATS)}.", value=form)
-    with filled_folder(out_dir, REPORT_FILES, force=force, say=say) as folder:
-        document = build_document(study, why=why, progress=progress)
-        (folder / "report.json").write_text(dumps(document), encoding="utf-8")
-        step("tables")
-        (folder / "tables").mkdir()
-        for name, text in csv_tables(document).items():
-            (folder / "tables" / name).write_text(text, encoding="utf-8")
-        (folder / "references.bib").write_text(bibtex(document), encoding="utf-8")
-        if study.posterior is not None:
-            step("posterior")
-            write_posterior(study.posterior, folder / "posterior.nc")
-        step("figures")
-        plots = draw_all(drawings(document), folder / "figures", formats=formats)
-        step("page")
-        files = {path.name for path in (*folder.iterdir(), *(folder / "tables").iterdir())}
-        page = render_page(
-            document, plots, date=date or datetime.date.today().isoformat(), files=files
-        )
-        (folder / "report.html").write_text(page, encoding="utf-8")
-    return Path(out_dir) / "report.html"
+    step("tables")
+    document = document_of(results)
+    (folder / "report.json").write_text(dumps(document), encoding="utf-8")
+    (folder / "tables").mkdir()
+    for name, text in csv_tables(document).items():
+        (folder / "tables" / name).write_text(text, encoding="utf-8")
+    (folder / "references.bib").write_text(bibtex(document), encoding="utf-8")
+    if posterior is not None:
+        step("posterior")
+        write_posterior(posterior, folder / "posterior.nc")
+    step("figures")
+    plots = draw_all(drawings(document), folder / "figures", formats=formats)
+    step("page")
+    files = {path.name for path in (*folder.iterdir(), *(folder / "tables").iterdir())}
+    today = datetime.date.today().isoformat()
+    page = render_page(document, plots, date=date or today, files=files)
+    (folder / "report.html").write_text(page, encoding="utf-8")
 
 
-def write_fit(
-    study: Study,
+@contextmanager
+def fit_folder(
+    out_dir: str | Path, *, force: bool = False, say: Callable[[str], None] | None = None
+) -> Iterator[Path]:
+    """Give an empty folder for fit.json and posterior.nc; as `report_folder` otherwise."""
+    with filled_folder(out_dir, FIT_FILES, force=force, say=say or warned) as folder:
+        yield folder
+
+
+def fill_fit(folder: Path, results: Results, *, posterior: DataTree | None = None) -> None:
+    """Write fit.json, in report.json's schema, and the posterior into a folder."""
+    (folder / "fit.json").write_text(dumps(document_of(results)), encoding="utf-8")
+    if posterior is not None:
+        write_posterior(posterior, folder / "posterior.nc")
+
+
+def rewrite_report(
+    json_file: str | Path,
     out_dir: str | Path,
     *,
-    progress: Progress | None = None,
+    formats: Sequence[str] = ("svg",),
+    date: str | None = None,
+    progress: Callable[[str], None] | None = None,
     force: bool = False,
-    say: Callable[[str], None] = warned,
+    say: Callable[[str], None] | None = None,
 ) -> Path:
-    """Write fit.json, in report.json's schema without curves, and posterior.nc.
+    """Make page, tables and figures again from a report.json, without data or sampling.
 
     Parameters
     ----------
-    study : Study
-        What it has not computed yet is computed now.
+    json_file : str or Path
+        A report.json; a posterior.nc beside it goes along.
     out_dir : str or Path
-        Folder, made where it does not exist; files of other programs in it stay.
-    progress : callable, optional
-        Called with the name of each step.
-    force : bool
-        Replace also files of these names that no earlier run wrote.
-    say : callable
-        Told of each edited file that is kept as NAME.bak; a warning by default.
+        Folder, made where it does not exist.
+    formats, date, progress, force, say
+        As `fill_report` and `report_folder` take them.
 
     Returns
     -------
     Path
-        ``out_dir/fit.json``.
+        The page, ``out_dir/report.html``; equal to the one made at once but for the date.
 
     Raises
     ------
     UsageError
-        Where `out_dir` is a file or cannot be written, or a name in it is taken by a file that no
-        earlier run wrote.
-    PerceptError
-        What the study refuses.
+        Where `json_file` cannot be read or is no report, and as `report_folder`.
     """
-    with filled_folder(out_dir, FIT_FILES, force=force, say=say) as folder:
-        document = build_document(study, curves=False, progress=progress)
-        (folder / "fit.json").write_text(dumps(document), encoding="utf-8")
-        if study.posterior is not None:
-            write_posterior(study.posterior, folder / "posterior.nc")
-    return Path(out_dir) / "fit.json"
+    results = Results.load(json_file)
+    draws = Path(json_file).with_name("posterior.nc")
+    with report_folder(out_dir, formats=formats, force=force, say=say) as folder:
+        fill_report(folder, results, formats=formats, date=date, progress=progress)
+        if draws.is_file():
+            shutil.copyfile(draws, folder / "posterior.nc")
+    return Path(out_dir) / "report.html"
 
 
 def write_posterior(posterior: DataTree, path: Path) -> None:

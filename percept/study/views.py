@@ -4,24 +4,51 @@ from __future__ import annotations
 
 import html
 import importlib
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
 from percept.boundary.curves import Boundary
 from percept.errors import counted
 from percept.html import fields_html
+from percept.results import (
+    Band,
+    ContrastRow,
+    Coupling,
+    Diagnostics,
+    IntervalRow,
+    Ladder,
+    MethodPair,
+    Passivity,
+    Results,
+    Sensitivity,
+)
+from percept.results import Skipped as SkippedResult
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.basics import Skipped, results, select
-from percept.study.intervals import Row
+from percept.study.intervals import Row, normality_tests
+from percept.study.results import (
+    CLOSE_POINTS,
+    admissible_couplings,
+    boundaries_of,
+    checks_of,
+    data_of,
+    provenance_of,
+    record,
+    rows,
+    stable_edge,
+)
 
 _CELL = ["environment", "parameter", "kind"]
 _LIMITS = ["estimate", "lower", "upper"]
 _LABELS = ("environment", "kind", "method", "family", "joint", "shape", "level")
+#: Joint treatments of close views: k and b each at the level asked for, or drawn together.
+_CLOSE_JOINTS = ("marginal", "joint")
 _CURVES = ("omega", "lower", "upper", "reference", "coupled")
 #: What a study keeps once it is computed.
 _KEPT = (
@@ -125,16 +152,106 @@ class StudyViews:
         # Without a coupling its column is empty, and still of numbers.
         return pd.concat(tables, ignore_index=True).astype({"coupled": float})
 
-    def report(self, directory: str | Path, **options: Any) -> Path:
+    def results(
+        self: Any,
+        *,
+        curves: bool = True,
+        why: bool = False,
+        progress: Callable[[str], None] | None = None,
+    ) -> Results:
+        """Compute everything that a report needs, and put it into records.
+
+        Parameters
+        ----------
+        curves : bool
+            Whether boundaries, the coupling judged by them and the band law are wanted; else they
+            are absent.
+        why : bool
+            Whether the reasons why the methods differ are wanted; it samples the models between.
+        progress : callable, optional
+            Called with the name of each step.
+
+        Returns
+        -------
+        percept.results.Results
+            As report.json holds it.
+
+        Raises
+        ------
+        PerceptError
+            What the study refuses.
+        """
+        step = progress or _silent
+        step("intervals")
+        intervals = self.intervals.assign(covers=self.interpretation["covers"])
+        step("contrasts")
+        contrasts = self.contrasts
+        step("boundaries")
+        boundaries = self.boundaries if curves else ()
+        drawn = {boundary.environment for boundary in boundaries}
+        windows = {name: (low, high) for name, (low, high) in self.zoom.items() if name in drawn}
+        asked = self.scene.inference
+        close_kind = "user" if "user" in asked.kinds else asked.kinds[0]
+        close: list[Boundary] = []
+        for name, (low, high) in windows.items():
+            omega = np.linspace(low, high, CLOSE_POINTS)
+            close += self.boundaries_at(omega, (name,), kinds=(close_kind,), joints=_CLOSE_JOINTS)
+        step("coupling")
+        coupling = self.coupling if curves else None
+        step("band law")
+        band = self.band if curves else None
+        step("admissible couplings")
+        designs = self.coupling_design if boundaries and self.scene.coupling else {}
+        edge = stable_edge(self.device, self.scene.device) if designs else None
+        step("sensitivity to the device")
+        sensitivity = self.sensitivity if curves else None
+        step("comparison of methods")
+        comparison, ladder = self.comparison, self.ladder if why else None
+        step("checks of the model")
+        checks = None
+        if self.scene.checks is not None:
+            checks = checks_of(normality_tests(self.sessions, self.parameters), self.checks)
+        skipped = list(self.skipped if curves else self.skipped_before_curves)
+        if not curves and len(intervals):
+            skipped.append(Skipped("boundaries, coupling and band law", "run percept report"))
+        return Results(
+            provenance=provenance_of(self.sessions, self.scene),
+            data=data_of(self.sessions, self.scene),
+            intervals=rows(IntervalRow, intervals),
+            contrast=rows(ContrastRow, contrasts),
+            boundaries=boundaries_of(boundaries),
+            zoom=windows,
+            close=boundaries_of(close),
+            passivity=rows(Passivity, self.passivity) if curves else None,
+            coupling=record(Coupling, coupling),
+            band=record(Band, band),
+            design=admissible_couplings(designs, self.with_reference, asked.family, edge),
+            sensitivity=record(Sensitivity, sensitivity),
+            comparison=rows(MethodPair, comparison),
+            ladder=record(Ladder, ladder),
+            diagnostics=record(Diagnostics, self.diagnostics),
+            checks=checks,
+            skipped=tuple(SkippedResult(what, why_not) for what, why_not in skipped),
+        )
+
+    def report(self: Any, directory: str | Path, **options: Any) -> Path:
         """Write page, JSON, tables, figures and posterior into a folder, and return the page's path.
 
-        The folder is made where it does not exist; UsageError where it cannot be written. Options
-        are those of `percept.report.write_report`, such as ``formats=("pdf",)``.
+        The folder is made where it does not exist. UsageError where it cannot be written, or where
+        a file that no earlier run wrote has one of the report's names: before anything is computed.
+        Options are those of `percept.report.report_folder` and `percept.report.fill_report`, such as
+        ``formats=("pdf",)``, and `why` of `results`.
         """
-        page: Path = importlib.import_module("percept.report").write_report(
-            self, directory, **options
-        )
-        return page
+        # Matplotlib is slow to import.
+        from percept.report import fill_report, report_folder
+
+        formats = options.pop("formats", ("svg",))
+        of_folder = {name: options.pop(name) for name in ("force", "say") if name in options}
+        why, progress = options.pop("why", False), options.get("progress")
+        with report_folder(directory, formats=formats, **of_folder) as folder:
+            results = self.results(why=why, progress=progress)
+            fill_report(folder, results, posterior=self.posterior, formats=formats, **options)
+        return Path(directory) / "report.html"
 
     def plot_intervals(
         self, parameter: str | None = None, *, kinds: Collection[str] | None = None, ax: Any = None
@@ -186,6 +303,10 @@ class StudyViews:
             f"<li><code>{html.escape(call)}</code>: {what}</li>" for call, what in _CALLS.items()
         )
         return f"{fields_html(about, caption='Study')}<ul>{calls}</ul>"
+
+
+def _silent(step: str) -> None:
+    """Tell nobody of a step."""
 
 
 def _plots() -> Any:

@@ -8,10 +8,10 @@ import pytest
 
 from percept import Scene, Study, read_sessions
 from percept.bench.skipping import STAGES, savings, stages_of, study_without, work_of
-from percept.report.document import build_document
 from percept.reproduce.published import dataset
 from percept.sessions import Sessions
 from percept.study.fit import prepare
+from tests.documents import build_document
 
 SAMPLER = {"emcee", "h5netcdf", "xarray"}
 PAGE = {"jinja2", "matplotlib.figure", "percept.report.figures"}

@@ -8,9 +8,9 @@ import pytest
 from percept import Scene, Study, read_sessions
 from percept.cache import PosteriorCache
 from percept.cli import main
-from percept.report.document import build_document
 from percept.results.plain import dumps
 from tests.batch.conftest import study_text
+from tests.documents import build_document
 
 SCENE = {
     "device": {"mass": 1.0, "damping": 5.0, "period": 0.001},

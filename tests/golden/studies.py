@@ -27,9 +27,9 @@ from typing import Any
 import numpy as np
 
 import percept
-from percept.report.document import build_document
 from percept.results.plain import dumps
 from tests import DATASETS
+from tests.documents import build_document
 
 __all__ = ["FOLDER", "SEED", "STUDIES", "TOLERANCE", "Golden", "frozen_part"]
 

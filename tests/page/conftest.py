@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from percept import Scene, Study, read_sessions
-from percept.report import write_report
 
 from .browser import Browser, Tab, find_browser
 
@@ -60,7 +59,7 @@ def page(tmp_path_factory):
     tables = Scene.load(ROOT / "datasets" / "hbfd.toml").to_dict()
     tables["inference"] |= {"tolerance": 0.05}
     study = Study(read_sessions(ROOT / "datasets" / "hbfd_sessions.csv"), Scene(**tables))
-    return write_report(study, tmp_path_factory.mktemp("page"), date="2026-01-01")
+    return study.report(tmp_path_factory.mktemp("page"), date="2026-01-01")
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study, read_sessions
-from percept.report import write_report
 from percept.sessions import ReadOptions
 
 from .browser import Tab
@@ -63,7 +62,7 @@ def hostile(tmp_path_factory):
     }
     scene = Scene(**tables)
     study = Study(read_sessions(file, options=ReadOptions.from_mapping(dict(scene))), scene)
-    return write_report(study, folder / "out", date="2026-01-01").parent
+    return study.report(folder / "out", date="2026-01-01").parent
 
 
 def test_no_text_of_scene_or_data_runs_on_the_page(browser, hostile):

@@ -3,9 +3,9 @@ from __future__ import annotations
 import pytest
 
 from percept import Scene, Study, read_sessions
-from percept.report import build_document, write_report
 from percept.sessions import Sessions
 from tests import DATASETS
+from tests.documents import build_document
 
 
 def scene_of(**inference):
@@ -44,5 +44,5 @@ def both(both_study):
 def report(both_study, tmp_path_factory):
     """Folder of a written report."""
     out = tmp_path_factory.mktemp("report") / "out"
-    write_report(both_study, out, date="2026-01-01")
+    both_study.report(out, date="2026-01-01")
     return out

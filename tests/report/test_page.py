@@ -12,13 +12,13 @@ import pytest
 
 from percept import Study, read_sessions
 from percept.cli import main
-from percept.report import build_document
 from percept.report.figures.canvas import Drawing
 from percept.report.numbers import number
 from percept.report.page import render_page
 from percept.report.sections import build_sections
 from percept.report.select import listed
 from percept.sessions import Sessions
+from tests.documents import build_document
 from tests.study.checked import table_of
 from tests.unmixed import UNMIXED, unmixed_sessions
 
@@ -457,7 +457,8 @@ def test_the_hold_and_the_share_are_in_words_of_the_methods(classical, hold, sai
 def test_the_study_s_nouns_are_values_and_never_a_template(classical, noun, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     document = copy.deepcopy(classical)
-    document["data"]["words"] = {"environment": [noun, f"{noun}s"], "subject": [noun, f"{noun}s"]}
+    words = [noun, f"{noun}s"]
+    document["data"]["words"] = dict.fromkeys(("environment", "subject", "user"), words)
     page = render_page(document, {}, date="2026-01-01")
     assert list(tmp_path.iterdir()) == []
     assert [cell for cell in Reader(page).text if cell == noun], "not on the page as it was written"

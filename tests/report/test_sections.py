@@ -8,13 +8,13 @@ import re
 import pytest
 from matplotlib.figure import Figure
 
-from percept.report import build_document
 from percept.report.basis import bibtex, checks, cited, methods
 from percept.report.figures.from_document import drawings
 from percept.report.page import render_page
 from percept.report.sections import build_sections
 from percept.report.select import at
 from percept.sessions.quantities import IMPEDANCE
+from tests.documents import build_document
 from tests.study.checked import study_of, table_of
 
 
@@ -182,7 +182,7 @@ def test_messages_and_tables_stand_on_the_page(checked):
     page = render_page(checked, {}, date="2026-01-01")
     assert "S01 lies far from what the others predict" in page
     for pointer in (
-        "loo/subjects/0/pareto_k", "statistics/0/above", "prior/0/q99.5",
+        "loo/subjects/0/pareto_k", "statistics/0/above", "prior/0/quantiles/99.5",
     ):  # fmt: skip
         assert f'data-at="/checks/{pointer}"' in page, pointer
 

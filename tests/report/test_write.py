@@ -1,13 +1,17 @@
 from __future__ import annotations
 
+import copy
+import datetime
 import hashlib
+from pathlib import Path
 
 import pytest
 
 from percept import Scene, Study, read_sessions
+from percept.cli import main
 from percept.errors import PerceptError, UsageError
-from percept.report import dumps, write_report
 from percept.report.write import REPORT_FILES
+from percept.results import dumps
 
 from .conftest import DATASETS
 
@@ -42,12 +46,12 @@ def test_the_posterior_reads_back(report, both_study):
 
 def test_files_of_the_user_stay_and_a_second_run_gives_the_same(quick, tmp_path):
     out = tmp_path / "out"
-    write_report(quick, out, date="2026-01-01")
+    quick.report(out, date="2026-01-01")
     (out / "notes.txt").write_text("mine")
     (out / "figures").mkdir(exist_ok=True)
     (out / "figures" / "mine.svg").write_text("mine")
     before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
-    page = write_report(quick, out, date="2026-01-01")
+    page = quick.report(out, date="2026-01-01")
     assert page == out / "report.html"
     assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
 
@@ -59,7 +63,7 @@ def test_the_list_is_one_that_sha256sum_reads(report):
 
 
 def test_formats_are_those_asked_for(quick, tmp_path):
-    write_report(quick, tmp_path / "out", formats=("pdf",))
+    quick.report(tmp_path / "out", formats=("pdf",))
     assert {path.name for path in (tmp_path / "out" / "figures").iterdir()} == {
         f"{name}.{form}" for name in ("band", "overview_b", "overview_k") for form in ("pdf",)
     }
@@ -71,20 +75,20 @@ def test_a_refusal_leaves_nothing_behind(tmp_path):
         table[table["subject"] == "S01"]
     )
     with pytest.raises(PerceptError, match="at least two subjects"):
-        write_report(Study(one, Scene()), tmp_path / "deep" / "out")
+        Study(one, Scene()).report(tmp_path / "deep" / "out")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_unknown_format_leaves_nothing_behind(quick, tmp_path):
     with pytest.raises(UsageError, match="figures come as"):
-        write_report(quick, tmp_path / "out", formats=("eps",))
+        quick.report(tmp_path / "out", formats=("eps",))
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_file_in_the_folder_s_place_is_left_alone(quick, tmp_path):
     (tmp_path / "out").write_text("mine")
     with pytest.raises(UsageError, match="folder is needed") as caught:
-        write_report(quick, tmp_path / "out")
+        quick.report(tmp_path / "out")
     assert caught.value.file == str(tmp_path / "out")
     assert (tmp_path / "out").read_text() == "mine"
 
@@ -92,7 +96,7 @@ def test_a_file_in_the_folder_s_place_is_left_alone(quick, tmp_path):
 def test_a_folder_that_cannot_be_made_is_named(quick, tmp_path):
     (tmp_path / "file").write_text("mine")
     with pytest.raises(UsageError, match="cannot be written") as caught:
-        write_report(quick, tmp_path / "file" / "out")
+        quick.report(tmp_path / "file" / "out")
     assert caught.value.file == str(tmp_path / "file" / "out")
 
 
@@ -102,14 +106,14 @@ def test_a_file_of_a_report_s_name_is_refused_before_anything_is_computed(quick,
     mine.write_text("@book{mine}")
     told = []
     with pytest.raises(UsageError, match="was not written by an earlier run") as refused:
-        write_report(quick, tmp_path / "out", progress=told.append)
+        quick.report(tmp_path / "out", progress=told.append)
     assert refused.value.file == str(mine)
     assert told == []
-    write_report(quick, tmp_path / "out", force=True)
+    quick.report(tmp_path / "out", force=True)
     assert "percept" in mine.read_text()
     mine.write_text("@book{mine}")
     kept = []
-    write_report(quick, tmp_path / "out", say=kept.append)
+    quick.report(tmp_path / "out", say=kept.append)
     assert mine.with_name("references.bib.bak").read_text() == "@book{mine}"
     assert len(kept) == 1
 
@@ -126,7 +130,7 @@ def test_every_file_of_a_report_is_on_the_list_of_its_names(report):
 
 def test_steps_are_told(quick, tmp_path):
     told = []
-    write_report(quick, tmp_path / "out", progress=told.append)
+    quick.report(tmp_path / "out", progress=told.append)
     assert told == [
         "intervals", "contrasts", "boundaries", "coupling", "band law", "admissible couplings",
         "sensitivity to the device", "comparison of methods", "checks of the model", "tables",
@@ -137,7 +141,7 @@ def test_steps_are_told(quick, tmp_path):
 def test_what_cannot_be_written_is_refused_before_anything_is_worked_out(quick, tmp_path):
     told = []
     with pytest.raises(UsageError, match=r"value 'gif': figures come as svg, pdf, png"):
-        write_report(quick, tmp_path / "out", formats=("svg", "gif"), progress=told.append)
+        quick.report(tmp_path / "out", formats=("svg", "gif"), progress=told.append)
     assert told == []
     assert not (tmp_path / "out").exists()
 
@@ -149,12 +153,51 @@ def test_what_stands_in_the_way_is_refused_before_the_first_move(quick, tmp_path
     with pytest.raises(
         UsageError, match=r"tables: a folder is needed here, and this is a file\. Rename it"
     ):
-        write_report(quick, out)
+        quick.report(out)
     assert [path.name for path in out.iterdir()] == ["tables"]
     (out / "tables").unlink()
     (out / "report.json").mkdir()
     with pytest.raises(
         UsageError, match=r"report\.json: a file is needed here, and this is a folder"
     ):
-        write_report(quick, out)
+        quick.report(out)
     assert [path.name for path in out.iterdir()] == ["report.json"]
+
+
+def test_a_report_made_again_from_its_json_is_the_same_to_the_byte(report, tmp_path, capsys):
+    words = ["report", "--from", str(report / "report.json"), "--out", str(tmp_path / "again")]
+    assert main(words) == 0
+    printed = capsys.readouterr().out
+    assert printed.splitlines()[-1] == str(tmp_path / "again" / "report.html")
+    files = {path.relative_to(report) for path in report.rglob("*") if path.is_file()}
+    again = tmp_path / "again"
+    assert {path.relative_to(again) for path in again.rglob("*") if path.is_file()} == files
+    today = datetime.date.today().isoformat()
+    for name in sorted(files, key=str):
+        before = (report / name).read_bytes()
+        if name.suffix == ".html":
+            before = before.replace(b"2026-01-01", today.encode())
+        if name.suffix != ".sha256":
+            assert (again / name).read_bytes() == before, name
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([], "there are no sessions. Name files or folders, or give --from"),
+        (["a.csv", "--from", "report.json"], "--from takes results as they are. Leave out the ses"),
+        (["--from", "r.json", "--scene", "s.toml", "--level", "0.9"], "Leave out --scene, --level"),
+        (["--from", "none.json"], "none.json: cannot be read: No such file or directory"),
+        (["--from", "damaged.json"], "damaged.json, data/words: Field required"),
+        (["--from", "text.json"], "text.json: is not JSON"),
+    ],
+)
+def test_what_no_report_is_made_from_is_refused(both, tmp_path, monkeypatch, capsys, words, said):
+    monkeypatch.chdir(tmp_path)
+    damaged = copy.deepcopy(both)
+    del damaged["data"]["words"]
+    Path("damaged.json").write_text(dumps(damaged))
+    Path("text.json").write_text("no JSON")
+    assert main(["report", *words]) == 2
+    assert said in capsys.readouterr().err
+    assert not Path("report").exists()

@@ -13,11 +13,11 @@ import pytest
 from scipy import stats
 
 from percept import Scene, Study, read_sessions
-from percept.report import build_document
 from percept.report.page import render_page
 from percept.sessions import ReadOptions
 from percept.simulate.like import BETWEEN, CORRELATION, simulate_like, write_sessions
 from tests import DATASETS
+from tests.documents import build_document
 from tests.simulate.conftest import correlations
 
 SESSIONS = DATASETS / "hbfd_sessions.csv"

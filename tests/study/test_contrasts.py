@@ -7,7 +7,6 @@ import pytest
 from scipy import stats
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
-from percept.report.document import build_document
 from percept.report.page import render_page
 from percept.report.write import csv_tables
 from percept.sessions import ReadError, ReadOptions, Sessions
@@ -15,6 +14,7 @@ from percept.sessions.read import by_level
 from percept.study.compare import within_subjects
 from percept.study.reduced import reduced_intervals
 from tests import DATASETS
+from tests.documents import build_document
 from tests.study.within import frame, study
 
 

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study
-from percept.report import build_document
 from percept.sessions import Sessions
+from tests.documents import build_document
 
 
 def study_of(spread, *, subjects=6, environments=1, model=None, **tables):

@@ -12,11 +12,11 @@ from scipy import stats
 from percept import Scene, Study
 from percept.cli import build_parser, main
 from percept.errors import RefusalError, UsageError
-from percept.report import build_document
 from percept.report.overview import findings
 from percept.report.page import render_page
 from percept.sessions import ReadOptions, Sessions
 from percept.study.fit import prepare
+from tests.documents import build_document
 
 DURATION = {"quantities": {"duration": {"symbol": "t", "unit": "ms"}}}
 CLASSICAL = {"inference": {"method": "classical", "level": 0.95}}

@@ -4,8 +4,8 @@ import pytest
 
 from percept import Scene, Sessions, Study, read_sessions
 from percept.errors import UsageError
-from percept.report import build_document
 from tests import DATASETS
+from tests.documents import build_document
 
 SESSIONS = DATASETS / "hbfd_sessions.csv"
 KEYS = ["environment", "parameter", "kind", "method", "family", "joint"]

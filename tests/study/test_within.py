@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from percept.report.document import build_document
 from percept.report.page import render_page
 from percept.study.basics import Skipped, results
 from percept.study.contrasts import contrast_rows, within_model
+from tests.documents import build_document
 from tests.study.within import frame, study
 
 
