@@ -19,7 +19,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
 from percept.haptics.arrays import BoolArray, FloatArray, IntArray, Scalars
-from percept.haptics.forms import Squares
+from percept.haptics.forms import Squares, shown_through
 from percept.haptics.impedance import omega_of_rate, warp
 from percept.haptics.perceived import DistancePlane, Extremes, Point, shown_element
 from percept.haptics.records import Display, TabulatedDevice
@@ -96,7 +96,7 @@ class Boxes:
     ) -> Boxes:
         """Take pairs (low, high) of N limits, or of one that holds `count` times."""
         limits = np.broadcast_arrays(*stiffness, *damping, np.zeros(count))
-        k_low, k_high, b_low, b_high, _ = (np.array(limit, dtype=float) for limit in limits)
+        k_low, k_high, b_low, b_high, _ = np.array(limits, dtype=float)
         return cls(Range(k_low, k_high), Range(b_low, b_high), corners)
 
     @property
@@ -378,24 +378,16 @@ def _turning_points(display: Display, lower: float, upper: float) -> FloatArray:
 
     Without a mass both are monotone in Ω².
     """
-    environment, coupling = display.environment, display.coupling
-    if coupling is None or not environment.mass:
+    if display.coupling is None or not display.environment.mass:
         return np.array([lower, upper])
     half = display.period / 2
     # In units of the range's middle the coefficients are of one size.
-    unit = (np.tan(lower * half) / half) * (np.tan(upper * half) / half)
-    square = Polynomial([0.0, unit])  # Ω²
-    b, m = environment.damping, environment.mass
-    k_c, b_c = coupling.stiffness, coupling.damping
-    spring = environment.stiffness - m * square
-    of_environment = b**2 * square + spring**2
-    of_coupling = b_c**2 * square + k_c**2
-    of_sum = (b + b_c) ** 2 * square + (spring + k_c) ** 2
-    damping = of_environment * b_c + of_coupling * b
-    stiffness = of_environment * k_c + of_coupling * spring + m * square * of_sum
+    unit = np.tan(lower * half) * np.tan(upper * half) / half**2
+    square = Polynomial([0.0, unit])
+    stiffness, damping, bottom = shown_through(display.coupling, display.environment, square)
     roots = []
-    for shown in (damping, stiffness):
-        slope = shown.deriv() * of_sum - shown * of_sum.deriv()
+    for top in (damping, stiffness):
+        slope = top.deriv() * bottom - top * bottom.deriv()
         roots.append(slope.roots())
     # A root that rounding made complex still splits the range; more points do no harm.
     squares = np.maximum(np.concatenate(roots).real, 0.0) * unit

@@ -162,7 +162,8 @@ def _usual_lines(device: AnyDevice, period: float, hold: str) -> FloatArray:
     limits = ratio(available, viscous, empty=np.inf)
     even = np.linspace(0, 1, _LINES)
     by_logarithm = np.geomspace(1e-4, 1, _LINES)
-    return max(float(limits.min()), 0.0) * np.concatenate([even, by_logarithm])
+    largest = max(float(limits.min()), 0.0)
+    return largest * np.concatenate([even, by_logarithm])
 
 
 @dataclass(frozen=True)
@@ -185,7 +186,8 @@ class _CouplingSearch:
             high = intervals.high[line, column, None]
             k_c = low + _FRACTIONS * (high - low)
             b_c = np.repeat(lines[line], _FRACTIONS.size)
-            passing = self._passing(Coupling(k_c.ravel(), b_c)).reshape(k_c.shape)
+            passing = self._passing(Coupling(k_c.ravel(), b_c))
+            passing = passing.reshape(k_c.shape)
             intervals.kept[line, column] = passing.all(axis=1)
             if passing.all():
                 break
@@ -318,8 +320,10 @@ class _Wall:
 
     def _by_magnitude(self, b_c: FloatArray) -> Iterator[FloatArray]:
         """Yield where abs(Z_h_vc) passes the upper or lower limit of abs(Z_h), per line and ω."""
-        device, environment = self._display.device, self._display.environment
-        period, hold = self._display.period, self._display.hold
+        device = self._display.device
+        environment = self._display.environment
+        period = self._display.period
+        hold = self._display.hold
         omega = self._magnitude_omega
         limits = self._boundary.stiffness, self._boundary.damping
         envelope = magnitude_envelope(

@@ -11,16 +11,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from math import comb
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from percept.haptics.arrays import BoolArray, FloatArray, IntArray, Scalars
 from percept.haptics.impedance import Warp, omega_of_rate, warp
 from percept.haptics.perceived import Extremes, Point
-from percept.haptics.records import Device, Display, Mode, TabulatedDevice
+from percept.haptics.records import Coupling, Device, Display, Environment, Mode, TabulatedDevice
 
-__all__ = ["Form", "Squares"]
+__all__ = ["Form", "Shown", "Squares", "shown_through"]
 
 # Rounding of a coefficient, as a fraction of the sizes of its terms.
 _ROUNDING = 64 * float(np.finfo(np.float64).eps)
@@ -184,25 +185,43 @@ def _tabulated(grid: Warp, device: TabulatedDevice) -> list[_Impedance]:
     return ends
 
 
-class _Shown(NamedTuple):
+# A polynomial in Ω², of either kind.
+Curve = TypeVar("Curve", Form, Polynomial)
+
+
+class Shown(NamedTuple, Generic[Curve]):
     """Stiffness and damping that a display shows, both over one positive denominator."""
 
-    stiffness: Form
-    damping: Form
-    denominator: Form
+    stiffness: Curve
+    damping: Curve
+    denominator: Curve
 
 
-def _shown_forms(display: Display, square: Form) -> _Shown:
-    """Return what a display shows; the environment's mass counts with the device."""
-    k = display.environment.stiffness
-    b = display.environment.damping
-    m = display.environment.mass
-    if display.coupling is None:
-        return _Shown(_as_form(k), _as_form(b), _as_form(1.0))
-    k_c = display.coupling.stiffness
-    b_c = display.coupling.damping
+def shown_through(coupling: Coupling, environment: Environment, square: Curve) -> Shown[Curve]:
+    """Return what an environment shows through a coupling, as polynomials in Ω².
+
+    Parameters
+    ----------
+    coupling : Coupling
+        In Tustin's form; with a `Form` for Ω² its parameters may hold one number per piece.
+    environment : Environment
+        Its mass counts with the device, and is not shown.
+    square : Form or Polynomial
+        Ω², rad²/s².
+
+    Returns
+    -------
+    Shown
+        Of the type of `square`.
+    """
+    k = environment.stiffness
+    b = environment.damping
+    m = environment.mass
+    k_c = coupling.stiffness
+    b_c = coupling.damping
+    # Without a mass the spring stays a number, which keeps all degrees low.
+    spring: Curve | Scalars = k - m * square if m else k
     # Ω²·abs(Z)² of environment, coupling and their sum.
-    spring = k - m * square if m else _as_form(k)
     of_environment = b**2 * square + spring * spring
     of_coupling = b_c**2 * square + np.square(k_c)
     joined = spring + k_c
@@ -210,9 +229,18 @@ def _shown_forms(display: Display, square: Form) -> _Shown:
     stiffness = k_c * of_environment + of_coupling * spring
     if m:
         stiffness = stiffness + m * square * of_sum
-    damping = b_c * of_environment + b * of_coupling
-    largest = np.abs(of_sum.coefficients).max(axis=0)
-    return _Shown(stiffness / largest, damping / largest, of_sum / largest)
+    return Shown(stiffness, b_c * of_environment + b * of_coupling, of_sum)
+
+
+def _shown(display: Display, square: Form) -> Shown[Form]:
+    """Return what a display shows, over a denominator of size one."""
+    environment = display.environment
+    if display.coupling is None:
+        stiffness = _as_form(environment.stiffness)
+        return Shown(stiffness, _as_form(environment.damping), _as_form(1.0))
+    stiffness, damping, denominator = shown_through(display.coupling, environment, square)
+    largest = np.abs(denominator.coefficients).max(axis=0)
+    return Shown(stiffness / largest, damping / largest, denominator / largest)
 
 
 @dataclass(frozen=True)
@@ -239,7 +267,7 @@ class Squares:
         square = Form(grid.rate**2)
         if isinstance(display.device, TabulatedDevice):
             square = Form(grid.rate) * Form(grid.rate)
-        shown = _shown_forms(display, square)
+        shown = _shown(display, square)
         devices = _device_ends(display, grid, square)
         ends = [_terms(square, shown, device, devices[0]) for device in devices]
         size = max(form.size for terms in ends for form in terms.values())
@@ -287,7 +315,7 @@ class Squares:
 
 
 def _terms(
-    square: Form, shown: _Shown, device: _Impedance, first_end: _Impedance
+    square: Form, shown: Shown[Form], device: _Impedance, first_end: _Impedance
 ) -> dict[str, Form]:
     """Return the fields of `Squares` for one end of the device.
 

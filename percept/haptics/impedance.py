@@ -301,7 +301,8 @@ def rotated_device(grid: Warp, device: AnyDevice) -> tuple[FloatArray, FloatArra
     if isinstance(device, TabulatedDevice):
         value = device.at(grid.omega)
         rigid_real = rigid_imag = np.zeros_like(value.real)
-        damping, flexible = value.real, value.imag
+        damping = value.real
+        flexible = value.imag
     else:
         # Ω·cos h is formed as (2/T)·sin h, which stays finite at Nyquist.
         push = (2 / grid.period) * grid.sin

@@ -189,8 +189,8 @@ def stiffness_limits(
     a = viscous / 4 + elastic
     half_b = (needed - available / 2) / 2
     # a·K² + 2·half_b·K − b_c·spare = 0, in the form that adds terms of one sign.
-    product_root = np.sqrt(a) * np.sqrt(b_c) * np.sqrt(np.maximum(spare, 0.0))
-    root = np.hypot(half_b, product_root)
+    spare_root = np.sqrt(np.maximum(spare, 0.0))
+    root = np.hypot(half_b, np.sqrt(a) * np.sqrt(b_c) * spare_root)
     falling = ratio(root - half_b, a, empty=np.inf)
     rising = ratio(b_c * spare, root + half_b, empty=0.0)
     stretch = np.where(half_b <= 0, falling, rising)

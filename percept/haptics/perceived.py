@@ -106,11 +106,10 @@ def shown_element(grid: Warp, display: Display) -> Element:
     Element
         N/m and N·s/m, without mass.
     """
-    environment, coupling = display.environment, display.coupling
-    element = _coupled(grid, environment, coupling, "tustin")
-    if coupling is None:
+    element = _coupled(grid, display.environment, display.coupling, "tustin")
+    if display.coupling is None:
         return Element(element.stiffness, element.damping)
-    inertia = np.multiply(environment.mass, grid.rate**2)
+    inertia = np.multiply(display.environment.mass, grid.rate**2)
     return Element(element.stiffness + inertia, element.damping)
 
 

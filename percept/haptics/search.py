@@ -91,7 +91,8 @@ def search_grid(device: AnyDevice, period: float) -> FloatArray:
         np.geomspace(1e-6, 1, _SPACED) * nyquist,
         np.linspace(0, 1, _SPACED) * nyquist,
     ]
-    first, last = 0.0, nyquist
+    first = 0.0
+    last = nyquist
     if isinstance(device, TabulatedDevice):
         first = float(device.omega[0])
         last = min(float(device.omega[-1]), nyquist)
@@ -224,7 +225,8 @@ def rising_root(
         value, slope = function(open_roots, before)
         low[open_roots] = np.where(value < 0, before, low[open_roots])
         high[open_roots] = np.where(value > 0, before, high[open_roots])
-        bottom, top = low[open_roots], high[open_roots]
+        bottom = low[open_roots]
+        top = high[open_roots]
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = before - value / slope
         inside = (slope > 0) & (newton >= bottom) & (newton <= top)
@@ -256,7 +258,8 @@ class Intervals(NamedTuple):
         ends = np.take_along_axis(forbidden[..., 1], order, axis=1)
         # What is left lies between the farthest end so far and the next start.
         top = ceiling[:, None]
-        low = np.maximum.accumulate(np.hstack([np.zeros_like(top), ends]), axis=1)
+        low = np.hstack([np.zeros_like(top), ends])
+        low = np.maximum.accumulate(low, axis=1)
         high = np.minimum(np.hstack([starts, top]), top)
         return cls(low, high, high > low)
 
