@@ -121,13 +121,16 @@ def _device_ends(display: Display, grid: Warp, square: Form) -> list[_Impedance]
     scaled = []
     for real, imaginary, denominator in ends:
         for gain in gains:
-            behind_hold = gain * imaginary + mass * denominator
-            scaled.append(_Impedance(gain * real, behind_hold, denominator))
+            with_mass = gain * imaginary + mass * denominator
+            scaled.append(_Impedance(gain * real, with_mass, denominator))
     return scaled
 
 
 def _modal(square: Form, device: Device, half: float) -> _Impedance:
-    """Return a rigid device with its modes behind the averaging hold; `half` is T/2."""
+    """Return Z_d·e^{jh}/cos h of a rigid device with its modes; `half` is T/2.
+
+    e^{jh}/cos h is 1 + jΩT/2.
+    """
     real = device.damping - np.multiply(device.mass, half) * square
     imaginary = _as_form(device.mass + np.multiply(device.damping, half))
     denominator = _as_form(1.0)
@@ -143,7 +146,7 @@ def _modal(square: Form, device: Device, half: float) -> _Impedance:
 
 
 def _mode(square: Form, mode: Mode, half: float) -> _Impedance:
-    """Return what a flexible mode adds behind the averaging hold."""
+    """Return what a flexible mode adds to that, Z·(1 + jΩT/2)."""
     m = mode.mass
     k = mode.stiffness
     b = mode.damping
@@ -156,9 +159,9 @@ def _mode(square: Form, mode: Mode, half: float) -> _Impedance:
 
 
 def _tabulated(grid: Warp, device: TabulatedDevice) -> list[_Impedance]:
-    """Bound a measured device: it is linear in ω between rows, and ω is concave in Ω.
+    """Bound Z_d·(1 + jΩT/2) of a measured device: linear in ω between rows, and ω is concave in Ω.
 
-    So it lies between the chord of ω over Ω and the parallel that touches ω from above.
+    So Z_d lies between the chord of ω over Ω and the parallel that touches ω from above.
     """
     rate = grid.rate
     omega = grid.omega
@@ -179,9 +182,10 @@ def _tabulated(grid: Warp, device: TabulatedDevice) -> list[_Impedance]:
         shifted = impedance + shift * per_omega
         real = Form(shifted.real)
         imaginary = Form(shifted.imag)
-        real_behind_hold = real - half * (imaginary * by_rate)
-        imaginary_behind_hold = imaginary + half * (real * by_rate)
-        ends.append(_Impedance(real_behind_hold * by_rate, imaginary_behind_hold, by_rate))
+        turned_real = real - half * (imaginary * by_rate)
+        turned_imaginary = imaginary + half * (real * by_rate)
+        # Over Ω, so that the imaginary part is a multiple of Ω as well.
+        ends.append(_Impedance(turned_real * by_rate, turned_imaginary, by_rate))
     return ends
 
 

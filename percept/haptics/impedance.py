@@ -49,6 +49,7 @@ _PI = float(np.pi)
 _PI_LOW = 1.2246467991473532e-16
 # A smaller ωT counts as zero: nothing below then overflows on its way to the limit.
 _DC_SLACK = 1e-100
+# ωT this near to π is Nyquist: as a product of two doubles it is not known better.
 _NYQUIST_SLACK = 4 * float(np.spacing(np.pi))
 
 
