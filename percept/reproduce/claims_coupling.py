@@ -85,10 +85,10 @@ def poles_unseen(published: Published) -> Evidence:
     b = float(published.tuned.damping)
     # Eq. 10 sees k_c squared and the damping b_c + k_cT/2, which this coupling with −k_c shares.
     mirrored = b + k * published.period
-    own = b / mirrored if mirrored > b else 0.0
+    pole = b / mirrored if mirrored > b else 0.0
     other = mirrored / b if mirrored > b else 0.0
-    cases = [own <= 1, other <= 1]
-    return evidence(cases, k=k / 1e3, b=b, mirrored=mirrored, own=own, other=other)
+    cases = [pole <= 1, other <= 1]
+    return evidence(cases, k=k / 1e3, b=b, mirrored=mirrored, pole=pole, other=other)
 
 
 def one_coupling(published: Published) -> Evidence:
@@ -169,7 +169,7 @@ def _largest_gap(published: Published, times: float) -> float:
 
 def direct_rendering(published: Published) -> Evidence:
     """Judge stable interaction with the reference without a coupling."""
-    own = float(published.device.damping)
+    device_damping = float(published.device.damping)
     passive = []
     each = {}
     paper = []
@@ -179,7 +179,7 @@ def direct_rendering(published: Published) -> Evidence:
         each[wall.name] = float(colgate)
         paper.append(float(of_paper))
         radii[wall.name] = _pole_radius(published, wall)
-        if own > colgate:
+        if device_damping > colgate:
             passive.append(wall.name)
     cases = [name in passive for name in each]
     # Stable with every passive hand, and stable without one.
@@ -212,12 +212,12 @@ def _pole_radius(published: Published, wall: Wall) -> float:
 def coupling_unnoticed(published: Published) -> Evidence:
     """Judge whether the coupling does not matter at very low impedance."""
     panel, _, _ = panels(published)
-    part, device = most_passed(published, panel)
-    own = float(change_over_band(published, panel, published.device).max())
+    fraction, device = most_passed(published, panel)
+    largest = float(change_over_band(published, panel, published.device).max())
     return evidence(
-        [part == 0, own < 1],
-        part=part,
-        own=own,
+        [fraction == 0, largest < 1],
+        fraction=fraction,
+        largest=largest,
         mass=float(device.mass),
         damping=float(device.damping),
         most_mass=MASSES[-1],
@@ -239,7 +239,7 @@ def suits_high(published: Published) -> Evidence:
             inside.append(wall.name)
     parts = list(losses.values())
     falls = [soft >= stiff for soft, stiff in pairwise(parts)]
-    told = ", ".join(f"{part:.2%} ({name})" for name, part in losses.items())
+    told = ", ".join(f"{fraction:.2%} ({name})" for name, fraction in losses.items())
     if any(falls):
         told = f"The stiffness lost does not rise with the wall’s: {told}."
     else:
@@ -264,15 +264,15 @@ def always_smaller(published: Published) -> Evidence:
     least = min(published.walls, key=lambda wall: shares[wall.name])
     alone = np.abs(environment_impedance(LOOKED_AT, least.environment, published.period))
     cases = []
-    for part in shares.values():
-        cases += [part > 0, part == 1.0]
+    for fraction in shares.values():
+        cases += [fraction > 0, fraction == 1.0]
     return evidence(
         cases,
-        always=[name for name, part in shares.items() if part == 1.0],
+        always=[name for name, fraction in shares.items() if fraction == 1.0],
         shares=shares,
         worst=least.name,
         least=shares[least.name],
-        others={name: part for name, part in shares.items() if name != least.name},
+        others={name: fraction for name, fraction in shares.items() if name != least.name},
         with_it=float(published.felt(LOOKED_AT, least.environment, coupling=published.tuned)),
         alone=float(alone),
     )
@@ -298,7 +298,7 @@ def lower_or_medium(published: Published) -> Evidence:
     for wall in published.softest_first[:-_HIGH]:
         coupled[wall.name] = share_true(published, wall, coupled_inside)
         direct[wall.name] = share_true(published, wall, direct_inside)
-    cases = [part < 1 for part in coupled.values()]
+    cases = [fraction < 1 for fraction in coupled.values()]
     cases += [name in spoilt for name in coupled]
     lost = list(dict.fromkeys(spoilt))
     return evidence(cases, lost=lost, coupled=coupled, direct=direct, least=min(coupled.values()))
@@ -329,12 +329,12 @@ def _inside(
 ) -> bool:
     """Say whether a reference stays inside the envelope of a box of k and b at every perceivable ω."""
     period = published.period
-    own = felt_square(device, wall.environment, period, coupling=coupling)
+    curve = felt_square(device, wall.environment, period, coupling=coupling)
     # The pieces of the envelope change places among themselves too; only the curve's own crossings
     # with them matter.
     edges = np.array([])
     for piece in envelope_squares(device, box, period):
-        cuts, _ = cells([own, piece], *published.span, period)
+        cuts, _ = cells([curve, piece], *published.span, period)
         edges = np.union1d(edges, cuts)
     middles = np.sqrt(edges[1:] * edges[:-1])
     lower, upper = magnitude_envelope(middles, device, box[0], box[1], period)

@@ -72,15 +72,15 @@ def fig_7b(published: Published) -> Evidence:
     """Judge Fig. 7b: nearly free motion is displayed below both boundaries."""
     panel, _, _ = panels(published)
     mass, damping = _extent(published, panel)
-    shown = curves(published, panel.wall, _AT)
+    lines = curves(published, panel.wall, _AT)
     return evidence(
         _everywhere(published, panel),
         mass=mass,
         damping=damping,
         wall=panel.wall,
-        direct=shown.direct[0],
-        lower=shown.lower[0],
-        upper=shown.upper[0],
+        direct=lines.direct[0],
+        lower=lines.lower[0],
+        upper=lines.upper[0],
     )
 
 
@@ -264,10 +264,10 @@ def magnitude_suffices(published: Published) -> Evidence:
     least = {}
     told = []
     for wall in published.walls:
-        shown = curves(published, wall, _AT)
-        high = _damper_of(published, float(shown.upper[0]))
+        lines = curves(published, wall, _AT)
+        high = _damper_of(published, float(lines.upper[0]))
         if high is not None:
-            low = _damper_of(published, float(shown.lower[0])) or 0.0
+            low = _damper_of(published, float(lines.lower[0])) or 0.0
             least[wall.name] = low
             told.append(f"{low:.4g} to {high:.4g} N·s/m ({wall.name})")
     cases = [wall.name not in least for wall in published.walls]
@@ -305,7 +305,7 @@ def like_shapes(published: Published) -> Evidence:
     return evidence(
         ordered,
         names=[wall.name for wall in drawn],
-        part=share(edges, ordered),
+        fraction=share(edges, ordered),
         until=float(edges[first_unordered]),
     )
 
@@ -315,9 +315,9 @@ def four_lines(published: Published) -> Evidence:
     devices = Device(_MASSLESS_TOO, _UNDAMPED_TOO[:, None])
     least = {}
     for panel, letter in zip(panels(published), "ace", strict=True):
-        shown = curves(published, panel.wall, _AT, devices)
-        lines = np.array([shown.lower, shown.upper, shown.direct, shown.coupled])
-        ratios = lines.max(axis=0) / lines.min(axis=0)
+        lines = curves(published, panel.wall, _AT, devices)
+        magnitudes = np.array([lines.lower, lines.upper, lines.direct, lines.coupled])
+        ratios = magnitudes.max(axis=0) / magnitudes.min(axis=0)
         least[f"Fig. 7{letter}"] = float(ratios.min())
     worst = max(least, key=least.__getitem__)
     return evidence(
@@ -345,12 +345,12 @@ def resonance_ignored(published: Published) -> Evidence:
     for wall, _ in published.drawn:
         rigid = felt_square(device, wall.environment, period)
         flexible = felt_square(device, wall.environment, period, resonance=_RESONANCE)
-        part = largest_ratio(rigid, flexible, *published.span, period) - 1
+        fraction = largest_ratio(rigid, flexible, *published.span, period) - 1
         at_ten = largest_ratio(rigid, flexible, LOOKED_AT, LOOKED_AT, period) - 1
         width = relative_width(wall, period)
-        change[wall.name] = part
-        told.append(f"{part:.1%} ({wall.name}, {width:.1%} wide)")
+        change[wall.name] = fraction
+        told.append(f"{fraction:.1%} ({wall.name}, {width:.1%} wide)")
         most_at_ten = max(most_at_ten, at_ten)
-        cases += [part < width, at_ten < width]
+        cases += [fraction < width, at_ten < width]
     most = max(change.values())
     return evidence(cases, told=", ".join(told), at_ten=most_at_ten, most=most, change=change)

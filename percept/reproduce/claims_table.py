@@ -89,9 +89,9 @@ def reference_inside(published: Published) -> Evidence:
     shares = {}
     cases = []
     for wall in published.walls:
-        part = share_true(published, wall, direct_inside)
-        shares[wall.name] = part
-        cases += [part > 0, part == 1.0]
+        fraction = share_true(published, wall, direct_inside)
+        shares[wall.name] = fraction
+        cases += [fraction > 0, fraction == 1.0]
     return evidence(
         cases,
         shares=shares,
@@ -106,7 +106,7 @@ def users_covered(published: Published) -> Evidence:
     """Judge the reading of a 99 % interval of the mean as 99 % of users."""
     n = published.limits.n
     level = published.limits.level
-    own = published.limits.factor
+    mean_factor = published.limits.factor
     share = _expected_share(n, level)
     factor = float(tolerance_factor(n, level, _SHARE_CONFIDENCE))
     return evidence(
@@ -114,9 +114,9 @@ def users_covered(published: Published) -> Evidence:
         confidence=_SHARE_CONFIDENCE,
         less=share - level,
         share=share,
-        own=own,
+        mean_factor=mean_factor,
         factor=factor,
-        ratio=factor / own,
+        ratio=factor / mean_factor,
     )
 
 
@@ -233,8 +233,8 @@ def mass_left_out(published: Published) -> Evidence:
     period = published.period
     rate = tustin_rate(LOOKED_AT, period)
 
-    def square(shown: Environment, coupling: Coupling | None = None) -> Square:
-        return felt_square(device, shown, period, coupling=coupling, rate=rate, mass=VARIABLE)
+    def square(environment: Environment, coupling: Coupling | None = None) -> Square:
+        return felt_square(device, environment, period, coupling=coupling, rate=rate, mass=VARIABLE)
 
     direct = square(wall.environment)
     coupled = square(wall.environment, published.tuned)

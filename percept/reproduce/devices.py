@@ -105,27 +105,27 @@ def curves(published: Published, wall: Wall, omega: Array, device: Device | None
     return Curves(np.minimum(at_low, at_high), np.maximum(at_low, at_high), direct, coupled)
 
 
-def direct_inside(shown: Curves) -> BoolArray:
+def direct_inside(lines: Curves) -> BoolArray:
     """Say where the curve without a coupling is between the boundaries."""
-    return (shown.lower <= shown.direct) & (shown.direct <= shown.upper)
+    return (lines.lower <= lines.direct) & (lines.direct <= lines.upper)
 
 
-def coupled_inside(shown: Curves) -> BoolArray:
+def coupled_inside(lines: Curves) -> BoolArray:
     """Say where the coupled curve is between the boundaries."""
-    return (shown.lower <= shown.coupled) & (shown.coupled <= shown.upper)
+    return (lines.lower <= lines.coupled) & (lines.coupled <= lines.upper)
 
 
-def _both_below(shown: Curves) -> BoolArray:
-    return (shown.direct < shown.lower) & (shown.coupled < shown.lower)
+def _both_below(lines: Curves) -> BoolArray:
+    return (lines.direct < lines.lower) & (lines.coupled < lines.lower)
 
 
-def _both_inside(shown: Curves) -> BoolArray:
-    in_order = shown.coupled < shown.direct
-    return in_order & (shown.lower <= shown.coupled) & (shown.direct <= shown.upper)
+def _both_inside(lines: Curves) -> BoolArray:
+    in_order = lines.coupled < lines.direct
+    return in_order & (lines.lower <= lines.coupled) & (lines.direct <= lines.upper)
 
 
-def _either_side(shown: Curves) -> BoolArray:
-    return (shown.coupled < shown.lower) & (shown.upper < shown.direct)
+def _either_side(lines: Curves) -> BoolArray:
+    return (lines.coupled < lines.lower) & (lines.upper < lines.direct)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +167,8 @@ def over_devices(published: Published, panel: Panel, mass: Array, damping: Array
         Of the broadcast shape.
     """
     omega = np.linspace(*panel.window, _POINTS)
-    shown = curves(published, panel.wall, omega, Device(mass, damping))
-    return np.asarray(panel.reading(shown).all(axis=-1))
+    lines = curves(published, panel.wall, omega, Device(mass, damping))
+    return np.asarray(panel.reading(lines).all(axis=-1))
 
 
 def share_true(
@@ -184,8 +184,8 @@ def _panel_squares(published: Published, wall: Wall, device: Device) -> list[Squ
     """Return the squares of the four curves of a panel: they change places where two are equal."""
     period = published.period
     squares = [felt_square(device, wall.environment, period, coupling=published.tuned)]
-    for shown in (wall.environment, wall.lower, wall.upper):
-        squares.append(felt_square(device, shown, period))
+    for environment in (wall.environment, wall.lower, wall.upper):
+        squares.append(felt_square(device, environment, period))
     return squares
 
 
@@ -195,9 +195,9 @@ def change_over_band(published: Published, panel: Panel, device: Device) -> Arra
     The device may hold arrays; ω is the last axis. The ratio is inf where the band is empty.
     """
     omega = np.linspace(*panel.window, _FINE)
-    shown = curves(published, panel.wall, omega, device)
-    change = np.abs(shown.coupled - shown.direct)
-    band = shown.upper - shown.lower
+    lines = curves(published, panel.wall, omega, device)
+    change = np.abs(lines.coupled - lines.direct)
+    band = lines.upper - lines.lower
     endless = np.full_like(change, np.inf)
     return np.divide(change, band, out=endless, where=band > 0)
 

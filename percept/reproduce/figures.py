@@ -36,10 +36,10 @@ _MAP_DAMPINGS = np.geomspace(DAMPINGS[0], DAMPINGS[-1], 121)
 
 def drawings(published: Published, adapted: Adapted) -> list[Drawing]:
     """Return every figure of the page; nothing is drawn yet."""
-    found = [_fig4(published), _fig5(published)]
+    drawn = [_fig4(published), _fig5(published)]
     for panel, letter in zip(devices.panels(published), "ace", strict=True):
-        found += [_whole(published, panel, letter), _enlarged(published, panel)]
-    return [*found, _maps(published), _design(published, adapted)]
+        drawn += [_whole(published, panel, letter), _enlarged(published, panel)]
+    return [*drawn, _maps(published), _design(published, adapted)]
 
 
 def _fig4(published: Published) -> Drawing:
@@ -123,13 +123,13 @@ def _curves(
     name: str,
     title: str,
     description: str,
-    shown: tuple[Device, Wall, Coupling | None],
+    setting: tuple[Device, Wall, Coupling | None],
     omega: Array,
     *,
     log: bool = True,
 ) -> Drawing:
     """Draw boundaries and reference for a device, and the reference through a coupling."""
-    device, wall, coupling = shown
+    device, wall, coupling = setting
 
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, left=18, bottom=24, right=5)
@@ -148,11 +148,13 @@ def _curves(
 
 
 def _maps(published: Published) -> Drawing:
-    shown = devices.panels(published)
+    enlarged = devices.panels(published)
 
     def draw(figure: Figure) -> None:
-        axes = panels(figure, len(shown) + 1, columns=2, left=14, gap=14, top=6, bottom=22, line=18)
-        for ax, panel in zip(axes, shown, strict=False):
+        axes = panels(
+            figure, len(enlarged) + 1, columns=2, left=14, gap=14, top=6, bottom=22, line=18
+        )
+        for ax, panel in zip(axes, enlarged, strict=False):
             true = over_devices(published, panel, _MAP_MASSES, _MAP_DAMPINGS[:, None])
             _shade(ax, true, [0.5, 1.5], 0.35)
             ax.set_title(f"Fig. {panel.name}: {panel.says}", loc="left", fontsize=7)

@@ -155,13 +155,13 @@ def judge_all(published: Published) -> list[Claim]:
 
 def judge(published: Published, sentence: Sentence) -> Claim:
     """Judge one sentence by the function of its name; without cases it stays open."""
-    found = _judge_of(sentence)(published)
-    verdict = verdict_of(found.cases)
+    judged = _judge_of(sentence)(published)
+    verdict = verdict_of(judged.cases)
     fields: dict[str, Value] = {"p": published}
-    for name, value in found.values.items():
+    for name, value in judged.values.items():
         several = isinstance(value, list | tuple | dict)
         fields[name] = _Listed(value) if several else value
-    numbers = _numbers(sentence, found.values, fields)
+    numbers = _numbers(sentence, judged.values, fields)
     margin = None if verdict == "cannot be judged" else numbers.pop(0)
     conditional = verdict in ("holds only if", "cannot be judged")
     return Claim(

@@ -102,8 +102,8 @@ def felt_square(
     bends = 1 - (rate / resonance) ** 2
     inertia = float(device.damping) * bends + 1j * float(device.mass) * rate
     # Over the hold, e^{jωT/2} is (1 + jΩT/2) but for the gain.
-    own = inertia * (1 + 0.5j * period * rate) * 1j * rate
-    return Square.of(own * joined + rendered * bends, joined * bends)
+    inertial = inertia * (1 + 0.5j * period * rate) * 1j * rate
+    return Square.of(inertial * joined + rendered * bends, joined * bends)
 
 
 def rendered_square(environment: Environment, period: float) -> Square:
@@ -120,9 +120,9 @@ def envelope_squares(device: Device, box: Array, period: float) -> list[Square]:
     """Return the pieces of the exact envelope over a box (2, 2) of k and b: four corners, four edges."""
     stiffness, damping = box.tolist()
     mass = float(device.mass)
-    own = float(device.damping)
-    across = own - mass * period / 2 * VARIABLE**2
-    along = (own * period / 2 + mass) * VARIABLE**2
+    device_damping = float(device.damping)
+    across = device_damping - mass * period / 2 * VARIABLE**2
+    along = (device_damping * period / 2 + mass) * VARIABLE**2
     squares = []
     for k in stiffness:
         for b in damping:

@@ -157,8 +157,8 @@ def cells_model(statistics: Statistics, priors: Priors, *, centred: bool = False
         pm.Normal("k", off, pm.math.sqrt(variance[0]), observed=np.zeros(len(cells.mean)))
         if size == 2:
             given_k = location[1] + shared / variance[0] * off
-            left = variance[1] - shared**2 / variance[0]
-            pm.Normal("b", given_k, pm.math.sqrt(left), observed=cells.mean[:, 1])
+            remainder = variance[1] - shared**2 / variance[0]
+            pm.Normal("b", given_k, pm.math.sqrt(remainder), observed=cells.mean[:, 1])
     return model
 
 
@@ -171,11 +171,11 @@ def _scatter_density(statistics: Statistics, sigma_e: Term, rho_e: Term) -> Term
     scatter = np.einsum("pkj,qkj->pqj", rows, rows)
     if len(scatter) == 1:
         return -(df * pm.math.log(sigma_e[0]) + 0.5 * scatter[0, 0] / sigma_e[0] ** 2).sum()
-    left = 1.0 - rho_e**2
+    remainder = 1.0 - rho_e**2
     squares = scatter[0, 0] / sigma_e[0] ** 2 + scatter[1, 1] / sigma_e[1] ** 2
     squares -= 2.0 * rho_e * scatter[0, 1] / (sigma_e[0] * sigma_e[1])
-    log_sd = pm.math.log(sigma_e[0]) + pm.math.log(sigma_e[1]) + 0.5 * pm.math.log(left)
-    return -(df * log_sd + 0.5 * squares / left).sum()
+    log_sd = pm.math.log(sigma_e[0]) + pm.math.log(sigma_e[1]) + 0.5 * pm.math.log(remainder)
+    return -(df * log_sd + 0.5 * squares / remainder).sum()
 
 
 def nutpie_limits(statistics: Statistics, seed: int, *, seconds: float) -> Printed:
@@ -248,8 +248,8 @@ def averaged_limits(statistics: Statistics, draws: Mapping[str, Array]) -> tuple
     packed = []
     step = model.draws_per_pass
     for start in range(0, count, step):
-        some = {name: values[..., start : start + step] for name, values in flat.items()}
-        packed.append(model.moments(_scales(some)).pack())
+        batch = {name: values[..., start : start + step] for name, values in flat.items()}
+        packed.append(model.moments(_scales(batch)).pack())
     estimands = IntervalEstimands(model, kinds=("mean", "user"))
     parts = list(estimands.estimates(np.concatenate(packed)))
     value = np.concatenate([estimates.value for estimates, _ in parts])

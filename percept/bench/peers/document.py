@@ -189,19 +189,34 @@ def build_document(
     aims = _aims(measured, times)
     present = {row.engine for row in measured}
     studies = []
-    for name, one in references.items():
-        error = one.relative_error(one.value + one.error)
+    for name, reference in references.items():
+        error = reference.relative_error(reference.value + reference.error)
         about = STUDIES.get(name, name)
         studies.append(
-            StudyFacts(name, about, one.value.size, one.runs, one.effective, one.scatter, error)
+            StudyFacts(
+                name,
+                about,
+                reference.value.size,
+                reference.runs,
+                reference.effective,
+                reference.scatter,
+                error,
+            )
         )
+    titles = []
+    for engine_ in ENGINES:
+        if engine_.name in present:
+            titles.append(_Title(engine_.name, engine_.title, engine_.unit))
+    omitted = []
+    for name, missing in (left_out or {}).items():
+        omitted.append(_LeftOut(name, list(missing)))
     return Benchmark(
         schema=_SCHEMA,
         made=made,
         machine=at,
         studies=studies,
-        engines=[_Title(one.name, one.title, one.unit) for one in ENGINES if one.name in present],
-        left_out=[_LeftOut(name, list(missing)) for name, missing in (left_out or {}).items()],
+        engines=titles,
+        left_out=omitted,
         measured=measured,
         reached=times,
         whole=whole,
@@ -257,21 +272,21 @@ def _slower(times: Sequence[Reached]) -> list[str]:
 def _missed(aims: Sequence[Aim]) -> list[str]:
     """Say which aims are not reached."""
     lines = []
-    for one in aims:
-        if one.value < one.aim:
-            what = one.what[0].upper() + one.what[1:]
-            lines.append(f"{what}: {one.value:.3g}; {one.aim:g} is the aim.")
+    for aim in aims:
+        if aim.value < aim.aim:
+            what = aim.what[0].upper() + aim.what[1:]
+            lines.append(f"{what}: {aim.value:.3g}; {aim.aim:g} is the aim.")
     return lines
 
 
 def _broken(compared: Sequence[Comparison]) -> list[str]:
     """Say which promised ratios of whole commands are not kept."""
     lines = []
-    for one in compared:
-        if not one.kept:
+    for comparison in compared:
+        if not comparison.kept:
             lines.append(
-                f"{one.command} takes {one.ratio:.2f} times the wall time and"
-                f" {one.processor_ratio:.2f} times the processor time of {one.against};"
-                f" {one.promised:g} is promised."
+                f"{comparison.command} takes {comparison.ratio:.2f} times the wall time and"
+                f" {comparison.processor_ratio:.2f} times the processor time of {comparison.against};"
+                f" {comparison.promised:g} is promised."
             )
     return lines

@@ -101,17 +101,17 @@ def measure(
         Engine by engine, the smallest budget first.
     """
     measured: list[Measured] = []
-    for one in engines:
-        log(f"{study}, {one.title}")
+    for sampler in engines:
+        log(f"{study}, {sampler.title}")
         task = {
-            "engine": one.name,
+            "engine": sampler.name,
             "study": study,
             "seconds": seconds,
             "seed": 1,
-            "budgets": ((one.quick, 1),) if quick else one.budgets,
+            "budgets": ((sampler.quick, 1),) if quick else sampler.budgets,
             "started": time.time(),
         }
-        measured += _reduced(study, one.name, in_a_process(__name__, task), reference)
+        measured += _reduced(study, sampler.name, in_a_process(__name__, task), reference)
     return measured
 
 
@@ -260,15 +260,15 @@ def whole_commands(
 
 def comparisons(rows: Sequence[Whole]) -> list[Comparison]:
     """Return the ratios that are promised, of the commands that were run."""
-    by_name = {one.name: one for one in rows}
+    by_name = {row.name: row for row in rows}
     compared = []
     for command, against, promised in _PROMISES:
         if command not in by_name or against not in by_name:
             continue
-        own = by_name[command]
+        timed = by_name[command]
         other = by_name[against]
-        ratio = median(a / b for a, b in zip(own.seconds, other.seconds, strict=True))
-        processor = own.processor / other.processor
+        ratio = median(a / b for a, b in zip(timed.seconds, other.seconds, strict=True))
+        processor = timed.processor / other.processor
         kept = max(ratio, processor) <= promised
         compared.append(Comparison(command, against, ratio, processor, promised, kept))
     return compared

@@ -89,8 +89,8 @@ def run_benchmark(
     refuse_foreign(out, _FILES, force=force)
     chosen = [engine(name) for name in plan.engines] or list(ENGINES)
     references = {name: stored_reference(name) for name in plan.studies or stored_references()}
-    present = [one for one in chosen if not one.missing]
-    left_out = {one.title: one.missing for one in chosen if one.missing}
+    present = [sampler for sampler in chosen if not sampler.missing]
+    left_out = {sampler.title: sampler.missing for sampler in chosen if sampler.missing}
     for title, missing in left_out.items():
         log(f"{title}: left out, {', '.join(missing)} not installed; {_EXTRA}")
     if not present:
@@ -136,7 +136,7 @@ def _whole(plan: Plan, *, without: Sequence[str]) -> list[Whole]:
 
 def _packages(engines: Sequence[Engine]) -> list[str]:
     """Return the packages whose versions the page names."""
-    names = {name for one in engines for name in one.packages}
+    names = {name for sampler in engines for name in sampler.packages}
     return sorted(names - {"percept"})
 
 
@@ -154,7 +154,7 @@ def write_benchmark(document: Benchmark, out_dir: str | Path, *, force: bool = F
             digits=3,
             document=document,
             made=document.made,
-            names={one.name: one for one in document.engines},
+            names={sampler.name: sampler for sampler in document.engines},
             levels=list(levels),
             series=list(series),
             at={(row.study, row.engine, row.level): row for row in document.reached},
@@ -166,16 +166,16 @@ def write_benchmark(document: Benchmark, out_dir: str | Path, *, force: bool = F
 def _against_error(document: Benchmark, study: StudyFacts) -> Drawing:
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, left=18.0, bottom=30.0)
-        for one, name in zip(document.engines, _COLOURS, strict=False):
+        for sampler, name in zip(document.engines, _COLOURS, strict=False):
             rows = []
             for row in document.measured:
-                if (row.study, row.engine) == (study.name, one.name):
+                if (row.study, row.engine) == (study.name, sampler.name):
                     rows.append(row)
             rows.sort(key=lambda row: row.size)
             errors = [100.0 * row.error for row in rows]
             times = [row.warm for row in rows]
             colour = COLOURS[name]
-            ax.plot(errors, times, color=colour, marker="o", markersize=3.5, label=one.title)
+            ax.plot(errors, times, color=colour, marker="o", markersize=3.5, label=sampler.title)
         log_scale(ax)
         ax.set_xlabel("error of the limits (% of half-width)")
         ax.set_ylabel("time (s)")
