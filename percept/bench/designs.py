@@ -156,7 +156,7 @@ class _Kept:
 
 
 def _measured(task: str, name: str, seed: int) -> Printed:
-    """Fit one study, or let nutpie sample it, in a process of its own; only the time where that fails."""
+    """Fit one study, or let nutpie sample it, in a process of its own; its time if that fails."""
     patience = _PEER_PATIENCE
     if task == "fit":
         patience = max(_PATIENCE * DESIGNS[name].allowed, _LEAST_PATIENCE)

@@ -93,7 +93,7 @@ def number_accuracy(which: int) -> tuple[Array, float, float]:
 
 
 def small_large(which: int) -> tuple[Array, NDArray[np.int64], float]:
-    """Return NIST's one-way data set SmLs01 to SmLs09, its treatments, and the certified SD within them."""
+    """Return NIST's data set SmLs01 to SmLs09, its treatments, and the certified SD within."""
     size, length = divmod(which - 1, 3)
     whole = _SMALL_LARGE[size]
     replicates = _REPLICATES[length]

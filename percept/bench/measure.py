@@ -1,4 +1,4 @@
-"""What every part shares: processes of their own, the machine, and a measurement as document and page."""
+"""What every part shares: processes of their own, the machine, and the written measurement."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def python_output(*words: str, timeout: float | None = None, **changes: str) -> 
 
 
 def in_a_process(module: str, task: object, *, timeout: float | None = None) -> Printed:
-    """Give a task to a module run as a program, in a process of its own, and return what it prints."""
+    """Give a task to a module run as a program in a new process, and return what it prints."""
     output = python_output("-m", module, json.dumps(task), timeout=timeout)
     # Some libraries print to standard output, around the result.
     results = [line for line in output.splitlines() if line.startswith("{")]

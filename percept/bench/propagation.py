@@ -1,4 +1,4 @@
-"""What pointwise curves of a law of (k, b) cost, and how their error falls with the posterior draws."""
+"""What pointwise curves of a law of (k, b) cost, and how their error falls with the draws."""
 
 from __future__ import annotations
 

@@ -139,7 +139,7 @@ def stages_of(study: Study) -> list[str]:
 def study_without(
     without: str, *, tolerance: float = 0.05, method: str = "both", points: int | None = None
 ) -> Study:
-    """Open the published study, one thing left out; `points` makes its grid of frequencies coarser."""
+    """Open the published study, one thing left out; `points` makes its grid coarser."""
     from percept.reproduce.published import dataset
     from percept.scene import Scene
     from percept.sessions import Sessions, read_sessions

@@ -1,4 +1,4 @@
-"""Slow twins: the model's log density and the haptics formulas, plainly, for numbers of any precision."""
+"""Slow twins: the model's log density and the haptics formulas, in any precision."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ _EVERYTHING = 1e50
 
 @dataclasses.dataclass(frozen=True)
 class Levels:
-    """SDs of the model's levels, equal for both parameters and all environments, on the response scale."""
+    """SDs of the model's levels, equal for both parameters and all environments."""
 
     between: float
     shared: float
@@ -104,7 +104,7 @@ def exact(response: Array, x: Array, levels: Levels) -> Number:
 
 
 def _model(environments: int, trials: int, x: Array, levels: Levels) -> tuple[Number, Number]:
-    """Covariance of one subject's values about the locations, and the columns of the locations' factor."""
+    """Return a subject's covariance about the locations, and the locations' factor."""
     import mpmath
 
     correlation = 1 - mpmath.mpf(levels.rest)
@@ -181,7 +181,7 @@ def error_over_condition(
 def limit_error_over_condition(
     stiffness: float, device: float, coupling: float, period: float
 ) -> float:
-    """Return the same for the largest k_c of a device and coupling damping, from the damping it needs.
+    """Return the same for the largest k_c of two dampings, from the damping it needs.
 
     The error in k_c is the misfit of the required damping over its slope; so is what each input
     contributes.
@@ -312,7 +312,7 @@ def magnitude(p: Point) -> Number:
 
 
 def box_lower(p: Point) -> Number:
-    """Lowest abs(Z_h) over k in [−k_e, k_c], b in [−b_e, b_c]: zero inside, else on an edge or a corner."""
+    """Lowest abs(Z_h) over k in [−k_e, k_c], b in [−b_e, b_c]: zero inside, or on the edge."""
     zoh = hold_average(p)
     base = rigid(p) / zoh + p.m_e * p.s
     rate = p.s.imag

@@ -1,4 +1,4 @@
-"""Claims on couplings: Eqs 8 to 10 and 13, what a coupling asks of a device, and what it does to realism."""
+"""Claims on couplings: what they ask of a device (Eqs 8 to 10), and do to realism."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def coupling_to_infinity(published: Published) -> Evidence:
 
 
 def _largest_gap(published: Published, times: float) -> float:
-    """Return the largest relative difference of Eqs 11 and 13 with a multiple of the tuned coupling."""
+    """Return the largest relative difference of Eqs 11 and 13, the tuned coupling multiplied."""
     omega = published.omega(_POINTS)
     device = published.device
     period = published.period
@@ -218,10 +218,7 @@ def coupling_unnoticed(published: Published) -> Evidence:
         [fraction == 0, largest < 1],
         fraction=fraction,
         largest=largest,
-        mass=float(device.mass),
-        damping=float(device.damping),
-        most_mass=MASSES[-1],
-        most_damping=DAMPINGS[-1],
+        device=device,
     )
 
 
@@ -305,14 +302,14 @@ def lower_or_medium(published: Published) -> Evidence:
 
 
 def affects_realism(published: Published) -> Evidence:
-    """Judge the conclusion that a static coupling can spoil realism, by the next user's boundary."""
+    """Judge whether a static coupling can spoil realism, by the next user's boundary."""
     spoilt, tried = _spoilt(published)
     names = list(dict.fromkeys(spoilt))
     return evidence([bool(spoilt)], names=names, spoilt=len(spoilt), tried=tried)
 
 
 def _spoilt(published: Published) -> tuple[list[str], int]:
-    """Return the environments that only the coupling takes out, once a device, and how many were tried."""
+    """Return the environments that only the coupling takes out, once a device, and all tried."""
     masses = (0.0, *MASSES[::14].tolist())
     spoilt = []
     for wall, box in zip(published.walls, published.next_user, strict=True):
@@ -327,7 +324,7 @@ def _spoilt(published: Published) -> tuple[list[str], int]:
 def _inside(
     published: Published, wall: Wall, device: Device, box: Array, coupling: Coupling | None
 ) -> bool:
-    """Say whether a reference stays inside the envelope of a box of k and b at every perceivable ω."""
+    """Say whether a reference stays inside the envelope of a box at every perceivable ω."""
     period = published.period
     curve = felt_square(device, wall.environment, period, coupling=coupling)
     # The pieces of the envelope change places among themselves too; only the curve's own crossings

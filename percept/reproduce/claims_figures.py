@@ -1,7 +1,8 @@
-"""Claims on Figs 4, 5 and 7: which devices they can have been drawn for, and what their curves say."""
+"""Claims on Figs 4, 5 and 7: which devices can show them, and what their curves say."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import partial
 
@@ -78,14 +79,12 @@ def fig_7b(published: Published) -> Evidence:
         mass=mass,
         damping=damping,
         wall=panel.wall,
-        direct=lines.direct[0],
-        lower=lines.lower[0],
-        upper=lines.upper[0],
+        lines=lines,
     )
 
 
 def one_device(published: Published) -> Evidence:
-    """Say why nobody can judge that resonances make the knots of Fig. 4, and that no rigid device does."""
+    """Say why nobody can judge the knots of Fig. 4, and that no rigid device has them."""
     panel, _, _ = panels(published)
     _, allowed = _extent(published, panel)
     needed = published.needed()
@@ -124,8 +123,6 @@ def fig_7f(published: Published) -> Evidence:
         felt=felt,
         above=panel.wall.k / high - 1,
         below=1 - felt / low,
-        mass=MASSES[-1],
-        damping=DAMPINGS[-1],
     )
 
 
@@ -134,7 +131,7 @@ def _everywhere(published: Published, panel: Panel) -> BoolArray:
 
 
 def _mass_limits(published: Published, panel: Panel) -> tuple[float, float]:
-    """Return the largest mass a panel's statement allows, kg: the least and the most over all dampings."""
+    """Return the largest mass a panel's statement allows, kg: least and most over dampings."""
     limits = []
     for damping in (0.0, *DAMPINGS[::12].tolist()):
         fits = partial(over_devices, published, panel, damping=np.array(damping))
@@ -172,38 +169,27 @@ def upper_above(published: Published) -> Evidence:
 
 
 def arbitrary_model(published: Published) -> Evidence:
-    """Judge whether limits of any model's parameters give its boundaries, by a mass that resonates."""
-    massless = {}
-    masses = {}
-    resonant = {}
+    """Judge whether limits of any model's parameters give boundaries, by a mass that resonates."""
+    massless = []
+    resonant = []
     for wall in published.walls:
-        mass = wall.k / LOOKED_AT**2
-        masses[wall.name] = mass
-        massless[wall.name] = _ends(published, wall, 0.0)
-        resonant[wall.name] = _ends(published, wall, mass)
-    worst = max(resonant, key=lambda name: resonant[name].ratio)
-    ends = resonant[worst]
-    massless_right = [each.right for each in massless.values()]
-    resonant_right = [each.right for each in resonant.values()]
+        massless.append(_ends(published, wall, 0.0))
+        resonant.append(_ends(published, wall, wall.k / LOOKED_AT**2))
     return evidence(
-        massless_right + resonant_right,
-        massless=sum(massless_right),
+        [ends.right for ends in massless + resonant],
+        massless=sum(ends.right for ends in massless),
         of=len(massless),
-        fine=[name for name, each in resonant.items() if each.right],
-        worst=worst,
-        mass=masses[worst],
-        at_low=ends.at_low,
-        at_high=ends.at_high,
-        ratio=ends.ratio,
-        lower=ends.lower,
-        upper=ends.upper,
+        fine=[ends.name for ends in resonant if ends.right],
+        worst=max(resonant, key=lambda ends: ends.ratio),
     )
 
 
 @dataclass(frozen=True)
 class _Ends:
-    """|Z_e| at 10 rad/s, N·s/m: at the paper's two corners, and the exact limits over the box."""
+    """|Z_e| of an environment at 10 rad/s, N·s/m: at the paper's corners, and its exact limits."""
 
+    name: str
+    mass: float  # kg
     at_low: float
     at_high: float
     lower: float
@@ -216,7 +202,8 @@ class _Ends:
     @property
     def right(self) -> bool:
         """Whether the corners are the exact limits."""
-        return bool(np.allclose([self.at_low, self.at_high], [self.lower, self.upper], rtol=_SAME))
+        low = math.isclose(self.at_low, self.lower, rel_tol=_SAME)
+        return low and math.isclose(self.at_high, self.upper, rel_tol=_SAME)
 
 
 def _ends(published: Published, wall: Wall, mass: float) -> _Ends:
@@ -226,10 +213,12 @@ def _ends(published: Published, wall: Wall, mass: float) -> _Ends:
         environment = Environment(limits.stiffness, limits.damping, mass)
         return float(published.felt(LOOKED_AT, environment, device=_NO_DEVICE))
 
+    at_low = corner(wall.lower)
+    at_high = corner(wall.upper)
     lower, upper = magnitude_envelope(
         LOOKED_AT, _NO_DEVICE, wall.stiffness, wall.damping, published.period, mass=mass
     )
-    return _Ends(corner(wall.lower), corner(wall.upper), float(lower), float(upper))
+    return _Ends(wall.name, mass, at_low, at_high, float(lower), float(upper))
 
 
 def discrimination(published: Published) -> Evidence:
@@ -256,7 +245,8 @@ def discrimination(published: Published) -> Evidence:
 
 
 def _rises(values: dict[str, float]) -> bool:
-    return bool((np.diff(list(values.values())) > 0).all())
+    steps = np.diff(list(values.values()))
+    return bool((steps > 0).all())
 
 
 def magnitude_suffices(published: Published) -> Evidence:
@@ -275,7 +265,7 @@ def magnitude_suffices(published: Published) -> Evidence:
 
 
 def _damper_of(published: Published, magnitude: float) -> float | None:
-    """Return the damper, N·s/m, with which |Z_h| has a magnitude at 10 rad/s; None if that is too low."""
+    """Return the damper, N·s/m, that gives |Z_h| a magnitude at 10 rad/s; None if there is none."""
 
     def excess(damping: float) -> float:
         return float(published.felt(LOOKED_AT, Environment(0.0, damping))) - magnitude
@@ -300,7 +290,8 @@ def like_shapes(published: Published) -> Evidence:
     squares = [felt_square(published.device, wall.environment, period) for wall in drawn]
     edges, middles = cells(squares, *published.span, period)
     felt = np.array([published.felt(middles, wall.environment) for wall in drawn])
-    ordered = np.asarray((np.diff(felt, axis=0) > 0).all(axis=0))
+    steps = np.diff(felt, axis=0)
+    ordered = np.asarray((steps > 0).all(axis=0))
     first_unordered = int(np.append(ordered, False).argmin())
     return evidence(
         ordered,
@@ -311,7 +302,7 @@ def like_shapes(published: Published) -> Evidence:
 
 
 def four_lines(published: Published) -> Evidence:
-    """Judge whether the four lines of Figs 7a, 7c and 7e fall on each other where the paper enlarges them."""
+    """Judge whether the four lines of Figs 7a, 7c and 7e fall on each other at 10 rad/s."""
     devices = Device(_MASSLESS_TOO, _UNDAMPED_TOO[:, None])
     least = {}
     for panel, letter in zip(panels(published), "ace", strict=True):
@@ -329,8 +320,6 @@ def four_lines(published: Published) -> Evidence:
         worst=worst,
         most=least[worst],
         needed=_DECADE * float(np.log10(least[worst])),
-        mass=MASSES[-1],
-        damping=DAMPINGS[-1],
     )
 
 

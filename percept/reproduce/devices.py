@@ -1,4 +1,4 @@
-"""What depends on the device: what the paper reads off Fig. 7, and couplings that suit environments.
+"""What depends on the device: readings of Fig. 7, and couplings that suit environments.
 
 The mass and the damping of the device behind the figures were never published. So each reading is
 tried on a grid of devices that a hand can move. Couplings that are stable and keep an environment
@@ -190,7 +190,7 @@ def _panel_squares(published: Published, wall: Wall, device: Device) -> list[Squ
 
 
 def change_over_band(published: Published, panel: Panel, device: Device) -> Array:
-    """Return the change of |Z_h| by the coupling over the band at the same ω, over a panel's window.
+    """Return the change of |Z_h| by the coupling over the band at the same ω, in a window.
 
     The device may hold arrays; ω is the last axis. The ratio is inf where the band is empty.
     """
@@ -225,7 +225,7 @@ def most_passed(published: Published, panel: Panel) -> tuple[float, Device]:
 
 
 def _mass_of_crossing(published: Published, wall: Wall, omega: float, damping: float) -> float:
-    """Return the device's mass, kg, with which the two boundaries cross at ω; negative if none does."""
+    """Return the device's mass, kg, with which the boundaries cross at ω; negative if none does."""
 
     def gap(mass: float) -> float:
         device = Device(mass, damping)
@@ -287,7 +287,7 @@ def largest(true_at: Callable[[Array], BoolArray], candidates: Array) -> float |
 
 @dataclass(frozen=True, eq=False)
 class Adapted:
-    """The couplings that suit each environment on one device, and the one for all, if there is one."""
+    """The couplings that suit each environment on one device, and any that suits all."""
 
     device: Device
     design: CouplingDesign  # In the order of Table 1
@@ -303,7 +303,7 @@ def next_user_boundaries(published: Published) -> tuple[EnvironmentBoundary, ...
 
 
 def adapted_couplings(published: Published) -> Adapted:
-    """Return the couplings that qualify on the device Fig. 4 implies: stable, and inside at every ω."""
+    """Return the couplings that are stable and inside at every ω, on the device Fig. 4 implies."""
     device = Device(published.device.mass, published.needed())
     boundaries = next_user_boundaries(published)
     span = published.span

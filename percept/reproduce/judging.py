@@ -12,13 +12,14 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Literal, TypeAlias
 
+from percept.haptics import Device
 from percept.report.numbers import rounded
 from percept.reproduce import claims_coupling, claims_figures, claims_table
+from percept.reproduce.devices import DAMPINGS, MASSES
 from percept.reproduce.published import Evidence, Published, Value, undecided
 
 __all__ = [
     "Claim",
-    "Misprint",
     "Quantity",
     "Verdict",
     "judge",
@@ -77,21 +78,11 @@ class Sentence:
     finding: str
     source: str
     condition: str = ""
-    numbers: Sequence[tuple[str, str, str]] = ()  # Name, the value's key, and unit
-
-
-@dataclass(frozen=True)
-class Misprint:
-    """What the paper prints and does not mean."""
-
-    place: str
-    printed: str
-    meant: str
-    finding: str  # What shows it
+    numbers: Sequence[tuple[str, str, str]] = ()  # Name, the value's key or path, and unit
 
 
 class _Listed:
-    """Several values in a sentence: names joined by "and", numbers by commas, each with what it is of."""
+    """Several values in a sentence: names joined by "and", numbers by commas, with their names."""
 
     def __init__(self, values: Mapping[str, Value] | Sequence[Value]) -> None:
         self._values = values
@@ -110,7 +101,7 @@ class _Listed:
 
 
 def verdict_of(cases: Iterable[bool] | None) -> Verdict:
-    """Judge a sentence: it holds if it is true in all cases, does not if in none, else on a condition."""
+    """Judge a sentence: it holds in all cases, in none, or else on a condition."""
     if cases is None:
         return "cannot be judged"
     true = [bool(case) for case in cases]
@@ -127,9 +118,9 @@ def sentences() -> list[Sentence]:
     return entries
 
 
-def misprints() -> list[Misprint]:
-    """Read what the paper prints and does not mean."""
-    return [Misprint(**entry) for entry in _texts()["misprint"]]
+def misprints() -> list[dict[str, str]]:
+    """Read what the paper prints and does not mean: place, printed, meant, and what shows it."""
+    return _texts()["misprint"]
 
 
 def _texts() -> dict[str, list[dict[str, Value]]]:
@@ -157,7 +148,7 @@ def judge(published: Published, sentence: Sentence) -> Claim:
     """Judge one sentence by the function of its name; without cases it stays open."""
     judged = _judge_of(sentence)(published)
     verdict = verdict_of(judged.cases)
-    fields: dict[str, Value] = {"p": published}
+    fields: dict[str, Value] = {"p": published, "limit": Device(MASSES[-1], DAMPINGS[-1])}
     for name, value in judged.values.items():
         several = isinstance(value, list | tuple | dict)
         fields[name] = _Listed(value) if several else value
@@ -178,7 +169,7 @@ def judge(published: Published, sentence: Sentence) -> Claim:
 
 
 def _judge_of(sentence: Sentence) -> _Judge:
-    """Return the function of a sentence's name; where there is none, no published number says anything."""
+    """Return the function of a sentence's name; without one no number says anything."""
     function = sentence.name.replace("-", "_")
     for module in _MODULES:
         if hasattr(module, function):
@@ -191,8 +182,11 @@ def _numbers(
 ) -> list[Quantity]:
     """Return the numbers under a sentence; a value that holds several gives one number for each."""
     numbers = []
-    for name, key, unit in sentence.numbers:
+    for name, path, unit in sentence.numbers:
+        key, *attributes = path.split(".")
         value = values[key]
+        for attribute in attributes:
+            value = getattr(value, attribute)
         each = value if isinstance(value, dict) else {"": value}
         for of, number in each.items():
             numbers.append(Quantity(name.format(**fields, key=of), number, unit))

@@ -1,4 +1,4 @@
-"""What the paper prints, the scene it is looked at in, and what both say on one of its sentences."""
+"""What the paper prints, the scene it is looked at in, and the evidence on its sentences."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ class Published:
 
     @cached_property
     def next_user(self) -> Array:
-        """Prediction limits of the scene's family, (environments, 2, 2): of k and b, lower and upper."""
+        """Prediction limits, (environments, 2, 2): of k and b, lower and upper."""
         family = self.scene.inference.family
         limits = prediction_interval(self.limits.moments, level=self.limits.level, family=family)
         return np.stack([np.asarray(limits.lower), np.asarray(limits.upper)], axis=-1)
@@ -194,7 +194,7 @@ class Published:
         return np.abs(z_h)
 
     def through_coupling(self, wall: Wall) -> tuple[float, float]:
-        """Return k and b of a reference through the tuned coupling, at the ω where Fig. 7 looks closely."""
+        """Return k and b of a reference through the tuned coupling, at `LOOKED_AT`."""
         k, b = effective_impedance(LOOKED_AT, wall.environment, self.tuned, self.period)
         return float(k), float(b)
 
@@ -204,7 +204,7 @@ class Published:
         return self.scene.frequency.lower, self.scene.frequency.upper
 
     def omega(self, points: int = 241) -> Array:
-        """Return ω over the perceivable range, rad/s, shape (points,), evenly on a logarithmic scale."""
+        """Return ω over the perceivable range, rad/s, shape (points,), evenly on a log scale."""
         return np.geomspace(*self.span, points)
 
 

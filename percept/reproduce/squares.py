@@ -117,7 +117,7 @@ def _rendered(environment: Environment | Coupling, rate: Term) -> Term:
 
 
 def envelope_squares(device: Device, box: Array, period: float) -> list[Square]:
-    """Return the pieces of the exact envelope over a box (2, 2) of k and b: four corners, four edges."""
+    """Return the pieces of the exact envelope over a box (2, 2) of k and b: corners and edges."""
     stiffness, damping = box.tolist()
     mass = float(device.mass)
     device_damping = float(device.damping)
@@ -135,7 +135,7 @@ def envelope_squares(device: Device, box: Array, period: float) -> list[Square]:
 
 
 def crossings(squares: Iterable[Square], low: float, high: float) -> Array:
-    """Return where any two squares are equal, strictly between two values of the variable, increasing."""
+    """Return where any two squares are equal, strictly inside a range of the variable."""
     roots = []
     for first, second in combinations(squares, 2):
         difference = first.over * second.under - second.over * first.under
@@ -181,7 +181,7 @@ def cells(squares: Iterable[Square], low: float, high: float, period: float) -> 
 
 
 def share(edges: Array, true: NDArray[np.bool_]) -> float:
-    """Return the share of a range, on a logarithmic scale, whose cells are true; exactly 1 for all."""
+    """Return the share of a range, on a log scale, whose cells are true; exactly 1 for all."""
     if true.all():
         return 1.0
     lengths = np.diff(np.log(edges))
@@ -189,7 +189,7 @@ def share(edges: Array, true: NDArray[np.bool_]) -> float:
 
 
 def largest_ratio(first: Square, second: Square, low: float, high: float, period: float) -> float:
-    """Return the largest ratio of two curves, the higher over the lower, over a range of ω, rad/s."""
+    """Return the largest ratio of two curves, either over the other, in a range of ω, rad/s."""
     over = first.over * second.under
     under = second.over * first.under
     start = tustin_rate(low, period)

@@ -20,7 +20,7 @@ from percept.inference import prediction_interval, tolerance_interval
 from percept.provenance import made_by
 from percept.reproduce.claims_table import limits_printed
 from percept.reproduce.devices import Adapted, adapted_couplings
-from percept.reproduce.judging import Claim, Misprint, Verdict, judge_all, misprints
+from percept.reproduce.judging import Claim, Verdict, judge_all, misprints
 from percept.reproduce.published import Published
 from percept.results.plain import dumps, plain
 from percept.sessions.quantities import IMPEDANCE
@@ -36,17 +36,11 @@ _FILES = FolderFiles(PAGE, (PAGE, *_TEXTS, *_FIGURES))
 
 
 @dataclass(frozen=True)
-class _File:
-    name: str
-    sha256: str
-
-
-@dataclass(frozen=True)
 class _Provenance:
     """What the numbers follow from."""
 
     versions: dict[str, str]
-    files: list[_File]
+    files: list[dict[str, str]]
     device: dict[str, float]
     coupling: dict[str, float]
     period: float
@@ -100,7 +94,7 @@ class _Document:
     claims: list[dict[str, object]]
     table: list[_Row]
     future: _Future
-    misprints: list[Misprint]
+    misprints: list[dict[str, str]]
 
 
 def write_reproduction(
@@ -187,7 +181,7 @@ def _document(
     coupling = published.tuned
     provenance = _Provenance(
         versions,
-        [_File(path.name, _digest(path)) for path in published.files],
+        [{"name": path.name, "sha256": _digest(path)} for path in published.files],
         _device(published.device),
         {"stiffness": float(coupling.stiffness), "damping": float(coupling.damping)},
         published.period,
@@ -212,7 +206,7 @@ def _device(device: Device) -> dict[str, float]:
 
 
 def _table(published: Published) -> list[_Row]:
-    """Return Table 1 as printed, as percept prints it, and what the paper's reading would have needed."""
+    """Return Table 1 as printed, as percept prints it, and with limits for users."""
     limits = published.limits
     moments = limits.moments
     user = prediction_interval(moments, level=limits.level)
@@ -280,7 +274,7 @@ def _claims_csv(claims: Sequence[Claim]) -> str:
 
 
 def _table_csv(rows: Sequence[_Row]) -> str:
-    """Return Table 1 as CSV: printed limits, percept's, and those for the next user and a share of all."""
+    """Return Table 1 as CSV: printed limits, percept's, and those for users."""
     table = pd.DataFrame([plain(row) for row in rows]).drop(columns=["user", "share"])
     table["user_lower"] = [row.user[0] for row in rows]
     table["user_upper"] = [row.user[1] for row in rows]

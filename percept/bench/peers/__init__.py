@@ -1,1 +1,1 @@
-"""percept against general samplers on one study: run time, error, effective draws, whole commands."""
+"""percept against general samplers: run time, error, effective draws, whole commands."""

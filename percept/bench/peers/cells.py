@@ -1,4 +1,4 @@
-"""The whole model as PyMC writes it, with repeats, missing cells and one or two parameters; nutpie on it.
+"""The whole model as PyMC writes it, with repeats, missing cells, one or two parameters.
 
 Cell means and the scatter between trials are what is observed. The effect of a subject in an
 environment is summed into the cell means' covariance; every other unknown is sampled.
@@ -179,7 +179,7 @@ def _scatter_density(statistics: Statistics, sigma_e: Term, rho_e: Term) -> Term
 
 
 def nutpie_limits(statistics: Statistics, seed: int, *, seconds: float) -> Printed:
-    """Sample for at most so long; limits of kinds mean and user, their errors, and what the run said."""
+    """Sample for at most so long; limits of kinds mean and user, and what the run took."""
     import nutpie
 
     model = cells_model(statistics, Priors())
@@ -259,7 +259,7 @@ def averaged_limits(statistics: Statistics, draws: Mapping[str, Array]) -> tuple
 
 
 def _scales(named: dict[str, Array]) -> Scales:
-    """Return scales as percept's conditional laws take them; the density of coordinates plays no part."""
+    """Return scales as percept's conditional laws take them; no coordinates stand behind them."""
 
     def covariance(sd: str, rho: str) -> Block:
         correlation = named.get(rho)

@@ -1,4 +1,4 @@
-"""From measurements to times at given errors, ratios, promises kept, and where percept does not win."""
+"""From measurements to times at given errors, ratios, and where percept does not win."""
 
 from __future__ import annotations
 
@@ -227,7 +227,7 @@ def build_document(
 
 
 def _aims(measured: Sequence[Measured], times: Sequence[Reached]) -> list[Aim]:
-    """Compare percept and nutpie on the plain model of the first study with what percept aims at."""
+    """Compare percept with nutpie on the first study's plain model, and with what it aims at."""
     study = measured[0].study
     theirs = [row for row in measured if (row.study, row.engine) == (study, _PLAIN)]
     ours = [row for row in measured if (row.study, row.engine) == (study, _OURS)]
@@ -286,7 +286,7 @@ def _broken(compared: Sequence[Comparison]) -> list[str]:
         if not comparison.kept:
             lines.append(
                 f"{comparison.command} takes {comparison.ratio:.2f} times the wall time and"
-                f" {comparison.processor_ratio:.2f} times the processor time of {comparison.against};"
-                f" {comparison.promised:g} is promised."
+                f" {comparison.processor_ratio:.2f} times the processor time of"
+                f" {comparison.against}; {comparison.promised:g} is promised."
             )
     return lines

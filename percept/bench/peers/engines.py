@@ -1,4 +1,4 @@
-"""The engines compared: each gives limits from a study's statistics; imports are made where they are used."""
+"""The engines compared: each gives limits from a study's statistics."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def _percept(statistics: Statistics) -> Sampler:
 
 
 def _emcee(statistics: Statistics) -> Sampler:
-    """Percept's collapsed density and mixture limits, emcee's own moves: what the moves alone cost."""
+    """Percept's density and mixture limits, emcee's own moves: what the moves alone cost."""
     import emcee
 
     from percept.inference.sampling.diagnostics import autocorrelation_time, normal_scores

@@ -1,4 +1,4 @@
-"""The benchmark: run what is installed on every study, and write benchmark.json, figures and the page."""
+"""The benchmark: run what is installed on every study, and write document, figures and page."""
 
 from __future__ import annotations
 
