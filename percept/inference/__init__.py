@@ -1,4 +1,4 @@
-"""Inference on users: classical intervals here, the hierarchical model in `percept.inference.hierarchy`."""
+"""Classical inference on users; the hierarchical model is in `percept.inference.hierarchy`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The record of every interval, whichever method makes it, and the sentence that says what it covers."""
+"""The record of every interval, whichever method makes it, and what it covers in a sentence."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ class Interval:
         return "; ".join(clauses) + "."
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the fields of an ``intervals`` row of report.json, without environment and parameter."""
+        """Return the fields of a row of intervals, without environment and parameter."""
         return {name: getattr(self, name) for name in ROW}
 
     def _repr_html_(self) -> str:

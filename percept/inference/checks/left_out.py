@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,12 @@ class Predicted:
     farther: Array  # (N,) Predictive probability of lying as far off or farther, all cells together
 
 
-def leave_one_out(subjects: SubjectDensity, points: Array, *, chains: int) -> Loo:
+def leave_one_out(
+    subjects: SubjectDensity,
+    points: Array,
+    *,
+    chains: int,
+) -> Loo:
     """Leave each subject out by reweighting draws of the scales.
 
     The locations are integrated out of the weights, 1/p(y_i | scales, other subjects), so these
@@ -101,7 +107,11 @@ def leave_one_out(subjects: SubjectDensity, points: Array, *, chains: int) -> Lo
     return _smoothed(log_density, kept, chains)
 
 
-def _smoothed(log_density: Array, points: Array, chains: int) -> Loo:
+def _smoothed(
+    log_density: Array,
+    points: Array,
+    chains: int,
+) -> Loo:
     """Smooth the weights' tails by ArviZ."""
     import arviz_base
     import arviz_stats
@@ -113,7 +123,8 @@ def _smoothed(log_density: Array, points: Array, chains: int) -> Loo:
     with warnings.catch_warnings():
         # Bad indices are in the record, and every user of it says so.
         warnings.filterwarnings("ignore", message="Estimated shape parameter")
-        loo = arviz_stats.loo(tree, pointwise=True, reff=1.0)  # type: ignore[attr-defined, no-untyped-call]
+        leave_out: Any = arviz_stats.loo  # type: ignore[attr-defined]
+        loo = leave_out(tree, pointwise=True, reff=1.0)
     log_weights = loo.log_weights.transpose("chain", "draw", "subject").to_numpy()
     weights = np.exp(log_weights.reshape(log_density.shape) - log_weights.max())
     return Loo(
@@ -125,8 +136,12 @@ def _smoothed(log_density: Array, points: Array, chains: int) -> Loo:
     )
 
 
-def predict_left_out(subjects: SubjectDensity, points: Array, weights: Array) -> Predicted:
-    """Compare subjects with their prediction from the others, by draws (S, d) with weights (S, N)."""
+def predict_left_out(
+    subjects: SubjectDensity,
+    points: Array,
+    weights: Array,
+) -> Predicted:
+    """Compare subjects with their prediction from the others: draws (S, d), weights (S, N)."""
     below = np.zeros((subjects.subjects, subjects.parameters, subjects.environments))
     farther = np.zeros(subjects.subjects)
     for cut, scales in subjects.batches(points):

@@ -29,7 +29,11 @@ class PriorDraws:
     users: Array  # (draws, C)
 
 
-def draw_prior(density: CollapsedDensity, draws: int, rng: np.random.Generator) -> PriorDraws:
+def draw_prior(
+    density: CollapsedDensity,
+    draws: int,
+    rng: np.random.Generator,
+) -> PriorDraws:
     """Draw scales, population means and new users before any data."""
     statistics = density.statistics
     priors = density.priors
@@ -47,7 +51,8 @@ def draw_prior(density: CollapsedDensity, draws: int, rng: np.random.Generator) 
     if scales.tau is not None:
         gamma = priors.gamma_sd * rng.standard_normal(alpha.shape)
         beta += gamma * statistics.x[..., None]
-        beta += np.stack(scales.tau)[:, None] * rng.standard_normal(beta.shape)
+        tau = np.stack(scales.tau)[:, None]
+        beta += tau * rng.standard_normal(beta.shape)
     user = beta.copy()
     for column in scales.between.factor_columns():
         user += np.stack(column) * rng.standard_normal(beta.shape[1:])
@@ -87,7 +92,11 @@ def statistics_of(cell_means: Array) -> Array:
     return np.stack([mean, sd, farthest], axis=-3)
 
 
-def replicate(subjects: SubjectDensity, points: Array, rng: np.random.Generator) -> Array:
+def replicate(
+    subjects: SubjectDensity,
+    points: Array,
+    rng: np.random.Generator,
+) -> Array:
     """Statistics of new studies of the same design, one per draw (S, d): shape (S, 3, P, J)."""
     parts = []
     for _, scales in subjects.batches(points):
@@ -95,8 +104,12 @@ def replicate(subjects: SubjectDensity, points: Array, rng: np.random.Generator)
     return np.concatenate(parts)
 
 
-def _new_studies(subjects: SubjectDensity, scales: Scales, rng: np.random.Generator) -> Array:
-    """Draw cell means of all subjects at W sets of scales, (W, N, P, J); NaN where none was measured."""
+def _new_studies(
+    subjects: SubjectDensity,
+    scales: Scales,
+    rng: np.random.Generator,
+) -> Array:
+    """Draw cell means of all subjects at W sets of scales, (W, N, P, J), NaN if missing."""
     density = subjects.density
     beta = density.locations(scales).draw(rng)
     size, environments, width = beta.shape

@@ -63,7 +63,11 @@ class SubjectDensity:
     """
 
     def __init__(
-        self, density: CollapsedDensity, response: Array, subject: Indices, environment: Indices
+        self,
+        density: CollapsedDensity,
+        response: Array,
+        subject: Indices,
+        environment: Indices,
     ) -> None:
         self.density = density
         self._means = density.statistics.cell_means
@@ -87,15 +91,17 @@ class SubjectDensity:
         return cells * float(self.parameters)
 
     def batches(self, points: Array) -> Iterator[tuple[slice, Scales]]:
-        """Cut draws (S, d), with the scales of each cut: temporaries stay small in studies of any size."""
+        """Cut draws (S, d), with the scales of each cut: temporaries stay small."""
         cells = self.parameters * self.environments
-        step = max(1, _BATCH // (cells * (self.subjects + 4 * cells)))
+        numbers = cells * (self.subjects + 4 * cells)  # for each draw
+        step = max(1, _BATCH // numbers)
         for start in range(0, len(points), step):
             cut = slice(start, min(start + step, len(points)))
-            yield cut, self.density.layout.scales(np.ascontiguousarray(points[cut].T))
+            coordinates = np.ascontiguousarray(points[cut].T)
+            yield cut, self.density.layout.scales(coordinates)
 
     def left_out(self, scales: Scales) -> LeftOut:
-        """Predictive law of each subject's data given W sets of scales and the other subjects' data."""
+        """Predict each subject's data from W sets of scales and the other subjects' data."""
         law = self.density.locations(scales)
         mean = np.stack(law.mean)
         columns = law.columns()
@@ -109,7 +115,8 @@ class SubjectDensity:
         for pattern, cell in zip(self.density.statistics.patterns, cells, strict=True):
             members = pattern.members
             present = pattern.environments
-            residual = self._means[members][..., present, None] - mean[:, present]
+            means = self._means[members][..., present, None]
+            residual = means - mean[:, present]
             part = _leave_out(residual, columns[:, :, present], cell, scales.shared)
             predicted.log_density[:, members] = part.log_density
             predicted.distance[:, members] = part.distance
@@ -121,7 +128,7 @@ class SubjectDensity:
         return predicted
 
     def _between_trials(self, scales: Scales) -> Array | float:
-        """Log density of trials about their cell means, and of turning means into trials: (W, N) or zero."""
+        """Log density of trials about their cell means, (W, N); zero without repeats."""
         trial = self.density.trial_block(scales)
         if trial is None:
             return 0.0
@@ -132,32 +139,40 @@ class SubjectDensity:
             rest = self._scatter.rest[..., None] + first * tilt * tilt
             squares = squares + rest / trial.variances[1]
         extra = np.maximum(self._counts - 1.0, 0.0)
-        log_counts = np.log(np.maximum(self._counts, 1)).sum(axis=1)
-        constant = self.parameters * (extra.sum(axis=1) * _LOG_2PI + log_counts)
+        log_counts = np.log(np.maximum(self._counts, 1))
+        constant = extra.sum(axis=1) * _LOG_2PI + log_counts.sum(axis=1)
+        constant = self.parameters * constant[:, None]
         determinants = extra @ trial.log_determinant()
-        return -0.5 * (squares.sum(axis=1) + determinants + constant[:, None]).T
+        return -0.5 * (squares.sum(axis=1) + determinants + constant).T
 
 
-def _leave_out(residual: Array, columns: Array, cell: Block, shared: Block | None) -> LeftOut:
-    """Predict the I subjects of one pattern: `residual` (I, P, E, W) is r, `columns` (R, P, E, W) B."""
+def _leave_out(
+    residual: Array,
+    columns: Array,
+    cell: Block,
+    shared: Block | None,
+) -> LeftOut:
+    """Predict I subjects of one pattern: `residual` (I, P, E, W) is r, `columns` (R, P, E, W) B."""
     covariance = SharedCovariance(cell, shared)
     whitened = _whitened(covariance, residual)
     g = _whitened(covariance, columns)
     transposed = g.transpose(0, 2, 1)
-    factor = _factor(np.eye(len(columns)) - np.matmul(transposed, g))
-    flat = columns.reshape(len(columns), -1, columns.shape[-1]).transpose(2, 0, 1)
-    right = np.concatenate([np.matmul(transposed, whitened), flat], axis=2)
+    latents = len(columns)
+    factor = _factor(np.eye(latents) - transposed @ g)
+    flat = columns.reshape(latents, -1, columns.shape[-1])
+    right = np.concatenate([transposed @ whitened, flat.transpose(2, 0, 1)], axis=2)
     solved = np.linalg.solve(factor, right)
     shift = solved[..., : len(residual)]
     root = solved[..., len(residual) :]
-    distance = np.square(whitened).sum(axis=1) + np.square(shift).sum(axis=1)
-    log_diagonal = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+    distance = _squares(whitened) + _squares(shift)
+    diagonal = np.diagonal(factor, axis1=1, axis2=2)
+    log_diagonal = np.log(diagonal).sum(axis=1)
     log_determinant = covariance.log_determinant() - 2.0 * log_diagonal
     shape = (len(factor), *residual.shape[1:3], -1)
-    learned = np.matmul(root.transpose(0, 2, 1), shift).reshape(shape)
-    difference = residual.transpose(3, 1, 2, 0) + learned
-    variance = _variances(cell, shared, residual.shape[2:]).transpose(2, 0, 1)
-    variance = variance + np.square(root).sum(axis=1).reshape(shape[:3])
+    learned = root.transpose(0, 2, 1) @ shift
+    difference = residual.transpose(3, 1, 2, 0) + learned.reshape(shape)
+    variance = _variances(cell, shared, residual.shape[2:])
+    variance = variance.transpose(2, 0, 1) + _squares(root).reshape(shape[:3])
     standard = difference / np.sqrt(variance)[..., None]
     return LeftOut(
         log_density=-0.5 * (log_determinant[:, None] + distance),
@@ -166,11 +181,20 @@ def _leave_out(residual: Array, columns: Array, cell: Block, shared: Block | Non
     )
 
 
-def _variances(cell: Block, shared: Block | None, shape: tuple[int, ...]) -> Array:
+def _squares(columns: Array) -> Array:
+    """Sum squares over the second axis."""
+    return np.square(columns).sum(axis=1)
+
+
+def _variances(
+    cell: Block,
+    shared: Block | None,
+    shape: tuple[int, ...],
+) -> Array:
     """Variances of a subject's cell means about the locations, (P, E, W)."""
     own = cell.diagonal()
     if shared is not None:
-        own = tuple(a + b for a, b in zip(own, shared.diagonal(), strict=True))
+        own = tuple(map(np.add, own, shared.diagonal()))
     return np.stack([np.broadcast_to(part, shape) for part in own])
 
 
@@ -187,21 +211,28 @@ def _whitened(covariance: SharedCovariance, vectors: Array) -> Array:
     """Rows of V^(-1/2) times vectors (n, P, E, W): (W, rows, n)."""
     count = len(vectors)
     width = vectors.shape[-1]
-    pieces = covariance.whiten(tuple(vectors.transpose(1, 0, 2, 3)))
-    rows = [part.reshape(count, -1, width) for piece in pieces for part in piece]
+    by_parameter = vectors.transpose(1, 0, 2, 3)
+    rows = []
+    for piece in covariance.whiten(tuple(by_parameter)):
+        rows += [part.reshape(count, -1, width) for part in piece]
     return np.concatenate(rows, axis=1).transpose(2, 1, 0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _CellScatter:
-    """Scatter between the trials of every cell, all (N, J), as a regression on the first parameter."""
+    """Scatter between trials of every cell, (N, J), as a regression on the first parameter."""
 
     first: Array  # Sum of squares of the first parameter
     slope: Array  # Of the second parameter on the first
     rest: Array  # Sum of squares that leaves of the second
 
     @classmethod
-    def of(cls, deviation: Array, cell: Indices, shape: tuple[int, int]) -> _CellScatter:
+    def of(
+        cls,
+        deviation: Array,
+        cell: Indices,
+        shape: tuple[int, int],
+    ) -> _CellScatter:
         """Sum over trials: deviations (trials, P) and the number of the cell of each."""
 
         def total(values: Array) -> Array:

@@ -1,1 +1,1 @@
-"""Classical intervals: what a sample says about the mean, the next user and a share of all users."""
+"""What a sample says of the mean, the next user and a share of all users."""

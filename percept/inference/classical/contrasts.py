@@ -34,9 +34,14 @@ class SpreadRatio:
 
 
 def paired_contrast(
-    difference: Array, kind: Kind, *, level: float, share: float, confidence: float
+    difference: Array,
+    kind: Kind,
+    *,
+    level: float,
+    share: float,
+    confidence: float,
 ) -> tuple[Interval, float]:
-    """Interval of subjects' differences (n,), and the p-value of a mean of zero by the paired t-test."""
+    """Interval of subjects' differences (n,), and the paired t-test's p-value."""
     moments = Moments.from_values(difference)
     if moments.sd == 0.0:
         raise RefusalError("all differences are equal: with no scatter there is no interval.")
@@ -47,7 +52,12 @@ def paired_contrast(
     return interval, 2.0 * float(special.stdtr(n - 1, -t))
 
 
-def spread_ratio(first: Array, second: Array, *, level: float) -> SpreadRatio:
+def spread_ratio(
+    first: Array,
+    second: Array,
+    *,
+    level: float,
+) -> SpreadRatio:
     """Ratio of SDs of pairs (n,), by Pitman and Morgan.
 
     Sum and difference of two variables are uncorrelated where their variances are equal. The

@@ -201,7 +201,11 @@ def tolerance_interval(
     return interval_of("share", x, claim)
 
 
-def interval_of(kind: Kind, x: ArrayLike | Moments, claim: Claim) -> Interval:
+def interval_of(
+    kind: Kind,
+    x: ArrayLike | Moments,
+    claim: Claim,
+) -> Interval:
     """Work out an interval of any kind.
 
     Parameters
@@ -279,7 +283,11 @@ def _t_quantile(n: NDArray[np.int64], claim: Claim) -> Array:
     return -np.asarray(special.stdtrit(n - 1.0, tail), dtype=float)
 
 
-def _share_factor(n: NDArray[np.int64], share: float, claim: Claim) -> Array:
+def _share_factor(
+    n: NDArray[np.int64],
+    share: float,
+    claim: Claim,
+) -> Array:
     """Half-width of a tolerance interval, in SDs."""
     outside = tail_of(share, "share", joint=claim.joint)
     miss = tail_of(claim.confidence, "confidence", joint=claim.joint)
@@ -288,7 +296,7 @@ def _share_factor(n: NDArray[np.int64], share: float, claim: Claim) -> Array:
 
 
 def family_moments(x: ArrayLike | Moments, family: Family) -> tuple[Moments, bool]:
-    """Return moments that scatter, on the scale of a family, and whether they are moment-matched."""
+    """Return moments on the scale of a family, and whether they are moment-matched."""
     check_option("family", family, ("normal", "lognormal"))
     log = family == "lognormal"
     approximate = False
@@ -311,7 +319,11 @@ def family_moments(x: ArrayLike | Moments, family: Family) -> tuple[Moments, boo
 
 
 def bias(
-    x: ArrayLike | Moments, reference: ArrayLike, *, level: float = 0.99, family: Family = "normal"
+    x: ArrayLike | Moments,
+    reference: ArrayLike,
+    *,
+    level: float = 0.99,
+    family: Family = "normal",
 ) -> Ratio:
     """Compare the average user with the reference, as a ratio.
 
@@ -348,7 +360,12 @@ def bias(
     )
 
 
-def weber_fraction(x: ArrayLike | Moments, reference: ArrayLike, *, level: float = 0.99) -> Ratio:
+def weber_fraction(
+    x: ArrayLike | Moments,
+    reference: ArrayLike,
+    *,
+    level: float = 0.99,
+) -> Ratio:
     """Work out SD over the reference, between users; its interval is exact, by χ².
 
     Parameters
@@ -385,7 +402,11 @@ def weber_fraction(x: ArrayLike | Moments, reference: ArrayLike, *, level: float
     )
 
 
-def _expected_share(t: Array, n: NDArray[np.int64], side: Side) -> Array:
+def _expected_share(
+    t: Array,
+    n: NDArray[np.int64],
+    side: Side,
+) -> Array:
     """Share of users that mean ± t·SD/√n holds on average over studies."""
     df = n - 1.0
     # The next user differs from the mean by SD·√(1 + 1/n) times a t.

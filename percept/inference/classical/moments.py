@@ -81,7 +81,11 @@ class Moments(NotebookRecord):
 
     @classmethod
     def from_values(
-        cls, values: ArrayLike, *, log: bool = False, repeats: bool | None = None
+        cls,
+        values: ArrayLike,
+        *,
+        log: bool = False,
+        repeats: bool | None = None,
     ) -> Self:
         """Work out mean and SD of one value per subject.
 
@@ -116,7 +120,12 @@ class Moments(NotebookRecord):
 
     @classmethod
     def from_limits(
-        cls, lower: ArrayLike, upper: ArrayLike, n: ArrayLike, *, level: float = 0.99
+        cls,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        n: ArrayLike,
+        *,
+        level: float = 0.99,
     ) -> Self:
         """Turn the published limits of a t-interval (Eq. 15) back into mean and SD.
 
@@ -226,15 +235,24 @@ def plain(values: Array) -> FloatOrArray:
     return float(values) if values.ndim == 0 else values
 
 
-def check_option(name: str, value: str, options: tuple[str, ...]) -> None:
+def check_option(
+    name: str,
+    value: str,
+    options: tuple[str, ...],
+) -> None:
     """Refuse a value that is not one of the options."""
     if value not in options:
         named = ", ".join(f'"{option}"' for option in options)
         raise UsageError(f"{name} must be one of {named}.", value=value)
 
 
-def finite_values(values: ArrayLike, *, name: str = "values", positive: bool = False) -> Array:
-    """Return `values` as doubles, all of them finite numbers and, where asked, fit for a logarithm."""
+def finite_values(
+    values: ArrayLike,
+    *,
+    name: str = "values",
+    positive: bool = False,
+) -> Array:
+    """Return values as doubles that are finite and, if requested, positive."""
     if np.ma.is_masked(values):
         raise UsageError(
             f"Some of the {name} are masked.", hint="Pass what is not masked: values.compressed()."
@@ -272,7 +290,12 @@ def finite_values(values: ArrayLike, *, name: str = "values", positive: bool = F
     return doubles
 
 
-def sample(values: ArrayLike, *, positive: bool = False, least: int = 2) -> Array:
+def sample(
+    values: ArrayLike,
+    *,
+    positive: bool = False,
+    least: int = 2,
+) -> Array:
     """Return samples whose subjects, `least` or more, run along the last axis."""
     doubles = finite_values(values, positive=positive)
     if doubles.ndim == 0:
@@ -328,7 +351,12 @@ def tails(level: ArrayLike, name: str = "level") -> Array:
     return 1.0 - values
 
 
-def tail_of(level: float, name: str = "level", *, joint: str = "marginal") -> float:
+def tail_of(
+    level: float,
+    name: str = "level",
+    *,
+    joint: str = "marginal",
+) -> float:
     """Return what one level leaves out, halved where stiffness and damping share it."""
     tail = tails(level, name)
     if tail.ndim:

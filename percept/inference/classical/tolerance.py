@@ -39,7 +39,11 @@ _legendre = cache(np.polynomial.legendre.leggauss)
 
 
 def tolerance_factor(
-    n: ArrayLike, share: ArrayLike, confidence: ArrayLike, *, sided: Literal["two", "one"] = "two"
+    n: ArrayLike,
+    share: ArrayLike,
+    confidence: ArrayLike,
+    *,
+    sided: Literal["two", "one"] = "two",
 ) -> FloatOrArray:
     """Work out the exact factor of a normal tolerance interval.
 
@@ -81,9 +85,13 @@ def tolerance_factor(
 
 
 def factor_of_tails(
-    n: ArrayLike, beta: ArrayLike, alpha: ArrayLike, *, sided: str = "two"
+    n: ArrayLike,
+    beta: ArrayLike,
+    alpha: ArrayLike,
+    *,
+    sided: str = "two",
 ) -> FloatOrArray:
-    """Factor that leaves out beta = 1 − P of the population and misses it with probability alpha = 1 − γ."""
+    """Factor from the tails beta = 1 − P and alpha = 1 − γ; options as `tolerance_factor`."""
     arrays = [np.asarray(argument) for argument in (n, beta, alpha)]
     n, beta, alpha = fitted("n, share and confidence", *arrays)
     if sided == "two":
@@ -95,7 +103,11 @@ def factor_of_tails(
 
 
 @lru_cache(_REMEMBERED)
-def _two_sided(n: float, beta: float, alpha: float) -> float:
+def _two_sided(
+    n: float,
+    beta: float,
+    alpha: float,
+) -> float:
     """Two-sided factor for n subjects."""
     half_df = (n - 1.0) / 2.0
     root_n = math.sqrt(n)

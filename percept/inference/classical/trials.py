@@ -1,4 +1,4 @@
-"""From trials to one value per subject (n is subjects, never trials), and whether these look normal."""
+"""From trials to one value per subject, and whether these values look normal."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class SubjectMeans(NotebookRecord):
     trial_sd: float | None
 
     def moments(self) -> Moments:
-        """Return mean and SD of the subjects' values on the family's scale, each subject counting once."""
+        """Return mean and SD of the subjects' values on the family's scale."""
         return Moments.from_values(
             self.values, log=self.family == "lognormal", repeats=self.trial_sd is not None
         )
@@ -55,7 +55,10 @@ class Normality(NotebookRecord):
 
 
 def subject_means(
-    values: ArrayLike, subjects: ArrayLike, *, family: Family = "normal"
+    values: ArrayLike,
+    subjects: ArrayLike,
+    *,
+    family: Family = "normal",
 ) -> SubjectMeans:
     """Average the trials of each subject, however many each did: shapes (trials,)."""
     check_option("family", family, ("normal", "lognormal"))

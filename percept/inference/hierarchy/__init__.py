@@ -1,1 +1,1 @@
-"""The hierarchical model of adjusted stiffness and damping, collapsed to its scales and correlations."""
+"""The hierarchical model of adjusted quantities, collapsed to its scales and correlations."""

@@ -34,7 +34,7 @@ Vector = tuple[Array, ...]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Block:
-    """A covariance per entry, or a precision: of two parameters that regresses the first on the second."""
+    """A covariance per entry, or a precision, which regresses the first parameter on the second."""
 
     variances: Vector  # Of the leading parameter, and of the other what the leading one leaves
     slope: Array | None = None  # Of the other on the leading one; none of a single parameter
@@ -42,8 +42,9 @@ class Block:
 
     def mapped(self, change: Callable[[Array], Array]) -> Block:
         """Change the layout of the entries."""
+        variances = tuple(change(part) for part in self.variances)
         slope = None if self.slope is None else change(self.slope)
-        return Block(tuple(change(part) for part in self.variances), slope, self.precision)
+        return Block(variances, slope, self.precision)
 
     def __getitem__(self, key: Any) -> Block:
         return self.mapped(lambda part: part[key])
@@ -93,7 +94,8 @@ class Block:
 
     def scaled(self, factor: Array | float) -> Block:
         """Return the block times a positive number per entry."""
-        return Block(tuple(part * factor for part in self.variances), self.slope, self.precision)
+        variances = tuple(part * factor for part in self.variances)
+        return Block(variances, self.slope, self.precision)
 
     def inverse(self) -> Block:
         """Return the inverse block."""
@@ -103,7 +105,8 @@ class Block:
 
     def log_determinant(self) -> Array:
         """Return the log determinant per entry."""
-        return np.asarray(sum(np.log(part) for part in self.variances))
+        logs = [np.log(part) for part in self.variances]
+        return np.asarray(sum(logs))
 
     def apply(self, r: Vector) -> Vector:
         """Return block times vector."""
@@ -116,7 +119,9 @@ class Block:
 
     def _remainders(self, r: Vector) -> Vector:
         """Components of a vector, of the second what the first does not explain."""
-        return r if self.slope is None else (r[0], r[1] - self.slope * r[0])
+        if self.slope is None:
+            return r
+        return (r[0], r[1] - self.slope * r[0])
 
     def whiten(self, r: Vector) -> Vector:
         """Return F⁻¹r, where F is the lower factor of a covariance, FF' = A."""
@@ -147,7 +152,11 @@ class Block:
         return (v, rest + self.slope * self.slope * v)
 
 
-def block(sd: Vector, rho: Array | None = None, one_minus_size: Array | None = None) -> Block:
+def block(
+    sd: Vector,
+    rho: Array | None = None,
+    one_minus_size: Array | None = None,
+) -> Block:
     """Build a covariance from standard deviations and, for two parameters, a correlation.
 
     `one_minus_size` is 1 - abs(rho), with the digits that a correlation near one loses.
@@ -162,7 +171,13 @@ def block(sd: Vector, rho: Array | None = None, one_minus_size: Array | None = N
     return Block((first, second * unexplained), rho * (sd[1] / sd[0]))
 
 
-def weighted_mean(parts: Block, total: Block, r: Vector, *, axis: int = -2) -> Vector:
+def weighted_mean(
+    parts: Block,
+    total: Block,
+    r: Vector,
+    *,
+    axis: int = -2,
+) -> Vector:
     """Return K⁻¹ sum_j P_j r_j, K the total of the precisions P_j."""
     if parts.slope is None or total.slope is None:
         weighted = parts.variances[0] * r[0]
@@ -176,7 +191,11 @@ def weighted_mean(parts: Block, total: Block, r: Vector, *, axis: int = -2) -> V
     return (mean, along - total.slope * mean)
 
 
-def weighted_mean_of_rows(parts: Block, total: Block, rows: Array) -> Vector:
+def weighted_mean_of_rows(
+    parts: Block,
+    total: Block,
+    rows: Array,
+) -> Vector:
     """Return K⁻¹ sum_j P_j r_j for many constant vectors."""
     if parts.slope is None or total.slope is None:
         return (rows[0] @ parts.variances[0] / total.variances[0],)
@@ -191,13 +210,14 @@ def weighted_mean_of_rows(parts: Block, total: Block, rows: Array) -> Vector:
 
 
 def gram(columns: Sequence[Array]) -> Block:
-    """C'C for columns (q, J, W) per parameter, as a block: residual sums keep a near-singular one exact."""
+    """C'C for columns (q, J, W) per parameter; residual sums keep a near-singular one exact."""
     first = np.einsum("qjw,qjw->jw", columns[0], columns[0])
     if len(columns) == 1:
         return Block((first,))
     cross = np.einsum("qjw,qjw->jw", columns[0], columns[1])
     # A variance that underflows leaves nothing to regress on.
-    slope = np.divide(cross, first, out=np.zeros_like(cross), where=first > 0)
+    nothing = np.zeros_like(cross)
+    slope = np.divide(cross, first, out=nothing, where=first > 0)
     residual = columns[1] - slope * columns[0]
     rest = np.einsum("qjw,qjw->jw", residual, residual)
     return Block((first, rest), slope)
@@ -210,8 +230,8 @@ def cholesky(matrices: Array) -> Array:
     except np.linalg.LinAlgError:
         if len(matrices) == 1:
             return np.full_like(matrices, np.nan)
-        middle = len(matrices) // 2
-        return np.concatenate([cholesky(matrices[:middle]), cholesky(matrices[middle:])])
+        halves = np.array_split(matrices, 2)
+        return np.concatenate([cholesky(half) for half in halves])
 
 
 class SharedCovariance:

@@ -1,8 +1,9 @@
-"""What every model of users offers, and the collapsed posterior: all locations integrated out exactly."""
+"""What every model offers, and the collapsed posterior: all locations integrated out exactly."""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -50,7 +51,7 @@ class ConditionalMoments:
 
     def pack(self) -> Array:
         """Return all three side by side, shape (S, 3 C)."""
-        return np.concatenate([self.mean, self.sd, self.population_sd], axis=1)
+        return np.hstack([self.mean, self.sd, self.population_sd])
 
     @classmethod
     def unpack(cls, packed: Array) -> ConditionalMoments:
@@ -74,7 +75,7 @@ class PairLaws:
 
 
 class Model(ABC):
-    """A posterior over scales, with the locations integrated out: what sampler and reports need of it.
+    """A posterior over scales, its locations integrated out: what sampler and reports need of it.
 
     Coordinates are (W, d), near standard normal under the prior. Cells are parameter-major.
     """
@@ -97,14 +98,14 @@ class Model(ABC):
 
     @abstractmethod
     def scales(self, points: Array) -> Named:
-        """Scales and correlations by name at coordinates (W, d): dimensions and values, draws first."""
+        """Scales and correlations by name, as dimensions and values, at coordinates (W, d)."""
 
     def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw the locations and a new user of every cell, each (W, C)."""
         return self.laws(points).draw(rng)
 
     def pooled_parts(self, points: Array) -> list[tuple[CollapsedDensity, Array]]:
-        """Pooled densities whose product the model is, with their coordinates; none without pooling."""
+        """Pooled densities whose product the model is, each with its coordinates."""
         return []
 
 
@@ -137,7 +138,7 @@ class CollapsedDensity(Model):
         self.names = self.layout.names
         self.dimension = self.layout.dimension
         self.priors_in_force = self.layout.priors_in_force
-        self.cells = tuple((p, e) for p in statistics.parameters for e in statistics.environments)
+        self.cells = tuple(itertools.product(statistics.parameters, statistics.environments))
         self.regression = LocationProblem(statistics, self.layout, self.priors)
         self.information: InformationProblem | None = None
         #: Draws that are computed at once.
@@ -151,7 +152,7 @@ class CollapsedDensity(Model):
         self._constant = statistics.constant - 0.5 * _LOG_2PI * numbers
 
     def identity(self) -> tuple[object, ...]:
-        """Everything that decides density and locations: statistics, priors, options, resolution."""
+        """Return statistics, priors, options and resolution: they decide everything."""
         return (
             "pooled",
             dataclasses.astuple(self.statistics),
@@ -246,18 +247,25 @@ class CollapsedDensity(Model):
         """Covariance between trials with the resolution's share, entries (J, W)."""
         if scales.trial is None or self.resolution.trial is None:
             return scales.trial
-        return scales.trial.plus_diagonal(tuple(self.resolution.trial[..., None]))
+        resolution = self.resolution.trial[..., None]
+        return scales.trial.plus_diagonal(tuple(resolution))
 
     def cell_blocks(self, scales: Scales) -> list[Block]:
         """Covariance of one cell mean about the subject's effect, per pattern, entries (E, W)."""
         patterns = self.statistics.patterns
         return [self._cell_block(scales, p.environments, p.trials) for p in patterns]
 
-    def _cell_block(self, scales: Scales, environments: NDArray[np.intp], trials: Array) -> Block:
+    def _cell_block(
+        self,
+        scales: Scales,
+        environments: NDArray[np.intp],
+        trials: Array,
+    ) -> Block:
         """Covariance of cell means about the subject's effect, entries (E, W)."""
         cell = scales.between[environments]
         if self.resolution.between is not None:
-            cell = cell.plus_diagonal(tuple(self.resolution.between[:, environments, None]))
+            resolution = self.resolution.between[:, environments, None]
+            cell = cell.plus_diagonal(tuple(resolution))
         trial = self.trial_block(scales)
         if trial is not None:
             cell = cell + trial[environments].scaled(1.0 / trials[:, None])
@@ -269,12 +277,16 @@ class CollapsedDensity(Model):
         variance = np.concatenate(law.covariance.diagonal())
         population_variance = np.concatenate(self.population(scales).diagonal())
         mean = np.concatenate(law.mean)
-        return ConditionalMoments(mean.T, np.sqrt(variance).T, np.sqrt(population_variance).T)
+        return ConditionalMoments(
+            mean=mean.T,
+            sd=np.sqrt(variance).T,
+            population_sd=np.sqrt(population_variance).T,
+        )
 
     def laws(self, points: Array) -> ConditionalMoments:
         """Moments of beta and of the population at coordinates (W, d)."""
-        (packed,) = self.by_pass(points, lambda scales: (self.moments(scales).pack(),))
-        return ConditionalMoments.unpack(packed)
+        parts = [self.moments(scales).pack() for scales in self._passes(points)]
+        return ConditionalMoments.unpack(np.concatenate(parts))
 
     def pairs(self, points: Array) -> PairLaws:
         """Joint law of both parameters in each environment, at coordinates (W, d)."""

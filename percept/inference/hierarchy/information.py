@@ -22,6 +22,8 @@ from percept.inference.hierarchy.blocks import Block, Vector, cholesky, gram, we
 from percept.inference.hierarchy.scales import Scales
 from percept.inference.hierarchy.statistics import Pattern
 
+__all__ = ["Information", "InformationProblem"]
+
 Array = NDArray[np.float64]
 #: Least part of a pivot that subtraction may leave: log determinants then err by 1e-8 at the most.
 _KEPT = 1e-7

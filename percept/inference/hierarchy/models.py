@@ -61,16 +61,16 @@ class Product(Model):
         """Moments of all cells at coordinates (W, d)."""
         laws = [model.laws(coordinates) for model, coordinates in self._split(points)]
         return ConditionalMoments(
-            mean=np.concatenate([law.mean for law in laws], axis=1),
-            sd=np.concatenate([law.sd for law in laws], axis=1),
-            population_sd=np.concatenate([law.population_sd for law in laws], axis=1),
+            mean=np.hstack([law.mean for law in laws]),
+            sd=np.hstack([law.sd for law in laws]),
+            population_sd=np.hstack([law.population_sd for law in laws]),
         )
 
     def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw population means and new users of all cells, each (W, C)."""
         drawn = [model.draw(coordinates, rng) for model, coordinates in self._split(points)]
-        means = np.concatenate([mean for mean, _ in drawn], axis=1)
-        users = np.concatenate([user for _, user in drawn], axis=1)
+        means = np.hstack([mean for mean, _ in drawn])
+        users = np.hstack([user for _, user in drawn])
         return means, users
 
     def scales(self, points: Array) -> Named:
@@ -78,7 +78,7 @@ class Product(Model):
         parts = [model.scales(coordinates) for model, coordinates in self._split(points)]
         named: Named = {}
         for name, (dimensions, _) in parts[0].items():
-            values = np.concatenate([part[name][1] for part in parts], axis=1)
+            values = np.hstack([part[name][1] for part in parts])
             named[name] = (dimensions, values)
         return named
 
@@ -182,7 +182,7 @@ class IntervalEstimands:
         tail = 0.5 * (1.0 - self.level)
         lower, on_lower = mixture_quantile(laws.mean, sd, tail, upper=False)
         upper, on_upper = mixture_quantile(laws.mean, sd, tail, upper=True)
-        return Limits(lower, upper, np.concatenate([on_lower, on_upper], axis=1))
+        return Limits(lower, upper, np.hstack([on_lower, on_upper]))
 
     def _share_limits(self, laws: ConditionalMoments) -> Limits:
         centre, half_width, influence = share_half_width(

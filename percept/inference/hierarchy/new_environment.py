@@ -44,7 +44,12 @@ class NewEnvironment:
 
 
 def new_environment(
-    model: Model, points: Array, x: Array, *, repeats: int, rng: np.random.Generator
+    model: Model,
+    points: Array,
+    x: Array,
+    *,
+    repeats: int,
+    rng: np.random.Generator,
 ) -> NewEnvironment:
     """Work out the laws of a new environment at posterior draws.
 
@@ -84,14 +89,18 @@ def new_environment(
         hint = 'Set pooling = "partial" in [model].'
         raise RefusalError("environments without pooling say nothing on others.", hint=hint)
     return NewEnvironment(
-        mean=np.concatenate([part.mean for part in parts], axis=1),
+        mean=np.hstack([part.mean for part in parts]),
         covariance=linalg.block_diag(*(part.covariance for part in parts)),
         population=linalg.block_diag(*(part.population for part in parts)),
     )
 
 
 def _of_density(
-    density: CollapsedDensity, points: Array, x: Array, repeats: int, rng: np.random.Generator
+    density: CollapsedDensity,
+    points: Array,
+    x: Array,
+    repeats: int,
+    rng: np.random.Generator,
 ) -> NewEnvironment:
     def given(scales: Scales) -> tuple[Array, Array, Array]:
         mean, covariance = _location(density, scales, x)
@@ -105,7 +114,11 @@ def _of_density(
     return NewEnvironment(*density.by_pass(points, given))
 
 
-def _location(density: CollapsedDensity, scales: Scales, x: Array) -> tuple[Array, Array]:
+def _location(
+    density: CollapsedDensity,
+    scales: Scales,
+    x: Array,
+) -> tuple[Array, Array]:
     """Mean (W, P) and covariance (W, P, P) of the location at W sets of scales: it is normal."""
     count = x.size
     # On alpha and gamma over their prior SDs.
@@ -118,7 +131,12 @@ def _location(density: CollapsedDensity, scales: Scales, x: Array) -> tuple[Arra
     return mean.T, covariance
 
 
-def _population(scales: Scales, x: Array, repeats: int, rng: np.random.Generator) -> Array:
+def _population(
+    scales: Scales,
+    x: Array,
+    repeats: int,
+    rng: np.random.Generator,
+) -> Array:
     """Covariances of users (W, R, P, P) at W sets of scales, log sigma drawn evenly."""
     count = x.size
     width = scales.log_prior.size
@@ -132,7 +150,12 @@ def _population(scales: Scales, x: Array, repeats: int, rng: np.random.Generator
     return population + _covariance(named["sigma_u"].T[:, None], named.get("rho_u"))
 
 
-def _even_normals(repeats: int, count: int, width: int, rng: np.random.Generator) -> Array:
+def _even_normals(
+    repeats: int,
+    count: int,
+    width: int,
+    rng: np.random.Generator,
+) -> Array:
     """Return standard normals (R, P, W) that fill the square evenly, R in turn for each draw."""
     multiples = np.multiply.outer(np.arange(width * repeats), _STEPS[:count])
     uniforms = (multiples + rng.random(count)) % 1.0
@@ -152,7 +175,13 @@ def _covariance(sd: Array, rho: Array | None) -> Array:
 class NewEstimands(IntervalEstimands):
     """Limits of the intervals of a new environment, cells being parameters."""
 
-    def __init__(self, estimands: IntervalEstimands, x: Array, repeats: int, seed: int) -> None:
+    def __init__(
+        self,
+        estimands: IntervalEstimands,
+        x: Array,
+        repeats: int,
+        seed: int,
+    ) -> None:
         super().__init__(
             estimands.model,
             kinds=estimands.kinds,

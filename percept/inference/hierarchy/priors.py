@@ -1,4 +1,4 @@
-"""Priors of the hierarchical model with their meaning, and coordinates in which they are standard normal.
+"""Priors of the hierarchical model, and coordinates in which they are standard normal.
 
 Each map takes u with a standard normal law to a variable with the stated law, in the form that is
 accurate in the tail u lies in.
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 #: Values by name, draws first, with the names of their other dimensions.
 Named = dict[str, tuple[tuple[str, ...], Array]]
 
-#: Beyond this many prior SDs a coordinate has no mass that doubles can weigh: exp(-35²/2) = 1e-266.
+#: Prior SDs beyond which a coordinate has no mass that doubles can weigh: exp(-35²/2) = 1e-266.
 LIMIT = 35.0
 #: Smallest SD: its square, and the square of that, must not underflow.
 _FLOOR = 1e-70

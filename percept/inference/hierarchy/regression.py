@@ -23,6 +23,8 @@ from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Layout, Scales
 from percept.inference.hierarchy.statistics import Statistics
 
+__all__ = ["Factored", "LocationProblem", "Regression", "factor"]
+
 Array = NDArray[np.float64]
 
 

@@ -78,7 +78,12 @@ class _Level:
 class Layout:
     """Order of the coordinates and their map to `Scales`."""
 
-    def __init__(self, statistics: Statistics, priors: Priors, options: Options) -> None:
+    def __init__(
+        self,
+        statistics: Statistics,
+        priors: Priors,
+        options: Options,
+    ) -> None:
         self.statistics = statistics
         self.priors = priors
         self.options = options
@@ -208,7 +213,10 @@ class Layout:
         )
 
     def _level_sd(
-        self, level: _Level, coords: Array, named: dict[str, Array]
+        self,
+        level: _Level,
+        coords: Array,
+        named: dict[str, Array],
     ) -> tuple[Array, Array | float]:
         """SDs of one level, shape (P, J, W), and the log density of their coordinates."""
         suffix = level.suffix

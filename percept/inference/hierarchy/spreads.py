@@ -12,6 +12,15 @@ from numpy.typing import NDArray
 
 from percept.inference.hierarchy.statistics import Statistics
 
+__all__ = [
+    "SpreadMap",
+    "TiedSpreads",
+    "rough_between",
+    "rough_trial",
+    "tie_between",
+    "tie_trial",
+]
+
 Array = NDArray[np.float64]
 _TINY = 1e-300
 #: Largest correlation of k and b that coordinates follow.

@@ -116,7 +116,11 @@ def from_trials(
     )
 
 
-def _sums(rows: Array, cell: Indices, cells: int) -> Array:
+def _sums(
+    rows: Array,
+    cell: Indices,
+    cells: int,
+) -> Array:
     """Sum rows (P, trials) over the trials of each cell: (P, cells)."""
     return np.stack([np.bincount(cell, weights=row, minlength=cells) for row in rows])
 
@@ -172,7 +176,11 @@ class _Labels:
 
 
 def _of_cells(
-    counts: NDArray[np.intp], cell_means: Array, trial_rows: Array, x: Array, labels: _Labels
+    counts: NDArray[np.intp],
+    cell_means: Array,
+    trial_rows: Array,
+    x: Array,
+    labels: _Labels,
 ) -> Statistics:
     if len(labels.subjects) < 2:
         raise RefusalError(
@@ -203,7 +211,13 @@ def _of_cells(
 
 
 def from_summary(
-    mean: Array, sd: Array, n: Array, x: Array, *, parameter: str, environments: tuple[str, ...]
+    mean: Array,
+    sd: Array,
+    n: Array,
+    x: Array,
+    *,
+    parameter: str,
+    environments: tuple[str, ...],
 ) -> Statistics:
     """Take published means and SDs of one parameter, each (J,), as sufficient statistics.
 

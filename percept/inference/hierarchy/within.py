@@ -21,6 +21,8 @@ from percept.inference.hierarchy.density import ConditionalMoments, Model
 from percept.inference.hierarchy.priors import LIMIT, Named, Priors, draws_first, half_normal
 from percept.inference.hierarchy.statistics import Statistics
 
+__all__ = ["Spread", "WithinSubjects"]
+
 Array = NDArray[np.float64]
 _PASS = 1024  # Draws worked on at a time
 _LOG_2PI = float(np.log(2.0 * np.pi))

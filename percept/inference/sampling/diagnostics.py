@@ -64,10 +64,12 @@ def autocorrelation_time(series: Array) -> Array:
         correlation = covariance / covariance[0]
     times = 2.0 * np.cumsum(correlation, axis=0) - 1.0
     lags = np.arange(length)[:, None]
-    window = lags >= _WINDOW * times
-    last = np.where(window.any(axis=0), window.argmax(axis=0), length - 1)
-    chosen = times[last, np.arange(count)]
-    return np.where(np.isfinite(chosen), np.maximum(chosen, 1.0), np.inf)
+    enough = lags >= _WINDOW * times
+    enough[-1] = True
+    window = enough.argmax(axis=0)
+    chosen = times[window, np.arange(count)]
+    known = np.isfinite(chosen)
+    return np.where(known, np.maximum(chosen, 1.0), np.inf)
 
 
 def monte_carlo_error(influence: Array, times: Array) -> Array:
@@ -95,7 +97,8 @@ def monte_carlo_error(influence: Array, times: Array) -> Array:
     over_walkers = influence.mean(axis=2)[:, : size * batches]
     batched = over_walkers.reshape(ensembles, batches, size, count)
     averages = batched.mean(axis=2).reshape(-1, count)
-    by_batches = np.sqrt(averages.var(axis=0, ddof=1) / (ensembles * batches))
+    scatter = averages.var(axis=0, ddof=1)
+    by_batches = np.sqrt(scatter / (ensembles * batches))
     draws = ensembles * length * walkers
     variance = np.einsum("etwq,etwq->q", influence, influence) / draws
     by_time = np.sqrt(variance * np.minimum(times, draws) / draws)
@@ -115,7 +118,8 @@ def rank_rhat(chains: Array) -> Array:
     ndarray
         Shape (V,).
     """
-    folded = np.abs(chains - np.median(chains, axis=(0, 1)))
+    median = np.median(chains, axis=(0, 1))
+    folded = np.abs(chains - median)
     bulk_rhat = split_rhat(normal_scores(chains))
     folded_rhat = split_rhat(normal_scores(folded))
     return np.maximum(bulk_rhat, folded_rhat)
@@ -142,7 +146,8 @@ def normal_scores(values: Array) -> Array:
     """
     # A copy whatever the layout: of columns that lie together `ascontiguousarray` would give the
     # values.
-    columns = np.array(values.reshape(-1, values.shape[-1]).T, order="C")
+    rows = values.reshape(-1, values.shape[-1])
+    columns = np.array(rows.T, order="C")
     size = columns.shape[1]
     # Scores of all ranks there may be, with the half ranks of ties. Looked up, they take half
     # the time of `scipy.stats.rankdata` and `ndtri`.
@@ -155,7 +160,8 @@ def normal_scores(values: Array) -> Array:
         new[1:] = ascending[1:] != ascending[:-1]
         first = np.flatnonzero(new)
         ties = np.diff(first, append=size)
-        column[order] = np.repeat(scores[2 * first + ties - 1], ties)
+        mean_ranks = 2 * first + ties - 1  # in half ranks
+        column[order] = np.repeat(scores[mean_ranks], ties)
     return np.ascontiguousarray(columns.T).reshape(values.shape)
 
 

@@ -46,7 +46,13 @@ _LEAST_CARRYING = 0.02
 _BRACKET_TAIL = 1e-3
 
 
-def mixture_quantile(mean: Array, sd: Array, tail: float, *, upper: bool) -> tuple[Array, Array]:
+def mixture_quantile(
+    mean: Array,
+    sd: Array,
+    tail: float,
+    *,
+    upper: bool,
+) -> tuple[Array, Array]:
     """Quantile of equal-weight normal mixtures, and the pull of each component on it.
 
     Parameters
@@ -211,7 +217,7 @@ _reach = functools.cache(_Reach)
 
 
 class ShareContent(NamedTuple):
-    """Probability, per draw, that an interval holds a share of the population, and its derivatives."""
+    """Probability, per draw, that an interval holds a share, and its derivatives."""
 
     probability: Array
     by_half_width: Array

@@ -68,7 +68,7 @@ class Estimands(Protocol):
         """Quantities kept per draw: points (W, d) to an array (W, C)."""
 
     def estimates(self, components: Array) -> Iterable[tuple[Estimates, Array]]:
-        """Estimates from the components (S, C) of S kept draws, and their influence functions, in parts.
+        """Estimates from the components (S, C) of S draws, and their influence functions, in parts.
 
         An influence function (S, Q) is the first-order pull of each draw on each estimate. Its mean
         over draws is zero, and its standard error is the estimate's. Memory holds one part at a
@@ -178,12 +178,12 @@ class Run:
         return np.arange(gap - 1, length, gap)
 
     def independent(self) -> Array:
-        """Return kept positions thinned to the effective size, walkers flattened into steps, (E, N, d)."""
+        """Return kept positions thinned to the effective size, (E, N, d), steps before walkers."""
         thinned = self.points[:, self._independent_positions()]
         return thinned.reshape(len(thinned), -1, thinned.shape[-1])
 
     def batches(self) -> NDArray[np.intp]:
-        """Return the number of the batch of each of the `independent` positions, ensemble after ensemble.
+        """Return the batch of each of the `independent` positions, ensemble after ensemble.
 
         A batch holds some walkers of an ensemble at all their steps: what a walker remembers stays
         in it.
@@ -253,7 +253,11 @@ def _measured(estimates: Estimates, series: Array) -> Judged:
     return Judged(estimates, errors, times, rhats)
 
 
-def pass_gate(settings: Settings, judged: Judged, travel: Travel) -> Gate:
+def pass_gate(
+    settings: Settings,
+    judged: Judged,
+    travel: Travel,
+) -> Gate:
     """Judge a run by its estimates and how its walkers went.
 
     Returns
@@ -303,7 +307,12 @@ def pass_gate(settings: Settings, judged: Judged, travel: Travel) -> Gate:
     )
 
 
-def _too_short(settings: Settings, slowest: str, time: float, travel: Travel) -> list[str]:
+def _too_short(
+    settings: Settings,
+    slowest: str,
+    time: float,
+    travel: Travel,
+) -> list[str]:
     """Say that a part spans too few autocorrelation times, and which most_steps would do."""
     times_run = travel.length / time
     if times_run >= _TIMES_NEEDED:

@@ -120,9 +120,10 @@ class ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
         log_weight = log_prob - self._law.log_density(coords)
         with np.errstate(divide="ignore", invalid="ignore"):
             accepted = np.log(uniform) < offer.log_prob - offer.log_law - log_weight
-        worst = np.argsort(-log_weight)[: max(1, round(_WORST * len(coords)))]
+        count = max(1, round(_WORST * len(coords)))
+        worst = np.argsort(-log_weight)[:count]
         jumps = offer.points[worst] - coords[worst]
-        jumps = np.where(accepted[worst, None], jumps, 0.0)
+        jumps[~accepted[worst]] = 0.0
         self.squared_jumps += float(np.square(jumps).mean())
         self.steps += 1
         self.accepted = self.accepted + accepted
@@ -134,23 +135,23 @@ class ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
         """Draw for this step and maybe some more, with one density call for all of them."""
         offered = self._by_ensemble(coords, self._draw).swapaxes(0, 1)
         steps = len(offered)
-        points = np.ascontiguousarray(offered).reshape(-1, coords.shape[1])
+        points = np.concatenate(offered)
         log_prob, _ = model.compute_log_prob_fn(points)
         log_law = self._law.log_density(points)
-        parts = [np.split(part, steps) for part in (points, log_prob, log_law)]
-        return [_Offer(*step) for step in zip(*parts, strict=True)]
+        by_step = log_prob.reshape(steps, -1), log_law.reshape(steps, -1)
+        return [_Offer(*step) for step in zip(offered, *by_step, strict=True)]
 
     def _by_ensemble(
         self, coords: Array, draw: Callable[[Array, np.random.Generator], Array]
     ) -> Array:
         """Draw for the walkers (N, d) of each ensemble by its own generator."""
-        walkers = np.split(coords, len(self._generators))
-        drawn = [draw(*pair) for pair in zip(walkers, self._generators, strict=True)]
-        return np.concatenate(drawn)
+        ensembles = np.split(coords, len(self._generators))
+        drawn = map(draw, ensembles, self._generators)
+        return np.concatenate(list(drawn))
 
     @abstractmethod
     def _draw(self, coords: Array, generator: np.random.Generator) -> Array:
-        """Points for the walkers (n, d) of an ensemble at this step and maybe some more, (n, steps, d)."""
+        """Draw for walkers (n, d) of an ensemble, for one step or several: (n, steps, d)."""
 
 
 def _uniform(coords: Array, generator: np.random.Generator) -> Array:
@@ -170,7 +171,7 @@ class IndependentMove(ReferenceMove):
 
 
 class PCNMove(ReferenceMove):
-    """Preconditioned Crank-Nicolson steps for a t law: rotations towards a fresh draw, by random angles.
+    """Preconditioned Crank-Nicolson steps for a t law: random rotations towards a fresh draw.
 
     Small angles leave places that the transport serves badly.
     """
@@ -201,7 +202,9 @@ class Schedule:
 
 
 def standard_moves(
-    law: ReferenceLaw, generators: Generators, independent: float = 0.5
+    law: ReferenceLaw,
+    generators: Generators,
+    independent: float = 0.5,
 ) -> list[tuple[ReferenceMove, float]]:
     """Return the moves of a run with their shares, for `emcee.EnsembleSampler(moves=...)`."""
     return [
@@ -213,23 +216,35 @@ def standard_moves(
 class Ensembles:
     """E ensembles of W walkers on a target, each ensemble with a generator of its own."""
 
-    def __init__(self, target: Target, points: Array, seed: np.random.SeedSequence) -> None:
+    def __init__(
+        self,
+        target: Target,
+        points: Array,
+        seed: np.random.SeedSequence,
+    ) -> None:
         """Start from points (E, W, d), which are left as they are."""
         self._target = target
         self._shape = points.shape
         flat = points.reshape(-1, points.shape[-1])
         schedule_seed, *seeds = seed.spawn(1 + len(points))
-        self._generators = [np.random.Generator(np.random.PCG64(child)) for child in seeds]
+        self._generators = [np.random.default_rng(child) for child in seeds]
         # emcee's random_state setter takes nothing but the legacy tuple, and ignores the rest in
         # silence.
         legacy = np.random.RandomState(np.random.MT19937(schedule_seed))
         random_state = legacy.get_state(legacy=True)
-        self._state = emcee.State(flat, log_prob=target(flat), random_state=random_state, copy=True)
+        log_prob = target(flat)
+        self._state = emcee.State(flat, log_prob=log_prob, random_state=random_state, copy=True)
         self.accepted = np.zeros(len(flat))  # (E W,) Accepted steps per walker so far
         self.steps = 0  # Steps taken so far
         self.schedule = Schedule()
 
-    def advance(self, steps: int, stride: int, *, learn: bool = False) -> Array:
+    def advance(
+        self,
+        steps: int,
+        stride: int,
+        *,
+        learn: bool = False,
+    ) -> Array:
         """Run all ensembles for some steps; every `stride`-th position, (E, T, W, d).
 
         A run that learns sets the schedule of its moves to what these steps earned.

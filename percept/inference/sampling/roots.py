@@ -80,7 +80,7 @@ def root(
         safe = np.where(use_newton, newton, middle)
         following = np.where(use_cubic, cubic, safe)
         step = np.abs(following - x) / scale
-        # Only the cubic's error is known to fall with the step before; others count by their length.
+        # Only the cubic's error is known to fall with the step before.
         shrinkage = np.minimum(previous_step, 1.0)
         factor = np.where(use_cubic, shrinkage, 1.0)
         if np.all(step * factor <= accuracy):

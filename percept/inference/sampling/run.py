@@ -1,4 +1,4 @@
-"""Sample until the gate passes and every reported limit is as accurate as asked, or to a cap of steps.
+"""Sample until the gate passes and every limit meets the tolerance, or to a cap of steps.
 
 A run that will be long begins again after its first round, which then counts as warm-up: a
 transport fitted to its draws shortens the autocorrelation time by about a third. What a run holds
@@ -139,8 +139,13 @@ def sample(
         chain = Chain(task, here, points, seed, Pace(_REFINED_STRIDE, size.first_round))
 
 
-def _worth_refining(chain: Chain, run: Run, draws: int, transport_draws: int) -> bool:
-    """Whether to begin again: once for accuracy; later only for slow walkers with a larger sample."""
+def _worth_refining(
+    chain: Chain,
+    run: Run,
+    draws: int,
+    transport_draws: int,
+) -> bool:
+    """Whether to begin again: once for accuracy, later for slow walkers with a larger sample."""
     if not transport_draws:
         return chain.steps_needed(run) / chain.spanned > _WORTH_REFINING
     rounds = run.steps_to_settle / chain.spanned
@@ -155,8 +160,12 @@ class _Size:
     first_round: int  # Steps
 
 
-def _refined_size(task: Task, run: Run, steps_by_error: float) -> _Size:
-    """Choose as many walkers as make the work that the error asks for the wanted number of steps."""
+def _refined_size(
+    task: Task,
+    run: Run,
+    steps_by_error: float,
+) -> _Size:
+    """Choose the number of walkers by which the predicted work takes the wanted steps."""
     walkers = run.points.shape[2]
     steps = _SHORTENED * steps_by_error
     if not task.settings.walkers:
@@ -170,8 +179,12 @@ def _refined_size(task: Task, run: Run, steps_by_error: float) -> _Size:
     return _Size(walkers, math.ceil(first_round))
 
 
-def _best_multiple(task: Task, run: Run, wanted: float) -> int:
-    """Multiple of the usual walkers that fits in memory and lies nearest, by ratio, to the wanted one."""
+def _best_multiple(
+    task: Task,
+    run: Run,
+    wanted: float,
+) -> int:
+    """Multiple of the usual walkers that fits in memory and is nearest to the wanted one."""
     room = task.memory.draws_of(run.points.shape[-1], run.components.shape[-1])
     positions = task.settings.ensembles * task.memory.fewest_positions * _WALKERS
     most = max(room // positions, 1)
@@ -185,7 +198,7 @@ class Memory:
 
     draws: int = 1 << 17  # Kept draws of a part, over all ensembles
     numbers: int = 1 << 25  # Numbers worked out from them; two parts are held
-    #: Positions a part may have whatever that takes: fewer could not span ten autocorrelation times.
+    #: Positions of a part, at least: fewer could not span ten autocorrelation times.
     fewest_positions: int = 32
 
     def draws_of(self, dimension: int, components: int) -> int:
@@ -392,7 +405,7 @@ class Chain:
         self._goal = min(wanted, most, self._steps + self._steps_left)
 
     def _keep_every_second(self) -> None:
-        """Thin the kept positions, contiguous as they are when taken up again: sums depend on it."""
+        """Thin the kept positions, in one order in memory: sums depend on it."""
         self._points = [np.ascontiguousarray(self._points[0][:, 1::2])]
         self._components = [np.ascontiguousarray(self._components[0][:, 1::2])]
         self._stride *= 2

@@ -89,7 +89,8 @@ class Transport:
         log_scale = np.zeros_like(mean)
         for k, i in enumerate(drivers):
             count = 2 * k + 1  # features of the drivers before this one
-            follower = _regress(features[:, :count], y[:, [i]], effective)
+            earlier = features[:, :count]
+            follower = _regress(earlier, y[:, [i]], effective)
             mean[i, :count] = follower.mean[0]
             log_scale[i, :count] = follower.log_scale[0]
         followers = _regress(features, y[:, others], effective)
@@ -112,14 +113,20 @@ class Transport:
         columns = np.zeros((size, count + -count % _COLUMNS))
         columns[:, :count] = z.T
         y = np.empty_like(columns)
-        log_jacobian = np.full(columns.shape[1], np.log(np.diag(self.factor)).sum())
+        log_determinant = np.log(np.diag(self.factor)).sum()
+        log_jacobian = np.full(columns.shape[1], log_determinant)
         features = self._map_drivers(columns, y, log_jacobian)
         self._map_others(columns, y, features, log_jacobian)
         x, log_slope = self.spline(y)
         log_jacobian = log_jacobian + log_slope
         return x[:, :count].T, log_jacobian[:count]
 
-    def _map_drivers(self, z: Array, y: Array, log_jacobian: Array) -> Array:
+    def _map_drivers(
+        self,
+        z: Array,
+        y: Array,
+        log_jacobian: Array,
+    ) -> Array:
         """Fill in the drivers' rows of y, add to the log Jacobian, and return the features."""
         features = np.ones((self.mean.shape[1], z.shape[1]))
         for k, i in enumerate(self.drivers):
@@ -136,7 +143,13 @@ class Transport:
             features[count + 1] -= 1.0
         return features
 
-    def _map_others(self, z: Array, y: Array, features: Array, log_jacobian: Array) -> None:
+    def _map_others(
+        self,
+        z: Array,
+        y: Array,
+        features: Array,
+        log_jacobian: Array,
+    ) -> None:
         """Fill in the rows of y of all that follow the drivers, and add to the log Jacobian."""
         coefficients = np.concatenate([self.mean[self.others], self.log_scale[self.others]])
         mean, log_scale = np.split(coefficients @ features, 2)
@@ -158,20 +171,22 @@ def _normal_scores(points: Array) -> Array:
 
 
 def _features(drivers: Array) -> Array:
-    """Return 1, then each driver and its square less one: shape (N, 2 K + 1) from drivers (N, K)."""
+    """Return 1, then each driver and its square less one, (N, 2 K + 1), from drivers (N, K)."""
     count = len(drivers)
     clipped = np.clip(drivers, -_CLIP, _CLIP)
     pairs = np.stack([clipped, clipped**2 - 1.0], axis=2)
-    return np.concatenate([np.ones((count, 1)), pairs.reshape(count, -1)], axis=1)
+    constant = np.ones((count, 1))
+    return np.hstack([constant, pairs.reshape(count, -1)])
 
 
 def _effective_draws(y: Array) -> float:
-    """Estimate the independent draws that normal scores (N, d) are worth, by what their quarters differ."""
+    """Effective draws of normal scores (N, d), by how much their quarters differ."""
     pairs = np.triu_indices(y.shape[1], 1)
     moments = []
     for quarter in np.array_split(y, 4):
+        means = quarter.mean(axis=0)
         products = quarter.T @ quarter / len(quarter)
-        moments.append(np.concatenate([quarter.mean(axis=0), products[pairs]]))
+        moments.append(np.concatenate([means, products[pairs]]))
     # Each of these moments would have variance 1/N, about zero or so, in N independent draws.
     variance = np.var(moments, axis=0, ddof=1).mean()
     return float(min(len(y), 4.0 / variance))
@@ -214,7 +229,11 @@ class _Regression:
     remainder: Array  # (N, C) What is left, in spreads
 
 
-def _regress(features: Array, y: Array, effective: float) -> _Regression:
+def _regress(
+    features: Array,
+    y: Array,
+    effective: float,
+) -> _Regression:
     """Regress the mean and log spread of columns y (N, C) on features (N, F), F odd."""
     gram = features.T @ features
     # Errors of dependent draws are as many times those of independent ones.
@@ -227,7 +246,8 @@ def _regress(features: Array, y: Array, effective: float) -> _Regression:
     information = 2.0 * gram[np.ix_(linear, linear)]
     log_scale = np.zeros_like(mean)
     log_scale[0] = np.log(residual.std(axis=0))
-    kept = _widened(drivers, residual * np.exp(-log_scale[0]), error_ratio)
+    standard = residual * np.exp(-log_scale[0])
+    kept = _widened(drivers, standard, error_ratio)
     constant = kept.sum(axis=0) == 1
     widened = np.flatnonzero(~constant)
     if widened.size:
@@ -241,23 +261,34 @@ def _regress(features: Array, y: Array, effective: float) -> _Regression:
     return _Regression(mean.T, log_scale.T, residual)
 
 
-def _regress_mean(features: Array, gram: Array, y: Array, error_ratio: float) -> Array:
-    """Coefficients (F, C) of the means of columns on features, the significant ones fitted alone."""
+def _regress_mean(
+    features: Array,
+    gram: Array,
+    y: Array,
+    error_ratio: float,
+) -> Array:
+    """Coefficients (F, C) of the columns' means on features; only significant ones are fitted."""
     right = features.T @ y
     coefficients = np.linalg.solve(gram, right)
     residual_sd = (y - features @ coefficients).std(axis=0)
-    error = residual_sd * np.sqrt(np.diag(np.linalg.inv(gram)))[:, None]
+    unit_variance = np.diag(np.linalg.inv(gram))
+    error = residual_sd * np.sqrt(unit_variance)[:, None]
     kept = np.abs(coefficients) > _SIGNIFICANT * error_ratio * error
     kept[0] = True
     return _solve_kept(gram, right, kept)
 
 
-def _widened(drivers: Array, standard: Array, error_ratio: float) -> NDArray[np.bool_]:
-    """Say which drivers (1, then K) widen which columns (N, C) of unit spread; the constant always."""
+def _widened(
+    drivers: Array,
+    standard: Array,
+    error_ratio: float,
+) -> NDArray[np.bool_]:
+    """Say which drivers (1, then K) widen which columns (N, C) of unit spread."""
     square = standard**2
     driver_square = (drivers**2).mean(axis=0)[:, None]
     noise = np.sqrt(len(drivers) * square.var(axis=0) * driver_square)
-    widens = np.abs(drivers.T @ (square - 1.0)) > _SIGNIFICANT * error_ratio * noise
+    effect = np.abs(drivers.T @ (square - 1.0))
+    widens = effect > _SIGNIFICANT * error_ratio * noise
     widens[0] = True
     return np.asarray(widens)
 
@@ -279,17 +310,22 @@ def _fit_log_scale(
     return coefficients
 
 
-def _solve_kept(gram: Array, right: Array, keep: NDArray[np.bool_]) -> Array:
+def _solve_kept(
+    gram: Array,
+    right: Array,
+    keep: NDArray[np.bool_],
+) -> Array:
     """Solve each column of right (F, C) for its kept unknowns (F, C); the others are zero."""
     solved = np.zeros_like(right)
     for column, kept in enumerate(keep.T):
         matrix = gram[np.ix_(kept, kept)]
-        solved[kept, column] = np.linalg.solve(matrix, right[kept, column])
+        known = right[kept, column]
+        solved[kept, column] = np.linalg.solve(matrix, known)
     return solved
 
 
 def _factor(remainder: Array, effective: float) -> Array:
-    """Lower factor of the covariance of remainders (N, C), correlations within their noise left out.
+    """Lower factor of the covariance of remainders (N, C), without correlations that are noise.
 
     A sample of few independent draws has as many chance correlations as pairs, and together they
     would make a worse map than none.
@@ -303,9 +339,11 @@ def _factor(remainder: Array, effective: float) -> Array:
     while True:
         np.fill_diagonal(correlation, 1.0)
         try:
-            return np.asarray(sd[:, None] * np.linalg.cholesky(correlation))
+            factor = np.linalg.cholesky(correlation)
         except np.linalg.LinAlgError:
             correlation *= _SHRINKAGE
+            continue
+        return np.asarray(sd[:, None] * factor)
 
 
 def _noise_level(squares: Array) -> float:
@@ -333,18 +371,19 @@ class Spline:
         quantiles = np.quantile(points, special.ndtr(_KNOTS), axis=0)
         values = _settled(quantiles, effective).T
         span = np.ptp(values, axis=1, keepdims=True)
-        rise = np.maximum(np.diff(values, axis=1), _LEAST_RISE * span + _TINY)
+        least_rise = _LEAST_RISE * span + _TINY
+        rise = np.maximum(np.diff(values, axis=1), least_rise)
         first = rise[:, :1]
         last = rise[:, -1:]
         nothing = np.zeros_like(first)
-        climbed = np.concatenate([nothing, np.cumsum(rise, axis=1)], axis=1)
+        climbed = np.hstack([nothing, np.cumsum(rise, axis=1)])
         knots = values[:, :1] + climbed
         # Harmonic means of neighbouring rises keep the pieces monotone (Fritsch and Butland 1984).
         before = rise[:, :-1]
         after = rise[:, 1:]
         inner = 2.0 * before * after / (before + after)
-        left = np.concatenate([first, inner], axis=1)
-        right = np.concatenate([inner, last], axis=1)
+        left = np.hstack([first, inner])
+        right = np.hstack([inner, last])
         # The piece below the knots ends at the first of them with the slope _WIDER * first.
         below = (
             knots[:, :1] - (_WIDER + _BEND) * first,
@@ -365,14 +404,15 @@ class Spline:
             nothing,
         )
         pieces = [np.stack(part, axis=2) for part in (below, between, above)]
-        return cls(np.concatenate(pieces, axis=1))
+        return cls(np.hstack(pieces))
 
     def __call__(self, y: Array) -> tuple[Array, Array]:
         """Values at y (d, N), and the log of the product of the derivatives, shape (N,)."""
         size, pieces, _ = self.coefficients.shape
         t = y * _PER_UNIT
         t += _REACH * _PER_UNIT + 1.0
-        index = np.clip(t, 0.0, pieces - 1.0).astype(np.intp)
+        piece = np.clip(t, 0.0, pieces - 1.0)
+        index = piece.astype(np.intp)
         t -= index
         index += pieces * np.arange(size)[:, None]
         table = self.coefficients.reshape(-1, 4)
@@ -394,8 +434,9 @@ def _settled(values: Array, effective: float) -> Array:
     """
     middle = np.abs(_KNOTS) <= _MIDDLE
     knots = _KNOTS[middle]
-    unit = knots @ values[middle] / (knots @ knots)
-    line = values[middle].mean(axis=0) + unit * _KNOTS[:, None]
+    inner = values[middle]
+    unit = knots @ inner / (knots @ knots)
+    line = inner.mean(axis=0) + unit * _KNOTS[:, None]
     tail = special.ndtr(_KNOTS)
     density = np.exp(-0.5 * _KNOTS**2) / np.sqrt(2.0 * np.pi)
     error = np.sqrt(tail * (1.0 - tail) / effective) / density

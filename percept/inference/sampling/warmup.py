@@ -63,7 +63,9 @@ _RUNS = (_ShortRun(steps=48, skipped=16, stride=4), _ShortRun(steps=80, skipped=
 
 
 def warm_up(
-    target: Target, shape: tuple[int, int], seed: np.random.SeedSequence
+    target: Target,
+    shape: tuple[int, int],
+    seed: np.random.SeedSequence,
 ) -> tuple[Transported, Array]:
     """Fit a transport to a density and find starting points.
 
@@ -109,7 +111,11 @@ def warm_up(
     return here, points
 
 
-def starting_points(here: Transported, rng: np.random.Generator, shape: tuple[int, int]) -> Array:
+def starting_points(
+    here: Transported,
+    rng: np.random.Generator,
+    shape: tuple[int, int],
+) -> Array:
     """Choose starting points (E, W, d) among draws from the reference law, by tempered weights."""
     z, log_weights = _weigh(here, rng, shape)
     weights = _tempered(log_weights, _STARTING_SHARE * len(z))
@@ -118,7 +124,9 @@ def starting_points(here: Transported, rng: np.random.Generator, shape: tuple[in
 
 
 def _weigh(
-    here: Transported, rng: np.random.Generator, shape: tuple[int, int]
+    here: Transported,
+    rng: np.random.Generator,
+    shape: tuple[int, int],
 ) -> tuple[Array, Array]:
     """Draws from the reference law, and the log of the density over that law."""
     size = len(here.names)
