@@ -26,36 +26,55 @@ from percept.inference.classical.moments import sample
 from percept.inference.regions import EllipseRegion
 from percept.inference.sampling.endpoints import mixture_quantile
 
+__all__ = ["BEYOND", "Axis", "PairLaw", "confidence_law", "mixture_law", "steps"]
+
 Array = NDArray[np.float64]
 Family = Literal["normal", "lognormal"]
 
-# An axis bends about its central 68 %; its grid leaves out the second probability at either end.
-_TAILS = (0.16, 2e-6)
-# Draws that say where the grid ends.
-_ENOUGH = 1024
-# Steps of the density's grid near the middle, in half-widths of the central 68 %, and into what
-# each is cut.
-_STEP, _CUT = 0.16, 4
-# Correlations nearer one count as this: a law on a line has no density.
-_NEAREST = 1e-6
-#: N/m and N·s/m: what lies farther out counts as this.
+#: N/m and N·s/m: what lies farther out counts as this, and what is below one over it as zero.
 BEYOND = 1e40
-_ENDLESS = np.log(BEYOND)
-# Points that stand for the law, at multiples of the powers of the plastic number: even in each
-# coordinate and in both.
-_POINTS, _EVEN = 4096, 1.32471795724474602596 ** np.array([-1.0, -2.0])
+_LARGEST_LOG = np.log(BEYOND)
+_SMALLEST = np.exp(-_LARGEST_LOG)
+
+# An axis bends about the central 68 % of the law.
+_BEND_TAIL = 0.16
+# Probability that the grid leaves out at either end of an axis.
+_END_TAIL = 2e-6
+# About so many draws say where an axis bends: its unit need not be exact.
+_BEND_DRAWS = 1024
+# Steps of the density's grid near the middle, in half-widths of the central 68 %.
+_STEP = 0.16
+# Where k and b correlate a step is finer, down to this fraction: a ridge is narrow.
+_FINEST = 0.2
+# Times sqrt(1 - rho²), the width of such a ridge, is that fraction.
+_RIDGE = 2.5
+# Grids grow by so many steps, so that studies alike share the splines' factors.
+_BLOCK = 8
+# Steps of the tables in one step of the density's grid.
+_CUT = 4
+# Smallest variance of k given b, as a fraction of k's own: a law on a line has no density.
+_LEAST_LEFT = 1e-6
+# Logarithm of the smallest density: below normal numbers arithmetic is a hundred times as slow.
+_LEAST_LOG_DENSITY = np.float32(-80.0)
+# Points that stand for a law where its ellipse is sized.
+_ELLIPSE_POINTS = 4096
+# Multiples of the powers of the plastic number fill a square evenly.
+_EVEN = 1.32471795724474602596 ** np.array([-1.0, -2.0])
 
 
 @dataclasses.dataclass(frozen=True)
 class Axis:
-    """One of k and b, N/m or N·s/m, by a coordinate that is even near the middle and logarithmic far out."""
+    """One of k and b, N/m or N·s/m, by a coordinate even near the middle and logarithmic far out.
+
+    A place on the axis runs from 0 to 1 along its grid.
+    """
 
     centre: float
-    unit: float
-    low: float
-    high: float
-    size: int  # of the density's grid
-    log: bool
+    unit: float  # Half-width of the central 68 %
+    low: float  # First coordinate
+    high: float  # Last coordinate
+    size: int  # Points of the density's grid
+    log: bool  # Whether centre and unit are of the logarithm
 
     @property
     def grid(self) -> Array:
@@ -63,26 +82,30 @@ class Axis:
         return np.linspace(self.low, self.high, self.size)
 
     def native(self, place: Array) -> Array:
-        """Return k or b at places, from 0 to 1 along the grid."""
+        """Return k or b at places."""
         values = self.centre + self.unit * np.sinh(self.low + (self.high - self.low) * place)
-        return np.exp(np.clip(values, -_ENDLESS, _ENDLESS)) if self.log else values
+        if not self.log:
+            return values
+        return np.exp(np.clip(values, -_LARGEST_LOG, _LARGEST_LOG))
 
     def place(self, native: Array) -> Array:
-        """Return how far along the grid k or b lies, from 0 to 1."""
-        least = np.exp(-_ENDLESS)
-        values = np.log(np.maximum(native, least)) if self.log else native
-        u = np.arcsinh((values - self.centre) / self.unit)
-        place = np.clip((u - self.low) / (self.high - self.low), 0.0, 1.0)
-        # All that is smaller counts as this small, and lies beyond no limit.
-        return np.where(native > least, place, 0.0) if self.log else place
+        """Return the places of values of k or b."""
+        values = np.log(np.maximum(native, _SMALLEST)) if self.log else native
+        coordinate = np.arcsinh((values - self.centre) / self.unit)
+        place = np.clip((coordinate - self.low) / (self.high - self.low), 0.0, 1.0)
+        if not self.log:
+            return place
+        # All that is smaller counts as zero: nothing of the law lies below it.
+        return np.where(native > _SMALLEST, place, 0.0)
 
     def rate(self, place: Array, native: Array) -> Array:
         """Return how fast a place moves with k or b; zero at the ends of the grid."""
-        width, least = self.high - self.low, np.exp(-_ENDLESS)
+        width = self.high - self.low
         scale = width * self.unit * np.cosh(self.low + width * place)
-        scale *= np.maximum(native, least) if self.log else 1.0
-        # A grid over so many decades reaches below the least value, where the place stands still.
-        inside = (place > 0.0) & (place < 1.0) & ((native > least) | (not self.log))
+        inside = (place > 0.0) & (place < 1.0)
+        if self.log:
+            scale *= np.maximum(native, _SMALLEST)
+            inside &= native > _SMALLEST
         return np.where(inside, 1.0 / scale, 0.0)
 
 
@@ -100,127 +123,186 @@ class PairLaw:
 
     @functools.cached_property
     def cumulated(self) -> tuple[Array, Array]:
-        """Probability of k up to a point (inner) per b (outer), and of b per k, (outer, inner) each."""
-        fine = [np.linspace(0.0, 1.0, _CUT * (axis.size - 1) + 1) for axis in self.axes]
-        unit = [part[::_CUT] for part in fine]
-        over_k = CubicSpline(unit[0], self.density, axis=0).antiderivative()(fine[0])
-        over_b = CubicSpline(unit[1], self.density, axis=1).antiderivative()(fine[1])
-        of_k = CubicSpline(unit[1], over_k, axis=1)(fine[1]).T
-        return np.ascontiguousarray(of_k), CubicSpline(unit[0], over_b, axis=0)(fine[0])
+        """Probability of k up to a place (inner) on lines of b (outer), and of b on lines of k.
+
+        Tables of shape (outer, inner), finer than the density's grid.
+        """
+        fine_k, fine_b = (np.linspace(0.0, 1.0, _CUT * (axis.size - 1) + 1) for axis in self.axes)
+        k = fine_k[::_CUT]
+        b = fine_b[::_CUT]
+        up_to_k = CubicSpline(k, self.density, axis=0).antiderivative()(fine_k)
+        up_to_b = CubicSpline(b, self.density, axis=1).antiderivative()(fine_b)
+        of_k = CubicSpline(b, up_to_k, axis=1)(fine_b).T
+        of_b = CubicSpline(k, up_to_b, axis=0)(fine_k)
+        return np.ascontiguousarray(of_k), of_b
 
     @functools.cached_property
     def by_batch(self) -> tuple[Array, Array]:
         """The same of all draws and of each batch, (outer, inner, 1 + B), on the density's grid.
 
-        That is enough for differences.
+        That is enough for differences between batches.
         """
         every = np.concatenate([self.density[None], self.batches])
-        found = []
-        for inner in (0, 1):
-            dx = 1.0 / (self.axes[inner].size - 1)
-            held = integrate.cumulative_trapezoid(every, dx=dx, axis=1 + inner, initial=0)
-            found.append(np.ascontiguousarray(held.transpose(2 - inner, 1 + inner, 0)))
-        return found[0], found[1]
+        k_step = 1.0 / (self.axes[0].size - 1)
+        b_step = 1.0 / (self.axes[1].size - 1)
+        of_k = integrate.cumulative_trapezoid(every, dx=k_step, axis=1, initial=0)
+        of_b = integrate.cumulative_trapezoid(every, dx=b_step, axis=2, initial=0)
+        return (
+            np.ascontiguousarray(of_k.transpose(2, 1, 0)),
+            np.ascontiguousarray(of_b.transpose(1, 2, 0)),
+        )
 
     @functools.cached_property
-    def endless(self) -> float:
-        """Probability that k or b lies so far out that no limit is found there."""
-        beyond = 0.0
+    def infinite(self) -> float:
+        """Probability that k or b is so large that it counts as infinite."""
+        outside = 0.0
         for axis, table in zip(self.axes, self.cumulated, strict=True):
-            row, over = steps(axis.place(np.array([-BEYOND, BEYOND])), table.shape[1])
-            held = table[:, row] + over * (table[:, row + 1] - table[:, row])
-            inside = np.trapezoid(
-                held[:, 1] - held[:, 0] * (not axis.log), dx=1.0 / (len(table) - 1)
-            )
-            beyond += max(0.0, 1.0 - float(inside))
-        return beyond
+            lowest = 0.0 if axis.log else -BEYOND
+            row, over = steps(axis.place(np.array([lowest, BEYOND])), table.shape[1])
+            up_to = table[:, row] + over * (table[:, row + 1] - table[:, row])
+            inside = np.trapezoid(up_to[:, 1] - up_to[:, 0], dx=1.0 / (len(table) - 1))
+            outside += max(0.0, 1.0 - float(inside))
+        return outside
+
+    def standard_error(self, by_batch: Array) -> Array:
+        """Return the standard error of a mean over all draws from those of batches, the last axis."""
+        count = self.shares.size
+        mean = by_batch @ self.shares
+        square = ((by_batch - mean[..., None]) * self.shares) ** 2
+        return np.asarray(np.sqrt(square.sum(axis=-1) * count / (count - 1.0)))
 
     def even(self, count: int) -> tuple[Array, Array, Array]:
         """Return points that fill the plane evenly, k and b each (count,), and their probability."""
-        places = np.outer(_EVEN, np.arange(0.5, count)) % 1.0
-        first, second = (np.linspace(0.0, 1.0, axis.size) for axis in self.axes)
-        density = RectBivariateSpline(first, second, self.density).ev(*places)
-        k, b = (axis.native(place) for axis, place in zip(self.axes, places, strict=True))
-        return k, b, density / density.sum()
+        k_place, b_place = np.outer(_EVEN, np.arange(0.5, count)) % 1.0
+        k_axis, b_axis = self.axes
+        k_grid = np.linspace(0.0, 1.0, k_axis.size)
+        b_grid = np.linspace(0.0, 1.0, b_axis.size)
+        density = RectBivariateSpline(k_grid, b_grid, self.density).ev(k_place, b_place)
+        return k_axis.native(k_place), b_axis.native(b_place), density / density.sum()
 
     def ellipse(self, *, kind: Literal["mean", "user"], level: float, n: int) -> EllipseRegion:
-        """Put an ellipse around the law, out to a quantile of the Mahalanobis distance."""
+        """Return the ellipse that holds a level of the law, out to a Mahalanobis distance."""
         unit = EllipseRegion(
-            kind=kind, method="bayesian", family=self.family, level=level,
-            centre=self.mean, shape=self.covariance, radius=1.0, n=n,
-        )  # fmt: skip
-        k, b, held = self.even(_POINTS)
+            kind=kind,
+            method="bayesian",
+            family=self.family,
+            level=level,
+            centre=self.mean,
+            shape=self.covariance,
+            radius=1.0,
+            n=n,
+        )
+        k, b, probability = self.even(_ELLIPSE_POINTS)
         distance = unit.distance(k, b)
         order = np.argsort(distance)
-        inside = np.cumsum(held[order])
+        inside = np.cumsum(probability[order])
         radius = float(np.interp(level * inside[-1], inside, distance[order]))
         return dataclasses.replace(unit, radius=radius)
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Normals:
+    """S normals of (k, b) in the units of the axes: b, and k by regression on it."""
+
+    k_mean: Array  # (S,)
+    b_mean: Array  # (S,)
+    b_variance: Array  # (S,)
+    slope: Array  # (S,) of k on b
+    left: Array  # (S,) variance of k given b
+
+    @classmethod
+    def of(cls, mean: Array, covariance: Array, axes: tuple[Axis, Axis]) -> _Normals:
+        """Take means (S, 2) and covariances (S, 2, 2)."""
+        centre = np.array([axis.centre for axis in axes])
+        unit = np.array([axis.unit for axis in axes])
+        scaled = (mean - centre) / unit
+        scaled_covariance = covariance / np.multiply.outer(unit, unit)
+        k_variance = scaled_covariance[:, 0, 0]
+        b_variance = scaled_covariance[:, 1, 1]
+        both = scaled_covariance[:, 0, 1]
+        slope = both / b_variance
+        left = np.maximum(k_variance - slope * both, _LEAST_LEFT * k_variance)
+        return cls(scaled[:, 0], scaled[:, 1], b_variance, slope, left)
+
+
 def mixture_law(mean: Array, covariance: Array, batch: NDArray[np.intp], family: Family) -> PairLaw:
-    """Return the law of normals of (log) k and b, means (S, 2) and covariances (S, 2, 2), in batches (S,)."""
-    centre, about = mean.mean(axis=0), np.cov(mean.T, bias=True) + covariance.mean(axis=0)
+    """Return the law of S normals of k and b, or of their logarithms, with equal weights.
+
+    Parameters
+    ----------
+    mean : ndarray, shape (S, 2)
+        Means of stiffness and damping, N/m and N·s/m; of the logarithms if `family` says so.
+    covariance : ndarray, shape (S, 2, 2)
+        Their covariances.
+    batch : ndarray, shape (S,)
+        Number of the batch that each draw belongs to, from 0.
+    family : str
+        "normal" or "lognormal".
+
+    Returns
+    -------
+    PairLaw
+    """
+    centre = mean.mean(axis=0)
+    total_covariance = np.cov(mean.T, bias=True) + covariance.mean(axis=0)
     sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    # Few draws say where an axis bends. Where it ends a few wide draws decide, and all must be
-    # asked: what lies beyond the grid is lost.
-    every = 1 + len(mean) // _ENOUGH
-    asked = zip(_TAILS, (every, 1), strict=True)
-    ends = [
-        [
-            mixture_quantile(mean[::step], sd[::step], tail, upper=upper)[0]
-            for upper in (False, True)
-        ]
-        for tail, step in asked
-    ]
-    axes = _axes(about, np.array(ends), family)
+    some = slice(None, None, 1 + len(mean) // _BEND_DRAWS)
+    bends = _quantiles(mean[some], sd[some], _BEND_TAIL)
+    # A few wide draws decide where an axis ends. What lies beyond the grid is lost: all are asked.
+    ends = _quantiles(mean, sd, _END_TAIL)
+    axes = _axes(total_covariance, bends, ends, family)
     order = np.argsort(batch, kind="stable")
     sizes = np.bincount(batch)
-    x, y = (np.sinh(axis.grid) for axis in axes)
-    own, spread, slope, left = _by_regression(mean[order], covariance[order], axes)
-    precision, height = 1.0 / np.sqrt(left), -0.5 * np.log(spread * left)
+    density = _mixture_density(_Normals.of(mean[order], covariance[order], axes), sizes, axes)
+    return _law(density, sizes / sizes.sum(), axes, centre, total_covariance, family)
+
+
+def _quantiles(mean: Array, sd: Array, tail: float) -> Array:
+    """Return the lower and the upper quantile (2, 2) of both margins of a mixture."""
+    lower = mixture_quantile(mean, sd, tail, upper=False)[0]
+    upper = mixture_quantile(mean, sd, tail, upper=True)[0]
+    return np.stack([lower, upper])
+
+
+def _mixture_density(normals: _Normals, sizes: NDArray[np.intp], axes: tuple[Axis, Axis]) -> Array:
+    """Sum the densities of S normals batch by batch, (B, K, L), on the axes' grids."""
+    k = np.sinh(axes[0].grid)
+    b = np.sinh(axes[1].grid)
+    precision = 1.0 / np.sqrt(normals.left)
+    log_height = -0.5 * np.log(normals.b_variance * normals.left)
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    density = np.empty((sizes.size, x.size, y.size))
-    # In single precision exponentials take a fifth of the time, and keep seven digits.
+    density = np.empty((sizes.size, k.size, b.size))
+    # In single precision exponentials take a fifth of the time, and keep seven digits. Far out a
+    # square may pass what it holds: its exponential is zero.
     with np.errstate(over="ignore"):
-        scaled = np.multiply.outer(x, precision).astype(np.float32)
-    terms = np.empty_like(scaled)
-    for column, at in enumerate(y):
-        off = at - own[1]
-        # Far out a square may pass what single precision holds: its exponential is zero.
-        with np.errstate(over="ignore"):
-            np.subtract(scaled, ((own[0] + slope * off) * precision).astype(np.float32), out=terms)
+        scaled = np.multiply.outer(k, precision).astype(np.float32)
+        terms = np.empty_like(scaled)
+        for column, b_value in enumerate(b):
+            off = b_value - normals.b_mean
+            k_given_b = (normals.k_mean + normals.slope * off) * precision
+            log_of_b = log_height - 0.5 * off * off / normals.b_variance
+            np.subtract(scaled, k_given_b.astype(np.float32), out=terms)
             terms *= terms
             terms *= np.float32(-0.5)
-            terms += (height - 0.5 * off * off / spread).astype(np.float32)
-        # Below the smallest normal numbers arithmetic is a hundred times as slow.
-        np.maximum(terms, np.float32(-80.0), out=terms)
-        np.exp(terms, out=terms)
-        density[:, :, column] = np.add.reduceat(terms, starts, axis=1).T
-    return _law(density, sizes / sizes.sum(), axes, centre, about, family)
+            terms += log_of_b.astype(np.float32)
+            np.maximum(terms, _LEAST_LOG_DENSITY, out=terms)
+            np.exp(terms, out=terms)
+            density[:, :, column] = np.add.reduceat(terms, starts, axis=1).T
+    return density
 
 
-def _by_regression(
-    mean: Array, covariance: Array, axes: tuple[Axis, Axis]
-) -> tuple[Array, Array, Array, Array]:
-    """Means (2, S) in the axes' units, variance of b, slope of k on it, and the variance that leaves of k."""
-    unit = np.array([axis.unit for axis in axes])
-    own = ((mean - [axis.centre for axis in axes]) / unit).T
-    c = covariance / np.multiply.outer(unit, unit)
-    slope = c[:, 0, 1] / c[:, 1, 1]
-    left = np.maximum(c[:, 0, 0] - slope * c[:, 0, 1], _NEAREST * c[:, 0, 0])
-    return own, c[:, 1, 1], slope, left
-
-
-def _axes(covariance: Array, quantiles: Array, family: Family) -> tuple[Axis, Axis]:
-    """Lay both axes over a law by its quantiles (tails, sides, 2); finer where k and b go together."""
+def _axes(covariance: Array, bends: Array, ends: Array, family: Family) -> tuple[Axis, Axis]:
+    """Lay both axes over a law by its quantiles (side, axis); finer where k and b correlate."""
     rho = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
-    step = _STEP * min(1.0, max(0.2, 2.5 * np.sqrt(max(0.0, 1.0 - rho * rho))))
+    ridge = _RIDGE * np.sqrt(max(0.0, 1.0 - rho * rho))
+    step = _STEP * min(1.0, max(_FINEST, ridge))
     axes = []
-    for (left, right), ends in np.moveaxis(quantiles, -1, 0):
-        centre, unit = 0.5 * (left + right), 0.5 * (right - left)
-        low, high = np.arcsinh((ends - centre) / unit).tolist()
-        # In eights, so that studies alike share the splines.
-        size = 8 * int(np.ceil((high - low) / step / 8.0)) + 1
+    for index in (0, 1):
+        left, right = bends[:, index]
+        centre = 0.5 * (left + right)
+        unit = 0.5 * (right - left)
+        low, high = np.arcsinh((ends[:, index] - centre) / unit).tolist()
+        size = _BLOCK * int(np.ceil((high - low) / step / _BLOCK)) + 1
         axes.append(Axis(float(centre), float(unit), low, high, size, log=family == "lognormal"))
     return axes[0], axes[1]
 
@@ -233,40 +315,69 @@ def _law(
     covariance: Array,
     family: Family,
 ) -> PairLaw:
-    """Put densities of the standard coordinates on the axes' own, each summing to one."""
-    batches = batches * np.multiply.outer(*(np.cosh(axis.grid) for axis in axes))
-    du, dv = (1.0 / (axis.size - 1) for axis in axes)
+    """Put densities over the bent coordinates on the axes' places, each with the integral one."""
+    k_axis, b_axis = axes
+    batches = batches * np.multiply.outer(np.cosh(k_axis.grid), np.cosh(b_axis.grid))
+    k = np.linspace(0.0, 1.0, k_axis.size)
+    b = np.linspace(0.0, 1.0, b_axis.size)
     density = batches.sum(axis=0)
-    over_k = CubicSpline(np.linspace(0.0, 1.0, axes[0].size), density).integrate(0.0, 1.0)
-    density /= CubicSpline(np.linspace(0.0, 1.0, axes[1].size), over_k).integrate(0.0, 1.0)
-    sums = np.asarray(np.trapezoid(np.trapezoid(batches, dx=du, axis=1), dx=dv, axis=1))
-    batches /= sums[:, None, None]
+    over_k = CubicSpline(k, density).integrate(0.0, 1.0)
+    density /= CubicSpline(b, over_k).integrate(0.0, 1.0)
+    sums = np.trapezoid(np.trapezoid(batches, dx=1.0 / (k.size - 1), axis=1), dx=1.0 / (b.size - 1))
+    batches /= np.asarray(sums)[:, None, None]
     return PairLaw(family, mean, covariance, axes, density, batches[: shares.size], shares)
 
 
 def confidence_law(
     stiffness: ArrayLike, damping: ArrayLike, *, kind: str, family: Family
 ) -> PairLaw:
-    """Return the law of (k, b) of the average or the next user behind the classical intervals."""
-    k, b = (sample(x, positive=family == "lognormal", least=3) for x in (stiffness, damping))
-    values = np.log([k, b]) if family == "lognormal" else np.stack([k, b])
+    """Return the law of (k, b) behind the classical intervals.
+
+    Parameters
+    ----------
+    stiffness, damping : array_like, shape (N,)
+        One value per subject, N/m and N·s/m.
+    kind : str
+        "mean" for the average user, else the next user.
+    family : str
+        "normal" or "lognormal".
+
+    Returns
+    -------
+    PairLaw
+
+    Raises
+    ------
+    RefusalError
+        Fewer than three subjects, or no scatter between them.
+    """
+    positive = family == "lognormal"
+    k = sample(stiffness, positive=positive, least=3)
+    b = sample(damping, positive=positive, least=3)
+    values = np.log([k, b]) if positive else np.stack([k, b])
     n = k.size
-    mean, covariance = values.mean(axis=1), np.cov(values)
+    mean = values.mean(axis=1)
+    covariance = np.cov(values)
     if not (np.diagonal(covariance) > 0).all():
         raise RefusalError("all subjects adjusted alike: there is no scatter to draw from.")
     covariance *= 1.0 / n if kind == "mean" else 1.0 + 1.0 / n
-    out = -special.stdtrit(n - 1, np.array(_TAILS))[:, None] * np.sqrt(np.diagonal(covariance))
-    axes = _axes(covariance, np.stack([mean - out, mean + out], axis=1), family)
-    own, spread, slope, left = _by_regression(mean[None], covariance[None], axes)
-    x, y = np.meshgrid(*(np.sinh(axis.grid) for axis in axes), indexing="ij")
-    off = y - own[1]
-    square = (x - own[0] - slope * off) ** 2 / left + off**2 / spread
+    sd = np.sqrt(np.diagonal(covariance))
+    bend = -special.stdtrit(n - 1, _BEND_TAIL) * sd
+    end = -special.stdtrit(n - 1, _END_TAIL) * sd
+    bends = np.stack([mean - bend, mean + bend])
+    ends = np.stack([mean - end, mean + end])
+    axes = _axes(covariance, bends, ends, family)
+    normal = _Normals.of(mean[None], covariance[None], axes)
+    k_grid, b_grid = np.meshgrid(*(np.sinh(axis.grid) for axis in axes), indexing="ij")
+    off = b_grid - normal.b_mean
+    k_off = k_grid - normal.k_mean - normal.slope * off
+    square = k_off**2 / normal.left + off**2 / normal.b_variance
     density = (1.0 + square / (n - 1.0)) ** (-0.5 * (n + 1.0))
     return _law(density[None], np.empty(0), axes, mean, covariance, family)
 
 
 def steps(place: Array, count: int) -> tuple[NDArray[np.intp], Array]:
-    """Return the step of a table of `count` that places in [0, 1] lie in, and how far in it."""
-    place = place * (count - 1)
-    index = np.minimum(place.astype(np.intp), count - 2)
-    return index, place - index
+    """Return the step of a table of `count` points that places lie in, and how far in it, 0 to 1."""
+    scaled = place * (count - 1)
+    index = np.minimum(scaled.astype(np.intp), count - 2)
+    return index, scaled - index

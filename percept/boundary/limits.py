@@ -1,9 +1,9 @@
-"""Limits of abs(Z_h) that follow from a law of (k, b): at each omega for itself, and over all omega together.
+"""Limits of abs(Z_h) at single frequencies, from the joint law of k and b.
 
-abs(Z_h) is a distance in the plane of (b, k/Omega): given one of the two, abs(Z_h) <= r is an
-interval of the other. Its probability is a difference of two cumulated densities, and one smooth
-integral is left. No curve is drawn at random: the error of a limit is that of the posterior draws
-behind the law.
+A limit is the radius of the ball that holds a given probability. Limits are solved for in the log
+radius, and the probability is compared as a normal score: in these two a limit is nearly straight.
+No curve is drawn at random. The Monte Carlo error of a limit is that of the posterior draws behind
+the law, from the differences between batches of draws.
 """
 
 from __future__ import annotations
@@ -13,71 +13,96 @@ import functools
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import integrate, optimize, sparse, special
+from scipy import special
 
-from percept.boundary.law import BEYOND, PairLaw, steps
+from percept.boundary.ball import Balls
+from percept.boundary.law import BEYOND, PairLaw
 from percept.errors import RefusalError
-from percept.haptics.impedance import warp
-from percept.haptics.perceived import distance_axes
 from percept.haptics.records import AnyDevice
 from percept.inference.sampling.roots import root
 
-Array = NDArray[np.float64]
+__all__ = [
+    "_OUTWARD",
+    "Magnitude",
+    "MagnitudeLimits",
+    "density",
+    "level_of",
+    "relative_error",
+    "score_of",
+]
 
-# Three subjects have tails that 24 nodes miss by a fifth.
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
-# An interval ends like a square root: nodes even in the angle take that out.
-_PLACES, _PARTS = (
-    np.sin(0.5 * np.pi * _NODES),
-    0.5 * np.pi * _WEIGHTS * np.cos(0.5 * np.pi * _NODES),
-)
-# Legendre polynomials of the highest orders at the nodes: an integrand that they hold much of is
-# rough.
-_LAST = np.polynomial.legendre.legvander(_NODES, _NODES.size - 1)[:, -6:]
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+# Lower limits move down and upper ones up as their score grows.
+_OUTWARD = np.array([[-1.0], [1.0]])
+
+# Probabilities this near 0 or 1 have a finite normal score.
 _LEAST = 1e-14
-# Limits are found to this many SDs of a normal.
-_EXACT = 1e-4
-# SDs of a normal by which a limit must not miss; one that does is looked for again, to this
-# fraction of the usual step.
-_FAR_OFF, _SHARPEST = 0.01, 1e-3
-# Where they are first looked for; and within how many bands from there, in logarithms.
-_TAIL, _WIDER = 0.005, 3.0
+# Probability beyond the first guess of a limit: that of the usual 99 % limits.
+_GUESSED_TAIL = 0.005
+# Points that the first guess is made from.
+_GUESS_POINTS = 600
+# Accuracy of limits: SDs of a normal, and steps of the search in widths of the band.
+_ACCURACY = 1e-4
+# Widths of the band around the guess within which limits are looked for first.
+_NEAR_GUESS = 3.0
 # Narrowest band, in logarithms, that steps of the search are measured in.
 _NARROWEST = 1e-9
-# SDs of a normal over which the slope of a limit is taken: in the tail of a heavy law the
-# quadrature gives a limit to all its digits, and its slope to none.
-_APART = 0.05
+# A limit that misses its score by more, in SDs of a normal, is looked for again.
+_MISSED = 0.01
+# Finer steps then: near an edge of the law a limit is far sharper than its band is wide.
+_SHARPER = 1e-3
+# SDs of a normal over which the slope of a limit is taken. In the tail of a heavy law the integral
+# gives a limit to all its digits, and its slope to none.
+_SLOPE_STEP = 0.05
 # Smallest probability beyond a limit: the grid of a law leaves out a fifth of this.
 _LEAST_TAIL = 1e-5
-# Points that say where to look.
-_SOME = 600
 _TINY = np.finfo(np.float64).tiny
-# A level is calibrated to this many SDs of a normal.
-_CLOSE = 0.003
+
+
+def score_of(level: float) -> float:
+    """Return how many SDs out the central limits of a normal lie at a level."""
+    return float(-special.ndtri(0.5 * (1.0 - level)))
+
+
+def level_of(score: float) -> float:
+    """Return the level of the central limits of a normal so many SDs out."""
+    return float(1.0 - 2.0 * special.ndtr(-score))
+
+
+def density(score: Array | float) -> Array:
+    """Return the density of a standard normal."""
+    return np.asarray(np.exp(-0.5 * np.square(score)) / np.sqrt(2.0 * np.pi))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Limits:
+class MagnitudeLimits:
     """Limits of abs(Z_h) at M frequencies."""
 
     lower: Array  # (M,) N·s/m
     upper: Array  # (M,) N·s/m
-    errors: (
-        Array | None
-    )  # (2, M) Monte Carlo errors of their logarithms; None of a law that is not drawn
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Calibration:
-    """The level at each omega for itself at which limits hold over all omega together."""
-
-    level: float
-    error: float  # Monte Carlo standard error
-    shifts: Array  # (B,) By how many SDs each batch of draws would move the limits out
+    errors: Array | None = None  # (2, M) Monte Carlo errors of their logarithms; None if not drawn
 
 
 class Magnitude:
-    """Law of abs(Z_h) at frequencies (M,), rad/s, that follows from a law of (k, b)."""
+    """Law of abs(Z_h) at frequencies, from a law of (k, b).
+
+    Parameters
+    ----------
+    law : PairLaw
+        Law of stiffness and damping.
+    device : Device or TabulatedDevice
+        What the user holds.
+    period : float
+        Sampling period, s.
+    omega : ndarray, shape (M,)
+        Frequencies, rad/s.
+    mass : float, optional
+        Mass of the environment, kg.
+    hold : str, optional
+        "average" (Eq. 8) or "true".
+    """
 
     def __init__(
         self,
@@ -89,362 +114,162 @@ class Magnitude:
         mass: float = 0.0,
         hold: str = "average",
     ) -> None:
-        across, along, held = distance_axes(warp(omega, period), device, hold, mass)
-        # abs(Z_h)² is the sum over k and b of (gain·value + offset)².
-        gains, offsets = (
-            np.stack([np.broadcast_to(part, omega.shape) for part in parts])
-            for parts in ((held.per_rate, held.gain), (-along, across))
-        )
-        # At Nyquist a mass is endless, whatever k and b are.
-        self._finite = np.isfinite(offsets).all(axis=0) & (gains > 0).all(axis=0)
-        self._law, self._gains, self._offsets = (
-            law,
-            gains[:, self._finite],
-            offsets[:, self._finite],
-        )
-        self._solved: dict[float, Array] = {}
-        self._moved: dict[float, Array] = {}
+        self.law = law
+        self.balls = Balls(law, device, period, omega, mass=mass, hold=hold)
+        self._logs_at: dict[float, Array] = {}
+        self._shifts_at: dict[float, Array] = {}
 
-    def limits(self, level: float, shifts: Array | None = None) -> Limits:
-        """Equal-tailed limits; `shifts` of their score by batch are part of the error.
+    def limits(self, level: float, shifts: Array | None = None) -> MagnitudeLimits:
+        """Return equal-tailed limits.
 
-        RefusalError where the law does not determine them.
+        Parameters
+        ----------
+        level : float
+            Probability between them at each frequency.
+        shifts : ndarray, shape (B,), optional
+            By how many SDs each batch of draws moves the level itself: part of the errors.
+
+        Raises
+        ------
+        RefusalError
+            The law does not determine limits so far out.
         """
-        score = _score(level)
-        if not score <= self._farthest:
+        score = score_of(level)
+        if not score <= self.farthest_score:
             raise RefusalError(f"a limit may lie beyond {BEYOND:.0e} N·s/m.")
-        logs = self._known(score)
-        found = np.full((2, self._finite.size), np.inf)
-        found[:, self._finite] = np.exp(logs)
-        if not self._law.shares.size:
-            return Limits(found[0], found[1], None)
-        errors = np.zeros(found.shape)
-        own = (0.0 if shifts is None else shifts) + self._changes(score)
-        errors[:, self._finite] = self._slopes(score) * self._spread(own)
-        return Limits(found[0], found[1], errors)
-
-    def calibrate(self, level: float) -> Calibration:
-        """Choose the level at each omega that keeps curves inside at all of them with probability `level`.
-
-        RefusalError where there is none that the law determines.
-        """
-        first = _score(level)
-
-        @functools.cache
-        def leaving(score: float) -> tuple[float, NDArray[np.bool_]]:
-            held, binds = self._leaving(self._known(score)[None], self._law.cumulated[0][None])
-            return float(np.log(np.maximum(held[0], _TINY) / (1.0 - level))), binds
-
-        def excess(score: float) -> float:
-            return leaving(score)[0]
-
-        farthest = self._farthest
-        if first > farthest or excess(farthest) > 0.0:
-            raise RefusalError(f"no limits at single frequencies hold whole curves at {level:g}.")
-        # A normal's tail falls about as fast as its score.
-        score, fall = first, first
-        if (beyond := excess(first)) > 0.0:
-            step = min(beyond / fall, farthest - first)
-            while excess(first + step) > 0.0:
-                step = min(1.5 * step, farthest - first)
-            score = max(
-                first + _CLOSE, float(optimize.brentq(excess, first, first + step, xtol=_CLOSE))
-            )
-            fall = (beyond - excess(score)) / (score - first)
-        m = leaving(score)[1]
-        # As `limits` will ask for it, which then finds everything known.
-        score = _score(_level(score))
-        # A batch moves limits and probabilities alike.
-        moved = self._between(score + np.moveaxis(self._changes(score), -1, 0))
-        batches = np.moveaxis(self._law.by_batch[0], -1, 0)
-        every = np.concatenate([self._known(score)[None], moved])
-        left, _ = self._leaving(every[..., m], batches, m)
-        own = left[1:] - left[0]
-        shifts = own / (fall * (1.0 - level))
-        rate = 2.0 * float(_density(np.array(score)))
-        return Calibration(_level(score), rate * float(self._spread(shifts)), shifts)
-
-    def _leaving(
-        self, logs: Array, table: Array, m: NDArray[np.bool_] | slice = slice(None)
-    ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the probability (C,) that curves leave log limits (C, 2, M), and where limits bind.
-
-        Of tables (C, outer, inner), and at the frequencies `m` only. On a line of one value of b,
-        limits leave an interval of k without the union of as many others.
-        """
-        inner, outer = self._law.axes
-        (gain, gain_out), (offset, offset_out) = self._gains[:, m], self._offsets[:, m]
-        b = outer.native(np.linspace(0.0, 1.0, table.shape[1]))
-        square = (np.multiply.outer(b, gain_out) + offset_out) ** 2
-        # Where a ball does not reach the line both its ends are the same.
-        side = np.sqrt(np.maximum(np.exp(2.0 * logs[:, :, None]) - square, 0.0))
-        ends = [inner.place((sign * side - offset) / gain) for sign in (-1.0, 1.0)]
-        left, right = (np.moveaxis(_along(table, end), 1, 0) for end in ends)
-        order = left[0].argsort(axis=-1)
-        holes, ends_of = (np.take_along_axis(part[0], order, -1) for part in (left, right))
-        low, high = left[1].max(axis=-1, keepdims=True), right[1].min(axis=-1, keepdims=True)
-        filled = np.maximum.accumulate(ends_of, axis=-1)
-        before = np.maximum(np.concatenate([low, filled], axis=-1), low)
-        gaps = np.maximum(np.minimum(np.concatenate([holes, high], axis=-1), high) - before, 0.0)
-        binds = np.zeros(logs.shape[-1], dtype=bool)
-        binds[left[1].argmax(axis=-1)] = binds[right[1].argmin(axis=-1)] = True
-        farthest = np.maximum.accumulate(
-            np.where(ends_of == filled, np.arange(order.shape[-1]), 0), axis=-1
-        )
-        binds[order[gaps[..., :-1] > 0.0]] = True
-        binds[np.take_along_axis(order, farthest, -1)[gaps[..., 1:] > 0.0]] = True
-        held = np.trapezoid(gaps.sum(axis=-1), dx=1.0 / (b.size - 1), axis=-1)
-        return np.asarray(1.0 - held), binds
-
-    def _spread(self, values: Array) -> Array:
-        """Return the standard error of a mean over draws from its batches, on the last axis."""
-        batches = self._law.shares.size
-        mean = values @ self._law.shares
-        square = ((values - mean[..., None]) * self._law.shares) ** 2
-        return np.asarray(np.sqrt(square.sum(axis=-1) * batches / (batches - 1.0)))
+        finite = self.balls.finite
+        limits = np.full((2, finite.size), np.inf)
+        limits[:, finite] = np.exp(self.log_limits(score))
+        if not self.law.shares.size:
+            return MagnitudeLimits(limits[0], limits[1])
+        errors = np.zeros(limits.shape)
+        moves = self.batch_shifts(score)
+        if shifts is not None:
+            moves = shifts + moves
+        errors[:, finite] = self._slopes(score) * self.law.standard_error(moves)
+        return MagnitudeLimits(limits[0], limits[1], errors)
 
     @functools.cached_property
-    def _outlook(self) -> tuple[Array, NDArray[np.intp]]:
-        """About where log limits lie, and of which of k and b the interval is best taken there, (2, M)."""
-        k, b, held = self._law.even(_SOME)
-        squares = (self._gains[0, :, None] * k + self._offsets[0, :, None]) ** 2
-        squares += (self._gains[1, :, None] * b + self._offsets[1, :, None]) ** 2
-        order = np.argsort(squares, axis=1)
-        logs = 0.5 * np.log(np.maximum(np.take_along_axis(squares, order, 1), _TINY))
-        below = np.cumsum(held[order], axis=1)
-        nearest = [
-            np.abs(np.log(np.maximum(beyond, _LEAST) / _TAIL)).argmin(axis=1)
-            for beyond in (below, 1.0 - below)
-        ]
-        first = np.take_along_axis(logs, np.stack(nearest, axis=1), 1).T
-        at, radius = np.tile(np.arange(first.shape[1]), 2), np.exp(first.ravel())
-        rough = [self._content(inner, at, radius)[2] for inner in (0, 1)]
-        return first, np.argmin(rough, axis=0).reshape(first.shape)
+    def farthest_score(self) -> float:
+        """Largest score of limits: farther out the law says too little, or k or b is infinite."""
+        return float(-special.ndtri(max(_LEAST_TAIL, self.law.infinite)))
 
-    def _changes(self, score: float) -> Array:
-        """Return by what each batch moves the limits out, in SDs, (2, M, B)."""
-        if score not in self._moved:
-            radius, inner = np.exp(self._known(score)), self._outlook[1]
-            held = np.empty((*radius.shape, 1 + self._law.shares.size))
-            for p in (0, 1):
-                side, at = np.nonzero(inner == p)
-                held[side, at] = self._by_batch(p, at, radius[side, at])
+    @functools.cached_property
+    def log_range(self) -> tuple[Array, Array]:
+        """Smallest and largest log limits, (M,) each."""
+        return self.balls.range()
+
+    def log_limits(self, score: float) -> Array:
+        """Return log limits (2, M) at a score, at the frequencies that have balls."""
+        if score not in self._logs_at:
+            self._logs_at[score] = self._solve(score)
+        return self._logs_at[score]
+
+    def log_limits_between(self, scores: Array) -> Array:
+        """Interpolate log limits at scores (B, 2, M) between the scores that are solved."""
+        solved = np.array(sorted(self._logs_at))
+        logs = np.stack([self._logs_at[score] for score in solved])
+        step = np.clip(np.searchsorted(solved, scores) - 1, 0, solved.size - 2)
+        part = (scores - solved[step]) / (solved[step + 1] - solved[step])
+        side, frequency = np.indices(scores.shape[1:])
+        left = logs[step, side, frequency]
+        right = logs[step + 1, side, frequency]
+        return np.clip(left + np.minimum(part, 1.0) * (right - left), *self.log_range)
+
+    def batch_shifts(self, score: float) -> Array:
+        """Return by how many SDs each batch of draws moves limits out, (2, M, B)."""
+        if score not in self._shifts_at:
+            frequency = np.tile(np.arange(self.balls.count), 2)
+            radius = np.exp(self.log_limits(score)).ravel()
+            content = self.balls.content_by_batch(frequency, radius, self._inner.ravel())
             # A batch with draws far narrower than the tables' steps may seem to hold less than
             # nothing.
-            held = np.clip(held, 0.0, 1.0)
-            out = np.array([1.0, -1.0])[:, None, None] / _density(np.array(score))
-            self._moved[score] = (held[..., 1:] - held[..., :1]) * out
-        return self._moved[score]
-
-    @functools.cached_property
-    def _farthest(self) -> float:
-        """The largest score of limits: farther out a law says too little, or lies beyond all impedances."""
-        return float(-special.ndtri(max(_LEAST_TAIL, self._law.endless)))
-
-    @functools.cached_property
-    def _range(self) -> tuple[Array, Array]:
-        """Logarithms between which limits lie, (M,) each: magnitudes over the grid of k and b."""
-        squares = np.zeros((2, self._gains.shape[1]))
-        for axis, gain, offset in zip(self._law.axes, self._gains, self._offsets, strict=True):
-            ends = np.multiply.outer(axis.native(np.array([0.0, 1.0])), gain) + offset
-            nearest = np.where(ends[0] * ends[1] > 0.0, np.abs(ends).min(axis=0), 0.0)
-            squares += np.square([nearest, np.abs(ends).max(axis=0)])
-        low, high = 0.5 * np.log(np.maximum(squares, BEYOND**-2))
-        return low, high
+            content = np.clip(content, 0.0, 1.0).reshape(2, self.balls.count, -1)
+            more = content[..., 1:] - content[..., :1]
+            # A batch that holds more moves the lower limit down and so out, the upper one in.
+            self._shifts_at[score] = more * -_OUTWARD[..., None] / density(score)
+        return self._shifts_at[score]
 
     def _slopes(self, score: float) -> Array:
         """Return how fast log limits (2, M) move out with their score."""
-        return np.abs(self._known(score + _APART) - self._known(score)) / _APART
+        farther = self.log_limits(score + _SLOPE_STEP)
+        return np.abs(farther - self.log_limits(score)) / _SLOPE_STEP
 
-    def _known(self, score: float) -> Array:
-        """Return log limits (2, M) at a score."""
-        if score in self._solved:
-            return self._solved[score]
-        first, inner = self._outlook
-        start = self._from_others(score) if self._solved else first
-        count = start.shape[1]
-        at, inner = np.tile(np.arange(count), 2), inner.ravel()
+    @functools.cached_property
+    def _guess(self) -> Array:
+        """Log limits (2, M) of points that stand for the law, at the usual level."""
+        k, b, probability = self.law.even(_GUESS_POINTS)
+        squares = self.balls.squares(k, b)
+        order = np.argsort(squares, axis=1)
+        logs = 0.5 * np.log(np.maximum(np.take_along_axis(squares, order, 1), _TINY))
+        below = np.cumsum(probability[order], axis=1)
+        nearest = []
+        for tail in (below, 1.0 - below):
+            misfit = np.abs(np.log(np.maximum(tail, _LEAST) / _GUESSED_TAIL))
+            nearest.append(misfit.argmin(axis=1))
+        return np.take_along_axis(logs, np.stack(nearest, axis=1), 1).T
+
+    @functools.cached_property
+    def _inner(self) -> Indices:
+        """Which of k and b is the inner one in the ball of each limit, (2, M)."""
+        frequency = np.tile(np.arange(self.balls.count), 2)
+        radius = np.exp(self._guess.ravel())
+        return self.balls.smoother_inner(frequency, radius).reshape(self._guess.shape)
+
+    def _solve(self, score: float) -> Array:
+        """Solve for log limits (2, M) at a score."""
+        count = self.balls.count
+        frequency = np.tile(np.arange(count), 2)
+        inner = self._inner.ravel()
         target = np.repeat([-score, score], count)
+        last, value, rate = np.full((3, 2 * count), np.nan)
 
-        last, value, rate = np.full((3, at.size), np.nan)
-
-        def short(x: Array) -> tuple[Array, Array]:
+        def misfit(logs: Array) -> tuple[Array, Array]:
+            """Return by how many SDs limits miss their score, and how fast that changes."""
             # Most limits are found in four steps: only the rest is worked out again.
-            (new,) = np.nonzero(x != last)
-            held, slope = self.content(at[new], np.exp(x[new]), inner[new])
-            found = special.ndtri(np.clip(held, _LEAST, 1.0 - _LEAST))
-            last[new], value[new], rate[new] = x[new], found - target[new], slope / _density(found)
-            value[np.abs(value) < _EXACT] = 0.0
+            (new,) = np.nonzero(logs != last)
+            content = self.balls.content(frequency[new], np.exp(logs[new]), inner[new])
+            scores = special.ndtri(np.clip(content.probability, _LEAST, 1.0 - _LEAST))
+            last[new] = logs[new]
+            value[new] = scores - target[new]
+            rate[new] = content.slope / density(scores)
+            value[np.abs(value) < _ACCURACY] = 0.0
             return value.copy(), rate.copy()
 
-        # A band far narrower than its magnitude may have no width among the points looked at.
-        scale = np.tile(np.maximum(first[1] - first[0], _NARROWEST), 2)
-        low, high = (np.tile(end, 2) for end in self._range)
-        begin = np.clip(start.ravel(), low, high)
-        near = np.maximum(low, begin - _WIDER * scale), np.minimum(high, begin + _WIDER * scale)
-        x = root(short, begin, *near, scale, _EXACT)
-        if np.abs(short(x)[0]).max(initial=0.0) > _FAR_OFF:
-            # It lies farther off; or, near an edge of the law, is far sharper than its band is wide.
-            x = root(short, x, low, high, scale, _EXACT * _SHARPEST)
-        self._solved[score] = x.reshape(2, -1)
-        return self._solved[score]
+        guess = self._guess if not self._logs_at else self._extrapolate(score)
+        # A band far narrower than its magnitude may have no width among the guess's points.
+        width = np.tile(np.maximum(self._guess[1] - self._guess[0], _NARROWEST), 2)
+        low, high = (np.tile(end, 2) for end in self.log_range)
+        start = np.clip(guess.ravel(), low, high)
+        near_low = np.maximum(low, start - _NEAR_GUESS * width)
+        near_high = np.minimum(high, start + _NEAR_GUESS * width)
+        logs = root(misfit, start, near_low, near_high, width, _ACCURACY)
+        missed = np.abs(misfit(logs)[0])
+        if missed.max(initial=0.0) > _MISSED:
+            logs = root(misfit, logs, low, high, width, _ACCURACY * _SHARPER)
+        return logs.reshape(2, -1)
 
-    def _between(self, scores: Array) -> Array:
-        """Return about where log limits lie at scores (B, 2, M), from those at scores that are known."""
-        known = np.array(sorted(self._solved))
-        logs = np.stack([self._solved[score] for score in known])
-        step = np.clip(np.searchsorted(known, scores) - 1, 0, known.size - 2)
-        part = np.minimum((scores - known[step]) / (known[step + 1] - known[step]), 1.0)
-        side, m = np.indices(scores.shape[1:])
-        left, right = logs[step, side, m], logs[step + 1, side, m]
-        return np.clip(left + part * (right - left), *self._range)
-
-    def _from_others(self, score: float) -> Array:
-        """Guess log limits from those at the nearest scores, along a straight line."""
-        nearest, *others = sorted(self._solved, key=lambda other: abs(other - score))
-        logs = self._solved[nearest]
+    def _extrapolate(self, score: float) -> Array:
+        """Guess log limits from those at the nearest solved scores, along a straight line."""
+        nearest, *others = sorted(self._logs_at, key=lambda solved: abs(solved - score))
+        logs = self._logs_at[nearest]
         if not others:
             return logs
-        slope = (self._solved[others[0]] - logs) / (others[0] - nearest)
+        slope = (self._logs_at[others[0]] - logs) / (others[0] - nearest)
         return logs + (score - nearest) * slope
 
-    def content(
-        self, at: NDArray[np.intp], radius: Array, inner_of: NDArray[np.intp]
-    ) -> tuple[Array, Array]:
-        """Return P(abs(Z_h) <= radius), (Q,), at frequencies number `at`, and its slope in log radius.
 
-        The interval is of k where `inner_of` is zero, of b where it is one.
-        """
-        held, slope = np.zeros((2, at.size))
-        for inner in (0, 1):
-            (rows,) = np.nonzero(inner_of == inner)
-            if rows.size:
-                held[rows], slope[rows], _ = self._content(inner, at[rows], radius[rows])
-        return held, slope
+def relative_error(omega: Array, limits: MagnitudeLimits) -> float | None:
+    """Return the typical error of limits over log omega, in half-widths of the band in logarithms.
 
-    def _nodes(self, inner: int, at: NDArray[np.intp], radius: Array) -> tuple[Array, ...]:
-        """Lay nodes over the outer one of k and b, and find both ends of the interval of the inner one.
-
-        Return the outer one's range (Q, 2), nodes and weights (Q, J); ends (2, Q, J) of the inner
-        one, and how fast they move with the radius' logarithm. All are places on the axes.
-        """
-        axis, outer = self._law.axes[inner], self._law.axes[1 - inner]
-        (gain, offset), (gain_out, offset_out) = (
-            (self._gains[p, at, None], self._offsets[p, at, None]) for p in (inner, 1 - inner)
-        )
-        radius = radius[:, None]
-        # What the inner one adds at least leaves less to the outer one: few nodes must not fall
-        # beyond.
-        ends = gain * axis.native(np.array([0.0, 1.0])) + offset
-        least = np.maximum(0.0, np.maximum(ends[:, :1], -ends[:, 1:]))
-        reach = _leg(radius, least)
-        left, right = (outer.place((sign * reach - offset_out) / gain_out) for sign in (-1.0, 1.0))
-        half = 0.5 * (right - left)
-        places = 0.5 * (right + left) + half * _PLACES
-        far = gain_out * outer.native(places) + offset_out
-        side = _leg(radius, np.abs(far))
-        native = (np.stack([-side, side]) - offset) / gain
-        ends = axis.place(native)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            moves = np.where(
-                side > 0.0, axis.rate(ends, native) * (radius / side) * (radius / gain), 0.0
-            )
-        return np.concatenate([left, right], axis=1), places, half * _PARTS, ends, moves
-
-    def _content(
-        self, inner: int, at: NDArray[np.intp], radius: Array
-    ) -> tuple[Array, Array, Array]:
-        """Integrate over one of k and b the probability of the interval of the other.
-
-        Also return how rough the slope's integrand is: what its last Legendre coefficients amount
-        to.
-        """
-        span, places, weight, ends, moves = self._nodes(inner, at, radius)
-        table = self._law.cumulated[inner]
-        row, over = steps(places, len(table))
-        held, slopes = np.zeros(at.size), np.zeros(row.shape)
-        flat = table.ravel()
-        for sign, end, move in zip((-1.0, 1.0), ends, moves, strict=True):
-            column, part = steps(end, table.shape[1])
-            index = row * table.shape[1] + column
-            # Both ends of the step, between the row and the next.
-            before, after = (
-                (1.0 - over) * flat.take(index + i) + over * flat.take(index + i + table.shape[1])
-                for i in (0, 1)
-            )
-            rise = after - before
-            held += sign * np.einsum("qj,qj->q", weight, before + part * rise)
-            slopes += weight * move * rise * (table.shape[1] - 1)
-        # Far out the rest is what counts: of the margin all digits are known.
-        margin = table[:, -1]
-        beyond = integrate.cumulative_trapezoid(margin, dx=1.0 / (len(table) - 1), initial=0)
-        whole = margin[row] + over * (margin[row + 1] - margin[row])
-        row, over = steps(span, len(table))
-        # Of lines between the table's points, as the nodes are.
-        rest = over * (margin[row] + 0.5 * over * (margin[row + 1] - margin[row]))
-        known = beyond[row] + rest / (len(table) - 1)
-        missed = known[:, 1] - known[:, 0] - np.einsum("qj,qj->q", weight, whole)
-        held += np.where(held > 0.5, missed, 0.0)
-        slope = slopes.sum(axis=1)
-        last = np.abs(slopes @ _LAST).sum(axis=1)
-        # No slope at any node: all of it lies between them.
-        rough = np.divide(last, slope, out=np.full(slope.shape, np.inf), where=slope > 0.0)
-        return held, slope, rough
-
-    def _by_batch(self, inner: int, at: NDArray[np.intp], radius: Array) -> Array:
-        """Return the content (Q, 1 + B) of all draws and of each batch, on the coarser tables."""
-        _, places, weight, ends, _ = self._nodes(inner, at, radius)
-        table = self._law.by_batch[inner]
-        row, over = steps(places, len(table))
-        weights, columns = [], []
-        for sign, end in zip((-1.0, 1.0), ends, strict=True):
-            column, part = steps(end, table.shape[1])
-            for i, along in enumerate((1.0 - over, over)):
-                for j, across in enumerate((1.0 - part, part)):
-                    weights.append(sign * weight * along * across)
-                    columns.append((row + i) * table.shape[1] + column + j)
-        every = np.concatenate(columns, axis=1).ravel(), 8 * _NODES.size * np.arange(at.size + 1)
-        flat = table.reshape(-1, table.shape[2])
-        matrix = sparse.csr_array(
-            (np.concatenate(weights, axis=1).ravel(), *every), (at.size, len(flat))
-        )
-        return np.asarray(matrix @ flat)
-
-
-def _leg(radius: Array, other: Array) -> Array:
-    """Return sqrt(radius² - other²), or zero: by factors, since squares of extreme radii overflow."""
-    return np.asarray(np.sqrt(np.maximum(radius - other, 0.0)) * np.sqrt(radius + other))
-
-
-def _along(table: Array, place: Array) -> Array:
-    """Interpolate the rows of tables (C, N, inner) at places (C, ..., N, M)."""
-    column, part = steps(place, table.shape[2])
-    batch, row = np.arange(len(table))[:, None, None, None], np.arange(table.shape[1])[:, None]
-    index, flat = (batch * table.shape[1] + row) * table.shape[2] + column, table.ravel()
-    first = flat.take(index)
-    return np.asarray(first + part * (flat.take(index + 1) - first))
-
-
-def _score(level: float) -> float:
-    """Return how many SDs out the limits of a normal lie."""
-    return float(-special.ndtri(0.5 * (1.0 - level)))
-
-
-def _level(score: float) -> float:
-    return float(1.0 - 2.0 * special.ndtr(-score))
-
-
-def _density(score: Array) -> Array:
-    return np.exp(-0.5 * score * score) / np.sqrt(2.0 * np.pi)
-
-
-def relative_error(omega: Array, limits: Limits) -> float | None:
-    """Typical error of limits over log omega, as a fraction of the band's half-width in logarithms."""
+    None without errors, and where no band has width.
+    """
     wide = np.isfinite(limits.upper) & (limits.upper > limits.lower)
     if limits.errors is None or not wide.any():
         return None
     half_width = 0.5 * np.log(limits.upper[wide] / limits.lower[wide])
-    relative, x = limits.errors[:, wide] / half_width, np.log(omega[wide])
+    relative = limits.errors[:, wide] / half_width
     square = np.mean(relative**2, axis=0)
+    x = np.log(omega[wide])
     mean = np.trapezoid(square, x) / (x[-1] - x[0]) if x.size > 1 else square[0]
     return float(np.sqrt(mean))

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.boundary.curves import Boundary, Shape, drawing_grid
-from percept.boundary.limits import Calibration, Limits, Magnitude, relative_error
+from percept.boundary.limits import Magnitude, MagnitudeLimits, relative_error
+from percept.boundary.simultaneous import SimultaneousLevel, simultaneous_level
 from percept.errors import RefusalError, UsageError
 from percept.scene import FrequencyTable, Scene
 from percept.study.basics import Array, Skipped
@@ -96,7 +97,7 @@ class BoundaryDrawing:
         self._largest_error = _MOST_TOLERANCES * tolerance
         self._grids: dict[str, Array] = {}
         self._on_grid: dict[Law, Magnitude] = {}
-        self._levels: dict[Law, Calibration] = {}
+        self._levels: dict[Law, SimultaneousLevel] = {}
         self._refused: dict[Law, dict[Shape, Skipped]] = {}
 
     def at(
@@ -159,7 +160,7 @@ class BoundaryDrawing:
 
     def _around(self, region: Region, frame: _Frame) -> Iterator[Boundary]:
         for shape in _shapes(region):
-            limits = Limits(*self._setup.outline(region, shape, frame.omega), None)
+            limits = MagnitudeLimits(*self._setup.outline(region, shape, frame.omega), None)
             yield _boundary(region, region.joint, shape, limits, frame)
 
     def _of_law(self, law: Law, frame: _Frame) -> Iterator[Boundary]:
@@ -201,7 +202,7 @@ class BoundaryDrawing:
             f" and curves are drawn up to {self._largest_error:.2g}"
         )
 
-    def _limits(self, law: Law, shape: Shape, omega: Array) -> Limits:
+    def _limits(self, law: Law, shape: Shape, omega: Array) -> MagnitudeLimits:
         """Return the limits (M,) of a law in a shape; RefusalError where there are none."""
         magnitude = self._magnitude(law, omega)
         if shape == "pointwise":
@@ -216,13 +217,15 @@ class BoundaryDrawing:
             raise RefusalError("the subjects' values give no ellipse.")
         lower, upper = self._setup.outline(region, "envelope", omega)
         limits = magnitude.limits(law.level)
-        return Limits(np.minimum(lower, limits.lower), np.maximum(upper, limits.upper), None)
+        return MagnitudeLimits(
+            np.minimum(lower, limits.lower), np.maximum(upper, limits.upper), None
+        )
 
-    def _level(self, law: Law) -> Calibration:
+    def _level(self, law: Law) -> SimultaneousLevel:
         """Return the level of a simultaneous band over the environment's grid."""
         if law not in self._levels:
             magnitude = self._magnitude(law, self.grid(law.environment))
-            self._levels[law] = magnitude.calibrate(law.level)
+            self._levels[law] = simultaneous_level(magnitude, law.level)
         return self._levels[law]
 
     def _magnitude(self, law: Law, omega: Array) -> Magnitude:
@@ -239,7 +242,7 @@ class BoundaryDrawing:
 
 
 def _boundary(
-    source: Region | Law, joint: str, shape: Shape, limits: Limits, frame: _Frame
+    source: Region | Law, joint: str, shape: Shape, limits: MagnitudeLimits, frame: _Frame
 ) -> Boundary:
     """Put limits together with what they were drawn for."""
     return Boundary(

@@ -10,7 +10,8 @@ import pytest
 from scipy import integrate, special
 
 from percept.boundary.law import PairLaw, confidence_law, mixture_law
-from percept.boundary.limits import Limits, Magnitude, relative_error
+from percept.boundary.limits import Magnitude, MagnitudeLimits, relative_error
+from percept.boundary.simultaneous import simultaneous_level
 from percept.errors import RefusalError
 from percept.haptics import Device, Environment, perceived_impedance
 from percept.haptics.perceived import perceived_magnitude
@@ -63,7 +64,7 @@ def test_limits_leave_out_as_many_draws_as_they_say(which: int, device: Device) 
     magnitude = Magnitude(law, device, PERIOD, OMEGA)
     limits = magnitude.limits(0.99)
     # A law that is not drawn is not calibrated.
-    together = magnitude.calibrate(0.99) if law.shares.size else None
+    together = simultaneous_level(magnitude, 0.99) if law.shares.size else None
     wide = magnitude.limits(together.level) if together else limits
     assert (wide.lower <= limits.lower).all()
     assert (limits.upper <= wide.upper).all()
@@ -109,7 +110,9 @@ def test_probability_of_a_distance_is_that_of_a_double_integral() -> None:
 
         exact = integrate.dblquad(density, 0.0, size, -np.pi, np.pi, epsabs=1e-7)[0]
         for inner in (0, 1):
-            held, _ = magnitude.content(np.array([m]), np.array([size]), np.array([inner]))
+            held = magnitude.balls.content(
+                np.array([m]), np.array([size]), np.array([inner])
+            ).probability
             assert held[0] == pytest.approx(exact, abs=2e-4)
 
 
@@ -151,7 +154,7 @@ def test_stated_error_is_the_scatter_between_sets_of_draws(draw: Callable[..., A
     for seed in range(60):
         law = mixture_law(*draw(320, seed), np.arange(320) % 16, "lognormal")
         magnitude = Magnitude(law, DEVICE, PERIOD, omega)
-        together = magnitude.calibrate(0.99)
+        together = simultaneous_level(magnitude, 0.99)
         found.append(
             (magnitude.limits(0.99), magnitude.limits(together.level, together.shifts), together)
         )
@@ -209,7 +212,9 @@ def test_values_below_all_that_counts_are_in_every_ball() -> None:
     mean, covariance = wide_draws(40_000, 1)
     law = mixture_law(mean, covariance * 16.0, np.arange(40_000) % 32, "lognormal")
     rare = Magnitude(law, DEVICE, PERIOD, OMEGA[:1])
-    held = rare.content(np.zeros(1, dtype=int), np.array([1e30]), np.zeros(1, dtype=int))[0][0]
+    held = rare.balls.content(
+        np.zeros(1, dtype=int), np.array([1e30]), np.zeros(1, dtype=int)
+    ).probability[0]
     sd = 4.0 * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     # Beyond the ball k or b alone is large: the gain of k is one over omega.
     beyond = special.ndtr((mean - np.log([1e29, 1e30])) / sd)
@@ -222,7 +227,7 @@ def test_stated_error_of_a_band_is_its_scatter_where_few_draws_are_wide() -> Non
     for seed in range(count):
         law = mixture_law(*wide_draws(4000, seed), np.arange(4000) % 32, "lognormal")
         magnitude = Magnitude(law, DEVICE, PERIOD, omega)
-        together = magnitude.calibrate(0.99)
+        together = simultaneous_level(magnitude, 0.99)
         limits = magnitude.limits(together.level, together.shifts)
         assert limits.errors is not None
         logs.append(np.log(limits.upper))
@@ -239,7 +244,7 @@ def test_limits_that_a_law_does_not_determine_are_refused() -> None:
     with pytest.raises(RefusalError, match=r"a limit may lie beyond 1e\+40 N·s/m"):
         Magnitude(far, DEVICE, PERIOD, OMEGA).limits(0.99)
     with pytest.raises(RefusalError, match="no limits at single frequencies hold whole curves"):
-        Magnitude(far, DEVICE, PERIOD, OMEGA).calibrate(0.99)
+        simultaneous_level(Magnitude(far, DEVICE, PERIOD, OMEGA), 0.99)
     law = mixture_law(mean, covariance, np.arange(400) % 16, "lognormal")
     with pytest.raises(RefusalError, match="a limit may lie beyond"):
         Magnitude(law, DEVICE, PERIOD, OMEGA).limits(1.0 - 1e-6)
@@ -252,14 +257,17 @@ def test_relative_error_is_a_mean_over_log_omega_in_half_widths() -> None:
         np.array([np.e**2, np.e**2, np.e**2, 1.0]),
     )  # no width at the last
     error = np.array([[0.1, 0.1, 0.3, 9.0], [0.1, 0.1, 0.3, 9.0]])
-    found = relative_error(omega, Limits(lower, upper, error))
+    found = relative_error(omega, MagnitudeLimits(lower, upper, error))
     assert found is not None
     assert found == pytest.approx(np.sqrt((0.01 + 2 * 0.5 * (0.01 + 0.09)) / 3))
-    first = Limits(lower[:1], upper[:1], error[:, :1])
+    first = MagnitudeLimits(lower[:1], upper[:1], error[:, :1])
     assert relative_error(omega[:1], first) == pytest.approx(0.1)
-    assert relative_error(omega[3:], Limits(lower[3:], upper[3:], error[:, 3:])) is None
-    assert relative_error(omega, Limits(np.full(4, np.inf), np.full(4, np.inf), error)) is None
-    assert relative_error(omega, Limits(lower, upper, None)) is None
+    assert relative_error(omega[3:], MagnitudeLimits(lower[3:], upper[3:], error[:, 3:])) is None
+    assert (
+        relative_error(omega, MagnitudeLimits(np.full(4, np.inf), np.full(4, np.inf), error))
+        is None
+    )
+    assert relative_error(omega, MagnitudeLimits(lower, upper, None)) is None
 
 
 def test_a_frequency_the_device_alone_decides() -> None:
