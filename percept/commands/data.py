@@ -17,9 +17,11 @@ def _validate(arguments: argparse.Namespace) -> int:
 
     scene, options = read_scene(arguments)
     found = validate(*arguments.sessions, options=options)
-    text = json.dumps(found, ensure_ascii=False, indent=2, default=str) if arguments.json else ""
-    print(text or format_validation(found, say=in_words_of(scene)))
-    return int(found["exit_code"])
+    if arguments.json:
+        print(json.dumps(found.to_dict(), ensure_ascii=False, indent=2, default=str))
+    else:
+        print(format_validation(found, say=in_words_of(scene)))
+    return found.exit_code
 
 
 def _new(arguments: argparse.Namespace) -> None:

@@ -8,7 +8,7 @@ from percept.sessions.proposals import Proposal, propose_columns
 from percept.sessions.quantities import Quantity
 from percept.sessions.read import Sessions, read_sessions
 from percept.sessions.records import Exclusion, Notice, ReadError, Source
-from percept.sessions.validate import format_validation, validate
+from percept.sessions.validate import Validation, format_validation, validate
 
 __all__ = [
     "ColumnRule",
@@ -22,6 +22,7 @@ __all__ = [
     "Reduced",
     "Sessions",
     "Source",
+    "Validation",
     "format_validation",
     "propose_columns",
     "read_sessions",

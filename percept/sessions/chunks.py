@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import combinations_with_replacement
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import RefusalError, UsageError
@@ -19,6 +20,8 @@ from percept.sessions.quantities import Quantities
 from percept.sessions.reading import Reading
 from percept.sessions.records import IDS, Notice, Place, Places, Source
 from percept.sessions.table import FileTable
+
+__all__ = ["Reduced", "reduce_sessions"]
 
 #: Each trial of a subject, session and environment takes a bit, so that its number is bounded.
 _TRIALS = 1 << 24
@@ -115,9 +118,11 @@ class _Cells:
     """Counts, means and scatters of every visit (a subject's session in an environment) so far."""
 
     def __init__(self, reading: Reading, family: _Family) -> None:
-        self.reading, self.options = reading, reading.options
+        self.reading = reading
+        self.options = reading.options
         self.family: _Family = family
         self.parameters: tuple[str, ...] = ()
+        self.numbered = False  # Whether a column of the file numbers the trials
         self.products: dict[str, tuple[str, str]] = {}  # From a scatter's name to its parameters
         self.references: dict[str, dict[str, float]] = {}
         self.visits: list[pd.DataFrame] = []
@@ -130,124 +135,153 @@ class _Cells:
             raise UsageError("a published summary is not reduced.", file=table.name, hint=hint)
         parameters = tuple(p for p in self.options.quantities if p in table.parameters)
         if self.parameters and self.parameters != parameters:
-            hint = "Reduce them one by one."
-            raise UsageError(
-                "the files do not have the same parameters.", file=table.name, hint=hint
-            )
-        self.parameters, self.numbered = parameters, table.numbered
+            message = "the files do not have the same parameters."
+            raise UsageError(message, file=table.name, hint="Reduce them one by one.")
+        self.parameters = parameters
+        self.numbered = table.numbered
         self.products = _products(parameters)
 
     def add(self, frame: pd.DataFrame, file: str) -> None:
         """Check and add one block."""
-        problems, rows = self.reading.problems, frame["row"].to_numpy()
+        problems = self.reading.problems
+        lines = frame["row"].to_numpy()
 
-        def place(at: int) -> Place:
-            return Place(file=file, row=int(rows[at]))
+        def place(row: int) -> Place:
+            return Place(file=file, row=int(lines[row]))
 
-        declared = self.options.environments
-        checks.settle_references(frame, declared, self.references, self.parameters, place, problems)
+        checks.settle_references(
+            frame, self.options.environments, self.references, self.parameters, place, problems
+        )
         if self.options.sessions.trial != "order":
             self._check_trials(frame, place)
         problems.raise_if_any()
-        means = pd.DataFrame(
-            {f"mean_{p}": self._response(p, frame, place) for p in self.parameters}
-        )
+        responses = {f"mean_{p}": self._response(p, frame, place) for p in self.parameters}
+        means = pd.DataFrame(responses)
         complete = means.notna().all(axis=1)
-        sums: dict[str, Any] = {
-            "rows": 1,
-            "n": complete.astype(int),
-            **dict.fromkeys(self.products, 0.0),
-        }
-        parts = frame.assign(file=len(self.reading.sources), **means.where(complete, 0.0), **sums)
+        parts = frame.assign(
+            file=len(self.reading.sources),
+            **means.where(complete, 0.0),
+            rows=1,
+            n=complete.astype(int),
+        )
+        for product in self.products:
+            parts[product] = 0.0
         self.visits.append(self._merged(parts, list(IDS)))
-        if sum(map(len, self.visits)) > _VISITS:
+        if sum(len(visits) for visits in self.visits) > _VISITS:
             self.visits = [self._merged(pd.concat(self.visits), list(IDS))]
 
     def _check_trials(self, frame: pd.DataFrame, place: Places) -> None:
         """Find trials that stand twice, in this block or in an earlier one."""
-        trials, problems = frame["trial"].to_numpy(), self.reading.problems
+        problems = self.reading.problems
+        trials = frame["trial"].to_numpy()
         wrong = np.flatnonzero((trials < 0) | (trials >= _TRIALS))
         if len(wrong):
+            row = int(wrong[0])
             message = "trial numbers are negative or too large to be checked in blocks."
             hint = "Number the trials of each subject and environment 1, 2, 3 …"
-            at = int(wrong[0])
-            raise UsageError(message, column="trial", value=int(trials[at]), hint=hint, **place(at))
+            value = int(trials[row])
+            raise UsageError(message, column="trial", value=value, hint=hint, **place(row))
         checks.check_duplicates(frame, place, problems, numbered=self.numbered)
         again: list[int] = []
         for visit, rows in frame.groupby(list(IDS), sort=False).indices.items():
-            bits = np.zeros(int(trials[rows].max()) + 1, dtype=np.uint8)
-            bits[trials[rows]] = 1
-            own = int.from_bytes(np.packbits(bits, bitorder="little").tobytes(), "little")
+            own = _bits(trials[rows])
             before = self.seen.get(visit, 0)
-            again += (
-                [int(row) for row in rows if before >> int(trials[row]) & 1] if before & own else []
-            )
+            if before & own:
+                again += [int(row) for row in rows if before >> int(trials[row]) & 1]
             self.seen[visit] = before | own
         if again and not problems.total:
-            numbered = self.numbered
-            checks.tell_duplicates(
-                frame, sorted(again), "an earlier row", place, problems, numbered=numbered
-            )
+            duplicates = checks.Duplicates(sorted(again), "an earlier row", self.numbered)
+            duplicates.tell(frame, place, problems)
 
     def _response(self, p: str, frame: pd.DataFrame, place: Places) -> pd.Series[float]:
-        adjusted, reference, log = frame[f"{p}_adj"], frame[f"{p}_ref"], self.family == "lognormal"
+        """Unit-free responses of a parameter."""
+        adjusted = frame[f"{p}_adj"]
+        reference = frame[f"{p}_ref"]
+        log = self.family == "lognormal"
         bad = (reference <= 0) | ((adjusted <= 0) & log)
         if bad.any():
-            at = int(np.argmax(bad))
+            row = int(np.argmax(bad))
             message = f"no response in the family {self.family!r}."
             hint = "Zero and negative adjustments need the normal family; references are positive."
-            value = float(adjusted.iloc[at])
-            raise RefusalError(message, column=f"{p}_adj", value=value, hint=hint, **place(at))
-        return (
-            pd.Series(np.log(adjusted / reference)) if log else (adjusted - reference) / reference
-        )
+            value = float(adjusted.iloc[row])
+            raise RefusalError(message, column=f"{p}_adj", value=value, hint=hint, **place(row))
+        if log:
+            return pd.Series(np.log(adjusted / reference))
+        return (adjusted - reference) / reference
 
     def _merged(self, parts: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         """Merge counts, means and scatters of the same cell; of what else there is the first row stays."""
         groups = parts.groupby(by, sort=False)
-        cell, n = groups.ngroup().to_numpy(), parts["n"]
+        cell = groups.ngroup().to_numpy()
+        n = parts["n"]
         merged = parts.drop_duplicates(by).reset_index(drop=True)
         merged[["rows", "n"]] = groups[["rows", "n"]].sum().to_numpy()
         gaps = {}
-        for mean in (f"mean_{p}" for p in self.parameters):
+        for p in self.parameters:
+            mean = f"mean_{p}"
             merged[mean] = (n * parts[mean]).groupby(cell).sum() / merged["n"].clip(lower=1)
-            gaps[mean] = parts[mean] - merged[mean].to_numpy()[cell]
+            gaps[p] = parts[mean] - merged[mean].to_numpy()[cell]
         # Scatters are about the means, and pandas compensates its sums: an offset costs neither any
         # digits.
         for name, (p, q) in self.products.items():
-            about = parts[name] + n * gaps[f"mean_{p}"] * gaps[f"mean_{q}"]
+            about = parts[name] + n * gaps[p] * gaps[q]
             merged[name] = about.groupby(cell).sum()
         return merged
 
     def reduced(self) -> Reduced:
         """Check what needs the whole study, and lay the cells out."""
-        reading, names, family = self.reading, list(self.options.quantities), self.family
+        reading = self.reading
         reading.refuse_nothing(self.visits)
         visits = self._merged(pd.concat(self.visits), list(IDS))
-        place = reading.places(visits)
         reading.check(visits, self.parameters, visits["rows"])
         cells = self._merged(visits, ["subject", "environment"])
         reading.counts["rows without every parameter"] = int((cells["rows"] - cells["n"]).sum())
-        # Zeros of a cell that holds no trial would read as data.
-        measures = [*(f"mean_{p}" for p in names), *_products(names)]
-        measured = cells.reindex(columns=measures).where(cells["n"] > 0)
-        known = {f"{p}_ref": pd.Series(self.references.get(f"{p}_ref"), dtype=float) for p in names}
-        references = pd.DataFrame(known).reindex(visits["environment"].unique())
-        order = checks.in_order(references, self.options.environments)
-        pooled = self.options.pooled(visits.columns)
-        quantities = [self.options.quantities[p] for p in self.parameters]
-        stripped = references.set_axis(names, axis=1)
-        scales = doubts.doubtful_scales(stripped, quantities)
+        references = self._references(visits)
+        order = list(checks.in_order(references, self.options.environments))
+        columns = {p: f"{p}_ref" for p in references}
         return Reduced(
-            cells=pd.concat([cells[["subject", "environment", "n"]], measured], axis=1),
-            references=references.loc[list(order)].rename_axis("environment").reset_index(),
-            family=family,
+            cells=self._measured(cells),
+            references=references.rename(columns=columns)
+            .loc[order]
+            .rename_axis("environment")
+            .reset_index(),
+            family=self.family,
             sources=tuple(reading.sources),
             notices=tuple(dict.fromkeys(reading.notices)),
-            warnings=(*scales, *doubts.screen(visits, quantities, place, pooled, family)),
+            warnings=tuple(self._warnings(visits, references)),
             counts=dict(reading.counts),
             options=self.options,
         )
+
+    def _measured(self, cells: pd.DataFrame) -> pd.DataFrame:
+        """Lay out measures of every quantity; zeros of a cell without a trial would read as data."""
+        names = list(self.options.quantities)
+        measures = [*(f"mean_{p}" for p in names), *_products(names)]
+        measured = cells.reindex(columns=measures).where(cells["n"] > 0)
+        return pd.concat([cells[["subject", "environment", "n"]], measured], axis=1)
+
+    def _references(self, visits: pd.DataFrame) -> pd.DataFrame:
+        """Lay out the reference of every environment and quantity, by first appearance."""
+        known = {
+            p: pd.Series(self.references.get(f"{p}_ref"), dtype=float)
+            for p in self.options.quantities
+        }
+        return pd.DataFrame(known).reindex(visits["environment"].unique())
+
+    def _warnings(self, visits: pd.DataFrame, references: pd.DataFrame) -> Iterator[Notice]:
+        """Warn of what the first trial of every visit shows."""
+        quantities = [self.options.quantities[p] for p in self.parameters]
+        pooled = self.options.pooled(visits.columns)
+        place = self.reading.places(visits)
+        yield from doubts.doubtful_scales(references, quantities)
+        yield from doubts.screen(visits, quantities, place, pooled, self.family)
+
+
+def _bits(trials: npt.NDArray[np.int64]) -> int:
+    """Numbers of trials as the bits of a whole number."""
+    bits = np.zeros(int(trials.max()) + 1, dtype=np.uint8)
+    bits[trials] = 1
+    return int.from_bytes(np.packbits(bits, bitorder="little").tobytes(), "little")
 
 
 def _products(parameters: Sequence[str]) -> dict[str, tuple[str, str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
 
@@ -18,6 +18,8 @@ from percept.sessions.options import (
 from percept.sessions.quantities import IMPEDANCE, Quantities, numbers_of, with_mass
 from percept.sessions.records import NoDataError, shown
 
+__all__ = ["Header", "Resolution", "Slot", "check_columns", "resolve", "unused_columns"]
+
 _WORDS = {
     "subject": (
         "participant participant_id participant_private_id subject_nr subject_id subject_number"
@@ -30,6 +32,34 @@ _WORDS = {
 #: Beside or before the name or the label of a quantity.
 _NUMBER_WORDS = {"ref": ("ref", "reference"), "adj": ("adj", "adjusted", "final")}
 _Rules = Mapping[str, ColumnRule]
+
+
+@dataclass(frozen=True)
+class Header:
+    """The names of a file's columns."""
+
+    names: list[str]
+    file: str
+
+    def position(self, name: str) -> int:
+        """Return where the one column of a name stands."""
+        if self.names.count(name) == 1:
+            return self.names.index(name)
+        message = f"there is no column {name!r}."
+        if name in self.names:
+            message = f"two columns have the name {name!r}."
+        raise self.error(message, name, self.listed + did_you_mean(name, self.names))
+
+    @property
+    def listed(self) -> str:
+        """A hint that lists the columns."""
+        return f"The columns are {shown(self.names)}."
+
+    def error(
+        self, message: str, column: str, hint: str, kind: type[UsageError] = UsageError
+    ) -> UsageError:
+        """Return an error about a column of the header."""
+        return kind(message, file=self.file, row=1, column=column, hint=hint)
 
 
 @dataclass(frozen=True)
@@ -50,47 +80,61 @@ class Resolution:
     rules: _Rules  # The rule each canonical column was found by, with the header's own name
     announced: tuple[str, ...]  # Choices that rest on an alias
 
+    @property
+    def wide(self) -> bool:
+        """Whether the names of columns hold environments."""
+        return any(slot.environment is not None for slot in self.slots)
 
-def resolve(header: Sequence[str], options: ReadOptions, *, file: str) -> Resolution:
+
+def resolve(header: Header, options: ReadOptions) -> Resolution:
     """Find the canonical columns in a header."""
-    names, declared, aliases = set(header), options.columns, _aliases(options.quantities)
-    known = {_plain(name) for name in names} | declared.keys()
-    summary = "parameter" in known and ({"lower", "upper"} <= known or {"mean", "sd"} <= known)
+    known = {_plain(name) for name in header.names} | options.columns.keys()
+    limits_or_moments = {"lower", "upper"} <= known or {"mean", "sd"} <= known
+    summary = "parameter" in known and limits_or_moments
     wanted = SUMMARY if summary else canonical_columns(options.quantities)
     if options.sessions.trial == "order":
         wanted = tuple(column for column in wanted if column != "trial")
-    mapped = {column: rule for column, rule in declared.items() if column in wanted}
-    wide = {column: rule for column, rule in mapped.items() if "{environment}" in rule.name}
-    found = {c: _declared(c, rule, header, file) for c, rule in mapped.items() if c not in wide}
+    found: dict[str, ColumnRule] = {}
+    wide: dict[str, ColumnRule] = {}
+    for column, rule in options.columns.items():
+        if column not in wanted:
+            continue
+        if "{environment}" in rule.name:
+            wide[column] = rule
+        else:
+            found[column] = _declared(column, rule, header)
     claimed = {rule.name for rule in found.values()}
+    aliases = _aliases(options.quantities)
     announced: list[str] = []
-    for column in (column for column in wanted if column not in mapped):
-        if column in names:
+    for column in wanted:
+        if column in found or column in wide:
+            continue
+        if column in header.names:
             found[column] = ColumnRule(name=column)
-        elif alias := _alias(
-            column, aliases.get(column, frozenset({column})), header, claimed, file
-        ):
+            continue
+        alias = _alias(column, aliases.get(column, frozenset({column})), header, claimed)
+        if alias is not None:
             announced.append(f"column {alias!r} is taken as {column}")
             found[column] = ColumnRule(name=alias)
-    slots = tuple(_slots(header, found, wide, options.environments, file))
-    return Resolution(
-        "summary" if summary else "trials", slots, {**found, **wide}, tuple(announced)
-    )
+    slots = tuple(_slots(header, found, wide, options.environments))
+    form = "summary" if summary else "trials"
+    return Resolution(form, slots, {**found, **wide}, tuple(announced))
 
 
-def _declared(canonical: str, rule: ColumnRule, header: Sequence[str], file: str) -> ColumnRule:
+def _declared(canonical: str, rule: ColumnRule, header: Header) -> ColumnRule:
+    """Find the column that the scene names, or the one whose JSON cells a dotted name leads into."""
     for name in rule.also:
-        position(header, name, file)
-    if rule.name in header:
+        header.position(name)
+    if rule.name in header.names:
         return rule
     stem = rule.name
     while rule.path is None and "." in stem:
         stem = stem.rpartition(".")[0]
-        if stem in header:
+        if stem in header.names:
             return rule.model_copy(update={"name": stem, "path": rule.name[len(stem) + 1 :]})
     message = f"[columns] names {rule.name!r} for {canonical}, and no column has that name."
-    hint = f"The columns are {shown(header)}.{did_you_mean(rule.name, header)}"
-    raise UsageError(message, file=file, row=1, column=rule.name, hint=hint)
+    hint = header.listed + did_you_mean(rule.name, header.names)
+    raise header.error(message, rule.name, hint)
 
 
 def _aliases(quantities: Quantities) -> dict[str, frozenset[str]]:
@@ -100,19 +144,21 @@ def _aliases(quantities: Quantities) -> dict[str, frozenset[str]]:
         stems = {_plain(quantity.name), _plain(quantity.label)}
         for kind, words in _NUMBER_WORDS.items():
             pairs = [*product(stems, words), *product(words, stems)]
-            known[f"{quantity.name}_{kind}"] = frozenset(map("_".join, pairs))
+            known[f"{quantity.name}_{kind}"] = frozenset("_".join(pair) for pair in pairs)
     return known
 
 
 def _alias(
-    canonical: str, known: Collection[str], header: Sequence[str], claimed: set[str], file: str
+    canonical: str, known: Collection[str], header: Header, claimed: Collection[str]
 ) -> str | None:
-    candidates = [name for name in header if _plain(name) in known and name not in claimed]
+    """Return the one column with a known alias that the scene does not name."""
+    free = [name for name in header.names if name not in claimed]
+    candidates = [name for name in free if _plain(name) in known]
     if len(candidates) > 1:
         message = f"{shown(candidates)} could each be {canonical}."
         hint = f'Declare the one that is meant: [columns] {canonical} = "…".'
-        raise UsageError(message, file=file, row=1, column=canonical, hint=hint)
-    return next(iter(candidates), None)
+        raise header.error(message, canonical, hint)
+    return candidates[0] if candidates else None
 
 
 def _plain(name: str) -> str:
@@ -120,9 +166,10 @@ def _plain(name: str) -> str:
 
 
 def _slots(
-    header: Sequence[str], found: _Rules, wide: _Rules, declared: Collection[str], file: str
+    header: Header, found: _Rules, wide: _Rules, declared: Collection[str]
 ) -> Iterator[Slot]:
-    common = {canonical: position(header, rule.name, file) for canonical, rule in found.items()}
+    """Give the one slot of a long table, or those that the names of a wide one hold."""
+    common = {canonical: header.position(rule.name) for canonical, rule in found.items()}
     if not wide:
         yield Slot(common)
         return
@@ -131,78 +178,75 @@ def _slots(
     for canonical, rule in wide.items():
         text = re.escape(rule.name).replace(r"\{environment\}", "(?P<environment>.+)", 1)
         pattern = re.compile(text.replace(r"\{trial\}", "(?P<trial>[0-9]+)", 1), re.DOTALL)
+        names = [name for name in header.names if name not in taken]
         # "{environment}" alone fits every column: those are meant that the scene declares.
-        names = (
-            [n for n in header if n in declared]
-            if rule.name == "{environment}" and declared
-            else header
-        )
-        for name in (name for name in names if name not in taken):
+        if rule.name == "{environment}" and declared:
+            names = [name for name in names if name in declared]
+        for name in names:
             if match := pattern.fullmatch(name):
                 key = (match["environment"], match.groupdict().get("trial"))
-                places.setdefault(key, {})[canonical] = position(header, name, file)
+                places.setdefault(key, {})[canonical] = header.position(name)
     if not places:
+        first = next(iter(wide.values()))
         message = "no column fits the pattern in [columns]."
-        hint = f"The columns are {shown(header)}."
-        raise UsageError(
-            message, file=file, row=1, column=next(iter(wide.values())).name, hint=hint
-        )
+        raise header.error(message, first.name, header.listed)
     for (environment, trial), own in places.items():
         yield Slot({**common, **own}, environment, trial)
 
 
-def position(header: Sequence[str], name: str, file: str) -> int:
-    """Return where the one column of a name stands."""
-    if header.count(name) == 1:
-        return header.index(name)
-    message = (
-        "two columns have this name."
-        if name in header
-        else "this column is wanted, and is not there."
-    )
-    hint = f"The columns are {shown(header)}.{did_you_mean(name, header)}"
-    raise UsageError(message, file=file, row=1, column=name, hint=hint)
-
-
 def check_columns(
-    header: Sequence[str],
-    found: Resolution,
-    options: ReadOptions,
-    named: Collection[str],
-    *,
-    file: str,
+    header: Header, found: Resolution, options: ReadOptions, ids: Collection[str]
 ) -> None:
-    """Hold a header to what an analysis of trials needs; `named` columns come from the file's name."""
-    present = {*found.rules, *named}
-    if any(slot.environment is not None for slot in found.slots):
+    """Hold a header to what an analysis of trials needs; `ids` come from the file's name."""
+    present = {*found.rules, *ids}
+    if found.wide:
         present.add("environment")
-    missing = [c for c in ("subject", "environment") if c not in present]
-    first, *others = (f"{name}_adj" for name in options.quantities)
-    if not present & {first, *others}:
-        missing.append(f"{first} (or {' or '.join(others)})" if others else first)
-    else:
-        declared = {name for references in options.environments.values() for name in references}
-        pairs = [(f"{p}_adj", f"{p}_ref") for p in options.quantities]
-        missing += [ref for adj, ref in pairs if adj in present and ref not in present | declared]
-        missing += [adj for adj, ref in pairs if ref in present and adj not in present]
-    if missing:
-        from_name = ', or take it from file names with [sessions] filename = "{subject}"'
-        hint = f"Name it in the scene's [columns]{from_name if 'subject' in missing else ''}."
-        if any("_adj" in name for name in missing) and options.quantities == IMPEDANCE:
-            hint += " What people adjusted beside stiffness and damping is named in [quantities]."
-        if any("_ref" in name for name in missing):
-            hint += " References can stand in [environments]."
-        message = (
-            f"there is no column for {' and '.join(missing)}; the columns are {shown(header)}."
-        )
-        kind = UsageError if present & {*numbers_of(options.quantities)} else NoDataError
-        raise kind(message, file=file, row=1, column=missing[0].split(" ")[0], hint=hint)
+    missing = [column for column in ("subject", "environment") if column not in present]
+    missing += _missing_numbers(present, options)
+    if not missing:
+        return
+    names = " and ".join(missing)
+    hints = ["Name it in the scene's [columns]."]
+    if "subject" in missing:
+        hints = [
+            "Name it in the scene's [columns], or take it from file names with [sessions]"
+            ' filename = "{subject}".'
+        ]
+    if "_adj" in names and options.quantities == IMPEDANCE:
+        hints.append("[quantities] names what people adjusted beside stiffness and damping.")
+    if "_ref" in names:
+        hints.append("References can stand in [environments].")
+    message = f"there is no column for {names}; the columns are {shown(header.names)}."
+    has_numbers = present & {*numbers_of(options.quantities)}
+    kind = UsageError if has_numbers else NoDataError
+    raise header.error(message, missing[0].split(" ")[0], " ".join(hints), kind)
 
 
-def unused_columns(header: Sequence[str], found: Resolution, options: ReadOptions) -> list[str]:
+def _missing_numbers(present: Collection[str], options: ReadOptions) -> list[str]:
+    """Name the columns of numbers that are missing: one adjustment at least, each with its reference."""
+    adjusted = [f"{name}_adj" for name in options.quantities]
+    if not any(column in present for column in adjusted):
+        first, *others = adjusted
+        return [f"{first} (or {' or '.join(others)})" if others else first]
+    declared = {name for own in options.environments.values() for name in own}
+    missing = []
+    for name in options.quantities:
+        has_adjusted = f"{name}_adj" in present
+        has_reference = f"{name}_ref" in present
+        if has_adjusted and not has_reference and f"{name}_ref" not in declared:
+            missing.append(f"{name}_ref")
+        if has_reference and not has_adjusted:
+            missing.append(f"{name}_adj")
+    return missing
+
+
+def unused_columns(header: Header, found: Resolution, options: ReadOptions) -> list[str]:
     """Name the columns of a header that nothing is read from."""
-    used = {at for slot in found.slots for at in slot.columns.values()}
-    own = options.sessions
-    named = {name for rule in found.rules.values() for name in rule.also}
-    named |= {*own.groups, *own.only, *(rule.column for rule in own.exclude), *KEPT_COLUMNS}
-    return [name for at, name in enumerate(header) if at not in used and name not in named]
+    read = {position for slot in found.slots for position in slot.columns.values()}
+    selection = options.sessions
+    named = {*selection.groups, *selection.only, *KEPT_COLUMNS}
+    named |= {rule.column for rule in selection.exclude}
+    for rule in found.rules.values():
+        named |= set(rule.also)
+    unread = [name for position, name in enumerate(header.names) if position not in read]
+    return [name for name in unread if name not in named]

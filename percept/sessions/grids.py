@@ -1,4 +1,4 @@
-"""Files to cells of text, under the one dialect in which every line has as many."""
+"""Texts to cells, under the one dialect in which every line has as many."""
 
 from __future__ import annotations
 
@@ -7,17 +7,20 @@ import io
 import re
 from bisect import bisect
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TextIO
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import files
-from percept.sessions.records import NoDataError, clip
+from percept.sessions.records import NoDataError, Place, clip
 from percept.sessions.values import LARGEST, LEAST
+
+__all__ = ["Block", "Dialect", "Grid", "Records", "text_blocks"]
 
 Quoting = Literal["doubled", "backslash", "wrapped"]
 
@@ -30,6 +33,7 @@ _CELLS = 20_000
 _HEAD = 1 << 18
 #: The pandas parser rounds correctly by default since 3.1; before, it had to be asked.
 _EXACT: Any = None if tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1) else "round_trip"
+_QUOTES = "Write the table again as CSV with quotes doubled."
 # Cells hold recordings of mouse tracks, beyond the module's 128 kB; a block bounds them.
 csv.field_size_limit(max(csv.field_size_limit(), 8 * files.BLOCK))
 
@@ -47,53 +51,85 @@ class Dialect:
     @property
     def header(self) -> list[str]:
         """Column names, without an empty last one; one without a name is called by its position."""
-        names = self.names[:-1] if not self.names[-1].strip() else self.names
-        return [name.strip() or f"column {at}" for at, name in enumerate(names, 1)]
+        names = self.names
+        if not names[-1].strip():
+            names = names[:-1]
+        return [name.strip() or f"column {number}" for number, name in enumerate(names, 1)]
+
+
+@dataclass(frozen=True)
+class Records:
+    """Records of a text, each a list of cells, and the physical line on which each starts."""
+
+    cells: list[list[str]]
+    lines: list[int]
+
+    def after(self, index: int) -> Records:
+        """Return the records after one of them."""
+        return Records(self.cells[index + 1 :], self.lines[index + 1 :])
 
 
 @dataclass(frozen=True)
 class Grid:
-    """A rectangular stretch of a table of text."""
+    """A rectangular stretch of a table of text.
+
+    `cells` has the texts of the data records: columns by position, the physical line as index.
+    `dropped` counts the records left out as no data, by reason.
+    """
 
     header: list[str]
-    cells: (
-        pd.DataFrame
-    )  # Texts of the data records; columns by position, the index is the physical line
-    dropped: Counter[str]  # Records left out as no data, by reason
+    cells: pd.DataFrame
+    dropped: Counter[str]
 
     @classmethod
-    def of(
-        cls, dialect: Dialect, records: list[list[str]], rows: list[int], *, last: bool = True
-    ) -> Grid:
+    def of(cls, dialect: Dialect, records: Records, *, last: bool = True) -> Grid:
         """Drop what is no data; hold the rest to one width, but for one empty trailing column."""
         dropped = Counter[str]()
-        kept: list[int] = []
-        for at, record in enumerate(records):
-            text = "".join(record).strip()
-            if tuple(record) == dialect.names:
-                dropped["repeated header"] += 1
-            elif not text:
-                dropped["blank line"] += 1
-            elif last and at == len(records) - 1 and text == "END OF FILE":
-                dropped["end-of-file mark"] += 1
+        kept = Records([], [])
+        final = len(records.cells) - 1 if last else -1
+        for index, (record, line) in enumerate(zip(records.cells, records.lines, strict=True)):
+            reason = _no_data(record, dialect, last=index == final)
+            if reason:
+                dropped[reason] += 1
             else:
-                kept.append(at)
-        header, named = dialect.header, len(dialect.names)
-        width, columns = dialect.width or (len(records[kept[0]]) if kept else named), len(header)
-        for at in kept:
-            record = records[at]
-            if len(record) != width or not columns <= width <= columns + 1 or any(record[columns:]):
-                message = f"{len(record)} cells where the header has {named}"
-                message += f" and the lines above have {width}." if len(record) != width else "."
-                hint = "Mend this line, or the quoting of a cell in it."
-                if len(record) == named + 1:
-                    hint += " Decimal commas need quotes; R's write.table needs col.names = NA."
-                value = clip(dialect.delimiter.join(record))
-                raise UsageError(message, file=dialect.file, row=rows[at], value=value, hint=hint)
-        lines, cells = [rows[at] for at in kept], [records[at][:columns] for at in kept]
-        return cls(
-            header, pd.DataFrame(cells, index=lines, columns=range(columns), dtype=object), dropped
-        )
+                kept.cells.append(record)
+                kept.lines.append(line)
+        header = dialect.header
+        _hold_width(kept, dialect)
+        cells = [record[: len(header)] for record in kept.cells]
+        columns = range(len(header))
+        frame = pd.DataFrame(cells, index=kept.lines, columns=columns, dtype=object)
+        return cls(header, frame, dropped)
+
+
+def _no_data(record: list[str], dialect: Dialect, *, last: bool) -> str:
+    """Say why a record is no data; empty where it is."""
+    text = "".join(record).strip()
+    if tuple(record) == dialect.names:
+        return "repeated header"
+    if not text:
+        return "blank line"
+    if last and text == "END OF FILE":
+        return "end-of-file mark"
+    return ""
+
+
+def _hold_width(records: Records, dialect: Dialect) -> None:
+    """Refuse a record with more or fewer cells than the first, or than the header names."""
+    named = len(dialect.names)
+    columns = len(dialect.header)
+    width = dialect.width or len(next(iter(records.cells), dialect.names))
+    may_be = columns <= width <= columns + 1
+    for record, line in zip(records.cells, records.lines, strict=True):
+        if may_be and len(record) == width and not any(record[columns:]):
+            continue
+        message = f"{len(record)} cells where the header has {named}"
+        message += f" and the lines above have {width}." if len(record) != width else "."
+        hint = "Fix this line or its quotes."
+        if len(record) == named + 1:
+            hint += " Decimal commas need quotes; R's write.table needs col.names = NA."
+        value = clip(dialect.delimiter.join(record))
+        raise UsageError(message, file=dialect.file, row=line, value=value, hint=hint)
 
 
 @dataclass
@@ -109,8 +145,8 @@ class Block:
     def grid(self) -> Grid:
         """Split the text."""
         if self.split is None:
-            cells, rows = _records(self.text, self.dialect, self.first_row)
-            self.split = Grid.of(self.dialect, cells, rows, last=self.last)
+            records = _records(self.text, self.dialect, self.first_row)
+            self.split = Grid.of(self.dialect, records, last=self.last)
         return self.split
 
     def plain(self, texts: list[int], numbers: list[int], mark: str) -> pd.DataFrame | None:
@@ -119,29 +155,21 @@ class Block:
         The parser takes what percept refuses: lines of any width, infinity, "True" for 1, numbers
         too small for a double. It refuses words, and so every header and mark between the data.
         """
-        delimiter, width = self.dialect.delimiter, self.dialect.width
+        delimiter = self.dialect.delimiter
         text = self.text.replace("\r\n", "\n") if "\r" in self.text else self.text
-        if (
-            self.split
-            or not delimiter.isascii()
-            or any(sign in text for sign in ('"', "\r", _MARK))
-        ):
+        special = any(sign in text for sign in ('"', "\r", _MARK))
+        if self.split or special or not delimiter.isascii():
             return None
-        body = text.encode() + (b"" if text.endswith("\n") else b"\n")
-        characters = np.frombuffer(body, dtype=np.uint8)
-        ends_line = characters == ord("\n")
-        ends = ends_line[ends_line | (characters == ord(delimiter))]
-        if (
-            len(ends) % width
-            or not ends[width - 1 :: width].all()
-            or ends.sum() * width != len(ends)
-        ):
-            return None
+        body = text.encode()
+        if not text.endswith("\n"):
+            body += b"\n"
         lowered = body.lower()
         if b"true" in lowered or b"false" in lowered:
             return None
+        if not _is_rectangular(body, delimiter, self.dialect.width):
+            return None
         kinds: Any = dict.fromkeys(texts, "str") | dict.fromkeys(numbers, np.float64)
-        blank: Any = {at: [""] for at in numbers}
+        blank: Any = {column: [""] for column in numbers}
         try:
             parsed = pd.read_csv(
                 io.BytesIO(body),
@@ -159,39 +187,87 @@ class Block:
             )
         except (ValueError, OverflowError):
             return None
-        found = parsed[numbers].to_numpy()
-        if np.isnan(found).all(axis=1).any():
-            return None
-        sizes = np.abs(found)
-        # A zero may have been a number below the least double.
-        small = sizes.min(initial=LARGEST, where=found != 0) < LEAST or (
-            b"e-" in lowered and (found == 0).any()
-        )
-        if small or (sizes > LARGEST).any():
+        if not _are_plain(parsed[numbers].to_numpy(), exponents=b"e-" in lowered):
             return None
         parsed.index = pd.RangeIndex(self.first_row, self.first_row + len(parsed))
         return parsed
 
 
+def _is_rectangular(body: bytes, delimiter: str, width: int) -> bool:
+    """Whether every line has as many cells."""
+    characters = np.frombuffer(body, dtype=np.uint8)
+    ends_line = characters == ord("\n")
+    ends_cell = ends_line | (characters == ord(delimiter))
+    ends = ends_line[ends_cell]
+    lines = int(ends.sum())
+    return lines * width == len(ends) and bool(ends[width - 1 :: width].all())
+
+
+def _are_plain(numbers: npt.NDArray[np.float64], *, exponents: bool) -> bool:
+    """Whether numbers are in range, and no line is without any."""
+    if np.isnan(numbers).all(axis=1).any():
+        return False
+    sizes = np.abs(numbers)
+    if (sizes > LARGEST).any() or sizes.min(initial=LARGEST, where=numbers != 0) < LEAST:
+        return False
+    # A zero may have been a number below the least double.
+    return not (exponents and (numbers == 0).any())
+
+
 def text_blocks(
     stream: TextIO, *, file: str, delimiter: str | None, resolves: Callable[[list[str]], bool]
 ) -> Iterator[Block]:
-    """Find the dialect of a text, and cut it into stretches of whole records."""
+    """Find the dialect of a text, and cut it into stretches of whole records.
+
+    Parameters
+    ----------
+    stream : text stream
+        Read to its end, and closed.
+    file : str
+        Its name for messages.
+    delimiter : str or None
+        The one declared; None finds it.
+    resolves : callable
+        Whether a header has columns that are read; it decides between delimiters that fit.
+
+    Yields
+    ------
+    Block
+        The first is split.
+
+    Raises
+    ------
+    UsageError
+        No dialect fits, or several do alike.
+    """
     with stream:
-        text, first_row = _stretch(stream, file, _HEAD), 1
+        text = _stretch(stream, file, _HEAD)
+        first_row = 1
         if sep := _SEP_LINE.match(text):
             delimiter = delimiter or sep[1]
-            text, first_row = text[sep.end() :], 2
+            text = text[sep.end() :]
+            first_row = 2
         text = text.lstrip(_MARK)
-        line = re.split("[\r\n]", text, maxsplit=1)[0]
+        head = re.split("[\r\n]", text, maxsplit=1)[0]
         following = _stretch(stream, file, files.BLOCK)
-        block = Block(Dialect(file), None, _without_marks(text, line), first_row, not following)
-        block.dialect, block.split = _find_dialect(block, delimiter, resolves)
-        yield block
+        unsplit = Block(
+            Dialect(file),
+            text=_without_marks(text, head),
+            first_row=first_row,
+            last=not following,
+        )
+        dialect, grid = _find_dialect(unsplit, delimiter, resolves)
+        yield replace(unsplit, dialect=dialect, split=grid)
         while following:
             first_row += files.line_ends(text)
-            text, following = following, _stretch(stream, file, files.BLOCK)
-            yield Block(block.dialect, None, _without_marks(text, line), first_row, not following)
+            text = following
+            following = _stretch(stream, file, files.BLOCK)
+            yield Block(
+                dialect,
+                text=_without_marks(text, head),
+                first_row=first_row,
+                last=not following,
+            )
 
 
 def _stretch(stream: TextIO, file: str, size: int) -> str:
@@ -201,42 +277,45 @@ def _stretch(stream: TextIO, file: str, size: int) -> str:
         hint = "This is no session table, or its line ends are lost."
         raise UsageError(f"a line of more than {size} characters.", file=file, hint=hint)
     # A quoted cell may hold line ends: a record ends where quotes are even, escaped ones too.
-    quotes, escaped = (sum(line.count(sign) for line in lines) for sign in ('"', '\\"'))
+    quotes = sum(line.count('"') for line in lines)
+    escaped = sum(line.count('\\"') for line in lines)
     length = 0
-    while (quotes % 2 or escaped % 2) and length < size and (line := stream.readline(size)):
+    while (quotes % 2 or escaped % 2) and length < size:
+        line = stream.readline(size)
+        if not line:
+            break
         lines.append(line)
-        quotes, escaped, length = (
-            quotes + line.count('"'),
-            escaped + line.count('\\"'),
-            length + len(line),
-        )
+        quotes += line.count('"')
+        escaped += line.count('\\"')
+        length += len(line)
     return "".join(lines)
 
 
-def _without_marks(text: str, line: str) -> str:
+def _without_marks(text: str, head: str) -> str:
     """Drop the byte-order mark that an appending writer puts before each repeated header."""
     if _MARK not in text:
         return text
-    return re.sub(f"(^|[\r\n]){_MARK}(?={re.escape(line)})", r"\1", text)
+    return re.sub(f"(^|[\r\n]){_MARK}(?={re.escape(head)})", r"\1", text)
 
 
 def _find_dialect(
     block: Block, delimiter: str | None, resolves: Callable[[list[str]], bool]
 ) -> tuple[Dialect, Grid]:
     """Find the one dialect that fits a text with its header, and split it."""
-    file, text = block.dialect.file, block.text
+    file = block.dialect.file
+    text = block.text
     head = next((line for line in text.splitlines() if line.strip()), "")
+    candidates = [delimiter] if delimiter else [sign for sign in _DELIMITERS if sign in text]
     fits: list[tuple[Dialect, Grid]] = []
-    misfits: list[tuple[int, UsageError]] = []
-    for candidate in [delimiter] if delimiter else [d for d in _DELIMITERS if d in text]:
+    misfits: list[tuple[int, int, UsageError]] = []
+    for candidate in candidates:
         for quoting in _quotings(text):
-            tried = Dialect(file, candidate, quoting)
             try:
-                fits.append(_with_header(block, tried))
+                fits.append(_with_header(block, Dialect(file, candidate, quoting)))
                 break
             except UsageError as misfit:
                 # The delimiter meant splits the header most, and the quoting meant gets farthest.
-                misfits.append((head.count(candidate), misfit))
+                misfits.append((head.count(candidate), misfit.row or 0, misfit))
     if len(fits) > 1:
         fits = [fit for fit in fits if resolves(fit[1].header)] or fits
     if len(fits) == 1:
@@ -246,7 +325,7 @@ def _find_dialect(
         hint = 'Declare [sessions] delimiter = ";" (or the one that is right).'
         raise UsageError(f"the lines can be split by {names} alike.", file=file, hint=hint)
     if misfits:
-        raise max(misfits, key=lambda tried: (tried[0], tried[1].row or 0))[1]
+        raise max(misfits, key=lambda misfit: misfit[:2])[2]
     message = "this is not a table: no comma, semicolon, tab or bar separates its columns."
     hint = "Export it as CSV, or declare [sessions] delimiter."
     raise UsageError(message, file=file, row=block.first_row, hint=hint)
@@ -264,68 +343,84 @@ def _quotings(text: str) -> tuple[Quoting, ...]:
 
 def _with_header(block: Block, tried: Dialect) -> tuple[Dialect, Grid]:
     """Split a text under a dialect, its first line that is not blank being the header."""
-    cells, rows = _records(block.text, tried, block.first_row)
-    start = next((at for at, record in enumerate(cells) if any(map(str.strip, record))), None)
-    if start is None:
+    records = _records(block.text, tried, block.first_row)
+    start = 0
+    while start < len(records.cells) and not any(cell.strip() for cell in records.cells[start]):
+        start += 1
+    if start == len(records.cells):
         hint = "Leave it out, or export it again."
         raise UsageError("the file has no header.", file=tried.file, hint=hint)
-    place: Any = {"file": tried.file, "row": rows[start]}
-    if not 2 <= len(cells[start]) <= _CELLS:
+    names = tuple(records.cells[start])
+    place = Place(file=tried.file, row=records.lines[start])
+    if not 2 <= len(names) <= _CELLS:
         hint = "Correct the header, or declare [sessions] delimiter."
-        raise UsageError(f"a header of {len(cells[start])} cells.", hint=hint, **place)
-    tried = replace(tried, names=tuple(cells[start]))
-    grid = Grid.of(tried, cells[start + 1 :], rows[start + 1 :], last=block.last)
+        raise UsageError(f"a header of {len(names)} cells.", hint=hint, **place)
+    tried = replace(tried, names=names)
+    grid = Grid.of(tried, records.after(start), last=block.last)
     if grid.cells.empty:
-        raise NoDataError(
-            "there are no data below the header.", hint="Leave the file out.", **place
-        )
-    first = rows.index(int(grid.cells.index[0]))
-    return replace(tried, width=len(cells[first])), grid
+        message = "there are no data below the header."
+        raise NoDataError(message, hint="Leave the file out.", **place)
+    first = records.lines.index(int(grid.cells.index[0]))
+    return replace(tried, width=len(records.cells[first])), grid
 
 
-def _records(text: str, dialect: Dialect, first_row: int) -> tuple[list[list[str]], list[int]]:
-    """Split a text into records, and give the physical line on which each starts."""
-    delimiter, quoting = dialect.delimiter, dialect.quoting
-    place: Any = {"file": dialect.file, "hint": "Write the table again as CSV with quotes doubled."}
-    if quoting == "backslash":
+def _records(text: str, dialect: Dialect, first_row: int) -> Records:
+    """Split a text into records."""
+    if dialect.quoting == "backslash":
         # A NUL is refused before, so that it can stand for an escaped quote.
         text = text.replace('\\"', "\0")
     lines = io.StringIO(text, newline="").readlines()
-    if quoting == "wrapped":
-        cells = [_join(line.rstrip("\r\n").split(delimiter), delimiter) for line in lines]
+    cells: list[list[str]] = []
+    ends: list[int] = []  # How many lines end with each record
+    if dialect.quoting == "wrapped":
+        for line in lines:
+            cells.append(_join(line.rstrip("\r\n").split(dialect.delimiter), dialect.delimiter))
         ends = list(range(1, len(lines) + 1))
     else:
-        cells, ends = [], []
-        reader = csv.reader(lines, delimiter=delimiter, strict=True)
+        reader = csv.reader(lines, delimiter=dialect.delimiter, strict=True)
         try:
             for record in reader:
                 cells.append(record or [""])
                 ends.append(reader.line_num)
         except csv.Error:
-            unclosed = "a quoted cell is not closed, or text follows its closing quote."
-            raise UsageError(unclosed, row=first_row + (ends[-1] if ends else 0), **place) from None
-        if quoting == "backslash":
-            cells = [[cell.replace("\0", '"') for cell in record] for record in cells]
-    closing = [lines[end - 1] for end in ends] if "\r" in text else []
-    alone = [at for at, line in enumerate(closing) if line.endswith("\r")]
+            message = "a quoted cell is not closed, or text follows its closing quote."
+            row = first_row + (ends[-1] if ends else 0)
+            raise UsageError(message, file=dialect.file, row=row, hint=_QUOTES) from None
+    if dialect.quoting == "backslash":
+        cells = [[cell.replace("\0", '"') for cell in record] for record in cells]
+    if "\r" in text:
+        _refuse_lone_returns(lines, ends, dialect.file, first_row)
+    starts = [first_row, *(first_row + end for end in ends)]
+    return Records(cells, starts[: len(cells)])
+
+
+def _refuse_lone_returns(
+    lines: Sequence[str], ends: Sequence[int], file: str, first_row: int
+) -> None:
+    """Refuse a record that ends in a carriage return, where others end in a line feed."""
+    closing = [lines[end - 1] for end in ends]
+    alone = [end for end, line in zip(ends, closing, strict=True) if line.endswith("\r")]
     if alone and any(line.endswith("\n") for line in closing):
         message = "a carriage return stands alone in a file whose lines end otherwise."
-        raise UsageError(message, row=first_row + ends[alone[0]] - 1, **place)
-    return cells, [first_row + end for end in (0, *ends)][: len(cells)]
+        raise UsageError(message, file=file, row=first_row + alone[0] - 1, hint=_QUOTES)
 
 
 def _join(pieces: list[str], delimiter: str) -> list[str]:
     """Put a line's pieces together again where PsychoPy's quotes wrap a cell that holds the delimiter."""
-    closing = [at for at, piece in enumerate(pieces) if piece.endswith('"')]
+    closing = [index for index, piece in enumerate(pieces) if piece.endswith('"')]
     cells: list[str] = []
-    at = 0
-    while at < len(pieces):
-        piece, last, after = pieces[at], at, bisect(closing, at)
+    index = 0
+    while index < len(pieces):
+        piece = pieces[index]
+        last = index
+        following = bisect(closing, index)
         # A cell quoted at both ends without a delimiter inside was not quoted by the writer: it
         # stays.
         whole = len(piece) > 1 and piece.endswith('"')
-        if piece.startswith('"') and not whole and after < len(closing):
-            last = closing[after]
-        cells.append(delimiter.join(pieces[at : last + 1])[1:-1] if last > at else piece)
-        at = last + 1
+        if piece.startswith('"') and not whole and following < len(closing):
+            last = closing[following]
+        if last > index:
+            piece = delimiter.join(pieces[index : last + 1])[1:-1]
+        cells.append(piece)
+        index = last + 1
     return cells

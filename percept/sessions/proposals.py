@@ -14,7 +14,7 @@ from pathlib import Path
 import pandas as pd
 
 from percept.errors import PerceptError, UsageError, counted, printable
-from percept.sessions.columns import resolve
+from percept.sessions.columns import Header, resolve
 from percept.sessions.files import Input, expand, load
 from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import IMPEDANCE, quantity_of
@@ -263,7 +263,7 @@ def _mapping(table: _Table, options: ReadOptions) -> _Mapping:
     """Guess what stands where."""
     mapping = _Mapping({}, frozenset())
     try:
-        rules = resolve(table.header, options, file=table.name).rules
+        rules = resolve(Header(table.header, table.name), options).rules
     except PerceptError as error:
         # Several columns with one meaning: the first that fits is proposed.
         mapping.remarks.append(str(error))

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from html import escape
-from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 
-from percept.errors import UsageError, counted
+from percept.errors import UsageError
 from percept.sessions import checks, doubts
 from percept.sessions.options import DataTables, ReadOptions
 from percept.sessions.quantities import Quantities, trial_columns
@@ -28,9 +27,10 @@ from percept.sessions.records import (
     Notice,
     Place,
     Source,
-    shown,
 )
 from percept.sessions.table import FileTable
+
+__all__ = ["Sessions", "read_sessions"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,16 +166,14 @@ class Sessions:
 
     def locate(self, index: int) -> tuple[str, int]:
         """File name and physical row (the header being 1) of an observation, by its label in `table`."""
-        at = self.provenance.index.get_loc(index)
-        file, row = (int(self.provenance[c].to_numpy()[at]) for c in ("file", "row"))
-        return self.sources[file].name, row
+        position = self.provenance.index.get_loc(index)
+        file, row = self.provenance[["file", "row"]].to_numpy()[position].tolist()
+        return self.sources[int(file)].name, int(row)
 
     def _repr_html_(self) -> str:
-        told = [
-            *(f"{number} {reason}" for reason, number in self.counts.items()),
-            *map(str, self.notices),
-        ]
-        items = "".join(f"<li>{escape(text)}</li>" for text in told)
+        lines = [f"{number} {reason}" for reason, number in self.counts.items()]
+        lines += [str(notice) for notice in self.notices]
+        items = "".join(f"<li>{escape(line)}</li>" for line in lines)
         return f"{self.table.head(10).to_html(escape=True, index=False)}<ul>{items}</ul>"
 
 
@@ -214,13 +212,15 @@ def read_sessions(
         a :class:`~percept.sessions.ReadError` lists up to ten and holds them all.
     """
     options = (options or ReadOptions.of(scene)).with_columns(columns)
-    files = [path for path in paths if not isinstance(path, pd.DataFrame)]
-    for frame in (path for path in paths if isinstance(path, pd.DataFrame)):
-        if len(paths) > 1:
-            raise UsageError(
-                "a DataFrame is read alone.", hint="Put all rows into one: pandas.concat."
-            )
-        return Sessions.from_frame(frame, options=options)
+    files: list[str | Path] = []
+    for path in paths:
+        if not isinstance(path, pd.DataFrame):
+            files.append(path)
+        elif len(paths) == 1:
+            return Sessions.from_frame(path, options=options)
+        else:
+            hint = "Put all rows into one: pandas.concat."
+            raise UsageError("a DataFrame is read alone.", hint=hint)
     reading = Reading(options)
     return _merged(reading, reading.tables(files))
 
@@ -228,95 +228,68 @@ def read_sessions(
 def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
     """Merge the files by column name and check them together."""
     frames: list[pd.DataFrame] = []
-    forms: dict[str, str] = {}
+    first_of_form: dict[str, str] = {}
     present: set[str] = set()
-    options, problems, quantities = reading.options, reading.problems, reading.options.quantities
     with closing(tables):
         for table in tables:
-            with problems.collecting():
-                forms.setdefault(table.form, table.name)
+            with reading.problems.collecting():
+                first_of_form.setdefault(table.form, table.name)
                 present |= table.parameters
-                frames += [frame.assign(file=len(reading.sources)) for frame in table.frames()]
-    if len(forms) > 1:
+                for frame in table.frames():
+                    frames.append(frame.assign(file=len(reading.sources)))
+    if len(first_of_form) > 1:
         message = "trials and a published summary cannot be read together."
-        problems.add(message, file=list(forms.values())[1], hint="Read them one by one.")
+        file = list(first_of_form.values())[1]
+        reading.problems.add(message, file=file, hint="Read them one by one.")
     reading.refuse_nothing(frames)
     merged = pd.concat(frames, ignore_index=True)
-    place = reading.places(merged)
-    columns, groups = list(SUMMARY_COLUMNS), list[str]()
-    if "summary" in forms:
-        checks.check_summary(merged, options, place, problems)
-        problems.raise_if_any()
-        merged["n"] = merged["n"].astype(np.int64)
-        reading.counts["observations"] = len(merged)
+    summary = "summary" in first_of_form
+    if summary:
+        tidy = _checked_summary(reading, merged)
     else:
-        parameters = [p for p in quantities if p in present]
-        if options.sessions.trial == "order":
-            merged["trial"] = merged.groupby(list(IDS), sort=False).cumcount() + 1
-        checks.settle_references(merged, options.environments, {}, parameters, place, problems)
-        split = [name for name in options.split if name in merged]
-        checks.check_duplicates(merged, place, problems, numbered=reading.numbered, split=split)
-        reading.check(merged, parameters, pd.Series(1, index=merged.index))
-        reading.counts.update(
-            {f"rows without {p}": int(merged[f"{p}_adj"].isna().sum()) for p in parameters}
-        )
-        columns = [*trial_columns(quantities)]
-        groups = [str(c) for c in merged if c not in (*columns, MASS, "row", "file")]
-        columns += [*([MASS] if MASS in merged else []), *groups]
-    # A file that lacks a group column leaves blanks, never the text "nan".
-    tidy = merged[columns].assign(**{c: merged[c].fillna("").astype("str") for c in groups})
+        parameters = [p for p in reading.options.quantities if p in present]
+        tidy = _checked_trials(reading, merged, parameters)
     return Sessions(
         table=tidy,
-        form="summary" if "summary" in forms else "trials",
+        form="summary" if summary else "trials",
         sources=tuple(reading.sources),
         notices=tuple(dict.fromkeys(reading.notices)),
         exclusions=tuple(reading.exclusions),
         counts=dict(reading.counts),
         provenance=merged[["file", "row"]].astype(np.int64),
-        options=options,
+        options=reading.options,
     )
 
 
-def refuse_gaps(sessions: Sessions, column: str) -> None:
-    """Refuse a column that does not put every row of trials into a group."""
-    if sessions.form == "summary":
-        message, hint = (
-            "published limits hold no subjects to divide.",
-            "Give sessions, or two studies.",
-        )
-        raise UsageError(message, column=column, hint=hint)
-    table = sessions.table
-    if column not in table:
-        message = f"the sessions have no such column; they have {', '.join(map(str, table))}."
-        hint = (
-            "Read the files with the scene that names it: read_sessions(files, scene=scene)."
-            f' A column of groups is kept by [sessions] groups = ["{column}"].'
-        )
-        raise UsageError(message, column=column, hint=hint)
-    blank = table[column].astype(str).str.strip() == ""
-    if blank.any():
-        file, row = sessions.locate(int(table.index[blank][0]))
-        message = f"{counted(int(blank.sum()), 'row')} without a value, of no group."
-        hint = "Fill them in, or leave such rows out with [sessions] exclude."
-        raise UsageError(message, file=file, row=row, column=column, hint=hint)
-    if table[column].nunique() < 2:
-        raise UsageError("all rows have one value: there is nothing to compare.", column=column)
+def _checked_summary(reading: Reading, merged: pd.DataFrame) -> pd.DataFrame:
+    """Check a published table as a whole, and lay it out."""
+    checks.check_summary(merged, reading.options, reading.places(merged), reading.problems)
+    reading.problems.raise_if_any()
+    reading.counts["observations"] = len(merged)
+    return merged[list(SUMMARY_COLUMNS)].astype({"n": np.int64})
 
 
-def by_level(sessions: Sessions, column: str) -> Sessions:
-    """Make each environment at each level of a column an environment of its own, such as "VE1 (left)"."""
-    if sessions.factor is not None:
-        return sessions
-    refuse_gaps(sessions, column)
-    names, levels = sessions.table["environment"], sessions.table[column].astype(str)
-    factor = Factor(column, tuple(levels.unique()), {})
-    present = set(zip(names, levels, strict=True))
-    ordered = [pair for pair in product(sessions.environments, factor.levels) if pair in present]
-    cells = {factor.cell(*pair): pair for pair in ordered}
-    if len(cells) < len(ordered):
-        hint = "Name environments or levels without brackets."
-        raise UsageError(
-            f"two cells would have one name: {shown(list(cells))}.", column=column, hint=hint
-        )
-    table = sessions.table.assign(environment=names + " (" + levels + ")")
-    return replace(sessions, table=table, factor=replace(factor, cells=cells))
+def _checked_trials(
+    reading: Reading, merged: pd.DataFrame, parameters: Sequence[str]
+) -> pd.DataFrame:
+    """Check the trials of all files as a whole, and lay them out."""
+    options = reading.options
+    problems = reading.problems
+    place = reading.places(merged)
+    if options.sessions.trial == "order":
+        merged["trial"] = merged.groupby(list(IDS), sort=False).cumcount() + 1
+    checks.settle_references(merged, options.environments, {}, parameters, place, problems)
+    split = [name for name in options.split if name in merged]
+    checks.check_duplicates(merged, place, problems, numbered=reading.numbered, split=split)
+    reading.check(merged, parameters, pd.Series(1, index=merged.index))
+    for p in parameters:
+        reading.counts[f"rows without {p}"] = int(merged[f"{p}_adj"].isna().sum())
+    columns = list(trial_columns(options.quantities))
+    groups = [str(name) for name in merged if name not in (*columns, MASS, "row", "file")]
+    if MASS in merged:
+        columns.append(MASS)
+    tidy = merged[[*columns, *groups]].copy()
+    for group in groups:
+        # A file that lacks a group column leaves blanks, never the text "nan".
+        tidy[group] = merged[group].fillna("").astype("str")
+    return tidy

@@ -12,7 +12,7 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import checks
-from percept.sessions.columns import resolve
+from percept.sessions.columns import Header, resolve
 from percept.sessions.doubts import doubtful_ids
 from percept.sessions.files import Input, expand, ids_from_name, is_workbook, load, open_text
 from percept.sessions.grids import Block, text_blocks
@@ -96,8 +96,8 @@ class Reading:
     def _open(self, name: str, blocks: Iterator[Block], ids: Mapping[str, str]) -> FileTable:
         """Find out from the header what kind of table a file is."""
         first = next(blocks)
-        header = first.grid().header
-        found = resolve(header, self.options, file=name)
+        header = Header(first.grid().header, name)
+        found = resolve(header, self.options)
         file = OpenFile(
             name=name,
             header=header,
@@ -109,9 +109,7 @@ class Reading:
         )
         if found.form == "summary":
             return SummaryTable(file, found)
-        if any(slot.environment is not None for slot in found.slots):
-            return WideTable(file, found)
-        return LongTable(file, found)
+        return WideTable(file, found) if found.wide else LongTable(file, found)
 
     def _add(self, table: FileTable, sha256: str) -> None:
         """Take up what is known of a file once all of it is read."""
@@ -174,10 +172,10 @@ def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Ge
     if encoding == "cp1252" and options.sessions.encoding is None:
         notices.append(Notice("not UTF-8; read as Windows-1252", file))
 
-    def resolves(header: list[str]) -> bool:
+    def resolves(names: list[str]) -> bool:
         """Whether a header, split by some delimiter, has columns that are read."""
         try:
-            found = resolve(header, options, file=file)
+            found = resolve(Header(names, file), options)
         except UsageError:
             return False
         adjusted = any(f"{p}_adj" in found.rules for p in options.quantities)

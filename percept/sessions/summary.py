@@ -54,7 +54,7 @@ class SummaryTable(FileTable):
         """Refuse a table that lacks a column, or declares a unit."""
         for column in ("environment", *self._numbers()):
             if column not in self._columns:
-                there = shown(self.file.header)
+                there = shown(self.file.header.names)
                 message = f"a summary needs the column {column}; the columns are {there}."
                 hint = "Add it, or name it in the scene's [columns]."
                 raise UsageError(message, file=self.name, row=1, column=column, hint=hint)

@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 
 import pandas as pd
 
-from percept.sessions.columns import Resolution, unused_columns
+from percept.sessions.columns import Header, Resolution, unused_columns
 from percept.sessions.grids import Block, Grid
 from percept.sessions.options import ReadOptions
 from percept.sessions.records import CellPlace, Exclusion, Notice, Problems, shown
@@ -24,7 +24,7 @@ class OpenFile:
     """A file whose header is known, and what the study knows so far."""
 
     name: str
-    header: list[str]
+    header: Header
     blocks: Iterator[Block]
     ids: Mapping[str, str]  # Of the file's name
     options: ReadOptions

@@ -12,7 +12,7 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import values
-from percept.sessions.columns import Resolution, check_columns, position
+from percept.sessions.columns import Resolution, check_columns
 from percept.sessions.grids import Block
 from percept.sessions.options import KEPT_COLUMNS, canonical_columns
 from percept.sessions.quantities import convert, numbers_of, quantity_of, with_mass
@@ -38,13 +38,13 @@ class TrialTable(FileTable):
 
     def __init__(self, file: OpenFile, found: Resolution) -> None:
         super().__init__(file, found)
-        check_columns(file.header, found, file.options, file.ids, file=file.name)
+        check_columns(file.header, found, file.options, file.ids)
         self._rules = found.rules
         self._selection = file.options.sessions
         self._mark = self._selection.decimal
         self.numbered = "trial" in found.rules or any(slot.trial for slot in found.slots)
         self.parameters = {p for p in file.options.quantities if f"{p}_adj" in found.rules}
-        self._groups = [name for name in KEPT_COLUMNS if name in file.header]
+        self._groups = [name for name in KEPT_COLUMNS if name in file.header.names]
         self._groups += [name for name in self._selection.groups if name not in self._groups]
         self._own = self._own_columns()
         self._number_columns = set(numbers_of(file.options.quantities))
@@ -66,7 +66,7 @@ class TrialTable(FileTable):
         for rule in rules:
             if not rule.equals:
                 names[f"{_LIMIT}{rule.column}"] = rule.column
-        return {key: position(self.file.header, name, self.name) for key, name in names.items()}
+        return {key: self.file.header.position(name) for key, name in names.items()}
 
     @abstractmethod
     def _cells(self, block: Block) -> pd.DataFrame:
@@ -155,7 +155,7 @@ class TrialTable(FileTable):
             if column not in data:
                 column = rule.column
             if column not in data:
-                position(self.file.header, rule.column, self.name)
+                self.file.header.position(rule.column)
             data = self._exclude(data, _among(data[column], rule.equals), rule.why)
         return data
 
@@ -266,12 +266,12 @@ class TrialTable(FileTable):
     ) -> npt.NDArray[np.int64]:
         """Numbers of trials; those that are not whole are problems."""
         whole = (np.abs(trials) < _WHOLE) & (trials == np.round(trials))
-        for position_ in np.flatnonzero(~whole & ~np.isnan(trials)).tolist():
+        for position in np.flatnonzero(~whole & ~np.isnan(trials)).tolist():
             self.file.problems.add(
                 "a trial's number must be whole.",
-                value=float(trials[position_]),
+                value=float(trials[position]),
                 hint="Number the trials 1, 2, 3 …",
-                **self._place("trial", rows[position_]),
+                **self._place("trial", rows[position]),
             )
         return np.where(whole, trials, 0).astype(np.int64)
 

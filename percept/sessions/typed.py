@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from percept.errors import UsageError
-from percept.sessions.grids import Block, Dialect, Grid
+from percept.sessions.grids import Block, Dialect, Grid, Records
 from percept.sessions.options import FileLimits
 from percept.sessions.records import NoDataError
 
@@ -133,7 +133,7 @@ def typed_block(rows: Iterable[Sequence[Any]], file: str) -> Block:
     names = tuple(name.strip() or f"column {number}" for number, name in enumerate(header, 1))
     dialect = Dialect(file, names=names)
     lines = list(range(2, len(records) + 2))
-    grid = Grid.of(dialect, records, lines, last=False)
+    grid = Grid.of(dialect, Records(records, lines), last=False)
     if grid.cells.empty:
         raise NoDataError("there are no data below the header.", file=file, hint="Leave it out.")
     return Block(dialect, grid)

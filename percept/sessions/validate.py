@@ -1,23 +1,61 @@
-"""What percept says of files before an analysis: what it read, every problem, or a mapping of names."""
+"""What percept says of files before an analysis: what it read, and every problem."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from percept.errors import PerceptError, counted, printable
 from percept.sessions.options import ReadOptions
 from percept.sessions.read import Sessions, read_sessions
-from percept.sessions.records import Notice, ReadError, summarised
+from percept.sessions.records import Exclusion, Notice, ReadError, Source, summarised
+
+__all__ = ["EnvironmentRead", "Validation", "format_validation", "validate"]
 
 _ALONE = Notice("there is one subject; an interval over subjects needs at least two")
+_VERDICTS = ("read without problems", "read, but no analysis is possible")
 
 
-def validate(*paths: str | Path, options: ReadOptions | None = None) -> dict[str, Any]:
+@dataclass(frozen=True)
+class EnvironmentRead:
+    """What was understood of one environment."""
+
+    name: str
+    references: Mapping[str, float]  #: By quantity, in its unit
+    subjects: int
+    #: Fewest and most trials of a subject; None for published limits.
+    trials: tuple[int, int] | None
+
+
+@dataclass(frozen=True)
+class Validation:
+    """What was read of a study, or why it cannot be read."""
+
+    exit_code: int = 0  #: 0 read, 1 an analysis would refuse (one subject), 2 problems
+    form: str | None = None  #: As the next four, of :class:`~percept.sessions.Sessions`
+    sources: tuple[Source, ...] = ()
+    counts: Mapping[str, int] = field(default_factory=dict)
+    notices: tuple[Notice, ...] = ()  #: With the warnings
+    exclusions: tuple[Exclusion, ...] = ()
+    environments: tuple[EnvironmentRead, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)  #: Of the references, by quantity
+    problems: tuple[PerceptError, ...] = ()
+    problems_total: int = 0  #: All of them, where not all were kept
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain tables for JSON; of a problem its message, place, value and hint."""
+        names = ("message", "file", "row", "column", "key", "value", "hint")
+        problems = [{name: getattr(problem, name) for name in names} for problem in self.problems]
+        plain = dataclasses.asdict(dataclasses.replace(self, problems=()))
+        return plain | {"problems": problems}
+
+
+def validate(*paths: str | Path, options: ReadOptions | None = None) -> Validation:
     """Read a study as `read_sessions` does, and report instead of raising.
 
     Parameters
@@ -29,70 +67,52 @@ def validate(*paths: str | Path, options: ReadOptions | None = None) -> dict[str
 
     Returns
     -------
-    dict
-        Ready for JSON. `exit_code`: 0 read, 1 an analysis would refuse (fewer than two subjects), 2
-        problems. `form`, `sources`, `counts`, `notices` (with the warnings) and `exclusions` as in
-        :class:`~percept.sessions.Sessions`, `units` of the references. `environments`: of each its
-        `name`, `references`, `subjects`, and fewest and most `trials` of one (None for published
-        limits). `problems`: message, file, row, column, key, value and hint of each;
-        `problems_total` counts them all.
+    Validation
     """
-    out: dict[str, Any] = {
-        "exit_code": 0,
-        "form": None,
-        "sources": [],
-        "counts": {},
-        "environments": [],
-    }
-    out |= {"units": {}, "notices": [], "exclusions": [], "problems": [], "problems_total": 0}
     try:
         sessions = read_sessions(*paths, options=options)
-    except PerceptError as error:
-        names = ("message", "file", "row", "column", "key", "value", "hint")
-        problems, total = (
-            (error.problems, error.total) if isinstance(error, ReadError) else ((error,), 1)
+    except ReadError as error:
+        return Validation(
+            exit_code=error.exit_code, problems=error.problems, problems_total=error.total
         )
-        said = [{name: getattr(problem, name) for name in names} for problem in problems]
-        return out | {"exit_code": error.exit_code, "problems": said, "problems_total": total}
+    except PerceptError as error:
+        return Validation(exit_code=error.exit_code, problems=(error,), problems_total=1)
+    notices = [*sessions.notices, *sessions.warnings]
     alone = sessions.form == "trials" and len(sessions.subjects) < 2
-    notices = (*sessions.notices, *sessions.warnings, *([_ALONE] if alone else []))
-    return out | {
-        "exit_code": int(alone),
-        "form": sessions.form,
-        "sources": [vars(source) for source in sessions.sources],
-        "counts": dict(sessions.counts),
-        "environments": list(_understood(sessions)),
-        "units": {name: sessions.quantities[name].unit for name in sessions.parameters},
-        "notices": [vars(notice) for notice in notices],
-        "exclusions": [vars(exclusion) for exclusion in sessions.exclusions],
-    }
+    if alone:
+        notices.append(_ALONE)
+    return Validation(
+        exit_code=int(alone),
+        form=sessions.form,
+        sources=sessions.sources,
+        counts=dict(sessions.counts),
+        notices=tuple(notices),
+        exclusions=sessions.exclusions,
+        environments=tuple(_environments(sessions)),
+        units={name: sessions.quantities[name].unit for name in sessions.parameters},
+    )
 
 
-def _understood(sessions: Sessions) -> Iterator[dict[str, Any]]:
+def _environments(sessions: Sessions) -> Iterator[EnvironmentRead]:
     """Give a record of each environment: references, subjects, and trials of a subject."""
     for name, rows in sessions.by_environment():
         if sessions.form == "summary":
             references = dict(zip(rows["parameter"], rows["reference"].tolist(), strict=True))
-            yield {
-                "name": name,
-                "references": references,
-                "subjects": int(rows["n"].max()),
-                "trials": None,
-            }
+            yield EnvironmentRead(name, references, int(rows["n"].max()), None)
             continue
         trials = rows.groupby("subject").size()
         references = {p: float(rows[f"{p}_ref"].iloc[0]) for p in sessions.parameters}
-        several = [int(trials.min()), int(trials.max())]
-        yield {"name": name, "references": references, "subjects": len(trials), "trials": several}
+        several = (int(trials.min()), int(trials.max()))
+        yield EnvironmentRead(name, references, len(trials), several)
 
 
-def format_validation(found: Mapping[str, Any], *, say: Callable[[str], str] = str) -> str:
+def format_validation(found: Validation, *, say: Callable[[str], str] = str) -> str:
     """Plain text of a validation, one finding per line, each beginning with its file and row.
 
     Parameters
     ----------
-    found : mapping
-        As `validate` returns it.
+    found : Validation
+        What `validate` gives.
     say : callable, optional
         What puts percept's words for environments and subjects into the study's.
 
@@ -100,36 +120,41 @@ def format_validation(found: Mapping[str, Any], *, say: Callable[[str], str] = s
     -------
     str
     """
-    lines = ["{name}: {rows} rows, sha256 {sha256}".format(**source) for source in found["sources"]]
-    lines += [f"  {number:>9}  {say(reason)}" for reason, number in found["counts"].items()]
-    rows = []
-    for one in found["environments"]:
-        row = {say("environment"): printable(one["name"])}
-        for p, unit in found["units"].items():
-            value = one["references"].get(p, np.nan)
-            row[f"{p}_ref ({unit})".replace(" ()", "")] = "–" if value != value else f"{value:g}"
-        trials = (
-            "published"
-            if one["trials"] is None
-            else " to ".join(map(str, dict.fromkeys(one["trials"])))
-        )
-        rows.append(row | {say("subjects"): one["subjects"], say("trials per subject"): trials})
-    lines += pd.DataFrame(rows).to_string(index=False).splitlines() if rows else []
-    lines += [f"notice: {Notice(**notice)}" for notice in found["notices"]]
-    lines += [
-        "left out: {file}:{row}: subject {who}, {what}: {why}".format(**e)
-        for e in found["exclusions"]
-    ]
-    problems, total = (
-        [PerceptError(**problem) for problem in found["problems"]],
-        found["problems_total"],
-    )
-    lines += summarised(problems)
-    if total > len(problems):
-        lines.append(f"and {total - len(problems)} more problems")
-    verdicts = (
-        "read without problems",
-        "read, but no analysis is possible",
-        counted(total, "problem"),
-    )
-    return "\n".join(map(printable, [*lines, verdicts[found["exit_code"]]]))
+    lines = []
+    for source in found.sources:
+        lines.append(f"{source.name}: {source.rows} rows, sha256 {source.sha256}")
+    for reason, number in found.counts.items():
+        lines.append(f"  {number:>9}  {say(reason)}")
+    if found.environments:
+        table = pd.DataFrame([_line(environment, found, say) for environment in found.environments])
+        lines += table.to_string(index=False).splitlines()
+    lines += [f"notice: {notice}" for notice in found.notices]
+    for left in found.exclusions:
+        place = f"{left.file}:{left.row}"
+        lines.append(f"left out: {place}: subject {left.who}, {left.what}: {left.why}")
+    lines += summarised(found.problems)
+    unkept = found.problems_total - len(found.problems)
+    if unkept:
+        lines.append(f"and {unkept} more problems")
+    if found.problems:
+        lines.append(counted(found.problems_total, "problem"))
+    else:
+        lines.append(_VERDICTS[found.exit_code])
+    return "\n".join(printable(line) for line in lines)
+
+
+def _line(
+    environment: EnvironmentRead, found: Validation, say: Callable[[str], str]
+) -> dict[str, str | int]:
+    """Line of the table of environments."""
+    line: dict[str, str | int] = {say("environment"): printable(environment.name)}
+    for p, unit in found.units.items():
+        value = environment.references.get(p)
+        written = "–" if value is None or value != value else f"{value:g}"
+        line[f"{p}_ref ({unit})" if unit else f"{p}_ref"] = written
+    trials = "published"
+    if environment.trials is not None:
+        trials = " to ".join(str(number) for number in dict.fromkeys(environment.trials))
+    line[say("subjects")] = environment.subjects
+    line[say("trials per subject")] = trials
+    return line

@@ -204,7 +204,7 @@ def test_methods_are_printed_with_their_reasons(folder, capsys, monkeypatch, tmp
         (
             ["all.csv", "--scene", "scene.toml", "--by", "foot"],
             2,
-            "column 'foot': this column is wanted, and is not there",
+            "column 'foot': there is no column 'foot'.",
         ),
         (["all.csv", "--by", "hand", "--other-scene", "light.toml"], 2, "leave --other-scene out"),
         (["all.csv", "left.csv", "right.csv"], 2, "one or two studies"),

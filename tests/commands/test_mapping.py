@@ -207,7 +207,7 @@ def test_without_a_mapping_the_way_out_names_quantities(tmp_path, capsys):
     path.write_text("a,b\n1,2\n")
     assert fit(path) == 2
     assert (
-        "What people adjusted beside stiffness and damping is named in [quantities]."
+        "[quantities] names what people adjusted beside stiffness and damping."
         in capsys.readouterr().err
     )
 

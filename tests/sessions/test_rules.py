@@ -360,7 +360,7 @@ def test_trials_of_several_sessions_are_announced_as_repeats(tmp_path):
     ]
     (text,) = announced
     assert text.startswith(
-        "in 1 of 4 cells (a subject in an environment) trials are from several sessions;"
+        "1 of 4 cells (a subject in an environment) have trials of several sessions."
     )
     apart = read(tmp_path, header + "\n".join(rows[2:]) + "\n")
     assert not any("several sessions" in notice.text for notice in apart.notices)
@@ -378,7 +378,7 @@ def test_columns_are_found_announced_or_asked_for(tmp_path):
     error = refusal(tmp_path, "subject,environment,k_ref,k_adj,b_ref\n7,a,10,11,1\n")
     assert "no column for b_adj" in str(error)
     error = refusal(tmp_path, "subject,environment,k_ref,k_adj,k_adj\n7,a,10,11,1\n")
-    assert "two columns have this name" in str(error)
+    assert "two columns have the name" in str(error)
     error = refusal(
         tmp_path, "subject,environment,k_ref,k_last\n7,a,1,2\n", columns={"k_adj": "k_lst"}
     )
@@ -607,12 +607,12 @@ def test_repeats_are_missing_where_there_are_some_and_cells_empty_where_there_ar
     [
         (
             {"exclude": [{"column": "session", "equals": "3"}]},
-            "column 'session': this column is wanted, and is not there",
+            "column 'session': there is no column 'session'.",
         ),
         ({"exclude": [{"column": "subject", "above": 3}]}, "limits need a column of numbers"),
-        ({"exclude": [{"column": "rt", "above": 3}]}, "this column is wanted, and is not there"),
-        ({"groups": "hand"}, "this column is wanted, and is not there"),
-        ({"only": {"task": "match"}}, "this column is wanted, and is not there"),
+        ({"exclude": [{"column": "rt", "above": 3}]}, "there is no column 'rt'."),
+        ({"groups": "hand"}, "there is no column 'hand'."),
+        ({"only": {"task": "match"}}, "there is no column 'task'."),
         (
             {"only": {"subject": "2"}},
             "no row holds an adjustment. Rows: 1 rows read, 1 subject is not 2",

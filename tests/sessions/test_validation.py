@@ -27,14 +27,14 @@ def test_what_was_read(tmp_path):
     file.write_text(HEAD + "001,a,10,11\n1,a,10,12\n1,b,10,\n")
     record = validate(file)
     text = format_validation(record)
-    assert record["exit_code"] == 0
-    assert f"{file}: 3 rows, sha256 {record['sources'][0]['sha256']}" in text
+    assert record.exit_code == 0
+    assert f"{file}: 3 rows, sha256 {record.sources[0].sha256}" in text
     assert (
         f"notice: subjects '001' ({file}:2), '1' ({file}:3) look alike and are kept apart" in text
     )
     assert f"left out: {file}:4: subject 1, environment b: no adjustment" in text
     assert text.endswith("read without problems")
-    parsed = json.loads(json.dumps(record))
+    parsed = json.loads(json.dumps(record.to_dict()))
     assert parsed["counts"]["observations"] == 2
     assert parsed["exclusions"][0]["row"] == 4
 
@@ -58,7 +58,7 @@ def test_what_was_understood_is_a_line_per_environment(tmp_path):
     lines = [" ".join(line.split()) for line in format_validation(record).splitlines()]
     at = lines.index("environment k_ref (N/m) b_ref (N·s/m) subjects trials per subject")
     assert lines[at + 1 : at + 3] == ["soft 500 2 2 1 to 2", "hard 20000 – 2 1"]
-    found = json.loads(json.dumps(record))
+    found = json.loads(json.dumps(record.to_dict()))
     assert found["units"] == {"k": "N/m", "b": "N·s/m"}
     assert found["environments"][0] == {
         "name": "soft", "references": {"k": 500.0, "b": 2.0}, "subjects": 2, "trials": [1, 2]
@@ -105,19 +105,19 @@ def test_problems_have_places(tmp_path):
     file = tmp_path / "f.csv"
     file.write_text(HEAD + "1,a,10,x\n2,a,10,y\n")
     record = validate(file)
-    assert record["exit_code"] == 2
+    assert record.exit_code == 2
     lines = format_validation(record).splitlines()
     assert lines[0].startswith(f"{file}:2, column 'k_adj', value 'x': not a number.")
     assert lines[-1] == "2 problems"
-    problem = record["problems"][1]
-    assert (problem["row"], problem["column"], problem["value"]) == (3, "k_adj", "y")
+    problem = record.problems[1]
+    assert (problem.row, problem.column, problem.value) == (3, "k_adj", "y")
 
 
 def test_one_subject_is_no_study(tmp_path):
     file = tmp_path / "f.csv"
     file.write_text(HEAD + "1,a,10,11\n")
     record = validate(file)
-    assert record["exit_code"] == 1
+    assert record.exit_code == 1
     assert "there is one subject" in format_validation(record)
 
 

@@ -10,7 +10,7 @@ from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.report.page import render_page
 from percept.report.write import csv_tables
 from percept.sessions import ReadError, ReadOptions, Sessions
-from percept.sessions.read import by_level
+from percept.sessions.factors import by_level
 from percept.study.compare import within_subjects
 from percept.study.reduced import reduced_intervals
 from tests import DATASETS
@@ -229,7 +229,7 @@ def test_factors_that_cannot_be_told_apart_are_refused():
         by_level(table, "hand")
     names = {"VE1": "A", "VE2": "A (b)", "VE3": "C"}
     mixed = frame(levels=("b) (c", "c")).replace({"environment": names})
-    with pytest.raises(UsageError, match="two cells would have one name"):
+    with pytest.raises(UsageError, match="two cells would have the name"):
         study(mixed)
     with pytest.raises(UsageError, match="a reduced study keeps no levels"):
         reduced_intervals(None, Scene(study={"factor": "hand"}))
