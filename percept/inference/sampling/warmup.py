@@ -80,7 +80,7 @@ def warm_up(
 
     Returns
     -------
-    here : Transported
+    transported : Transported
         The target in the transport's coordinates.
     points : ndarray
         Starting points in these, shape (E, W, d).
@@ -94,50 +94,50 @@ def warm_up(
     rng = np.random.default_rng(adapt_seed)
     size = len(target.names)
     mode, covariance = find_mode(target, np.zeros(size))
-    here = Transported(target, Affine.normal(mode, covariance))
+    transported = Transported(target, Affine.normal(mode, covariance))
     for _ in range(_ROUNDS):
-        z, log_weights = _weigh(here, rng, shape)
+        z, log_weights = _weigh(transported, rng, shape)
         # Tempered, or a few lucky draws would decide the covariance.
         wanted = min(_EFFECTIVE_SHARE * len(z), _EFFECTIVE_PER_COORDINATE * size)
-        affine = Affine.fit(here.map(z), _tempered(log_weights, wanted))
-        here = Transported(target, affine)
-    points = starting_points(here, rng, shape)
+        affine = Affine.fit(transported.map(z), _tempered(log_weights, wanted))
+        transported = Transported(target, affine)
+    points = starting_points(transported, rng, shape)
     for run, run_seed in zip(_RUNS, run_seeds, strict=True):
-        walked = Ensembles(here, points, run_seed).advance(run.steps, run.stride)
+        walked = Ensembles(transported, points, run_seed).advance(run.steps, run.stride)
         kept = walked[:, run.skipped // run.stride :]
-        transport = Transport.fit(here.map(kept.reshape(-1, size)))
-        here = Transported(target, transport)
-        points = starting_points(here, rng, shape)
-    return here, points
+        transport = Transport.fit(transported.map(kept.reshape(-1, size)))
+        transported = Transported(target, transport)
+        points = starting_points(transported, rng, shape)
+    return transported, points
 
 
 def starting_points(
-    here: Transported,
+    transported: Transported,
     rng: np.random.Generator,
     shape: tuple[int, int],
 ) -> Array:
     """Choose starting points (E, W, d) among draws from the reference law, by tempered weights."""
-    z, log_weights = _weigh(here, rng, shape)
+    z, log_weights = _weigh(transported, rng, shape)
     weights = _tempered(log_weights, _STARTING_SHARE * len(z))
     chosen = rng.choice(len(z), size=shape[0] * shape[1], p=weights)
     return z[chosen].reshape(*shape, -1)
 
 
 def _weigh(
-    here: Transported,
+    transported: Transported,
     rng: np.random.Generator,
     shape: tuple[int, int],
 ) -> tuple[Array, Array]:
     """Draws from the reference law, and the log of the density over that law."""
-    size = len(here.names)
+    size = len(transported.names)
     law = ReferenceLaw(size)
     count = max(_FEWEST_DRAWS, _DRAWS_PER_COORDINATE * size, 2 * shape[0] * shape[1])
     z = law.draw(count, rng)
-    values = here(z)
+    values = transported(z)
     if np.all(np.isneginf(values)):
         raise RefusalError(
             "the log density is -inf at every walker, for example at"
-            f" {describe_point(here.names, z[0])}.",
+            f" {describe_point(transported.names, z[0])}.",
             hint="Check the data and the priors of these parameters.",
         )
     return z, values - law.log_density(z)

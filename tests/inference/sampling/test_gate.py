@@ -7,8 +7,7 @@ import pytest
 from scipy import signal
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.sampling import run as running
-from percept.inference.sampling import warmup
+from percept.inference.sampling import chain, warmup
 from percept.inference.sampling.diagnostics import autocorrelation_time, normal_scores
 from percept.inference.sampling.gate import (
     Estimates,
@@ -339,7 +338,7 @@ def test_a_run_that_begins_anew_has_streams_of_its_own(monkeypatch):
             seeds.append((seed.entropy, seed.spawn_key))
             super().__init__(here, points, seed)
 
-    for module in (running, warmup):
+    for module in (chain, warmup):
         monkeypatch.setattr(module, "Ensembles", Noted)
     sample(Normal(4), MEAN, Settings(tolerance=0.003, seed=2))
     # Warm-up and run, then both again with the refined transport.

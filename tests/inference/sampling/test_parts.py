@@ -6,11 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from percept.inference.sampling import run as chains
+from percept.inference.sampling import chain as chains
+from percept.inference.sampling.chain import Chain, Memory, Pace, Task
 from percept.inference.sampling.coordinates import Affine, Transported
 from percept.inference.sampling.gate import Means, Settings
 from percept.inference.sampling.moves import Ensembles
-from percept.inference.sampling.run import Chain, Memory, Pace, Task, sample
+from percept.inference.sampling.run import sample
 from tests.inference.sampling.targets import Normal, SkewedHeavy
 
 

@@ -1,0 +1,281 @@
+"""Walkers in the coordinates of one transport, the positions kept of them, and estimates from these.
+
+What a run holds in memory is bounded. When that is full and has settled, it is closed as a part of
+the run, and the estimates are means over parts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.inference.sampling.coordinates import Transported
+from percept.inference.sampling.gate import (
+    Estimands,
+    Judged,
+    Progress,
+    Run,
+    Settings,
+    Travel,
+    judge,
+    pass_gate,
+)
+from percept.inference.sampling.moves import Ensembles
+
+__all__ = ["BURN_IN", "Chain", "Memory", "Pace", "Task"]
+
+Array = NDArray[np.float64]
+
+#: Steps before any are kept.
+BURN_IN = 40
+#: Of these the last, by which the shares of the moves are chosen.
+_LEARNING = 24
+#: Steps after which positions are mapped and progress is told.
+_SEGMENT = 96
+#: Steps a run takes, times the squared jump of a step: a first guess at its length, for the clock
+#: alone.
+_STEPS_PER_JUMP = 15.0
+_LEAST_JUMP = 1e-3
+#: Steps aimed at over those the error predicts: a prediction that falls short costs a round.
+_MARGIN = 1.1
+#: Most that one round multiplies the length of a run: early errors predict badly.
+_MOST_GROWTH = 4.0
+#: Growth where the error is not finite, and predicts nothing.
+_BLIND_GROWTH = 2.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Memory:
+    """How much of a run is held at once."""
+
+    draws: int = 1 << 17  # Kept draws of a part, over all ensembles
+    numbers: int = 1 << 25  # Numbers worked out from them; two parts are held
+    #: Positions of a part, at least: fewer could not span ten autocorrelation times.
+    fewest_positions: int = 32
+
+    def draws_of(self, dimension: int, components: int) -> int:
+        """Draws of a part that there is room for; a component has about two influences."""
+        return self.numbers // (dimension + 3 * components)
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """What a run is asked for."""
+
+    estimands: Estimands
+    settings: Settings
+    memory: Memory = Memory()
+    progress: Callable[[Progress], None] | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Pace:
+    """How a chain begins."""
+
+    stride: int  # Steps between kept positions
+    first_round: int  # Steps before it is first judged
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Closed:
+    """The parts of a run that are closed."""
+
+    run: Run  # With the estimates of all of them
+    steps: int  # Steps they span
+
+
+class Chain:
+    """Walkers at work on a task, and what is kept of them."""
+
+    def __init__(
+        self,
+        task: Task,
+        transported: Transported,
+        points: Array,
+        seed: np.random.SeedSequence,
+        pace: Pace,
+    ) -> None:
+        """Burn in from starting points (E, W, d) in the coordinates of `transported`."""
+        self._task = task
+        self._transported = transported
+        self._stride = pace.stride
+        self._began = time.monotonic()
+        self._walkers = Ensembles(transported, points, seed)
+        unlearned = BURN_IN - _LEARNING
+        self._walkers.advance(unlearned, unlearned)
+        self._walkers.advance(_LEARNING, _LEARNING, learn=True)
+        self._points: list[Array] = []  # each (E, T, W, d)
+        self._components: list[Array] = []  # each (E, T, W, C)
+        self._closed: _Closed | None = None
+        self._most_positions = self._positions_in_memory(points)
+        self._goal = min(pace.first_round, self._most_positions * pace.stride)
+        guess = _STEPS_PER_JUMP / max(self._walkers.schedule.squared_jump, _LEAST_JUMP)
+        self._expected = BURN_IN + max(pace.first_round, guess)
+        self._error = math.nan
+
+    def _positions_in_memory(self, points: Array) -> int:
+        """Positions of all walkers that a part has room for."""
+        ensembles, walkers, dimension = points.shape
+        memory = self._task.memory
+        one = self._task.estimands.components(self._transported.map(points[0, :1]))
+        draws = min(memory.draws, memory.draws_of(dimension, one.shape[-1]))
+        return max(draws // (ensembles * walkers), memory.fewest_positions)
+
+    @property
+    def _length(self) -> int:
+        """Kept positions of the part at work."""
+        return sum(points.shape[1] for points in self._points)
+
+    @property
+    def _full(self) -> bool:
+        return self._length >= self._most_positions
+
+    @property
+    def _steps(self) -> int:
+        """Steps the kept positions of the part at work span."""
+        return self._length * self._stride
+
+    @property
+    def _closed_steps(self) -> int:
+        return self._closed.steps if self._closed else 0
+
+    @property
+    def _steps_left(self) -> int:
+        return self._task.settings.most_steps - self._walkers.steps
+
+    @property
+    def spanned(self) -> int:
+        """Steps all parts span."""
+        return self._closed_steps + self._steps
+
+    def extend(self) -> None:
+        """Run every ensemble up to the goal, and keep what is needed."""
+        while self._steps < self._goal:
+            self._tell()
+            wanted = min(_SEGMENT, self._goal - self._steps)
+            steps = math.ceil(wanted / self._stride) * self._stride
+            walked = self._walkers.advance(steps, self._stride)
+            # In one order in memory: the last bits of sums depend on it.
+            flat = walked.reshape(-1, walked.shape[-1])
+            mapped = np.ascontiguousarray(self._transported.map(flat))
+            components = np.ascontiguousarray(self._task.estimands.components(mapped))
+            self._points.append(mapped.reshape(walked.shape))
+            self._components.append(components.reshape(*walked.shape[:3], -1))
+
+    def _tell(self) -> None:
+        """Tell how far the run is; the clock is read for this alone."""
+        if self._task.progress is None:
+            return
+        steps = self._walkers.steps
+        seconds_per_step = (time.monotonic() - self._began) / steps
+        state = Progress(
+            steps,
+            expected_steps=math.ceil(max(self._expected, steps)),
+            worst_error=self._error,
+            tolerance=self._task.settings.tolerance,
+            seconds_left=seconds_per_step * max(self._expected - steps, 0.0),
+        )
+        self._task.progress(state)
+
+    def judge(self) -> Run:
+        """Estimate, measure and pass the gate or not."""
+        points = np.concatenate(self._points, axis=1)
+        components = np.concatenate(self._components, axis=1)
+        self._points = [points]
+        self._components = [components]
+        judged = judge(self._task.estimands, components)
+        if self._closed:
+            judged = self._averaged(judged, self._closed)
+        run = Run(
+            points=points,
+            components=components,
+            estimates=judged.estimates,
+            errors=judged.errors,
+            times=judged.times * self._stride,
+            gate=pass_gate(self._task.settings, judged, self._travel(points)),
+            steps=self._walkers.steps,
+            stride=self._stride,
+            settings=self._task.settings,
+        )
+        if self._closed:
+            first = self._closed.run
+            run = dataclasses.replace(
+                run, points=first.points, components=first.components, stride=first.stride
+            )
+        self._error = run.gate.worst_error
+        settled = self._closed_steps + run.steps_to_settle
+        predicted = max(self.steps_by_error(run), settled)
+        self._expected = self._walkers.steps - self.spanned + predicted
+        self._tell()
+        return run
+
+    def _travel(self, points: Array) -> Travel:
+        second_half = points[:, points.shape[1] // 2 :, :, 0]
+        return Travel(
+            acceptance=self._walkers.accepted / self._walkers.steps,
+            moved=np.ptp(second_half, axis=1) > 0,
+            length=self._length,
+            stride=self._stride,
+            spanned=self.spanned,
+        )
+
+    def _averaged(self, part: Judged, closed: _Closed) -> Judged:
+        """Average with the closed parts' estimates, by steps; errors add as for independent parts.
+
+        It costs a bias of the order of a part's squared Monte Carlo error.
+        """
+        share = self._steps / self.spanned
+        before = closed.run.estimates.value
+        value = before + share * (part.estimates.value - before)
+        errors = np.hypot((1.0 - share) * closed.run.errors, share * part.errors)
+        estimates = dataclasses.replace(part.estimates, value=value)
+        return dataclasses.replace(part, estimates=estimates, errors=errors)
+
+    def at_its_end(self, run: Run) -> bool:
+        """Whether no steps are left, or too few to judge another part by."""
+        if not self._full:
+            return self._steps_left < 1
+        # A last part too short to settle would take the verdict from the parts before it.
+        shortest = self._task.memory.fewest_positions * self._stride
+        if run.gate.passed:
+            shortest = max(shortest, run.steps_to_settle)
+        return self._steps_left < shortest
+
+    def go_on(self, run: Run) -> None:
+        """Make room where memory is or will be full, and set the next goal."""
+        settling = run.steps_to_settle
+        needed = self.steps_needed(run)
+        if run.gate.passed and self._full:
+            self._closed = _Closed(run, self.spanned)
+            self._points = []
+            self._components = []
+        elif not run.gate.passed:
+            while self._full or settling > self._most_positions * self._stride:
+                self._keep_every_second()
+        wanted = max(needed - self._closed_steps, settling)
+        most = self._most_positions * self._stride
+        self._goal = min(wanted, most, self._steps + self._steps_left)
+
+    def _keep_every_second(self) -> None:
+        """Thin the kept positions, in one order in memory: sums depend on it."""
+        self._points = [np.ascontiguousarray(self._points[0][:, 1::2])]
+        self._components = [np.ascontiguousarray(self._components[0][:, 1::2])]
+        self._stride *= 2
+
+    def steps_by_error(self, run: Run) -> float:
+        """Predict the steps after which the estimates are accurate enough."""
+        ratio = run.gate.worst_error / self._task.settings.tolerance
+        if not math.isfinite(ratio):
+            return self.spanned * _BLIND_GROWTH
+        return self.spanned * (ratio * ratio * _MARGIN)
+
+    def steps_needed(self, run: Run) -> int:
+        """Predict the steps the run should span in all; it at least grows by a tenth."""
+        settled = self._closed_steps + run.steps_to_settle
+        wanted = max(self.steps_by_error(run), settled, _MARGIN * self.spanned)
+        return math.ceil(min(wanted, _MOST_GROWTH * self.spanned))
