@@ -99,8 +99,9 @@ def one_coupling(published: Published) -> Evidence:
     backward = published.needed()
     tustin = float(required_damping(THEORETICAL, period, discretization="tustin").damping)
     again = float(required_damping(converted, period, discretization="tustin").damping)
+    same = [abs(needed - backward) <= _SAME * backward for needed in (tustin, again)]
     return evidence(
-        [abs(tustin - backward) <= _SAME * backward, abs(again - backward) <= _SAME * backward],
+        same,
         b=THEORETICAL.damping,
         converted=converted.damping,
         backward=backward,
@@ -245,9 +246,11 @@ def suits_high(published: Published) -> Evidence:
             " the wall."
         )
     highest = list(losses)[-_HIGH:]
+    cases = [name in inside for name in highest]
+    kept = [name for name in highest if name in inside]
     return evidence(
-        [*(name in inside for name in highest), *falls],
-        high=[name for name in highest if name in inside],
+        cases + falls,
+        high=kept,
         told=told,
         inside=inside,
         most=parts[-1],
@@ -257,20 +260,26 @@ def suits_high(published: Published) -> Evidence:
 
 def always_smaller(published: Published) -> Evidence:
     """Judge whether what is felt through the coupling is always below the virtual environment."""
-    shares = {wall.name: _share_below(published, wall) for wall in published.walls}
-    least = min(published.walls, key=lambda wall: shares[wall.name])
-    alone = np.abs(environment_impedance(LOOKED_AT, least.environment, published.period))
+    shares = {}
     cases = []
-    for fraction in shares.values():
+    for wall in published.walls:
+        fraction = _share_below(published, wall)
+        shares[wall.name] = fraction
         cases += [fraction > 0, fraction == 1.0]
+    least = min(published.walls, key=lambda wall: shares[wall.name])
+    with_it = published.felt(LOOKED_AT, least.environment, coupling=published.tuned)
+    alone = np.abs(environment_impedance(LOOKED_AT, least.environment, published.period))
+    always = [name for name, fraction in shares.items() if fraction == 1.0]
+    others = dict(shares)
+    del others[least.name]
     return evidence(
         cases,
-        always=[name for name, fraction in shares.items() if fraction == 1.0],
+        always=always,
         shares=shares,
         worst=least.name,
         least=shares[least.name],
-        others={name: fraction for name, fraction in shares.items() if name != least.name},
-        with_it=float(published.felt(LOOKED_AT, least.environment, coupling=published.tuned)),
+        others=others,
+        with_it=float(with_it),
         alone=float(alone),
     )
 

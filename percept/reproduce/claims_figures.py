@@ -117,8 +117,9 @@ def fig_7f(published: Published) -> Evidence:
     # device between.
     masses = np.array([0.0, MASSES[-1]])
     dampings = np.array([0.0, DAMPINGS[-1]])
+    cases = over_devices(published, panel, masses, dampings[:, None]).ravel()
     return evidence(
-        over_devices(published, panel, masses, dampings[:, None]).ravel(),
+        cases,
         wall=panel.wall,
         felt=felt,
         above=panel.wall.k / high - 1,
@@ -175,13 +176,11 @@ def arbitrary_model(published: Published) -> Evidence:
     for wall in published.walls:
         massless.append(_ends(published, wall, 0.0))
         resonant.append(_ends(published, wall, wall.k / LOOKED_AT**2))
-    return evidence(
-        [ends.right for ends in massless + resonant],
-        massless=sum(ends.right for ends in massless),
-        of=len(massless),
-        fine=[ends.name for ends in resonant if ends.right],
-        worst=max(resonant, key=lambda ends: ends.ratio),
-    )
+    cases = [ends.right for ends in massless + resonant]
+    right = [ends.name for ends in massless if ends.right]
+    fine = [ends.name for ends in resonant if ends.right]
+    worst = max(resonant, key=lambda ends: ends.ratio)
+    return evidence(cases, massless=len(right), of=len(massless), fine=fine, worst=worst)
 
 
 @dataclass(frozen=True)
@@ -229,6 +228,7 @@ def discrimination(published: Published) -> Evidence:
         widths[wall.name] = absolute_width(wall, published.period)
         relative_widths[wall.name] = relative_width(wall, published.period)
     relative = list(relative_widths.values())
+    percent = [100 * width for width in relative]
     wider = _rises(widths)
     means = "relative to the impedance"
     if wider:
@@ -237,7 +237,7 @@ def discrimination(published: Published) -> Evidence:
         [wider, _rises(relative_widths)],
         means=means,
         absolute=list(widths.values()),
-        percent=[100 * width for width in relative],
+        percent=percent,
         ratio=relative[0] / relative[-1],
         widths=widths,
         relative_widths=relative_widths,
@@ -311,9 +311,10 @@ def four_lines(published: Published) -> Evidence:
         ratios = magnitudes.max(axis=0) / magnitudes.min(axis=0)
         least[f"Fig. 7{letter}"] = float(ratios.min())
     worst = max(least, key=least.__getitem__)
+    hidden = [name for name, ratio in least.items() if ratio <= _LINE]
     return evidence(
-        [ratio <= _LINE for ratio in least.values()],
-        hidden=[name for name, ratio in least.items() if ratio <= _LINE],
+        [name in hidden for name in least],
+        hidden=hidden,
         thickness=_THICKNESS,
         line=_LINE,
         least=least,

@@ -220,10 +220,12 @@ def _names(published: Published) -> np.ndarray[tuple[int], np.dtype[np.str_]]:
 def _moments_of(published: Published, row: int) -> tuple[Moments, Moments]:
     """Return the moments of k and of b of one environment."""
     moments = published.limits.moments
-    mean = np.asarray(moments.mean)[row]
-    sd = np.asarray(moments.sd)[row]
     n = published.limits.n
-    return Moments(float(mean[0]), float(sd[0]), n), Moments(float(mean[1]), float(sd[1]), n)
+    means = np.asarray(moments.mean)[row].tolist()
+    sds = np.asarray(moments.sd)[row].tolist()
+    k = Moments(means[0], sds[0], n)
+    b = Moments(means[1], sds[1], n)
+    return k, b
 
 
 def mass_left_out(published: Published) -> Evidence:

@@ -60,8 +60,8 @@ class _Row:
     upper: str
     mean: float
     sd: float
-    user: tuple[float, float]  # Limits for the next user
-    share: tuple[float, float]  # Limits for a share of all users
+    user: list[float]  # Limits for the next user
+    share: list[float]  # Limits for a share of all users
 
 
 @dataclass(frozen=True)
@@ -178,27 +178,21 @@ def _document(
 ) -> _Document:
     """Put everything together, as claims.json holds it."""
     verdicts = [claim.verdict for claim in claims]
-    coupling = published.tuned
-    provenance = _Provenance(
-        versions,
-        [{"name": path.name, "sha256": _digest(path)} for path in published.files],
-        _device(published.device),
-        {"stiffness": float(coupling.stiffness), "damping": float(coupling.damping)},
-        published.period,
-    )
-    return _Document(
-        _SCHEMA,
-        provenance,
-        {verdict: verdicts.count(verdict) for verdict in get_args(Verdict)},
-        [{"number": number, **plain(claim)} for number, claim in enumerate(claims, start=1)],
-        _table(published),
-        _future(published, adapted),
-        misprints(),
-    )
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    counts = {verdict: verdicts.count(verdict) for verdict in get_args(Verdict)}
+    numbered = []
+    for number, claim in enumerate(claims, start=1):
+        numbered.append({"number": number, **plain(claim)})
+    files = []
+    for path in published.files:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        files.append({"name": path.name, "sha256": digest})
+    tuned = published.tuned
+    coupling = {"stiffness": float(tuned.stiffness), "damping": float(tuned.damping)}
+    device = _device(published.device)
+    provenance = _Provenance(versions, files, device, coupling, published.period)
+    table = _table(published)
+    future = _future(published, adapted)
+    return _Document(_SCHEMA, provenance, counts, numbered, table, future, misprints())
 
 
 def _device(device: Device) -> dict[str, float]:
@@ -211,28 +205,27 @@ def _table(published: Published) -> list[_Row]:
     moments = limits.moments
     user = prediction_interval(moments, level=limits.level)
     share = tolerance_interval(moments, level=limits.level)
-    again = limits_printed(published)
+    mean = np.asarray(moments.mean)
+    sd = np.asarray(moments.sd)
+    # (environments, quantities, 2): lower and upper.
+    of_user = np.stack([np.asarray(user.lower), np.asarray(user.upper)], axis=-1)
+    of_share = np.stack([np.asarray(share.lower), np.asarray(share.upper)], axis=-1)
     rows = []
-    for number, (i, p) in enumerate(np.ndindex(len(limits.environments), len(limits.parameters))):
-
-        def cell(values: object, at: tuple[int, int] = (i, p)) -> float:
-            return float(np.asarray(values)[at])
-
-        parameter = limits.parameters[p]
+    for row, (i, p) in zip(limits_printed(published), np.ndindex(mean.shape), strict=True):
         rows.append(
             _Row(
-                limits.environments[i],
-                parameter,
-                IMPEDANCE[parameter].unit,
+                row.environment,
+                row.parameter,
+                IMPEDANCE[row.parameter].unit,
                 str(limits.reference[i][p]),
                 str(limits.lower[i][p]),
                 str(limits.upper[i][p]),
-                again[number].lower,
-                again[number].upper,
-                cell(moments.mean),
-                cell(moments.sd),
-                (cell(user.lower), cell(user.upper)),
-                (cell(share.lower), cell(share.upper)),
+                row.lower,
+                row.upper,
+                float(mean[i, p]),
+                float(sd[i, p]),
+                of_user[i, p].tolist(),
+                of_share[i, p].tolist(),
             )
         )
     return rows
@@ -261,14 +254,11 @@ def _claims_csv(claims: Sequence[Claim]) -> str:
         for quantity in claim.numbers:
             value = plain(quantity.value)
             others.append(f"{quantity.name} = {value!r} {quantity.unit}".rstrip())
+        row = {"number": number, **plain(claim), "numbers": "; ".join(others)}
         margin = claim.margin
-        row = {"number": number, **plain(claim)}
-        row |= {
-            "margin": None if margin is None else margin.value,
-            "numbers": "; ".join(others),
-            "margin_name": "" if margin is None else margin.name,
-            "margin_unit": "" if margin is None else margin.unit,
-        }
+        row["margin"] = margin.value if margin else None
+        row["margin_name"] = margin.name if margin else ""
+        row["margin_unit"] = margin.unit if margin else ""
         rows.append(row)
     return pd.DataFrame(rows).to_csv(index=False, lineterminator="\n")
 

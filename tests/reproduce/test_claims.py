@@ -1,6 +1,8 @@
 """Every verdict against a computation of its own: plain arithmetic, dense scans, linear programs, mpmath."""
 
 import math
+import pkgutil
+import re
 from dataclasses import replace
 
 import mpmath
@@ -144,6 +146,12 @@ EXPECTED = {
 
 
 ENTRIES = {sentence.name: sentence for sentence in sentences()}
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+def test_a_source_is_there(name):
+    for dotted in re.findall(r"percept(?:\.\w+)+", ENTRIES[name].source):
+        assert pkgutil.resolve_name(dotted) is not None
 
 
 def judged(name, published):
