@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -31,7 +31,10 @@ from percept.report.select import (
     kind_names,
     quantities_of,
 )
-from percept.results import Coupling, SubjectCheck
+from percept.results.plain import plain
+from percept.study import Study
+from percept.study.basics import select
+from percept.study.results import data_of
 
 # Names are the user's: a dollar sign among them begins no formula.
 _STYLE: Any = {"text.parse_math": False, "axes.formatter.use_mathtext": False}
@@ -40,9 +43,12 @@ _LEVEL = 0.99
 
 
 def plot_intervals(
-    document: Record, parameters: Sequence[str], kinds: Sequence[str], ax: Axes | None
+    study: Study, parameter: str | None, *, kinds: Collection[str] | None, ax: Axes | None
 ) -> Axes:
-    """Draw a row per environment, of several quantities a row per quantity and environment."""
+    """Draw a row per environment, of all quantities a row per quantity and environment."""
+    parameters = select("parameter", parameter, study.parameters)
+    kinds = select("kind", kinds, study.scene.inference.kinds)
+    document = _document(study, intervals=plain(study.intervals))
     quantities, log = quantities_of(document), families_of(document)[0] == "lognormal"
     differences = compared_by_difference(document["intervals"]).intersection(parameters)
     if differences and len(parameters) > 1:
@@ -52,7 +58,7 @@ def plot_intervals(
         )
     rows, bars, values = [], [], []
     for name in parameters:
-        for environment in document["data"]["environments"]:
+        for environment in study.environments:
             label = (
                 environment if len(parameters) == 1 else f"{environment}, {quantities[name].label}"
             )
@@ -74,7 +80,7 @@ def plot_intervals(
             bars,
             values,
             log=log and relative,
-            subject=document["data"]["words"]["subject"][0],
+            subject=study.scene.study.subject[0],
             names=kind_names(document),
             centre=1.0 if relative else 0.0,
         )
@@ -87,12 +93,16 @@ def plot_intervals(
         return _legend(ax, loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
-def plot_boundary(document: Record, environment: str, kind: str, ax: Axes | None) -> Axes:
+def plot_boundary(study: Study, environment: str, *, kind: str | None, ax: Axes | None) -> Axes:
     """Draw the boundaries of both methods in one family and shape, with the reference."""
-    if not document["boundaries"]:
+    if not study.boundaries:
         raise _nothing("boundary")
-    rows = [row for row in document["boundaries"] if each_by_itself(row)]
-    limits = like_limits(rows, kind, families_of(document))
+    (environment,) = select("environment", environment, study.with_reference)
+    kinds = study.scene.inference.kinds
+    (kind,) = select("kind", kind or ("user" if "user" in kinds else kinds[0]), kinds)
+    rows = [plain(boundary) for boundary in study.boundaries if boundary.environment == environment]
+    rows = [row for row in rows if each_by_itself(row)]
+    limits = like_limits(rows, kind, families_of(_document(study)))
     if not limits:
         raise _nothing(f"boundary of kind {kind} around {environment}")
     with rc_context(_STYLE):
@@ -102,9 +112,9 @@ def plot_boundary(document: Record, environment: str, kind: str, ax: Axes | None
         return _legend(ax)
 
 
-def plot_band(document: Record, parameter: str | None, ax: Axes | None) -> Axes:
+def plot_band(study: Study, parameter: str | None, *, ax: Axes | None) -> Axes:
     """Draw bands and their laws."""
-    band = document["band"]
+    band = plain(study.band)
     if not band or not band["rows"]:
         raise _nothing("band")
     there = list(dict.fromkeys(row.get("parameter") for row in band["rows"]))
@@ -112,7 +122,7 @@ def plot_band(document: Record, parameter: str | None, ax: Axes | None) -> Axes:
         raise UsageError(
             "there is no band of it.", value=parameter, hint="A band of impedance has no parameter."
         )
-    kind, grid, series, words = band_series(document, parameter or there[0])
+    kind, grid, series, words = band_series(_document(study, band=band), parameter or there[0])
     with rc_context(_STYLE):
         ax = _axes(ax)
         draw_band(ax, grid, series, **words)
@@ -120,23 +130,24 @@ def plot_band(document: Record, parameter: str | None, ax: Axes | None) -> Axes:
         return _legend(ax)
 
 
-def plot_coupling(coupling: Coupling | None, ax: Axes | None) -> Axes:
+def plot_coupling(study: Study, *, ax: Axes | None) -> Axes:
     """Draw the criterion's bound, the coupling's admittance, and where it binds."""
-    if coupling is None:
+    found = study.coupling
+    if found is None:
         raise _nothing("coupling to plot")
     with rc_context(_STYLE):
         ax = _axes(ax)
-        drawn = {"this coupling": (coupling.admittance, coupling.binding_omega)}
-        draw_stability(ax, coupling.omega, coupling.bound, drawn)
-        ax.set_title(f"{coupling.verdict}, margin {coupling.margin:.3g}")
+        coupling = {"this coupling": (found.admittance, found.binding_omega)}
+        draw_stability(ax, found.omega, found.bound, coupling)
+        ax.set_title(f"{found.verdict}, margin {found.margin:.3g}")
         return ax
 
 
-def plot_check(subjects: Sequence[SubjectCheck], ax: Axes | None) -> Axes:
+def plot_check(study: Study, *, ax: Axes | None) -> Axes:
     """Draw the ordered probabilities of lying as far off against a uniform law's."""
-    if not subjects:
+    if study.checks is None:
         raise _nothing("check of a hierarchical model")
-    subjects = sorted(subjects, key=lambda subject: subject.farther)
+    subjects = study.checks.loo.subjects.sort_values("farther", kind="stable")
     count, rank = len(subjects), np.arange(1, len(subjects) + 1)
     # The order statistics of independent uniform numbers have Beta laws.
     low, high = (
@@ -157,19 +168,25 @@ def plot_check(subjects: Sequence[SubjectCheck], ax: Axes | None) -> Axes:
         ax.plot([0, 1], [0, 1], color=COLOURS["ink"], linestyle=(0, (7, 3)), linewidth=0.8)
         ax.plot(
             expected,
-            [subject.farther for subject in subjects],
+            subjects["farther"],
             marker="D",
             linestyle="none",
             color=COLOURS["bayesian"],
             label="subjects",
         )
-        for x, subject in zip(expected, subjects, strict=True):
-            if subject.outlier:
-                point = (x, subject.farther)
-                ax.annotate(subject.subject, point, xytext=(4, 0), textcoords="offset points")
+        outliers = subjects["outlier"].to_numpy(dtype=bool)
+        for x, row in zip(expected[outliers], subjects[outliers].to_dict("records"), strict=True):
+            at = (x, row["farther"])
+            ax.annotate(str(row["subject"]), at, xytext=(4, 0), textcoords="offset points")
         ax.set_xlabel("expected probability")
         ax.set_ylabel("probability of lying as far off")
         return _legend(ax)
+
+
+def _document(study: Study, **results: Any) -> Record:
+    """Return the part of a report's document that a figure is drawn from."""
+    scene = {"scene": plain(study.scene.to_dict())}
+    return {"provenance": scene, "data": plain(data_of(study.sessions, study.scene)), **results}
 
 
 def _nothing(what: str) -> RefusalError:

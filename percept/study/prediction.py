@@ -31,8 +31,6 @@ from percept.study.responses import ResponseScale, refuse_no_ratio
 if TYPE_CHECKING:
     from percept.study.study import Study
 
-__all__ = ["NewEstimands", "Prediction", "expected_users", "predict"]
-
 #: Name of the environment.
 _NEW = "new"
 # Spreads of the new environment per posterior draw.
@@ -125,11 +123,9 @@ def predict(
             hint="Leave it out.",
         )
     reference = np.array([_positive(quantities[p], given.get(p)) for p in study.parameters])
-    refuse_no_ratio(study.parts.reference, quantities, why=_NO_PLACE)
+    refuse_no_ratio(study.reference, quantities, why=_NO_PLACE)
     fit, log = _fit(study), np.log10(reference)
-    tested = np.log10(
-        [[study.parts.reference[p, e] for e in fit.environments] for p in study.parameters]
-    )
+    tested = np.log10([[study.reference[p, e] for e in fit.environments] for p in study.parameters])
     x = log - tested.mean(axis=1)
     expected = expected_users(fit, x, asked)
     limits = {kind: _limits(fit, expected, kind, asked) for kind in asked.kinds}
@@ -137,9 +133,7 @@ def predict(
         # The fit's draws were enough for the environments tested: sample until they are for this
         # one.
         target = NewEstimands(estimands_of(fit.model, asked), x, _REPEATS, asked.seed)
-        run = sampled(
-            fit.model, asked, target, progress=study.parts.progress, store=study.parts.store
-        )
+        run = sampled(fit.model, asked, target, progress=study.progress, store=study.store)
         if run.gate.passed:
             fit = dataclasses.replace(fit, run=run)
             expected = expected_users(fit, x, asked)
@@ -154,12 +148,12 @@ def predict(
     intervals = pd.DataFrame(_rows(fit, expected, scale, asked, limits))
     boundaries: tuple[Boundary, ...] = ()
     skipped: tuple[Skipped, ...] = ()
-    if study.parts.setup is not None and is_impedance(study.parameters):
+    if study.setup is not None and is_impedance(study.parameters):
         laws = [] if study.sessions.form == "summary" else list(_laws(fit, expected, scale, asked))
         environment = haptics.Environment(
             stiffness=float(reference[0]), damping=float(reference[1]), mass=mass
         )
-        setup = dataclasses.replace(study.parts.setup, references={_NEW: environment})
+        setup = dataclasses.replace(study.setup, references={_NEW: environment})
         regions = regions_of(intervals, laws, None, asked)
         drawing = BoundaryDrawing(setup, regions, laws, study.scene.frequency, asked.tolerance)
         boundaries = drawing.at(None, [_NEW], asked.kinds)

@@ -42,12 +42,13 @@ def test_a_study_works_out_nothing_that_the_scene_leaves_out(scene, left_out):
     ("scene", "method", "imports", "stages", "coordinates"),
     [
         ("one parameter", "classical", PAGE, {"intervals", "coupling", "band"}, 0),
-        (
+        pytest.param(
             "one parameter",
             "both",
             SAMPLER | PAGE,
             {"intervals", "fit", "posterior", "coupling", "band"},
             10,
+            marks=pytest.mark.evidence,
         ),
     ],
 )

@@ -34,7 +34,7 @@ from percept.calibration.judge import (
 from percept.cluster import on_cluster
 from percept.sessions import ReadOptions, Sessions
 from percept.simulate.model import Hyperparameters, TrueValues
-from tests import DATASETS
+from tests import DATASETS, LONG
 from tests.workers.clusters import QUIET, in_threads
 
 PLAN = CoveragePlan(
@@ -68,9 +68,12 @@ def found(rows: pd.DataFrame, **wanted: str) -> Any:
 @pytest.fixture(scope="module")
 def rows() -> pd.DataFrame:
     values = fixed_values(spread=1.5, environments=2)
-    return coverage(dataclasses.replace(PLAN, references=PLAN.references[:2], values=values), 40)
+    studies = 200 if LONG else 24
+    plan = dataclasses.replace(PLAN, references=PLAN.references[:2], values=values)
+    return coverage(plan, studies)
 
 
+@pytest.mark.evidence(reduced=True)
 def test_classical_coverage_is_the_stated_one_in_the_right_family(rows: pd.DataFrame) -> None:
     for kind in ("mean", "user", "share"):
         row = found(rows, claim="interval", kind=kind, family="lognormal", joint="marginal")
@@ -78,12 +81,14 @@ def test_classical_coverage_is_the_stated_one_in_the_right_family(rows: pd.DataF
         assert abs(row.held - row.stated) < 4 * row.error
 
 
+@pytest.mark.evidence(reduced=True)
 def test_the_wrong_family_is_caught(rows: pd.DataFrame) -> None:
     """Users with an SD of 1.5 of the logarithm are so skewed that the t-interval of their mean misses it."""
     row = found(rows, claim="interval", kind="mean", family="normal", joint="marginal")
     assert row.held < 0.9 - 4 * row.error
 
 
+@pytest.mark.evidence(reduced=True)
 def test_region_boundaries_hold_whole_curves_at_their_level_and_pointwise_ones_less(
     rows: pd.DataFrame,
 ) -> None:
@@ -199,7 +204,7 @@ def test_fitted_values_are_those_of_the_fit() -> None:
         assert getattr(truth.hyper, name) == pytest.approx(named[name].mean())
     np.testing.assert_allclose(truth.hyper.alpha + truth.delta, truth.beta, atol=1e-12)
     np.testing.assert_allclose(truth.sigma.T, named["sigma"].mean(axis=0), rtol=1e-12)
-    reference = np.array([study.parts.reference[cell] for cell in model.cells])
+    reference = np.array([study.reference[cell] for cell in model.cells])
     # Estimates are of all kept draws, and good to 0.2 of half-widths of some tenths.
     centre = np.log(study.fit.estimate / reference).reshape(2, -1)
     np.testing.assert_allclose(truth.beta.T, centre, atol=0.02)

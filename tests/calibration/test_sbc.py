@@ -27,6 +27,7 @@ from percept.errors import UsageError
 from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
 from percept.inference.sampling.moves import ReferenceLaw, standard_moves
 from percept.provenance import made_by
+from tests import LONG
 from tests.workers.clusters import QUIET
 
 PLAN = SbcPlan(design="one environment")
@@ -49,10 +50,12 @@ def uniform_places(count, names, seed=0):
     return [placed_at(dict(zip(names, rng.random(len(names)), strict=True))) for _ in range(count)]
 
 
+@pytest.mark.evidence(reduced=True)
 def test_right_density_stays_inside():
-    found = calibrate(PLAN, 8)
+    fits = 100 if LONG else 5
+    found = calibrate(PLAN, fits)
     assert found.failed == 0
-    assert found.fits == 8
+    assert found.fits == fits
     assert found.outside == ()
     names = {one.quantity.split("[")[0] for one in found.quantities}
     assert names == {"sigma", "rho_w", "beta", "mean", "user"}
@@ -70,9 +73,16 @@ def with_a_narrow_prior(statistics, priors):
     return CollapsedDensity(statistics, dataclasses.replace(priors, log_s_sd=0.1 * priors.log_s_sd))
 
 
-@pytest.mark.parametrize("density", [with_a_narrow_prior, WithoutJacobian])
-def test_wrong_density_is_caught(density):
-    found = judged(PLAN, [place_study(PLAN, index, density) for index in range(10)])
+@pytest.mark.evidence(reduced=True)
+@pytest.mark.parametrize(
+    ("density", "fits"),
+    [(with_a_narrow_prior, 6), (WithoutJacobian, 10)],
+    ids=["prior", "jacobian"],
+)
+def test_wrong_density_is_caught(density, fits):
+    found = judged(
+        PLAN, [place_study(PLAN, index, density) for index in range(40 if LONG else fits)]
+    )
     assert any(name.startswith("sigma") for name in found.outside)
 
 

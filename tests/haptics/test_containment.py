@@ -14,6 +14,7 @@ from percept.haptics import (
 from percept.haptics.containment import ON_LIMIT, Boxes, departures, plane_departures
 from percept.haptics.forms import Form, Squares
 from percept.haptics.records import Display
+from tests import LONG
 from tests.haptics.scenes import (
     LOWER,
     PERIOD,
@@ -25,11 +26,12 @@ from tests.haptics.scenes import (
     scenes,
 )
 
-OMEGA = np.geomspace(LOWER, UPPER, 20_000)
+OMEGA = np.geomspace(LOWER, UPPER, 20_000 if LONG else 10_000)
 
 
+@pytest.mark.evidence(reduced=True)
 def test_no_point_of_a_grid_contradicts_a_verdict():
-    every = list(scenes(20, 11))
+    every = list(scenes(200 if LONG else 20, 11))
     found = [contradiction(scene, OMEGA) for scene in every]
     assert [wrong for wrong, _ in found if wrong] == []
     planted = {scene.planted for scene in every}

@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from percept.errors import UsageError
 from percept.sessions import ReadOptions, Sessions, read_sessions
 from percept.sessions.values import fold
+from tests import LONG
 from tests.sessions.dialects import WRITERS, Trial, delimited, frame
 
 NUMBERS = ("k_ref", "b_ref", "k_adj", "b_adj")
@@ -57,7 +58,8 @@ def same(sessions, trials):
             assert math.isnan(got) if missing else got == expected
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@pytest.mark.evidence(reduced=True)
+@settings(max_examples=1500 if LONG else 40, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     trials=studies(),
     delimiter=st.sampled_from([",", ";", "\t", "|"]),
@@ -135,7 +137,8 @@ def test_tools(tmp_path_factory, name, trials):
         same(sessions, trials)
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@pytest.mark.evidence(reduced=True)
+@settings(max_examples=400 if LONG else 15, deadline=None, suppress_health_check=list(HealthCheck))
 @given(trials=studies())
 def test_own_csv_is_never_refused(tmp_path_factory, trials):
     want = Sessions.from_frame(frame(trials))

@@ -15,7 +15,7 @@ from percept.inference.checks.left_out import Loo, Predicted
 from percept.study.basics import Skipped
 from percept.study.checks import subject_tables, trial_noise_p_value
 from percept.study.responses import ResponseScale, Trials
-from tests import DATASETS
+from tests import DATASETS, LONG
 from tests.study.checked import study_of, table_of
 
 
@@ -134,11 +134,13 @@ def test_trial_noise_is_the_cause_only_where_a_test_shows_that_it_differs():
     )
 
 
+@pytest.mark.evidence(reduced=True)
 def test_the_test_of_trial_noise_keeps_its_size():
     """Trials of unequal counts, environments of unequal noise, heavy tails: p-values stay uniform."""
     rng = np.random.default_rng(8)
     found = []
-    for _ in range(300):
+    studies = 2000 if LONG else 150
+    for _ in range(studies):
         counts = rng.integers(1, 5, size=(8, 3))
         cells = np.repeat(np.indices(counts.shape).reshape(2, -1), counts.ravel(), axis=1)
         noise = (
@@ -146,7 +148,7 @@ def test_the_test_of_trial_noise_keeps_its_size():
         )
         found.append(trial_noise_p_value(trials_of(noise, *cells)))
     rejected = np.mean(np.array(found) < 0.05)
-    assert rejected < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / 300)
+    assert rejected < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / studies)
     assert (
         trial_noise_p_value(trials_of(np.zeros((2, 1)), np.array([0, 1]), np.array([0, 0]))) == 1.0
     )

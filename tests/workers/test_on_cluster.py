@@ -5,6 +5,7 @@ import re
 import signal
 import threading
 import time
+import types
 from pathlib import Path
 
 import pytest
@@ -63,7 +64,7 @@ def given_up(path):
     lives = Path(path).read_text()
     if lives:
         Path(path).write_text(lives[1:])
-        raise distributed.KilledWorker("job", None, 3)
+        raise distributed.KilledWorker("job", types.SimpleNamespace(address="tcp://gone"), 3)
     return "alive"
 
 

@@ -45,7 +45,23 @@ without_peers = pytest.mark.skipif(
 
 @without_peers
 def test_what_is_not_installed_is_left_out_and_its_extra_named(tmp_path, capsys):
-    """A whole quick benchmark of what is installed."""
+    words = ["--engines", "percept", "nutpie", "--rows", "published", "--quick", "--repeats", "0"]
+    assert main(["bench", "peers", *words, "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().err
+    assert "nutpie, written plainly: left out, nutpie, pymc" in said
+    assert "pip install 'percept[peers]'" in said
+    found = json.loads((tmp_path / "benchmark.json").read_text(encoding="utf-8"))
+    assert [one["name"] for one in found["engines"]] == ["percept"]
+    assert [one["name"] for one in found["left_out"]] == ["nutpie, written plainly"]
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert (
+        "Left out, since packages are not installed here: nutpie, written plainly (nutpie" in text
+    )
+
+
+@pytest.mark.evidence
+@without_peers
+def test_a_whole_quick_benchmark_of_what_is_installed(tmp_path, capsys):
     out = tmp_path / "out"
     words = [
         "bench",

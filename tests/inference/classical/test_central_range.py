@@ -10,6 +10,7 @@ from scipy import special
 from percept.errors import RefusalError, UsageError
 from percept.inference.classical.central_range import central_range_confidence
 from percept.inference.classical.moments import Moments
+from tests import LONG
 
 LEVEL = 0.99
 HALF_WIDTH = -special.ndtri(0.5 * (1.0 - LEVEL))
@@ -50,7 +51,8 @@ def confidences(n, offset, rng):
     return central_range_confidence(np.full(STUDIES, offset), users, level=LEVEL)
 
 
-@pytest.mark.parametrize("n", [2, 5, 10, 30])
+@pytest.mark.evidence(reduced=True)
+@pytest.mark.parametrize("n", [2, 5, 10, 30] if LONG else [2, 10])
 def test_errors_at_the_edge_and_beyond(n):
     error = math.sqrt(DECISION * (1.0 - DECISION) / STUDIES)
     rng = np.random.default_rng(n)
