@@ -265,11 +265,3 @@ class DistancePlane(NamedTuple):
         """Return the (k, b) at which Z_h vanishes; infinite where there is none."""
         k = ratio(self.imaginary, self.per_rate, empty=np.inf)
         return Point(k, ratio(-self.real, self.gain, empty=np.inf))
-
-
-def distance_axes(
-    grid: Warp, device: AnyDevice, hold: str, mass: Scalars = 0.0
-) -> tuple[FloatArray, FloatArray, Held]:
-    """Return the plane's real and imaginary part, and the hold."""
-    plane = DistancePlane.of(grid, device, hold, mass)
-    return plane.real, plane.imaginary, grid.held(hold)
