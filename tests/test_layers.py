@@ -24,7 +24,7 @@ ALLOWED = {
     "results": {"haptics", "sessions", "html", "errors"},
     "boundary": {"results", "haptics", "inference", "html", "errors"},
     "scene": {"sessions", "inference", "html", "errors"},
-    "study": (_ANALYSIS - {"study"}) | {"report"},
+    "study": (_ANALYSIS - {"study"}) | {"report", "plots"},
     "cache": {"inference", "files", "errors"},
     "workers": {"errors"},
     "cluster": {"cache", "workers", "errors"},
@@ -35,11 +35,11 @@ ALLOWED = {
     "batch": {"batch_folder", "study", "sessions", "scene", "workers", "cache", "errors"},
     "report": (_ANALYSIS - {"study"}) | {"files", "provenance", "__version__"},
     "reproduce": _ANALYSIS | {"files", "provenance", "report", "simulate"},
-    "plots": {"report", "results", "study", "errors"},
+    "plots": {"report", "results", "errors"},
 }
 #: What a part looks up by name when it is called, though it lies above: a study shows itself
 #: through these.
-LOOKED_UP = {"study": {"percept.plots"}}
+LOOKED_UP: dict[str, set[str]] = {}
 #: The ends, which may import everything, and which nothing but an end imports.
 ENDS = {"cli", "commands", "bench", "__main__", "__init__"}
 #: Packages that are not Python's own, for the parts that have to stay light or pure.

@@ -245,7 +245,7 @@ def _realism(records: Sequence[Record], family: str) -> dict[str, Any] | None:
     return {"family": family, "columns": columns, "rows": rows}
 
 
-def _by_method(records: list[Record]) -> list[dict[str, Any]]:
+def _by_method(records: Sequence[Record]) -> list[dict[str, Any]]:
     """Return a row per environment and kind, with the pointer of each method's record."""
     return [
         {

@@ -5,15 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import UsageError
+from percept.results import Nouns, Results
 from percept.sessions.quantities import IMPEDANCE, Quantity
 
 Record = Mapping[str, Any]
+R = TypeVar("R")
 
 _WORDS = re.compile(r"\b([Aa]n? )?((?:[Ee]nvironment|[Ss]ubject|[Uu]ser)s?)\b")
 #: Joint treatments of the main account: k and b each at the level asked for, or drawn together.
@@ -34,9 +36,9 @@ class Section:
     values: Record  # What the template reads
 
 
-def kind_names(document: Record) -> dict[str, str]:
+def kind_names(words: Nouns | Record) -> dict[str, str]:
     """Name the kinds of interval in the study's word for users."""
-    user, users = document["data"]["words"]["user"]
+    user, users = _field(words, "user")
     return {"mean": f"average {user}", "user": f"next {user}", "share": f"share of {users}"}
 
 
@@ -70,15 +72,20 @@ def worded(text: str, words: Mapping[str, Sequence[str]]) -> str:
     return _WORDS.sub(own, text)
 
 
-def family_of(document: Record) -> str:
+def family_of(results: Results | Record) -> str:
     """Return the family of the study's own model."""
-    scene = document["provenance"]["scene"]
+    scene = _field(_field(results, "provenance"), "scene")
     return str(scene.get("inference", {}).get("family", "lognormal"))
 
 
-def families_of(document: Record) -> tuple[str, ...]:
+def families_of(results: Results | Record) -> tuple[str, ...]:
     """Return the families in order of preference, the study's own first."""
-    return tuple(dict.fromkeys((family_of(document), "lognormal", "normal")))
+    return preferred_families(family_of(results))
+
+
+def preferred_families(family: str) -> tuple[str, ...]:
+    """Return the families in order of preference, a study's own first."""
+    return tuple(dict.fromkeys((family, "lognormal", "normal")))
 
 
 def array(values: Sequence[Any] | None) -> NDArray[np.float64]:
@@ -88,31 +95,37 @@ def array(values: Sequence[Any] | None) -> NDArray[np.float64]:
     )
 
 
-def distinct(records: Iterable[Record], name: str) -> list[Any]:
+def _field(record: Any, name: str) -> Any:
+    """Return a field of a record; None where it has none of this name."""
+    return record.get(name) if isinstance(record, Mapping) else getattr(record, name, None)
+
+
+def distinct(records: Iterable[Any], name: str) -> list[Any]:
     """Return the different values of a field, in order of first appearance."""
-    return list(dict.fromkeys(record[name] for record in records))
+    return list(dict.fromkeys(_field(record, name) for record in records))
 
 
-def each_by_itself(record: Record) -> bool:
+def each_by_itself(record: Any) -> bool:
     """Say whether a boundary is of the main account: not widened so that k and b hold together."""
-    return record["joint"] in EACH_BY_ITSELF
+    return _field(record, "joint") in EACH_BY_ITSELF
 
 
-def compared_by_difference(records: Iterable[Record]) -> set[str]:
+def compared_by_difference(records: Iterable[Any]) -> set[str]:
     """Return quantities with a reference of zero or below: a ratio to it would turn round or fail."""
-    return {
-        record["parameter"]
-        for record in records
-        if record["reference"] is not None and record["reference"] <= 0
-    }
+    parameters = set()
+    for record in records:
+        reference = _field(record, "reference")
+        if reference is not None and reference <= 0:
+            parameters.add(_field(record, "parameter"))
+    return parameters
 
 
-def matching(records: Iterable[Record], **wanted: Any) -> list[Record]:
+def matching(records: Iterable[R], **wanted: object) -> list[R]:
     """Return the records whose fields have these values."""
     return [
         record
         for record in records
-        if all(record.get(name) == value for name, value in wanted.items())
+        if all(_field(record, name) == value for name, value in wanted.items())
     ]
 
 
@@ -149,16 +162,18 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join(text for text in (", ".join(names[:-1]), *names[-1:]) if text)
 
 
-def first(records: Iterable[Record], **preferred: Sequence[Any]) -> Record | None:
+def first(records: Iterable[R], **preferred: Sequence[object]) -> R | None:
     """Return the record that stands highest in every preference, earlier fields weighing more."""
     accepted = [
         record
         for record in records
-        if all(record.get(name) in values for name, values in preferred.items())
+        if all(_field(record, name) in values for name, values in preferred.items())
     ]
     return min(
         accepted,
-        key=lambda record: [values.index(record[name]) for name, values in preferred.items()],
+        key=lambda record: [
+            values.index(_field(record, name)) for name, values in preferred.items()
+        ],
         default=None,
     )
 

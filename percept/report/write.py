@@ -121,7 +121,7 @@ def fill_report(
     """
     # A fit needs none of these, and matplotlib is slow to import.
     from percept.report.basis import bibtex
-    from percept.report.figures.from_document import drawings
+    from percept.report.figures.of_results import drawings
     from percept.report.figures.output import draw_all
     from percept.report.page import render_page
 
@@ -137,7 +137,7 @@ def fill_report(
         step("posterior")
         write_posterior(posterior, folder / "posterior.nc")
     step("figures")
-    plots = draw_all(drawings(document), folder / "figures", formats=formats)
+    plots = draw_all(drawings(results), folder / "figures", formats=formats)
     step("page")
     files = {path.name for path in (*folder.iterdir(), *(folder / "tables").iterdir())}
     today = datetime.date.today().isoformat()

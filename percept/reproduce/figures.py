@@ -11,8 +11,8 @@ from percept.haptics.impedance import coupling_admittance
 from percept.haptics.limits import stable_region
 from percept.haptics.stability import coupling_bound
 from percept.report.figures.canvas import COLOURS, Drawing, legend, log_scale, panels
+from percept.report.figures.couplings import CouplingMarks, draw_design
 from percept.report.figures.curves import Limits, draw_magnitude, draw_stability
-from percept.report.figures.marks import draw_design
 from percept.reproduce import devices
 from percept.reproduce.devices import (
     DAMPINGS,
@@ -234,7 +234,7 @@ def _design(published: Published, adapted: Adapted) -> Drawing:
         edge = stable_region(damping, published.period, points=65)
         axes = panels(figure, len(regions), columns=3, bottom=17)
         for ax, name, region in zip(axes, names, regions, strict=True):
-            draw_design(ax, region.damping, region.intervals, stable=edge, coupling=tuned)
+            draw_design(ax, region.damping, region.intervals, CouplingMarks(edge, tuned))
             ax.set_title(name, loc="left")
         for ax in axes[::3]:
             ax.set_ylabel("coupling damping (N·s/m)")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import importlib
 from collections.abc import Callable, Collection
 from functools import cached_property
 from pathlib import Path
@@ -22,6 +21,7 @@ from percept.results import (
     Diagnostics,
     IntervalRow,
     Ladder,
+    LeftOut,
     MethodPair,
     Passivity,
     Results,
@@ -254,30 +254,64 @@ class StudyViews:
         return Path(directory) / "report.html"
 
     def plot_intervals(
-        self, parameter: str | None = None, *, kinds: Collection[str] | None = None, ax: Any = None
+        self: Any,
+        parameter: str | None = None,
+        *,
+        kinds: Collection[str] | None = None,
+        ax: Any = None,
     ) -> Any:
         """Plot intervals divided by their references: of every parameter and kind, or of those named."""
-        return _plots().plot_intervals(self, parameter, kinds=kinds, ax=ax)
+        from percept.plots import plot_intervals
 
-    def plot_boundary(self, environment: str, *, kind: str | None = None, ax: Any = None) -> Any:
+        intervals = self.intervals.assign(covers=self.interpretation["covers"])
+        return plot_intervals(
+            rows(IntervalRow, intervals),
+            data_of(self.sessions, self.scene),
+            parameters=select("parameter", parameter, self.parameters),
+            kinds=select("kind", kinds, self.scene.inference.kinds),
+            family=self.scene.inference.family,
+            ax=ax,
+        )
+
+    def plot_boundary(
+        self: Any, environment: str, *, kind: str | None = None, ax: Any = None
+    ) -> Any:
         """Plot boundaries of abs(Z_h), N·s/m, over omega, rad/s, for one kind: the next user by default."""
-        return _plots().plot_boundary(self, environment, kind=kind, ax=ax)
+        from percept.plots import plot_boundary
 
-    def plot_band(self, parameter: str | None = None, *, ax: Any = None) -> Any:
+        kinds = self.scene.inference.kinds
+        (kind,) = select("kind", kind or ("user" if "user" in kinds else kinds[0]), kinds)
+        boundaries = boundaries_of(self.boundaries)
+        if boundaries:
+            (environment,) = select("environment", environment, self.with_reference)
+        return plot_boundary(
+            boundaries, environment, kind, family=self.scene.inference.family, ax=ax
+        )
+
+    def plot_band(self: Any, parameter: str | None = None, *, ax: Any = None) -> Any:
         """Plot bands and their laws against the environment's impedance, or a parameter's reference."""
-        return _plots().plot_band(self, parameter, ax=ax)
+        from percept.plots import plot_band
 
-    def plot_coupling(self, *, ax: Any = None) -> Any:
+        band = record(Band, self.band)
+        data = data_of(self.sessions, self.scene)
+        return plot_band(band, data, parameter, family=self.scene.inference.family, ax=ax)
+
+    def plot_coupling(self: Any, *, ax: Any = None) -> Any:
         """Plot the stability criterion of the coupling (Eq. 10) over omega, rad/s."""
-        return _plots().plot_coupling(self, ax=ax)
+        from percept.plots import plot_coupling
 
-    def plot_check(self, *, ax: Any = None) -> Any:
+        return plot_coupling(record(Coupling, self.coupling), ax=ax)
+
+    def plot_check(self: Any, *, ax: Any = None) -> Any:
         """Plot how far each subject lies from what the others predict.
 
         In a model that holds, the probabilities of lying as far off are uniform. The shaded band
         holds each ordered probability of independent subjects with probability 0.99.
         """
-        return _plots().plot_check(self, ax=ax)
+        from percept.plots import plot_check
+
+        loo = None if self.checks is None else record(LeftOut, self.checks.loo)
+        return plot_check(None if loo is None else loo.subjects, ax=ax)
 
     def __repr__(self) -> str:
         adjusted = " and ".join(self.sessions.parameters)
@@ -307,8 +341,3 @@ class StudyViews:
 
 def _silent(step: str) -> None:
     """Tell nobody of a step."""
-
-
-def _plots() -> Any:
-    """Return the module of plots, which lies above: the drawing library waits for whoever draws."""
-    return importlib.import_module("percept.plots")

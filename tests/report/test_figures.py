@@ -13,29 +13,21 @@ from matplotlib.figure import Figure
 from percept import haptics
 from percept.haptics.impedance import coupling_admittance
 from percept.haptics.stability import coupling_bound
+from percept.report.figures.band import BandSeries, Widths, draw_band
+from percept.report.figures.boundaries import boundary_drawings
 from percept.report.figures.canvas import COLOURS, Drawing, common_range, log_scale, panels
+from percept.report.figures.couplings import CouplingMarks, design_drawings, draw_design
 from percept.report.figures.curves import (
     Limits,
-    boundary_drawings,
     draw_magnitude,
     draw_ratio,
     draw_stability,
     ratio_range,
 )
-from percept.report.figures.from_document import (
-    design_drawings,
-    drawings,
-    interval_drawings,
-)
-from percept.report.figures.marks import (
-    Bar,
-    Widths,
-    beyond_range,
-    draw_band,
-    draw_design,
-    draw_intervals,
-)
+from percept.report.figures.intervals import Bar, BarAxis, draw_intervals, interval_drawings
+from percept.report.figures.of_results import drawings
 from percept.report.figures.output import STYLE, draw_all, drawn
+from tests.documents import as_results
 
 SVG = "{http://www.w3.org/2000/svg}"
 HOSTILE = '<script>alert("$x$")</script>'
@@ -43,7 +35,7 @@ HOSTILE = '<script>alert("$x$")</script>'
 
 @pytest.fixture(scope="module")
 def found(both):
-    return {drawing.name: drawing for drawing in drawings(both)}
+    return {drawing.name: drawing for drawing in drawings(as_results(both))}
 
 
 def axes():
@@ -118,7 +110,7 @@ def test_hostile_names_are_drawn_as_text(both):
         for row in part:
             row["environment"] = row["environment"].replace("VE1", HOSTILE)
     document["zoom"][HOSTILE] = document["zoom"]["VE1"]
-    by_name = {drawing.name: drawing for drawing in drawings(document)}
+    by_name = {drawing.name: drawing for drawing in drawings(as_results(document))}
     for name in ("boundaries",):
         text = inline(by_name[name])
         assert "<script" not in text
@@ -149,7 +141,7 @@ def renamed(document, names):
 )
 def test_labels_of_the_intervals_are_inside_the_figure_and_tell_environments_apart(both, pattern):
     names = {name: pattern.format(name) for name in ("VE1", "VE2", "VE4")}
-    drawing, _ = interval_drawings(renamed(both, names))
+    drawing, _ = interval_drawings(as_results(renamed(both, names)))
     with rc_context(STYLE):
         figure = Figure(figsize=[side / 25.4 for side in drawing.size])
         drawing.draw(figure)
@@ -167,7 +159,7 @@ def test_labels_of_the_intervals_are_inside_the_figure_and_tell_environments_apa
 
 
 def test_the_caption_of_intervals_says_what_is_drawn(both, classical):
-    _, two = interval_drawings(both)
+    _, two = interval_drawings(as_results(both))
     assert (
         " Each classical bar stands above the Bayesian one. Ticks: the subjects. "
         in two.description
@@ -177,7 +169,7 @@ def test_the_caption_of_intervals_says_what_is_drawn(both, classical):
     for row in (*document["intervals"], *document["data"]["cells"]):
         if (row["environment"], row["parameter"]) == ("VE1", "b"):
             row["reference"] = 0.0
-    k, b = interval_drawings(document)
+    k, b = interval_drawings(as_results(document))
     assert "Bayesian" not in k.description
     assert k.title == "What users set, divided by the reference"
     assert b.title == "What users set, less the reference"
@@ -316,14 +308,14 @@ def test_crossed_corner_curves_make_one_band():
 
 def test_ratios_are_over_the_reference_and_an_arrow_marks_what_leaves_the_axis():
     ax = axes()
-    draw_ratio(ax, OMEGA, [LIMITS], np.full(3, 2.0), np.full(3, 4.0), limits=(0.4, 4.0))
+    draw_ratio(ax, OMEGA, [LIMITS], np.full(3, 2.0), np.full(3, 4.0), (0.4, 4.0))
     assert ax.get_lines()[0].get_ydata().tolist() == [0.5, 1.0, 1.5]
     assert ax.get_lines()[-1].get_ydata().tolist() == [2.0, 2.0, 2.0]
     assert ax.get_ylim() == pytest.approx((0.4 / 1.06, 4.0 * 1.06))
     assert not ax.texts
     wide = axes()
     limits = Limits("c", "classical", OMEGA, np.zeros(3), np.full(3, 100.0), np.ones(3))
-    draw_ratio(wide, OMEGA, [limits], np.ones(3), limits=(0.4, 4.0))
+    draw_ratio(wide, OMEGA, [limits], np.ones(3), None, (0.4, 4.0))
     assert [text.get_text() for text in wide.texts] == ["▲ 100", "▼ 0"]
 
 
@@ -348,15 +340,9 @@ def test_bars_span_their_limits_and_end_in_arrows_where_the_axis_does():
         Bar("C", "mean", "bayesian", 0.8, 1e4, 1.1),
         Bar("D", "mean", "bayesian", 0.8, 1.6, 1.1),
     ]
-    draw_intervals(
-        ax,
-        ["A", "B", "C", "D"],
-        bars,
-        [np.array([0.9, 1.2])],
-        log=True,
-        subject="subject",
-        names={"mean": "average driver", "user": "next driver"},
-    )
+    axis = BarAxis(relative=True, log=True)
+    kinds = {"mean": "average driver", "user": "next driver"}
+    draw_intervals(ax, ["A", "B", "C", "D"], bars, axis, kinds=kinds)
     spans = [tuple(line.get_xdata()) for line in ax.get_lines() if len(line.get_xdata()) == 2]
     assert (0.55, 2.0) in spans
     assert (0.8, 1.6) in spans
@@ -367,8 +353,8 @@ def test_bars_span_their_limits_and_end_in_arrows_where_the_axis_does():
     assert far[1] < right < 100.0
     assert [text.get_text() for text in ax.texts] == ["-1", "10000"]
     assert [label.get_text() for label in ax.get_yticklabels()] == ["A", "B", "C", "D"]
-    assert beyond_range(bars)
-    assert not beyond_range(bars[2:3])
+    assert axis.is_left_by(bars)
+    assert not axis.is_left_by(bars[2:3])
 
 
 def test_bands_and_laws_are_drawn_where_they_are():
@@ -377,7 +363,7 @@ def test_bands_and_laws_are_drawn_where_they_are():
     widths = Widths(
         "c", "classical", ("A", "B"), impedance, impedance / 2, {"power law": impedance / 3}
     )
-    draw_band(ax, impedance, [widths], axis="impedance", unit="N·s/m")
+    draw_band(ax, BandSeries("mean", impedance, (widths,), "impedance", "N·s/m"))
     points, law = ax.get_lines()
     assert points.get_ydata().tolist() == [0.5, 5.0]
     assert (law.get_ydata() == impedance / 3).all()
@@ -395,12 +381,12 @@ def test_bands_and_laws_are_drawn_where_they_are():
 def test_the_caption_of_boundaries_says_whom_they_are_for(classical, kinds, whom):
     document = copy.deepcopy(classical)
     document["boundaries"] = [row for row in document["boundaries"] if row["kind"] in kinds]
-    words = next(one for one in boundary_drawings(document) if one.name == "boundaries")
+    words = next(one for one in boundary_drawings(as_results(document)) if one.name == "boundaries")
     assert words.description.startswith(f"What {whom} takes for the reference ")
 
 
 def test_both_methods_are_drawn_in_one_family_and_one_shape(both):
-    (drawing,) = [one for one in boundary_drawings(both) if one.name == "boundaries"]
+    (drawing,) = [one for one in boundary_drawings(as_results(both)) if one.name == "boundaries"]
     figure = Figure()
     drawing.draw(figure)
     labels = {text.get_text() for legend in figure.legends for text in legend.get_texts()}
@@ -411,7 +397,7 @@ def test_both_methods_are_drawn_in_one_family_and_one_shape(both):
 def test_the_map_shades_every_interval_of_every_line():
     ax = axes()
     intervals = [np.array([[0.0, 1e3]]), np.array([[0.0, 1e3], [2e3, 3e3]]), np.empty((0, 2))]
-    draw_design(ax, np.array([0.0, 1.0, 2.0]), intervals, coupling=(5e3, 4.0))
+    draw_design(ax, np.array([0.0, 1.0, 2.0]), intervals, CouplingMarks(coupling=(5e3, 4.0)))
     (shade,) = ax.patches
     boxes = [(*box.min(axis=0), *box.max(axis=0)) for box in shade.get_path().to_polygons()]
     assert boxes == [(0.0, 0.0, 1.0, 0.5), (0.0, 0.5, 1.0, 1.5), (2.0, 0.5, 3.0, 1.5)]
@@ -459,7 +445,7 @@ def test_methods_stay_apart_in_colour_blindness():
 def test_a_map_of_couplings_shows_what_qualifies_however_far_the_one_in_use():
     ax = axes()
     intervals = [np.array([[0.0, 1e3]]), np.array([[0.0, 2e3]])]
-    draw_design(ax, np.array([0.0, 1.0]), intervals, coupling=(5e5, 900.0))
+    draw_design(ax, np.array([0.0, 1.0]), intervals, CouplingMarks(coupling=(5e5, 900.0)))
     assert ax.get_xlim() == pytest.approx((0.0, 1.05 * 4.0 * 2.0))
     assert ax.get_ylim() == pytest.approx((0.0, 1.05 * 4.0 * 1.0))
     (mark,) = [line for line in ax.get_lines() if line.get_marker() == "X"]
@@ -467,22 +453,23 @@ def test_a_map_of_couplings_shows_what_qualifies_however_far_the_one_in_use():
     assert not mark.get_clip_on()
     assert [text.get_text() for text in ax.texts] == ["at 500 kN/m,\n900 N·s/m"]
     empty = axes()
-    draw_design(empty, np.array([0.0, 1.0]), [np.empty((0, 2))] * 2, coupling=(5e3, 4.0))
+    draw_design(
+        empty, np.array([0.0, 1.0]), [np.empty((0, 2))] * 2, CouplingMarks(coupling=(5e3, 4.0))
+    )
     assert [text.get_text() for text in empty.texts] == ["none qualifies"]
     assert empty.get_xlim()[1] > 5.0
 
 
-def test_the_map_s_caption_names_what_is_drawn():
+def test_the_map_s_caption_names_what_is_drawn(classical):
     maps = [{"method": "classical", "environments": [], "damping": []}]
     scene = {"coupling": {"stiffness": 1.0, "damping": 1.0}}
     said = {}
     for edge in (None, {"stiffness": [1.0], "damping": [1.0]}):
         for used in ({}, scene):
-            document = {
-                "design": {"maps": maps, "stable": edge, "family": "normal"},
-                "provenance": {"scene": used},
-            }
-            (found,) = design_drawings(document)
+            document = copy.deepcopy(classical)
+            document["design"] = classical["design"] | {"maps": maps, "stable": edge}
+            document["provenance"]["scene"] = used
+            (found,) = design_drawings(as_results(document))
             said[bool(edge), bool(used)] = found.description.partition("at every ω, to 0.1 %.")[2]
     assert said == {
         (False, False): "",

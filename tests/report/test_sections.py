@@ -9,12 +9,12 @@ import pytest
 from matplotlib.figure import Figure
 
 from percept.report.basis import bibtex, checks, cited, methods
-from percept.report.figures.from_document import drawings
+from percept.report.figures.of_results import drawings
 from percept.report.page import render_page
 from percept.report.sections import build_sections
 from percept.report.select import at
 from percept.sessions.quantities import IMPEDANCE
-from tests.documents import build_document
+from tests.documents import as_results, build_document
 from tests.study.checked import study_of, table_of
 
 
@@ -236,7 +236,7 @@ def test_of_many_environments_some_are_drawn_and_the_page_says_so(classical):
     regions = [everywhere[0] | {"name": name} for name in names]
     document["design"]["maps"][0]["environments"] = [*regions, everywhere[-1]]
     said = "24 of 60 environments are drawn, evenly spaced in their order. The tables hold all."
-    by_name = {drawing.name: drawing for drawing in drawings(document)}
+    by_name = {drawing.name: drawing for drawing in drawings(as_results(document))}
     for name in ("overview_k", "overview_b", "boundaries", "ratios", "design"):
         assert said in by_name[name].description, name
     figure = Figure(figsize=(7.0, 7.0))

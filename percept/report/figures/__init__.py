@@ -1,1 +1,1 @@
-"""Figures in two layers: arrays to axes (`curves`, `marks`), and a document to arrays (`from_document`)."""
+"""Figures: arrays to axes, records to drawings, and drawings to files and to the page."""

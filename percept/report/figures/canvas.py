@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Literal
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from percept.report.numbers import SUPERSCRIPT
+
+__all__ = [
+    "COLOURS", "GROUND", "LETTER", "MARKERS", "MM", "REFERENCE_DASHES", "WIDE", "Drawing", "brief",
+    "common_range", "legend", "log_scale", "mark", "outer_labels", "panels", "row_labels",
+]  # fmt: skip
 
 # Blue and vermilion remain apart in every common form of colour blindness, and form tells them
 # apart as well. The names come from the page's style sheet, where the dark page has its own values.
@@ -27,6 +32,11 @@ COLOURS = {
     "warn": "#a8326e",
 }
 
+#: Keeps names and values readable over lines.
+GROUND = {"facecolor": COLOURS["paper"], "edgecolor": "none", "pad": 0.4}
+#: Marks tell the methods apart where colours do not.
+MARKERS = {"classical": "o", "bayesian": "D"}
+REFERENCE_DASHES = (0, (7, 3))
 #: Inches.
 MM = 1 / 25.4
 #: mm, a figure as wide as the page.
@@ -59,22 +69,20 @@ def panels(
     line: float = 17.0,
 ) -> list[Axes]:
     """Add axes in rows, one row by default, placed in millimetres so that figures of one size line up."""
-    width, height = (float(side) / MM for side in figure.get_size_inches())
+    sides = figure.get_size_inches() / MM
+    width, height = float(sides[0]), float(sides[1])
     columns = columns or count
     rows = -(-count // columns)
-    wide = (width - left - right - gap * (columns - 1)) / columns
-    high = (height - top - bottom - line * (rows - 1)) / rows
-    return [
-        figure.add_axes(
-            (
-                (left + (index % columns) * (wide + gap)) / width,
-                (bottom + (rows - 1 - index // columns) * (high + line)) / height,
-                wide / width,
-                high / height,
-            )
-        )
-        for index in range(count)
-    ]
+    panel_width = (width - left - right - gap * (columns - 1)) / columns
+    panel_height = (height - top - bottom - line * (rows - 1)) / rows
+    axes = []
+    for index in range(count):
+        row, column = divmod(index, columns)
+        x = left + column * (panel_width + gap)
+        y = bottom + (rows - 1 - row) * (panel_height + line)
+        frame = (x / width, y / height, panel_width / width, panel_height / height)
+        axes.append(figure.add_axes(frame))
+    return axes
 
 
 #: An axis shows what most groups need on either side, and this many times that at most.
@@ -84,38 +92,59 @@ _GENEROUS = 3.0
 def common_range(
     lows: ArrayLike, highs: ArrayLike, *, log: bool, centre: float = 1.0
 ) -> tuple[float, float]:
-    """Return the ends of an axis for groups about a centre, ratios about 1: no group flattens the others."""
-    ends = []
-    for sign, sides in ((-1.0, lows), (1.0, highs)):
-        values = np.asarray(sides, dtype=float)
+    """Return the ends of an axis for groups about a centre: no group flattens the others.
+
+    Parameters
+    ----------
+    lows, highs : array_like, shape (n,)
+        Ends of each group.
+    log : bool
+        Whether the axis is logarithmic; its centre is 1.
+    centre : float
+        Where every group lies about.
+
+    Returns
+    -------
+    tuple of float
+        The lower and the upper end.
+    """
+    lows = np.asarray(lows, dtype=float)
+    highs = np.asarray(highs, dtype=float)
+    if log:
         with np.errstate(divide="ignore"):
-            out = np.maximum(
-                sign * (np.log(np.maximum(values, 0.0)) if log else values - centre), 0.0
-            )
-        # An infinite end is cut off like any other that lies far out, and decides nothing.
-        middle = float(np.median(out))
-        far = (
-            _GENEROUS * middle if 0.0 < middle < np.inf else out[np.isfinite(out)].max(initial=0.0)
-        )
-        end = sign * float(min(out.max(), far or 1.0))
-        ends.append(float(np.exp(end)) if log else centre + end)
-    return ends[0], ends[1]
+            below = _reach(-np.log(np.maximum(lows, 0.0)))
+            above = _reach(np.log(np.maximum(highs, 0.0)))
+        return float(np.exp(-below)), float(np.exp(above))
+    return centre - _reach(centre - lows), centre + _reach(highs - centre)
+
+
+def _reach(distances: NDArray[np.float64]) -> float:
+    """Return how far an axis goes to one side: what most groups need there, and not much more."""
+    distances = np.maximum(distances, 0.0)
+    middle = float(np.median(distances))
+    # An infinite end is cut off like any other that lies far out, and decides nothing.
+    if 0.0 < middle < np.inf:
+        most = _GENEROUS * middle
+    else:
+        most = float(distances[np.isfinite(distances)].max(initial=0.0))
+    return float(min(distances.max(), most or 1.0))
 
 
 def mark(ax: Axes, artists: Iterable[Artist], method: str, kind: str = "") -> None:
     """Name marks by what they show, so that the page can hide them."""
-    axes = ax.figure.axes
-    for artist in artists:
-        # A file's ids are different.
-        count = sum(
-            str(other.get_gid()).startswith("mark-") for own in axes for other in own.get_children()
-        )
-        artist.set_gid(f"mark-{method}-{kind}-{count}")
+    # A file's ids are different.
+    marked = 0
+    for other in ax.figure.axes:
+        marked += sum(str(one.get_gid()).startswith("mark-") for one in other.get_children())
+    for number, artist in enumerate(artists, start=marked):
+        artist.set_gid(f"mark-{method}-{kind}-{number}")
 
 
 def brief(value: float) -> str:
     """Write what lies beyond an axis: two digits, or a whole number."""
-    return "∞" if not np.isfinite(value) else f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
+    if not np.isfinite(value):
+        return "∞"
+    return f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
 
 
 def log_scale(ax: Axes, axes: str = "xy", *, plain: bool = False) -> None:
@@ -132,14 +161,15 @@ def _power_of_ten(x: float, _: object) -> str:
     return f"10{str(round(np.log10(x))).translate(SUPERSCRIPT)}"
 
 
-def legend(ax: Axes, **settings: Any) -> None:
+def legend(
+    ax: Axes, *, loc: Literal["lower left", "center right"] = "lower left", ncols: int = 2
+) -> None:
     """Put the legend of some axes at an edge of their figure, below by default, each label once."""
     handles, labels = ax.get_legend_handles_labels()
     named = dict(zip(labels, handles, strict=True))
     figure = ax.get_figure(root=True)
     if figure is not None and named:
-        below: dict[str, Any] = {"loc": "lower left", "ncols": 2, "borderaxespad": 0.2}
-        figure.legend(named.values(), named.keys(), **below | settings)
+        figure.legend(named.values(), named.keys(), loc=loc, ncols=ncols, borderaxespad=0.2)
 
 
 def outer_labels(axes: Sequence[Axes], columns: int) -> None:
@@ -159,18 +189,16 @@ LETTER = 1.45
 
 def row_labels(names: Sequence[str], *, most: float) -> list[str]:
     """Fit the names of rows or panels into a width, mm; names that look the same then are numbered."""
-    labels = [_shortened(name, int(most / LETTER)) for name in names]
-    if len(set(labels)) < len(labels):
-        labels = [
-            _shortened(f"{row}. {name}", int(most / LETTER))
-            for row, name in enumerate(names, start=1)
-        ]
-    return labels
+    letters = int(most / LETTER)
+    labels = [_shortened(name, letters) for name in names]
+    if len(set(labels)) == len(labels):
+        return labels
+    return [_shortened(f"{row}. {name}", letters) for row, name in enumerate(names, start=1)]
 
 
 def _shortened(name: str, letters: int) -> str:
+    if len(name) <= letters:
+        return name
     # Names in a series differ at their ends: the middle goes.
-    half = letters // 2
-    return (
-        name if len(name) <= letters else f"{name[: letters - 1 - half]}…{name[len(name) - half :]}"
-    )
+    end = letters // 2
+    return f"{name[: letters - 1 - end]}…{name[len(name) - end :]}"

@@ -1,0 +1,195 @@
+"""Bands against impedance or references, with their laws: points on axes, and the figures of a report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from percept.boundary.band import law_band
+from percept.report.figures.canvas import (
+    COLOURS,
+    GROUND,
+    MARKERS,
+    Drawing,
+    legend,
+    log_scale,
+    panels,
+    row_labels,
+)
+from percept.report.select import (
+    KINDS,
+    METHOD_NAMES,
+    METHODS,
+    distinct,
+    families_of,
+    first,
+    kind_names,
+    matching,
+)
+from percept.results import Band, BandLaw, BandRow, Results
+from percept.sessions.quantities import Quantity
+
+__all__ = ["BandSeries", "Widths", "band_drawings", "band_series", "draw_band"]
+
+FloatArray = NDArray[np.float64]
+T = TypeVar("T", BandRow, BandLaw)
+
+_LAWS = {"weber": "Weber", "offset": "Weber with offset", "power": "power law"}
+_LAW_DASHES = ("solid", (0, (6, 2)), (0, (2, 1.5)))
+_NAME_WIDTH = 26.0  # mm
+#: Laws are drawn a little beyond the sizes they were fitted to, a factor.
+_BEYOND = 1.5
+_LAW_POINTS = 80
+_SIZE = (150.0, 58.0)  # mm
+
+
+@dataclass(frozen=True, eq=False)
+class Widths:
+    """Bands of one method and kind."""
+
+    label: str  # For the legend
+    method: str
+    environments: tuple[str, ...]
+    size: FloatArray  # (n,) Impedance, or reference of a quantity
+    band: FloatArray  # (n,) In the same unit
+    laws: Mapping[str, FloatArray]  # (m,) Fitted band by the law's name, at the sizes drawn
+
+
+@dataclass(frozen=True, eq=False)
+class BandSeries:
+    """What a figure of bands is drawn from."""
+
+    kind: str  # What the intervals cover
+    sizes: FloatArray  # (m,) Where laws are drawn
+    widths: tuple[Widths, ...]  # By method
+    axis: str  # What the bands are against, in words
+    unit: str  # Of sizes and bands
+
+
+def draw_band(ax: Axes, series: BandSeries) -> None:
+    """Draw bands against sizes on logarithmic axes, with the fitted laws."""
+    for widths in series.widths:
+        colour = COLOURS[widths.method]
+        ax.plot(
+            widths.size, widths.band, MARKERS[widths.method], markersize=4, color=colour,
+            label=widths.label,
+        )  # fmt: skip
+        for (name, curve), dashes in zip(widths.laws.items(), _LAW_DASHES, strict=False):
+            label = f"{METHOD_NAMES[widths.method]}: {name}"
+            ax.plot(series.sizes, curve, color=colour, linewidth=0.9, linestyle=dashes, label=label)
+    log_scale(ax)
+    _name_points(ax, series.widths[0], middle=float(np.sqrt(series.sizes[0] * series.sizes[-1])))
+    unit = f" ({series.unit})" if series.unit else ""
+    ax.set_xlabel(f"{series.axis}{unit}")
+    ax.set_ylabel(f"band{unit}")
+
+
+def _name_points(ax: Axes, widths: Widths, *, middle: float) -> None:
+    """Write the environments' names beside their points."""
+    names = row_labels(widths.environments, most=_NAME_WIDTH)
+    for name, x, y in zip(names, widths.size, widths.band, strict=True):
+        # Bands grow with the size: below a point on the left, and above it on the right, is room.
+        offset, side = ((4, -8), "left") if x < middle else ((-4, 4), "right")
+        ax.annotate(
+            name, (x, y), xytext=offset, textcoords="offset points", ha=side, fontsize=6.5,
+            bbox=GROUND,
+        )  # fmt: skip
+
+
+def band_drawings(results: Results) -> list[Drawing]:
+    """Return a figure of bands and laws for the impedance, or for each parameter."""
+    if results.band is None:
+        return []
+    parameters = distinct(results.band.rows, "parameter")
+    return [_band_drawing(results, results.band, parameter) for parameter in parameters]
+
+
+def _band_drawing(results: Results, band: Band, parameter: str | None) -> Drawing:
+    """Return the figure of bands and laws."""
+    quantities = results.data.quantities
+    series = band_series(band, parameter, families_of(results), quantities)
+    if parameter is None:
+        name = "band"
+        title = "Band against impedance"
+        said = f"|Z_e| against the environment’s own impedance at {band.omega or 0.0:g} rad/s"
+    else:
+        quantity = quantities[parameter]
+        name = f"band_{parameter}"
+        title = f"Band of {quantity.words} against its reference"
+        said = f"{quantity.label} against its reference"
+    if any(widths.laws for widths in series.widths):
+        said += ", with the fitted laws"
+
+    def draw(figure: Figure) -> None:
+        (ax,) = panels(figure, left=16, top=3, right=48)
+        draw_band(ax, series)
+        legend(ax, loc="center right", ncols=1)
+
+    return Drawing(
+        name=name,
+        title=f"{title}, {kind_names(results.data.words)[series.kind]}",
+        description=f"Width of the band of {said}.",
+        size=_SIZE,
+        draw=draw,
+    )
+
+
+def band_series(
+    band: Band,
+    parameter: str | None,
+    families: Sequence[str],
+    quantities: Mapping[str, Quantity],
+) -> BandSeries:
+    """Return the bands of the first kind there is, each method in the first of the families it has."""
+    rows = matching(band.rows, parameter=parameter)
+    kind = next(kind for kind in KINDS if matching(rows, kind=kind))
+    sizes = np.array([_size(row) for row in rows])
+    grid = np.geomspace(sizes.min() / _BEYOND, sizes.max() * _BEYOND, _LAW_POINTS)
+    widths: list[Widths] = []
+    for method in METHODS:
+        row = first(matching(rows, method=method, kind=kind), family=families)
+        if row is not None:
+            widths.append(_widths(band, row, grid))
+    if parameter is None:
+        axis = "environment impedance |Zₑ|"
+        unit = "N·s/m"
+    else:
+        axis = f"reference {quantities[parameter].words}"
+        unit = quantities[parameter].unit
+    return BandSeries(kind, grid, tuple(widths), axis, unit)
+
+
+def _size(row: BandRow) -> float:
+    """Return the environment's own size: an impedance, or a reference."""
+    size = row.impedance if row.parameter is None else row.reference
+    assert size is not None
+    return size
+
+
+def _widths(band: Band, like: BandRow, grid: FloatArray) -> Widths:
+    """Return the bands and laws of the same method, kind, family and parameter as a row."""
+    rows = _alike(band.rows, like)
+    laws: dict[str, FloatArray] = {}
+    for law in _alike(band.laws, like):
+        values = np.array([[estimate.value for estimate in law.parameters.values()]])
+        laws[_LAWS[law.model]] = law_band(law.model, values, grid)[0]
+    return Widths(
+        label=f"{METHOD_NAMES[like.method]} ({like.family})",
+        method=like.method,
+        environments=tuple(row.environment for row in rows),
+        size=np.array([_size(row) for row in rows]),
+        band=np.array([row.band for row in rows]),
+        laws=laws,
+    )
+
+
+def _alike(records: Sequence[T], like: BandRow) -> list[T]:
+    return matching(
+        records, method=like.method, kind=like.kind, family=like.family, parameter=like.parameter
+    )
