@@ -12,6 +12,8 @@ from pathlib import Path
 
 from percept import __version__
 
+__all__ = ["Made", "commit_of_code", "made_by"]
+
 _PACKAGE = Path(__file__).resolve().parent
 
 
@@ -33,8 +35,23 @@ class Made:
 
 
 def made_by(command: str, packages: Iterable[str] = ("numpy", "scipy", "emcee", "pandas")) -> Made:
-    """Record what a page is made by, now; packages that are not installed have no version."""
-    installed = {one.name.lower(): one.version for one in importlib.metadata.distributions()}
+    """Record what a page is made by, now.
+
+    Parameters
+    ----------
+    command : str
+        As typed.
+    packages : iterable of str
+        Whose versions are recorded, where they are installed.
+
+    Returns
+    -------
+    Made
+        With today's date, and the commit of the code where it is in a repository.
+    """
+    installed = {}
+    for package in importlib.metadata.distributions():
+        installed[package.name.lower()] = package.version
     versions = {"percept": __version__, "Python": platform.python_version()}
     versions |= {name: installed[name] for name in packages if name in installed}
     return Made(command, datetime.date.today().isoformat(), commit_of_code(), versions)

@@ -192,7 +192,18 @@ def _compared(row: DesignCost, fit: Printed, peer: Printed) -> DesignCost:
 
 
 def summary(rows: Sequence[DesignCost]) -> list[str]:
-    """Say over all designs what the table shows of each."""
+    """Say over all designs what the table shows of each.
+
+    Parameters
+    ----------
+    rows : sequence of DesignCost
+        As `design_costs` gives them.
+
+    Returns
+    -------
+    list of str
+        Sentences, each for a paragraph of its own.
+    """
     on_wall = sum(row.in_wall_time for row in rows)
     wall = sum(row.wall_s for row in rows)
     processor = np.nansum([row.processor_s for row in rows])

@@ -263,14 +263,10 @@ def _cases() -> Iterator[_Case]:
     sds = [10.0 ** (exponent / 2) for exponent in _EXPONENTS]
     for sd in sds:
         yield _Case("all variances", sd**2, Levels(sd, sd, sd, sd, 0.5))
-    for sd in sds:
-        yield _Case("variance of between, others 1e-12", sd**2, replace(_TINY, between=sd))
-    for sd in sds:
-        yield _Case("variance of shared, others 1e-12", sd**2, replace(_TINY, shared=sd))
-    for sd in sds:
-        yield _Case("variance of trial, others 1e-12", sd**2, replace(_TINY, trial=sd))
-    for sd in sds:
-        yield _Case("variance of tau, others 1e-12", sd**2, replace(_TINY, tau=sd))
+    for name in ("between", "shared", "trial", "tau"):
+        for sd in sds:
+            levels = replace(_TINY, **{name: sd})
+            yield _Case(f"variance of {name}, others 1e-12", sd**2, levels)
     for power in range(1, 10):
         rest = 10.0**-power
         yield _Case("1 − correlation", rest, replace(_ORDINARY, rest=rest))

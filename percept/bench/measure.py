@@ -214,7 +214,18 @@ def _cell(value: object) -> str:
 
 
 def measurement_files(part: str) -> FolderFiles:
-    """Return what a part of the benchmark writes."""
+    """Return what a part of the benchmark writes.
+
+    Parameters
+    ----------
+    part : str
+        Its name.
+
+    Returns
+    -------
+    FolderFiles
+        The page, and the document beside it.
+    """
     return FolderFiles(f"{part}.md", (f"{part}.md", f"{part}.json"))
 
 

@@ -82,7 +82,18 @@ class Saving:
 
 
 def skipping_cost(*, repeats: int = 3) -> tuple[Saving, ...]:
-    """Run scenes, round by round, so that all see the same machine."""
+    """Run scenes, round by round, so that all see the same machine.
+
+    Parameters
+    ----------
+    repeats : int
+        Rounds.
+
+    Returns
+    -------
+    tuple of Saving
+        A row for each scene; the first leaves nothing out.
+    """
     rounds = []
     for _ in range(repeats):
         rounds.append({scene: work_of(scene) for scene in _SCENES})

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -58,14 +58,6 @@ class Reference:
             scatter = math.sqrt(squares.sum() / ((count - 1) * value.size))
         return cls(value, claimed / math.sqrt(count), effective, count, scatter)
 
-    @classmethod
-    def stored(cls, fields: Mapping[str, float]) -> Self:
-        """Return a reference as its file holds it."""
-        reference = cls(**fields)  # type: ignore[arg-type]
-        return dataclasses.replace(
-            reference, value=np.array(reference.value), error=np.array(reference.error)
-        )
-
     @property
     def half_width(self) -> Array:
         """Half-widths of the intervals, shape (3, 1, C)."""
@@ -79,7 +71,12 @@ class Reference:
 def stored_references() -> dict[str, Reference]:
     """Return the references that come with percept, by study."""
     text = resources.files("percept.bench.peers").joinpath(_FILE).read_text(encoding="utf-8")
-    return {study: Reference.stored(fields) for study, fields in json.loads(text).items()}
+    references = {}
+    for study, fields in json.loads(text).items():
+        value = np.array(fields.pop("value"))
+        error = np.array(fields.pop("error"))
+        references[study] = Reference(value, error, **fields)
+    return references
 
 
 def stored_reference(study: str) -> Reference:
