@@ -12,10 +12,12 @@ import argparse
 import os
 import shlex
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
+import tests
 from percept.provenance import made_by
 
 _HEAD = """# Evidence
@@ -36,18 +38,25 @@ class Results:
         self.reports.setdefault(report.nodeid, []).append(report)
 
     def rows(self) -> list[str]:
-        """A row of Markdown per test: its file, what it holds, the outcome, and how long it took."""
+        """A row of Markdown per test: file, what it holds, cases, outcome, and how long it took."""
+        tests: dict[str, list[list[pytest.TestReport]]] = {}
+        for case, reports in self.reports.items():
+            tests.setdefault(case.partition("[")[0], []).append(reports)
         rows = []
-        for test, reports in sorted(self.reports.items()):
+        for test, cases in sorted(tests.items()):
             file, _, name = test.partition("::")
-            words = name.removeprefix("test_").replace("_", " ").replace("|", "\\|")
-            outcomes = {report.outcome for report in reports}
-            outcome = next((bad for bad in ("failed", "skipped") if bad in outcomes), "passed")
-            seconds = sum(report.duration for report in reports)
-            rows.append(
-                f"| `{file.removeprefix('tests/')}` | {words} | {outcome} | {seconds:.0f} |"
-            )
+            words = name.removeprefix("test_").replace("_", " ")
+            outcomes = Counter(map(_outcome, cases))
+            told = ", ".join(f"{count} {outcome}" for outcome, count in sorted(outcomes.items()))
+            seconds = sum(report.duration for reports in cases for report in reports)
+            rows.append(f"| `{file.removeprefix('tests/')}` | {words} | {told} | {seconds:.0f} |")
         return rows
+
+
+def _outcome(reports: list[pytest.TestReport]) -> str:
+    """Say what a case came to: the worst of its set-up, call and tear-down."""
+    outcomes = {report.outcome for report in reports}
+    return next((bad for bad in ("failed", "skipped") if bad in outcomes), "passed")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -60,13 +69,16 @@ def main(arguments: list[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     results = Results()
     options = ["-m", "evidence", "-q", "-n", parsed.workers, "-o", "timeout=3600"]
-    # Processes of xdist and of the commands under test take it over.
+    # Processes of xdist read it when they start; this one has read it.
     os.environ["PERCEPT_EVIDENCE"] = "1"
+    tests.LONG = True
     code = pytest.main([*options, *parsed.tests], plugins=[results])
     rows = results.rows()
     sentence = made_by(shlex.join(["python", "-m", "tests.evidence", *words])).sentence
-    table = ["| tests/ | what it holds | outcome | s |", "|---|---|---|---|", *rows]
+    table = ["| tests/ | what it holds | cases | s |", "|---|---|---|---|", *rows]
     parsed.out.mkdir(parents=True, exist_ok=True)
+    if code:
+        sentence += f" pytest ended with exit code {int(code)}: some tests failed, or did not run."
     page = _HEAD + sentence + "\n\n" + "\n".join(table) + "\n"
     (parsed.out / "evidence.md").write_text(page, encoding="utf-8")
     print(parsed.out / "evidence.md")
