@@ -14,12 +14,18 @@ from percept.html import NotebookRecord
 Array = NDArray[np.float64]
 Shape = Literal["corner", "envelope", "pointwise", "simultaneous"]
 
+__all__ = ["Boundary", "Shape", "drawing_grid"]
+
+# Frequencies per decade: a line through them shows no corners on a page.
 _PER_DECADE = 40
+# A parabola needs three.
+_FEWEST = 3
 # Beside a resonance curves bend within a few per cent of its omega.
 _BESIDE = 1.0 + np.array([-0.04, -0.02, -0.01, 0.0, 0.01, 0.02, 0.04])
 # Frequencies nearer one another than this fraction show nothing more.
 _APART = 2e-3
-_TINY, _HUGE = np.finfo(np.float64).tiny, np.finfo(np.float64).max
+_TINY = np.finfo(np.float64).tiny
+_HUGE = np.finfo(np.float64).max
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,45 +94,77 @@ class Boundary(NotebookRecord):
 def drawing_grid(
     curves: Callable[[Array], tuple[Array, Array]], lower: float, upper: float, resonances: Array
 ) -> Array:
-    """Choose frequencies to draw curves at, rad/s: even in log omega, and where the curves turn or cross.
+    """Choose frequencies to draw curves at: even in log omega, and where the curves turn or cross.
 
-    `curves` gives the environment's own (C, M), and limits (B, 2, M). No verdict rests on the grid.
+    No verdict rests on the grid.
+
+    Parameters
+    ----------
+    curves : callable
+        From frequencies (M,), rad/s, to curves of the references (C, M) and limits (B, 2, M).
+    lower, upper : float
+        First and last frequency, rad/s.
+    resonances : ndarray, shape (R,)
+        Frequencies near which curves bend most, rad/s.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        rad/s, increasing.
     """
-    count = max(3, int(np.ceil(_PER_DECADE * np.log10(upper / lower))) + 1)
+    count = max(_FEWEST, int(np.ceil(_PER_DECADE * np.log10(upper / lower))) + 1)
     beside = np.multiply.outer(np.asarray(resonances, dtype=float), _BESIDE).ravel()
-    even = np.geomspace(lower, upper, count)
-    omega = _apart(even, beside[(beside > lower) & (beside < upper)])
-    own, limits = curves(omega)
-    # At a pole curves are endless, and no line leads there.
-    finite = np.isfinite(own).all(axis=0) & np.isfinite(limits).all(axis=(0, 1))
-    omega, own, limits = omega[finite], own[:, finite], limits[..., finite]
+    beside = beside[(beside > lower) & (beside < upper)]
+    omega = _add_apart(np.geomspace(lower, upper, count), beside)
+    references, limits = curves(omega)
+    # At a pole curves are infinite, and no line leads there.
+    finite = np.isfinite(references).all(axis=0) & np.isfinite(limits).all(axis=(0, 1))
+    omega = omega[finite]
+    references = references[:, finite]
+    limits = limits[..., finite]
     x = np.log(omega)
-    rows = _log(np.concatenate([own, limits.reshape(-1, omega.size)]))
-    # A parabola through three points turns where they do.
-    left, right = rows[:, 1:-1] - rows[:, :-2], rows[:, 2:] - rows[:, 1:-1]
-    curve, at = np.nonzero(left * right < 0.0)
-    before, after = x[at + 1] - x[at], x[at + 2] - x[at + 1]
-    fall, rise = left[curve, at] / before, right[curve, at] / after
-    turns = 0.5 * (x[at] + x[at + 1]) + fall / (fall - rise) * 0.5 * (before + after)
-    gaps = [_log(limits[:, 1]) - _log(limits[:, 0])]
-    gaps += [_log(row) - _log(limits[:, side]) for row in own for side in (0, 1)]
-    depth = np.concatenate(gaps)
-    curve, at = np.nonzero(np.sign(depth[:, :-1]) * np.sign(depth[:, 1:]) < 0)
-    first, second = depth[curve, at], depth[curve, at + 1]
-    crossings = x[at] + first / (first - second) * (x[at + 1] - x[at])
-    return _apart(omega, np.exp(np.concatenate([turns, crossings])))
+    rows = _log(np.concatenate([references, limits.reshape(-1, omega.size)]))
+    width = _log(limits[:, 1]) - _log(limits[:, 0])
+    gaps = [width]
+    for row in references:
+        for side in (0, 1):
+            gaps.append(_log(row) - _log(limits[:, side]))
+    places = np.concatenate([_turns(x, rows), _crossings(x, np.concatenate(gaps))])
+    return _add_apart(omega, np.exp(places))
 
 
-def _apart(omega: Array, more: Array) -> Array:
+def _turns(x: Array, rows: Array) -> Array:
+    """Return where parabolas through three neighbours of rows (C, M) turn, about where curves do."""
+    step = np.diff(x)
+    change = np.diff(rows, axis=1)
+    curve, left = np.nonzero(change[:, :-1] * change[:, 1:] < 0.0)
+    before = step[left]
+    after = step[left + 1]
+    fall = change[curve, left] / before
+    rise = change[curve, left + 1] / after
+    middle = 0.5 * (x[left] + x[left + 1])
+    return np.asarray(middle + fall / (fall - rise) * 0.5 * (before + after))
+
+
+def _crossings(x: Array, gaps: Array) -> Array:
+    """Return where straight lines between neighbours of gaps (C, M) cross zero."""
+    signs = np.sign(gaps)
+    curve, left = np.nonzero(signs[:, :-1] * signs[:, 1:] < 0)
+    first = gaps[curve, left]
+    second = gaps[curve, left + 1]
+    return np.asarray(x[left] + first / (first - second) * (x[left + 1] - x[left]))
+
+
+def _add_apart(omega: Array, more: Array) -> Array:
     """Add frequencies that lie apart from one another and from those there are."""
     for new in np.unique(more):
-        at = np.searchsorted(omega, new)
-        near = omega[max(at - 1, 0) : at + 1]
-        if np.abs(np.log(near / new)).min() > _APART:
-            omega = np.insert(omega, at, new)
+        index = np.searchsorted(omega, new)
+        neighbours = omega[max(index - 1, 0) : index + 1]
+        if np.abs(np.log(neighbours / new)).min() > _APART:
+            omega = np.insert(omega, index, new)
     return omega
 
 
 def _log(values: Array) -> Array:
-    """Logarithms; zero and infinity go to the ends of what doubles hold."""
+    """Return logarithms; zero and infinity go to the ends of what doubles hold."""
     return np.asarray(np.log(np.clip(values, _TINY, _HUGE)))

@@ -12,15 +12,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from percept.haptics.containment import ON_LIMIT, Boxes, departures, plane_departures
 from percept.haptics.records import Display
 from percept.html import NotebookRecord
 
+__all__ = ["Realism", "realism"]
+
 
 @dataclass(frozen=True)
 class Realism(NotebookRecord):
-    """Probability of being realistic at every omega of a range, with its Monte Carlo error over the draws."""
+    """Probability of being realistic at every omega of a range, with its Monte Carlo error."""
 
     magnitude: float  # By abs(Z_h)
     plane: float  # By stiffness and damping both
@@ -35,15 +38,26 @@ def realism(display: Display, populations: Boxes, lower: float, upper: float) ->
     A display on its limit, to within rounding, counts as inside. So does one that no search
     decides, which the error counts too.
     """
-    draws = populations.size
-    plane = plane_departures(display, populations, lower, upper).largest <= 0.0
+    in_plane = plane_departures(display, populations, lower, upper).largest <= 0.0
     # Inside in stiffness and damping is inside in magnitude: only the others need a search.
-    magnitude, rest, undecided = plane.copy(), np.flatnonzero(~plane), 0
+    in_magnitude = in_plane.copy()
+    undecided = 0
+    (rest,) = np.nonzero(~in_plane)
     if rest.size:
-        found = departures(display, populations.select(rest), lower, upper, throughout=True)
-        magnitude[rest] = found.largest <= ON_LIMIT
-        undecided = int((magnitude[rest] & (found.bound > ON_LIMIT)).sum())
-    # Where all draws agree the binomial error counts as one draw.
-    p, q = float(magnitude.mean()), float(plane.mean())
-    p_error, q_error = (max(float(np.sqrt(x * (1.0 - x) / draws)), 1.0 / draws) for x in (p, q))
-    return Realism(p, q, p_error + undecided / draws, q_error, draws)
+        departed = departures(display, populations.select(rest), lower, upper, throughout=True)
+        in_magnitude[rest] = departed.largest <= ON_LIMIT
+        undecided = int((in_magnitude[rest] & (departed.bound > ON_LIMIT)).sum())
+    draws = populations.size
+    return Realism(
+        magnitude=float(in_magnitude.mean()),
+        plane=float(in_plane.mean()),
+        magnitude_error=_binomial_error(in_magnitude) + undecided / draws,
+        plane_error=_binomial_error(in_plane),
+        draws=draws,
+    )
+
+
+def _binomial_error(inside: NDArray[np.bool_]) -> float:
+    """Return the standard error of a share; where all draws agree it counts as one draw."""
+    share = float(inside.mean())
+    return max(float(np.sqrt(share * (1.0 - share) / inside.size)), 1.0 / inside.size)

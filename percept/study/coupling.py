@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -27,11 +27,23 @@ from percept.study.regions import Region
 if TYPE_CHECKING:
     from percept.study.fit import Fit
 
+__all__ = [
+    "CouplingStudy",
+    "Realisms",
+    "design_by_method",
+    "no_design",
+    "populations",
+    "study_coupling",
+    "study_realism",
+]
+
 #: By environment, and whether it is displayed through the coupling.
 Realisms = dict[tuple[str, bool], Realism]
-_LABELS = ("environment", "method", "kind", "family", "joint")
-# Frequencies that Llewellyn's criterion is drawn at.
+# Frequencies that Llewellyn's criterion is drawn at: enough for a line without corners.
 _STABILITY_POINTS = 400
+# The criterion is drawn from here on, rad/s, or from this fraction of Nyquist if that is less.
+_LOWEST_OMEGA = 1.0
+_LOWEST_FRACTION = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -68,21 +80,25 @@ def study_coupling(
     read_at: float,
 ) -> CouplingStudy:
     """Judge a coupling: Llewellyn's criterion, and membership in the boundaries over a range, rad/s."""
-    device, coupling, period, hold = setup.device, setup.coupling, setup.period, setup.hold
+    device = setup.device
+    coupling = setup.coupling
+    period = setup.period
+    hold = setup.hold
     assert coupling is not None
     verdict = haptics.absolute_stability(device, coupling, period, hold=hold)
-    rigid = isinstance(device, haptics.Device)
-    need = haptics.required_damping(coupling, period, hold=hold) if rigid else None
+    reason = verdict.reason
+    need = None
+    if isinstance(device, haptics.Device):
+        need = haptics.required_damping(coupling, period, hold=hold)
     nyquist = np.pi / period
-    omega, reason = (
-        np.geomspace(min(1.0, 1e-3 * nyquist), nyquist, _STABILITY_POINTS),
-        verdict.reason,
-    )
     if isinstance(device, TabulatedDevice):
         omega = device.omega[device.omega <= nyquist]
         if verdict.verdict in ("stable", "marginal"):
             # Eqs 9 and 10 look at real parts, and a table shows no more.
             reason = f"The device is measured, so its poles cannot be checked. {reason}"
+    else:
+        lowest = min(_LOWEST_OMEGA, _LOWEST_FRACTION * nyquist)
+        omega = np.geomspace(lowest, nyquist, _STABILITY_POINTS)
     return CouplingStudy(
         stiffness=float(coupling.stiffness),
         damping=float(coupling.damping),
@@ -107,48 +123,67 @@ def _verdicts(
     regions: Sequence[Region],
     within: tuple[float, float],
     read_at: float,
-) -> Iterator[dict[str, Any]]:
-    """Judge every reference against its rectangles, and their corners, at every omega of a range, rad/s."""
+) -> Iterator[dict[str, object]]:
+    """Judge every reference against its rectangles, and their corners, over a range of omega, rad/s."""
     for region in regions:
         if region.limits is None or region.environment not in setup.references:
             continue
         reference = setup.references[region.environment]
-        stiffness, damping = haptics.effective_impedance(read_at, reference, coupling, setup.period)
+        effective = haptics.effective_impedance(read_at, reference, coupling, setup.period)
         for shape in BOXES:
-            row: dict[str, Any] = {name: getattr(region, name) for name in _LABELS} | {
-                "shape": shape
+            row: dict[str, object] = {
+                "environment": region.environment,
+                "method": region.method,
+                "kind": region.kind,
+                "family": region.family,
+                "joint": region.joint,
+                "shape": shape,
             }
-            for side, coupled in (("uncoupled", False), ("coupled", True)):
-                display = setup.display(region.environment, coupled=coupled)
-                boxes = Boxes.of(*region.limits, corners=shape == "corner")
-                departed = departures(display, boxes, *within)
-                row[f"verdict_{side}"] = departed.verdict()
-                row[f"departure_{side}"] = float(np.expm1(departed.largest[0]))
-                row[f"departure_omega_{side}"] = float(departed.omega[0])
-                in_plane = plane_departures(display, boxes, *within)
-                row[f"plane_departure_{side}"] = float(in_plane.largest[0])
-            yield row | {
-                "effective_stiffness": float(stiffness),
-                "effective_damping": float(damping),
-            }
+            row |= _departures(setup, region, shape, within, coupled=False)
+            row |= _departures(setup, region, shape, within, coupled=True)
+            row["effective_stiffness"] = float(effective.stiffness)
+            row["effective_damping"] = float(effective.damping)
+            yield row
+
+
+def _departures(
+    setup: Setup, region: Region, shape: str, within: tuple[float, float], *, coupled: bool
+) -> dict[str, object]:
+    """Judge one reference against one rectangle, without or through the coupling."""
+    assert region.limits is not None
+    display = setup.display(region.environment, coupled=coupled)
+    boxes = Boxes.of(*region.limits, corners=shape == "corner")
+    departed = departures(display, boxes, *within)
+    in_plane = plane_departures(display, boxes, *within)
+    side = "coupled" if coupled else "uncoupled"
+    return {
+        f"verdict_{side}": departed.verdict(),
+        f"departure_{side}": float(np.expm1(departed.largest[0])),
+        f"departure_omega_{side}": float(departed.omega[0]),
+        f"plane_departure_{side}": float(in_plane.largest[0]),
+    }
 
 
 def _probability(realisms: Realisms, verdict: str) -> pd.DataFrame:
     """Probabilities of being realistic; times stability, of which a coupling at its limit has none."""
-    stable = {"stable": True, "marginal": False, "unstable": False}.get(verdict)
+    stable = verdict == "stable"
+    decided = verdict in ("stable", "marginal", "unstable")
     rows = []
-    for (environment, coupled), found in realisms.items():
-        row = {"environment": environment, "coupled": coupled, **dataclasses.asdict(found)}
-        known = coupled and stable is not None
-        for name, held in (("", found.magnitude), ("_plane", found.plane)):
-            row[f"stable_and_realistic{name}"] = held * bool(stable) if known else None
+    for (environment, coupled), probability in realisms.items():
+        row = {"environment": environment, "coupled": coupled, **dataclasses.asdict(probability)}
+        row["stable_and_realistic"] = None
+        row["stable_and_realistic_plane"] = None
+        if coupled and decided:
+            row["stable_and_realistic"] = probability.magnitude * stable
+            row["stable_and_realistic_plane"] = probability.plane * stable
         rows.append(row)
     return pd.DataFrame(rows)
 
 
 def no_design(setup: Setup, kinds: Sequence[str]) -> Skipped | None:
     """Say why no admissible couplings are looked for; None where they are."""
-    device, what = setup.device, "admissible couplings"
+    device = setup.device
+    what = "admissible couplings"
     if isinstance(device, TabulatedDevice) and not covers_range(device, setup.period):
         covered = f"{device.omega[0]:g} to {device.omega[-1]:g} rad/s"
         needed = f"all of 0 to {np.pi / setup.period:g}"
@@ -162,39 +197,49 @@ def design_by_method(
     setup: Setup, regions: Sequence[Region], family: str, within: tuple[float, float]
 ) -> dict[str, CouplingDesign]:
     """Map the couplings that are stable and realistic, by the limits of kind user of each method."""
-    found = {}
+    designs = {}
     for method in ("classical", "bayesian"):
-        wanted = (method, "user", family, "marginal")
-        boxes = {
-            r.environment: r.limits
-            for r in regions
-            if (r.method, r.kind, r.family, r.joint) == wanted and r.limits is not None
-        }
-        if boxes.keys() == setup.references.keys():
-            limits = [
-                EnvironmentBoundary(own, *boxes[name]) for name, own in setup.references.items()
-            ]
-            found[method] = design_couplings(
-                setup.device, limits, within, setup.period, hold=setup.hold
-            )
-    return found
+        boxes = {}
+        for region in regions:
+            same = (region.method, region.kind, region.family) == (method, "user", family)
+            if same and region.joint == "marginal" and region.limits is not None:
+                boxes[region.environment] = region.limits
+        if boxes.keys() != setup.references.keys():
+            continue
+        boundaries = []
+        for environment, reference in setup.references.items():
+            boundaries.append(EnvironmentBoundary(reference, *boxes[environment]))
+        designs[method] = design_couplings(
+            setup.device, boundaries, within, setup.period, hold=setup.hold
+        )
+    return designs
 
 
 def populations(fit: Fit, asked: InferenceTable) -> dict[str, Boxes]:
     """Limits between which the level of all users lie, per posterior draw and environment."""
     means, _ = fit.model.draw(fit.points, generator(asked.seed, Stream.REALISM))
-    reach = -special.ndtri(0.5 * (1.0 - asked.level)) * fit.model.laws(fit.points).population_sd
-    lower, upper = fit.scale.native(means - reach), fit.scale.native(means + reach)
-    pairs = zip(fit.environments, fit.pairs(lower).values(), fit.pairs(upper).values(), strict=True)
-    return {e: Boxes.of((low[0], high[0]), (low[1], high[1])) for e, low, high in pairs}
+    out = -special.ndtri(0.5 * (1.0 - asked.level))
+    reach = out * fit.model.laws(fit.points).population_sd
+    lower = fit.pairs(fit.scale.native(means - reach))
+    upper = fit.pairs(fit.scale.native(means + reach))
+    boxes = {}
+    for environment in fit.environments:
+        k_low, b_low = lower[environment]
+        k_high, b_high = upper[environment]
+        boxes[environment] = Boxes.of((k_low, k_high), (b_low, b_high))
+    return boxes
 
 
 def study_realism(
     setup: Setup, fit: Fit, asked: InferenceTable, within: tuple[float, float]
 ) -> Realisms:
-    """Judge every reference, without and through the coupling, at every frequency of a range, rad/s."""
-    return {
-        (environment, coupled): realism(setup.display(environment, coupled=coupled), users, *within)
-        for environment, users in populations(fit, asked).items()
-        for coupled in (False, True)[: 1 + (setup.coupling is not None)]
-    }
+    """Judge every reference, without and through the coupling, at every omega of a range, rad/s."""
+    displays = [False]
+    if setup.coupling is not None:
+        displays.append(True)
+    realisms = {}
+    for environment, users in populations(fit, asked).items():
+        for coupled in displays:
+            display = setup.display(environment, coupled=coupled)
+            realisms[environment, coupled] = realism(display, users, *within)
+    return realisms

@@ -23,6 +23,18 @@ from percept.sessions.quantities import is_impedance
 from percept.study.basics import Array, Skipped
 from percept.study.regions import Region
 
+__all__ = [
+    "BOXES",
+    "DeviceSensitivity",
+    "Setup",
+    "device_of",
+    "device_sensitivity",
+    "fixed_device",
+    "read_response",
+    "setup_of",
+]
+
+#: Curves around a rectangle of (k, b), by shape.
 BOXES = {"corner": haptics.corner_curves, "envelope": haptics.magnitude_envelope}
 _NO_DEVICE = "the scene has no [device]"
 _RESPONSE = ("omega", "real", "imaginary")
@@ -49,11 +61,15 @@ class Setup:
 
     def curve(self, environment: str, omega: Array, *, coupled: bool) -> Array:
         """abs(Z_h) of a reference at frequencies (M,), rad/s, without or through the coupling, N·s/m."""
-        own, through = self.references[environment], self.coupling if coupled else None
-        found = haptics.perceived_impedance(
-            omega, self.device, own, self.period, coupling=through, hold=self.hold
+        impedance = haptics.perceived_impedance(
+            omega,
+            self.device,
+            self.references[environment],
+            self.period,
+            coupling=self.coupling if coupled else None,
+            hold=self.hold,
         )
-        return np.abs(found)
+        return np.abs(impedance)
 
     def outline(self, region: Region, shape: Shape, omega: Array) -> tuple[Array, Array]:
         """Lower and upper curve of abs(Z_h) around a region at frequencies, rad/s, N·s/m."""
@@ -126,13 +142,15 @@ def device_of(scene: Scene) -> AnyDevice | None:
     # An absolute path stays what it is.
     file = str(scene.folder / str(table.response))
     measured = read_response(file)
-    first, last = (float(measured.omega[end]) for end in (0, -1))
-    for key, value in (("lower", scene.frequency.lower), ("upper", scene.frequency.upper)):
+    first = float(measured.omega[0])
+    last = float(measured.omega[-1])
+    for name in ("lower", "upper"):
+        value = getattr(scene.frequency, name)
         if not first <= value <= last:
             raise UsageError(
                 f"the table covers {first:g} to {last:g} rad/s only, and nothing is extrapolated.",
                 file=file,
-                key=f"frequency.{key}",
+                key=f"frequency.{name}",
                 value=value,
                 hint="Measure further, or narrow [frequency] of the scene.",
             )
@@ -143,14 +161,15 @@ def read_response(path: str) -> TabulatedDevice:
     """Read a CSV of a measured device: omega (rad/s) and Z_d, real and imaginary (N·s/m)."""
     try:
         table = pd.read_csv(path)
-        if missing := [name for name in _RESPONSE if name not in table.columns]:
-            there = ", ".join(table.columns)
-            raise UsageError(f"the column is missing; there are {there}.", column=missing[0])
-        omega, real, imaginary = (table[name].to_numpy(float) for name in _RESPONSE)
+        for name in _RESPONSE:
+            if name not in table.columns:
+                columns = ", ".join(table.columns)
+                raise UsageError(f"the column is missing; there are {columns}.", column=name)
         impedance = np.empty(len(table), dtype=complex)
         # Part by part: 1j times an infinite number is not a number.
-        impedance.real, impedance.imag = real, imaginary
-        return TabulatedDevice(omega=omega, impedance=impedance)
+        impedance.real = table["real"].to_numpy(float)
+        impedance.imag = table["imaginary"].to_numpy(float)
+        return TabulatedDevice(omega=table["omega"].to_numpy(float), impedance=impedance)
     except UsageError as error:
         error.file = path
         raise
@@ -167,10 +186,9 @@ class DeviceSensitivity(NotebookRecord):
     own: tuple[int, int]  # Index of the scene's device: of its damping, of its mass
     verdict: tuple[
         tuple[str | None, ...], ...
-    ]  # By damping and mass: "stable", "marginal" or "unstable"
-    inside: Mapping[
-        str, tuple[tuple[int, ...], ...]
-    ]  # By kind: for how many environments abs(Z_h) stays in
+    ]  # "stable", "marginal" or "unstable", [damping][mass]
+    #: By kind, [damping][mass]: for how many environments abs(Z_h) stays inside.
+    inside: Mapping[str, tuple[tuple[int, ...], ...]]
     environments: int  # How many were judged
     required_damping: float | None  # Damping that the coupling needs of a rigid device, N·s/m
     method: str  # Whose limits
@@ -191,71 +209,89 @@ def device_sensitivity(
     setup: Setup, regions: Sequence[Region], asked: InferenceTable, within: tuple[float, float]
 ) -> DeviceSensitivity | None:
     """Judge stability and realism again for 49 devices about the scene's; None without a region."""
-    own, coupling, period, hold = setup.device, setup.coupling, setup.period, setup.hold
-    assert isinstance(own, Device)
-    limits = {
-        kind: found
-        for kind in asked.kinds
-        if (found := _limits(setup, regions, kind, asked.family))
-    }
-    if not limits:
+    device = setup.device
+    assert isinstance(device, Device)
+    rectangles: dict[str, list[Region]] = {}
+    for kind in asked.kinds:
+        of_kind = _rectangles(setup, regions, kind, asked.family)
+        if of_kind:
+            rectangles[str(kind)] = of_kind
+    if not rectangles:
         return None
-    masses, dampings = _about(float(own.mass)), _about(float(own.damping))
-    # All 49 at once: mass along the rows, damping down them.
-    damping, mass = (axis.ravel() for axis in np.meshgrid(dampings, masses, indexing="ij"))
-    shape = len(dampings), len(masses)
-    verdict, needed = np.full(shape, None).tolist(), None
-    if coupling is not None:
-        needed = float(haptics.required_damping(coupling, period, hold=hold).damping)
-        moved = [
-            dataclasses.replace(own, mass=m, damping=b) for m, b in zip(mass, damping, strict=True)
-        ]
-        stable = [
-            str(haptics.absolute_stability(one, coupling, period, hold=hold).verdict)
-            for one in moved
-        ]
-        verdict = np.reshape(stable, shape).tolist()
-    together = dataclasses.replace(
-        setup, device=dataclasses.replace(own, mass=mass, damping=damping)
-    )
-
-    def stays_inside(region: Region) -> NDArray[np.bool_]:
-        assert region.limits is not None
-        boxes = Boxes.of(*region.limits, count=mass.size)
-        display = together.display(region.environment, coupled=coupling is not None)
-        found = departures(display, boxes, *within, throughout=True)
-        return (found.largest <= ON_LIMIT).reshape(shape)
-
-    some = next(iter(limits.values()))
+    masses = _about(float(device.mass))
+    dampings = _about(float(device.damping))
+    inside: dict[str, tuple[tuple[int, ...], ...]] = {}
+    for name, of_kind in rectangles.items():
+        counts = _counts_inside(setup, of_kind, masses, dampings, within)
+        inside[name] = tuple(tuple(row) for row in counts.tolist())
+    needed = None
+    if setup.coupling is not None:
+        need = haptics.required_damping(setup.coupling, setup.period, hold=setup.hold)
+        needed = float(need.damping)
+    first_kind = next(iter(rectangles.values()))
     return DeviceSensitivity(
         mass=masses,
         damping=dampings,
-        own=(dampings.index(float(own.damping)), masses.index(float(own.mass))),
-        verdict=tuple(map(tuple, verdict)),
-        inside={
-            str(kind): tuple(
-                map(tuple, np.sum([stays_inside(one) for one in found], axis=0).tolist())
-            )
-            for kind, found in limits.items()
-        },
-        environments=len(some),
+        own=(dampings.index(float(device.damping)), masses.index(float(device.mass))),
+        verdict=tuple(tuple(_stability(setup, masses, damping)) for damping in dampings),
+        inside=inside,
+        environments=len(first_kind),
         required_damping=needed,
         method="classical",
-        family=" or ".join(dict.fromkeys(region.family for region in some)),
+        family=" or ".join(dict.fromkeys(region.family for region in first_kind)),
     )
 
 
-def _about(own: float) -> tuple[float, ...]:
-    return tuple(own * times for times in _TIMES) if own else (0.0, *_TIMES[1:])
+def _stability(setup: Setup, masses: Sequence[float], damping: float) -> Iterator[str | None]:
+    """Yield Llewellyn's verdict for every mass, kg, at one damping; None without a coupling."""
+    assert isinstance(setup.device, Device)
+    for mass in masses:
+        if setup.coupling is None:
+            yield None
+            continue
+        device = dataclasses.replace(setup.device, mass=mass, damping=damping)
+        stability = haptics.absolute_stability(
+            device, setup.coupling, setup.period, hold=setup.hold
+        )
+        yield str(stability.verdict)
 
 
-def _limits(setup: Setup, regions: Sequence[Region], kind: str, family: str) -> list[Region]:
-    """Classical rectangles of a kind, one per environment: in the scene's family where it has one."""
-    found: dict[str, Region] = {}
+def _counts_inside(
+    setup: Setup,
+    rectangles: Sequence[Region],
+    masses: Sequence[float],
+    dampings: Sequence[float],
+    within: tuple[float, float],
+) -> NDArray[np.int64]:
+    """Count the environments whose abs(Z_h) stays inside, (dampings, masses); all devices at once."""
+    assert isinstance(setup.device, Device)
+    damping, mass = np.meshgrid(dampings, masses, indexing="ij")
+    devices = dataclasses.replace(setup.device, mass=mass.ravel(), damping=damping.ravel())
+    of_devices = dataclasses.replace(setup, device=devices)
+    counts = np.zeros(mass.size, dtype=np.int64)
+    for region in rectangles:
+        assert region.limits is not None
+        boxes = Boxes.of(*region.limits, count=mass.size)
+        display = of_devices.display(region.environment, coupled=setup.coupling is not None)
+        departed = departures(display, boxes, *within, throughout=True)
+        counts += departed.largest <= ON_LIMIT
+    return counts.reshape(mass.shape)
+
+
+def _about(value: float) -> tuple[float, ...]:
+    """Return values about the scene's; multiples of one where the scene's is zero."""
+    if value:
+        return tuple(value * times for times in _TIMES)
+    return (0.0, *_TIMES[1:])
+
+
+def _rectangles(setup: Setup, regions: Sequence[Region], kind: str, family: str) -> list[Region]:
+    """Return classical rectangles of a kind, one per environment, of the scene's family if it has one."""
+    chosen: dict[str, Region] = {}
     # The one set last stays.
     for preferred in ("normal", "lognormal", family):
-        wanted = ("classical", kind, "marginal", preferred)
-        found |= {
-            r.environment: r for r in regions if (r.method, r.kind, r.joint, r.family) == wanted
-        }
-    return [found[environment] for environment in setup.references if environment in found]
+        for region in regions:
+            labels = region.method, region.kind, region.joint, region.family
+            if labels == ("classical", kind, "marginal", preferred):
+                chosen[region.environment] = region
+    return [chosen[environment] for environment in setup.references if environment in chosen]

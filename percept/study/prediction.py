@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import pandas as pd
@@ -25,18 +25,19 @@ from percept.study.basics import Array, Skipped, Stream, generator
 from percept.study.boundaries import BoundaryDrawing
 from percept.study.fit import Fit, estimands_of, sampled
 from percept.study.intervals import bayesian_row
-from percept.study.regions import Law, LawKind, posterior_law, regions_of
+from percept.study.regions import Law, LawKind, PosteriorPairs, posterior_law, regions_of
 from percept.study.responses import ResponseScale, refuse_no_ratio
 
 if TYPE_CHECKING:
     from percept.study.study import Study
 
-#: Name of the environment.
+__all__ = ["Prediction", "expected_users", "predict"]
+
+# Name of the environment.
 _NEW = "new"
-# Spreads of the new environment per posterior draw.
+# Spreads of the new environment per posterior draw: its spread is drawn anew from the trend.
 _REPEATS = 4
-#: Why a reference of zero cannot be predicted from, nor for.
-_NO_PLACE = "and has no place on the scale that environments are compared on"
+_NO_LOGARITHM = "and has no place on the scale that environments are compared on"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,9 +46,8 @@ class Prediction(NotebookRecord):
 
     environment: str  #: Its name
     decades: dict[str, float]  #: log10 of each reference over the geometric mean of those tested
-    beyond: dict[
-        str, float
-    ]  #: Decades by which each reference lies above the tested range; negative below
+    #: Decades by which each reference lies above the tested range; negative below.
+    beyond: dict[str, float]
     nearest: str  #: The tested environment whose references are nearest
     distance: float  #: How far that is, decades
     #: As `percept.Study.intervals`, and `monte_carlo`, the error of the limits over the half-width.
@@ -64,15 +64,14 @@ class Prediction(NotebookRecord):
     @property
     def sentence(self) -> str:
         """How far the environment lies from what was tested."""
-        outside = [
-            f"{self.quantities[p].label} lies {abs(d):.2g} decades "
-            f"{'above' if d > 0 else 'below'} the tested range"
-            for p, d in self.beyond.items()
-            if d
-        ]
-        nearest = (
-            f"the nearest tested environment is {self.nearest}, {self.distance:.2g} decades away"
-        )
+        outside = []
+        for name, decades in self.beyond.items():
+            if decades:
+                side = "above" if decades > 0 else "below"
+                label = self.quantities[name].label
+                outside.append(f"{label} lies {abs(decades):.2g} decades {side} the tested range")
+        away = f"{self.nearest}, {self.distance:.2g} decades away"
+        nearest = f"the nearest tested environment is {away}"
         if outside:
             return f"Extrapolation: {' and '.join(outside)}; {nearest}."
         return f"Inside the tested range of each parameter; {nearest}."
@@ -109,81 +108,132 @@ def predict(
     RefusalError
         No passed Bayesian fit, a tested reference of zero, or one environment.
     """
-    quantities, asked = study.sessions.quantities, study.scene.inference
-    named = {"k": stiffness, "b": damping}
-    given = {p: value for p, value in named.items() if value is not None} | dict(at or {})
-    rendered = is_impedance(study.parameters) and "m" not in quantities
-    mass = _mass(study, given.pop("m", None)) if rendered else 0.0
-    for parameter in (p for p in given if p not in study.parameters):
-        known = {**IMPEDANCE, **quantities}.get(parameter)
-        raise UsageError(
-            f"the study does not analyse {known.label if known else parameter}.",
-            key=parameter,
-            value=given[parameter],
-            hint="Leave it out.",
-        )
-    reference = np.array([_positive(quantities[p], given.get(p)) for p in study.parameters])
-    refuse_no_ratio(study.reference, quantities, why=_NO_PLACE)
-    fit, log = _fit(study), np.log10(reference)
-    tested = np.log10([[study.reference[p, e] for e in fit.environments] for p in study.parameters])
-    x = log - tested.mean(axis=1)
-    expected = expected_users(fit, x, asked)
-    limits = {kind: _limits(fit, expected, kind, asked) for kind in asked.kinds}
-    if max(float(one.errors.max()) for one in limits.values()) > asked.tolerance:
-        # The fit's draws were enough for the environments tested: sample until they are for this
-        # one.
-        target = NewEstimands(estimands_of(fit.model, asked), x, _REPEATS, asked.seed)
-        run = sampled(fit.model, asked, target, progress=study.progress, store=study.store)
-        if run.gate.passed:
-            fit = dataclasses.replace(fit, run=run)
-            expected = expected_users(fit, x, asked)
-            # The run's own limits and errors rest on all draws that it kept.
-            ends, errors = (
-                v.reshape(len(asked.kinds), 2, -1) for v in (run.estimates.value, run.errors)
-            )
-            limits = {
-                k: _Limits.of(ends[i, 0], ends[i, 1], errors[i]) for i, k in enumerate(asked.kinds)
-            }
-    scale = ResponseScale.of(reference, asked.family)
+    asked = study.scene.inference
+    references = _references(study, stiffness=stiffness, damping=damping, at=at)
+    refuse_no_ratio(study.reference, study.sessions.quantities, why=_NO_LOGARITHM)
+    fit = _passed_fit(study)
+    place = _Place.of(study, fit, references.values)
+    expected, fit, limits = _expect(study, fit, place.decades)
+    scale = ResponseScale.of(references.values, asked.family)
     intervals = pd.DataFrame(_rows(fit, expected, scale, asked, limits))
     boundaries: tuple[Boundary, ...] = ()
     skipped: tuple[Skipped, ...] = ()
     if study.setup is not None and is_impedance(study.parameters):
-        laws = [] if study.sessions.form == "summary" else list(_laws(fit, expected, scale, asked))
+        laws: list[Law] = []
+        if study.sessions.form != "summary":
+            laws += _laws(fit, expected, scale, asked)
         environment = haptics.Environment(
-            stiffness=float(reference[0]), damping=float(reference[1]), mass=mass
+            stiffness=float(references.values[0]),
+            damping=float(references.values[1]),
+            mass=references.mass,
         )
         setup = dataclasses.replace(study.setup, references={_NEW: environment})
         regions = regions_of(intervals, laws, None, asked)
         drawing = BoundaryDrawing(setup, regions, laws, study.scene.frequency, asked.tolerance)
         boundaries = drawing.at(None, [_NEW], asked.kinds)
         skipped = tuple(drawing.skipped)
-    beyond = np.maximum(log - tested.max(axis=1), 0.0) + np.minimum(log - tested.min(axis=1), 0.0)
-    far = np.hypot.reduce(tested - log[:, None], axis=0)
     return Prediction(
         environment=_NEW,
-        decades=dict(zip(study.parameters, x.tolist(), strict=True)),
-        beyond=dict(zip(study.parameters, beyond.tolist(), strict=True)),
-        nearest=fit.environments[int(far.argmin())],
-        distance=float(far.min()),
+        decades=dict(zip(study.parameters, place.decades.tolist(), strict=True)),
+        beyond=dict(zip(study.parameters, place.beyond.tolist(), strict=True)),
+        nearest=place.nearest,
+        distance=place.distance,
         intervals=intervals,
         boundaries=boundaries,
         skipped=skipped,
-        quantities=quantities,
+        quantities=study.sessions.quantities,
     )
 
 
-class _Limits(NamedTuple):
+@dataclasses.dataclass(frozen=True, eq=False)
+class _References:
+    """What the new environment renders."""
+
+    values: Array  # (P,) in the units of the study's quantities
+    mass: float  # kg
+
+
+def _references(
+    study: Study, *, stiffness: float | None, damping: float | None, at: Mapping[str, float] | None
+) -> _References:
+    """Collect the references given; UsageError for those missing, not positive, or not analysed."""
+    quantities = study.sessions.quantities
+    given = dict(at or {})
+    if stiffness is not None:
+        given.setdefault("k", stiffness)
+    if damping is not None:
+        given.setdefault("b", damping)
+    mass = 0.0
+    if is_impedance(study.parameters) and "m" not in quantities:
+        mass = _mass(study, given.pop("m", None))
+    for name, value in given.items():
+        if name not in study.parameters:
+            known = {**IMPEDANCE, **quantities}.get(name)
+            label = known.label if known else name
+            message = f"the study does not analyse {label}."
+            raise UsageError(message, key=name, value=value, hint="Leave it out.")
+    values = [_positive(quantities[name], given.get(name)) for name in study.parameters]
+    return _References(np.array(values), mass)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Place:
+    """Where the new environment lies among those tested, in decades."""
+
+    decades: Array  # (P,) over the geometric mean of those tested
+    beyond: Array  # (P,) above the tested range; negative below, zero inside
+    nearest: str
+    distance: float
+
+    @classmethod
+    def of(cls, study: Study, fit: Fit, values: Array) -> Self:
+        """Compare references (P,) with those of the fit's environments."""
+        rows = [[study.reference[p, e] for e in fit.environments] for p in study.parameters]
+        tested = np.log10(rows)
+        log = np.log10(values)
+        above = np.maximum(log - tested.max(axis=1), 0.0)
+        below = np.minimum(log - tested.min(axis=1), 0.0)
+        distances = np.hypot.reduce(tested - log[:, None], axis=0)
+        nearest = fit.environments[int(distances.argmin())]
+        return cls(log - tested.mean(axis=1), above + below, nearest, float(distances.min()))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _NewLimits:
     """Limits of an interval on the response scale, per parameter."""
 
-    lower: Array
-    upper: Array
-    errors: Array  # Monte Carlo errors of the worse limit, in half-widths
+    lower: Array  # (P,)
+    upper: Array  # (P,)
+    errors: Array  # (P,) Monte Carlo errors of the worse limit, in half-widths
 
     @classmethod
     def of(cls, lower: Array, upper: Array, errors: Array) -> Self:
         """Take standard errors (2, P) of lower and upper limit."""
         return cls(lower, upper, errors.max(axis=0) / (0.5 * (upper - lower)))
+
+
+def _expect(
+    study: Study, fit: Fit, decades: Array
+) -> tuple[NewEnvironment, Fit, dict[Kind, _NewLimits]]:
+    """Work out the new environment's users and limits, from more draws where the fit's are too few."""
+    asked = study.scene.inference
+    expected = expected_users(fit, decades, asked)
+    limits = {kind: _limits(fit, expected, kind, asked) for kind in asked.kinds}
+    worst = max(float(of_kind.errors.max()) for of_kind in limits.values())
+    if worst <= asked.tolerance:
+        return expected, fit, limits
+    target = NewEstimands(estimands_of(fit.model, asked), decades, _REPEATS, asked.seed)
+    run = sampled(fit.model, asked, target, progress=study.progress, store=study.store)
+    if not run.gate.passed:
+        return expected, fit, limits
+    fit = dataclasses.replace(fit, run=run)
+    # The run's own limits and errors rest on all draws that it kept.
+    shape = len(asked.kinds), 2, -1
+    ends = run.estimates.value.reshape(shape)
+    errors = run.errors.reshape(shape)
+    for index, kind in enumerate(asked.kinds):
+        limits[kind] = _NewLimits.of(ends[index, 0], ends[index, 1], errors[index])
+    return expected_users(fit, decades, asked), fit, limits
 
 
 def expected_users(fit: Fit, x: Array, asked: InferenceTable) -> NewEnvironment:
@@ -192,7 +242,8 @@ def expected_users(fit: Fit, x: Array, asked: InferenceTable) -> NewEnvironment:
     return new_environment(fit.model, fit.points, x, repeats=_REPEATS, rng=rng)
 
 
-def _fit(study: Study) -> Fit:
+def _passed_fit(study: Study) -> Fit:
+    """Return the study's fit; RefusalError without one that passed."""
     if study.fit is None:
         raise RefusalError(
             "the classical method has no model of environments nobody tested.",
@@ -217,6 +268,7 @@ def _mass(study: Study, given: float | None) -> float:
 
 
 def _positive(quantity: Quantity, value: float | None) -> float:
+    """Return a reference; UsageError unless it is there and positive."""
     which = f"the {quantity.label} of the new environment"
     positive = f"a positive number of {quantity.unit}".removesuffix(" of ")
     if value is None:
@@ -227,15 +279,16 @@ def _positive(quantity: Quantity, value: float | None) -> float:
     return float(value)
 
 
-def _limits(fit: Fit, expected: NewEnvironment, kind: Kind, asked: InferenceTable) -> _Limits:
-    """Work out the limits of a kind, with errors from means over batches of draws, each with its repeats."""
+def _limits(fit: Fit, expected: NewEnvironment, kind: Kind, asked: InferenceTable) -> _NewLimits:
+    """Work out the limits of a kind, with errors from means over batches of draws."""
     limits = estimands_of(fit.model, asked).limits(kind, expected.laws)
     batch = fit.run.batches()
-    influence = limits.influence
-    own = influence.reshape(len(batch), -1, influence.shape[1]).mean(axis=1)
-    means = np.stack([own[batch == number].mean(axis=0) for number in np.unique(batch)])
+    # A draw's repeats belong together.
+    repeats = limits.influence.reshape(len(batch), -1, limits.influence.shape[1])
+    of_draws = repeats.mean(axis=1)
+    means = np.stack([of_draws[batch == number].mean(axis=0) for number in np.unique(batch)])
     errors = means.std(axis=0, ddof=1) / np.sqrt(len(means))
-    return _Limits.of(limits.lower, limits.upper, errors.reshape(2, -1))
+    return _NewLimits.of(limits.lower, limits.upper, errors.reshape(2, -1))
 
 
 def _rows(
@@ -243,37 +296,41 @@ def _rows(
     expected: NewEnvironment,
     scale: ResponseScale,
     asked: InferenceTable,
-    limits: Mapping[Kind, _Limits],
+    limits: Mapping[Kind, _NewLimits],
 ) -> Iterator[dict[str, Any]]:
     """Yield a row for every kind and parameter."""
-    rest: dict[str, Any] = {
-        "n": int(fit.counts.max()),
-        "repeats": fit.repeats,
-        "approximate": fit.approximate,
-    }
-    for kind, found in limits.items():
+    n = int(fit.counts.max())
+    centre = expected.laws.mean.mean(axis=0)
+    for kind, of_kind in limits.items():
         with np.errstate(over="ignore", under="ignore"):
-            ends = scale.native(
-                np.stack([found.lower, found.upper, expected.laws.mean.mean(axis=0)])
-            )
-        for p, parameter in enumerate(fit.parameters):
-            cell, unit = (parameter, _NEW), fit.quantities[parameter].unit
-            low, high, centre = ends[:, p].tolist()
+            values = scale.native(np.stack([of_kind.lower, of_kind.upper, centre], axis=0))
+        for index, parameter in enumerate(fit.parameters):
+            lower, upper, estimate = values[:, index].tolist()
             row = bayesian_row(
-                asked, kind, cell, (low, high, centre), float(scale.origin[p]), unit, **rest
+                asked,
+                kind,
+                (parameter, _NEW),
+                (lower, upper, estimate),
+                float(scale.origin[index]),
+                fit.quantities[parameter].unit,
+                n=n,
+                repeats=fit.repeats,
+                approximate=fit.approximate,
             )
-            yield row | {"monte_carlo": float(found.errors[p])}
+            yield row | {"monte_carlo": float(of_kind.errors[index])}
 
 
 def _laws(
     fit: Fit, expected: NewEnvironment, scale: ResponseScale, asked: InferenceTable
 ) -> Iterator[Law]:
     """Yield the laws of the average and the next user of the environment."""
-    batch, n = np.repeat(fit.run.batches(), _REPEATS), int(fit.counts.max())
-    every: Mapping[LawKind, int] = {"mean": _REPEATS, "user": 1}
-    for kind, step in every.items():
+    n = int(fit.counts.max())
+    batch = np.repeat(fit.run.batches(), _REPEATS)
+    location = expected.covariance
+    # The average does not depend on the spread, which takes the repeats.
+    mean = PosteriorPairs(expected.mean[::_REPEATS], location[::_REPEATS], batch[::_REPEATS], n)
+    user = PosteriorPairs(expected.mean, location + expected.population, batch, n)
+    drawn: Mapping[LawKind, PosteriorPairs] = {"mean": mean, "user": user}
+    for kind, pairs in drawn.items():
         if kind in asked.kinds:
-            # The average does not depend on the spread, which takes the repeats.
-            covariance = expected.covariance + (expected.population if kind == "user" else 0.0)
-            drawn = expected.mean[::step], covariance[::step], batch[::step]
-            yield posterior_law(_NEW, kind, scale, *drawn, n, asked)
+            yield posterior_law(_NEW, kind, pairs, scale, asked)

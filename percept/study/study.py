@@ -49,7 +49,7 @@ from percept.study.intervals import (
     classical_rows,
     compare_intervals,
 )
-from percept.study.regions import Law, Pairs, Region, laws_of, regions_of, subject_pairs
+from percept.study.regions import Law, Region, SubjectPairs, laws_of, regions_of, subject_pairs
 from percept.study.responses import references, refuse_lone_subject
 from percept.study.views import StudyViews
 
@@ -317,7 +317,7 @@ class Study(StudyViews):
         return dict(results(self._zoom))
 
     @cached_property
-    def _pairs(self) -> list[Pairs | Skipped]:
+    def _pairs(self) -> list[SubjectPairs | Skipped]:
         device = self.device is not None
         return list(subject_pairs(self.sessions, self.scene, self.parameters, device=device))
 

@@ -19,7 +19,7 @@ from percept.study.basics import Skipped, results
 from percept.study.boundaries import BoundaryDrawing, zoom_windows
 from percept.study.coupling import study_coupling
 from percept.study.device import Setup
-from percept.study.regions import Pairs, laws_of
+from percept.study.regions import SubjectPairs, laws_of
 from tests import DATASETS
 
 SHOWN = {"reference": False, "coupled": True}
@@ -108,7 +108,7 @@ def test_whole_curves_of_normal_users_lie_in_the_classical_band_at_least_at_its_
     held: dict[str, list[float]] = {"mean": [], "user": []}
     for _ in range(count):
         k, b = centre + root @ rng.standard_normal((2, 8))
-        laws = laws_of([Pairs("normal", "A", k, b)], None, asked)
+        laws = laws_of([SubjectPairs("normal", "A", k, b)], None, asked)
         regions = [law.region for law in laws if law.region is not None]
         drawn = BoundaryDrawing(setup, regions, laws, FrequencyTable(), asked.tolerance).at(
             omega, ["A"], held
