@@ -14,7 +14,7 @@ from percept.cache import digest, numbers_version
 from percept.errors import PerceptError, UsageError
 from percept.scene import Scene
 from percept.sessions import read_sessions
-from percept.sessions.files import expand, fitting, is_pattern, may_be_study
+from percept.sessions.paths import expand, fitting, is_pattern, may_be_study
 from percept.study import Study
 from percept.workers import Mapper
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -121,124 +122,124 @@ def screen(
 ) -> Iterator[Notice]:
     """Warn of what is seldom meant. Nothing is left out: that is for the analyst to declare."""
     yield from _single_trials(table)
-    for p in (quantity.name for quantity in quantities):
-        yield from _gross_errors(table, p, place)
-        yield from _without_logarithm(table, p, place, family)
-        yield from _at_the_end(table, p, place)
-        yield from _never_moved(table, p)
-    tried = set(table.groupby(["subject", "environment"], sort=False).groups)
-    subjects, environments = (table[c].unique() for c in ("subject", "environment"))
-    if lacking := [f"{s} at {e}" for s in subjects for e in environments if (s, e) not in tried]:
-        has = "has" if len(lacking) == 1 else "have"
-        yield Notice(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")
+    for quantity in quantities:
+        yield from _gross_errors(table, quantity.name, place)
+        yield from _without_logarithm(table, quantity.name, place, family)
+        yield from _at_a_limit(table, quantity.name, place)
+        yield from _never_moved(table, quantity.name)
+    yield from _empty_cells(table)
     for column in pooled:
         yield from _pooled(table, column)
 
 
+def _empty_cells(table: pd.DataFrame) -> Iterator[Notice]:
+    """Name the subjects that lack an environment."""
+    tried = set(table.groupby(["subject", "environment"], sort=False).groups)
+    lacking = []
+    for subject, environment in product(table["subject"].unique(), table["environment"].unique()):
+        if (subject, environment) not in tried:
+            lacking.append(f"{subject} at {environment}")
+    if lacking:
+        has = "has" if len(lacking) == 1 else "have"
+        yield Notice(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")
+
+
 def _gross_errors(table: pd.DataFrame, parameter: str, place: Places) -> Iterator[Notice]:
+    """Name values many times above or below the median of their environment."""
     column = f"{parameter}_adj"
     positive = table[table[column] > 0]
     by_environment = positive.groupby("environment", sort=False)
     typical = by_environment[column].transform("median")
     enough = by_environment["subject"].transform("nunique") >= _FEWEST
     far = (positive[column] > _GROSS * typical) | (positive[column] < typical / _GROSS)
-    found = positive.assign(median=typical)[enough & far]
-    if len(found):
-        values = found[["subject", "environment", column, "median"]].to_numpy()
-        named = ["{} at {}: {:.6g}, median {:.6g}".format(*row) for row in values]
-        text = (
-            f"{counted(len(found), 'value')} of {parameter} far from the median of the environment,"
-            " here "
-        )
-        text += f"the first: a slip? Subjects {shown(named)}"
-        yield Notice(text, column=column, **place(found.index[0]))
+    gross = positive.assign(median=typical)[enough & far]
+    if gross.empty:
+        return
+    rows = gross[["subject", "environment", column, "median"]].to_numpy()
+    named = ["{} at {}: {:.6g}, median {:.6g}".format(*row) for row in rows]
+    text = (
+        f"{counted(len(gross), 'value')} of {parameter} far from the median of the environment,"
+        f" here the first: a slip? Subjects {shown(named)}"
+    )
+    yield Notice(text, column=column, **place(gross.index[0]))
 
 
 def _without_logarithm(
     table: pd.DataFrame, parameter: str, place: Places, family: str
 ) -> Iterator[Notice]:
     """Count zeros and negative values, and say which way out fits them."""
-    column, reference = f"{parameter}_adj", f"{parameter}_ref"
+    column = f"{parameter}_adj"
+    reference = f"{parameter}_ref"
     known = table[table[column].notna()]
     low = known[known[column] <= 0]
+    if low.empty:
+        return
     few_zeros = bool((low[column] == 0).all()) and len(low) <= _FEW * len(known)
     no_ratio = bool((low[reference] <= 0).any())
     # The normal family takes zeros and negative values; only a few zeros are doubted there.
-    if low.empty or (family != "lognormal" and (no_ratio or not few_zeros)):
+    if family != "lognormal" and (no_ratio or not few_zeros):
         return
-    normal = 'use family = "normal" in [inference]'
     if no_ratio:
         way = (
-            f"References of zero or below have no ratio: {normal} with scale in [model]. Where the"
-            " zero "
-        )
-        way += (
-            f"of the scale is arbitrary, add one offset to {reference} and {column} in [columns]."
+            'References of zero or below have no ratio: set family = "normal" in [inference] and'
+            " scale in [model]. If the zero of the scale is arbitrary, add one offset to"
+            f" {reference} and {column} in [columns]."
         )
     elif few_zeros:
         least = float(known.loc[known[column] > 0, column].min())
+        rule = f'{{ column = "{column}", below = {least!r}, why = "no adjustment" }}'
         way = (
-            f'If they are failed trials, [sessions] exclude = [{{ column = "{column}", below ='
-            f" {least!r}, "
-        )
-        way += (
-            'why = "no adjustment" }] leaves them out and logs them. If people meant them,'
-            f" {normal}."
+            f"If they are failed trials, [sessions] exclude = [{rule}] leaves them out and logs"
+            ' them. If people meant them, set family = "normal" in [inference].'
         )
     else:
-        way = f"Leaving out this many biases what is left: {normal}."
-    what = _counted_share(len(low), len(known), parameter)
-    yield Notice(
-        f"{what} zero or negative, here the first. {way}", column=column, **place(low.index[0])
-    )
+        way = 'To leave out this many biases the rest: set family = "normal" in [inference].'
+    text = f"{_share(len(low), len(known), parameter)} zero or negative, here the first. {way}"
+    yield Notice(text, column=column, **place(low.index[0]))
 
 
-def _counted_share(count: int, total: int, parameter: str) -> str:
+def _share(count: int, total: int, parameter: str) -> str:
     """Such as "2 values of k (20.0% of 10) are"."""
-    values = counted(count, "value")
-    return (
-        f"{values} of {parameter} ({count / total:.1%} of {total:,})"
-        f" {'is' if count == 1 else 'are'}"
-    )
+    verb = "is" if count == 1 else "are"
+    return f"{counted(count, 'value')} of {parameter} ({count / total:.1%} of {total:,}) {verb}"
 
 
-def _at_the_end(table: pd.DataFrame, parameter: str, place: Places) -> Iterator[Notice]:
-    """Warn where more values equal the largest or least of all than the one next to it, by far."""
+def _at_a_limit(table: pd.DataFrame, parameter: str, place: Places) -> Iterator[Notice]:
+    """Warn where many more values equal the largest or least than the one next to it."""
     column = f"{parameter}_adj"
     counts = table[column].value_counts().sort_index()
-    values, total = counts.index, int(counts.sum())
-    for at, beside, which, way in ((-1, -2, "largest", "above"), (0, 1, "least", "below")):
-        if len(counts) < 3 or counts.iloc[at] < max(_ENOUGH, _FEW * total, 3 * counts.iloc[beside]):
+    if len(counts) < 3:
+        return
+    total = int(counts.sum())
+    for extreme, beside, which, way in ((-1, -2, "largest", "above"), (0, 1, "least", "below")):
+        count = int(counts.iloc[extreme])
+        value = float(counts.index[extreme])
+        many = count >= max(_ENOUGH, _FEW * total, 3 * counts.iloc[beside])
+        # Zeros have a warning of their own.
+        if not many or value <= 0:
             continue
-        # Zeros are told already, whatever they come from.
-        if values[at] > 0:
-            rule = (
-                f'{{ column = "{column}", {way} = {float(values[beside])!r}, why = "end of the'
-                ' knob" }'
-            )
-            text = f"{_counted_share(int(counts.iloc[at]), total, parameter)} the {which} of all, "
-            text += (
-                f"{values[at]:g}: the end of the knob? Such a value says only that the adjustment"
-                " lies "
-            )
-            text += (
-                f"{way} it, and the spread is too small. [sessions] exclude = [{rule}] leaves them"
-                " out "
-            )
-            first = table.index[table[column] == values[at]][0]
-            yield Notice(f"{text}and logs them.", column=column, **place(first))
+        limit = float(counts.index[beside])
+        rule = f'{{ column = "{column}", {way} = {limit!r}, why = "limit of the control" }}'
+        text = (
+            f"{_share(count, total, parameter)} the {which} of all, {value:g}: the limit of the"
+            f" control? Such a value says only that the adjustment lies {way} it, and makes the"
+            f" spread too small. [sessions] exclude = [{rule}] leaves them out and logs them."
+        )
+        first = table.index[table[column] == value][0]
+        yield Notice(text, column=column, **place(first))
 
 
 def _never_moved(table: pd.DataFrame, parameter: str) -> Iterator[Notice]:
+    """Name subjects who have several trials, and left the reference in all of them."""
     column = f"{parameter}_adj"
     known = table[table[column].notna()]
     same = known[column] == known[f"{parameter}_ref"]
-    told = same.groupby(known["subject"], sort=False).agg(["all", "size"])
-    if names := [str(name) for name in told.index[told["all"] & (told["size"] > 1)]]:
-        who = f"subject{'s' * (len(names) > 1)} {shown(names)}"
-        text = (
-            f"{who} left {parameter} at the reference in every trial: was what they set recorded?"
-        )
+    by_subject = same.groupby(known["subject"], sort=False).agg(["all", "size"])
+    still = by_subject.index[by_subject["all"] & (by_subject["size"] > 1)]
+    if len(still):
+        noun = "subject" if len(still) == 1 else "subjects"
+        who = f"{noun} {shown([str(name) for name in still])}"
+        text = f"{who} left {parameter} at the reference in every trial: was the setting recorded?"
         yield Notice(text, column=column)
 
 

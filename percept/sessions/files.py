@@ -1,9 +1,8 @@
-"""Paths to bytes and text: folders, globs, archives, encodings, and files that are no tables."""
+"""Files to bytes and text: archives, encodings, and files that are no tables."""
 
 from __future__ import annotations
 
 import codecs
-import glob
 import gzip
 import hashlib
 import io
@@ -12,7 +11,7 @@ import re
 import stat
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePath
@@ -20,12 +19,11 @@ from typing import IO, BinaryIO, TextIO
 
 from percept.errors import UsageError
 from percept.sessions.options import FileLimits
-from percept.sessions.records import NoDataError, Notice
+from percept.sessions.paths import PACKED, is_hidden
+from percept.sessions.records import NoDataError
 
-#: What tells a folder of results from one of sessions.
-_RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "batch.sha256")
-_PACKED = (".csv", ".tsv", ".tab", ".txt")
-_SUFFIXES = (*_PACKED, ".gz", ".zip", ".parquet", ".xlsx")
+__all__ = ["BLOCK", "Input", "is_workbook", "line_ends", "load", "open_text"]
+
 #: R's files; their compression may hide what is in them.
 _R_SUFFIXES = (".rda", ".rdata", ".rds")
 _BROKEN = (
@@ -87,88 +85,6 @@ class Input:
             return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def expand(
-    paths: Sequence[str | Path], wants: Callable[[str], bool] = lambda _: True
-) -> tuple[dict[str, bool], list[Notice]]:
-    """Expand folders and globs to files, in the order given, and say what is left out.
-
-    Of a folder's tables those stay that are wanted. Of each file stands whether somebody named it.
-    """
-    if not paths:
-        raise UsageError("no file was given.", hint="Name at least one session file or folder.")
-    files: dict[str, bool] = {}
-    places: set[str] = set()  # Where their paths lead
-    notices: list[Notice] = []
-    for given in paths:
-        if not isinstance(given, str | os.PathLike):
-            hint = "A DataFrame goes to Sessions.from_frame."
-            raise UsageError(f"a path is text, not {type(given).__name__}.", hint=hint)
-        text = str(given)
-        if is_folder := Path(text).is_dir():
-            tables, results = _inside(Path(text))
-            if not tables:
-                message = f"the folder holds no table ({', '.join(_SUFFIXES)})."
-                raise UsageError(message, file=text, hint="Check the path.")
-            found = [name for name in tables if wants(name)]
-            notices += [Notice("a folder of results is not read", file=name) for name in results]
-        elif Path(text).exists():
-            found = [text]
-        elif is_pattern(text):
-            found = [name for name in fitting(text) if not Path(name).is_dir()]
-            if not found:
-                hint = "Check it, and quote it in a shell."
-                raise UsageError("no file fits the pattern.", file=text, hint=hint)
-        else:
-            raise UsageError("there is no such file.", file=text, hint="Check the path.")
-        for name in found:
-            place = str(Path(name).resolve())
-            if place in places:
-                notices.append(Notice("a file that is named more than once is read once"))
-            else:
-                files[name] = not is_folder
-            places.add(place)
-    if not files:
-        message, hint = "no file in the folders fits include and exclude.", "Correct the patterns."
-        raise UsageError(message, key="sessions.files", hint=hint)
-    return files, notices
-
-
-def is_pattern(text: str) -> bool:
-    """Whether a path is a glob pattern: it has a sign of one, and nothing is called so."""
-    return any(sign in text for sign in "*?[") and not Path(text).exists()
-
-
-def fitting(pattern: str) -> list[str]:
-    """Return the files and folders that a pattern fits, sorted."""
-    return sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207 - a pattern may be absolute
-
-
-def may_be_study(path: str) -> bool:
-    """Whether what a pattern fits is a table, or a folder of tables that percept has not filled itself."""
-    found = Path(path)
-    if found.is_dir():
-        return not any((found / name).exists() for name in _RESULTS) and bool(_inside(found)[0])
-    return found.suffix.lower() in _SUFFIXES
-
-
-def _inside(folder: Path) -> tuple[list[str], list[str]]:
-    """Look for tables and folders of results in a folder and those below it."""
-    filled = {p.parent for name in _RESULTS for p in folder.rglob(name)} - {folder}
-    paths = [
-        path
-        for path in sorted(folder.rglob("*"))
-        if path.suffix.lower() in _SUFFIXES and path.is_file()
-    ]
-    paths = [path for path in paths if filled.isdisjoint(path.parents)]
-    return [str(path) for path in paths if not _hidden(path.relative_to(folder))], sorted(
-        map(str, filled)
-    )
-
-
-def _hidden(path: PurePath) -> bool:
-    return any(part.startswith((".", "~$", "__MACOSX")) and part != ".." for part in path.parts)
-
-
 def load(name: str, limits: FileLimits) -> Iterator[Input]:
     """Read one path; an archive gives its members, in memory only."""
     if name.lower().endswith(_R_SUFFIXES):
@@ -219,10 +135,10 @@ def _members(archive: zipfile.ZipFile, name: str, limits: FileLimits) -> Iterato
     tables = [
         member
         for member in sorted(archive.namelist())
-        if member.lower().endswith(_PACKED) and not _hidden(PurePath(member))
+        if member.lower().endswith(PACKED) and not is_hidden(PurePath(member))
     ]
     if not tables:
-        raise UsageError(f"the archive holds no table ({', '.join(_PACKED)}).", file=name)
+        raise UsageError(f"the archive holds no table ({', '.join(PACKED)}).", file=name)
     for member in tables:
         content = _unpacked(partial(archive.open, member), f"{name}!{member}", limits)
         # Some archivers write backslashes.
@@ -243,26 +159,6 @@ def _unpacked(
         raise UsageError(f"a broken archive: {error}.", file=name, hint=hint) from None
     limits.hold_size(size, name)
     return content.getvalue()
-
-
-def ids_from_name(path: str, pattern: str | None, *, file: str) -> dict[str, str]:
-    """Ids in a file's name, by the scene's pattern."""
-    if pattern is None:
-        return {}
-    stem = PurePath(path).name
-    while (lower := stem.lower()).endswith(_SUFFIXES):
-        stem = stem[: lower.rindex(".")]
-    text = re.escape(pattern)
-    longest = re.fullmatch(re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>.+)", text), stem)
-    shortest = re.fullmatch(re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>.+?)", text), stem)
-    if longest is None or shortest is None:
-        hint = "Correct [sessions] filename."
-        raise UsageError(f"the name does not fit the pattern {pattern!r}.", file=file, hint=hint)
-    if longest.groupdict() != shortest.groupdict():
-        message = f"the name fits the pattern {pattern!r} in more than one way."
-        hint = "Put separators into [sessions] filename that do not occur in the ids."
-        raise UsageError(message, file=file, hint=hint)
-    return longest.groupdict()
 
 
 def open_text(entry: Input, declared: str | None) -> tuple[TextIO, str]:

@@ -15,8 +15,9 @@ import pandas as pd
 
 from percept.errors import PerceptError, UsageError, counted, printable
 from percept.sessions.columns import Header, resolve
-from percept.sessions.files import Input, expand, load
+from percept.sessions.files import Input, load
 from percept.sessions.options import ReadOptions
+from percept.sessions.paths import expand
 from percept.sessions.quantities import IMPEDANCE, quantity_of
 from percept.sessions.read import Sessions, read_sessions
 from percept.sessions.reading import open_blocks

@@ -15,6 +15,21 @@ from pydantic import BaseModel, ConfigDict, model_validator
 from percept.errors import UsageError, did_you_mean
 from percept.sessions.records import IDS, MASS
 
+__all__ = [
+    "IMPEDANCE",
+    "Quantities",
+    "Quantity",
+    "Table",
+    "convert",
+    "factor",
+    "is_impedance",
+    "known_key",
+    "numbers_of",
+    "quantity_of",
+    "trial_columns",
+    "with_mass",
+]
+
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
 _IMPEDANCE = {
     "k": {"label": "stiffness", "unit": "N/m"},

@@ -14,9 +14,10 @@ from percept.errors import UsageError
 from percept.sessions import checks
 from percept.sessions.columns import Header, resolve
 from percept.sessions.doubts import doubtful_ids
-from percept.sessions.files import Input, expand, ids_from_name, is_workbook, load, open_text
+from percept.sessions.files import Input, is_workbook, load, open_text
 from percept.sessions.grids import Block, text_blocks
 from percept.sessions.options import ReadOptions
+from percept.sessions.paths import expand, ids_from_name
 from percept.sessions.records import (
     Exclusion,
     NoDataError,

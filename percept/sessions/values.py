@@ -15,6 +15,19 @@ import pandas as pd
 
 from percept.sessions.records import CellPlace, Notice, Problems
 
+__all__ = [
+    "LARGEST",
+    "LEAST",
+    "CellError",
+    "Mark",
+    "Names",
+    "decimal_mark",
+    "fold",
+    "is_missing",
+    "parse_numbers",
+    "pick",
+]
+
 Mark = Literal[".", ","]
 
 #: Numbers lie between these in size, or are zero: products of three of them are doubles still.
@@ -63,23 +76,25 @@ def decimal_mark(
     if not commas:
         return "." if any("." in cell for _, cells in columns for cell in cells) else None
     points = _with_mark(".", columns, rows)
-    sure = [
-        sum(not _TWO_READINGS.fullmatch(cell) for *_, cell in cells) for cells in (commas, points)
-    ]
+    sure_commas = _with_one_reading(commas)
     if points:
         # Cells with one reading go before more numerous ones with two.
-        return "," if (sure[0], len(commas)) > (sure[1], len(points)) else "."
-    if not sure[0]:
+        for_comma = (sure_commas, len(commas))
+        return "," if for_comma > (_with_one_reading(points), len(points)) else "."
+    if not sure_commas:
         hint = (
-            'Declare [sessions] decimal = "," or decimal = "." if it separates thousands (and write'
-            " them "
+            'Declare [sessions] decimal = ",". If the comma separates thousands, write them without'
+            ' it and declare decimal = ".".'
         )
-        hint += "without it)."
         for row, name, cell in commas:
-            problems.add(
-                f"{_readings(cell)}.", file=file, row=row, column=name, value=cell, hint=hint
-            )
+            message = f"{_readings(cell)}."
+            problems.add(message, file=file, row=row, column=name, value=cell, hint=hint)
     return ","
+
+
+def _with_one_reading(cells: Sequence[tuple[int, str, str]]) -> int:
+    """How many cells hold a mark that cannot separate thousands."""
+    return sum(_TWO_READINGS.fullmatch(cell) is None for _, _, cell in cells)
 
 
 def _with_mark(
@@ -133,12 +148,12 @@ def _diagnosis(text: str, mark: Mark) -> tuple[str, str]:
     """Say what is wrong with a cell that is no number, and what to do if that is more than to correct it."""
     other: Mark = "," if mark == "." else "."
     if _NUMBER[other].fullmatch(text):
-        found = _readings(text) if _TWO_READINGS.fullmatch(text) else f"a decimal {_WORDS[other]}"
-        hint = f"Write it with a decimal {_WORDS[mark]}, and thousands without a separator, or set "
-        return (
-            f"{found}; the file is read with the decimal mark {mark!r}.",
-            f"{hint}[sessions] decimal.",
+        what = _readings(text) if _TWO_READINGS.fullmatch(text) else f"a decimal {_WORDS[other]}"
+        hint = (
+            f"Write it with a decimal {_WORDS[mark]}, and thousands without a separator, or set"
+            " [sessions] decimal."
         )
+        return f"{what}; the file is read with the decimal mark {mark!r}.", hint
     return next((what, hint) for pattern, what, hint in _NO_NUMBERS if re.fullmatch(pattern, text))
 
 
@@ -160,8 +175,10 @@ def pick(cell: str, path: str) -> str | None:
     for step in path.split("."):
         if isinstance(value, dict) and step not in value:
             return None
+        if value is None:
+            break
         try:
-            value = None if value is None else value[int(step) if isinstance(value, list) else step]
+            value = value[int(step)] if isinstance(value, list) else value[step]
         except (LookupError, TypeError, ValueError):
             raise CellError(f"there is no {step!r} in it") from None
     if value is not None and not isinstance(value, str):
@@ -178,9 +195,8 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def fold(name: str) -> str:
     """Write a name in one Unicode form (NFC), without zero-width characters and surplus spaces."""
-    if name.isascii() and name == name.strip() and "  " not in name:
-        return name
-    return " ".join(_ZERO_WIDTH.sub("", unicodedata.normalize("NFC", name)).split())
+    visible = _ZERO_WIDTH.sub("", unicodedata.normalize("NFC", name))
+    return " ".join(visible.split())
 
 
 @dataclass

@@ -58,8 +58,8 @@ def test_two_subjects_say_nothing_of_each_other(tmp_path):
 def test_values_without_a_logarithm(tmp_path):
     rows = [*CLEAN, "5,soft,100,1,0,1.2", "5,hard,2000,10,-3,11"]
     assert warnings_of(tmp_path, rows) == [
-        "s.csv:10:k_adj: 2 values of k (20.0% of 10) are zero or negative, here the first. Leaving"
-        ' out this many biases what is left: use family = "normal" in [inference].'
+        "s.csv:10:k_adj: 2 values of k (20.0% of 10) are zero or negative, here the first. To leave"
+        ' out this many biases the rest: set family = "normal" in [inference].'
     ]
 
 
@@ -67,7 +67,7 @@ def test_a_knob_that_never_moved(tmp_path):
     still = ["8,soft,100,1,100,1.1", "8,hard,2000,10,2000,10"]
     once = ["9,soft,100,1,100,0.8", "9,hard,2000,10,1900,11"]
     assert warnings_of(tmp_path, [*CLEAN, *still, *once]) == [
-        "k_adj: subject '8' left k at the reference in every trial: was what they set recorded?"
+        "k_adj: subject '8' left k at the reference in every trial: was the setting recorded?"
     ]
 
 
@@ -153,14 +153,14 @@ def test_the_way_out_of_values_without_a_logarithm_fits_them(tmp_path):
         'exclude = [{ column = "k_adj", below = 100.0, why = "no adjustment" }] leaves them out'
         in few
     )
-    assert few.endswith('If people meant them, use family = "normal" in [inference].')
+    assert few.endswith('If people meant them, set family = "normal" in [inference].')
     (many,) = zeros(tmp_path, [*some, *range(-5, 1)])
     assert many.startswith("s.csv:32:k_adj: 6 values of k (16.7% of 36) are zero or negative")
     assert many.endswith(
-        'Leaving out this many biases what is left: use family = "normal" in [inference].'
+        'To leave out this many biases the rest: set family = "normal" in [inference].'
     )
     (arbitrary,) = zeros(tmp_path, [-3.0, -2.5, 4.0], reference="-2")
-    assert 'family = "normal" in [inference] with scale in [model]' in arbitrary
+    assert 'family = "normal" in [inference] and scale in [model]' in arbitrary
     assert "add one offset to k_ref and k_adj in [columns]" in arbitrary
 
 
@@ -172,22 +172,24 @@ def test_the_normal_family_is_not_advised_where_it_is_chosen(tmp_path):
     assert zeros(tmp_path, [-3.0, -2.5, 4.0], reference="-2", family="normal") == []
 
 
-def test_many_equal_extremes_are_the_end_of_the_knob(tmp_path):
+def test_many_equal_extremes_are_the_limit_of_the_control(tmp_path):
     free = [f"{s},soft,100,1,{100 + 7 * s % 60},{1 + s / 100}" for s in range(20)]
     stuck = [f"{s},soft,100,1,160,{1 + s / 100}" for s in range(20, 26)]
     assert warnings_of(tmp_path, free) == []
     (said,) = warnings_of(tmp_path, [*free, *stuck])
     assert said.startswith(
-        "s.csv:22:k_adj: 6 values of k (23.1% of 26) are the largest of all, 160: the end of the"
-        " knob?"
+        "s.csv:22:k_adj: 6 values of k (23.1% of 26) are the largest of all, 160: the limit of the"
+        " control?"
     )
-    rule = '[sessions] exclude = [{ column = "k_adj", above = 159.0, why = "end of the knob" }]'
+    rule = (
+        '[sessions] exclude = [{ column = "k_adj", above = 159.0, why = "limit of the control" }]'
+    )
     assert rule in said
     path = tmp_path / "s.csv"
     options = ReadOptions(
-        sessions={"exclude": [{"column": "k_adj", "above": 159.0, "why": "end of the knob"}]}
+        sessions={"exclude": [{"column": "k_adj", "above": 159.0, "why": "limit of the control"}]}
     )
-    assert read_sessions(path, options=options).counts["excluded: end of the knob"] == 6
+    assert read_sessions(path, options=options).counts["excluded: limit of the control"] == 6
 
 
 def test_groups_are_not_pooled_in_silence(tmp_path):
