@@ -73,7 +73,7 @@ def _run(arguments: argparse.Namespace) -> None:
 
 def _by_column(arguments: argparse.Namespace, progress: Working) -> None:
     """Compare conditions where subjects went through several, and groups of subjects otherwise."""
-    from percept.sessions.factors import by_level
+    from percept.sessions.read import by_level
     from percept.study.compare import split_by, within_subjects
 
     column = arguments.by

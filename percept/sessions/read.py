@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 
-from percept.errors import UsageError
+from percept.errors import UsageError, counted
 from percept.sessions import checks, doubts
 from percept.sessions.options import DataTables, ReadOptions
 from percept.sessions.quantities import Quantities, trial_columns
@@ -30,7 +31,7 @@ from percept.sessions.records import (
 )
 from percept.sessions.table import FileTable
 
-__all__ = ["Sessions", "read_sessions"]
+__all__ = ["Sessions", "by_level", "read_sessions", "refuse_gaps"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,3 +294,50 @@ def _checked_trials(
         # A file that lacks a group column leaves blanks, never the text "nan".
         tidy[group] = merged[group].fillna("").astype("str")
     return tidy
+
+
+def refuse_gaps(sessions: Sessions, column: str) -> None:
+    """Refuse a column that does not put every row of trials into a group."""
+    if sessions.form == "summary":
+        message = "published limits hold no subjects to divide."
+        raise UsageError(message, column=column, hint="Give sessions, or two studies.")
+    table = sessions.table
+    if column not in table:
+        message = f"the sessions have no such column; they have {', '.join(map(str, table))}."
+        hint = (
+            "Read the files with the scene that names it: read_sessions(files, scene=scene)."
+            f' A column of groups is kept by [sessions] groups = ["{column}"].'
+        )
+        raise UsageError(message, column=column, hint=hint)
+    blank = table[column].astype(str).str.strip() == ""
+    if blank.any():
+        file, row = sessions.locate(int(table.index[blank][0]))
+        message = f"{counted(int(blank.sum()), 'row')} without a value, of no group."
+        hint = "Fill them in, or leave such rows out with [sessions] exclude."
+        raise UsageError(message, file=file, row=row, column=column, hint=hint)
+    if table[column].nunique() < 2:
+        raise UsageError("all rows have one value: there is nothing to compare.", column=column)
+
+
+def by_level(sessions: Sessions, column: str) -> Sessions:
+    """Make each environment at each level of a column an environment of its own, such as "VE1 (left)"."""
+    if sessions.factor is not None:
+        return sessions
+    refuse_gaps(sessions, column)
+    names = sessions.table["environment"]
+    of_rows = sessions.table[column].astype(str)
+    levels = tuple(of_rows.unique())
+    present = set(zip(names, of_rows, strict=True))
+    cells: dict[str, tuple[str, str]] = {}
+    factor = Factor(column, levels, cells)
+    for environment, level in product(sessions.environments, levels):
+        if (environment, level) not in present:
+            continue
+        cell = factor.cell(environment, level)
+        if cell in cells:
+            message = f"two cells would have the name {cell!r}."
+            hint = "Name environments or levels without brackets."
+            raise UsageError(message, column=column, hint=hint)
+        cells[cell] = (environment, level)
+    table = sessions.table.assign(environment=names + " (" + of_rows + ")")
+    return replace(sessions, table=table, factor=factor)

@@ -13,8 +13,8 @@ from scipy import special
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import NotebookRecord
 from percept.sessions import Sessions
-from percept.sessions.factors import refuse_gaps
 from percept.sessions.quantities import trial_columns
+from percept.sessions.read import refuse_gaps
 from percept.sessions.records import SUMMARY_COLUMNS
 from percept.study.basics import Array, Stream, generator
 from percept.study.intervals import cell_moments, known_moments

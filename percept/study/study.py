@@ -19,8 +19,8 @@ from percept.haptics.records import AnyDevice
 from percept.inference.record import Family
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.sessions.factors import by_level
 from percept.sessions.quantities import is_impedance
+from percept.sessions.read import by_level
 from percept.study.band import Banded, band_study, with_band
 from percept.study.basics import FAMILIES, Skipped, analysed_parameters, referenced, results, select
 from percept.study.boundaries import JOINTS, BoundaryDrawing, increasing, zoom_windows

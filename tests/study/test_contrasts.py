@@ -10,7 +10,7 @@ from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.report.page import render_page
 from percept.report.write import csv_tables
 from percept.sessions import ReadError, ReadOptions, Sessions
-from percept.sessions.factors import by_level
+from percept.sessions.read import by_level
 from percept.study.compare import within_subjects
 from percept.study.reduced import reduced_intervals
 from tests import DATASETS
