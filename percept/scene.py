@@ -59,6 +59,20 @@ Probability = Annotated[
 #: An interval of a lower level has no width that doubles resolve.
 _LEAST_LEVEL = 1e-6
 Level = Annotated[Probability, Field(ge=_LEAST_LEVEL)]
+
+
+def _majority(value: float) -> float:
+    if not 0.5 < value < 1.0:
+        raise ValueError("must lie between 0.5 and 1, exclusive")
+    return value
+
+
+#: Below one half "feels real" and "does not" could both hold.
+Decision = Annotated[
+    float,
+    Field(strict=True, json_schema_extra={"exclusiveMinimum": 0.5, "exclusiveMaximum": 1}),
+    AfterValidator(_majority),
+]
 Kind = Literal["mean", "user", "share"]
 # At Nyquist itself a sampled mass has no finite impedance. Written with fewer digits it may come
 # out below.
@@ -146,6 +160,7 @@ class InferenceTable(Table):
     level: Level = 0.99
     share: Level | None = None
     confidence: Level = 0.95
+    decision: Decision = 0.95
     family: Literal["lognormal", "normal"] = "lognormal"
     method: Literal["both", "classical", "bayesian"] = "both"
     kinds: tuple[Kind, ...] = ("mean", "user", "share")

@@ -63,6 +63,14 @@ from percept.sessions import ReadOptions
             "inference.level = 99: must lie between 0 and 1; 99 percent is written 0.99.",
         ),
         (
+            "[inference]\ndecision = 0.5\n",
+            "inference.decision = 0.5: must lie between 0.5 and 1, exclusive.",
+        ),
+        (
+            "[inference]\ndecision = 1.0\n",
+            "inference.decision = 1.0: must lie between 0.5 and 1, exclusive.",
+        ),
+        (
             '[inference]\nfamily = "log"\n',
             "inference.family = 'log': must be 'lognormal' or 'normal'.",
         ),
