@@ -173,7 +173,8 @@ def error_over_condition(
         for key, number in precise.items():
             if number == 0 or (at_nyquist and key in ("omega", "period")):
                 continue
-            moved = exact(_point({**precise, key: number * (1 + mpmath.mpf(_STEP))}, mpmath))
+            step = 1 + mpmath.mpf(_STEP)
+            moved = exact(_point({**precise, key: number * step}, mpmath))
             total += abs(moved - value) / mpmath.mpf(_STEP)
         return float(abs(mpmath.mpmathify(computed) - value) / max(size, total))
 
@@ -231,7 +232,8 @@ def _point(inputs: Mapping[str, Number], mp: Any) -> SimpleNamespace:
     z = mp.expj(theta)
     # On the unit circle s is imaginary; a real part is rounding, and would count where nothing else
     # is real.
-    s = mp.mpc(0, (2 / inputs["period"] * (z - 1) / (z + 1)).imag)
+    tustin = 2 / inputs["period"] * (z - 1) / (z + 1)
+    s = mp.mpc(0, tustin.imag)
     return SimpleNamespace(**inputs, theta=theta, z=z, s=s, mp=mp)
 
 
@@ -247,7 +249,8 @@ def rigid(p: Point) -> Number:
 
 def flexible(p: Point) -> Number:
     """Eq. 5 with one mode added."""
-    return rigid(p) + _series(p.m_i * p.s, p.b_i + p.k_i / p.s)
+    joint = p.b_i + p.k_i / p.s
+    return rigid(p) + _series(p.m_i * p.s, joint)
 
 
 def environment(p: Point) -> Number:
@@ -308,7 +311,8 @@ coupled_backward = _perceived(rigid, hold_average, _effective_backward)
 
 def magnitude(p: Point) -> Number:
     """abs(Z_h) with a negative stiffness and a negative damping, as limits may be."""
-    return abs(rigid(p) + hold_average(p) * (p.m_e * p.s - p.b_e - p.k_e / p.s))
+    z_e = p.m_e * p.s - p.b_e - p.k_e / p.s
+    return abs(rigid(p) + hold_average(p) * z_e)
 
 
 def box_lower(p: Point) -> Number:
@@ -324,7 +328,11 @@ def box_lower(p: Point) -> Number:
 def box_upper(p: Point) -> Number:
     """Highest abs(Z_h) over the same box."""
     corners = itertools.product((-p.b_e, p.b_c), (-p.k_e, p.k_c))
-    return max(abs(rigid(p) + hold_average(p) * (p.m_e * p.s + b + k / p.s)) for b, k in corners)
+    magnitudes = []
+    for b, k in corners:
+        z_e = p.m_e * p.s + b + k / p.s
+        magnitudes.append(abs(rigid(p) + hold_average(p) * z_e))
+    return max(magnitudes)
 
 
 def required_at(coupling: Formula, zoh: Formula) -> Formula:
@@ -359,7 +367,8 @@ def _largest_required(mp: Any, stretch: Number, beta: Number) -> Number:
         return mp.inf if stretch else mp.mpf(0)
 
     def value(y: Number) -> Number:
-        return beta * y * (1 - y) / 2 + stretch**2 * y**3 / (8 * beta * (1 + y))
+        elastic = stretch**2 * y**3 / (8 * beta * (1 + y))
+        return beta * y * (1 - y) / 2 + elastic
 
     def slope(y: Number) -> Number:
         elastic = stretch**2 * (3 * y**2 + 2 * y**3) / (8 * beta * (1 + y) ** 2)

@@ -164,7 +164,8 @@ def _largest_gap(published: Published, times: float) -> float:
     for wall in published.walls:
         direct = perceived_impedance(omega, device, wall.environment, period)
         coupled = perceived_impedance(omega, device, wall.environment, period, coupling=coupling)
-        largest = max(largest, float(np.abs(coupled / direct - 1).max()))
+        gaps = np.abs(coupled / direct - 1)
+        largest = max(largest, float(gaps.max()))
     return largest
 
 
@@ -345,4 +346,5 @@ def _inside(
     middles = np.sqrt(edges[1:] * edges[:-1])
     lower, upper = magnitude_envelope(middles, device, box[0], box[1], period)
     felt = published.felt(middles, wall.environment, coupling=coupling, device=device)
-    return bool(((lower <= felt) & (felt <= upper)).all())
+    inside = (lower <= felt) & (felt <= upper)
+    return bool(inside.all())

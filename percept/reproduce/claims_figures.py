@@ -161,8 +161,8 @@ def upper_above(published: Published) -> Evidence:
     for wall in published.walls:
         crossings = corner_crossings(device, wall.stiffness, wall.damping, period)
         at_low, at_high = corner_curves(bottom, device, wall.stiffness, wall.damping, period)
-        crossed = bool(((crossings > bottom) & (crossings < top)).any())
-        cases.append(bool(at_high >= at_low) and not crossed)
+        inside = (crossings > bottom) & (crossings < top)
+        cases.append(bool(at_high >= at_low) and not inside.any())
         if crossings.size:
             first[wall.name] = float(crossings[0])
     crossing = [name for name, omega in first.items() if omega <= top]
@@ -280,13 +280,15 @@ def window_suffices(published: Published) -> Evidence:
         shares[f"Fig. {panel.name}"] = share_true(published, panel.wall, panel.reading)
     _, panel, _ = panels(published)
     read = share_true(published, panel.wall, coupled_inside)
-    return evidence([read > 0, read == 1.0], read=read, window=panel.window, shares=shares)
+    cases = [read > 0, read == 1.0]
+    return evidence(cases, read=read, window=panel.window, shares=shares)
 
 
 def like_shapes(published: Published) -> Evidence:
     """Judge whether higher impedance means a higher curve throughout."""
     period = published.period
-    drawn = sorted((wall for wall, _ in published.drawn), key=lambda wall: wall.k)
+    drawn = [wall for wall, _ in published.drawn]
+    drawn.sort(key=lambda wall: wall.k)
     squares = [felt_square(published.device, wall.environment, period) for wall in drawn]
     edges, middles = cells(squares, *published.span, period)
     felt = np.array([published.felt(middles, wall.environment) for wall in drawn])

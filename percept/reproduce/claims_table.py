@@ -75,8 +75,10 @@ def table_1(published: Published) -> Evidence:
     rows = limits_printed(published)
     lower = [str(value) for row in limits.lower for value in row]
     upper = [str(value) for row in limits.upper for value in row]
-    agree = sum(row.lower == low for row, low in zip(rows, lower, strict=True))
-    agree += sum(row.upper == high for row, high in zip(rows, upper, strict=True))
+    agree = 0
+    for row, low, high in zip(rows, lower, upper, strict=True):
+        agree += row.lower == low
+        agree += row.upper == high
     return undecided(agree=agree, printed=2 * len(rows), factor=limits.factor)
 
 
@@ -84,7 +86,9 @@ def reference_inside(published: Published) -> Evidence:
     """Judge whether the reference's curve runs between the boundaries (Fig. 5)."""
     references = np.array(published.limits.reference, dtype=float)
     ratios = bias(published.limits.moments, references, level=published.limits.level)
-    outside_limits = (np.asarray(ratios.lower) > 1.0) | (np.asarray(ratios.upper) < 1.0)
+    below = np.asarray(ratios.upper) < 1.0
+    above = np.asarray(ratios.lower) > 1.0
+    outside_limits = below | above
     outside = _names(published)[outside_limits.ravel()].tolist()
     shares = {}
     cases = []
@@ -198,7 +202,8 @@ def _upper_of_ellipse(published: Published, k: Moments, b: Moments, correlation:
     quantile = math.expm1(-2.0 * math.log1p(-published.limits.level) / (n - 2))
     radius = math.sqrt((n - 1) * quantile / n)
     sd = np.array([k.sd, b.sd], dtype=float)
-    covariance = np.outer(sd, sd) * np.array([[1.0, correlation], [correlation, 1.0]])
+    correlations = np.array([[1.0, correlation], [correlation, 1.0]])
+    covariance = np.outer(sd, sd) * correlations
     centre = (float(k.mean), float(b.mean))
     device = Device(0.0, 0.0)
     _, upper = magnitude_envelope_ellipse(
@@ -209,7 +214,8 @@ def _upper_of_ellipse(published: Published, k: Moments, b: Moments, correlation:
 
 def _expected_share(n: int, level: float) -> float:
     standard = Moments(0.0, 1.0, n)
-    return float(np.asarray(t_interval(standard, level=level).expected_share))
+    interval = t_interval(standard, level=level)
+    return float(np.asarray(interval.expected_share))
 
 
 def _names(published: Published) -> np.ndarray[tuple[int], np.dtype[np.str_]]:

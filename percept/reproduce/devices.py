@@ -102,7 +102,9 @@ def curves(published: Published, wall: Wall, omega: Array, device: Device | None
     at_low, at_high = corner_curves(omega, each, wall.stiffness, wall.damping, published.period)
     direct = published.felt(omega, wall.environment, device=each)
     coupled = published.felt(omega, wall.environment, device=each, coupling=published.tuned)
-    return Curves(np.minimum(at_low, at_high), np.maximum(at_low, at_high), direct, coupled)
+    lower = np.minimum(at_low, at_high)
+    upper = np.maximum(at_low, at_high)
+    return Curves(lower, upper, direct, coupled)
 
 
 def direct_inside(lines: Curves) -> BoolArray:
@@ -120,8 +122,9 @@ def _both_below(lines: Curves) -> BoolArray:
 
 
 def _both_inside(lines: Curves) -> BoolArray:
-    in_order = lines.coupled < lines.direct
-    return in_order & (lines.lower <= lines.coupled) & (lines.direct <= lines.upper)
+    above_lower = lines.lower <= lines.coupled
+    below_upper = lines.direct <= lines.upper
+    return above_lower & (lines.coupled < lines.direct) & below_upper
 
 
 def _either_side(lines: Curves) -> BoolArray:
@@ -177,7 +180,8 @@ def share_true(
     """Return the share of the perceivable range, on a log scale, over which a reading is true."""
     squares = _panel_squares(published, wall, device or published.device)
     edges, middles = cells(squares, *published.span, published.period)
-    return share(edges, reading(curves(published, wall, middles, device)))
+    true = reading(curves(published, wall, middles, device))
+    return share(edges, true)
 
 
 def _panel_squares(published: Published, wall: Wall, device: Device) -> list[Square]:
@@ -214,9 +218,11 @@ def most_passed(published: Published, panel: Panel) -> tuple[float, Device]:
     for damping in (0.0, *DAMPINGS[::6].tolist()):
         first = _mass_of_crossing(published, panel.wall, start, damping)
         last = _mass_of_crossing(published, panel.wall, end, damping)
-        masses = np.clip(np.linspace(first, last, _FINE), 0.0, MASSES[-1])
+        ridge = np.linspace(first, last, _FINE)
+        masses = np.clip(ridge, 0.0, MASSES[-1])
         devices = Device(masses, np.full_like(masses, damping))
-        passed = (change_over_band(published, panel, devices) > 1).mean(axis=-1)
+        ratios = change_over_band(published, panel, devices)
+        passed = (ratios > 1).mean(axis=-1)
         row = int(passed.argmax())
         if passed[row] > most:
             most = float(passed[row])
@@ -229,8 +235,9 @@ def _mass_of_crossing(published: Published, wall: Wall, omega: float, damping: f
 
     def gap(mass: float) -> float:
         device = Device(mass, damping)
-        ends = corner_curves(omega, device, wall.stiffness, wall.damping, published.period)
-        at_low, at_high = ends
+        at_low, at_high = corner_curves(
+            omega, device, wall.stiffness, wall.damping, published.period
+        )
         return float(at_high**2 - at_low**2)
 
     # |Z_h|² at the upper limits less that at the lower ones is linear in the mass.
@@ -245,11 +252,14 @@ def relative_width(wall: Wall, period: float) -> float:
 
 def absolute_width(wall: Wall, period: float) -> float:
     """Return how far apart |Z_e| is at the upper and the lower limits, N·s/m."""
-    return abs(_magnitude(wall.upper, period) - _magnitude(wall.lower, period))
+    at_low = _magnitude(wall.lower, period)
+    at_high = _magnitude(wall.upper, period)
+    return abs(at_high - at_low)
 
 
 def _magnitude(environment: Environment, period: float) -> float:
-    return float(np.abs(environment_impedance(LOOKED_AT, environment, period)))
+    z_e = environment_impedance(LOOKED_AT, environment, period)
+    return float(np.abs(z_e))
 
 
 def largest(true_at: Callable[[Array], BoolArray], candidates: Array) -> float | None:
@@ -335,9 +345,11 @@ def environments_inside(published: Published, mass: Array, damping: Array) -> ND
     """
     device = Device(mass[..., None], damping[..., None])
     omega = published.omega(_COARSE)
-    count = np.zeros(np.broadcast_shapes(mass.shape, damping.shape), dtype=np.int64)
+    shape = np.broadcast_shapes(mass.shape, damping.shape)
+    count = np.zeros(shape, dtype=np.int64)
     for wall, (k, b) in zip(published.walls, published.next_user, strict=True):
         lower, upper = magnitude_envelope(omega, device, k, b, published.period)
         felt = published.felt(omega, wall.environment, device=device, coupling=published.tuned)
-        count += ((lower <= felt) & (felt <= upper)).all(axis=-1)
+        inside = (lower <= felt) & (felt <= upper)
+        count += inside.all(axis=-1)
     return count

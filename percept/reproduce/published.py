@@ -173,7 +173,9 @@ class Published:
         """Prediction limits, (environments, 2, 2): of k and b, lower and upper."""
         family = self.scene.inference.family
         limits = prediction_interval(self.limits.moments, level=self.limits.level, family=family)
-        return np.stack([np.asarray(limits.lower), np.asarray(limits.upper)], axis=-1)
+        lower = np.asarray(limits.lower)
+        upper = np.asarray(limits.upper)
+        return np.stack([lower, upper], axis=-1)
 
     def needed(self, coupling: Coupling = THEORETICAL) -> float:
         """Return the damping a rigid device needs to carry a coupling (Eq. 10), N·s/m."""
@@ -271,4 +273,6 @@ def dataset(name: str) -> Path:
         The file inside an installed package, or next to it in a checkout.
     """
     inside = Path(str(resources.files("percept").joinpath("datasets", name)))
-    return inside if inside.is_file() else Path(__file__).resolve().parents[2] / "datasets" / name
+    if inside.is_file():
+        return inside
+    return Path(__file__).resolve().parents[2] / "datasets" / name

@@ -58,7 +58,8 @@ class Square:
 
 def _square(p: Term) -> Polynomial:
     coefficients = np.atleast_1d(p.coef if isinstance(p, Polynomial) else p)
-    return Polynomial(np.convolve(coefficients, coefficients.conj()).real)
+    product = np.convolve(coefficients, coefficients.conj())
+    return Polynomial(product.real)
 
 
 def felt_square(
@@ -101,14 +102,16 @@ def felt_square(
         rendered = rendered * between
     bends = 1 - (rate / resonance) ** 2
     inertia = float(device.damping) * bends + 1j * float(device.mass) * rate
-    # Over the hold, e^{jωT/2} is (1 + jΩT/2) but for the gain.
-    inertial = inertia * (1 + 0.5j * period * rate) * 1j * rate
+    # The hold's delay e^{−jωT/2} is 1/(1 + jΩT/2) but for the gain.
+    delay = 1 + 0.5j * period * rate
+    inertial = inertia * delay * 1j * rate
     return Square.of(inertial * joined + rendered * bends, joined * bends)
 
 
 def rendered_square(environment: Environment, period: float) -> Square:
     """Return Ω²·|Z_e|²/g² (Eq. 7)."""
-    return Square.of(_rendered(environment, VARIABLE) * (1 + 0.5j * period * VARIABLE))
+    delay = 1 + 0.5j * period * VARIABLE
+    return Square.of(_rendered(environment, VARIABLE) * delay)
 
 
 def _rendered(environment: Environment | Coupling, rate: Term) -> Term:
@@ -147,12 +150,14 @@ def crossings(squares: Iterable[Square], low: float, high: float) -> Array:
 def _real_roots(polynomial: Polynomial) -> Array:
     """Return the real roots; none of a polynomial that vanishes."""
     roots = polynomial.roots()
-    return np.asarray(roots.real[np.imag(roots) == 0])
+    real = np.imag(roots) == 0
+    return np.asarray(roots.real[real])
 
 
 def tustin_rate(omega: float, period: float) -> float:
     """Return Ω = (2/T)·tan(ωT/2), 1/s."""
-    return 2 / period * float(np.tan(omega * period / 2))
+    theta = omega * period
+    return 2 / period * float(np.tan(theta / 2))
 
 
 def cells(squares: Iterable[Square], low: float, high: float, period: float) -> tuple[Array, Array]:

@@ -141,7 +141,8 @@ def cells_model(statistics: Statistics, priors: Priors, *, centred: bool = False
         z = pm.Normal("z_u", shape=(size, len(statistics.subjects)))
         u = [sigma_u[0] * z[0]]
         if size == 2:
-            u.append(sigma_u[1] * (rho_u * z[0] + pm.math.sqrt(1.0 - rho_u**2) * z[1]))
+            uncorrelated = pm.math.sqrt(1.0 - rho_u**2) * z[1]
+            u.append(sigma_u[1] * (rho_u * z[0] + uncorrelated))
         pm.Deterministic("spread", pm.math.sqrt(sigma_u[:, None] ** 2 + sigma**2))
         variance = [sigma[p][cells.environment] ** 2 for p in range(size)]
         shared = rho_w * (sigma[0] * sigma[-1])[cells.environment]
@@ -154,7 +155,8 @@ def cells_model(statistics: Statistics, priors: Priors, *, centred: bool = False
             pm.Potential("scatter", _scatter_density(statistics, sigma_e, rho_e))
         location = [beta[p][cells.environment] + u[p][cells.person] for p in range(size)]
         off = cells.mean[:, 0] - location[0]
-        pm.Normal("k", off, pm.math.sqrt(variance[0]), observed=np.zeros(len(cells.mean)))
+        zero = np.zeros(len(cells.mean))
+        pm.Normal("k", off, pm.math.sqrt(variance[0]), observed=zero)
         if size == 2:
             given_k = location[1] + shared / variance[0] * off
             remainder = variance[1] - shared**2 / variance[0]
@@ -170,11 +172,13 @@ def _scatter_density(statistics: Statistics, sigma_e: Term, rho_e: Term) -> Term
     df = statistics.trial_df
     scatter = np.einsum("pkj,qkj->pqj", rows, rows)
     if len(scatter) == 1:
-        return -(df * pm.math.log(sigma_e[0]) + 0.5 * scatter[0, 0] / sigma_e[0] ** 2).sum()
+        square = scatter[0, 0] / sigma_e[0] ** 2
+        return -(df * pm.math.log(sigma_e[0]) + 0.5 * square).sum()
     remainder = 1.0 - rho_e**2
     squares = scatter[0, 0] / sigma_e[0] ** 2 + scatter[1, 1] / sigma_e[1] ** 2
     squares -= 2.0 * rho_e * scatter[0, 1] / (sigma_e[0] * sigma_e[1])
-    log_sd = pm.math.log(sigma_e[0]) + pm.math.log(sigma_e[1]) + 0.5 * pm.math.log(remainder)
+    log_sds = pm.math.log(sigma_e[0]) + pm.math.log(sigma_e[1])
+    log_sd = log_sds + 0.5 * pm.math.log(remainder)
     return -(df * log_sd + 0.5 * squares / remainder).sum()
 
 
@@ -206,7 +210,8 @@ def nutpie_limits(statistics: Statistics, seed: int, *, seconds: float) -> Print
         tree = sampler.abort()
     wall = time.perf_counter() - started
     # Chains cut short are filled up with NaN.
-    done = np.isfinite(np.asarray(tree.posterior["sigma_u"])[..., 0]).sum(axis=1)
+    sigma_u = np.asarray(tree.posterior["sigma_u"])
+    done = np.isfinite(sigma_u[..., 0]).sum(axis=1)
     length = int(done.min())
     if length < _FEWEST:
         return {"cost": {"peer_s": wall, "peer_draws": int(done.sum())}}
@@ -244,7 +249,8 @@ def averaged_limits(statistics: Statistics, draws: Mapping[str, Array]) -> tuple
     flat = {}
     for name, values in draws.items():
         # Draws last.
-        flat[name] = np.moveaxis(values.reshape(count, *values.shape[2:]), 0, -1)
+        joined = values.reshape(count, *values.shape[2:])
+        flat[name] = np.moveaxis(joined, 0, -1)
     packed = []
     step = model.draws_per_pass
     for start in range(0, count, step):

@@ -65,7 +65,8 @@ class Reference:
 
     def relative_error(self, value: Array) -> float:
         """Return the root mean square error of limits (3, 2, C) over their half-widths."""
-        return float(np.sqrt(np.mean(((value - self.value) / self.half_width) ** 2)))
+        relative = (value - self.value) / self.half_width
+        return float(np.sqrt(np.mean(relative**2)))
 
 
 def stored_references() -> dict[str, Reference]:
