@@ -138,7 +138,7 @@ def study_propagation(
         Environment by environment.
     """
     fit = study.fit
-    setup = study.setup
+    setup = study.parts.setup
     assert fit is not None
     assert setup is not None
     ((density, points),) = fit.model.pooled_parts(fit.points)

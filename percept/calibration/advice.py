@@ -62,7 +62,7 @@ def own_values(study: Study, fitted: TrueValues) -> TrueValues:
         A cell has no mean and SD.
     """
     moments = known_moments(cell_moments(study.sessions, study.parameters, "normal"), "normal")
-    for parameter, environment in study.reference:
+    for parameter, environment in study.parts.reference:
         if (parameter, environment) not in moments:
             label = study.sessions.quantities[parameter].label
             raise RefusalError(
@@ -72,7 +72,7 @@ def own_values(study: Study, fitted: TrueValues) -> TrueValues:
     sd = np.empty_like(fitted.beta)
     for j, environment in enumerate(study.environments):
         for p, parameter in enumerate(study.parameters):
-            reference = study.reference[parameter, environment]
+            reference = study.parts.reference[parameter, environment]
             cell: Moments = moments[parameter, environment]
             mean[j, p] = float(cell.mean) / reference
             sd[j, p] = float(cell.sd) / reference

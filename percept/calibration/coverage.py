@@ -65,7 +65,9 @@ def refuse_unfit(study: Study) -> None:
             hint="Name them in [inference] parameters.",
         )
     refuse_no_ratio(
-        study.reference, study.sessions.quantities, why="and simulated responses are ratios to it"
+        study.parts.reference,
+        study.sessions.quantities,
+        why="and simulated responses are ratios to it",
     )
 
 
@@ -189,7 +191,7 @@ def plan_like(study: Study, subjects: int | None = None, **changes: Any) -> Cove
     if subjects in (None, own):
         changes["trials"] = _trials(study)
     references = [
-        tuple(study.reference[parameter, environment] for parameter in study.parameters)
+        tuple(study.parts.reference[parameter, environment] for parameter in study.parameters)
         for environment in study.environments
     ]
     quantities = {}

@@ -363,7 +363,7 @@ def _boundary_claims(
     study: Study, populations: dict[str, Population], rng: np.random.Generator
 ) -> Iterator[Claim]:
     """Judge each boundary, at single frequencies and throughout, by the curves of users it is about."""
-    device = study.device
+    device = study.parts.device
     table = study.scene.device
     assert table is not None
     assert isinstance(device, Device)

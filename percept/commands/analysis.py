@@ -143,7 +143,7 @@ def open_study(
             )
     study = Study(sessions, scene, progress=progress, store=_store(arguments, scene))
     if scene.device is not None and scene.device.response:
-        _ = study.device  # a table that cannot be read is refused before anything is sampled
+        _ = study.parts.device  # a table that cannot be read is refused before anything is sampled
     return study
 
 
@@ -257,7 +257,7 @@ def verdict(study: Study) -> int:
     """Say on standard error what the gate withholds, or the error it lets pass; return the exit code."""
     fit = study.fit
     if fit is None and study.scene.inference.method != "classical":
-        why = dict(study.skipped_before_curves).get("Bayesian intervals", "")
+        why = dict(study.parts.skipped_before_curves).get("Bayesian intervals", "")
         lacking = f"there are no Bayesian intervals: {why}"
     elif fit is not None and not fit.run.gate.passed:
         lacking = f"Bayesian intervals are withheld: {fit.withheld}"

@@ -159,8 +159,8 @@ def _contrasts(study: Study, arguments: argparse.Namespace, progress: Working) -
             study.sessions,
             study.parameters,
             study.scene,
-            progress=study.progress,
-            store=study.store,
+            progress=study.parts.progress,
+            store=study.parts.store,
         )
     )
     table = pd.DataFrame(results(rows))
@@ -200,7 +200,7 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     table = study.comparison
     ladder = study.ladder
     if table is None or table.empty or ladder is None:
-        why = dict(study.skipped_before_curves).get(
+        why = dict(study.parts.skipped_before_curves).get(
             "Bayesian intervals", "percept fit prints what intervals there are."
         )
         raise RefusalError("no interval of one method has a counterpart in the other.", hint=why)

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from percept.study.fit import Fit
     from percept.study.study import Study
 
+__all__ = ["PairComparison", "compare_studies", "split_by", "within_subjects"]
+
 #: Draws of either posterior, and turns in which each draw of one meets another draw of the other.
 _DRAWS, _TURNS = 8192, 16
 _MOST_NAMED = 5
@@ -132,7 +134,7 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
 
 def _gaps(first: Study, second: Study) -> Iterator[dict[str, object]]:
     """How far the exact envelopes of B lie from A's, over the frequencies that both study."""
-    (a_low, a_high), (b_low, b_high) = (study.within for study in (first, second))
+    (a_low, a_high), (b_low, b_high) = (study.parts.within for study in (first, second))
     lower, upper = max(a_low, b_low), min(a_high, b_high)
     if not lower < upper:
         return

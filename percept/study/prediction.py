@@ -110,7 +110,7 @@ def predict(
     """
     asked = study.scene.inference
     references = _references(study, stiffness=stiffness, damping=damping, at=at)
-    refuse_no_ratio(study.reference, study.sessions.quantities, why=_NO_LOGARITHM)
+    refuse_no_ratio(study.parts.reference, study.sessions.quantities, why=_NO_LOGARITHM)
     fit = _passed_fit(study)
     place = _Place.of(study, fit, references.values)
     expected, fit, limits = _expect(study, fit, place.decades)
@@ -118,7 +118,7 @@ def predict(
     intervals = pd.DataFrame(_rows(fit, expected, scale, asked, limits))
     boundaries: tuple[Boundary, ...] = ()
     skipped: tuple[Skipped, ...] = ()
-    if study.setup is not None and is_impedance(study.parameters):
+    if study.parts.setup is not None and is_impedance(study.parameters):
         laws: list[Law] = []
         if study.sessions.form != "summary":
             laws += _laws(fit, expected, scale, asked)
@@ -127,7 +127,7 @@ def predict(
             damping=float(references.values[1]),
             mass=references.mass,
         )
-        setup = dataclasses.replace(study.setup, references={_NEW: environment})
+        setup = dataclasses.replace(study.parts.setup, references={_NEW: environment})
         regions = regions_of(intervals, laws, None, asked)
         drawing = BoundaryDrawing(setup, regions, laws, study.scene.frequency, asked.tolerance)
         boundaries = drawing.at(None, [_NEW], asked.kinds)
@@ -188,7 +188,7 @@ class _Place:
     @classmethod
     def of(cls, study: Study, fit: Fit, values: Array) -> Self:
         """Compare references (P,) with those of the fit's environments."""
-        rows = [[study.reference[p, e] for e in fit.environments] for p in study.parameters]
+        rows = [[study.parts.reference[p, e] for e in fit.environments] for p in study.parameters]
         tested = np.log10(rows)
         log = np.log10(values)
         above = np.maximum(log - tested.max(axis=1), 0.0)
@@ -223,7 +223,7 @@ def _expect(
     if worst <= asked.tolerance:
         return expected, fit, limits
     target = NewEstimands(estimands_of(fit.model, asked), decades, _REPEATS, asked.seed)
-    run = sampled(fit.model, asked, target, progress=study.progress, store=study.store)
+    run = sampled(fit.model, asked, target, progress=study.parts.progress, store=study.parts.store)
     if not run.gate.passed:
         return expected, fit, limits
     fit = dataclasses.replace(fit, run=run)

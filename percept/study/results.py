@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import platform
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from importlib import metadata
 from pathlib import PurePath
@@ -20,20 +20,31 @@ from percept.haptics.limits import stable_region
 from percept.haptics.records import AnyDevice
 from percept.results import (
     AdmissibleCouplings,
+    Band,
     Boundary,
     CellValues,
     Checks,
+    ContrastRow,
+    Coupling,
     CouplingMap,
     Data,
     DesignCounts,
+    Diagnostics,
+    IntervalRow,
+    Ladder,
     LeftOut,
     LeftOutRow,
+    MethodPair,
     NormalityTest,
     Note,
     Nouns,
+    Passivity,
     PredictiveCheck,
     PriorQuantiles,
     Provenance,
+    Results,
+    Sensitivity,
+    Skipped,
     SourceFile,
     StableEdge,
     plain,
@@ -41,13 +52,16 @@ from percept.results import (
 from percept.results.fields import Family
 from percept.scene import DeviceTable, Scene
 from percept.sessions import Sessions
-from percept.study.intervals import adjustments, design_counts
+from percept.study.basics import Skipped as NotComputed
+from percept.study.basics import results
+from percept.study.intervals import adjustments, design_counts, normality_tests
 
 if TYPE_CHECKING:
     from percept.study.checks import ModelChecks
+    from percept.study.parts import Parts
 
 __all__ = [
-    "CLOSE_POINTS", "admissible_couplings", "boundaries_of", "checks_of", "data_of",
+    "admissible_couplings", "boundaries_of", "checks_of", "compute", "data_of",
     "provenance_of", "record", "rows", "stable_edge",
 ]  # fmt: skip
 
@@ -58,10 +72,75 @@ _QUANTILE = re.compile(r"q[\d.]+")
 
 #: Libraries whose versions decide the last digits of a result.
 _PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
+#: Joint treatments of close views: k and b each at the level asked for, or drawn together.
+_CLOSE_JOINTS = ("marginal", "joint")
 #: Frequencies of a close view; its window is narrow, and its curves are smooth.
-CLOSE_POINTS = 61
+_CLOSE_POINTS = 61
 #: Points of the edge of the stable region: a line without corners on the page.
 _EDGE_POINTS = 65
+
+
+def compute(
+    parts: Parts, *, curves: bool, why: bool, progress: Callable[[str], None] | None
+) -> Results:
+    """Compute everything that a report needs, telling `progress` what comes next."""
+    step = progress or _silent
+    step("intervals")
+    intervals = results(parts.interval_rows)
+    step("contrasts")
+    contrasts = results(parts.contrast_rows)
+    step("boundaries")
+    boundaries = parts.boundaries if curves else ()
+    drawn = {boundary.environment for boundary in boundaries}
+    windows = {name: (low, high) for name, (low, high) in parts.zoom.items() if name in drawn}
+    asked = parts.scene.inference
+    close_kind = "user" if "user" in asked.kinds else asked.kinds[0]
+    close: list[object] = []
+    for name, (low, high) in windows.items():
+        omega = np.linspace(low, high, _CLOSE_POINTS)
+        close += parts.boundaries_at(omega, (name,), kinds=(close_kind,), joints=_CLOSE_JOINTS)
+    step("coupling")
+    coupling = parts.coupling if curves else None
+    step("band law")
+    band = parts.band if curves else None
+    step("admissible couplings")
+    designs = parts.coupling_design if boundaries and parts.scene.coupling else {}
+    edge = stable_edge(parts.device, parts.scene.device) if designs else None
+    step("sensitivity to the device")
+    sensitivity = parts.sensitivity if curves else None
+    step("comparison of methods")
+    comparison = parts.comparison
+    ladder = parts.ladder if why else None
+    step("checks of the model")
+    checks = None
+    if parts.scene.checks is not None:
+        checks = checks_of(normality_tests(parts.sessions, parts.parameters), parts.checks)
+    skipped = list(parts.skipped if curves else parts.skipped_before_curves)
+    if not curves and len(intervals):
+        skipped.append(NotComputed("boundaries, coupling and band law", "run percept report"))
+    return Results(
+        provenance=provenance_of(parts.sessions, parts.scene),
+        data=data_of(parts.sessions, parts.scene),
+        intervals=rows(IntervalRow, intervals),
+        contrast=rows(ContrastRow, contrasts),
+        boundaries=boundaries_of(boundaries),
+        zoom=windows,
+        close=boundaries_of(close),
+        passivity=rows(Passivity, parts.passivity) if curves else None,
+        coupling=record(Coupling, coupling),
+        band=record(Band, band),
+        design=admissible_couplings(designs, parts.with_reference, asked.family, edge),
+        sensitivity=record(Sensitivity, sensitivity),
+        comparison=rows(MethodPair, comparison),
+        ladder=record(Ladder, ladder),
+        diagnostics=record(Diagnostics, parts.diagnostics),
+        checks=checks,
+        skipped=tuple(Skipped(what, why_not) for what, why_not in skipped),
+    )
+
+
+def _silent(step: str) -> None:
+    """Tell nobody of a step."""
 
 
 def data_of(sessions: Sessions, scene: Scene) -> Data:

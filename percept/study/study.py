@@ -1,57 +1,27 @@
-"""Study: everything an analysis can give, each part evaluated when it is first asked for."""
+"""Study: an analysis of sessions under a scene, as its reader asks for it."""
 
 from __future__ import annotations
 
-import itertools
+import html
 from collections.abc import Callable, Collection
-from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from percept import haptics
 from percept.boundary.band import BandStudy
 from percept.boundary.curves import Boundary
-from percept.errors import RefusalError, UsageError
-from percept.haptics.design import CouplingDesign
-from percept.haptics.records import AnyDevice
-from percept.inference.record import Family
+from percept.errors import UsageError, counted
+from percept.html import fields_html
+from percept.results import Results, plain
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.sessions.quantities import is_impedance
 from percept.sessions.read import by_level
-from percept.study.band import Banded, band_study, with_band
-from percept.study.basics import FAMILIES, Skipped, analysed_parameters, referenced, results, select
-from percept.study.boundaries import JOINTS, BoundaryDrawing, increasing, zoom_windows
-from percept.study.coupling import (
-    CouplingStudy,
-    Realisms,
-    design_by_method,
-    no_design,
-    study_coupling,
-    study_realism,
-)
-from percept.study.device import (
-    DeviceSensitivity,
-    Setup,
-    device_of,
-    device_sensitivity,
-    fixed_device,
-    setup_of,
-)
-from percept.study.intervals import (
-    COLUMNS,
-    KEYS,
-    Cell,
-    Row,
-    cell_moments,
-    classical_rows,
-    compare_intervals,
-)
-from percept.study.regions import Law, Region, SubjectPairs, laws_of, regions_of, subject_pairs
-from percept.study.responses import references, refuse_lone_subject
-from percept.study.views import StudyViews
+from percept.study.basics import Skipped, results, select
+from percept.study.coupling import CouplingStudy
+from percept.study.intervals import KEYS
+from percept.study.parts import Parts
 
 # What imports the hierarchical model is imported where it is needed: the classical method does
 # without.
@@ -61,8 +31,36 @@ if TYPE_CHECKING:
     from percept.study.fit import Fit, RunStore
     from percept.study.ladder import Ladder
 
+__all__ = ["Study"]
 
-class Study(StudyViews):
+_CELL = ["environment", "parameter", "kind"]
+_LIMITS = ["estimate", "lower", "upper"]
+_LABELS = ("environment", "kind", "method", "family", "joint", "shape", "level")
+_CURVES = ("omega", "lower", "upper", "reference", "coupled")
+#: Parts that the card in a notebook names once they are computed.
+_KEPT = {
+    "interval_rows": "intervals",
+    "_fit": "fit",
+    "contrast_rows": "contrasts",
+    "posterior": "posterior",
+    "checks": "checks",
+    "regions": "regions",
+    "boundaries": "boundaries",
+    "band": "band",
+    "coupling": "coupling",
+    "coupling_design": "coupling_design",
+    "sensitivity": "sensitivity",
+    "ladder": "ladder",
+}
+_CALLS = {
+    "study.summary()": "both methods side by side",
+    "study.plot_intervals()": "intervals over their references",
+    "study.report(folder)": "the report: page, tables, figures",
+    "study.skipped": "what is not computed, and why",
+}
+
+
+class Study:
     """An analysis of sessions under a scene.
 
     Nothing is computed before it is asked for; what the scene does not need is never computed, and
@@ -105,164 +103,100 @@ class Study(StudyViews):
         sessions.options.require(self.scene)
         factor = self.scene.study.factor
         self.sessions = by_level(sessions, factor) if factor else sessions
-        self.progress = progress
-        self.store = store
+        #: What the study computes, part by part.
+        self.parts = Parts(self.sessions, self.scene, progress, store)
 
     def over(self, sessions: Sessions) -> Study:
         """Analyse other sessions under the same scene with the same progress and store."""
-        return Study(sessions, self.scene, progress=self.progress, store=self.store)
+        parts = self.parts
+        return Study(sessions, self.scene, progress=parts.progress, store=parts.store)
 
-    @cached_property
+    @property
     def parameters(self) -> tuple[str, ...]:
         """Parameters analysed: those the scene names, or all that were adjusted."""
-        sessions, asked = self.sessions, self.scene.inference.parameters
-        return analysed_parameters(sessions.parameters, asked, sessions.quantities)
+        return self.parts.parameters
 
     @property
     def environments(self) -> tuple[str, ...]:
         """Environments as the scene lists them, then by their references."""
-        return self.sessions.environments
-
-    @cached_property
-    def reference(self) -> dict[tuple[str, str], float]:
-        """Reference per (parameter, environment), in the parameter's unit."""
-        values = references(self.sessions, self.parameters, self.environments).ravel().tolist()
-        return dict(zip(itertools.product(self.parameters, self.environments), values, strict=True))
+        return self.parts.environments
 
     @property
     def intervals(self) -> pd.DataFrame:
         """Intervals of every method, kind and family, one row each, in their units; a copy."""
-        return pd.DataFrame(results(self._intervals), columns=COLUMNS)
+        return self.parts.intervals
 
     @property
     def interpretation(self) -> pd.DataFrame:
         """What each row of `intervals` covers, in a sentence."""
-        return pd.DataFrame(results(self._intervals), columns=[*KEYS, "covers"])
+        return pd.DataFrame(results(self.parts.interval_rows), columns=[*KEYS, "covers"])
 
-    @cached_property
-    def _intervals(self) -> list[Row | Skipped]:
-        """Rows of the interval table, and the intervals there are none of."""
-        asked, rows = self.scene.inference, list[Row | Skipped]()
-        if asked.method != "bayesian":
-            if self.sessions.form == "trials":
-                refuse_lone_subject(self.sessions.subjects)
-            rows += classical_rows(self._cells, asked, self.reference, users=self.scene.user_noun)
-        if isinstance(self._fit, Skipped):
-            return [*rows, self._fit]
-        from percept.study.fit import bayesian_rows
+    def summary(self, kind: str | None = "user") -> pd.DataFrame:
+        """Lay the intervals out wide: a row per environment, parameter and kind, the methods side by side.
 
-        return [*rows, *bayesian_rows(self._fit, asked, self.reference, self.scene.user_noun)]
+        Parameters
+        ----------
+        kind : {"user", "mean", "share"} or None
+            Whose intervals; None for every kind the scene asks for. Another kind is a UsageError.
 
-    @cached_property
-    def _cells(self) -> dict[Family, list[Cell]]:
-        return {family: cell_moments(self.sessions, self.parameters, family) for family in FAMILIES}
-
-    @cached_property
-    def _fit(self) -> Fit | Skipped:
-        if self.scene.inference.method == "classical":
-            return Skipped("hierarchical model", "only the classical method was asked for")
-        from percept.study.fit import fit_of, prepare, sampled
-
-        try:
-            prepared = prepare(self.sessions, self.scene, self.parameters)
-        except RefusalError as refused:
-            # Classical intervals of some cell stand without it.
-            known = any(cell.moments for of_family in self._cells.values() for cell in of_family)
-            if self.scene.inference.method != "both" or not known:
-                raise
-            return Skipped("Bayesian intervals", str(refused))
+        Returns
+        -------
+        DataFrame
+            `reference`, `unit`, `family`, and per method `METHOD_estimate`, `METHOD_lower` and
+            `METHOD_upper` in that unit. The family is the scene's, or the other one where it has no
+            interval. Limits hold for each parameter by itself.
+        """
+        intervals = self.intervals
         asked = self.scene.inference
-        run = sampled(prepared.model, asked, progress=self.progress, store=self.store)
-        return fit_of(prepared, asked, run)
+        kinds = select("kind", kind, asked.kinds)
+        rows = intervals[(intervals["joint"] == "marginal") & intervals["kind"].isin(kinds)]
+        own = rows["family"] == asked.family
+        # Where the scene's family has no interval at all, the other one stands in.
+        known = pd.MultiIndex.from_frame(rows[own][_CELL])
+        rows = rows[own | ~pd.MultiIndex.from_frame(rows[_CELL]).isin(known)]
+        table = rows.drop_duplicates(_CELL)[[*_CELL, "family", "unit", "reference"]]
+        for method, found in rows.groupby("method", sort=False):
+            named = found[[*_CELL, *_LIMITS]].rename(
+                columns={name: f"{method}_{name}" for name in _LIMITS}
+            )
+            table = table.merge(named, on=_CELL, how="left")
+        return table.reset_index(drop=True)
+
+    @property
+    def contrasts(self) -> pd.DataFrame:
+        """Contrasts of the levels of `[study] factor`; empty without a factor.
+
+        A row per pair of levels (`second` against `first`), reference, parameter, `of` (bias or
+        spread), kind and method. Limits are ratios under the lognormal family; of bias under the
+        normal one they are differences in references. `environment` is None for the average over
+        `references`.
+        """
+        return pd.DataFrame(results(self.parts.contrast_rows))
 
     @property
     def fit(self) -> Fit | None:
         """The sampled hierarchical model; None where it is not asked for, or the data cannot carry it."""
-        return None if isinstance(self._fit, Skipped) else self._fit
+        return self.parts.fit
 
     @property
-    def _passed(self) -> Fit | None:
-        return self.fit if self.fit and self.fit.passed else None
-
-    @cached_property
     def posterior(self) -> Any:
         """Posterior as an ArviZ DataTree, draws thinned to the effective size; None without a passed fit."""
-        if self._passed is None:
-            return None
-        from percept.study.fit import posterior_tree
+        return self.parts.posterior
 
-        return posterior_tree(self._passed, seed=self.scene.inference.seed)
-
-    @cached_property
+    @property
     def checks(self) -> ModelChecks | None:
         """Checks of the hierarchical model; None without a passed fit that pools sessions."""
-        if self._passed is None or isinstance(self._passed.subjects, Skipped):
-            return None
-        from percept.study.checks import model_checks
-
-        asked = self.scene.inference
-        return model_checks(self._passed, self._passed.subjects, level=asked.level, seed=asked.seed)
+        return self.parts.checks
 
     @property
     def diagnostics(self) -> dict[str, Any] | None:
         """Verdict of the gate, what it rests on, and the priors in force; None without a fit."""
-        if self.fit is None:
-            return None
-        found = self.fit.diagnostics
-        found["pull"] = ()
-        if self.fit.passed:
-            from percept.study.checks import spread_pull
-
-            level, users = self.scene.inference.level, self.scene.user_noun
-            found["pull"] = spread_pull(self.fit, level=level, users=users)
-        if self.sessions.factor is not None:
-            from percept.inference.hierarchy.priors import Priors
-            from percept.study.fit import prior_rows
-
-            priors = Priors(**self.scene.model.priors)
-            found["priors"] += prior_rows({"lambda_sd": priors.lambda_sd, "psi_sd": priors.psi_sd})
-        return found
-
-    @cached_property
-    def device(self) -> AnyDevice | None:
-        """The scene's device; None without one."""
-        return device_of(self.scene)
+        return self.parts.diagnostics
 
     @property
-    def within(self) -> tuple[float, float]:
-        """Ends of the frequencies that everything is judged over, rad/s."""
-        return self.scene.frequency.lower, self.scene.frequency.upper
-
-    @cached_property
-    def _with_reference(self) -> list[str | Skipped]:
-        return list(
-            referenced(self.reference, self.parameters, self.environments, self.sessions.quantities)
-        )
-
-    @property
-    def with_reference(self) -> tuple[str, ...]:
-        """Environments with a reference of stiffness and damping, which curves are drawn for."""
-        return tuple(results(self._with_reference))
-
-    @cached_property
-    def _setup(self) -> list[Setup | Skipped]:
-        shown = {
-            e: haptics.Environment(
-                self.reference["k", e], self.reference["b", e], self.sessions.masses[e]
-            )
-            for e in self.with_reference
-        }
-        return list(setup_of(self.scene, self.device, shown))
-
-    @property
-    def setup(self) -> Setup | None:
-        """Device, coupling and the references that curves are drawn for; None without device or reference."""
-        return next((one for one in results(self._setup) if one.references), None)
-
-    @cached_property
     def boundaries(self) -> tuple[Boundary, ...]:
         """Boundaries of abs(Z_h) over the scene's frequencies; empty without a device or one parameter."""
-        return self.boundaries_at(None)
+        return self.parts.boundaries
 
     def boundaries_at(
         self,
@@ -292,127 +226,184 @@ class Study(StudyViews):
         UsageError
             Frequencies that do not increase from above zero; a name that the study does not have.
         """
-        grid = None if omega is None else increasing(omega)
-        environments = select("environment", environments, self.with_reference)
-        kinds = select("kind", kinds, self.scene.inference.kinds)
-        joints = select("joint treatment", joints, JOINTS)
-        if self._drawing is None:
-            return ()
-        return self._drawing.at(grid, environments, kinds, joints)
-
-    @cached_property
-    def _drawing(self) -> BoundaryDrawing | None:
-        if self.setup is None:
-            return None
-        table, tolerance = self.scene.frequency, self.scene.inference.tolerance
-        return BoundaryDrawing(self.setup, self.regions, self.curve_laws, table, tolerance)
-
-    @cached_property
-    def _zoom(self) -> list[tuple[str, list[float]] | Skipped]:
-        return list(zoom_windows(self.scene, self.environments if self.with_reference else ()))
+        return self.parts.boundaries_at(omega, environments, kinds=kinds, joints=joints)
 
     @property
-    def zoom(self) -> dict[str, list[float]]:
-        """Window of omega, rad/s, that each environment's close view shows."""
-        return dict(results(self._zoom))
+    def curves(self) -> pd.DataFrame:
+        """The boundaries as one tidy table: a row per curve and frequency, rad/s and N·s/m."""
+        names = (*_LABELS, *_CURVES)
+        tables = [
+            pd.DataFrame({name: getattr(one, name) for name in names}) for one in self.boundaries
+        ]
+        if not tables:
+            return pd.DataFrame(columns=names)
+        # Without a coupling its column is empty, and still of numbers.
+        return pd.concat(tables, ignore_index=True).astype({"coupled": float})
 
-    @cached_property
-    def _pairs(self) -> list[SubjectPairs | Skipped]:
-        device = self.device is not None
-        return list(subject_pairs(self.sessions, self.scene, self.parameters, device=device))
-
-    @cached_property
-    def curve_laws(self) -> tuple[Law, ...]:
-        """Laws of (k, b) of the average and the next user; empty where no correlation is known."""
-        return laws_of(results(self._pairs), self._passed, self.scene.inference)
-
-    @cached_property
-    def regions(self) -> tuple[Region, ...]:
-        """Rectangles and ellipses of (k, b) of every method, kind and joint treatment."""
-        return regions_of(self.intervals, self.curve_laws, self._passed, self.scene.inference)
-
-    @cached_property
-    def _banded(self) -> list[Banded | Skipped]:
-        """What bands are set against: the impedance of environments, or references of other quantities."""
-        names = self.with_reference if is_impedance(self.parameters) else self.environments
-        read_at, share = self.scene.frequency.read_at, "share" in self.scene.inference.kinds
-        no_share = share and self._passed is not None
-        return list(with_band(self.reference, self.parameters, names, read_at, no_share=no_share))
-
-    @cached_property
+    @property
     def band(self) -> BandStudy | None:
         """Band of the environment's own size and its law; None with one environment, or without a size."""
-        banded = results(self._banded)
-        if not banded or len(self.environments) < 2:
-            return None
-        return band_study(self.intervals, banded, self._cells, self._passed, self.scene.inference)
-
-    @cached_property
-    def coupling(self) -> CouplingStudy | None:
-        """Stability and realism of the coupling; None without a device and a coupling."""
-        setup = next(iter(results(self._setup)), None)
-        if setup is None or setup.coupling is None:
-            return None
-        read_at, within = self.scene.frequency.read_at, self.within
-        return study_coupling(setup, self.regions, self.realism, within, read_at=read_at)
+        return self.parts.band
 
     @property
-    def passivity(self) -> pd.DataFrame | None:
-        """Whether each reference, rendered without the coupling, is passive; None without a device."""
-        return None if self.setup is None else self.setup.passivity
-
-    @cached_property
-    def realism(self) -> Realisms:
-        """Probability that each reference feels real, directly and coupled (True); empty without a fit."""
-        if self.setup is None or self._passed is None:
-            return {}
-        return study_realism(self.setup, self._passed, self.scene.inference, self.within)
-
-    @cached_property
-    def coupling_design(self) -> dict[str, CouplingDesign]:
-        """Couplings, by method, that are stable and realistic to the next user; empty without a device."""
-        if self.setup is None or no_design(self.setup, self.scene.inference.kinds):
-            return {}
-        return design_by_method(self.setup, self.regions, self.scene.inference.family, self.within)
-
-    @cached_property
-    def sensitivity(self) -> DeviceSensitivity | None:
-        """How the verdicts move with the device's mass and damping; None without a device that has them."""
-        if self.setup is None or fixed_device(self.setup, self.scene.inference.method):
-            return None
-        return device_sensitivity(self.setup, self.regions, self.scene.inference, self.within)
+    def coupling(self) -> CouplingStudy | None:
+        """Stability and realism of the coupling; None without a device and a coupling."""
+        return self.parts.coupling
 
     @property
     def comparison(self) -> pd.DataFrame | None:
         """The methods' intervals in equal family and kind; a copy, None without both methods."""
-        both = self._passed is not None and self.scene.inference.method == "both"
-        return compare_intervals(self.intervals, self.scene.inference.family) if both else None
+        return self.parts.comparison
 
-    @cached_property
+    @property
     def ladder(self) -> Ladder | None:
         """Why the methods differ, step by step; samples what lies between them. None without both methods."""
-        if self._passed is None or self.scene.inference.method != "both":
-            return None
-        from percept.study.ladder import climb
-
-        whole = self.sessions, self.scene, self.parameters, self.intervals, self._passed
-        return climb(*whole, progress=self.progress, store=self.store)
+        return self.parts.ladder
 
     @property
     def skipped(self) -> tuple[Skipped, ...]:
         """What was not computed, and why."""
-        curves = self._drawing.skipped if self._drawing is not None else []
-        return (*self.skipped_before_curves, *curves)
+        return self.parts.skipped
 
-    @cached_property
-    def skipped_before_curves(self) -> tuple[Skipped, ...]:
-        """What was not computed, and why, curves of laws not counted: they take time to draw."""
-        parts: list[Any] = [*self._intervals, *self._with_reference, *self._setup, *self._zoom]
-        parts += [*self._contrasts, *self._banded, *self._pairs]
-        if self.setup is not None:
-            parts.append(fixed_device(self.setup, self.scene.inference.method))
-            parts += (
-                [no_design(self.setup, self.scene.inference.kinds)] if self.setup.coupling else []
-            )
-        parts += [self.fit.subjects] if self.fit and self.scene.checks else []
-        return tuple(dict.fromkeys(part for part in parts if isinstance(part, Skipped)))
+    def results(
+        self,
+        *,
+        curves: bool = True,
+        why: bool = False,
+        progress: Callable[[str], None] | None = None,
+    ) -> Results:
+        """Compute everything that a report needs, and put it into records.
+
+        Parameters
+        ----------
+        curves : bool
+            Whether boundaries, the coupling judged by them and the band law are wanted; else they
+            are absent.
+        why : bool
+            Whether the reasons why the methods differ are wanted; it samples the models between.
+        progress : callable, optional
+            Called with the name of each step.
+
+        Returns
+        -------
+        percept.results.Results
+            As report.json holds it.
+
+        Raises
+        ------
+        PerceptError
+            What the study refuses.
+        """
+        from percept.study.results import compute
+
+        return compute(self.parts, curves=curves, why=why, progress=progress)
+
+    def report(self, directory: str | Path, **options: Any) -> Path:
+        """Write page, JSON, tables, figures and posterior into a folder, and return the page's path.
+
+        The folder is made where it does not exist. UsageError where it cannot be written, or where
+        a file that no earlier run wrote has one of the report's names: before anything is computed.
+        Options are those of `percept.report.report_folder` and `percept.report.fill_report`, such as
+        ``formats=("pdf",)``, and `why` of `results`.
+        """
+        # Matplotlib is slow to import.
+        from percept.report import fill_report, report_folder
+
+        formats = options.pop("formats", ("svg",))
+        of_folder = {name: options.pop(name) for name in ("force", "say") if name in options}
+        why, progress = options.pop("why", False), options.get("progress")
+        with report_folder(directory, formats=formats, **of_folder) as folder:
+            results = self.results(why=why, progress=progress)
+            fill_report(folder, results, posterior=self.posterior, formats=formats, **options)
+        return Path(directory) / "report.html"
+
+    # Every plot draws on the matplotlib axes `ax`, or on a new figure without them, and returns the
+    # axes. It raises UsageError for a name that the study does not have, RefusalError where there
+    # is nothing to plot.
+
+    def plot_intervals(
+        self, parameter: str | None = None, *, kinds: Collection[str] | None = None, ax: Any = None
+    ) -> Any:
+        """Plot intervals divided by their references: of every parameter and kind, or of those named."""
+        from percept.plots import plot_intervals
+
+        parameters = select("parameter", parameter, self.parts.parameters)
+        kinds = select("kind", kinds, self.scene.inference.kinds)
+        document = self._document(intervals=plain(self.intervals))
+        return plot_intervals(document, parameters, kinds, ax)
+
+    def plot_boundary(self, environment: str, *, kind: str | None = None, ax: Any = None) -> Any:
+        """Plot boundaries of abs(Z_h), N·s/m, over omega, rad/s, for one kind: the next user by default."""
+        from percept.plots import plot_boundary
+
+        kinds = self.scene.inference.kinds
+        (kind,) = select("kind", kind or ("user" if "user" in kinds else kinds[0]), kinds)
+        if self.boundaries:
+            (environment,) = select("environment", environment, self.parts.with_reference)
+        rows = [row for row in self.boundaries if row.environment == environment]
+        return plot_boundary(self._document(boundaries=plain(rows)), environment, kind, ax)
+
+    def plot_band(self, parameter: str | None = None, *, ax: Any = None) -> Any:
+        """Plot bands and their laws against the environment's impedance, or a parameter's reference."""
+        from percept.plots import plot_band
+
+        return plot_band(self._document(band=plain(self.band)), parameter, ax)
+
+    def plot_coupling(self, *, ax: Any = None) -> Any:
+        """Plot the stability criterion of the coupling (Eq. 10) over omega, rad/s."""
+        from percept.plots import plot_coupling
+        from percept.results import Coupling
+        from percept.study.results import record
+
+        return plot_coupling(record(Coupling, self.coupling), ax)
+
+    def plot_check(self, *, ax: Any = None) -> Any:
+        """Plot how far each subject lies from what the others predict.
+
+        In a model that holds, the probabilities of lying as far off are uniform. The shaded band
+        holds each ordered probability of independent subjects with probability 0.99.
+        """
+        from percept.plots import plot_check
+        from percept.results import SubjectCheck
+        from percept.study.results import rows
+
+        checks = self.checks
+        subjects = () if checks is None else rows(SubjectCheck, checks.loo.subjects)
+        return plot_check(subjects, ax)
+
+    def _document(self, **parts: Any) -> dict[str, Any]:
+        """Return the part of a report's document that a figure is drawn from."""
+        from percept.study.results import data_of
+
+        scene = plain(self.scene.to_dict())
+        data = plain(data_of(self.sessions, self.scene))
+        return {"provenance": {"scene": scene}, "data": data, **parts}
+
+    def __repr__(self) -> str:
+        adjusted = " and ".join(self.sessions.parameters)
+        where = counted(len(self.sessions.environments), "environment")
+        return f"<Study of {adjusted} in {where}, {self.sessions.form}>"
+
+    def _repr_html_(self) -> str:
+        """Return a card: what the study is, what it has computed, and what to call; it computes nothing."""
+        sessions, asked = self.sessions, self.scene.inference
+        computed = [word for name, word in _KEPT.items() if name in vars(self.parts)]
+        about = {
+            "quantities": ", ".join(
+                sessions.quantities[name].words for name in sessions.parameters
+            ),
+            "environments": len(sessions.environments),
+            "subjects": len(sessions.subjects) or "published limits",
+            "method": f"{asked.method}, {asked.family}, level {asked.level:g}",
+            "device": "none" if self.scene.device is None else "yes",
+            "coupling": "none" if self.scene.coupling is None else "yes",
+            "computed": ", ".join(computed) or "nothing yet",
+        }
+        calls = "".join(
+            f"<li><code>{html.escape(call)}</code>: {what}</li>" for call, what in _CALLS.items()
+        )
+        return f"{fields_html(about, caption='Study')}<ul>{calls}</ul>"
+
+
+def _silent(step: str) -> None:
+    """Tell nobody of a step."""

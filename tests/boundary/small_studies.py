@@ -68,7 +68,7 @@ def curves_of(subjects: tuple[str, ...]) -> Study:
     refused = [what for what, _ in study.skipped if " curves of " in what]
     shapes = [b for b in boundaries if b.shape in ("pointwise", "simultaneous")]
     # Every curve of a law is either drawn or said to be missing.
-    assert len(shapes) + len(refused) >= 2 * len(study.curve_laws)
+    assert len(shapes) + len(refused) >= 2 * len(study.parts.curve_laws)
     return study
 
 

@@ -69,7 +69,7 @@ def test_normal_users_have_the_mean_and_sd_of_their_cell(study: Study) -> None:
         for i, parameter in enumerate(("k", "b")):
             values = (
                 rows.groupby("subject")[f"{parameter}_adj"].mean()
-                / study.reference[parameter, environment]
+                / study.parts.reference[parameter, environment]
             )
             assert own.beta[j, i] == pytest.approx(values.mean() - 1.0)
             noise = own.sigma_e[j, i] ** 2 * (1.0 / trials).mean()

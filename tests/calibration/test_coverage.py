@@ -204,7 +204,7 @@ def test_fitted_values_are_those_of_the_fit() -> None:
         assert getattr(truth.hyper, name) == pytest.approx(named[name].mean())
     np.testing.assert_allclose(truth.hyper.alpha + truth.delta, truth.beta, atol=1e-12)
     np.testing.assert_allclose(truth.sigma.T, named["sigma"].mean(axis=0), rtol=1e-12)
-    reference = np.array([study.reference[cell] for cell in model.cells])
+    reference = np.array([study.parts.reference[cell] for cell in model.cells])
     # Estimates are of all kept draws, and good to 0.2 of half-widths of some tenths.
     centre = np.log(study.fit.estimate / reference).reshape(2, -1)
     np.testing.assert_allclose(truth.beta.T, centre, atol=0.02)

@@ -31,7 +31,7 @@ def test_bands_are_relative_to_the_impedance_of_the_reference(fitted: Study) -> 
     assert band is not None
     assert len(band.rows) > 0
     for row in band.rows.itertuples():
-        k, b = (fitted.reference[p, row.environment] for p in ("k", "b"))
+        k, b = (fitted.parts.reference[p, row.environment] for p in ("k", "b"))
         assert row.impedance == pytest.approx(abs(b + k / (1j * band.omega)), rel=1e-12)
         assert row.relative == pytest.approx(row.band / row.impedance, rel=1e-12)
 

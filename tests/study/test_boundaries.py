@@ -136,8 +136,8 @@ def test_every_curve_of_an_environment_knows_its_mass(hold: str) -> None:
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical").to_dict()
     scene["device"]["hold"] = hold
     found = Study(Sessions.from_frame(table), Scene(**scene))
-    assert found.setup is not None
-    omega, setup = np.geomspace(0.5, 300.0, 40), found.setup
+    assert found.parts.setup is not None
+    omega, setup = np.geomspace(0.5, 300.0, 40), found.parts.setup
     rng = np.random.default_rng(4)
 
     def displayed(k: float, b: float) -> np.ndarray:
@@ -152,9 +152,9 @@ def test_every_curve_of_an_environment_knows_its_mass(hold: str) -> None:
         # Z_h is straight in k and b, also below zero, where no environment is.
         return np.abs(none + (of_k - none) * k + (of_b - none) * b)
 
-    laws = {(law.kind, law.family): law.pair for law in found.curve_laws}
-    boxes = {(r.kind, r.family, r.joint): r.limits for r in found.regions if r.limits}
-    ellipses = {(r.kind, r.family): r.ellipse for r in found.regions if r.ellipse}
+    laws = {(law.kind, law.family): law.pair for law in found.parts.curve_laws}
+    boxes = {(r.kind, r.family, r.joint): r.limits for r in found.parts.regions if r.limits}
+    ellipses = {(r.kind, r.family): r.ellipse for r in found.parts.regions if r.ellipse}
     for curve in found.boundaries_at(omega, ("VE2",)):
         own = setup.references["VE2"]
         np.testing.assert_allclose(
@@ -201,7 +201,7 @@ def test_posterior_draws_lie_inside_pointwise_and_simultaneous_limits_at_their_l
 ) -> None:
     """Draws of another kind: each curve by itself, from draws of locations and users given the scales."""
     assert fitted.fit is not None
-    assert fitted.setup is not None
+    assert fitted.parts.setup is not None
     repeats = 8
     points = np.repeat(fitted.fit.points, repeats, axis=0)
     drawn = fitted.fit.model.draw(points, np.random.default_rng(5))
@@ -210,7 +210,7 @@ def test_posterior_draws_lie_inside_pointwise_and_simultaneous_limits_at_their_l
             key = (environment, kind, "bayesian", "lognormal")
             point, together = (bands(fitted, shape)[key] for shape in ("pointwise", "simultaneous"))
             curves = perceived_magnitude(
-                point.omega[:, None], fitted.setup.device, k, b, fitted.setup.period
+                point.omega[:, None], fitted.parts.setup.device, k, b, fitted.parts.setup.period
             )
             below, above = curves < point.lower[:, None], curves > point.upper[:, None]
             inside = (together.lower[:, None] <= curves) & (curves <= together.upper[:, None])
@@ -228,7 +228,7 @@ def test_published_limits_have_no_boundary_that_needs_a_correlation() -> None:
     assert {(joint, shape) for _, _, joint, shape in keys(study, np.array([1.0, 2.0]))} == {
         (joint, shape) for joint in ("marginal", "bonferroni") for shape in ("corner", "envelope")
     }
-    assert study.curve_laws == ()
+    assert study.parts.curve_laws == ()
 
 
 def test_classical_ellipse_is_that_of_the_subjects(fitted: Study) -> None:
@@ -236,7 +236,7 @@ def test_classical_ellipse_is_that_of_the_subjects(fitted: Study) -> None:
     exact = ellipse_region(table["k_adj"], table["b_adj"], kind="user", family="lognormal")
     region = next(
         r
-        for r in fitted.regions
+        for r in fitted.parts.regions
         if (r.environment, r.method, r.kind, r.family, r.joint)
         == ("VE4", "classical", "user", "lognormal", "hotelling")
     )
@@ -248,12 +248,12 @@ def test_classical_ellipse_is_that_of_the_subjects(fitted: Study) -> None:
 def test_bonferroni_is_wider_and_leaves_out_half_as_many_draws(fitted: Study) -> None:
     wide = {
         (r.environment, r.kind): r.limits
-        for r in fitted.regions
+        for r in fitted.parts.regions
         if (r.method, r.joint) == ("bayesian", "bonferroni")
     }
     plain = {
         (r.environment, r.kind): r.limits
-        for r in fitted.regions
+        for r in fitted.parts.regions
         if (r.method, r.joint) == ("bayesian", "marginal")
     }
     assert wide.keys() == plain.keys()
@@ -274,8 +274,10 @@ def test_a_number_of_points_asked_for_is_an_even_grid(fitted: Study) -> None:
 
 
 def test_probability_of_stable_and_realistic(fitted: Study) -> None:
-    assert fitted.setup is not None
-    table = study_coupling(fitted.setup, (), fitted.realism, RANGE, read_at=10.0).probability
+    assert fitted.parts.setup is not None
+    table = study_coupling(
+        fitted.parts.setup, (), fitted.parts.realism, RANGE, read_at=10.0
+    ).probability
     assert table is not None
     through = table[table["coupled"].astype(bool)].set_index("environment")
     assert (through["stable_and_realistic"] == 0).all()  # the scene's device is too little damped
@@ -285,14 +287,14 @@ def test_probability_of_stable_and_realistic(fitted: Study) -> None:
 
 
 def test_designed_couplings_keep_the_next_user_inside(fitted: Study) -> None:
-    design = fitted.coupling_design["bayesian"]
-    assert fitted.setup is not None
+    design = fitted.parts.coupling_design["bayesian"]
+    assert fitted.parts.setup is not None
     coupling = design.each[1].largest
     assert coupling is not None
-    setup = dataclasses.replace(fitted.setup, coupling=coupling)
+    setup = dataclasses.replace(fitted.parts.setup, coupling=coupling)
     region = next(
         r
-        for r in fitted.regions
+        for r in fitted.parts.regions
         if (r.environment, r.method, r.kind, r.joint) == ("VE2", "bayesian", "user", "marginal")
     )
     omega = np.geomspace(0.1, 100.0, 81)

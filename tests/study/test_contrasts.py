@@ -171,7 +171,7 @@ def test_each_level_of_a_reference_is_a_cell_of_its_own():
     assert made.environments == tuple(
         f"VE{i} ({hand})" for i in (1, 2, 3) for hand in ("left", "right")
     )
-    assert made.reference["k", "VE2 (right)"] == 100.0
+    assert made.parts.reference["k", "VE2 (right)"] == 100.0
     again = made.over(made.sessions)
     assert again.environments == made.environments
     assert len(Study(Sessions.from_frame(frame(trials=1).query("hand == 'left'"))).contrasts) == 0

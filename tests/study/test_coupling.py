@@ -17,14 +17,16 @@ RANGE = (0.1, 100.0)  # rad/s
 
 
 def test_a_coupling_at_the_very_limit_counts_as_unstable(fitted: Study, monkeypatch) -> None:
-    assert fitted.setup is not None
+    assert fitted.parts.setup is not None
     real = haptics.absolute_stability
 
     def at_the_limit(*args, **kwargs):
         return dataclasses.replace(real(*args, **kwargs), verdict="marginal")
 
     monkeypatch.setattr(haptics, "absolute_stability", at_the_limit)
-    table = study_coupling(fitted.setup, (), fitted.realism, RANGE, read_at=10.0).probability
+    table = study_coupling(
+        fitted.parts.setup, (), fitted.parts.realism, RANGE, read_at=10.0
+    ).probability
     assert table is not None
     through = table[table["coupled"].astype(bool)]
     assert through["magnitude"].max() > 0.5
@@ -64,8 +66,8 @@ def test_the_level_of_all_users_lies_between_the_limits_of_every_draw(fitted: St
 def test_realism_throughout_is_that_of_a_fine_grid(fitted: Study) -> None:
     """VE2 leaves its boundary in a dip of abs(Z_h) near 31.6 rad/s, a few per cent wide."""
     assert fitted.fit is not None
-    assert fitted.setup is not None
-    setup = fitted.setup
+    assert fitted.parts.setup is not None
+    setup = fitted.parts.setup
     omega = np.union1d(np.geomspace(0.1, 100.0, 400), np.geomspace(28.0, 36.0, 600))
     for environment, users in populations(fitted.fit, fitted.scene.inference).items():
         limits = magnitude_envelope(
@@ -74,7 +76,7 @@ def test_realism_throughout_is_that_of_a_fine_grid(fitted: Study) -> None:
         for coupled in (False, True):
             shown = setup.curve(environment, omega, coupled=coupled)[:, None]
             true = float(((limits[0] <= shown) & (shown <= limits[1])).all(axis=0).mean())
-            found = fitted.realism[environment, coupled]
+            found = fitted.parts.realism[environment, coupled]
             # Of the draws that leave, the grid misses a few.
             assert true - 0.3 * found.magnitude_error - 1e-12 <= found.magnitude <= true
             if environment == "VE2":
@@ -107,15 +109,15 @@ def test_no_grid_moves_a_probability(fitted: Study) -> None:
     coarse["frequency"]["points"] = 5
     study = Study(fitted.sessions, Scene(**coarse))
     study.__dict__["_fit"] = fitted.fit  # the same posterior, not sampled again
-    for key, found in fitted.realism.items():
-        assert dataclasses.asdict(study.realism[key]) == dataclasses.asdict(found)
+    for key, found in fitted.parts.realism.items():
+        assert dataclasses.asdict(study.parts.realism[key]) == dataclasses.asdict(found)
 
 
 def test_verdicts_of_envelopes_are_those_of_a_fine_grid(fitted: Study) -> None:
-    assert fitted.setup is not None
+    assert fitted.parts.setup is not None
     assert fitted.coupling is not None
-    setup, omega = fitted.setup, np.geomspace(0.1, 100.0, 20_000)
-    regions = {r.environment: r for r in fitted.regions if _of_user(r)}
+    setup, omega = fitted.parts.setup, np.geomspace(0.1, 100.0, 20_000)
+    regions = {r.environment: r for r in fitted.parts.regions if _of_user(r)}
     table = fitted.coupling.realism
     verdicts = set()
     for row in table[(table["shape"] == "envelope") & table.apply(_of_user, axis=1)].to_dict(

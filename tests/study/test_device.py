@@ -102,8 +102,8 @@ def study() -> Study:
 
 
 def found_for(study: Study) -> DeviceSensitivity:
-    assert study.sensitivity is not None
-    return study.sensitivity
+    assert study.parts.sensitivity is not None
+    return study.parts.sensitivity
 
 
 def box_of(
@@ -137,7 +137,7 @@ def test_counts_are_those_of_a_search_over_all_points_of_the_box(
     for environment in study.environments:
         k, b = box_of(study, environment, "user")
         reference = haptics.Environment(
-            study.reference["k", environment], study.reference["b", environment]
+            study.parts.reference["k", environment], study.parts.reference["b", environment]
         )
         felt = abs(haptics.perceived_impedance(OMEGA, device, reference, PERIOD, coupling=coupling))
         grid = haptics.Environment(
@@ -168,7 +168,7 @@ def test_modes_count_and_a_measured_device_is_left_alone(study: Study, tmp_path)
     ]
     response.write_text("omega,real,imaginary\n" + "\n".join(lines) + "\n")
     measured = scene_of(device={"response": str(response), "period": PERIOD})
-    assert Study(alone, measured).sensitivity is None
+    assert Study(alone, measured).parts.sensitivity is None
 
 
 def test_without_a_coupling_the_reference_itself_is_judged(study: Study) -> None:
@@ -179,8 +179,8 @@ def test_without_a_coupling_the_reference_itself_is_judged(study: Study) -> None
     for name in study.environments:
         k, b = box_of(study, name, "user")
         held += (
-            k[0] <= study.reference["k", name] <= k[1]
-            and b[0] <= study.reference["b", name] <= b[1]
+            k[0] <= study.parts.reference["k", name] <= k[1]
+            and b[0] <= study.parts.reference["b", name] <= b[1]
         )
     # A reference inside its own box of k and b is inside at every ω, with any device; others may
     # be.
@@ -189,7 +189,7 @@ def test_without_a_coupling_the_reference_itself_is_judged(study: Study) -> None
 
 
 def test_nothing_to_vary_without_a_device(study: Study) -> None:
-    assert Study(study.sessions, scene_of(device=None, coupling=None)).sensitivity is None
+    assert Study(study.sessions, scene_of(device=None, coupling=None)).parts.sensitivity is None
 
 
 def test_the_scene_s_own_device_is_found_where_a_scale_starts_at_zero(study: Study) -> None:

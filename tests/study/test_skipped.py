@@ -79,10 +79,12 @@ def test_an_environment_without_one_reference():
         data, device=DEVICE, frequency={"points": 11}, coupling={"stiffness": 5e4, "damping": 100.0}
     )
     assert dict(found.skipped)["boundaries and band of VE2"] == "it has no reference damping"
-    assert found.with_reference == ("VE1", "VE3", "VE4")
-    assert {boundary.environment for boundary in found.boundaries} == set(found.with_reference)
+    assert found.parts.with_reference == ("VE1", "VE3", "VE4")
+    assert {boundary.environment for boundary in found.boundaries} == set(
+        found.parts.with_reference
+    )
     assert found.coupling is not None
-    assert set(found.passivity["environment"]) == set(found.with_reference)
+    assert set(found.parts.passivity["environment"]) == set(found.parts.with_reference)
 
 
 def test_a_cell_without_an_interval_costs_the_law_no_other_environment():
@@ -189,7 +191,7 @@ def test_a_table_of_a_part_of_the_range(tmp_path):
     found = Study(Sessions.from_frame(table()), Scene.load(tmp_path / "scene.toml"))
     assert found.coupling is not None
     assert found.coupling.verdict == "undecided"
-    assert found.coupling_design == {}
+    assert found.parts.coupling_design == {}
     said = dict(found.skipped)
     assert (
         said["admissible couplings"]

@@ -1,0 +1,414 @@
+"""The parts of a study, each computed when it is first read, with what is skipped and why."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Collection
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from percept import haptics
+from percept.boundary.band import BandStudy
+from percept.boundary.curves import Boundary
+from percept.errors import RefusalError
+from percept.haptics.design import CouplingDesign
+from percept.haptics.records import AnyDevice
+from percept.inference.record import Family
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.sessions.quantities import is_impedance
+from percept.study.band import Banded, band_study, with_band
+from percept.study.basics import FAMILIES, Skipped, analysed_parameters, referenced, results, select
+from percept.study.boundaries import JOINTS, BoundaryDrawing, increasing, zoom_windows
+from percept.study.coupling import (
+    CouplingStudy,
+    Realisms,
+    design_by_method,
+    no_design,
+    study_coupling,
+    study_realism,
+)
+from percept.study.device import (
+    DeviceSensitivity,
+    Setup,
+    device_of,
+    device_sensitivity,
+    fixed_device,
+    setup_of,
+)
+from percept.study.intervals import (
+    COLUMNS,
+    Cell,
+    Row,
+    cell_moments,
+    classical_rows,
+    compare_intervals,
+)
+from percept.study.regions import Law, Region, SubjectPairs, laws_of, regions_of, subject_pairs
+from percept.study.responses import references, refuse_lone_subject
+
+__all__ = ["Parts"]
+
+# What imports the hierarchical model is imported where it is needed: the classical method does
+# without.
+if TYPE_CHECKING:
+    from percept.inference.sampling.gate import Progress
+    from percept.study.checks import ModelChecks
+    from percept.study.fit import Fit, RunStore
+    from percept.study.ladder import Ladder
+
+
+class Parts:
+    """What `Study` computes, and why it skips the rest.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        With the levels of the scene's factor, where it names one.
+    scene : Scene
+        What to analyse.
+    progress : callable or None
+        Told the state of the sampler after every round.
+    store : RunStore or None
+        Where finished runs of the sampler are kept.
+    """
+
+    def __init__(
+        self,
+        sessions: Sessions,
+        scene: Scene,
+        progress: Callable[[Progress], None] | None,
+        store: RunStore | None,
+    ) -> None:
+        self.sessions = sessions
+        self.scene = scene
+        self.progress = progress
+        self.store = store
+
+    @cached_property
+    def parameters(self) -> tuple[str, ...]:
+        """Parameters analysed: those the scene names, or all that were adjusted."""
+        sessions, asked = self.sessions, self.scene.inference.parameters
+        return analysed_parameters(sessions.parameters, asked, sessions.quantities)
+
+    @property
+    def environments(self) -> tuple[str, ...]:
+        """Environments as the scene lists them, then by their references."""
+        return self.sessions.environments
+
+    @cached_property
+    def reference(self) -> dict[tuple[str, str], float]:
+        """Reference per (parameter, environment), in the parameter's unit."""
+        values = references(self.sessions, self.parameters, self.environments).ravel().tolist()
+        return dict(zip(itertools.product(self.parameters, self.environments), values, strict=True))
+
+    @cached_property
+    def interval_rows(self) -> list[Row | Skipped]:
+        """Rows of the interval table, and the intervals there are none of."""
+        asked = self.scene.inference
+        rows: list[Row | Skipped] = []
+        if asked.method != "bayesian":
+            if self.sessions.form == "trials":
+                refuse_lone_subject(self.sessions.subjects)
+            rows += classical_rows(self.cells, asked, self.reference, users=self.scene.user_noun)
+        if isinstance(self._fit, Skipped):
+            return [*rows, self._fit]
+        from percept.study.fit import bayesian_rows
+
+        return [*rows, *bayesian_rows(self._fit, asked, self.reference, self.scene.user_noun)]
+
+    @property
+    def intervals(self) -> pd.DataFrame:
+        """Intervals of every method, kind and family; a copy."""
+        return pd.DataFrame(results(self.interval_rows), columns=COLUMNS)
+
+    @cached_property
+    def contrast_rows(self) -> list[Row | Skipped]:
+        """Contrasts of the levels of a factor within subjects, and those there are none of."""
+        if self.sessions.factor is None:
+            return []
+        from percept.study.contrasts import contrast_rows
+
+        how = {"progress": self.progress, "store": self.store}
+        return list(contrast_rows(self.sessions, self.parameters, self.scene, **how))
+
+    @cached_property
+    def cells(self) -> dict[Family, list[Cell]]:
+        """Cells of each family."""
+        return {family: cell_moments(self.sessions, self.parameters, family) for family in FAMILIES}
+
+    @cached_property
+    def _fit(self) -> Fit | Skipped:
+        if self.scene.inference.method == "classical":
+            return Skipped("hierarchical model", "only the classical method was asked for")
+        from percept.study.fit import fit_of, prepare, sampled
+
+        try:
+            prepared = prepare(self.sessions, self.scene, self.parameters)
+        except RefusalError as refused:
+            # Classical intervals of some cell stand without it.
+            known = any(cell.moments for of_family in self.cells.values() for cell in of_family)
+            if self.scene.inference.method != "both" or not known:
+                raise
+            return Skipped("Bayesian intervals", str(refused))
+        asked = self.scene.inference
+        run = sampled(prepared.model, asked, progress=self.progress, store=self.store)
+        return fit_of(prepared, asked, run)
+
+    @property
+    def fit(self) -> Fit | None:
+        """The sampled hierarchical model; None where it is not asked for, or the data cannot carry it."""
+        return None if isinstance(self._fit, Skipped) else self._fit
+
+    @property
+    def passed(self) -> Fit | None:
+        """The fit, where the gate has passed it."""
+        return self.fit if self.fit and self.fit.passed else None
+
+    @cached_property
+    def posterior(self) -> Any:
+        """Posterior as an ArviZ DataTree, draws thinned to the effective size; None without a passed fit."""
+        if self.passed is None:
+            return None
+        from percept.study.fit import posterior_tree
+
+        return posterior_tree(self.passed, seed=self.scene.inference.seed)
+
+    @cached_property
+    def checks(self) -> ModelChecks | None:
+        """Checks of the hierarchical model; None without a passed fit that pools sessions."""
+        if self.passed is None or isinstance(self.passed.subjects, Skipped):
+            return None
+        from percept.study.checks import model_checks
+
+        asked = self.scene.inference
+        return model_checks(self.passed, self.passed.subjects, level=asked.level, seed=asked.seed)
+
+    @property
+    def diagnostics(self) -> dict[str, Any] | None:
+        """Verdict of the gate, what it rests on, and the priors in force; None without a fit."""
+        if self.fit is None:
+            return None
+        found = self.fit.diagnostics
+        found["pull"] = ()
+        if self.fit.passed:
+            from percept.study.checks import spread_pull
+
+            level, users = self.scene.inference.level, self.scene.user_noun
+            found["pull"] = spread_pull(self.fit, level=level, users=users)
+        if self.sessions.factor is not None:
+            from percept.inference.hierarchy.priors import Priors
+            from percept.study.fit import prior_rows
+
+            priors = Priors(**self.scene.model.priors)
+            found["priors"] += prior_rows({"lambda_sd": priors.lambda_sd, "psi_sd": priors.psi_sd})
+        return found
+
+    @cached_property
+    def device(self) -> AnyDevice | None:
+        """The scene's device; None without one."""
+        return device_of(self.scene)
+
+    @property
+    def within(self) -> tuple[float, float]:
+        """Ends of the frequencies that everything is judged over, rad/s."""
+        return self.scene.frequency.lower, self.scene.frequency.upper
+
+    @cached_property
+    def _with_reference(self) -> list[str | Skipped]:
+        return list(
+            referenced(self.reference, self.parameters, self.environments, self.sessions.quantities)
+        )
+
+    @property
+    def with_reference(self) -> tuple[str, ...]:
+        """Environments with a reference of stiffness and damping, which curves are drawn for."""
+        return tuple(results(self._with_reference))
+
+    @cached_property
+    def _setup(self) -> list[Setup | Skipped]:
+        shown = {
+            e: haptics.Environment(
+                self.reference["k", e], self.reference["b", e], self.sessions.masses[e]
+            )
+            for e in self.with_reference
+        }
+        return list(setup_of(self.scene, self.device, shown))
+
+    @property
+    def setup(self) -> Setup | None:
+        """Device, coupling and the references that curves are drawn for; None without device or reference."""
+        return next((one for one in results(self._setup) if one.references), None)
+
+    @cached_property
+    def boundaries(self) -> tuple[Boundary, ...]:
+        """Boundaries of abs(Z_h) over the scene's frequencies; empty without a device or one parameter."""
+        return self.boundaries_at(None)
+
+    def boundaries_at(
+        self,
+        omega: ArrayLike | None,
+        environments: Collection[str] | None = None,
+        *,
+        kinds: Collection[str] | None = None,
+        joints: Collection[str] | None = None,
+    ) -> tuple[Boundary, ...]:
+        """Boundaries at frequencies of one's own.
+
+        Parameters
+        ----------
+        omega : array_like, shape (M,)
+            rad/s, positive, increasing, up to Nyquist, where a mass is endless, and so are all
+            curves; None for each environment's own.
+        environments, kinds, joints : collection of str, optional
+            Which environments, kinds, and treatments of k and b together ("joint" for curves of
+            their law); all by default.
+
+        Returns
+        -------
+        tuple of Boundary
+
+        Raises
+        ------
+        UsageError
+            Frequencies that do not increase from above zero; a name that the study does not have.
+        """
+        grid = None if omega is None else increasing(omega)
+        environments = select("environment", environments, self.with_reference)
+        kinds = select("kind", kinds, self.scene.inference.kinds)
+        joints = select("joint treatment", joints, JOINTS)
+        if self._drawing is None:
+            return ()
+        return self._drawing.at(grid, environments, kinds, joints)
+
+    @cached_property
+    def _drawing(self) -> BoundaryDrawing | None:
+        if self.setup is None:
+            return None
+        table, tolerance = self.scene.frequency, self.scene.inference.tolerance
+        return BoundaryDrawing(self.setup, self.regions, self.curve_laws, table, tolerance)
+
+    @cached_property
+    def _zoom(self) -> list[tuple[str, list[float]] | Skipped]:
+        return list(zoom_windows(self.scene, self.environments if self.with_reference else ()))
+
+    @property
+    def zoom(self) -> dict[str, list[float]]:
+        """Window of omega, rad/s, that each environment's close view shows."""
+        return dict(results(self._zoom))
+
+    @cached_property
+    def _pairs(self) -> list[SubjectPairs | Skipped]:
+        device = self.device is not None
+        return list(subject_pairs(self.sessions, self.scene, self.parameters, device=device))
+
+    @cached_property
+    def curve_laws(self) -> tuple[Law, ...]:
+        """Laws of (k, b) of the average and the next user; empty where no correlation is known."""
+        return laws_of(results(self._pairs), self.passed, self.scene.inference)
+
+    @cached_property
+    def regions(self) -> tuple[Region, ...]:
+        """Rectangles and ellipses of (k, b) of every method, kind and joint treatment."""
+        return regions_of(self.intervals, self.curve_laws, self.passed, self.scene.inference)
+
+    @cached_property
+    def _banded(self) -> list[Banded | Skipped]:
+        """What bands are set against: the impedance of environments, or references of other quantities."""
+        names = self.with_reference if is_impedance(self.parameters) else self.environments
+        read_at, share = self.scene.frequency.read_at, "share" in self.scene.inference.kinds
+        no_share = share and self.passed is not None
+        return list(with_band(self.reference, self.parameters, names, read_at, no_share=no_share))
+
+    @cached_property
+    def band(self) -> BandStudy | None:
+        """Band of the environment's own size and its law; None with one environment, or without a size."""
+        banded = results(self._banded)
+        if not banded or len(self.environments) < 2:
+            return None
+        return band_study(self.intervals, banded, self.cells, self.passed, self.scene.inference)
+
+    @cached_property
+    def coupling(self) -> CouplingStudy | None:
+        """Stability and realism of the coupling; None without a device and a coupling."""
+        setup = next(iter(results(self._setup)), None)
+        if setup is None or setup.coupling is None:
+            return None
+        read_at, within = self.scene.frequency.read_at, self.within
+        return study_coupling(setup, self.regions, self.realism, within, read_at=read_at)
+
+    @property
+    def passivity(self) -> pd.DataFrame | None:
+        """Whether each reference, rendered without the coupling, is passive; None without a device."""
+        return None if self.setup is None else self.setup.passivity
+
+    @cached_property
+    def realism(self) -> Realisms:
+        """Probability that each reference feels real, directly and coupled (True); empty without a fit."""
+        if self.setup is None or self.passed is None:
+            return {}
+        return study_realism(self.setup, self.passed, self.scene.inference, self.within)
+
+    @cached_property
+    def no_design(self) -> Skipped | None:
+        """Why there are no admissible couplings; None where there are, and without a device."""
+        if self.setup is None:
+            return None
+        return no_design(self.setup, self.scene.inference.kinds)
+
+    @cached_property
+    def coupling_design(self) -> dict[str, CouplingDesign]:
+        """Couplings, by method, that are stable and realistic to the next user; empty without a device."""
+        if self.setup is None or self.no_design is not None:
+            return {}
+        return design_by_method(self.setup, self.regions, self.scene.inference.family, self.within)
+
+    @cached_property
+    def fixed_device(self) -> Skipped | None:
+        """Why the device is not varied; None where it is, and without a device."""
+        if self.setup is None:
+            return None
+        return fixed_device(self.setup, self.scene.inference.method)
+
+    @cached_property
+    def sensitivity(self) -> DeviceSensitivity | None:
+        """How the verdicts move with the device's mass and damping; None without a device that has them."""
+        if self.setup is None or self.fixed_device is not None:
+            return None
+        return device_sensitivity(self.setup, self.regions, self.scene.inference, self.within)
+
+    @property
+    def comparison(self) -> pd.DataFrame | None:
+        """The methods' intervals in equal family and kind; a copy, None without both methods."""
+        both = self.passed is not None and self.scene.inference.method == "both"
+        return compare_intervals(self.intervals, self.scene.inference.family) if both else None
+
+    @cached_property
+    def ladder(self) -> Ladder | None:
+        """Why the methods differ, step by step; samples what lies between them. None without both methods."""
+        if self.passed is None or self.scene.inference.method != "both":
+            return None
+        from percept.study.ladder import climb
+
+        whole = self.sessions, self.scene, self.parameters, self.intervals, self.passed
+        return climb(*whole, progress=self.progress, store=self.store)
+
+    @property
+    def skipped(self) -> tuple[Skipped, ...]:
+        """What was not computed, and why."""
+        curves = self._drawing.skipped if self._drawing is not None else []
+        return (*self.skipped_before_curves, *curves)
+
+    @cached_property
+    def skipped_before_curves(self) -> tuple[Skipped, ...]:
+        """What was not computed, and why, curves of laws not counted: they take time to draw."""
+        skipped: list[Any] = [*self.interval_rows, *self._with_reference, *self._setup, *self._zoom]
+        skipped += [*self.contrast_rows, *self._banded, *self._pairs]
+        skipped.append(self.fixed_device)
+        if self.setup is not None and self.setup.coupling:
+            skipped.append(self.no_design)
+        skipped += [self.fit.subjects] if self.fit and self.scene.checks else []
+        return tuple(dict.fromkeys(part for part in skipped if isinstance(part, Skipped)))
