@@ -8,10 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy import special
 
+from percept.boundary.curves import Boundary
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import NotebookRecord
+from percept.inference.classical.moments import Moments
+from percept.inference.record import Family
 from percept.sessions import Sessions
 from percept.sessions.quantities import trial_columns
 from percept.sessions.read import refuse_gaps
@@ -25,17 +29,21 @@ if TYPE_CHECKING:
 
 __all__ = ["PairComparison", "compare_studies", "split_by", "within_subjects"]
 
-#: Draws of either posterior, and turns in which each draw of one meets another draw of the other.
-_DRAWS, _TURNS = 8192, 16
+#: Draws of either posterior that are compared; more would not change two digits.
+_DRAWS = 8192
+#: Turns in which each draw of one posterior meets another draw of the other.
+_TURNS = 16
+#: Subjects named in a message; of more a sentence would be unreadable.
 _MOST_NAMED = 5
 _SAME = (
     "A and B are the same sessions: the table of their users, whose intervals assume two samples of"
     " different people, is left out."
 )
 _CURVE_LABELS = ("environment", "kind", "method", "family")
-#: Frequencies that curves are compared at; and the fraction of the upper limit that a lower one
-#: counts as.
-_POINTS, _FLOOR = 241, 1e-6
+#: Frequencies that curves are compared at, some 80 a decade over the usual range.
+_POINTS = 241
+#: Fraction of the upper limit that a lower one counts as: zero has no logarithm.
+_FLOOR = 1e-6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -102,7 +110,8 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
         No environment in common, the same people in both, or nothing that differs.
     """
     for name in ("family", "level"):
-        a, b = (getattr(study.scene.inference, name) for study in (first, second))
+        a = getattr(first.scene.inference, name)
+        b = getattr(second.scene.inference, name)
         if a != b:
             raise UsageError(
                 f"the two studies are analysed with a {name} of {a} and {b}.",
@@ -117,47 +126,63 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
             hint="Give the sessions of other people, or another scene.",
         )
     notes = [_SAME] if same else list(_in_common(first.sessions, second.sessions))
-    for what in ("environments", "parameters"):
-        a, b = (getattr(study, what) for study in (first, second))
-        for label, own, other in (("A", a, b), ("B", b, a)):
-            if alone := [name for name in own if name not in other]:
-                notes.append(f"Only {label} has {', '.join(alone)}: left out.")
+    notes += _left_out(first.environments, second.environments)
+    notes += _left_out(first.parameters, second.parameters)
     keys = ["environment", "parameter", "kind", "method", "family", "joint"]
-    a, b = (study.intervals[[*keys, "lower", "upper"]] for study in (first, second))
-    intervals = a.merge(b, on=keys, suffixes=("_a", "_b"))
-    widths = [intervals[f"upper_{side}"] - intervals[f"lower_{side}"] for side in ("a", "b")]
-    intervals["width_ratio"] = widths[1] / widths[0]
+    columns = [*keys, "lower", "upper"]
+    intervals = first.intervals[columns].merge(
+        second.intervals[columns], on=keys, suffixes=("_a", "_b")
+    )
+    width_a = intervals["upper_a"] - intervals["lower_a"]
+    width_b = intervals["upper_b"] - intervals["lower_b"]
+    intervals["width_ratio"] = width_b / width_a
     differences = [] if same else [*_classical(first, second), *_bayesian(first, second)]
     curves = pd.DataFrame(_gaps(first, second))
     return PairComparison(intervals, pd.DataFrame(differences), curves, tuple(notes))
 
 
+def _left_out(of_a: Sequence[str], of_b: Sequence[str]) -> Iterator[str]:
+    """Name the environments, or parameters, that one study has alone."""
+    for label, own, other in (("A", of_a, of_b), ("B", of_b, of_a)):
+        alone = [name for name in own if name not in other]
+        if alone:
+            yield f"Only {label} has {', '.join(alone)}: left out."
+
+
 def _gaps(first: Study, second: Study) -> Iterator[dict[str, object]]:
     """How far the exact envelopes of B lie from A's, over the frequencies that both study."""
-    (a_low, a_high), (b_low, b_high) = (study.parts.within for study in (first, second))
+    a_low, a_high = first.parts.within
+    b_low, b_high = second.parts.within
     lower, upper = max(a_low, b_low), min(a_high, b_high)
     if not lower < upper:
         return
     omega = np.geomspace(lower, upper, _POINTS)
-    of_a, of_b = (
-        {
-            tuple(getattr(boundary, name) for name in _CURVE_LABELS): boundary
-            for boundary in study.boundaries_at(omega, joints=("marginal",))
-            if boundary.shape == "envelope"
-        }
-        for study in (first, second)
-    )
-    for key in (key for key in of_a if key in of_b):
+    envelopes_a = _envelopes(first, omega)
+    envelopes_b = _envelopes(second, omega)
+    for key, of_a in envelopes_a.items():
+        of_b = envelopes_b.get(key)
+        if of_b is None:
+            continue
         row: dict[str, object] = dict(zip(_CURVE_LABELS, key, strict=True))
         for side in ("lower", "upper"):
-            a, b = (
-                np.maximum(getattr(of, side), _FLOOR * of.upper) for of in (of_a[key], of_b[key])
-            )
-            ratio = np.log(b / a)
-            worst = int(np.abs(ratio).argmax())
-            row[f"area_{side}"] = float(np.abs(ratio).mean())
-            row[f"largest_{side}"], row[f"omega_{side}"] = float(ratio[worst]), float(omega[worst])
+            a = np.maximum(getattr(of_a, side), _FLOOR * of_a.upper)
+            b = np.maximum(getattr(of_b, side), _FLOOR * of_b.upper)
+            log_ratio = np.log(b / a)
+            worst = int(np.abs(log_ratio).argmax())
+            row[f"area_{side}"] = float(np.abs(log_ratio).mean())
+            row[f"largest_{side}"] = float(log_ratio[worst])
+            row[f"omega_{side}"] = float(omega[worst])
         yield row
+
+
+def _envelopes(study: Study, omega: Array) -> dict[tuple[str, ...], Boundary]:
+    """Return a study's exact envelopes at frequencies (M,), rad/s, by what tells curves apart."""
+    envelopes = {}
+    for boundary in study.boundaries_at(omega, joints=("marginal",)):
+        if boundary.shape == "envelope":
+            key = tuple(getattr(boundary, name) for name in _CURVE_LABELS)
+            envelopes[key] = boundary
+    return envelopes
 
 
 def _same_sessions(first: Sessions, second: Sessions) -> bool:
@@ -187,8 +212,11 @@ def _in_common(first: Sessions, second: Sessions) -> Iterator[str]:
 
 
 def _counted(subjects: Sequence[str]) -> str:
-    named = ", ".join([*subjects[:_MOST_NAMED], *["…"] * (len(subjects) > _MOST_NAMED)])
-    return f"{counted(len(subjects), 'subject')} ({named}) {'is' if len(subjects) == 1 else 'are'}"
+    named = list(subjects[:_MOST_NAMED])
+    if len(subjects) > _MOST_NAMED:
+        named.append("…")
+    verb = "is" if len(subjects) == 1 else "are"
+    return f"{counted(len(subjects), 'subject')} ({', '.join(named)}) {verb}"
 
 
 def _classical(first: Study, second: Study) -> Iterator[dict[str, object]]:
@@ -197,74 +225,110 @@ def _classical(first: Study, second: Study) -> Iterator[dict[str, object]]:
     if "bayesian" in (asked.method, second.scene.inference.method):
         return
     tail = 0.5 * (1.0 - asked.level)
-    of_a, of_b = (
-        known_moments(cell_moments(one.sessions, one.parameters, asked.family), asked.family)
-        for one in (first, second)
-    )
-    for cell in of_a:
-        if cell not in of_b:
-            continue
-        mean, sd, n = (
-            np.array([float(getattr(moments[cell], name)) for moments in (of_a, of_b)])
-            for name in ("mean", "sd", "n")
-        )
-        squared = sd**2 / n
-        freedom = squared.sum() ** 2 / (squared**2 / (n - 1)).sum()
-        centre, half = (
-            mean[1] - mean[0],
-            -float(special.stdtrit(freedom, tail)) * np.sqrt(squared.sum()),
-        )
-        # The upper one as the reciprocal of a lower one, which keeps the digits of a small tail.
-        high, low = (
-            1.0 / special.fdtri(n[0] - 1, n[1] - 1, tail),
-            special.fdtri(n[1] - 1, n[0] - 1, tail),
-        )
-        ratio = sd[1] / sd[0]
-        spread = [ratio / np.sqrt(high), ratio, ratio / np.sqrt(low)]
-        yield _row(
-            cell, "classical", asked.family, [centre - half, centre, centre + half], None, spread
-        )
+    moments_a = _moments(first, asked.family)
+    moments_b = _moments(second, asked.family)
+    for cell, a in moments_a.items():
+        if cell in moments_b:
+            b = moments_b[cell]
+            means = _welch(a, b, tail)
+            spread = _sd_ratio(a, b, tail)
+            yield _row(cell, "classical", asked.family, means, None, spread)
+
+
+def _moments(study: Study, family: Family) -> dict[tuple[str, str], Moments]:
+    cells = cell_moments(study.sessions, study.parameters, family)
+    return known_moments(cells, family)
+
+
+def _welch(a: Moments, b: Moments, tail: float) -> list[float]:
+    """Lower limit, value and upper limit of the difference of two means with SDs of their own."""
+    variance_a = float(a.sd) ** 2 / float(a.n)
+    variance_b = float(b.sd) ** 2 / float(b.n)
+    variance = variance_a + variance_b
+    weighed = variance_a**2 / (float(a.n) - 1) + variance_b**2 / (float(b.n) - 1)
+    freedom = variance**2 / weighed
+    centre = float(b.mean) - float(a.mean)
+    half = -float(special.stdtrit(freedom, tail)) * np.sqrt(variance)
+    return [centre - half, centre, centre + half]
+
+
+def _sd_ratio(a: Moments, b: Moments, tail: float) -> list[float]:
+    """Lower limit, value and upper limit of the SD of b over that of a."""
+    df_a, df_b = float(a.n) - 1, float(b.n) - 1
+    # The upper quantile as the reciprocal of a lower one, which keeps the digits of a small tail.
+    high = 1.0 / special.fdtri(df_a, df_b, tail)
+    low = special.fdtri(df_b, df_a, tail)
+    ratio = float(b.sd) / float(a.sd)
+    return [ratio / np.sqrt(high), ratio, ratio / np.sqrt(low)]
 
 
 def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
     """Root of the mixture of differences of conditional normals."""
-    if not (first.fit and second.fit and first.fit.passed and second.fit.passed):
+    fit_a, fit_b = first.fit, second.fit
+    if fit_a is None or fit_b is None or not (fit_a.passed and fit_b.passed):
         return
     from percept.inference.sampling.endpoints import mixture_quantile
 
     asked = first.scene.inference
-    rng, tail = generator(asked.seed, Stream.PAIRS), 0.5 * (1.0 - asked.level)
-    of_a, of_b = (_draws(fit, rng) for fit in (first.fit, second.fit))
-    count = min(len(of_a[0]), len(of_b[0]))
+    rng = generator(asked.seed, Stream.PAIRS)
+    tail = 0.5 * (1.0 - asked.level)
+    draws_a = _draws(fit_a, rng)
+    draws_b = _draws(fit_b, rng)
+    count = min(len(draws_a.mean), len(draws_b.mean))
     # The posteriors are independent, so each pair of their draws is a draw of both: pairing each
     # draw with several others takes a third to two thirds of the error from quantiles of ratios.
     turns = rng.integers(count, size=_TURNS)
-    for cell, a in first.fit.column.items():
-        if (b := second.fit.column.get(cell)) is None:
+    for cell, column_a in fit_a.column.items():
+        column_b = fit_b.column.get(cell)
+        if column_b is None:
             continue
-        mean_a, sd_a, spread_a = (np.tile(part[:count, a], _TURNS) for part in of_a)
-        mean_b, sd_b, spread_b = (
-            np.concatenate([np.roll(part[:count, b], turn) for turn in turns]) for part in of_b
-        )
-        mean, sd = (mean_b - mean_a)[:, None], np.hypot(sd_a, sd_b)[:, None]
-        lower, upper = (
-            float(mixture_quantile(mean, sd, tail, upper=side)[0][0]) for side in (False, True)
-        )
-        spread = np.quantile(spread_b / spread_a, [tail, 0.5, 1.0 - tail]).tolist()
+        a = draws_a.repeated(column_a, count)
+        b = draws_b.turned(column_b, count, turns)
+        mean = (b.mean - a.mean)[:, None]
+        sd = np.hypot(a.sd, b.sd)[:, None]
+        lower, _ = mixture_quantile(mean, sd, tail, upper=False)
+        upper, _ = mixture_quantile(mean, sd, tail, upper=True)
+        ends = [float(lower[0]), float(mean.mean()), float(upper[0])]
+        spread = np.quantile(b.spread / a.spread, [tail, 0.5, 1.0 - tail]).tolist()
         above = float(special.ndtr(mean / sd).mean())
-        yield _row(
-            cell, "bayesian", asked.family, [lower, float(mean.mean()), upper], above, spread
+        yield _row(cell, "bayesian", asked.family, ends, above, spread)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Draws:
+    """Draws of populations, on the family's scale in their units or as logarithms, (S, C) or (S,)."""
+
+    mean: Array
+    sd: Array  # Of the mean, given the scales
+    spread: Array  # SD between users
+
+    def repeated(self, column: int, count: int) -> _Draws:
+        """Return the first draws of a cell, once per turn."""
+        return _Draws(
+            np.tile(self.mean[:count, column], _TURNS),
+            np.tile(self.sd[:count, column], _TURNS),
+            np.tile(self.spread[:count, column], _TURNS),
         )
 
+    def turned(self, column: int, count: int, turns: NDArray[np.int64]) -> _Draws:
+        """Return the first draws of a cell, rolled on by each turn."""
 
-def _draws(fit: Fit, rng: np.random.Generator) -> list[Array]:
-    """Mean, SD and spread per draw and cell, on the family's scale in their units or as logarithms."""
-    some, scale = rng.permutation(len(fit.moments.mean))[:_DRAWS], fit.scale
-    mean, *rest = (
-        scale.unit * part[some]
-        for part in (fit.moments.mean, fit.moments.sd, fit.moments.population_sd)
+        def rolled(values: Array) -> Array:
+            return np.concatenate([np.roll(values[:count, column], turn) for turn in turns])
+
+        return _Draws(rolled(self.mean), rolled(self.sd), rolled(self.spread))
+
+
+def _draws(fit: Fit, rng: np.random.Generator) -> _Draws:
+    """Draw from a fit's posterior, without replacement."""
+    chosen = rng.permutation(len(fit.moments.mean))[:_DRAWS]
+    scale = fit.scale
+    origin = np.log(scale.origin) if scale.log else scale.origin
+    return _Draws(
+        scale.unit * fit.moments.mean[chosen] + origin,
+        scale.unit * fit.moments.sd[chosen],
+        scale.unit * fit.moments.population_sd[chosen],
     )
-    return [mean + (np.log(scale.origin) if scale.log else scale.origin), *rest]
 
 
 def _row(
@@ -276,15 +340,17 @@ def _row(
     spread: Sequence[float],
 ) -> dict[str, object]:
     """Make a row of lower, value and upper of the averages' difference and of the ratio of spreads."""
-    limits = np.exp(ends).tolist() if family == "lognormal" else map(float, ends)
+    lower, value, upper = np.exp(ends).tolist() if family == "lognormal" else ends
     return {
         "environment": cell[1],
         "parameter": cell[0],
         "method": method,
         "family": family,
-        **dict(zip(("lower", "value", "upper"), limits, strict=True)),
+        "lower": float(lower),
+        "value": float(value),
+        "upper": float(upper),
         "probability_above": above,
-        **dict(
-            zip(("spread_lower", "spread_value", "spread_upper"), map(float, spread), strict=True)
-        ),
+        "spread_lower": float(spread[0]),
+        "spread_value": float(spread[1]),
+        "spread_upper": float(spread[2]),
     }
