@@ -14,7 +14,7 @@ from percept.boundary.band import BandStudy
 from percept.boundary.curves import Boundary
 from percept.errors import UsageError, counted
 from percept.html import fields_html
-from percept.results import Results, plain
+from percept.results import Band, Coupling, IntervalRow, LeftOut, Results
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.read import by_level
@@ -22,6 +22,7 @@ from percept.study.basics import Skipped, results, select
 from percept.study.coupling import CouplingStudy
 from percept.study.intervals import KEYS
 from percept.study.parts import Parts
+from percept.study.results import boundaries_of, compute, data_of, record, rows
 
 # What imports the hierarchical model is imported where it is needed: the classical method does
 # without.
@@ -294,8 +295,6 @@ class Study:
         PerceptError
             What the study refuses.
         """
-        from percept.study.results import compute
-
         return compute(self.parts, curves=curves, why=why, progress=progress)
 
     def report(self, directory: str | Path, **options: Any) -> Path:
@@ -322,15 +321,24 @@ class Study:
     # is nothing to plot.
 
     def plot_intervals(
-        self, parameter: str | None = None, *, kinds: Collection[str] | None = None, ax: Any = None
+        self,
+        parameter: str | None = None,
+        *,
+        kinds: Collection[str] | None = None,
+        ax: Any = None,
     ) -> Any:
         """Plot intervals divided by their references: of every parameter and kind, or of those named."""
         from percept.plots import plot_intervals
 
-        parameters = select("parameter", parameter, self.parts.parameters)
-        kinds = select("kind", kinds, self.scene.inference.kinds)
-        document = self._document(intervals=plain(self.intervals))
-        return plot_intervals(document, parameters, kinds, ax)
+        intervals = self.intervals.assign(covers=self.interpretation["covers"])
+        return plot_intervals(
+            rows(IntervalRow, intervals),
+            data_of(self.sessions, self.scene),
+            parameters=select("parameter", parameter, self.parameters),
+            kinds=select("kind", kinds, self.scene.inference.kinds),
+            family=self.scene.inference.family,
+            ax=ax,
+        )
 
     def plot_boundary(self, environment: str, *, kind: str | None = None, ax: Any = None) -> Any:
         """Plot boundaries of abs(Z_h), N·s/m, over omega, rad/s, for one kind: the next user by default."""
@@ -338,24 +346,26 @@ class Study:
 
         kinds = self.scene.inference.kinds
         (kind,) = select("kind", kind or ("user" if "user" in kinds else kinds[0]), kinds)
-        if self.boundaries:
+        boundaries = boundaries_of(self.boundaries)
+        if boundaries:
             (environment,) = select("environment", environment, self.parts.with_reference)
-        rows = [row for row in self.boundaries if row.environment == environment]
-        return plot_boundary(self._document(boundaries=plain(rows)), environment, kind, ax)
+        return plot_boundary(
+            boundaries, environment, kind, family=self.scene.inference.family, ax=ax
+        )
 
     def plot_band(self, parameter: str | None = None, *, ax: Any = None) -> Any:
         """Plot bands and their laws against the environment's impedance, or a parameter's reference."""
         from percept.plots import plot_band
 
-        return plot_band(self._document(band=plain(self.band)), parameter, ax)
+        band = record(Band, self.band)
+        data = data_of(self.sessions, self.scene)
+        return plot_band(band, data, parameter, family=self.scene.inference.family, ax=ax)
 
     def plot_coupling(self, *, ax: Any = None) -> Any:
         """Plot the stability criterion of the coupling (Eq. 10) over omega, rad/s."""
         from percept.plots import plot_coupling
-        from percept.results import Coupling
-        from percept.study.results import record
 
-        return plot_coupling(record(Coupling, self.coupling), ax)
+        return plot_coupling(record(Coupling, self.coupling), ax=ax)
 
     def plot_check(self, *, ax: Any = None) -> Any:
         """Plot how far each subject lies from what the others predict.
@@ -364,20 +374,9 @@ class Study:
         holds each ordered probability of independent subjects with probability 0.99.
         """
         from percept.plots import plot_check
-        from percept.results import SubjectCheck
-        from percept.study.results import rows
 
-        checks = self.checks
-        subjects = () if checks is None else rows(SubjectCheck, checks.loo.subjects)
-        return plot_check(subjects, ax)
-
-    def _document(self, **parts: Any) -> dict[str, Any]:
-        """Return the part of a report's document that a figure is drawn from."""
-        from percept.study.results import data_of
-
-        scene = plain(self.scene.to_dict())
-        data = plain(data_of(self.sessions, self.scene))
-        return {"provenance": {"scene": scene}, "data": data, **parts}
+        loo = None if self.checks is None else record(LeftOut, self.checks.loo)
+        return plot_check(None if loo is None else loo.subjects, ax=ax)
 
     def __repr__(self) -> str:
         adjusted = " and ".join(self.sessions.parameters)
