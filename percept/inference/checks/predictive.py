@@ -45,8 +45,10 @@ def draw_prior(
         trial_rows=np.zeros_like(statistics.trial_rows),
     )
     layout = Layout(blank, priors, density.layout.options)
-    scales = layout.scales(rng.standard_normal((layout.dimension, draws)))
-    alpha = priors.alpha_sd * rng.standard_normal((layout.parameters, 1, draws))
+    coordinates = rng.standard_normal((layout.dimension, draws))
+    scales = layout.scales(coordinates)
+    alpha = rng.standard_normal((layout.parameters, 1, draws))
+    alpha *= priors.alpha_sd
     beta = np.repeat(alpha, layout.environments, axis=1)
     if scales.tau is not None:
         gamma = priors.gamma_sd * rng.standard_normal(alpha.shape)
@@ -58,7 +60,8 @@ def draw_prior(
         user += np.stack(column) * rng.standard_normal(beta.shape[1:])
     if scales.shared is not None:
         for column in scales.shared.factor_columns():
-            user += np.stack(column)[:, None] * rng.standard_normal(beta.shape[1:])
+            effect = np.stack(column)[:, None]
+            user += effect * rng.standard_normal(beta.shape[1:])
     return PriorDraws(
         scales=draws_first(scales.named),
         means=beta.reshape(-1, draws).T,
@@ -82,8 +85,10 @@ def statistics_of(cell_means: Array) -> Array:
     present = np.isfinite(cell_means)
     n = present.sum(axis=-3)
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.where(present, cell_means, 0.0).sum(axis=-3) / n
-        deviation = np.where(present, cell_means - mean[..., None, :, :], 0.0)
+        total = np.where(present, cell_means, 0.0).sum(axis=-3)
+        mean = total / n
+        deviation = cell_means - mean[..., None, :, :]
+        deviation = np.where(present, deviation, 0.0)
         squares = np.square(deviation).sum(axis=-3)
         sd = np.sqrt(squares / (n - 1.0))
         farthest = np.abs(deviation).max(axis=-3) / sd

@@ -133,17 +133,19 @@ class SubjectDensity:
         if trial is None:
             return 0.0
         first = self._scatter.first[..., None]
-        squares = first / trial.variances[0]
+        squares = first / trial.leading
         if trial.slope is not None:
             tilt = self._scatter.slope[..., None] - trial.slope
             rest = self._scatter.rest[..., None] + first * tilt * tilt
-            squares = squares + rest / trial.variances[1]
+            squares = squares + rest / trial.rest
         extra = np.maximum(self._counts - 1.0, 0.0)
         log_counts = np.log(np.maximum(self._counts, 1))
-        constant = extra.sum(axis=1) * _LOG_2PI + log_counts.sum(axis=1)
+        constant = extra.sum(axis=1) * _LOG_2PI
+        constant = constant + log_counts.sum(axis=1)
         constant = self.parameters * constant[:, None]
         determinants = extra @ trial.log_determinant()
-        return -0.5 * (squares.sum(axis=1) + determinants + constant).T
+        log_density = squares.sum(axis=1) + determinants + constant
+        return -0.5 * log_density.T
 
 
 def _leave_out(
@@ -160,7 +162,8 @@ def _leave_out(
     latents = len(columns)
     factor = _factor(np.eye(latents) - transposed @ g)
     flat = columns.reshape(latents, -1, columns.shape[-1])
-    right = np.concatenate([transposed @ whitened, flat.transpose(2, 0, 1)], axis=2)
+    flat = flat.transpose(2, 0, 1)
+    right = np.concatenate([transposed @ whitened, flat], axis=2)
     solved = np.linalg.solve(factor, right)
     shift = solved[..., : len(residual)]
     root = solved[..., len(residual) :]
@@ -170,9 +173,11 @@ def _leave_out(
     log_determinant = covariance.log_determinant() - 2.0 * log_diagonal
     shape = (len(factor), *residual.shape[1:3], -1)
     learned = root.transpose(0, 2, 1) @ shift
-    difference = residual.transpose(3, 1, 2, 0) + learned.reshape(shape)
+    learned = learned.reshape(shape)
+    difference = residual.transpose(3, 1, 2, 0) + learned
     variance = _variances(cell, shared, residual.shape[2:])
-    variance = variance.transpose(2, 0, 1) + _squares(root).reshape(shape[:3])
+    uncertainty = _squares(root).reshape(shape[:3])
+    variance = variance.transpose(2, 0, 1) + uncertainty
     standard = difference / np.sqrt(variance)[..., None]
     return LeftOut(
         log_density=-0.5 * (log_determinant[:, None] + distance),
@@ -234,9 +239,10 @@ class _CellScatter:
         shape: tuple[int, int],
     ) -> _CellScatter:
         """Sum over trials: deviations (trials, P) and the number of the cell of each."""
+        cells = math.prod(shape)
 
         def total(values: Array) -> Array:
-            sums = np.bincount(cell, weights=values, minlength=math.prod(shape))
+            sums = np.bincount(cell, weights=values, minlength=cells)
             return np.asarray(sums, dtype=float)
 
         first = total(deviation[:, 0] ** 2)
@@ -247,4 +253,8 @@ class _CellScatter:
             np.divide(cross, first, out=slope, where=first > 0)
             residual = deviation[:, 1] - slope[cell] * deviation[:, 0]
             rest = total(residual**2)
-        return cls(first.reshape(shape), slope.reshape(shape), rest.reshape(shape))
+        return cls(
+            first=first.reshape(shape),
+            slope=slope.reshape(shape),
+            rest=rest.reshape(shape),
+        )

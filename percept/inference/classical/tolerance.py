@@ -95,7 +95,8 @@ def factor_of_tails(
     arrays = [np.asarray(argument) for argument in (n, beta, alpha)]
     n, beta, alpha = fitted("n, share and confidence", *arrays)
     if sided == "two":
-        return plain(np.vectorize(_two_sided, otypes=[float])(n, beta, alpha))
+        factors = np.vectorize(_two_sided, otypes=[float])
+        return plain(factors(n, beta, alpha))
     # The mirrored distribution has the small probability in its lower tail, and keeps its digits.
     root_n = np.sqrt(n)
     quantile = special.nctdtrit(n - 1.0, root_n * special.ndtri(beta), alpha)
@@ -114,7 +115,8 @@ def _two_sided(
     node, weight = _legendre(_NODES)
     half_edge = -special.ndtri(alpha * _NEGLIGIBLE) / 2.0
     z = half_edge * (1.0 + node)
-    weight = half_edge * weight * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * z**2)
+    density = np.sqrt(2.0 / np.pi) * np.exp(-0.5 * z**2)
+    weight = half_edge * weight * density
     radius = _content_radius(z / root_n, beta)
     log_gamma = special.gammaln(half_df)
 
@@ -138,8 +140,9 @@ def _content_radius(x: FloatOrArray, beta: float) -> FloatOrArray:
 
     def outside(r: FloatOrArray) -> tuple[FloatOrArray, FloatOrArray]:
         probability = special.ndtr(-(r + x)) + special.ndtr(x - r)
-        density = np.exp(-0.5 * (r + x) ** 2) + np.exp(-0.5 * (r - x) ** 2)
-        return probability, -density / math.sqrt(2.0 * math.pi)
+        near = np.exp(-0.5 * (r - x) ** 2)
+        far = np.exp(-0.5 * (r + x) ** 2)
+        return probability, -(far + near) / math.sqrt(2.0 * math.pi)
 
     start = x - special.ndtri(beta / 2.0)  # exact at x = 0, too large elsewhere
     return _newton(outside, beta, start)
@@ -160,6 +163,7 @@ def _newton(
         value, slope = probability(x)
         step = np.log(value / target) * value / slope
         x = x - step
-        if np.all(np.abs(step) <= _ACCURACY * np.maximum(1.0, np.abs(x))):
+        rounding = _ACCURACY * np.maximum(1.0, np.abs(x))
+        if np.all(np.abs(step) <= rounding):
             break
     return x

@@ -40,6 +40,16 @@ class Block:
     slope: Array | None = None  # Of the other on the leading one; none of a single parameter
     precision: bool = False  # Whether the second parameter leads
 
+    @property
+    def leading(self) -> Array:
+        """Variance of the leading parameter."""
+        return self.variances[0]
+
+    @property
+    def rest(self) -> Array:
+        """Variance that the leading parameter leaves of the other."""
+        return self.variances[1]
+
     def mapped(self, change: Callable[[Array], Array]) -> Block:
         """Change the layout of the entries."""
         variances = tuple(change(part) for part in self.variances)
@@ -54,8 +64,8 @@ class Block:
         return r[::-1] if self.precision else r
 
     def __add__(self, other: Block) -> Block:
-        v1 = self.variances[0]
-        v2 = other.variances[0]
+        v1 = self.leading
+        v2 = other.leading
         v = v1 + v2
         if self.slope is None or other.slope is None:
             return Block((v,), None, self.precision)
@@ -63,33 +73,33 @@ class Block:
         share = v2 / v
         # The slope as a weighted mean: g1 - share (g1 - g2) would cancel where v2 is far above v1.
         slope = (v1 * self.slope + v2 * other.slope) / v
-        rest = self.variances[1] + other.variances[1]
+        rest = self.rest + other.rest
         rest = rest + v1 * share * difference * difference
         return Block((v, rest), slope, self.precision)
 
     def plus_diagonal(self, diagonal: Vector) -> Block:
         """Return the sum with a diagonal block, given in the order of the parameters."""
         added = self._leading_first(diagonal)
-        v = self.variances[0] + added[0]
+        v = self.leading + added[0]
         if self.slope is None:
             return Block((v,), None, self.precision)
         share = added[0] / v
         # v (g - s)² + d1 s² with s = g v/(v + d1) is g² v d1/(v + d1).
-        rest = self.variances[1] + added[1]
-        rest = rest + self.slope * self.slope * self.variances[0] * share
-        slope = self.slope * (self.variances[0] / v)
+        rest = self.rest + added[1]
+        rest = rest + self.slope * self.slope * self.leading * share
+        slope = self.slope * (self.leading / v)
         return Block((v, rest), slope, self.precision)
 
     def total(self) -> Block:
         """Return the sum over the first axis."""
-        v = self.variances[0].sum(axis=0)
+        v = self.leading.sum(axis=0)
         if self.slope is None:
             return Block((v,), None, self.precision)
-        weighted = self.variances[0] * self.slope
+        weighted = self.leading * self.slope
         slope = weighted.sum(axis=0) / v
         difference = self.slope - slope
-        scatter = self.variances[0] * difference * difference
-        rest = self.variances[1].sum(axis=0) + scatter.sum(axis=0)
+        scatter = self.leading * difference * difference
+        rest = self.rest.sum(axis=0) + scatter.sum(axis=0)
         return Block((v, rest), slope, self.precision)
 
     def scaled(self, factor: Array | float) -> Block:
@@ -111,10 +121,10 @@ class Block:
     def apply(self, r: Vector) -> Vector:
         """Return block times vector."""
         if self.slope is None:
-            return (self.variances[0] * r[0],)
+            return (self.leading * r[0],)
         first, second = self._leading_first(r)
-        leading = self.variances[0] * (first + self.slope * second)
-        following = self.slope * leading + self.variances[1] * second
+        leading = self.leading * (first + self.slope * second)
+        following = self.slope * leading + self.rest * second
         return self._leading_first((leading, following))
 
     def _remainders(self, r: Vector) -> Vector:
@@ -138,18 +148,18 @@ class Block:
 
     def factor_columns(self) -> list[Vector]:
         """Return the columns of the lower factor F of a covariance."""
-        root = np.sqrt(self.variances[0])
+        root = np.sqrt(self.leading)
         if self.slope is None:
             return [(root,)]
-        rest = np.sqrt(self.variances[1])
+        rest = np.sqrt(self.rest)
         return [(root, self.slope * root), (np.zeros_like(root), rest)]
 
     def diagonal(self) -> Vector:
         """Return the variances of a covariance, one array per parameter."""
         if self.slope is None:
             return self.variances
-        v, rest = self.variances
-        return (v, rest + self.slope * self.slope * v)
+        explained = self.slope * self.slope * self.leading
+        return (self.leading, self.rest + explained)
 
 
 def block(
@@ -168,7 +178,8 @@ def block(
     if rho is None or one_minus_size is None:
         return Block(variances, np.zeros_like(first))
     unexplained = one_minus_size * (1.0 + np.abs(rho))
-    return Block((first, second * unexplained), rho * (sd[1] / sd[0]))
+    slope = rho * (sd[1] / sd[0])
+    return Block((first, second * unexplained), slope)
 
 
 def weighted_mean(
@@ -180,14 +191,14 @@ def weighted_mean(
 ) -> Vector:
     """Return K⁻¹ sum_j P_j r_j, K the total of the precisions P_j."""
     if parts.slope is None or total.slope is None:
-        weighted = parts.variances[0] * r[0]
-        return (weighted.sum(axis=axis) / total.variances[0],)
-    second = parts.variances[0] * (r[1] + parts.slope * r[0])
+        weighted = parts.leading * r[0]
+        return (weighted.sum(axis=axis) / total.leading,)
+    second = parts.leading * (r[1] + parts.slope * r[0])
     # Differences of slopes: applying K⁻¹ to P_j r_j would subtract numbers 1/(1 - rho²) times the
     # result.
-    first = parts.variances[1] * r[0] + (parts.slope - total.slope) * second
-    mean = first.sum(axis=axis) / total.variances[1]
-    along = second.sum(axis=axis) / total.variances[0]
+    first = parts.rest * r[0] + (parts.slope - total.slope) * second
+    mean = first.sum(axis=axis) / total.rest
+    along = second.sum(axis=axis) / total.leading
     return (mean, along - total.slope * mean)
 
 
@@ -198,15 +209,15 @@ def weighted_mean_of_rows(
 ) -> Vector:
     """Return K⁻¹ sum_j P_j r_j for many constant vectors."""
     if parts.slope is None or total.slope is None:
-        return (rows[0] @ parts.variances[0] / total.variances[0],)
+        return (rows[0] @ parts.leading / total.leading,)
     v, rest = parts.variances
     # The weights of `weighted_mean`, applied to all vectors by one product of matrices each.
     cross = v * parts.slope
     difference = parts.slope - total.slope
     first = rows[0] @ (rest + difference * cross) + rows[1] @ (difference * v)
     second = rows[0] @ cross + rows[1] @ v
-    mean = first / total.variances[1]
-    return (mean, second / total.variances[0] - total.slope * mean)
+    mean = first / total.rest
+    return (mean, second / total.leading - total.slope * mean)
 
 
 def gram(columns: Sequence[Array]) -> Block:
@@ -272,6 +283,7 @@ class SharedCovariance:
         if not self._shared:
             return self._cells.distance(vectors).sum(axis=0)
         mean = weighted_mean_of_rows(self._precisions, self._precision, rows)
-        inside = tuple(r - m[:, None] for r, m in zip(vectors, mean, strict=True))
+        pairs = zip(vectors, mean, strict=True)
+        inside = tuple(component - m[:, None] for component, m in pairs)
         within_cells = self._cells.distance(inside).sum(axis=0)
         return within_cells + self._outer.distance(mean)

@@ -191,7 +191,8 @@ class CollapsedDensity(Model):
     def by_pass(self, points: Array, work: Callable[[Scales], tuple[Array, ...]]) -> list[Array]:
         """Arrays worked out from the scales at coordinates (W, d), draws first."""
         parts = [work(scales) for scales in self._passes(points)]
-        return [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
+        by_array = zip(*parts, strict=True)
+        return [np.concatenate(arrays) for arrays in by_array]
 
     def log_likelihood(self, scales: Scales) -> Array:
         """Log density of the data given scales, locations and subject effects integrated out."""
@@ -220,7 +221,8 @@ class CollapsedDensity(Model):
                 covariance = SharedCovariance(cell, scales.shared)
                 determinants = (pattern.subjects - 1.0) * covariance.log_determinant()
                 value -= 0.5 * (determinants + covariance.scatter_distance(pattern.rows))
-        return value + Regression(self.regression, scales, cells, merge=True).log_density
+        law = Regression(self.regression, scales, cells, merge=True)
+        return value + law.log_density
 
     def _by_information(self, problem: InformationProblem, scales: Scales) -> Information:
         """Locations by their information, which may lack digits."""
@@ -268,7 +270,8 @@ class CollapsedDensity(Model):
             cell = cell.plus_diagonal(tuple(resolution))
         trial = self.trial_block(scales)
         if trial is not None:
-            cell = cell + trial[environments].scaled(1.0 / trials[:, None])
+            share = 1.0 / trials[:, None]
+            cell = cell + trial[environments].scaled(share)
         return cell
 
     def moments(self, scales: Scales) -> ConditionalMoments:
@@ -293,8 +296,9 @@ class CollapsedDensity(Model):
 
         def pair(scales: Scales) -> tuple[Array, Array, Array]:
             law = self.locations(scales)
+            location = _matrices(law.covariance)
             users = _matrices(self.population(scales))
-            return np.stack(law.mean).T, _matrices(law.covariance), users
+            return np.stack(law.mean).T, location, users
 
         return PairLaws(*self.by_pass(points, pair))
 
@@ -306,8 +310,8 @@ class CollapsedDensity(Model):
             user = beta.copy()
             for column in self.population(scales).factor_columns():
                 user += np.stack(column) * rng.standard_normal(beta.shape[1:])
-            width = beta.shape[-1]
-            return beta.reshape(-1, width).T, user.reshape(-1, width).T
+            cells = len(self.cells)
+            return beta.reshape(cells, -1).T, user.reshape(cells, -1).T
 
         beta, user = self.by_pass(points, drawn)
         return beta, user

@@ -37,8 +37,9 @@ class Product(Model):
 
     def _split(self, points: Array) -> list[tuple[Model, Array]]:
         """Each model with its coordinates (W, d), views."""
-        ends = np.cumsum([len(model.names) for model in self.models])
-        parts = np.split(points, ends[:-1], axis=1)
+        sizes = [len(model.names) for model in self.models]
+        ends = np.cumsum(sizes)[:-1]
+        parts = np.split(points, ends, axis=1)
         return list(zip(self.models, parts, strict=True))
 
     def identity(self) -> tuple[object, ...]:
@@ -119,11 +120,16 @@ class Unpooled(Model):
     def laws(self, points: Array) -> ConditionalMoments:
         """Moments of the standardised beta and of the population at coordinates (W, C)."""
         spread = np.exp(points * self._unit)
-        return ConditionalMoments(np.zeros_like(spread), spread / np.sqrt(self._n), spread)
+        return ConditionalMoments(
+            mean=np.zeros_like(spread),
+            sd=spread / np.sqrt(self._n),
+            population_sd=spread,
+        )
 
     def scales(self, points: Array) -> Named:
         """Ratio of sigma to the sample SD per cell."""
-        return {"sigma_ratio": (("cell",), np.exp(points * self._unit))}
+        ratio = np.exp(points * self._unit)
+        return {"sigma_ratio": (("cell",), ratio)}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -178,11 +184,14 @@ class IntervalEstimands:
         """Limits of one kind from the laws of all draws."""
         if kind == "share":
             return self._share_limits(laws)
-        sd = laws.sd if kind == "mean" else np.hypot(laws.sd, laws.population_sd)
+        sd = laws.sd
+        if kind == "user":
+            sd = np.hypot(laws.sd, laws.population_sd)
         tail = 0.5 * (1.0 - self.level)
         lower, on_lower = mixture_quantile(laws.mean, sd, tail, upper=False)
         upper, on_upper = mixture_quantile(laws.mean, sd, tail, upper=True)
-        return Limits(lower, upper, np.hstack([on_lower, on_upper]))
+        influence = np.hstack([on_lower, on_upper])
+        return Limits(lower, upper, influence)
 
     def _share_limits(self, laws: ConditionalMoments) -> Limits:
         centre, half_width, influence = share_half_width(

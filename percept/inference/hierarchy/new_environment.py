@@ -40,7 +40,11 @@ class NewEnvironment:
         """Each parameter by itself, cells being parameters."""
         variance = np.diagonal(self.covariance, axis1=1, axis2=2)
         population_variance = np.diagonal(self.population, axis1=1, axis2=2)
-        return ConditionalMoments(self.mean, np.sqrt(variance), np.sqrt(population_variance))
+        return ConditionalMoments(
+            mean=self.mean,
+            sd=np.sqrt(variance),
+            population_sd=np.sqrt(population_variance),
+        )
 
 
 def new_environment(
@@ -127,7 +131,8 @@ def _location(
     rows[:, count:] = density.priors.gamma_sd * np.diag(x)
     mean, spread = density.locations(scales).trend(rows)
     covariance = np.einsum("qpw,qrw->wpr", spread, spread)
-    covariance[:, range(count), range(count)] += scales.named["tau"].T ** 2
+    tau = scales.named["tau"].T
+    covariance[:, range(count), range(count)] += tau**2
     return mean.T, covariance
 
 
@@ -141,13 +146,16 @@ def _population(
     count = x.size
     width = scales.log_prior.size
     named = scales.named
-    log_sigma = np.log(named["s"]) + named.get("kappa", 0.0) * x[:, None]
+    kappa = named.get("kappa", 0.0)
+    log_sigma = np.log(named["s"]) + kappa * x[:, None]
     omega = named.get("omega", np.zeros((count, 1)))
-    sigma = np.exp(log_sigma + omega * _even_normals(repeats, count, width, rng))
+    normals = _even_normals(repeats, count, width, rng)
+    sigma = np.exp(log_sigma + omega * normals)
     population = _covariance(np.moveaxis(sigma, -1, 0), named.get("rho_w"))
     if "sigma_u" not in named:
         return population
-    return population + _covariance(named["sigma_u"].T[:, None], named.get("rho_u"))
+    sigma_u = named["sigma_u"].T[:, None]
+    return population + _covariance(sigma_u, named.get("rho_u"))
 
 
 def _even_normals(
@@ -157,7 +165,8 @@ def _even_normals(
     rng: np.random.Generator,
 ) -> Array:
     """Return standard normals (R, P, W) that fill the square evenly, R in turn for each draw."""
-    multiples = np.multiply.outer(np.arange(width * repeats), _STEPS[:count])
+    points = np.arange(width * repeats)
+    multiples = np.multiply.outer(points, _STEPS[:count])
     uniforms = (multiples + rng.random(count)) % 1.0
     normals = special.ndtri(np.clip(uniforms, _LEAST, 1.0 - _LEAST))
     return np.moveaxis(normals.reshape(width, repeats, count), 0, -1)
@@ -198,7 +207,8 @@ class NewEstimands(IntervalEstimands):
 
     def identity(self) -> tuple[object, ...]:
         """Return what beside the model decides the limits."""
-        return (*super().identity(), "new", tuple(self._x.tolist()), self._repeats, self._seed)
+        decades = tuple(self._x.tolist())
+        return (*super().identity(), "new", decades, self._repeats, self._seed)
 
     def components(self, points: Array) -> Array:
         """ConditionalMoments per draw, shape (W, 3 P R): every spread side by side."""
@@ -210,4 +220,5 @@ class NewEstimands(IntervalEstimands):
         draws = len(components)
         spreads = components.reshape(draws * self._repeats, -1)
         for estimates, influence in super().estimates(spreads):
-            yield estimates, influence.reshape(draws, self._repeats, -1).mean(axis=1)
+            by_draw = influence.reshape(draws, self._repeats, -1)
+            yield estimates, by_draw.mean(axis=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable
 from typing import Protocol
 
 import numpy as np
@@ -25,7 +25,6 @@ __all__ = [
     "Estimates",
     "Gate",
     "Judged",
-    "Means",
     "Progress",
     "Run",
     "Settings",
@@ -74,23 +73,6 @@ class Estimands(Protocol):
         over draws is zero, and its standard error is the estimate's. Memory holds one part at a
         time.
         """
-
-
-class Means:
-    """Posterior means of functions of the coordinates, their scale being the posterior SD."""
-
-    def __init__(self, names: tuple[str, ...], function: Callable[[Array], Array]) -> None:
-        self._names = names
-        self._function = function
-
-    def components(self, points: Array) -> Array:
-        """Values of the functions, shape (W, C)."""
-        return np.asarray(self._function(points))
-
-    def estimates(self, components: Array) -> Iterator[tuple[Estimates, Array]]:
-        """Means, with deviations as influence."""
-        mean = components.mean(axis=0)
-        yield Estimates(self._names, mean, components.std(axis=0)), components - mean
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import special, stats
 
+from percept.inference.sampling.gate import Estimates
+
 
 class Normal:
     """Independent standard normals; uniform: each coordinate's CDF."""
@@ -90,3 +92,18 @@ def deviations(uniforms):
 def limit(ensembles, count, error=1e-4):
     """Bound that the largest of `count` such t variables stays within, but for probability `error`."""
     return float(stats.t.isf(0.5 * error / count, ensembles - 1))
+
+
+class Means:
+    """Posterior means of functions of the coordinates, their scale being the posterior SD."""
+
+    def __init__(self, names, function):
+        self._names = names
+        self._function = function
+
+    def components(self, points):
+        return np.asarray(self._function(points))
+
+    def estimates(self, components):
+        mean = components.mean(axis=0)
+        yield Estimates(self._names, mean, components.std(axis=0)), components - mean

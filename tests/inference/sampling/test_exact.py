@@ -9,9 +9,10 @@ import percept
 from percept.inference import prediction_interval, t_interval, tolerance_interval
 from percept.inference.hierarchy.density import ConditionalMoments
 from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error
-from percept.inference.sampling.gate import Means, Settings
+from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 from tests import DATASETS
+from tests.inference.sampling.targets import Means
 
 SESSIONS = DATASETS / "hbfd_sessions.csv"
 REFERENCE = {"pooling": "none", "prior": "reference"}

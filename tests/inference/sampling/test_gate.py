@@ -12,7 +12,6 @@ from percept.inference.sampling.diagnostics import autocorrelation_time, normal_
 from percept.inference.sampling.gate import (
     Estimates,
     Judged,
-    Means,
     Settings,
     Travel,
     judge,
@@ -20,7 +19,7 @@ from percept.inference.sampling.gate import (
 )
 from percept.inference.sampling.moves import Ensembles
 from percept.inference.sampling.run import sample
-from tests.inference.sampling.targets import Normal
+from tests.inference.sampling.targets import Means, Normal
 
 
 def first(points):

@@ -9,7 +9,8 @@ from percept.inference.sampling.diagnostics import (
     rank_rhat,
     split_rhat,
 )
-from percept.inference.sampling.gate import Means, judge
+from percept.inference.sampling.gate import judge
+from tests.inference.sampling.targets import Means
 
 
 class Apart(Means):

@@ -10,11 +10,11 @@ from scipy import stats
 from percept.inference.sampling import chain as chains
 from percept.inference.sampling.chain import Chain, Memory, Pace, Task
 from percept.inference.sampling.coordinates import Affine, Transported
-from percept.inference.sampling.gate import Means, Settings
+from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.moves import Ensembles
 from percept.inference.sampling.run import sample
 from tests import LONG
-from tests.inference.sampling.targets import Normal, SkewedHeavy
+from tests.inference.sampling.targets import Means, Normal, SkewedHeavy
 
 
 class Remembered(Means):
