@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from percept.report.document import document_of
 from percept.report.write import (
+    document_of,
     fill_fit,
     fill_report,
     fit_folder,

@@ -45,7 +45,7 @@ _SHAPES = {
     "envelope": (
         "the exact smallest and largest |Z_h| that any k and b within their limits can give"
     ),
-    "pointwise": "limits of |Z_h| by the law of k and b together, at each ω for itself",
+    "pointwise": "limits of |Z_h| by the law of k and b together; the level holds at each ω alone",
     "simultaneous": (
         "limits between which a whole curve stays at every ω drawn: pointwise limits at a higher"
         " level (Bayesian), or limits of Hotelling’s ellipse joined with the pointwise ones"

@@ -1,24 +1,27 @@
-"""Write a report with its tables, or intervals alone: complete files only, none of the user's removed."""
+"""Write a report, or intervals alone: complete files only, and none of the user's replaced."""
 
 from __future__ import annotations
 
 import datetime
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
-
 from percept.errors import UsageError
 from percept.files import FolderFiles, filled_folder, warned
-from percept.report.document import document_of
-from percept.report.select import Record, matching, quantities_of
-from percept.results import Results, dumps
+from percept.report.overview import findings
+from percept.report.tables import csv_tables
+from percept.results import SCHEMA, Results, dumps, plain
 
 if TYPE_CHECKING:
     from xarray import DataTree
+
+__all__ = [
+    "FIT_FILES", "REPORT_FILES", "document_of", "fill_fit", "fill_report", "fit_folder", "report_folder",
+    "rewrite_report", "write_posterior",
+]  # fmt: skip
 
 _FORMATS = ("svg", "pdf", "png")
 _TABLES = (
@@ -41,17 +44,6 @@ REPORT_FILES = FolderFiles(
     ),
 )
 FIT_FILES = FolderFiles("fit.json", ("fit.json", "posterior.nc"))
-_INTERVAL = (
-    "environment", "kind", "method", "family", "joint", "level", "share", "confidence", "lower", "upper",
-    "estimate", "reference", "n", "covers",
-)  # fmt: skip
-_DATA = ("environment", "n", "reference", "mean", "sd")
-_BAND = ("environment", "method", "kind", "family")
-_CURVE = ("environment", "kind", "method", "family", "joint", "shape", "level")
-#: Beginnings of what a spreadsheet runs, spaces before them passed over; some take wide forms too.
-_FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")
-#: Columns in the unit of their table; heads name it.
-_IN_UNIT = ("lower", "upper", "estimate", "reference", "mean", "sd", "coupled", "impedance", "band")
 
 
 @contextmanager
@@ -121,7 +113,7 @@ def fill_report(
     """
     # A fit needs none of these, and matplotlib is slow to import.
     from percept.report.basis import bibtex
-    from percept.report.figures.of_results import drawings
+    from percept.report.figures import drawings
     from percept.report.figures.output import draw_all
     from percept.report.page import render_page
 
@@ -130,7 +122,7 @@ def fill_report(
     document = document_of(results)
     (folder / "report.json").write_text(dumps(document), encoding="utf-8")
     (folder / "tables").mkdir()
-    for name, text in csv_tables(document).items():
+    for name, text in csv_tables(results).items():
         (folder / "tables" / name).write_text(text, encoding="utf-8")
     (folder / "references.bib").write_text(bibtex(document), encoding="utf-8")
     if posterior is not None:
@@ -201,6 +193,24 @@ def rewrite_report(
     return Path(out_dir) / "report.html"
 
 
+def document_of(results: Results) -> dict[str, Any]:
+    """Return the plain values of report.json: every result, and the summary worked out from them.
+
+    Parameters
+    ----------
+    results : Results
+        Of a study, or of a report.json that was read back.
+
+    Returns
+    -------
+    dict
+        ``schema``, a key for each field of `percept.results.Results`, and ``summary``. JSON values
+        only: infinities are text and NaN is None.
+    """
+    document: dict[str, Any] = {"schema": SCHEMA, **plain(results)}
+    return document | {"summary": findings(document)}
+
+
 def write_posterior(posterior: DataTree, path: Path) -> None:
     """Write a posterior as netCDF.
 
@@ -208,60 +218,3 @@ def write_posterior(posterior: DataTree, path: Path) -> None:
     process.
     """
     path.write_bytes(posterior.to_netcdf(None, engine="h5netcdf"))
-
-
-def csv_tables(document: Mapping[str, Any]) -> dict[str, str]:
-    """Return the tables of a document as CSV, by file name."""
-    band, tables = (document["band"] or {"rows": ()})["rows"], {}
-    for name, quantity in quantities_of(document).items():
-        for kind, records, columns in (
-            ("intervals", document["intervals"], _INTERVAL),
-            ("data", document["data"]["cells"], _DATA),
-            ("band", band, (*_BAND, "reference", "band", "relative")),
-        ):
-            if rows := matching(records, parameter=name):
-                tables[f"{kind}_{name}"] = _csv(rows, columns, quantity.unit)
-    if rows := matching(band, parameter=None):
-        tables["band"] = _csv(rows, (*_BAND, "impedance", "band", "relative"), "N·s/m")
-    if document["boundaries"]:
-        tables["boundaries"] = _curves(document["boundaries"])
-    records = {
-        "contrast": document["contrast"],
-        "comparison": document["comparison"],
-        "realism": (document["coupling"] or {}).get("realism"),
-    }
-    tables |= {name: _csv(rows, tuple(rows[0])) for name, rows in records.items() if rows}
-    return {f"{name}.csv": text for name, text in tables.items()}
-
-
-def _csv(rows: Iterable[Record], columns: Iterable[str], unit: str = "") -> str:
-    """Write columns of records with every digit of a double, and nothing for None."""
-    heads = [f"{name} ({unit})" if unit and name in _IN_UNIT else name for name in columns]
-    cells = [[_cell(row.get(name)) for name in columns] for row in rows]
-    return pd.DataFrame(cells, columns=heads, dtype=object).to_csv(index=False, lineterminator="\n")
-
-
-def _curves(records: Iterable[Record]) -> str:
-    """Write a row per curve and frequency."""
-    columns = ("omega (rad/s)", "lower", "upper", "reference", "coupled")
-    rows = []
-    for record in records:
-        labels = {label: record[label] for label in _CURVE}
-        none = [None] * len(record["omega"])
-        curves = (record.get(name.removesuffix(" (rad/s)")) or none for name in columns)
-        rows += [
-            labels | dict(zip(columns, point, strict=True)) for point in zip(*curves, strict=True)
-        ]
-    return _csv(rows, (*_CURVE, *columns), "N·s/m")
-
-
-def _cell(value: Any) -> Any:
-    """Make what a spreadsheet would run as a formula text."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list):
-        value = "; ".join(map(str, value))
-    if not isinstance(value, str) or value in ("inf", "-inf"):
-        return value
-    runs = value.lstrip().startswith(_FORMULA) or value.startswith(("\t", "\r"))
-    return f"'{value}" if runs else value

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from percept import haptics
 from percept.haptics.impedance import coupling_admittance
 from percept.haptics.stability import coupling_bound
+from percept.report.figures import drawings
 from percept.report.figures.band import BandSeries, Widths, draw_band
 from percept.report.figures.boundaries import boundary_drawings
 from percept.report.figures.canvas import COLOURS, Drawing, common_range, log_scale, panels
@@ -25,7 +26,6 @@ from percept.report.figures.curves import (
     ratio_range,
 )
 from percept.report.figures.intervals import Bar, BarAxis, draw_intervals, interval_drawings
-from percept.report.figures.of_results import drawings
 from percept.report.figures.output import STYLE, draw_all, drawn
 from tests.documents import as_results
 

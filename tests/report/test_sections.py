@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from percept.report.basis import bibtex, checks, cited, methods
-from percept.report.figures.of_results import drawings
+from percept.report.figures import drawings
 from percept.report.page import render_page
 from percept.report.sections import build_sections
 from percept.report.select import at

@@ -8,7 +8,8 @@ import pandas as pd
 import pytest
 
 from percept.report.numbers import rounded
-from percept.report.write import csv_tables
+from percept.report.tables import csv_tables
+from tests.documents import as_results
 
 from .conftest import DATASETS
 
@@ -19,7 +20,7 @@ def rows_of(text):
 
 @pytest.mark.parametrize(("parameter", "unit"), [("k", "N/m"), ("b", "N·s/m")])
 def test_limits_read_back_to_the_same_doubles(classical, parameter, unit):
-    rows = rows_of(csv_tables(classical)[f"intervals_{parameter}.csv"])
+    rows = rows_of(csv_tables(as_results(classical))[f"intervals_{parameter}.csv"])
     expected = [row for row in classical["intervals"] if row["parameter"] == parameter]
     assert [float(row[f"lower ({unit})"]) for row in rows] == [row["lower"] for row in expected]
     assert [float(row[f"upper ({unit})"]) for row in rows] == [row["upper"] for row in expected]
@@ -28,7 +29,9 @@ def test_limits_read_back_to_the_same_doubles(classical, parameter, unit):
 
 def test_the_paper_s_table_comes_out_to_the_digit(classical):
     published = pd.read_csv(DATASETS / "hbfd_table1.csv", dtype=str)
-    tables = {p: rows_of(csv_tables(classical)[f"intervals_{p}.csv"]) for p in ("k", "b")}
+    tables = {
+        p: rows_of(csv_tables(as_results(classical))[f"intervals_{p}.csv"]) for p in ("k", "b")
+    }
     for row in published.itertuples():
         unit = {"k": "N/m", "b": "N·s/m"}[row.parameter]
         found = next(
@@ -45,7 +48,7 @@ def test_the_paper_s_table_comes_out_to_the_digit(classical):
 
 
 def test_curves_have_a_row_per_frequency(classical):
-    rows = rows_of(csv_tables(classical)["boundaries.csv"])
+    rows = rows_of(csv_tables(as_results(classical))["boundaries.csv"])
     first = classical["boundaries"][0]
     some = rows[: len(first["omega"])]
     assert len(rows) == sum(len(boundary["omega"]) for boundary in classical["boundaries"])
@@ -64,14 +67,14 @@ def test_text_that_a_spreadsheet_would_run_is_neutralised(classical, start, sign
     for row in document["intervals"]:
         row["environment"] = f'{start}{sign}HYPERLINK("http://x")'
         row["lower"] = "-inf"
-    rows = rows_of(csv_tables(document)["intervals_k.csv"])
+    rows = rows_of(csv_tables(as_results(document))["intervals_k.csv"])
     assert {row["environment"] for row in rows} == {f'\'{start}{sign}HYPERLINK("http://x")'}
     assert {row["lower (N/m)"] for row in rows} == {"-inf"}
 
 
 @pytest.mark.parametrize(("parameter", "unit"), [("k", "N/m"), ("b", "N·s/m")])
 def test_adjustments_are_in_the_units_of_their_heads(classical, parameter, unit):
-    rows = rows_of(csv_tables(classical)[f"data_{parameter}.csv"])
+    rows = rows_of(csv_tables(as_results(classical))[f"data_{parameter}.csv"])
     cells = [cell for cell in classical["data"]["cells"] if cell["parameter"] == parameter]
     for name in ("reference", "mean", "sd"):
         assert [float(row[f"{name} ({unit})"]) for row in rows] == [cell[name] for cell in cells]
@@ -83,6 +86,7 @@ def test_adjustments_are_in_the_units_of_their_heads(classical, parameter, unit)
 def test_labels_tell_every_row_from_the_others(classical, name):
     labels = ("environment", "kind", "method", "family", "joint", "shape", "level", "omega (rad/s)")
     rows = [
-        tuple(row.get(label) for label in labels) for row in rows_of(csv_tables(classical)[name])
+        tuple(row.get(label) for label in labels)
+        for row in rows_of(csv_tables(as_results(classical))[name])
     ]
     assert len(set(rows)) == len(rows) > 1

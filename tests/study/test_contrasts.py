@@ -8,13 +8,13 @@ from scipy import stats
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.report.page import render_page
-from percept.report.write import csv_tables
+from percept.report.tables import csv_tables
 from percept.sessions import ReadError, ReadOptions, Sessions
 from percept.sessions.read import by_level
 from percept.study.compare import within_subjects
 from percept.study.reduced import reduced_intervals
 from tests import DATASETS
-from tests.documents import build_document
+from tests.documents import as_results, build_document
 from tests.study.within import frame, study
 
 
@@ -290,7 +290,7 @@ def test_the_page_has_a_section_of_the_factor():
     assert "felt like one of 3 reference environments at each level of hand" in page
     overall = next(i for i, row in enumerate(document["contrast"]) if row["environment"] is None)
     assert f'data-at="/contrast/{overall}/lower"' in page
-    rows = csv_tables(document)["contrast.csv"].splitlines()
+    rows = csv_tables(as_results(document))["contrast.csv"].splitlines()
     assert len(rows) == 1 + len(document["contrast"])
     assert "VE1; VE2; VE3" in rows[1 + overall]
     without = render_page(document | {"contrast": []}, {}, date="2026-01-01")
