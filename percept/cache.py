@@ -43,32 +43,55 @@ def cache_folder() -> Path | None:
 
 @functools.cache
 def numbers_version(*parts: str) -> str:
-    """Return what else decides the digits of a result: versions, and a digest of parts of percept's code."""
+    """Return what else decides the digits of a result: versions, and a digest of percept's code.
+
+    Parameters
+    ----------
+    *parts : str
+        Folders and modules of percept, such as ``"inference"``; ``"."`` is all of it.
+
+    Returns
+    -------
+    str
+    """
     # emcee's version is read without importing it, which would cost what the cache saves.
     packages = {name: metadata.version(name) for name in ("numpy", "scipy", "emcee")}
     root = Path(percept.__file__).parent
     code = hashlib.sha256()
     for part in parts:
         for path in sorted((root / part).rglob("*.py")) or [root / f"{part}.py"]:
-            code.update(
-                path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0"
-            )
+            name = path.relative_to(root).as_posix().encode()
+            code.update(name + b"\0" + path.read_bytes() + b"\0")
     return f"percept {percept.__version__} {packages} code {code.hexdigest()}"
 
 
 def digest(*parts: object) -> str:
-    """Return the SHA-256 of nested tuples, lists and dicts of text, numbers, None and arrays."""
+    """Return the SHA-256 of nested tuples, lists and dicts of text, numbers, None and arrays.
+
+    Parameters
+    ----------
+    *parts : object
+        What to digest; the order of a dict's keys does not count.
+
+    Returns
+    -------
+    str
+        In hexadecimal.
+
+    Raises
+    ------
+    TypeError
+        A part of another type.
+    """
     return hashlib.sha256(json.dumps(parts, default=_array, sort_keys=True).encode()).hexdigest()
 
 
 def _array(value: Any) -> list[object]:
+    """Stand for an array in JSON."""
     if not isinstance(value, np.ndarray) or value.dtype.hasobject:
         raise TypeError(f"{type(value).__name__} has no digest.")
-    return [
-        value.dtype.str,
-        value.shape,
-        hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest(),
-    ]
+    data = np.ascontiguousarray(value).tobytes()
+    return [value.dtype.str, value.shape, hashlib.sha256(data).hexdigest()]
 
 
 def encode(run: Run) -> bytes:
@@ -125,6 +148,13 @@ class PosteriorCache:
     An entry is written whole or not at all, and is discarded with a message when it is damaged.
     Nothing here can fail an analysis: what cannot be read is computed, what cannot be written is
     said and left. Beyond `limit` bytes the entries not used for longest go.
+
+    Parameters
+    ----------
+    folder : Path
+        The entries' own, made where it does not exist.
+    limit : int
+        Bytes that all entries together may take.
     """
 
     def __init__(self, folder: Path, *, limit: int = _LIMIT) -> None:
@@ -148,16 +178,16 @@ class PosteriorCache:
             with suppress(OSError):
                 path.unlink()
             return None
-        with suppress(
-            OSError
-        ):  # gone by another process, or not ours to touch: its turn comes sooner
+        # Gone by another process, or not ours to touch: its turn to go comes sooner.
+        with suppress(OSError):
             _mark_used(path)
         _log.info("posterior %s found in %s", path.stem[:12], self.folder)
         return run
 
     def keep(self, asked: tuple[object, ...], run: Run) -> None:
         """Store the run of what is asked."""
-        path, data = self._path(asked), encode(run)
+        path = self._path(asked)
+        data = encode(run)
         if len(data) > self.limit:
             _log.info(
                 "posterior %s takes %d bytes, more than the cache may", path.stem[:12], len(data)
@@ -176,14 +206,12 @@ class PosteriorCache:
 
     def entries(self) -> dict[Path, int]:
         """Return the files and their sizes in bytes, the longest unused first."""
-        found = {}
+        states = {}
         for path in self.folder.glob(f"[!.]*{_SUFFIX}"):
             with suppress(FileNotFoundError):
-                found[path] = path.stat()
-        return {
-            path: found[path].st_size
-            for path in sorted(found, key=lambda path: found[path].st_mtime_ns)
-        }
+                states[path] = path.stat()
+        oldest_first = sorted(states, key=lambda path: states[path].st_mtime_ns)
+        return {path: states[path].st_size for path in oldest_first}
 
     def clear(self) -> int:
         """Remove every entry; return how many went."""

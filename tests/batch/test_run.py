@@ -11,7 +11,7 @@ import pytest
 from percept.batch import analyse, run_batch, sources
 from percept.cli import main
 from percept.cluster import on_cluster
-from percept.workers import in_process
+from percept.workers import in_process, processes
 from tests.unmixed import unmixed_sessions
 from tests.workers.clusters import QUIET, in_threads, scheduler
 
@@ -52,28 +52,26 @@ def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path):
     assert kept.partition("\n")[2] == alone.text
 
 
-def test_workers_here_in_threads_or_far_away_give_the_same_bytes(studies, tmp_path, capsys):
+def test_processes_of_this_machine_and_threads_of_dask_give_the_same_bytes(studies, tmp_path):
     pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
     few = studies[1:3]
     first = batch(few, tmp_path / "here", in_process, SAMPLED).table
     assert set(pd.read_csv(first)["method"].dropna()) == {"classical", "bayesian"}
     with in_threads() as client:
-        assert (
-            batch(few, tmp_path / "threads", on_cluster(client), SAMPLED).table.read_bytes()
-            == first.read_bytes()
-        )
-    arguments = [
-        "batch",
-        *few,
-        "--tolerance",
-        "0.3",
-        "--seed",
-        "3",
-        "--out",
-        str(tmp_path / "remote"),
-    ]
+        there = batch(few, tmp_path / "threads", on_cluster(client), SAMPLED).table
+    with processes(2) as mapper:
+        beside = batch(few, tmp_path / "processes", mapper, SAMPLED).table
+    assert first.read_bytes() == there.read_bytes() == beside.read_bytes()
+
+
+@pytest.mark.evidence
+def test_workers_far_away_give_the_same_bytes(studies, tmp_path, capsys):
+    pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+    few = studies[1:3]
+    first = batch(few, tmp_path / "here", in_process, SAMPLED).table
+    words = ["batch", *few, "--tolerance", "0.3", "--seed", "3", "--out", str(tmp_path / "remote")]
     with scheduler(tmp_path, workers=1) as (_, address):
-        assert main([*arguments, "--scheduler", address]) == 1
+        assert main([*words, "--scheduler", address]) == 1
     assert "text.csv:2" in capsys.readouterr().err
     assert (tmp_path / "remote" / first.name).read_bytes() == first.read_bytes()
 
