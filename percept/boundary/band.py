@@ -20,10 +20,31 @@ from percept.html import NotebookRecord
 
 Array = NDArray[np.float64]
 
-# Parameters of each law, in order.
+__all__ = [
+    "LAWS",
+    "BandLaw",
+    "BandOwner",
+    "BandStatement",
+    "BandStudy",
+    "Estimate",
+    "band_laws",
+    "band_statements",
+    "determines_laws",
+    "fit_law",
+    "law_band",
+    "leave_one_out",
+    "size_name",
+]
+
+#: Parameters of each law, in order.
 LAWS: dict[str, tuple[str, ...]] = {"weber": ("w",), "offset": ("c", "w"), "power": ("w", "p")}
 _NAMES = {"weber": "Weber's law", "offset": "the law with an offset", "power": "the power law"}
-_GRID = 61
+# Ratios c/w at which the search for an offset starts: half an e-fold apart.
+_GRID_POINTS = 61
+# Of log(c/w) they reach so far below the smallest size: an offset there is none.
+_BELOW = 12.0
+# And so far above the largest: from e^16 on, c + w|Z| is constant to the digits a band has.
+_ABOVE = 16.0
 # Without an environment an offset counts as gone below this fraction of what it was.
 _GONE = 0.1
 # Log of the factor a law may be off by and still be said to predict anything.
@@ -44,7 +65,7 @@ class Estimate(NotebookRecord):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _Whose(NotebookRecord):
+class BandOwner(NotebookRecord):
     """Whose bands are spoken of."""
 
     method: str
@@ -54,7 +75,7 @@ class _Whose(NotebookRecord):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class BandLaw(_Whose):
+class BandLaw(BandOwner):
     """A law fitted to bands over environments."""
 
     model: str  # "weber": band = w |Z|
@@ -67,7 +88,7 @@ class BandLaw(_Whose):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class BandStatement(_Whose):
+class BandStatement(BandOwner):
     """A statement on bands, with the probability that it is true."""
 
     statement: str  # In words
@@ -87,69 +108,99 @@ class BandStudy(NotebookRecord):
 
 def band_laws(
     environments: tuple[str, ...],
-    impedance: Array,
+    sizes: Array,
     bands: Array | None,
     replicates: Array,
+    whose: BandOwner,
     *,
     level: float,
-    parameter: str | None = None,
-    **whose: str,
 ) -> Iterator[BandLaw]:
     """Fit the three laws, each with intervals, leave-one-environment-out error and what it rests on.
 
-    An estimate is that of the study's bands, or without them the median of the draws'.
+    Parameters
+    ----------
+    environments : tuple of str
+        J names.
+    sizes : ndarray, shape (J,)
+        Impedances or references that bands lie against.
+    bands : ndarray, shape (J,), or None
+        The study's bands, from which the estimates come; None for the median of the replicates'.
+    replicates : ndarray, shape (S, J)
+        Bands of other studies, or of posterior draws.
+    whose : BandOwner
+        Method, kind and family of the bands.
+    level : float
+        Of the parameters' intervals.
+
+    Yields
+    ------
+    BandLaw
     """
-    drawn = {law: fit_law(law, impedance, replicates) for law in LAWS}
-    left_out = {law: leave_one_out(law, impedance, replicates) for law in LAWS}
+    drawn = {law: fit_law(law, sizes, replicates) for law in LAWS}
+    left_out = {law: leave_one_out(law, sizes, replicates) for law in LAWS}
     errors = np.stack([np.sqrt((error**2).mean(axis=1)) for error, _ in left_out.values()])
     typical = dict(zip(LAWS, np.median(errors, axis=1).tolist(), strict=True))
-    best = np.bincount(errors.argmin(axis=0), minlength=3) / errors.shape[1]
-    carrier = _carrier(environments, drawn["offset"], left_out["offset"][1])
-    for (law, names), share in zip(LAWS.items(), best.tolist(), strict=True):
-        value = (
-            np.median(drawn[law], axis=0)
-            if bands is None
-            else fit_law(law, impedance, bands[None])[0]
-        )
-        lower, upper = np.quantile(drawn[law], [0.5 * (1.0 - level), 0.5 * (1.0 + level)], axis=0)
-        ends = zip(value.tolist(), lower.tolist(), upper.tolist(), strict=True)
-        parameters = {name: Estimate(*estimate) for name, estimate in zip(names, ends, strict=True)}
-        carried = carrier if law == "offset" else None
-        sentence = _sentence(law, parameters, typical, carried, size_name(parameter))
+    best = np.bincount(errors.argmin(axis=0), minlength=len(LAWS)) / errors.shape[1]
+    offsets_without = left_out["offset"][1]
+    carrier = _carrier(environments, drawn["offset"], offsets_without)
+    tails = [0.5 * (1.0 - level), 0.5 * (1.0 + level)]
+    for index, (law, names) in enumerate(LAWS.items()):
+        values = np.median(drawn[law], axis=0)
+        if bands is not None:
+            values = fit_law(law, sizes, bands[None])[0]
+        lower, upper = np.quantile(drawn[law], tails, axis=0)
+        parameters = {}
+        for p, name in enumerate(names):
+            parameters[name] = Estimate(float(values[p]), float(lower[p]), float(upper[p]))
+        carried_by = carrier if law == "offset" else None
+        size = size_name(whose.parameter)
         yield BandLaw(
-            model=law, parameters=parameters, level=level, sentence=sentence, left_out_error=typical[law],
-            best=share, carried_by=carried, parameter=parameter, **whose,
-        )  # fmt: skip
+            method=whose.method,
+            kind=whose.kind,
+            family=whose.family,
+            parameter=whose.parameter,
+            model=law,
+            parameters=parameters,
+            level=level,
+            sentence=_sentence(law, parameters, typical, carried_by, size),
+            left_out_error=typical[law],
+            best=float(best[index]),
+            carried_by=carried_by,
+        )
 
 
-def band_statements(
-    impedance: Array, replicates: Array, *, parameter: str | None = None, **whose: str
-) -> Iterator[BandStatement]:
-    """Judge two statements on discrimination at low against high impedance."""
-    size = size_name(parameter)
-    order = np.argsort(impedance)
+def band_statements(sizes: Array, replicates: Array, whose: BandOwner) -> Iterator[BandStatement]:
+    """Judge three statements on bands (S, J) at small against large sizes (J,)."""
+    size = size_name(whose.parameter)
+    order = np.argsort(sizes)
     absolute = replicates[:, order]
-    relative = absolute / impedance[order]
+    relative = absolute / sizes[order]
     ends = f"The band is narrower at the lowest {size} than at the highest"
-    for text, true in (
-        (f"{ends} (absolute width).", absolute[:, 0] < absolute[:, -1]),
-        (f"{ends}, relative to the {size}.", relative[:, 0] < relative[:, -1]),
-        (
-            f"The band widens from each environment to the next higher {size} (absolute width).",
-            np.all(np.diff(absolute, axis=1) > 0, axis=1),
-        ),
-    ):
+    widens = "The band widens from each environment to the next higher"
+    judged = {
+        f"{ends} (absolute width).": absolute[:, 0] < absolute[:, -1],
+        f"{ends}, relative to the {size}.": relative[:, 0] < relative[:, -1],
+        f"{widens} {size} (absolute width).": np.all(np.diff(absolute, axis=1) > 0, axis=1),
+    }
+    for statement, true in judged.items():
         yield BandStatement(
-            statement=text, probability=float(np.mean(true)), parameter=parameter, **whose
+            method=whose.method,
+            kind=whose.kind,
+            family=whose.family,
+            parameter=whose.parameter,
+            statement=statement,
+            probability=float(np.mean(true)),
         )
 
 
 def _carrier(environments: tuple[str, ...], fitted: Array, without: Array) -> str | None:
     """Name the environment without which the typical offset is a tenth of what it was, if just one is."""
-    whole = float(np.median(fitted[:, 0]))
-    left = np.median(without[:, :, 0], axis=1)
-    gone = np.flatnonzero(left < _GONE * whole) if whole > 0 else np.empty(0, dtype=int)
-    return environments[int(gone[0])] if gone.size == 1 else None
+    typical = float(np.median(fitted[:, 0]))
+    if typical <= 0.0:
+        return None
+    typical_without = np.median(without[:, :, 0], axis=1)
+    (carriers,) = np.nonzero(typical_without < _GONE * typical)
+    return environments[int(carriers[0])] if carriers.size == 1 else None
 
 
 def _sentence(
@@ -159,30 +210,35 @@ def _sentence(
     carried_by: str | None,
     size: str,
 ) -> str:
-    smallest = min(errors.values())
-    alike = [name for name, error in errors.items() if error <= _ALIKE * smallest]
-    rank = "no law of the three does clearly better" if law in alike else "another law does better"
-    off = f"{_NAMES[law]} is typically off by a factor {math.exp(errors[law]):.3g}"
-    error = f"With one environment left out, {off}; {rank}."
-    if not smallest < _OF_NO_USE:
-        error = "With one environment left out, no law predicts the band to within a factor of ten."
+    """Say what a law found, and how well it predicts the environment left out."""
+    error = _error_sentence(law, errors)
     if law == "weber":
         return f"The band is {parameters['w'].value:.3g} times the {size}. {error}"
     if law == "offset":
-        on = f" The offset rests on {carried_by} alone." if carried_by else ""
-        c, w = parameters["c"], parameters["w"]
+        c = parameters["c"]
+        w = parameters["w"]
         if c.value == 0.0:
             return f"The offset vanishes, and the band is {w.value:.3g} times the {size}. {error}"
         reaching = ", whose interval reaches zero," if c.lower <= 0.0 else ""
+        on = f" The offset rests on {carried_by} alone." if carried_by else ""
         return f"The band is an offset{reaching} and a share of the {size}. {error}{on}"
     p = parameters["p"]
     if p.lower <= 1.0 <= p.upper:
         return f"The exponent's interval holds 1: Weber's law is not ruled out. {error}"
     growing = "faster" if p.lower > 1.0 else "slower"
-    return (
-        f"The band grows {growing} than the {size}: the exponent's interval does not hold 1."
-        f" {error}"
-    )
+    grows = f"The band grows {growing} than the {size}"
+    return f"{grows}: the exponent's interval does not hold 1. {error}"
+
+
+def _error_sentence(law: str, errors: dict[str, float]) -> str:
+    smallest = min(errors.values())
+    if not smallest < _OF_NO_USE:
+        return "With one environment left out, no law predicts the band to within a factor of ten."
+    rank = "another law does better"
+    if errors[law] <= _ALIKE * smallest:
+        rank = "no law of the three does clearly better"
+    off = f"{_NAMES[law]} is typically off by a factor {math.exp(errors[law]):.3g}"
+    return f"With one environment left out, {off}; {rank}."
 
 
 def size_name(parameter: str | None) -> str:
@@ -192,9 +248,14 @@ def size_name(parameter: str | None) -> str:
 
 def determines_laws(sizes: ArrayLike) -> bool:
     """Whether environments of these sizes determine every law without any one of them."""
-    every = np.asarray(sizes, dtype=float)
-    rest = (np.delete(every, j) for j in range(every.size))
-    return every.size >= 3 and all(np.ptp(others) > _EQUAL * others.max() for others in rest)
+    values = np.asarray(sizes, dtype=float)
+    if values.size < 3:
+        return False
+    for left_out in range(values.size):
+        others = np.delete(values, left_out)
+        if not np.ptp(others) > _EQUAL * others.max():
+            return False
+    return True
 
 
 def fit_law(law: str, impedance: Array, bands: Array) -> Array:
@@ -212,34 +273,38 @@ def fit_law(law: str, impedance: Array, bands: Array) -> Array:
 
 def law_band(law: str, parameters: Array, impedance: Array) -> Array:
     """Bands of fitted laws, shape (S, J)."""
-    named = dict(zip(LAWS[law], parameters.T[..., None], strict=True))
-    return named.get("c", 0.0) + named["w"] * impedance ** named.get("p", 1.0)
+    by_name = dict(zip(LAWS[law], parameters.T[..., None], strict=True))
+    offset = by_name.get("c", 0.0)
+    exponent = by_name.get("p", 1.0)
+    return offset + by_name["w"] * impedance**exponent
 
 
 def leave_one_out(law: str, impedance: Array, bands: Array) -> tuple[Array, Array]:
     """Predict each environment's band from the others: log errors (S, J), and the laws fitted (J, S, ...)."""
-    fits = [
-        fit_law(law, np.delete(impedance, j), np.delete(bands, j, axis=1))
-        for j in range(impedance.size)
-    ]
-    predicted = [law_band(law, fitted, impedance[[j]])[:, 0] for j, fitted in enumerate(fits)]
+    fits = []
+    predicted = []
+    for j in range(impedance.size):
+        fitted = fit_law(law, np.delete(impedance, j), np.delete(bands, j, axis=1))
+        fits.append(fitted)
+        predicted.append(law_band(law, fitted, impedance[[j]])[:, 0])
     return np.log(np.stack(predicted, axis=1) / bands), np.stack(fits)
 
 
 def _fit_offset(impedance: Array, y: Array) -> Array:
     """Minimise over the ratio c/w: given it, log w is a mean, so one search for all sets at once."""
-    # From e^16 on, c + w|Z| is constant to the digits a band has.
-    grid = np.linspace(np.log(impedance.min()) - 12.0, np.log(impedance.max()) + 16.0, _GRID)
+    lowest = np.log(impedance.min()) - _BELOW
+    grid = np.linspace(lowest, np.log(impedance.max()) + _ABOVE, _GRID_POINTS)
     # The grid is the same for all sets: of the squared distances only the product with it differs.
     # The digits this loses could at most choose a neighbouring step, which the brackets hold as
     # well.
     curves = np.log(np.exp(grid)[:, None] + impedance)
     curves -= curves.mean(axis=1, keepdims=True)
-    best = (np.einsum("gj,gj->g", curves, curves) - 2.0 * y @ curves.T).argmin(axis=1)
+    squares = np.einsum("gj,gj->g", curves, curves)
+    best = (squares - 2.0 * y @ curves.T).argmin(axis=1)
     every = np.arange(len(y))
 
     def misfit(log_ratio: Array, which: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Half the squared distance, and its slope: the minimum itself is flat, and gives half the digits."""
+        """Return half the squared distance, and its slope: the minimum gives half its digits only."""
         offset = np.exp(log_ratio)[:, None]
         off = y[which] - np.log(offset + impedance)
         off -= off.mean(axis=1, keepdims=True)
@@ -250,8 +315,10 @@ def _fit_offset(impedance: Array, y: Array) -> Array:
         return misfit(log_ratio, which)[1]
 
     step = grid[1] - grid[0]
-    left, right = grid[best] - step, grid[best] + step
-    rises, falls = slope(left, every) >= 0, slope(right, every) <= 0
+    left = grid[best] - step
+    right = grid[best] + step
+    rises = slope(left, every) >= 0
+    falls = slope(right, every) <= 0
     minimum = np.where(rises, left, right)
     turns = np.flatnonzero(~rises & ~falls)
     if turns.size:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ from scipy import special
 
 from percept.boundary.band import (
     BandLaw,
+    BandOwner,
     BandStatement,
     BandStudy,
     band_laws,
@@ -31,19 +33,34 @@ from percept.study.regions import displayable
 if TYPE_CHECKING:
     from percept.study.fit import Fit
 
-#: Environments that laws of the band need.
-FEWEST = 3
+__all__ = [
+    "Banded",
+    "Replicates",
+    "band_study",
+    "classical_replicates",
+    "posterior_replicates",
+    "weber_trend",
+    "with_band",
+]
+
+# Environments that laws of the band need: two parameters, and one to leave out.
+_FEWEST_ENVIRONMENTS = 3
+# Simulated studies, from which a law's interval comes.
 _BOOTSTRAP = 1000
-_LABELS = ["method", "kind", "family"]
-# A law's interval needs no more posterior draws than that either.
+# Posterior draws, about: a law's interval needs no more.
 _DRAWS = 2000
+# Radians between samples at which abs(Z_h) of no device is abs(Z_e), to a double's digits.
+_SAMPLED = 1e-8
+_LABELS = ["method", "kind", "family"]
+
 #: Lower and upper limits, scalars or one per replicate, by parameter and environment.
 CellLimits = Mapping[tuple[str, str], tuple[Array, Array]]
 #: Limits that other studies, or posterior draws, would have: by method, kind and family.
 Replicates = dict[tuple[str, str, str], CellLimits]
 
 
-class Banded(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Banded:
     """Environments whose bands are set against one size: the impedance, or the reference of a parameter."""
 
     parameter: str | None  # None for abs(Z_e)
@@ -51,30 +68,29 @@ class Banded(NamedTuple):
     omega: float | None = None  # rad/s, of abs(Z_e)
 
     def cells(self, known: Collection[tuple[str, str]]) -> dict[str, list[tuple[str, str]]]:
-        """Cells of each environment whose band is known, of all that are."""
+        """Return the cells of each environment whose band is known, of all that are."""
         parameters = ("k", "b") if self.parameter is None else (self.parameter,)
-        own = {environment: [(p, environment) for p in parameters] for environment in self.size}
-        return {
-            environment: cells
-            for environment, cells in own.items()
-            if all(c in known for c in cells)
-        }
+        cells = {}
+        for environment in self.size:
+            of_environment = [(parameter, environment) for parameter in parameters]
+            if all(cell in known for cell in of_environment):
+                cells[environment] = of_environment
+        return cells
 
     def ends(self, limits: CellLimits) -> dict[str, tuple[Array, Array]]:
-        """Range of the size over limits of each parameter, of every environment that has them."""
-        found = {}
+        """Return the range of the size over limits of each parameter, by environment."""
+        ranges = {}
         for environment, cells in self.cells(limits).items():
             # Of a few subjects some studies have SDs whose limits no double holds.
-            own = [(displayable(limits[cell][0]), displayable(limits[cell][1])) for cell in cells]
+            sides = [(displayable(limits[c][0]), displayable(limits[c][1])) for c in cells]
             if self.omega is None:
-                found[environment] = own[0]
-            else:
-                # Sampled this fast abs(Z_h) of no device is abs(Z_e), to a double's digits.
-                k, b = own
-                found[environment] = magnitude_envelope(
-                    self.omega, Device(0.0, 0.0), k, b, 1e-8 / self.omega
-                )
-        return found
+                ranges[environment] = sides[0]
+                continue
+            k, b = sides
+            no_device = Device(0.0, 0.0)
+            period = _SAMPLED / self.omega
+            ranges[environment] = magnitude_envelope(self.omega, no_device, k, b, period)
+        return ranges
 
 
 def with_band(
@@ -86,33 +102,42 @@ def with_band(
     no_share: bool,
 ) -> Iterator[Banded | Skipped]:
     """Yield what bands can be set against: the impedance at `omega`, or the reference of each parameter."""
-    banded = [Banded(p, {e: reference[p, e] for e in environments}) for p in parameters]
-    what = "its reference"
     if is_impedance(parameters):
-        size = {
-            e: float(np.hypot(reference["b", e], reference["k", e] / omega)) for e in environments
-        }
-        banded, what = [Banded(None, size, omega)], "the impedance of its reference"
-    for one in banded:
-        name, of = size_name(one.parameter), "" if len(banded) == 1 else f" of {one.parameter}"
-        kept = {environment: value for environment, value in one.size.items() if value > 0}
-        for environment, value in one.size.items():
-            if environment not in kept:
-                sign = "negative" if value < 0 else "zero"
-                yield Skipped(f"band{of} of {environment}", f"{what} is {sign}")
-        if kept:
-            yield one._replace(size=kept)
-        if len(environments) < 2:
-            continue
-        if len(kept) < FEWEST:
-            yield Skipped(
-                f"band law{of}", f"it needs {FEWEST} environments whose {name} is positive"
-            )
-        elif not determines_laws(list(kept.values())):
-            yield Skipped(f"band law{of}", f"without one environment the others share one {name}")
-        elif no_share:
-            why = "a single posterior draw has no band that holds a share of users"
-            yield Skipped(f"Bayesian band law{of}, kind share", why)
+        size = {}
+        for environment in environments:
+            k = reference["k", environment]
+            b = reference["b", environment]
+            size[environment] = float(np.hypot(b, k / omega))
+        yield from _band_of(Banded(None, size, omega), "", no_share=no_share)
+        return
+    for parameter in parameters:
+        size = {environment: reference[parameter, environment] for environment in environments}
+        of_parameter = "" if len(parameters) == 1 else f" of {parameter}"
+        yield from _band_of(Banded(parameter, size), of_parameter, no_share=no_share)
+
+
+def _band_of(banded: Banded, of_parameter: str, *, no_share: bool) -> Iterator[Banded | Skipped]:
+    """Yield environments whose size is positive, and say which have no band and which laws are missing."""
+    name = size_name(banded.parameter)
+    what = "the impedance of its reference" if banded.parameter is None else "its reference"
+    positive = {environment: size for environment, size in banded.size.items() if size > 0}
+    for environment, size in banded.size.items():
+        if environment not in positive:
+            sign = "negative" if size < 0 else "zero"
+            yield Skipped(f"band{of_parameter} of {environment}", f"{what} is {sign}")
+    if positive:
+        yield dataclasses.replace(banded, size=positive)
+    if len(banded.size) < 2:
+        return
+    law = f"band law{of_parameter}"
+    if len(positive) < _FEWEST_ENVIRONMENTS:
+        why = f"it needs {_FEWEST_ENVIRONMENTS} environments whose {name} is positive"
+        yield Skipped(law, why)
+    elif not determines_laws(list(positive.values())):
+        yield Skipped(law, f"without one environment the others share one {name}")
+    elif no_share:
+        why = "a single posterior draw has no band that holds a share of users"
+        yield Skipped(f"Bayesian {law}, kind share", why)
 
 
 def classical_replicates(
@@ -120,44 +145,48 @@ def classical_replicates(
 ) -> Replicates:
     """Simulate the means and SDs that other studies of these users would find, and their limits."""
     rng = generator(asked.seed, Stream.CLASSICAL_BANDS)
-    found: Replicates = {}
+    replicates: Replicates = {}
     for family, of_family in cells.items():
-        every = known_moments(of_family, family)
-        needed = {cell for one in banded for own in one.cells(every).values() for cell in own}
-        drawn = {
-            cell: (every[cell], *_redrawn(every[cell], rng)) for cell in every if cell in needed
-        }
+        moments = known_moments(of_family, family)
+        needed: set[tuple[str, str]] = set()
+        for one_band in banded:
+            for of_environment in one_band.cells(moments).values():
+                needed.update(of_environment)
+        redrawn = {cell: _redrawn(moments[cell], rng) for cell in moments if cell in needed}
         for kind in asked.kinds:
-            limits = {
-                cell: _limits(*of_cell, kind, family, asked) for cell, of_cell in drawn.items()
+            replicates["classical", kind, family] = {
+                cell: _limits(moments[cell], *drawn, kind, family, asked)
+                for cell, drawn in redrawn.items()
             }
-            found["classical", kind, family] = limits
-    return found
+    return replicates
 
 
 def posterior_replicates(fit: Fit, asked: InferenceTable) -> Replicates:
-    """Limits of the central interval given each posterior draw: of the population's mean, or of its users."""
+    """Return limits of the central interval given each posterior draw: of the mean, or of users."""
     points = fit.points[:: max(1, len(fit.points) // _DRAWS)]
     means, _ = fit.model.draw(points, generator(asked.seed, Stream.POSTERIOR_BANDS))
     laws = fit.model.laws(points)
     out = -special.ndtri(0.5 * (1.0 - asked.level))
-    found: Replicates = {}
+    replicates: Replicates = {}
     for kind, centre, sd in (("mean", laws.mean, laws.sd), ("user", means, laws.population_sd)):
         if kind in asked.kinds:
-            lower, upper = fit.scale.native(centre - out * sd), fit.scale.native(centre + out * sd)
+            lower = fit.scale.native(centre - out * sd)
+            upper = fit.scale.native(centre + out * sd)
             limits = {cell: (lower[:, c], upper[:, c]) for cell, c in fit.column.items()}
-            found["bayesian", kind, asked.family] = limits
-    return found
+            replicates["bayesian", kind, asked.family] = limits
+    return replicates
 
 
 def _redrawn(moments: Moments, rng: np.random.Generator) -> tuple[Array, Array]:
     """Means and SDs of studies of a population that has these, SDs unbiased in their logarithm."""
     # Over many environments a law's error would soon be less than the bias of each, about -1/(2n).
-    n, sd = int(np.asarray(moments.n)), float(moments.sd)
+    n = int(np.asarray(moments.n))
+    sd = float(moments.sd)
     half = 0.5 * (n - 1)
     mean = float(moments.mean) + sd / np.sqrt(n) * rng.standard_normal(_BOOTSTRAP)
     expected = np.exp(0.5 * (special.digamma(half) - np.log(half)))
-    return mean, sd / expected * np.sqrt(rng.chisquare(n - 1, _BOOTSTRAP) / (n - 1))
+    ratio = np.sqrt(rng.chisquare(n - 1, _BOOTSTRAP) / (n - 1))
+    return mean, sd / expected * ratio
 
 
 def _limits(
@@ -166,7 +195,8 @@ def _limits(
     """Limits about redrawn means and SDs: an interval's half-width in SDs depends on n alone."""
     factor = interval_of(kind, moments, Claim(**claim_of(asked), family=family)).factor
     assert factor is not None
-    lower, upper = mean - float(factor) * sd, mean + float(factor) * sd
+    lower = mean - float(factor) * sd
+    upper = mean + float(factor) * sd
     if family == "normal":
         return lower, upper
     with np.errstate(over="ignore"):
@@ -186,52 +216,59 @@ def band_study(
         replicates |= classical_replicates(cells, asked, banded)
     if fit is not None:
         replicates |= posterior_replicates(fit, asked)
-    tables, laws, statements = [], list[BandLaw](), list[BandStatement]()
-    for one in banded:
-        table = pd.DataFrame(_rows(intervals, one))
+    tables = []
+    laws: list[BandLaw] = []
+    statements: list[BandStatement] = []
+    for one_band in banded:
+        table = pd.DataFrame(_rows(intervals, one_band))
         tables.append(table)
-        for labels, part in table.groupby(_LABELS, sort=False) if len(table) else ():
+        if table.empty:
+            continue
+        for labels, rows in table.groupby(_LABELS, sort=False):
             method, kind, family = map(str, labels)
-            drawn = one.ends(replicates.get((method, kind, family), {}))
-            size, bands = part[size_name(one.parameter)].to_numpy(), part["band"].to_numpy()
-            names = tuple(part["environment"])
-            if names != tuple(drawn) or not determines_laws(size):
+            drawn = one_band.ends(replicates.get((method, kind, family), {}))
+            size = rows[size_name(one_band.parameter)].to_numpy()
+            environments = tuple(rows["environment"])
+            if environments != tuple(drawn) or not determines_laws(size):
                 continue
             redrawn = np.stack([upper - lower for lower, upper in drawn.values()], axis=1)
             # Draws of a posterior have laws of their own; a bootstrap's scatter about the study's
             # bands.
-            fitted = None if method == "bayesian" else bands
-            of: dict[str, Any] = {
-                **dict(zip(_LABELS, labels, strict=True)),
-                "parameter": one.parameter,
-            }
-            laws += band_laws(names, size, fitted, redrawn, level=asked.level, **of)
-            statements += band_statements(size, redrawn, **of)
-    rows = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+            bands = None if method == "bayesian" else rows["band"].to_numpy()
+            whose = BandOwner(method=method, kind=kind, family=family, parameter=one_band.parameter)
+            laws += band_laws(environments, size, bands, redrawn, whose, level=asked.level)
+            statements += band_statements(size, redrawn, whose)
+    every = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
     kappa = None if fit is None else weber_trend(fit, level=asked.level)
-    return BandStudy(banded[0].omega, rows, tuple(laws), tuple(statements), kappa)
+    return BandStudy(banded[0].omega, every, tuple(laws), tuple(statements), kappa)
 
 
 def _rows(intervals: pd.DataFrame, banded: Banded) -> Iterator[dict[str, object]]:
     """Yield the band of each environment, method, kind and family with limits of every parameter."""
-    names = ["environment", *_LABELS]
-    of = {} if banded.parameter is None else {"parameter": banded.parameter}
-    for labels, rows in intervals[intervals["joint"] == "marginal"].groupby(names, sort=False):
-        cells = zip(rows["parameter"], rows["environment"], strict=True)
-        ends = zip(rows["lower"].to_numpy(), rows["upper"].to_numpy(), strict=True)
-        limits = dict(zip(cells, ends, strict=True))
-        for environment, span in banded.ends(limits).items():
-            lower, upper = map(float, span)
-            size, band = banded.size[environment], upper - lower
-            yield {
-                **dict(zip(names, labels, strict=True)),
-                **of,
-                size_name(banded.parameter): size,
-                "lower": lower,
-                "upper": upper,
-                "band": band,
-                "relative": band / size,
+    marginal = intervals[intervals["joint"] == "marginal"]
+    for labels, rows in marginal.groupby(["environment", *_LABELS], sort=False):
+        _, method, kind, family = labels
+        limits: dict[tuple[str, str], tuple[Array, Array]] = {}
+        for interval in rows.to_dict("records"):
+            cell = interval["parameter"], interval["environment"]
+            limits[cell] = np.asarray(interval["lower"]), np.asarray(interval["upper"])
+        for environment, (lower, upper) in banded.ends(limits).items():
+            size = banded.size[environment]
+            band = float(upper) - float(lower)
+            row: dict[str, object] = {
+                "environment": environment,
+                "method": method,
+                "kind": kind,
+                "family": family,
             }
+            if banded.parameter is not None:
+                row["parameter"] = banded.parameter
+            row[size_name(banded.parameter)] = size
+            row["lower"] = float(lower)
+            row["upper"] = float(upper)
+            row["band"] = band
+            row["relative"] = band / size
+            yield row
 
 
 def weber_trend(fit: Fit, *, level: float) -> pd.DataFrame | None:

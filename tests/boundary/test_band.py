@@ -7,6 +7,7 @@ from scipy.optimize import least_squares
 
 from percept.boundary.band import (
     BandLaw,
+    BandOwner,
     band_laws,
     band_statements,
     fit_law,
@@ -16,6 +17,7 @@ from percept.boundary.band import (
 
 Z = np.geomspace(1.0, 5000.0, 40)
 Z4 = np.array([1.0, 10.0, 100.0, 1000.0])
+WHOSE = BandOwner(method="bayesian", kind="user", family="normal")
 TRUE = {"weber": (0.12,), "offset": (0.8, 0.1), "power": (0.5, 0.8)}
 
 
@@ -27,9 +29,8 @@ def simulated(law: str, count: int, seed: int = 1) -> np.ndarray:
 
 
 def laws_of(impedance: np.ndarray, draws: np.ndarray) -> dict[str, BandLaw]:
-    said = {"method": "bayesian", "kind": "user", "family": "normal", "level": 0.9}
     names = tuple("ABCDEFG"[: impedance.size])
-    return {law.model: law for law in band_laws(names, impedance, None, draws, **said)}
+    return {law.model: law for law in band_laws(names, impedance, None, draws, WHOSE, level=0.9)}
 
 
 @pytest.mark.parametrize("law", ["weber", "offset", "power"])
@@ -108,11 +109,7 @@ def test_one_environment_carrying_the_offset_is_named() -> None:
     bands = np.array([1.2, 10.0, 100.0, 250.0, 500.0])
     draws = bands * np.exp(0.02 * np.random.default_rng(1).standard_normal((300, 5)))
     names = ("A", "B", "C", "D", "E")
-    laws = list(
-        band_laws(
-            names, z, bands, draws, method="classical", kind="mean", family="normal", level=0.9
-        )
-    )
+    laws = list(band_laws(names, z, bands, draws, WHOSE, level=0.9))
     offset = next(law for law in laws if law.model == "offset")
     assert offset.carried_by == "A"
     assert offset.sentence.endswith(" The offset rests on A alone.")
@@ -173,12 +170,9 @@ def test_left_out_errors_are_typical_of_the_draws_whatever_a_single_one_does() -
 
 
 def test_sentences_speak_of_their_own_law() -> None:
-    names, said = (
-        tuple("ABCDEFG"[: Z.size]),
-        {"method": "classical", "kind": "user", "family": "normal", "level": 0.9},
-    )
+    names = tuple("ABCDEFG"[: Z.size])
     draws = 0.3 * Z * np.exp(0.05 * np.random.default_rng(8).normal(size=(200, Z.size)))
-    weber, offset, power = band_laws(names, Z, 0.3 * Z, draws, **said)
+    weber, offset, power = band_laws(names, Z, 0.3 * Z, draws, WHOSE, level=0.9)
     assert weber.sentence.startswith(
         "The band is 0.3 times the impedance. With one environment left out, Weber's law "
     )
@@ -192,7 +186,7 @@ def test_sentences_speak_of_their_own_law() -> None:
     assert "the power law is typically off by a factor " in power.sentence
     rough = 0.1 + 0.3 * Z
     draws = rough * np.exp(0.4 * np.random.default_rng(9).normal(size=(400, Z.size)))
-    _, reaching, _ = band_laws(names, Z, rough, draws, **said)
+    _, reaching, _ = band_laws(names, Z, rough, draws, WHOSE, level=0.9)
     assert reaching.parameters["c"].lower == 0.0 < reaching.parameters["c"].value
     assert (
         "an offset, whose interval reaches zero, and a share of the impedance" in reaching.sentence
@@ -222,17 +216,16 @@ def test_without_bands_of_the_study_the_estimate_is_the_median_of_the_draws() ->
     rng = np.random.default_rng(6)
     sizes, names = Z[::6], tuple("ABCDEFG")
     draws = 0.3 * sizes * np.exp(0.2 * rng.normal(size=(500, sizes.size)))
-    said = {"method": "bayesian", "kind": "user", "family": "normal", "level": 0.9}
-    for law in band_laws(names, sizes, None, draws, **said):
+    for law in band_laws(names, sizes, None, draws, WHOSE, level=0.9):
         middle = np.median(fit_law(law.model, sizes, draws), axis=0)
         assert [one.value for one in law.parameters.values()] == middle.tolist()
         assert all(one.lower < one.value < one.upper for one in law.parameters.values())
-    weber, *_ = band_laws(names, sizes, 3.0 * sizes, draws, **said)
+    weber, *_ = band_laws(names, sizes, 3.0 * sizes, draws, WHOSE, level=0.9)
     assert weber.parameters["w"].value == pytest.approx(3.0)
 
 
 def test_statements_of_absolute_and_relative_width() -> None:
     z = np.array([1000.0, 1.0])
     draws = np.array([[100.0, 0.5], [100.0, 0.05], [0.4, 0.5], [100.0, 0.2]])
-    found = band_statements(z, draws, method="bayesian", kind="user", family="normal")
+    found = band_statements(z, draws, WHOSE)
     assert [one.probability for one in found] == [0.75, 0.25, 0.75]
