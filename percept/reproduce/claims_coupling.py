@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -318,6 +319,7 @@ def affects_realism(published: Published) -> Evidence:
     return evidence([bool(spoilt)], names=names, spoilt=len(spoilt), tried=tried)
 
 
+@lru_cache(maxsize=1)  # Two claims ask for the same
 def _spoilt(published: Published) -> tuple[list[str], int]:
     """Return the environments that only the coupling takes out, once a device, and all tried."""
     masses = (0.0, *MASSES[::14].tolist())
