@@ -32,7 +32,9 @@ def _run(arguments: _Arguments) -> None:
     if len(parts) == 1 and parts[0] in _WRITERS:
         print(_WRITERS[parts[0]](arguments))
         return
-    for part in parts or [""]:
+    if not parts:
+        raise UsageError(f"name a part to measure: {_ALL}.")
+    for part in parts:
         if part in _WRITERS:
             raise UsageError("must run alone.", value=part)
         if part not in _PARTS:

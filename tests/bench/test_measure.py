@@ -44,6 +44,8 @@ def test_the_page_rounds_and_the_document_does_not() -> None:
 def test_parts_that_write_a_page_of_their_own_go_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "growth", "peers"]) == 2
     assert "value 'peers': must run alone." in capsys.readouterr().err
+    assert main(["bench"]) == 2
+    assert "name a part to measure: designs, digits, propagation" in capsys.readouterr().err
     assert main(["bench", "sizes"]) == 2
     said = capsys.readouterr().err
     assert "value 'sizes': no such part; they are designs, digits, propagation" in said
