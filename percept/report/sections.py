@@ -37,6 +37,8 @@ from percept.report.select import (
 )
 from percept.sessions.quantities import Quantity
 
+__all__ = ["build_sections"]
+
 _SHAPES = {
     "corner": (
         "both lower limits of k and b together, and both upper limits together, as in the paper"
@@ -62,24 +64,32 @@ _LAWS = {
 
 def build_sections(document: Record) -> list[Section]:
     """Return the sections a document needs, in reading order; what it has nothing for is absent."""
-    passivity, sensitivity = (
-        "Passivity without a coupling",
-        "Sensitivity to device mass and damping",
-    )
     sections = (
-        summary(document), intervals(document), contrast(document), boundaries(document),
-        _part(document, "passivity", "direct", passivity), coupling(document), design(document),
-        _part(document, "sensitivity", "device", sensitivity), band(document), comparison(document),
-        diagnostics(document), checks(document), data(document), methods(document),
+        summary(document),
+        intervals(document),
+        contrast(document),
+        boundaries(document),
+        _part(document, "passivity", "direct", "Passivity without a coupling"),
+        coupling(document),
+        design(document),
+        _part(document, "sensitivity", "device", "Sensitivity to device mass and damping"),
+        band(document),
+        comparison(document),
+        diagnostics(document),
+        checks(document),
+        data(document),
+        methods(document),
         _part(document, "provenance", "provenance", "Provenance"),
         _part(document, "skipped", "skipped", "Not computed"),
-    )  # fmt: skip
+    )
     return [section for section in sections if section is not None]
 
 
 def _part(document: Record, part: str, name: str, title: str) -> Section | None:
     """Return a section that shows a part of the document as it stands."""
-    return Section(name, title, {part: document[part]}) if document[part] else None
+    if not document[part]:
+        return None
+    return Section(name, title, {part: document[part]})
 
 
 def intervals(document: Record) -> Section | None:
@@ -87,70 +97,71 @@ def intervals(document: Record) -> Section | None:
     rows = pointed(document["intervals"], "/intervals")
     if not rows:
         return None
-    marginal, quantities = matching(rows, joint="marginal"), quantities_of(document)
-    names = distinct(marginal, "parameter")
-    matrices = [
-        _matrix(matching(marginal, parameter=name), families_of(document), quantities[name])
-        for name in names
-    ]
+    marginal = matching(rows, joint="marginal")
+    quantities = quantities_of(document)
+    families = families_of(document)
+    matrices = []
+    for name in distinct(marginal, "parameter"):
+        matrices.append(_matrix(matching(marginal, parameter=name), families, quantities[name]))
     values = {"matrices": matrices, "sentences": _sentences(rows)}
     return Section("intervals", "Intervals of the adjustments", values)
 
 
-def _matrix(rows: list[Record], families: Sequence[str], quantity: Quantity) -> dict[str, Any]:
+def _matrix(rows: Sequence[Record], families: Sequence[str], quantity: Quantity) -> Record:
     """Return a row per environment and a column per kind and method, in the first family each has."""
     columns, lines = _grid(rows, families)
-    used = {cell["family"] for line in lines for cell in line["cells"] if cell}
+    families_shown = set()
+    shown = []
+    for line in lines:
+        filled = [cell for cell in line["cells"] if cell]
+        families_shown |= set(distinct(filled, "family"))
+        shown.append(
+            {
+                "environment": line["environment"],
+                "reference": f"{filled[0]['pointer']}/reference",
+                "cells": [cell and {**cell, "digits": _digits(cell)} for cell in line["cells"]],
+            }
+        )
     return {
         "title": quantity.head,
         "parameter": rows[0]["parameter"],
         "unit": rows[0]["unit"],
-        "family": ", else ".join(family for family in families if family in used),
+        "family": ", else ".join(family for family in families if family in families_shown),
         "columns": columns,
-        "rows": [
-            {
-                "environment": line["environment"],
-                "reference": next(f"{cell['pointer']}/reference" for cell in line["cells"] if cell),
-                "cells": [cell and {**cell, "digits": _digits(cell)} for cell in line["cells"]],
-            }
-            for line in lines
-        ],
+        "rows": shown,
     }
 
 
-def _grid(
-    rows: list[Record], families: Sequence[str]
-) -> tuple[list[dict[str, str]], list[dict[str, Any]]]:
+def _grid(rows: Sequence[Record], families: Sequence[str]) -> tuple[list[Record], list[Record]]:
     """Return a column per kind and method, and a row per environment with its records under them."""
-    columns = [
-        {"kind": alike[0]["kind"], "method": alike[0]["method"]}
-        for alike in _by_kind_and_method(rows)
-    ]
+    columns = []
+    for alike in _by_kind_and_method(rows):
+        columns.append({"kind": alike[0]["kind"], "method": alike[0]["method"]})
     lines = []
     for name in distinct(rows, "environment"):
-        own = matching(rows, environment=name)
-        cells = [first(matching(own, **column), family=families) for column in columns]
+        of_environment = matching(rows, environment=name)
+        cells = [first(matching(of_environment, **column), family=families) for column in columns]
         lines.append({"environment": name, "cells": cells})
-    return columns, lines
+    return list(columns), list(lines)
 
 
 def _digits(cell: Record) -> list[int]:
     return [digits_of(cell[end], cell["lower"], cell["upper"]) for end in ("lower", "upper")]
 
 
-def _sentences(rows: Sequence[Record]) -> list[dict[str, Any]]:
+def _sentences(rows: Sequence[Record]) -> list[Record]:
     """Return what each kind and method covers, each sentence once, with what it holds for."""
-    found = []
-    for same in _by_kind_and_method(rows):
-        for covers in distinct(same, "covers"):
-            carried = matching(same, covers=covers)
-            alone = len(distinct(matching(same, family=carried[0]["family"]), "covers")) == 1
-            where = dict.fromkeys(f"{row['parameter']} of {row['environment']}" for row in carried)
-            families = sorted(distinct(carried, "family"), reverse=True)
-            found.append(
-                {**carried[0], "families": families, "where": [] if alone else list(where)}
-            )
-    return found
+    sentences = []
+    for alike in _by_kind_and_method(rows):
+        for covers in distinct(alike, "covers"):
+            same = matching(alike, covers=covers)
+            of_family = matching(alike, family=same[0]["family"])
+            where: list[str] = []
+            if len(distinct(of_family, "covers")) > 1:
+                where = [f"{row['parameter']} of {row['environment']}" for row in same]
+            families = sorted(distinct(same, "family"), reverse=True)
+            sentences.append({**same[0], "families": families, "where": list(dict.fromkeys(where))})
+    return list(sentences)
 
 
 def boundaries(document: Record) -> Section | None:
@@ -172,25 +183,28 @@ def boundaries(document: Record) -> Section | None:
     return Section("boundaries", "Realistic performance boundaries", values)
 
 
-def _curves(document: Record, name: str) -> dict[str, Any] | None:
+def _curves(document: Record, name: str) -> Record | None:
     """Return the curves the script draws, to seven digits; a grid or curve that is shared stands once."""
-    records = [r for r in matching(document["boundaries"], environment=name) if each_by_itself(r)]
+    of_environment = matching(document["boundaries"], environment=name)
+    records = [record for record in of_environment if each_by_itself(record)]
     if not records:
         return None
     grids = [list(grid) for grid in dict.fromkeys(tuple(record["omega"]) for record in records)]
-    coupled = records[0].get("coupled")
+    limits = []
+    for record in records:
+        curve = {field: record[field] for field in ("kind", "method", "family", "shape")}
+        curve["grid"] = grids.index(record["omega"])
+        curve["lower"] = _short(record["lower"])
+        curve["upper"] = _short(record["upper"])
+        limits.append(curve)
+    coupled = records[0]["coupled"]
     return {
         "name": name,
         "zoom": document["zoom"].get(name),
         "grids": [_short(grid) for grid in grids],
         "reference": _short(records[0]["reference"]),
         "coupled": None if coupled is None else _short(coupled),
-        "limits": [
-            {field: record[field] for field in ("kind", "method", "family", "shape")}
-            | {"grid": grids.index(record["omega"])}
-            | {side: _short(record[side]) for side in ("lower", "upper")}
-            for record in records
-        ],
+        "limits": limits,
     }
 
 
@@ -206,27 +220,29 @@ def coupling(document: Record) -> Section | None:
     record = document["coupling"]
     if not record:
         return None
-    realism = pointed(record.get("realism"), "/coupling/realism")
-    probability = pointed(record.get("probability"), "/coupling/probability")
-    admissible = {
-        row["environment"]: {**row, "broken": ", ".join(_BINDS[name] for name in row["breaks"])}
-        for row in pointed(document["summary"]["overview"]["realism"], "/summary/overview/realism")
-    }
+    realism = pointed(record["realism"], "/coupling/realism")
+    overview = document["summary"]["overview"]
+    admissible = {}
+    for row in pointed(overview["realism"], "/summary/overview/realism"):
+        broken = ", ".join(_BINDS[name] for name in row["breaks"])
+        admissible[row["environment"]] = {**row, "broken": broken}
     pointers: dict[str, dict[str, str]] = {}
-    for row in probability:
+    for row in pointed(record["probability"], "/coupling/probability"):
         side = "coupled" if row["coupled"] else "directly"
         pointers.setdefault(row["environment"], {})[side] = row["pointer"]
-    values = {
-        "coupling": record,
-        "realism": _realism(realism, family_of(document)),
-        "judged": [
+    judged = []
+    for name in {**admissible, **pointers}:
+        judged.append(
             {
                 "environment": name,
                 "admissible": admissible.get(name),
                 "pointers": pointers.get(name, {}),
             }
-            for name in {**admissible, **pointers}
-        ],
+        )
+    values = {
+        "coupling": record,
+        "realism": _realism(realism, family_of(document)),
+        "judged": judged,
         "rendered": list(next(iter(pointers.values()), {})),
         "effective": list({row["environment"]: row for row in realism}.values()),
         "summary": document["data"]["form"] == "summary",
@@ -234,29 +250,26 @@ def coupling(document: Record) -> Section | None:
     return Section("coupling", "The virtual coupling", values)
 
 
-def _realism(records: Sequence[Record], family: str) -> dict[str, Any] | None:
+def _realism(records: Sequence[Record], family: str) -> Record | None:
     """Return a row per environment, a column per kind and method: exact envelope, the study's family."""
-    kept = [
-        row for row in matching(records, shape="envelope", family=family) if each_by_itself(row)
-    ]
-    if not kept:
+    envelopes = matching(records, shape="envelope", family=family)
+    main = [row for row in envelopes if each_by_itself(row)]
+    if not main:
         return None
-    columns, rows = _grid(kept, [family])
+    columns, rows = _grid(main, [family])
     return {"family": family, "columns": columns, "rows": rows}
 
 
-def _by_method(records: Sequence[Record]) -> list[dict[str, Any]]:
+def _by_method(records: Sequence[Record]) -> list[Record]:
     """Return a row per environment and kind, with the pointer of each method's record."""
-    return [
-        {
-            "environment": environment,
-            "kind": kind,
-            "pointers": {r["method"]: r["pointer"] for r in cell},
-        }
-        for environment in distinct(records, "environment")
-        for kind in KINDS
-        if (cell := matching(records, environment=environment, kind=kind))
-    ]
+    rows = []
+    for environment in distinct(records, "environment"):
+        for kind in KINDS:
+            alike = matching(records, environment=environment, kind=kind)
+            if alike:
+                pointers = {record["method"]: record["pointer"] for record in alike}
+                rows.append({"environment": environment, "kind": kind, "pointers": pointers})
+    return list(rows)
 
 
 def design(document: Record) -> Section | None:
@@ -289,47 +302,47 @@ def band(document: Record) -> Section | None:
     )
 
 
-def _band_part(document: Record, record: Record, parameter: str | None) -> dict[str, Any]:
+def _band_part(document: Record, record: Record, parameter: str | None) -> Record:
     """Return the bands of the impedance, or of one parameter, with their laws and statements."""
     family = family_of(document)
-    rows, laws, statements = (
-        matching(pointed(record.get(name), f"/band/{name}"), family=family, parameter=parameter)
-        for name in ("rows", "laws", "statements")
-    )
-    quantity = None if parameter is None else quantities_of(document)[parameter]
-    symbol = "|Z|" if quantity is None else "reference"
+    wanted = {"family": family, "parameter": parameter}
+    rows = matching(pointed(record["rows"], "/band/rows"), **wanted)
+    laws = matching(pointed(record["laws"], "/band/laws"), **wanted)
+    statements = matching(pointed(record["statements"], "/band/statements"), **wanted)
+    if parameter is None:
+        named = {"name": "band", "words": None, "symbol": "|Z|", "unit": "N·s/m"}
+    else:
+        quantity = quantities_of(document)[parameter]
+        named = {"name": f"band_{parameter}", "words": quantity.words, "unit": quantity.unit}
+        named["symbol"] = "reference"
+    law_rows = []
+    for alike in _by_kind_and_method(laws):
+        cells = {law["model"]: law for law in alike}
+        law_rows.append({"kind": alike[0]["kind"], "method": alike[0]["method"], "cells": cells})
+    stated = []
+    for name in distinct(statements, "statement"):
+        pointers = [row["pointer"] for row in matching(statements, statement=name)]
+        stated.append({"statement": name, "pointers": pointers})
+    columns = matching(statements, statement=stated[0]["statement"]) if stated else []
     return {
+        **named,
         "size": size_name(parameter),
-        "symbol": symbol,
-        "words": None if quantity is None else quantity.words,
-        "name": "band" if parameter is None else f"band_{parameter}",
-        "unit": "N·s/m" if quantity is None else quantity.unit,
         "rows": _by_method(rows),
-        "laws": {name: _LAWS[name].format(symbol) for name in distinct(laws, "model")},
-        "law_rows": [
-            {"kind": alike[0]["kind"], "method": alike[0]["method"]}
-            | {"cells": {law["model"]: law for law in alike}}
-            for alike in _by_kind_and_method(laws)
-        ],
+        "laws": {name: _LAWS[name].format(named["symbol"]) for name in distinct(laws, "model")},
+        "law_rows": law_rows,
         "family": family,
-        "statements": [
-            {
-                "statement": name,
-                "pointers": [row["pointer"] for row in matching(statements, statement=name)],
-            }
-            for name in distinct(statements, "statement")
-        ],
-        "stated": [
-            {"kind": row["kind"], "method": row["method"]}
-            for row in matching(
-                statements, statement=statements[0]["statement"] if statements else None
-            )
-        ],
+        "statements": stated,
+        "stated": [{"kind": row["kind"], "method": row["method"]} for row in columns],
         "methods": ordered(METHODS, rows, "method"),
     }
 
 
 def _by_kind_and_method(records: Sequence[Record]) -> list[list[Record]]:
     """Group records by kind and method, in the order of the page."""
-    groups = (matching(records, kind=kind, method=method) for kind in KINDS for method in METHODS)
-    return [group for group in groups if group]
+    groups = []
+    for kind in KINDS:
+        for method in METHODS:
+            alike = matching(records, kind=kind, method=method)
+            if alike:
+                groups.append(alike)
+    return groups

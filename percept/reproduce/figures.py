@@ -10,7 +10,7 @@ from percept.haptics import Coupling, Device, corner_curves, required_damping
 from percept.haptics.impedance import coupling_admittance
 from percept.haptics.limits import stable_region
 from percept.haptics.stability import coupling_bound
-from percept.report.figures.canvas import COLOURS, Drawing, legend, log_scale, panels
+from percept.report.figures.canvas import COLOURS, Drawing, Frame, legend, log_scale, panels
 from percept.report.figures.couplings import CouplingMarks, draw_design
 from percept.report.figures.curves import Limits, draw_magnitude, draw_stability
 from percept.reproduce import devices
@@ -47,7 +47,7 @@ def _fig4(published: Published) -> Drawing:
     period = published.period
 
     def draw(figure: Figure) -> None:
-        (ax,) = panels(figure, left=18, top=3)
+        (ax,) = panels(figure, frame=Frame(left=18, top=3))
         nyquist = np.pi / period
         omega = np.geomspace(10.0, nyquist * 0.9999, 401)
         bound = coupling_bound(omega, Device(published.device.mass, needed), period)
@@ -132,7 +132,7 @@ def _curves(
     device, wall, coupling = setting
 
     def draw(figure: Figure) -> None:
-        (ax,) = panels(figure, left=18, bottom=24, right=5)
+        (ax,) = panels(figure, frame=Frame(left=18, bottom=24, right=5))
         ends = corner_curves(omega, device, wall.stiffness, wall.damping, published.period)
         direct = published.felt(omega, wall.environment, device=device)
         coupled = None
@@ -151,9 +151,8 @@ def _maps(published: Published) -> Drawing:
     enlarged = devices.panels(published)
 
     def draw(figure: Figure) -> None:
-        axes = panels(
-            figure, len(enlarged) + 1, columns=2, left=14, gap=14, top=6, bottom=22, line=18
-        )
+        frame = Frame(left=14, gap=14, top=6, bottom=22, line=18)
+        axes = panels(figure, len(enlarged) + 1, columns=2, frame=frame)
         for ax, panel in zip(axes, enlarged, strict=False):
             true = over_devices(published, panel, _MAP_MASSES, _MAP_DAMPINGS[:, None])
             _shade(ax, true, [0.5, 1.5], 0.35)
@@ -232,7 +231,7 @@ def _design(published: Published, adapted: Adapted) -> Drawing:
 
     def draw(figure: Figure) -> None:
         edge = stable_region(damping, published.period, points=65)
-        axes = panels(figure, len(regions), columns=3, bottom=17)
+        axes = panels(figure, len(regions), columns=3, frame=Frame(bottom=17))
         for ax, name, region in zip(axes, names, regions, strict=True):
             draw_design(ax, region.damping, region.intervals, CouplingMarks(edge, tuned))
             ax.set_title(name, loc="left")

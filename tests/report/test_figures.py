@@ -16,7 +16,7 @@ from percept.haptics.stability import coupling_bound
 from percept.report.figures import drawings
 from percept.report.figures.band import BandSeries, Widths, draw_band
 from percept.report.figures.boundaries import boundary_drawings
-from percept.report.figures.canvas import COLOURS, Drawing, common_range, log_scale, panels
+from percept.report.figures.canvas import COLOURS, Drawing, Frame, common_range, log_scale, panels
 from percept.report.figures.couplings import CouplingMarks, design_drawings, draw_design
 from percept.report.figures.curves import (
     Limits,
@@ -265,14 +265,16 @@ def test_without_formats_there_is_no_folder(tmp_path):
 
 def test_panels_stand_where_the_millimetres_say():
     figure = Figure(figsize=(100 / 25.4, 50 / 25.4))
-    left, right = panels(figure, 2, left=10, right=5, top=4, bottom=6, gap=15)
+    left, right = panels(figure, 2, frame=Frame(left=10, right=5, top=4, bottom=6, gap=15))
     assert np.array(left.get_position().bounds) * [100, 50, 100, 50] == pytest.approx(
         [10, 6, 35, 40]
     )
     assert np.array(right.get_position().bounds) * [100, 50, 100, 50] == pytest.approx(
         [60, 6, 35, 40]
     )
-    rows = panels(figure, 3, columns=2, left=10, right=5, top=4, bottom=6, gap=15, line=10)
+    rows = panels(
+        figure, 3, columns=2, frame=Frame(left=10, right=5, top=4, bottom=6, gap=15, line=10)
+    )
     assert np.array(rows[2].get_position().bounds) * [100, 50, 100, 50] == pytest.approx(
         [10, 6, 35, 15]
     )

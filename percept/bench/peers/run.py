@@ -26,7 +26,7 @@ from percept.bench.peers.reference import stored_reference, stored_references
 from percept.errors import RefusalError
 from percept.files import FolderFiles, filled_folder, refuse_foreign
 from percept.provenance import made_by
-from percept.report.figures.canvas import COLOURS, Drawing, legend, log_scale, panels
+from percept.report.figures.canvas import COLOURS, Drawing, Frame, legend, log_scale, panels
 from percept.report.figures.output import draw_all
 from percept.report.page import render_standalone
 from percept.reproduce.published import dataset
@@ -165,7 +165,7 @@ def write_benchmark(document: Benchmark, out_dir: str | Path, *, force: bool = F
 
 def _against_error(document: Benchmark, study: StudyFacts) -> Drawing:
     def draw(figure: Figure) -> None:
-        (ax,) = panels(figure, left=18.0, bottom=30.0)
+        (ax,) = panels(figure, frame=Frame(left=18.0, bottom=30.0))
         for sampler, name in zip(document.engines, _COLOURS, strict=False):
             rows = []
             for row in document.measured:

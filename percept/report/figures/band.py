@@ -17,6 +17,7 @@ from percept.report.figures.canvas import (
     GROUND,
     MARKERS,
     Drawing,
+    Frame,
     legend,
     log_scale,
     panels,
@@ -127,7 +128,7 @@ def _band_drawing(results: Results, band: Band, parameter: str | None) -> Drawin
         said += ", with the fitted laws"
 
     def draw(figure: Figure) -> None:
-        (ax,) = panels(figure, left=16, top=3, right=48)
+        (ax,) = panels(figure, frame=Frame(left=16, top=3, right=48))
         draw_band(ax, series)
         legend(ax, loc="center right", ncols=1)
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from percept.report.figures.canvas import (
     WIDE,
     Drawing,
+    Frame,
     legend,
     outer_labels,
     panels,
@@ -85,7 +86,9 @@ def _magnitudes(results: Results, boundaries: _Panels, kind: str) -> Drawing:
 
     def draw(figure: Figure) -> None:
         gap = 6.0
-        axes = panels(figure, len(boundaries), columns=columns, bottom=17, gap=gap, line=8)
+        axes = panels(
+            figure, len(boundaries), columns=columns, frame=Frame(bottom=17, gap=gap, line=8)
+        )
         _draw_panels(axes, results, boundaries, kind, columns=columns, gap=gap, log=True)
         ends = np.array([ax.get_ylim() for ax in axes])
         for ax in axes:
@@ -109,7 +112,9 @@ def _close_views(results: Results, boundaries: _Panels, kind: str) -> Drawing:
 
     def draw(figure: Figure) -> None:
         gap = 12.0
-        axes = panels(figure, len(boundaries), columns=columns, bottom=17, gap=gap, line=14)
+        axes = panels(
+            figure, len(boundaries), columns=columns, frame=Frame(bottom=17, gap=gap, line=14)
+        )
         _draw_panels(axes, results, boundaries, kind, columns=columns, gap=gap, log=False)
         _label_left(axes, columns)
         legend(axes[0], ncols=4)
@@ -192,7 +197,9 @@ def _ratios(results: Results, boundaries: _Panels) -> Drawing:
 
     def draw(figure: Figure) -> None:
         count = len(boundaries) * len(kinds)
-        axes = panels(figure, count, columns=len(kinds), left=20, bottom=17, gap=6, line=2.5)
+        axes = panels(
+            figure, count, columns=len(kinds), frame=Frame(left=20, bottom=17, gap=6, line=2.5)
+        )
         names = row_labels(list(boundaries), most=_STRIP_TITLE)
         remaining = iter(axes)
         for row, (name, of_environment) in enumerate(boundaries.items()):

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from percept.report.numbers import SUPERSCRIPT
 
 __all__ = [
-    "COLOURS", "GROUND", "LETTER", "MARKERS", "MM", "REFERENCE_DASHES", "WIDE", "Drawing", "brief",
-    "common_range", "legend", "log_scale", "mark", "outer_labels", "panels", "row_labels",
+    "COLOURS", "GROUND", "LETTER", "MARKERS", "MM", "REFERENCE_DASHES", "WIDE", "Drawing", "Frame",
+    "brief", "common_range", "legend", "log_scale", "mark", "outer_labels", "panels", "row_labels",
 ]  # fmt: skip
 
 # Blue and vermilion remain apart in every common form of colour blindness, and form tells them
@@ -56,32 +56,53 @@ class Drawing:
     formats: tuple[str, ...] = ()  # Of the files written
 
 
+@dataclass(frozen=True)
+class Frame:
+    """Room around panels and between them, mm."""
+
+    left: float = 14.0
+    right: float = 3.0
+    top: float = 6.0
+    bottom: float = 11.0
+    gap: float = 12.0  # Between columns
+    line: float = 17.0  # Between rows
+
+
 def panels(
-    figure: Figure,
-    count: int = 1,
-    *,
-    columns: int | None = None,
-    left: float = 14.0,
-    right: float = 3.0,
-    top: float = 6.0,
-    bottom: float = 11.0,
-    gap: float = 12.0,
-    line: float = 17.0,
+    figure: Figure, count: int = 1, *, columns: int | None = None, frame: Frame | None = None
 ) -> list[Axes]:
-    """Add axes in rows, one row by default, placed in millimetres so that figures of one size line up."""
+    """Add axes placed in millimetres, so that figures of one size line up.
+
+    Parameters
+    ----------
+    figure : Figure
+        Of the size it will have.
+    count : int
+        How many axes.
+    columns : int, optional
+        Axes in a row; all in one by default.
+    frame : Frame, optional
+        Room around and between them.
+
+    Returns
+    -------
+    list of Axes
+        Row by row, from the top.
+    """
+    frame = frame or Frame()
     sides = figure.get_size_inches() / MM
     width, height = float(sides[0]), float(sides[1])
     columns = columns or count
     rows = -(-count // columns)
-    panel_width = (width - left - right - gap * (columns - 1)) / columns
-    panel_height = (height - top - bottom - line * (rows - 1)) / rows
+    panel_width = (width - frame.left - frame.right - frame.gap * (columns - 1)) / columns
+    panel_height = (height - frame.top - frame.bottom - frame.line * (rows - 1)) / rows
     axes = []
     for index in range(count):
         row, column = divmod(index, columns)
-        x = left + column * (panel_width + gap)
-        y = bottom + (rows - 1 - row) * (panel_height + line)
-        frame = (x / width, y / height, panel_width / width, panel_height / height)
-        axes.append(figure.add_axes(frame))
+        x = frame.left + column * (panel_width + frame.gap)
+        y = frame.bottom + (rows - 1 - row) * (panel_height + frame.line)
+        place = (x / width, y / height, panel_width / width, panel_height / height)
+        axes.append(figure.add_axes(place))
     return axes
 
 

@@ -16,6 +16,7 @@ from percept.report.figures.canvas import (
     COLOURS,
     WIDE,
     Drawing,
+    Frame,
     legend,
     outer_labels,
     panels,
@@ -169,7 +170,7 @@ def design_drawings(results: Results) -> list[Drawing]:
     columns = min(max(len(regions), _FEWEST_COLUMNS), _MOST_COLUMNS)
 
     def draw(figure: Figure) -> None:
-        axes = panels(figure, len(regions), columns=columns, bottom=17, gap=3, line=8)
+        axes = panels(figure, len(regions), columns=columns, frame=Frame(bottom=17, gap=3, line=8))
         titles = row_labels(
             [region.name or "all together" for region in regions], most=_TITLE_WIDTH
         )
@@ -223,7 +224,7 @@ def stability_drawings(coupling: Coupling | None) -> list[Drawing]:
         return []
 
     def draw(figure: Figure) -> None:
-        (ax,) = panels(figure, left=18, top=3)
+        (ax,) = panels(figure, frame=Frame(left=18, top=3))
         lines = {"this coupling": (coupling.admittance, coupling.binding_omega)}
         draw_stability(ax, coupling.omega, coupling.bound, lines)
 

@@ -19,6 +19,7 @@ from percept.report.figures.canvas import (
     MARKERS,
     REFERENCE_DASHES,
     Drawing,
+    Frame,
     brief,
     common_range,
     legend,
@@ -323,7 +324,9 @@ def _interval_drawing(results: Results, parameter: str, bars: Sequence[Bar]) -> 
     def draw(figure: Figure) -> None:
         labels = row_labels(environments, most=_MOST_MARGIN)
         longest = LETTER * max(map(len, labels))
-        (ax,) = panels(figure, left=max(_LEAST_MARGIN, longest + _BESIDE_LABEL), bottom=20.4)
+        (ax,) = panels(
+            figure, frame=Frame(left=max(_LEAST_MARGIN, longest + _BESIDE_LABEL), bottom=20.4)
+        )
         draw_intervals(
             ax, environments, bars, axis, kinds=kind_names(results.data.words), labels=labels
         )
