@@ -245,11 +245,13 @@ def test_refused(fitted: Study) -> None:
     alone = fitted.scene.to_dict()
     alone["model"] |= {"pooling": "none", "prior": "reference"}
     alone["inference"] |= {"tolerance": 0.2}
-    with pytest.raises(RefusalError, match="environments without pooling say nothing on others"):
+    with pytest.raises(
+        RefusalError, match="without pooling, an environment tells nothing about others"
+    ):
         predict(Study(fitted.sessions, Scene(**alone)), stiffness=100.0, damping=1.0)
     table = fitted.sessions.table
     one = dataclasses.replace(fitted.sessions, table=table[table["environment"] == "VE3"])
-    with pytest.raises(RefusalError, match="one environment says nothing on others"):
+    with pytest.raises(RefusalError, match="one environment shows no trend to predict others from"):
         predict(
             Study(one, fitted.scene.with_inference(tolerance=0.2)), stiffness=100.0, damping=1.0
         )

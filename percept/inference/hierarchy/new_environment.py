@@ -85,13 +85,13 @@ def new_environment(
     for density, coordinates in model.pooled_parts(points):
         if not density.layout.trend:
             hint = "Add sessions with more reference environments."
-            raise RefusalError("one environment says nothing on others.", hint=hint)
+            raise RefusalError("one environment shows no trend to predict others from.", hint=hint)
         last = first + density.layout.parameters
         parts.append(_of_density(density, coordinates, x[first:last], repeats, rng))
         first = last
     if not parts:
         hint = 'Set pooling = "partial" in [model].'
-        raise RefusalError("environments without pooling say nothing on others.", hint=hint)
+        raise RefusalError("without pooling, an environment tells nothing about others.", hint=hint)
     return NewEnvironment(
         mean=np.hstack([part.mean for part in parts]),
         covariance=linalg.block_diag(*(part.covariance for part in parts)),

@@ -184,8 +184,7 @@ def _of_cells(
 ) -> Statistics:
     if len(labels.subjects) < 2:
         raise RefusalError(
-            f"one subject ({', '.join(labels.subjects)}) says nothing of the spread between"
-            " subjects.",
+            f"one subject ({', '.join(labels.subjects)}) shows no spread between subjects.",
             hint="Add the sessions of at least one more subject.",
         )
     patterns = tuple(_patterns(counts, cell_means))

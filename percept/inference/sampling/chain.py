@@ -122,8 +122,10 @@ class Chain:
         """Positions of all walkers that a part has room for."""
         ensembles, walkers, dimension = points.shape
         memory = self._task.memory
-        one = self._task.estimands.components(self._transported.map(points[0, :1]))
-        draws = min(memory.draws, memory.draws_of(dimension, one.shape[-1]))
+        point = self._transported.map(points[0, :1])
+        components = self._task.estimands.components(point)
+        room = memory.draws_of(dimension, components.shape[-1])
+        draws = min(memory.draws, room)
         return max(draws // (ensembles * walkers), memory.fewest_positions)
 
     @property
@@ -163,7 +165,8 @@ class Chain:
             # In one order in memory: the last bits of sums depend on it.
             flat = walked.reshape(-1, walked.shape[-1])
             mapped = np.ascontiguousarray(self._transported.map(flat))
-            components = np.ascontiguousarray(self._task.estimands.components(mapped))
+            components = self._task.estimands.components(mapped)
+            components = np.ascontiguousarray(components)
             self._points.append(mapped.reshape(walked.shape))
             self._components.append(components.reshape(*walked.shape[:3], -1))
 
@@ -215,7 +218,8 @@ class Chain:
         return run
 
     def _travel(self, points: Array) -> Travel:
-        second_half = points[:, points.shape[1] // 2 :, :, 0]
+        half = points.shape[1] // 2
+        second_half = points[:, half:, :, 0]
         return Travel(
             acceptance=self._walkers.accepted / self._walkers.steps,
             moved=np.ptp(second_half, axis=1) > 0,
@@ -232,7 +236,8 @@ class Chain:
         share = self._steps / self.spanned
         before = closed.run.estimates.value
         value = before + share * (part.estimates.value - before)
-        errors = np.hypot((1.0 - share) * closed.run.errors, share * part.errors)
+        errors_before = (1.0 - share) * closed.run.errors
+        errors = np.hypot(errors_before, share * part.errors)
         estimates = dataclasses.replace(part.estimates, value=value)
         return dataclasses.replace(part, estimates=estimates, errors=errors)
 
@@ -263,8 +268,10 @@ class Chain:
 
     def _keep_every_second(self) -> None:
         """Thin the kept positions, in one order in memory: sums depend on it."""
-        self._points = [np.ascontiguousarray(self._points[0][:, 1::2])]
-        self._components = [np.ascontiguousarray(self._components[0][:, 1::2])]
+        (points,) = self._points
+        (components,) = self._components
+        self._points = [np.ascontiguousarray(points[:, 1::2])]
+        self._components = [np.ascontiguousarray(components[:, 1::2])]
         self._stride *= 2
 
     def steps_by_error(self, run: Run) -> float:

@@ -131,8 +131,10 @@ def split_rhat(chains: Array) -> Array:
     first = chains[:, :length]
     second = chains[:, chains.shape[1] - length :]
     halves = np.concatenate([first, second])
-    within = halves.var(axis=1, ddof=1).mean(axis=0)
-    between = halves.mean(axis=1).var(axis=0, ddof=1)
+    variances = halves.var(axis=1, ddof=1)
+    means = halves.mean(axis=1)
+    within = variances.mean(axis=0)
+    between = means.var(axis=0, ddof=1)
     with np.errstate(invalid="ignore", divide="ignore"):
         rhat = np.sqrt((length - 1) / length + between / within)
     constant = np.ptp(halves, axis=(0, 1)) == 0

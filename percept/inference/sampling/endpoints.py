@@ -125,7 +125,8 @@ class _Mixture:
     def spread(self) -> Array:
         """SD of the mixture, (Q,)."""
         square = self.sd * self.sd
-        return np.sqrt(self.mean.var(axis=1) + square.mean(axis=1))
+        variance = self.mean.var(axis=1) + square.mean(axis=1)
+        return np.sqrt(variance)
 
     def _log_shortfall(self, x: Array, *, tail: float) -> tuple[Array, Array]:
         """Log of the wanted tail over the one beyond x (Q,), and its slope.
@@ -187,7 +188,9 @@ class _Reach:
         by_h = (near + far) / (near - far)
         by_root = 2.0 * roots[1:] * by_h
         first = math.sqrt(2.0 / self.least)  # near h0: d² = 2 (h - h0)/h0
-        spline = CubicHermiteSpline(roots, np.r_[0.0, d], np.r_[first, by_root])
+        values = np.r_[0.0, d]
+        slopes = np.r_[first, by_root]
+        spline = CubicHermiteSpline(roots, values, slopes)
         self._pieces = np.ascontiguousarray(spline.c.T)  # (pieces, 4) From the cube on
 
     def __call__(self, h: Array) -> tuple[Array, Array]:
@@ -195,8 +198,9 @@ class _Reach:
         excess = np.maximum(h - self.least, 0.0)
         root = np.sqrt(excess)
         # The spline's own search for the piece would take four times the time of all the rest.
-        position = np.minimum(root / self._STEP, len(self._pieces) - 1.0)
-        piece = position.astype(np.intp)
+        position = root / self._STEP
+        last = len(self._pieces) - 1.0
+        piece = np.minimum(position, last).astype(np.intp)
         coefficients = np.take(self._pieces, piece, axis=0, mode="clip")
         c3, c2, c1, c0 = np.moveaxis(coefficients, -1, 0)
         t = root - piece * self._STEP
@@ -346,7 +350,8 @@ class _MeanContent:
         """Find the half-widths (Q,) at which the mean probability is the confidence."""
         least = _reach(self.share).least * self.spread
         low = least.min(axis=1)
-        high = least + np.abs(self.mean - self.centre[:, None])
+        offset = self.mean - self.centre[:, None]
+        high = least + np.abs(offset)
         score = special.ndtri(_BRACKET_TAIL * (1.0 - confidence))
         high -= score * self.sd
         if self.mean.shape[1] > _MANY_DRAWS:

@@ -52,8 +52,8 @@ class Spline:
         first = rise[:, :1]
         last = rise[:, -1:]
         nothing = np.zeros_like(first)
-        climbed = np.hstack([nothing, np.cumsum(rise, axis=1)])
-        knots = values[:, :1] + climbed
+        climbed = np.cumsum(rise, axis=1)
+        knots = values[:, :1] + np.hstack([nothing, climbed])
         # Harmonic means of neighbouring rises keep the pieces monotone (Fritsch and Butland 1984).
         before = rise[:, :-1]
         after = rise[:, 1:]
@@ -114,12 +114,16 @@ def _settled(values: Array, effective: float) -> Array:
     unit = knots @ inner / (knots @ knots)
     line = inner.mean(axis=0) + unit * _KNOTS[:, None]
     tail = special.ndtr(_KNOTS)
-    density = np.exp(-0.5 * _KNOTS**2) / np.sqrt(2.0 * np.pi)
-    error = np.sqrt(tail * (1.0 - tail) / effective) / density
+    density = np.exp(-0.5 * _KNOTS**2)
+    density /= np.sqrt(2.0 * np.pi)
+    variance = tail * (1.0 - tail) / effective
+    error = np.sqrt(variance) / density
     departure = values - line
     with np.errstate(divide="ignore", invalid="ignore"):
         standard = departure / (unit * error[:, None])
         square = np.square(standard).mean(axis=0)
-        share = np.clip((square - 1.0) / (_SETTLED - 1.0), 0.0, 1.0)
+        share = (square - 1.0) / (_SETTLED - 1.0)
+        share = np.clip(share, 0.0, 1.0)
     # A coordinate without any unit keeps its quantiles.
-    return np.asarray(line + np.nan_to_num(share, nan=1.0) * departure)
+    share = np.nan_to_num(share, nan=1.0)
+    return np.asarray(line + share * departure)

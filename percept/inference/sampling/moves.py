@@ -62,13 +62,15 @@ class ReferenceLaw:
     def log_density(self, points: Array) -> Array:
         """Log density at points of shape (N, d), shape (N,)."""
         square = np.einsum("nd,nd->n", points, points)
-        return self._log_constant - 0.5 * self._total_df * np.log1p(square / self._df)
+        log_kernel = np.log1p(square / self._df)
+        return self._log_constant - 0.5 * self._total_df * log_kernel
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
         """Draw `count` points, shape (count, d)."""
         gamma = rng.standard_gamma(0.5 * self._df, size=count)
         radius = np.sqrt(0.5 * self._df / gamma)
-        return radius[:, None] * rng.standard_normal((count, self.dimension))
+        normal = rng.standard_normal((count, self.dimension))
+        return radius[:, None] * normal
 
     def rotate(self, points: Array, rng: np.random.Generator) -> Array:
         """Rotate points about zero by random angles, leaving the law invariant.
@@ -138,8 +140,9 @@ class ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
         points = np.concatenate(offered)
         log_prob, _ = model.compute_log_prob_fn(points)
         log_law = self._law.log_density(points)
-        by_step = log_prob.reshape(steps, -1), log_law.reshape(steps, -1)
-        return [_Offer(*step) for step in zip(offered, *by_step, strict=True)]
+        log_prob = log_prob.reshape(steps, -1)
+        log_law = log_law.reshape(steps, -1)
+        return [_Offer(*step) for step in zip(offered, log_prob, log_law, strict=True)]
 
     def _by_ensemble(
         self, coords: Array, draw: Callable[[Array, np.random.Generator], Array]

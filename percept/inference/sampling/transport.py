@@ -114,10 +114,13 @@ class Transport:
         log_jacobian: Array,
     ) -> Array:
         """Fill in the drivers' rows of y, add to the log Jacobian, and return the features."""
-        features = np.ones((self.mean.shape[1], z.shape[1]))
+        size = self.mean.shape[1]
+        features = np.ones((size, z.shape[1]))
         for k, i in enumerate(self.drivers):
             count = 2 * k + 1
-            coefficients = np.stack([self.mean[i, :count], self.log_scale[i, :count]])
+            of_mean = self.mean[i, :count]
+            of_log_scale = self.log_scale[i, :count]
+            coefficients = np.stack([of_mean, of_log_scale])
             mean, log_scale = coefficients @ features[:count]
             log_jacobian += log_scale
             scale = np.exp(log_scale, out=log_scale)
@@ -137,7 +140,9 @@ class Transport:
         log_jacobian: Array,
     ) -> None:
         """Fill in the rows of y of all that follow the drivers, and add to the log Jacobian."""
-        coefficients = np.concatenate([self.mean[self.others], self.log_scale[self.others]])
+        of_mean = self.mean[self.others]
+        of_log_scale = self.log_scale[self.others]
+        coefficients = np.concatenate([of_mean, of_log_scale])
         mean, log_scale = np.split(coefficients @ features, 2)
         log_jacobian += log_scale.sum(axis=0)
         following = np.exp(log_scale, out=log_scale)
@@ -272,7 +277,8 @@ def _widened(
     """Say which drivers (1, then K) widen which columns (N, C) of unit spread."""
     square = standard**2
     driver_square = (drivers**2).mean(axis=0)[:, None]
-    noise = np.sqrt(len(drivers) * square.var(axis=0) * driver_square)
+    variance = len(drivers) * square.var(axis=0) * driver_square
+    noise = np.sqrt(variance)
     effect = np.abs(drivers.T @ (square - 1.0))
     widens = effect > _SIGNIFICANT * error_ratio * noise
     widens[0] = True
@@ -337,9 +343,10 @@ def _noise_level(squares: Array) -> float:
 
     Of many pairs a twentieth lie beyond two standard errors by chance.
     """
-    beyond = (squares[:, None] > _NOISE_LEVELS**2).sum(axis=0)
+    larger = squares[:, None] > _NOISE_LEVELS**2
+    count = larger.sum(axis=0)
     by_chance = 2.0 * special.ndtr(-_NOISE_LEVELS) * len(squares)
-    real = by_chance <= _MOST_BY_CHANCE * beyond
+    real = by_chance <= _MOST_BY_CHANCE * count
     if not real.any():
         return float(_NOISE_LEVELS[-1])
     return float(_NOISE_LEVELS[np.argmax(real)])

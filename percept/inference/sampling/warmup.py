@@ -59,7 +59,10 @@ class _ShortRun:
     stride: int  # Steps between kept positions
 
 
-_RUNS = (_ShortRun(steps=48, skipped=16, stride=4), _ShortRun(steps=80, skipped=16, stride=2))
+_RUNS = (
+    _ShortRun(steps=48, skipped=16, stride=4),
+    _ShortRun(steps=80, skipped=16, stride=2),
+)
 
 
 def warm_up(
@@ -99,11 +102,13 @@ def warm_up(
         z, log_weights = _weigh(transported, rng, shape)
         # Tempered, or a few lucky draws would decide the covariance.
         wanted = min(_EFFECTIVE_SHARE * len(z), _EFFECTIVE_PER_COORDINATE * size)
-        affine = Affine.fit(transported.map(z), _tempered(log_weights, wanted))
+        weights = _tempered(log_weights, wanted)
+        affine = Affine.fit(transported.map(z), weights)
         transported = Transported(target, affine)
     points = starting_points(transported, rng, shape)
     for run, run_seed in zip(_RUNS, run_seeds, strict=True):
-        walked = Ensembles(transported, points, run_seed).advance(run.steps, run.stride)
+        walkers = Ensembles(transported, points, run_seed)
+        walked = walkers.advance(run.steps, run.stride)
         kept = walked[:, run.skipped // run.stride :]
         transport = Transport.fit(transported.map(kept.reshape(-1, size)))
         transported = Transported(target, transport)
@@ -119,7 +124,8 @@ def starting_points(
     """Choose starting points (E, W, d) among draws from the reference law, by tempered weights."""
     z, log_weights = _weigh(transported, rng, shape)
     weights = _tempered(log_weights, _STARTING_SHARE * len(z))
-    chosen = rng.choice(len(z), size=shape[0] * shape[1], p=weights)
+    count = shape[0] * shape[1]
+    chosen = rng.choice(len(z), size=count, p=weights)
     return z[chosen].reshape(*shape, -1)
 
 
@@ -131,7 +137,8 @@ def _weigh(
     """Draws from the reference law, and the log of the density over that law."""
     size = len(transported.names)
     law = ReferenceLaw(size)
-    count = max(_FEWEST_DRAWS, _DRAWS_PER_COORDINATE * size, 2 * shape[0] * shape[1])
+    walkers = shape[0] * shape[1]
+    count = max(_FEWEST_DRAWS, _DRAWS_PER_COORDINATE * size, 2 * walkers)
     z = law.draw(count, rng)
     values = transported(z)
     if np.all(np.isneginf(values)):
@@ -188,7 +195,13 @@ def _derivatives(density: Density, point: Array) -> tuple[Array, Array]:
     steps = _DIFFERENCE * np.eye(size)
     rows, columns = np.triu_indices(size if size <= _MOST_PAIRED else 0, 1)
     pairs = steps[rows] + steps[columns]
-    around = [point[None], point + steps, point - steps, point + pairs, point - pairs]
+    around = (
+        point[None],
+        point + steps,
+        point - steps,
+        point + pairs,
+        point - pairs,
+    )
     values = density(np.concatenate(around))
     centre = values[0]
     ends = np.cumsum([1, size, size, len(pairs)])

@@ -168,7 +168,7 @@ def test_summary_is_the_likelihood_of_means_and_sds():
 def test_refusals():
     labels = {"parameters": ("k",), "environments": ("VE1",)}
     x, code = np.zeros((1, 1)), np.zeros(2, dtype=int)
-    with pytest.raises(RefusalError, match=r"one subject \(S01\) says nothing of the spread"):
+    with pytest.raises(RefusalError, match=r"one subject \(S01\) shows no spread between subjects"):
         from_trials(np.zeros((2, 1)), code, code, x, subjects=("S01",), **labels)
 
 
