@@ -57,11 +57,12 @@ def draw_prior(
         beta += tau * rng.standard_normal(beta.shape)
     user = beta.copy()
     for column in scales.between.factor_columns():
-        user += np.stack(column) * rng.standard_normal(beta.shape[1:])
+        scale = np.stack(column)
+        user += scale * rng.standard_normal(beta.shape[1:])
     if scales.shared is not None:
         for column in scales.shared.factor_columns():
-            effect = np.stack(column)[:, None]
-            user += effect * rng.standard_normal(beta.shape[1:])
+            scale = np.stack(column)[:, None]
+            user += scale * rng.standard_normal(beta.shape[1:])
     return PriorDraws(
         scales=draws_first(scales.named),
         means=beta.reshape(-1, draws).T,
@@ -122,16 +123,18 @@ def _new_studies(
     blocks = density.cell_blocks(scales)
     for pattern, cell in zip(density.statistics.patterns, blocks, strict=True):
         present = pattern.environments
+        members = pattern.members[:, None]
         shape = (pattern.subjects, present.size, width)
         means = beta[:, None, present]
         values = np.broadcast_to(means, (size, *shape)).copy()
         for column in cell.factor_columns():
-            values += np.stack(column)[:, None] * rng.standard_normal(shape)
+            scale = np.stack(column)[:, None]
+            values += scale * rng.standard_normal(shape)
         if scales.shared is not None:
             for column in scales.shared.factor_columns():
-                effect = rng.standard_normal((pattern.subjects, 1, width))
-                values += np.stack(column)[:, None, None] * effect
+                scale = np.stack(column)[:, None, None]
+                values += scale * rng.standard_normal((pattern.subjects, 1, width))
         # numpy puts the axes of two lists of indices first.
         by_cell = values.transpose(1, 2, 3, 0)
-        drawn[:, pattern.members[:, None], :, present] = by_cell
+        drawn[:, members, :, present] = by_cell
     return drawn

@@ -112,17 +112,20 @@ class SubjectDensity:
             standard=np.full((width, *self._means.shape), np.nan),
         )
         cells = self.density.cell_blocks(scales)
-        for pattern, cell in zip(self.density.statistics.patterns, cells, strict=True):
+        patterns = self.density.statistics.patterns
+        for pattern, cell in zip(patterns, cells, strict=True):
             members = pattern.members
             present = pattern.environments
-            means = self._means[members][..., present, None]
-            residual = means - mean[:, present]
-            part = _leave_out(residual, columns[:, :, present], cell, scales.shared)
+            means = self._means[members]
+            residual = means[..., present, None] - mean[:, present]
+            inside = columns[:, :, present]
+            part = _leave_out(residual, inside, cell, scales.shared)
             predicted.log_density[:, members] = part.log_density
             predicted.distance[:, members] = part.distance
             # numpy puts the axes of two lists of indices first.
+            rows = members[:, None]
             by_cell = part.standard.transpose(1, 3, 0, 2)
-            predicted.standard[:, members[:, None], :, present] = by_cell
+            predicted.standard[:, rows, :, present] = by_cell
         trials = self._between_trials(scales) - 0.5 * _LOG_2PI * self.degrees
         predicted.log_density[...] += trials
         return predicted
@@ -200,7 +203,8 @@ def _variances(
     own = cell.diagonal()
     if shared is not None:
         own = tuple(map(np.add, own, shared.diagonal()))
-    return np.stack([np.broadcast_to(part, shape) for part in own])
+    parts = [np.broadcast_to(part, shape) for part in own]
+    return np.stack(parts)
 
 
 def _factor(matrices: Array) -> Array:
@@ -220,7 +224,8 @@ def _whitened(covariance: SharedCovariance, vectors: Array) -> Array:
     rows = []
     for piece in covariance.whiten(tuple(by_parameter)):
         rows += [part.reshape(count, -1, width) for part in piece]
-    return np.concatenate(rows, axis=1).transpose(2, 1, 0)
+    stacked = np.concatenate(rows, axis=1)
+    return stacked.transpose(2, 1, 0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -251,7 +256,8 @@ class _CellScatter:
         if deviation.shape[1] > 1:
             cross = total(deviation[:, 0] * deviation[:, 1])
             np.divide(cross, first, out=slope, where=first > 0)
-            residual = deviation[:, 1] - slope[cell] * deviation[:, 0]
+            explained = slope[cell] * deviation[:, 0]
+            residual = deviation[:, 1] - explained
             rest = total(residual**2)
         return cls(
             first=first.reshape(shape),

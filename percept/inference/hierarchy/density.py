@@ -147,7 +147,9 @@ class CollapsedDensity(Model):
         if self.layout.trend and len(statistics.patterns) > 1:
             self.information = InformationProblem(statistics.patterns, self.regression.trend)
             self.draws_per_pass = self.information.draws_per_pass
-        trials = sum(p.subjects * p.trials.sum() for p in statistics.patterns)
+        trials = 0.0
+        for pattern in statistics.patterns:
+            trials += pattern.subjects * pattern.trials.sum()
         numbers = len(statistics.parameters) * float(trials)
         self._constant = statistics.constant - 0.5 * _LOG_2PI * numbers
 
@@ -288,7 +290,9 @@ class CollapsedDensity(Model):
 
     def laws(self, points: Array) -> ConditionalMoments:
         """Moments of beta and of the population at coordinates (W, d)."""
-        parts = [self.moments(scales).pack() for scales in self._passes(points)]
+        parts = []
+        for scales in self._passes(points):
+            parts.append(self.moments(scales).pack())
         return ConditionalMoments.unpack(np.concatenate(parts))
 
     def pairs(self, points: Array) -> PairLaws:
@@ -328,6 +332,6 @@ class CollapsedDensity(Model):
 
 def _matrices(block: Block) -> Array:
     """Covariances (W, J, P, P) of a block of entries (J, W)."""
-    columns = np.stack([np.stack(column) for column in block.factor_columns()])
+    columns = np.stack(block.factor_columns())
     products = np.einsum("rpjw,rqjw->jpqw", columns, columns)
     return np.moveaxis(products, -1, 0)
