@@ -7,7 +7,7 @@ import math
 import sys
 import threading
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -32,7 +32,6 @@ __all__ = [
     "WORKERS",
     "Working",
     "checks_argument",
-    "in_words_of",
     "notice",
     "open_mapper",
     "open_study",
@@ -241,18 +240,6 @@ def open_mapper(arguments: argparse.Namespace) -> Iterator[Mapper]:
         yield on_cluster(client)
 
 
-def in_words_of(scene: Scene) -> Callable[[str], str]:
-    """Return what puts a text into the study's words for environments and subjects, fit for a terminal."""
-    from percept.report.select import worded
-
-    words = {
-        "environment": scene.environment_noun,
-        "subject": scene.study.subject,
-        "user": scene.user_noun,
-    }
-    return lambda text: printable(worded(text, words))
-
-
 def verdict(study: Study) -> int:
     """Say on standard error what the gate withholds, or the error it lets pass; return the exit code."""
     fit = study.fit
@@ -264,7 +251,7 @@ def verdict(study: Study) -> int:
     else:
         tell_error(study)
         return 0
-    print(f"percept: {in_words_of(study.scene)(lacking)}", file=sys.stderr)
+    print(f"percept: {printable(lacking)}", file=sys.stderr)
     return RefusalError.exit_code
 
 

@@ -11,14 +11,13 @@ from percept.commands import JSON, Command, argument
 from percept.commands.analysis import (
     STUDY,
     Working,
-    in_words_of,
     open_study,
     print_json,
     settings,
     show,
     tell_error,
 )
-from percept.errors import RefusalError, UsageError
+from percept.errors import RefusalError, UsageError, printable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -128,7 +127,7 @@ def _differences(
         studies = {"a": first.name, "b": second.name}
         print_json({"studies": studies, **_stated(a), **vars(comparison)})
         return
-    notes = map(in_words_of(a.scene), comparison.notes)
+    notes = map(printable, comparison.notes)
     show("\n".join([f"A: {first.name}", f"B: {second.name}", *notes]))
     show(f"Both: {_claim(a)}.")
     if len(comparison.differences):
@@ -214,7 +213,7 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     _print(f"Intervals in pairs, {_claim(study)}:", table[_PAIRS])
     show("\nWhy they differ, step by step from the classical interval of the normal family:")
     sentences = [*ladder.sentences, *ladder.notes, "", *advice]
-    show("\n".join(map(in_words_of(study.scene), sentences)))
+    show("\n".join(map(printable, sentences)))
     kind = study.scene.inference.kinds[0]
     effects = ladder.effects.assign(width=np.exp(ladder.effects["log_width"]))
     _print(f"The steps of kind {kind}. {_STEPS_SAY}", effects[effects["kind"] == kind][_STEPS])

@@ -8,19 +8,20 @@ from importlib import resources
 from pathlib import Path
 
 from percept.commands import FORCE, JSON, QUIET, Command, argument, folder, number
-from percept.commands.analysis import SESSIONS, Working, in_words_of, notice, read_scene, write_new
+from percept.commands.analysis import SESSIONS, Working, notice, read_scene, write_new
+from percept.errors import printable
 
 
 def _validate(arguments: argparse.Namespace) -> int:
     """Validate; the exit code is 0 without problems, otherwise the problems' own."""
     from percept.sessions import format_validation, validate
 
-    scene, options = read_scene(arguments)
+    _, options = read_scene(arguments)
     found = validate(*arguments.sessions, options=options)
     if arguments.json:
         print(json.dumps(found.to_dict(), ensure_ascii=False, indent=2, default=str))
     else:
-        print(format_validation(found, say=in_words_of(scene)))
+        print(format_validation(found, say=printable))
     return found.exit_code
 
 

@@ -16,7 +16,6 @@ from percept.commands.analysis import (
     WORKERS,
     Working,
     checks_argument,
-    in_words_of,
     notice,
     open_mapper,
     open_study,
@@ -71,7 +70,7 @@ def _fit(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(path.read_text(encoding="utf-8"))
         return verdict(study)
-    say = in_words_of(study.scene)
+    say = printable
     _print_intervals(study, every=arguments.all)
     for row in json.loads(path.read_text(encoding="utf-8"))["skipped"]:
         print(say(f"Left out: {row['what']} ({row['why'].removesuffix('.')})."))
@@ -128,7 +127,7 @@ def _report(arguments: argparse.Namespace) -> int:
             say=notice,
         )
     if not arguments.quiet:
-        _print_findings(page, in_words_of(study.scene))
+        _print_findings(page, printable)
     print(page)
     return verdict(study)
 
@@ -182,7 +181,7 @@ def _predict(arguments: argparse.Namespace) -> None:
         properties = {"sentence": prediction.sentence, "extrapolates": prediction.extrapolates}
         print_json({**properties, **plain(prediction)})
         return
-    say = in_words_of(study.scene)
+    say = printable
     print(say(prediction.sentence))
     show(prediction.intervals[_PREDICTED].to_string(index=False, float_format="{:.6g}".format))
     for row in prediction.intervals.drop_duplicates("kind").to_dict("records"):

@@ -25,6 +25,7 @@ from percept.report.select import (
     makes_impedance,
     pointed,
     quantities_of,
+    words_of,
 )
 from percept.sessions.quantities import Quantity
 
@@ -111,20 +112,20 @@ def diagnostics(document: Record) -> Section | None:
 #: Tables of the checks by where they stand under /checks, with what each says.
 _CHECKS = {
     "normality": (
-        "Shapiro–Wilk tests of the values of the subjects (normal) and of their logarithms"
-        " (lognormal): what the classical intervals of each family assume. With ten subjects only"
+        "Shapiro–Wilk tests of the values of the {subjects} (normal) and of their logarithms"
+        " (lognormal): what the classical intervals of each family assume. With ten {subjects} only"
         " gross misfit shows."
     ),
     "loo/subjects": (
-        "Each subject left out: log predictive density given the others, Pareto index of "
+        "Each {subject} left out: log predictive density given the others, Pareto index of "
         "leaving it out, and the probability of lying as far off or farther."
     ),
     "statistics": (
-        "Mean and SD over subjects (response scale) and the farthest subject (in SDs), against new "
+        "Mean and SD over {subjects} (response scale) and the farthest {subject} (in SDs), against new "
         "studies drawn from the posterior."
     ),
     "prior": (
-        "What the priors alone say, before any data: quantiles of the average and the next user."
+        "What the priors alone say, before any data: quantiles of the average and the next {user}."
     ),
 }
 _HEADS = {
@@ -141,6 +142,7 @@ def checks(document: Record) -> Section | None:
     if not record:
         return None
     tables = []
+    words = words_of(document)
     for steps, caption in _CHECKS.items():
         rows: Any = reduce(lambda inner, step: inner and inner.get(step), steps.split("/"), record)
         if rows:
@@ -150,11 +152,15 @@ def checks(document: Record) -> Section | None:
                 for name in rows[0]
                 if name not in _UNSHOWN
             }
-            table = {"caption": caption, "pointer": f"/checks/{steps}", "heads": heads}
+            table = {
+                "caption": caption.format(**vars(words)),
+                "pointer": f"/checks/{steps}",
+                "heads": heads,
+            }
             tables.append({**table, "rows": rows})
     bayesian = record.get("loo") is not None
     values = {
-        "messages": list(misfits(record)) if bayesian else [],
+        "messages": list(misfits(record, words)) if bayesian else [],
         "tables": tables,
         "bayesian": bayesian,
     }
@@ -252,6 +258,7 @@ def worst_curve(boundaries: Sequence[Record]) -> dict[str, Any] | None:
 def _model(document: Record) -> str:
     """Say what the hierarchical model is made of; data and scene leave parts of it out."""
     record, model = document["data"], document["provenance"]["scene"].get("model", {})
+    words = words_of(document)
     quantities = quantities_of(document)
     names = [
         quantities[p].label
@@ -262,23 +269,25 @@ def _model(document: Record) -> str:
     parts = [
         (
             "a regression of bias on the logarithm of the reference with a deviation for each"
-            " environment"
+            f" {words.environment}"
             if several
             else "a bias"
         )
     ]
     if sessions and several and model.get("subject_effect", True):
         both = f" and correlated between {' and '.join(names)}" if pair else ""
-        parts.append(f"subject effects shared by all environments{both}")
-    scatter = "between-subject scatter"
+        parts.append(f"{words.subject} effects shared by all {words.environments}{both}")
+    scatter = f"between-{words.subject} scatter"
     if several:
         scatter += (
-            " alike in all environments"
+            f" alike in all {words.environments}"
             if model.get("common_spread")
-            else " within each environment"
+            else f" within each {words.environment}"
         )
     if several and model.get("weber"):
-        scatter += ", in proportion to the reference but for each environment’s own deviation"
+        scatter += (
+            f", in proportion to the reference but for each {words.environment}’s own deviation"
+        )
     by_itself = f" ({' and '.join(names)} each by itself)" if pair and not sessions else ""
     return f"{', '.join(parts)}, and {scatter}{by_itself}"
 

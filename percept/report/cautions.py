@@ -5,7 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from percept.errors import counted
-from percept.report.select import METHODS, STATISTICS, Record, distinct, listed, matching
+from percept.report.select import (
+    METHODS,
+    STATISTICS,
+    Record,
+    Words,
+    distinct,
+    listed,
+    matching,
+    words_of,
+)
 
 __all__ = ["cautions", "misfits"]
 
@@ -16,24 +25,25 @@ _WARNINGS = 4  # the summary repeats the reader's first warnings
 def cautions(document: Record) -> list[str]:
     """Return the cautions of a document, those that change its meaning first."""
     gate = (document.get("diagnostics") or {}).get("gate")
-    found = [*_levels(document.get("contrast")), *_left_out(document.get("skipped") or ())]
+    words = words_of(document)
+    found = [*_levels(document.get("contrast"), words), *_left_out(document.get("skipped") or ())]
     if gate and gate["passed"] and not gate["tolerance_met"]:
         found.append(gate["error_reached"])
-    found += _few(document["intervals"])
+    found += _few(document["intervals"], words)
     found += _below_zero(document["intervals"], document["data"])
-    found += _active(document["passivity"])
+    found += _active(document["passivity"], words)
     found += (document.get("diagnostics") or {}).get("pull") or ()
-    found += misfits(document.get("checks"))
+    found += misfits(document.get("checks"), words)
     found += _warnings(document["data"]["doubts"])
     return found
 
 
-def _levels(contrast: list[Record] | None) -> Iterator[str]:
+def _levels(contrast: list[Record] | None, words: Words) -> Iterator[str]:
     """Say what the levels of a factor are to everything but the contrasts."""
     if contrast:
         yield (
             f"Outside the section on {contrast[0]['factor']} each of its levels stands by itself. "
-            "Only that section compares levels within subjects."
+            f"Only that section compares levels within {words.subjects}."
         )
 
 
@@ -48,7 +58,7 @@ def _left_out(skipped: Sequence[Record]) -> Iterator[str]:
             yield f"There are no Bayesian intervals: {row['why']}"
 
 
-def _few(intervals: list[Record]) -> Iterator[str]:
+def _few(intervals: list[Record], words: Words) -> Iterator[str]:
     subjects = max((row["n"] for row in intervals), default=_FEW)
     if subjects < _FEW:
         rest = {
@@ -56,7 +66,7 @@ def _few(intervals: list[Record]) -> Iterator[str]:
             "bayesian": "Bayesian limits rest largely on the priors",
         }
         methods = [rest[method] for method in METHODS if matching(intervals, method=method)]
-        yield f"{subjects} subjects are few: {', '.join(methods)}."
+        yield f"{subjects} {words.subjects} are few: {', '.join(methods)}."
 
 
 def _below_zero(intervals: list[Record], data: Record) -> Iterator[str]:
@@ -79,17 +89,17 @@ def _below_zero(intervals: list[Record], data: Record) -> Iterator[str]:
         )
 
 
-def _active(passivity: list[Record] | None) -> Iterator[str]:
+def _active(passivity: list[Record] | None, words: Words) -> Iterator[str]:
     names = [row["environment"] for row in passivity or () if not row["passive"]]
     if names:
         yield (
             f"Without a coupling this device has too little damping to render {listed(names)}"
-            " passively (Colgate and Schenkel). They may chatter, and users may then set them"
+            f" passively (Colgate and Schenkel). They may chatter, and {words.users} may then set them"
             " wrongly."
         )
 
 
-def misfits(checks: Record | None) -> Iterator[str]:
+def misfits(checks: Record | None, words: Words) -> Iterator[str]:
     """Say what the checks of the model found."""
     if not checks:
         return
@@ -108,11 +118,11 @@ def misfits(checks: Record | None) -> Iterator[str]:
             )
     if checks.get("loo"):
         yield from checks["loo"]["messages"]
-        unusual = [
-            f"{STATISTICS[row['statistic']]} of {row['parameter']} in {row['environment']}"
-            for row in checks["statistics"]
-            if row["unusual"]
-        ]
+        unusual = []
+        for row in checks["statistics"]:
+            if row["unusual"]:
+                statistic = STATISTICS[row["statistic"]].format(subject=words.subject)
+                unusual.append(f"{statistic} of {row['parameter']} in {row['environment']}")
         if unusual:
             yield f"The hierarchical model does not reproduce the {'; '.join(unusual)}."
         yield from checks["pull"]

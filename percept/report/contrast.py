@@ -18,6 +18,7 @@ from percept.report.select import (
     ordered,
     pointed,
     quantities_of,
+    words_of,
 )
 
 __all__ = ["contrast", "contrast_sentences"]
@@ -87,7 +88,8 @@ def _overall(rows: Sequence[Record]) -> list[Record]:
 def contrast_sentences(document: Record) -> list[str]:
     """Say how the levels of the factor differ, what that rests on, and how many contrasts more there are."""
     quantities = quantities_of(document)
-    user, users = document["data"]["words"]["user"]
+    words = words_of(document)
+    user, users = words.user, words.users
     rows = _overall(document.get("contrast") or ())
     said = []
     for row in rows[:_SAID]:

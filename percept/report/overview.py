@@ -14,6 +14,7 @@ from percept.report.select import (
     METHODS,
     Record,
     Section,
+    Words,
     compared_by_difference,
     distinct,
     families_of,
@@ -23,6 +24,7 @@ from percept.report.select import (
     matching,
     pointed,
     quantities_of,
+    words_of,
 )
 from percept.sessions.quantities import Quantity
 
@@ -53,13 +55,13 @@ def overview(document: Mapping[str, Any]) -> dict[str, Any]:
                 rows.append(row)
     realism = _realism(document, best)
     quantities = quantities_of(document)
-    environments = document["data"]["words"]["environment"][1]
+    words = words_of(document)
     sentences = contrast_sentences(document)
     contrasts = len(sentences)
-    sentences += _biases(rows, quantities, environments)
-    sentences += _feelings(realism, environments)
+    sentences += _biases(rows, quantities, words)
+    sentences += _feelings(realism, words)
     sentences += _stability(document)
-    sentences += _next_users(rows, quantities)
+    sentences += _next_users(rows, quantities, words)
     # The next user's ranges answer where no device lets percept judge what feels real.
     most = contrasts + max(3, len(distinct(rows, "parameter")) + 2)
     return {"rows": rows, "realism": realism, "sentences": sentences[:most]}
@@ -139,9 +141,7 @@ def _realism(document: Record, best: Mapping[str, Sequence[str]]) -> list[dict[s
     ]
 
 
-def _biases(
-    rows: Sequence[Record], quantities: Mapping[str, Quantity], environments: str
-) -> list[str]:
+def _biases(rows: Sequence[Record], quantities: Mapping[str, Quantity], words: Words) -> list[str]:
     """Say for every quantity where users set too much and where too little."""
     several = len(distinct(rows, "environment")) > 1
     sentences = []
@@ -156,14 +156,14 @@ def _biases(
         parts = []
         for word, found in (("high", high), ("low", low)):
             if found:
-                where = f" in {_names(found, judged, environments)}" if several else ""
+                where = f" in {_names(found, judged, words.environments)}" if several else ""
                 parts.append(_sized(found, f"too {word}{where}"))
         label = quantities[parameter].label
         name = label[:1].upper() + label[1:]
         if parts:
             sentences.append(f"{name} is {', and '.join(parts)}.")
         elif judged:
-            every = f" in any of {len(judged)} {environments}" if several else ""
+            every = f" in any of {len(judged)} {words.environments}" if several else ""
             sentences.append(f"{name} shows no clear bias{every}.")
     return sentences
 
@@ -208,7 +208,7 @@ def _names(rows: Sequence[Record], of: Sequence[Record], environments: str) -> s
     return f"{len(names)} of {every} {environments}"
 
 
-def _feelings(realism: Sequence[Record], environments: str) -> list[str]:
+def _feelings(realism: Sequence[Record], words: Words) -> list[str]:
     """Say which references stay inside the next user's boundary through the coupling."""
     groups = {
         "inside": ("stays inside {}", "stay inside {}"),
@@ -218,9 +218,9 @@ def _feelings(realism: Sequence[Record], environments: str) -> list[str]:
     parts: list[str] = []
     for verdict, said in groups.items():
         if found := [record for record in realism if record["coupled"]["verdict"] == verdict]:
-            boundary = "it" if parts else "the next user’s boundary"
+            boundary = "it" if parts else f"the next {words.user}’s boundary"
             parts.append(
-                f"{_names(found, realism, environments)} {said[len(found) > 1].format(boundary)}"
+                f"{_names(found, realism, words.environments)} {said[len(found) > 1].format(boundary)}"
             )
             if verdict == "outside":
                 most = max(record["coupled"]["departure"] for record in found)
@@ -242,7 +242,9 @@ def _stability(document: Record) -> list[str]:
     return [said + poles * ("poles cannot" in (coupling.get("reason") or ""))]
 
 
-def _next_users(rows: Sequence[Record], quantities: Mapping[str, Quantity]) -> list[str]:
+def _next_users(
+    rows: Sequence[Record], quantities: Mapping[str, Quantity], words: Words
+) -> list[str]:
     """Say where the next user's settings lie: in multiples of the reference, or how far from it."""
     sentences = []
     for parameter in distinct(rows, "parameter"):
@@ -264,7 +266,7 @@ def _next_users(rows: Sequence[Record], quantities: Mapping[str, Quantity]) -> l
             ]
         sure = "confidence" if known[0]["method"] == "classical" else "probability"
         sentences.append(
-            f"With {percent(known[0]['level'])} {sure}, the next user’s"
+            f"With {percent(known[0]['level'])} {sure}, the next {words.user}’s"
             f" {quantities[parameter].label} will be {' and '.join(ranges)}."
         )
     return sentences

@@ -16,7 +16,7 @@ from markupsafe import Markup, escape
 from percept.provenance import commit_of_code
 from percept.report.numbers import number, rounded
 from percept.report.sections import build_sections
-from percept.report.select import title_of, worded
+from percept.report.select import title_of
 
 if TYPE_CHECKING:
     from percept.report.figures.canvas import Drawing
@@ -46,7 +46,7 @@ def render_page(
     words = document["data"]["words"]
     script = _asset(_PACKAGE, "page.js")
     environment = _environment(_PACKAGE)
-    environment.filters["symbols"] = lambda text: _symbols(worded(text, words))
+    environment.filters["symbols"] = _symbols
     return environment.get_template("page.html.j2").render(
         document=document,
         files=files,

@@ -34,6 +34,7 @@ from percept.report.select import (
     ordered,
     pointed,
     quantities_of,
+    words_of,
 )
 from percept.sessions.quantities import Quantity
 
@@ -178,7 +179,7 @@ def boundaries(document: Record) -> Section | None:
         "curves": [
             curves for name in chosen(names) if (curves := _curves(document, name)) is not None
         ],
-        "left_out": choice_said(names),
+        "left_out": choice_said(names, words_of(document).environments),
     }
     return Section("boundaries", "Realistic performance boundaries", values)
 

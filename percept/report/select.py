@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -17,13 +16,12 @@ from percept.sessions.quantities import IMPEDANCE, Quantity
 Record = Mapping[str, Any]
 R = TypeVar("R")
 
-_WORDS = re.compile(r"\b([Aa]n? )?((?:[Ee]nvironment|[Ss]ubject|[Uu]ser)s?)\b")
 #: Joint treatments of the main account: k and b each at the level asked for, or drawn together.
 EACH_BY_ITSELF = ("marginal", "joint")
 KINDS = ("mean", "user", "share")
 METHODS = ("classical", "bayesian")
 #: Statistics of the predictive check, in words.
-STATISTICS = {"mean": "mean", "sd": "SD", "farthest": "farthest subject"}
+STATISTICS = {"mean": "mean", "sd": "SD", "farthest": "farthest {subject}"}
 METHOD_NAMES = {"classical": "classical", "bayesian": "Bayesian"}
 
 
@@ -59,17 +57,25 @@ def title_of(document: Record) -> str:
     return f"Intervals of {' and '.join(q.label for q in quantities_of(document).values())}"
 
 
-def worded(text: str, words: Mapping[str, Sequence[str]]) -> str:
-    """Say a sentence of percept in the study's words for environments, subjects and users."""
+@dataclass(frozen=True)
+class Words:
+    """What a study calls an environment, a subject and a user: one, and several."""
 
-    def own(found: re.Match[str]) -> str:
-        article, usual = found[1] or "", found[2]
-        word = words[usual.lower().removesuffix("s")][usual.endswith("s")]
-        if article:
-            article = article[0] + ("n " if word[:1].lower() in "aeiou" else " ")
-        return article + (word if usual.islower() else word[:1].upper() + word[1:])
+    environment: str
+    environments: str
+    subject: str
+    subjects: str
+    user: str
+    users: str
 
-    return _WORDS.sub(own, text)
+
+def words_of(results: Results | Record) -> Words:
+    """Return the study's words."""
+    nouns = _field(_field(results, "data"), "words")
+    environment, environments = _field(nouns, "environment")
+    subject, subjects = _field(nouns, "subject")
+    user, users = _field(nouns, "user")
+    return Words(environment, environments, subject, subjects, user, users)
 
 
 def family_of(results: Results | Record) -> str:
@@ -141,12 +147,12 @@ def chosen(names: Sequence[str]) -> list[str]:
     return [names[place] for place in places]
 
 
-def choice_said(names: Sequence[str]) -> str:
+def choice_said(names: Sequence[str], environments: str) -> str:
     """Say that a figure leaves environments out; nothing where it draws them all."""
     if len(names) <= MOST_DRAWN:
         return ""
     return (
-        f" {MOST_DRAWN} of {len(names)} environments are drawn, evenly spaced in their order. The"
+        f" {MOST_DRAWN} of {len(names)} {environments} are drawn, evenly spaced in their order. The"
         " tables hold all."
     )
 

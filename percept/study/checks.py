@@ -22,6 +22,7 @@ from percept.inference.checks.predictive import (
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
 from percept.inference.sampling.endpoints import mixture_quantile
+from percept.results import Nouns
 from percept.sessions.quantities import Quantities
 from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit
@@ -33,7 +34,7 @@ FALSE_ALARM = 0.05
 #: Share of influential subjects above which they are counted, not named.
 _MANY = 1.0 / 3.0
 _NOISE_DIFFERS = (
-    " The trials of some subjects scatter more than those of others, which the model takes to be"
+    " The trials of some {subjects} scatter more than those of others, which the model takes to be"
     " alike."
 )
 _REPLICATES = 4000
@@ -81,21 +82,24 @@ class ModelChecks(NotebookRecord):
     ]  # How far the prior of the common bias moves the average user, where it does
 
 
-def model_checks(fit: Fit, subjects: SubjectDensity, *, level: float, seed: int) -> ModelChecks:
+def model_checks(
+    fit: Fit, subjects: SubjectDensity, *, level: float, seed: int, nouns: Nouns
+) -> ModelChecks:
     """Check a fit against its data, its priors and its own assumptions."""
     loo = leave_one_out(subjects, fit.points, chains=len(fit.run.points))
+    predicted = predict_left_out(subjects, loo.points, loo.weights)
     return ModelChecks(
-        loo=subject_tables(fit, subjects, loo, predict_left_out(subjects, loo.points, loo.weights)),
+        loo=subject_tables(fit, subjects, loo, predicted, nouns.subject[1]),
         statistics=_statistics(subjects, fit.points, level=level, seed=seed),
         prior=_prior_quantiles(fit, subjects, seed=seed),
-        pull=bias_pull(fit, level=level),
+        pull=bias_pull(fit, level=level, user=nouns.user[0]),
     )
 
 
 def subject_tables(
-    fit: Fit, subjects: SubjectDensity, loo: Loo, predicted: Predicted
+    fit: Fit, subjects: SubjectDensity, loo: Loo, predicted: Predicted, noun: str = "subjects"
 ) -> SubjectChecks:
-    """Name the subjects and cells that lie far from what the others predict."""
+    """Name the subjects, which the study calls `noun`, and cells that lie far from the others."""
     statistics = subjects.density.statistics
     table = pd.DataFrame(
         {
@@ -123,8 +127,8 @@ def subject_tables(
     cells["outlier"] = tail < FALSE_ALARM / len(cells)
     noise = ""
     if fit.trials is not None and trial_noise_p_value(fit.trials) < FALSE_ALARM:
-        noise = _NOISE_DIFFERS
-    messages = tuple(_messages(table, cells, loo.good_k, fit.quantities, noise))
+        noise = _NOISE_DIFFERS.format(subjects=noun)
+    messages = tuple(_messages(table, cells, loo.good_k, fit.quantities, noise, noun))
     return SubjectChecks(loo.elpd, loo.se, loo.good_k, table, cells, messages)
 
 
@@ -160,13 +164,18 @@ def trial_noise_p_value(data: Trials) -> float:
 
 
 def _messages(
-    table: pd.DataFrame, cells: pd.DataFrame, good_k: float, quantities: Quantities, noise: str
+    table: pd.DataFrame,
+    cells: pd.DataFrame,
+    good_k: float,
+    quantities: Quantities,
+    noise: str,
+    subjects: str,
 ) -> Iterator[str]:
     """Say which subjects the results lean on and which lie far off; `noise` is why they may."""
     influential = table.loc[table["influential"], "subject"].tolist()
     if len(influential) > _MANY * len(table):
         yield (
-            f"Leave-one-out results are rough: {len(influential)} of {len(table)} subjects are"
+            f"Leave-one-out results are rough: {len(influential)} of {len(table)} {subjects} are"
             f" influential (Pareto index above {good_k:.2f}).{noise}"
         )
     elif influential:
@@ -232,7 +241,7 @@ def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> pd.Dat
     return pd.DataFrame(rows)
 
 
-def bias_pull(fit: Fit, *, level: float) -> tuple[str, ...]:
+def bias_pull(fit: Fit, *, level: float, user: str) -> tuple[str, ...]:
     """Say how far the prior of the common bias moves average users from where a flat one has them."""
     ((density, points),) = fit.model.pooled_parts(_some_draws(fit))
     flat = dataclasses.replace(density.priors, alpha_sd=_FLAT * density.priors.alpha_sd)
@@ -254,7 +263,7 @@ def bias_pull(fit: Fit, *, level: float) -> tuple[str, ...]:
         return ()
     return (
         f"The prior of the common bias, N(0, {density.priors.alpha_sd:g}²), moves the estimate"
-        f" of the average user, in half-widths of the interval: {cells}. It expects settings"
+        f" of the average {user}, in half-widths of the interval: {cells}. It expects settings"
         " near their references. Where these or their unit are arbitrary, set a larger"
         " alpha_sd in [model.priors].",
     )

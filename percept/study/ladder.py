@@ -27,14 +27,14 @@ _TOLERANCE = 0.05
 #: Effects under this number of standard errors, or smaller than these, are not named.
 _ERRORS = 2.0
 _LEAST = {"log_width": 0.02, "centre": 0.05}
-_USERS = {"mean": "the average user", "user": "the next user", "share": "most users"}
+_USERS = {"mean": "the average {user}", "user": "the next {user}", "share": "most {users}"}
 _CLAUSES = {
-    "prior": "the priors say how users usually adjust",
-    "pooling": "the model also learns from the other environments",
-    "scale": "the log scale makes the typical user the geometric mean",
+    "prior": "the priors say how {users} usually adjust",
+    "pooling": "the model also learns from the other {environments}",
+    "scale": "the log scale makes the typical {user} the geometric mean",
     "sampling": "draws are random",
 }
-_OF_USERS = {"scale": "users scatter by ratios on the log scale"}
+_OF_USERS = {"scale": "{users} scatter by ratios on the log scale"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -114,7 +114,8 @@ def climb(
     first = effects[effects["kind"] == asked.kinds[0]].groupby(
         ["environment", "parameter"], sort=False
     )
-    told = [sentence(rows, fit.quantities, repeats=bool(fit.repeats)) for _, rows in first]
+    words = _words(scene)
+    told = [sentence(rows, fit.quantities, words, repeats=bool(fit.repeats)) for _, rows in first]
     return Ladder(effects, tuple(told), tuple(notes))
 
 
@@ -162,22 +163,32 @@ def _effects(
             )
 
 
-def sentence(rows: pd.DataFrame, quantities: Quantities, *, repeats: bool = False) -> str:
+def _words(scene: Scene) -> dict[str, str]:
+    """Return the study's words for users and environments."""
+    user, users = scene.user_noun
+    return {"user": user, "users": users, "environments": scene.environment_noun[1]}
+
+
+def sentence(
+    rows: pd.DataFrame, quantities: Quantities, words: dict[str, str], *, repeats: bool = False
+) -> str:
     """Say how two intervals differ and why, from the effects on one environment, parameter and kind."""
     whole = rows.iloc[0]
     kind, label = whole["kind"], quantities[whole["parameter"]].label
     width, centre = (_noted(rows, name, least) for name, least in _LEAST.items())
+    whose = _USERS[kind].format(**words)
     start = f"{whole['environment']}, {label}: "
     if not width and "all" not in centre:
         within = max(_ERRORS * whole["log_width_error"], _LEAST["log_width"])
-        same = f"both intervals of {_USERS[kind]} have the same width and centre"
+        same = f"both intervals of {whose} have the same width and centre"
         return f"{start}{same}, to within {100.0 * within:.0f} %."
     clauses = _CLAUSES | ({} if kind == "mean" else _OF_USERS)
+    clauses = {cause: clause.format(**words) for cause, clause in clauses.items()}
     if repeats and kind != "mean":
         clauses["prior"] = f"it leaves trial noise out, and {clauses['prior']}"
     size = f"{_ratio(width['all'])} times as wide" if "all" in width else "as wide"
     why = _reasons(width, lambda value: f"×{_ratio(value)}", clauses)
-    text = f"{start}the Bayesian interval of {_USERS[kind]} is {size} as the classical one{why}."
+    text = f"{start}the Bayesian interval of {whose} is {size} as the classical one{why}."
     if "all" in centre:
         side = "higher" if centre["all"] > 0 else "lower"
         why = _reasons(centre, lambda value: f"{100.0 * value:+.0f} %", clauses)

@@ -17,6 +17,7 @@ from percept.errors import RefusalError
 from percept.haptics.design import CouplingDesign
 from percept.haptics.records import AnyDevice
 from percept.inference.record import Family
+from percept.results import Nouns
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import is_impedance
@@ -185,7 +186,11 @@ class Parts:
         from percept.study.checks import model_checks
 
         asked = self.scene.inference
-        return model_checks(self.passed, self.passed.subjects, level=asked.level, seed=asked.seed)
+        scene = self.scene
+        nouns = Nouns(scene.environment_noun, scene.study.subject, scene.user_noun)
+        return model_checks(
+            self.passed, self.passed.subjects, level=asked.level, seed=asked.seed, nouns=nouns
+        )
 
     @property
     def diagnostics(self) -> dict[str, Any] | None:

@@ -24,7 +24,7 @@ def document(rows, *, realism=(), coupling=None):
     found = (
         None if coupling is None and not realism else {"realism": list(realism), **(coupling or {})}
     )
-    words = {"environment": ["environment", "environments"], "user": ["user", "users"]}
+    words = {name: [name, f"{name}s"] for name in ("environment", "subject", "user")}
     quantities = {"k": {"name": "k", "label": "stiffness", "symbol": "k", "unit": "N/m"}}
     return {
         "intervals": intervals,
@@ -159,7 +159,7 @@ def test_the_bias_from_a_reference_of_zero_is_in_units():
 
 def test_narrow_ranges_of_the_next_user_are_told_apart():
     said = overview(document([("A", 9.98, 10, 10.02, 9.912, 10.034)]))["sentences"][-1]
-    assert said.endswith("the next user’s stiffness will be 0.991 to 1.003 times the reference.")
+    assert said.endswith("the next user’s stiffness will be 0.9912 to 1.003 times the reference.")
 
 
 @pytest.mark.parametrize(

@@ -130,7 +130,7 @@ def model_of(*, form="trials", environments=3, parameters=("k", "b"), **model):
             "parameters": [*parameters],
             "quantities": {p: IMPEDANCE[p].model_dump() for p in parameters},
             "environments": [f"VE{j}" for j in range(environments)],
-            "words": {"user": ["user", "users"]},
+            "words": {name: [name, f"{name}s"] for name in ("environment", "subject", "user")},
         },
         "provenance": {
             "scene": {"inference": {"family": "lognormal"}, "model": model},

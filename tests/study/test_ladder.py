@@ -14,6 +14,8 @@ from tests.study.checked import study_of, table_of
 
 REFERENCE = {"pooling": "none", "prior": "reference"}
 
+WORDS = {"user": "user", "users": "users", "environments": "environments"}
+
 
 def ladder_of(study: Study) -> Ladder:
     ladder = study.ladder
@@ -179,7 +181,7 @@ def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame
     ],
 )  # fmt: skip
 def test_a_difference_in_words(effects: pd.DataFrame, repeats: bool, text: str) -> None:
-    assert sentence(effects, IMPEDANCE, repeats=repeats) == text
+    assert sentence(effects, IMPEDANCE, WORDS, repeats=repeats) == text
 
 
 def test_intervals_apart_do_not_overlap(fitted: Study) -> None:

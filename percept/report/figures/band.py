@@ -32,6 +32,7 @@ from percept.report.select import (
     first,
     kind_names,
     matching,
+    words_of,
 )
 from percept.results import Band, BandLaw, BandRow, Results
 from percept.sessions.quantities import Quantity
@@ -118,7 +119,9 @@ def _band_drawing(results: Results, band: Band, parameter: str | None) -> Drawin
     if parameter is None:
         name = "band"
         title = "Band against impedance"
-        said = f"|Z_e| against the environment’s own impedance at {band.omega or 0.0:g} rad/s"
+        environment = words_of(results).environment
+        omega = band.omega or 0.0
+        said = f"|Z_e| against the {environment}’s own impedance at {omega:g} rad/s"
     else:
         quantity = quantities[parameter]
         name = f"band_{parameter}"

@@ -32,6 +32,7 @@ from percept.report.select import (
     first,
     kind_names,
     matching,
+    words_of,
 )
 from percept.results import Boundary, Results
 
@@ -41,7 +42,11 @@ FloatArray = NDArray[np.float64]
 #: Boundaries by environment.
 _Panels = Mapping[str, Sequence[Boundary]]
 
-_WHOM = {"mean": "the average user", "user": "the next user", "share": "a share of all users"}
+_WHOM = {
+    "mean": "the average {0.user}",
+    "user": "the next {0.user}",
+    "share": "a share of all {0.users}",
+}
 #: The next user's boundary decides what feels real.
 _SHOWN_FIRST = ("user", "mean", "share")
 #: Shapes that both methods have, the exact one first.
@@ -64,7 +69,7 @@ def boundary_drawings(results: Results) -> list[Drawing]:
     drawn = {name: every[name] for name in chosen(list(every))}
     kinds = {boundary.kind for boundary in results.boundaries}
     kind = next(kind for kind in _SHOWN_FIRST if kind in kinds)
-    left_out = choice_said(list(every))
+    left_out = choice_said(list(every), words_of(results).environments)
     drawings = [_magnitudes(results, drawn, kind), _ratios(results, drawn)]
     drawings = [replace(one, description=one.description + left_out) for one in drawings]
     close = _by_environment(matching(results.close, kind=kind))
@@ -99,7 +104,7 @@ def _magnitudes(results: Results, boundaries: _Panels, kind: str) -> Drawing:
 
     return Drawing(
         name="boundaries",
-        title=f"Boundaries of |Z_h| for {_WHOM[kind]}",
+        title=f"Boundaries of |Z_h| for {_WHOM[kind].format(words_of(results))}",
         description=_said(results, boundaries, kind),
         size=_panel_size(boundaries, columns),
         draw=draw,
@@ -121,7 +126,7 @@ def _close_views(results: Results, boundaries: _Panels, kind: str) -> Drawing:
 
     return Drawing(
         name="boundaries_close",
-        title=f"Boundaries of |Z_h| for {_WHOM[kind]}, close views",
+        title=f"Boundaries of |Z_h| for {_WHOM[kind].format(words_of(results))}, close views",
         description=_said(results, boundaries, kind),
         size=_panel_size(boundaries, columns),
         draw=draw,
@@ -166,7 +171,8 @@ def _said(results: Results, boundaries: _Panels, kind: str) -> str:
         limits += like_limits(of_environment, kind, families_of(results))
     shape = limits[0].label.partition(", ")[2]
     said = (
-        f"What {_WHOM[kind]} takes for the reference lies between the limits ({shape})."
+        f"What {_WHOM[kind].format(words_of(results))} takes for the reference lies between the"
+        f" limits ({shape})."
         " Dashed: the reference."
     )
     if _any_coupled(boundaries):

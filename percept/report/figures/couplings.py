@@ -23,7 +23,7 @@ from percept.report.figures.canvas import (
     row_labels,
 )
 from percept.report.figures.curves import draw_stability
-from percept.report.select import METHOD_NAMES, METHODS, choice_said, chosen, first
+from percept.report.select import METHOD_NAMES, METHODS, choice_said, chosen, first, words_of
 from percept.results import AdmissibleCouplings, Coupling, Results
 
 __all__ = ["CouplingMarks", "design_drawings", "draw_design", "map_ends", "stability_drawings"]
@@ -188,7 +188,7 @@ def design_drawings(results: Results) -> list[Drawing]:
         legend(max(axes, key=lambda ax: len(ax.get_legend_handles_labels()[0])), ncols=3)
 
     said = (
-        "Shaded: stable with this device, and inside the next user’s boundary"
+        f"Shaded: stable with this device, and inside the next {words_of(results).user}’s boundary"
         f" ({METHOD_NAMES[best.method]}, {design.family}), by |Z_h| and by effective"
         " stiffness and damping, at every ω, to 0.1 %."
     )
@@ -201,7 +201,7 @@ def design_drawings(results: Results) -> list[Drawing]:
         Drawing(
             name="design",
             title="Couplings that qualify, by stiffness and damping of the coupling",
-            description=said + choice_said(names),
+            description=said + choice_said(names, words_of(results).environments),
             size=(WIDE, _LEGEND_HEIGHT + _PANEL_HEIGHT * rows),
             draw=draw,
         )

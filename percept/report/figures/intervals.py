@@ -32,6 +32,7 @@ from percept.report.select import (
     KINDS,
     METHOD_NAMES,
     METHODS,
+    Words,
     choice_said,
     chosen,
     compared_by_difference,
@@ -40,6 +41,7 @@ from percept.report.select import (
     first,
     kind_names,
     matching,
+    words_of,
 )
 from percept.results import CellValues, IntervalRow, Results
 from percept.sessions.quantities import Quantity
@@ -54,9 +56,9 @@ FloatArray = NDArray[np.float64]
 #: Points, by what an interval covers: the narrower the interval, the thicker its bar.
 _THICKNESS = {"mean": 3.2, "user": 1.6, "share": 0.7}
 _BARS_SAID = {
-    "mean": "Thick: the average user, with a mark at the estimate",
-    "user": "thin: the next user",
-    "share": "thinnest: a share of users",
+    "mean": "Thick: the average {0.user}, with a mark at the estimate",
+    "user": "thin: the next {0.user}",
+    "share": "thinnest: a share of {0.users}",
 }
 # In rows, which stand one unit apart: bars share the upper part, subjects' ticks lie below them.
 _TOP_OF_BARS = 0.38
@@ -320,6 +322,7 @@ def _interval_drawing(results: Results, parameter: str, bars: Sequence[Bar]) -> 
     relative = parameter not in compared_by_difference(rows)
     axis = BarAxis(relative, log=families[0] == "lognormal")
     quantity = results.data.quantities[parameter]
+    words = words_of(results)
 
     def draw(figure: Figure) -> None:
         labels = row_labels(environments, most=_MOST_MARGIN)
@@ -338,9 +341,9 @@ def _interval_drawing(results: Results, parameter: str, bars: Sequence[Bar]) -> 
     groups = len({(bar.kind, bar.method) for bar in bars})
     return Drawing(
         name=f"overview_{parameter}",
-        title=f"What users set, {'divided by' if relative else 'less'} the reference",
-        description=_caption(rows, bars, axis, families, ticks=any(len(of) for of in values))
-        + choice_said(names),
+        title=f"What {words.users} set, {'divided by' if relative else 'less'} the reference",
+        description=_caption(rows, bars, axis, families, words, ticks=any(len(of) for of in values))
+        + choice_said(names, words.environments),
         size=(_WIDTH, _HEIGHT + (_ROW_HEIGHT + _BAR_HEIGHT * groups) * len(environments)),
         draw=draw,
     )
@@ -351,16 +354,17 @@ def _caption(
     bars: Sequence[Bar],
     axis: BarAxis,
     families: Sequence[str],
+    words: Words,
     *,
     ticks: bool,
 ) -> str:
     """Say what bars, ticks and arrows stand for."""
-    kinds = [said for kind, said in _BARS_SAID.items() if matching(bars, kind=kind)]
+    kinds = [said.format(words) for kind, said in _BARS_SAID.items() if matching(bars, kind=kind)]
     sentences = [f"{'; '.join(kinds)}; dashed: the reference"]
     if len(distinct(bars, "method")) == len(METHODS):
         sentences.append("Each classical bar stands above the Bayesian one")
     if ticks:
-        sentences.append("Ticks: the subjects")
+        sentences.append(f"Ticks: the {words.subjects}")
     classical = matching(rows, method="classical")
     families_drawn = set()
     for name in distinct(classical, "environment"):
