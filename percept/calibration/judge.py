@@ -307,7 +307,7 @@ def _as_sessions(table: pd.DataFrame, scene: Scene, parameters: tuple[str, ...])
             if unit:
                 columns[name] = {"name": name, "unit": unit}
     options = ReadOptions(quantities=scene.quantities, columns=columns)
-    return Sessions.from_frame(table.drop(columns="source"), options=options)
+    return Sessions.from_frame(table.drop(columns="source"), scene=options)
 
 
 def claim_of_cell(parameter: str, environment: str) -> str:

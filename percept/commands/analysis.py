@@ -124,14 +124,14 @@ def open_study(
     if (checks := getattr(arguments, "checks", None)) is not None:
         scene = scene.with_tables(checks={} if checks else None)
     try:
-        sessions = read_sessions(*arguments.sessions, options=options.with_groups(groups))
+        sessions = read_sessions(*arguments.sessions, scene=options.with_groups(groups))
     except UsageError as error:
         # Row 1 is the header: of cells no mapping makes anything else.
         if error.row != 1:
             raise
         scene = _with_mapping(arguments, scene, options, error)
         options = ReadOptions.of(scene)
-        sessions = read_sessions(*arguments.sessions, options=options.with_groups(groups))
+        sessions = read_sessions(*arguments.sessions, scene=options.with_groups(groups))
     if not arguments.quiet:
         notices = (*sessions.warnings, *sessions.notices)
         for text in notices[:_NOTICES]:

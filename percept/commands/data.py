@@ -58,7 +58,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
 
     _, options = read_scene(arguments)
     with Working("simulating", shown=True):
-        published = read_sessions(arguments.like, options=options)
+        published = read_sessions(arguments.like, scene=options)
         table = simulate_like(published, seed=arguments.seed, subjects=arguments.subjects)
         path = write_sessions(table, arguments.out)
     print(path)

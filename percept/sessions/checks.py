@@ -117,7 +117,7 @@ class Duplicates:
         count = len(self.rows)
         first = table.iloc[self.rows[0]]
         names = ", ".join(f"{column} {shown([str(first[column])])}" for column in IDS)
-        text = f"{names}, trial {first['trial']} stands already in {self.first_stands_in}."
+        text = f"{names}, trial {first['trial']} is already in {self.first_stands_in}."
         if count > 1 or not self.numbered:
             what = "trial" if self.numbered else "environment, and no column numbers their trials"
             share = f"{count:,} of {len(table):,} rows ({count / len(table):.1%})"

@@ -71,7 +71,6 @@ def reduce_sessions(
     family: _Family = "lognormal",
     scene: DataTables | None = None,
     columns: Mapping[str, Any] | None = None,
-    options: ReadOptions | None = None,
 ) -> Reduced:
     """Read files of any size in bounded memory, with the checks of :func:`read_sessions`.
 
@@ -82,7 +81,7 @@ def reduce_sessions(
         per trial.
     family : {"lognormal", "normal"}, optional
         Scale of the responses.
-    scene, columns, options
+    scene, columns
         As for :func:`read_sessions`.
 
     Returns
@@ -99,7 +98,7 @@ def reduce_sessions(
     """
     if family not in ("lognormal", "normal"):
         raise UsageError('family is "lognormal" or "normal".', value=family)
-    reading = Reading((options or ReadOptions.of(scene)).with_columns(columns))
+    reading = Reading(ReadOptions.of(scene).with_columns(columns))
     cells = _Cells(reading, family)
     with closing(reading.tables(paths)) as tables:
         for table in tables:

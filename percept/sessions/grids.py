@@ -323,7 +323,7 @@ def _find_dialect(
     if fits:
         names = " and ".join(_DELIMITERS[dialect.delimiter] for dialect, _ in fits)
         hint = 'Declare [sessions] delimiter = ";" (or the one that is right).'
-        raise UsageError(f"the lines can be split by {names} alike.", file=file, hint=hint)
+        raise UsageError(f"{names} can each split the lines.", file=file, hint=hint)
     if misfits:
         raise max(misfits, key=lambda misfit: misfit[:2])[2]
     message = "this is not a table: no comma, semicolon, tab or bar separates its columns."
@@ -401,7 +401,7 @@ def _refuse_lone_returns(
     closing = [lines[end - 1] for end in ends]
     alone = [end for end, line in zip(ends, closing, strict=True) if line.endswith("\r")]
     if alone and any(line.endswith("\n") for line in closing):
-        message = "a carriage return stands alone in a file whose lines end otherwise."
+        message = "a line ends in a lone carriage return, and other lines do not."
         raise UsageError(message, file=file, row=first_row + alone[0] - 1, hint=_QUOTES)
 
 

@@ -59,23 +59,24 @@ _PLAIN = {
 }
 
 
-def said(error: ValidationError, *, file: str | None = None) -> UsageError:
-    """Say the first thing that is wrong with the keys of a table, unknown ones before all else, and where."""
+def said(error: ValidationError) -> UsageError:
+    """Say the first thing that is wrong with the keys of a table, unknown ones before all else."""
     problems = error.errors(include_url=False)
-    # A misspelt key is missing too; its own name says more.
-    first = min(
-        problems, key=lambda one: not isinstance(one.get("ctx", {}).get("error"), UsageError)
-    )
-    context, path = first.get("ctx", {}), ".".join(map(str, first["loc"]))
-    if isinstance(cause := context.get("error"), UsageError):
-        cause.file, cause.key = file, ".".join(filter(None, (path, cause.key)))
-        return cause
+    for problem in problems:
+        # A misspelt key is missing too; its own name says more.
+        cause = problem.get("ctx", {}).get("error")
+        if isinstance(cause, UsageError):
+            keys = [*map(str, problem["loc"]), cause.key]
+            cause.key = ".".join(key for key in keys if key)
+            return cause
+    first = problems[0]
     message = first["msg"].removeprefix("Value error, ")
     if first["type"] in _PLAIN:
-        message = _PLAIN[first["type"]].format(**context)
-    value = None if isinstance(first["input"], dict) else first["input"]
+        message = _PLAIN[first["type"]].format(**first.get("ctx", {}))
     message = f"{message[:1].lower()}{message[1:]}".removesuffix(".")
-    return UsageError(f"{message}.", file=file, key=path or None, value=value)
+    path = ".".join(str(key) for key in first["loc"])
+    value = None if isinstance(first["input"], dict) else first["input"]
+    return UsageError(f"{message}.", key=path or None, value=value)
 
 
 def _listed(value: Any) -> Any:
@@ -352,11 +353,11 @@ class ReadOptions(DataTables):
             lacking.append("columns")
         if scene.environments and scene.environments != self.environments:
             lacking.append("environments")
+        # Commands keep further groups.
         groups = self.sessions.groups
-        if scene.sessions != SessionsTable() and (
-            scene.sessions.model_copy(update={"groups": groups}) != self.sessions
-            or not set(scene.sessions.groups) <= set(groups)
-        ):
+        same = scene.sessions.model_copy(update={"groups": groups}) == self.sessions
+        kept = set(scene.sessions.groups) <= set(groups)
+        if scene.sessions != SessionsTable() and not (same and kept):
             lacking.append("sessions")
         if lacking:
             tables = " and ".join(f"[{name}]" for name in lacking)
@@ -382,20 +383,16 @@ class ReadOptions(DataTables):
         return [name for name in names if name in columns and name not in self.split]
 
     @classmethod
-    def from_mapping(cls, tables: Mapping[str, Any], *, file: str | None = None) -> ReadOptions:
+    def from_mapping(cls, tables: Mapping[str, Any]) -> ReadOptions:
         """Build from a scene's tables on data, `study.factor` and `inference.family`.
 
         Raises
         ------
         UsageError
-            An unknown key, or a value of the wrong kind, naming `file`, table and key.
+            An unknown key, or a value of the wrong kind, naming table and key.
         """
         own = {name: tables[name] for name in DataTables.model_fields if name in tables}
         factor = dict(tables.get("study", {})).get("factor")
         family = dict(tables.get("inference", {})).get("family", "lognormal")
-        try:
-            options = cls(**own, family=family)
-        except UsageError as error:
-            error.file = file
-            raise
+        options = cls(**own, family=family)
         return options.with_groups([factor]) if factor else options

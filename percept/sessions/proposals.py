@@ -233,7 +233,7 @@ def _read_under(text: str, paths: Sequence[str | Path], options: ReadOptions) ->
     changed = {"columns": columns, "sessions": sessions}
     if "quantities" in tables:
         changed["quantities"] = tables["quantities"]
-    return read_sessions(*paths, options=ReadOptions(**dict(options) | changed))
+    return read_sessions(*paths, scene=ReadOptions(**dict(options) | changed))
 
 
 def _refuted(mapping: _Mapping, rows: int, error: UsageError) -> str | None:

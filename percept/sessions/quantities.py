@@ -36,6 +36,8 @@ _IMPEDANCE = {
     "b": {"label": "damping", "unit": "N·s/m"},
 }
 _SAME = {"N·s/m": frozenset({"N*s/m", "Ns/m", "N s/m"})}
+#: Signs in units, and what the parser of units takes.
+_SIGNS = {"·": "*", " ": "*", "²": "**2", "³": "**3", "%": "percent", "°": "degree"}
 # A plain product or quotient of names; an expression such as 10**10**10 is never handed to a
 # parser.
 _UNIT = re.compile(r"[A-Za-zµ°%]+[²³]?(?:[·*/ ][A-Za-zµ°%]+[²³]?){0,4}")
@@ -59,8 +61,9 @@ class Table(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, given: Any) -> Any:
-        for key, value in given.items() if isinstance(given, Mapping) else ():
-            known_key(tuple(cls.model_fields), str(key), str(key), value)
+        if isinstance(given, Mapping):
+            for key, value in given.items():
+                known_key(tuple(cls.model_fields), str(key), str(key), value)
         return given
 
 
@@ -92,7 +95,8 @@ class Quantity(Table):
     @model_validator(mode="before")
     @classmethod
     def _with_defaults(cls, given: Any) -> Any:
-        if not isinstance(given, Mapping) or not isinstance(name := given.get("name"), str):
+        name = given.get("name") if isinstance(given, Mapping) else None
+        if not isinstance(name, str):
             return given
         usual = {"label": name.replace("_", " "), "symbol": name, "unit": ""}
         return usual | _IMPEDANCE.get(name, {}) | dict(given)
@@ -144,10 +148,13 @@ def with_mass(quantities: Quantities) -> Quantities:
 
 def numbers_of(quantities: Iterable[str]) -> tuple[str, ...]:
     """Name the columns of numbers: references, then adjustments."""
-    names = tuple(quantities)
+    names = list(quantities)
+    columns = [f"{name}_ref" for name in names]
     # A third quantity leaves k and b an impedance.
-    mass = (MASS,) if IMPEDANCE.keys() <= set(names) else ()
-    return (*(f"{name}_ref" for name in names), *mass, *(f"{name}_adj" for name in names))
+    if IMPEDANCE.keys() <= set(names):
+        columns.append(MASS)
+    columns += [f"{name}_adj" for name in names]
+    return tuple(columns)
 
 
 def quantity_of(column: str) -> str:
@@ -157,8 +164,10 @@ def quantity_of(column: str) -> str:
 
 def trial_columns(quantities: Iterable[str]) -> tuple[str, ...]:
     """Name the columns of a table of trials, in order."""
-    names = tuple(quantities)
-    return (*IDS, *(f"{name}_ref" for name in names), "trial", *(f"{name}_adj" for name in names))
+    names = list(quantities)
+    references = [f"{name}_ref" for name in names]
+    adjustments = [f"{name}_adj" for name in names]
+    return (*IDS, *references, "trial", *adjustments)
 
 
 @lru_cache
@@ -170,7 +179,8 @@ def factor(unit: str | None, quantity: Quantity) -> Fraction:
 
     try:
         units = _quantity(1, quantity.unit).units
-        one, two = (Fraction(_quantity(n, unit).to(units).magnitude) for n in (1, 2))
+        one = Fraction(_quantity(1, unit).to(units).magnitude)
+        two = Fraction(_quantity(2, unit).to(units).magnitude)
         if two != 2 * one:
             raise ValueError("a unit with an offset")
         return one
@@ -183,8 +193,9 @@ def factor(unit: str | None, quantity: Quantity) -> Fraction:
 def _quantity(number: int, unit: str) -> Any:
     if unit and not _UNIT.fullmatch(unit):
         raise ValueError(unit)
-    text = re.sub(r"\bNs\b", "N*s", unit).replace("·", "*").replace(" ", "*").replace("²", "**2")
-    text = text.replace("³", "**3").replace("%", "percent").replace("°", "degree")
+    text = re.sub(r"\bNs\b", "N*s", unit)
+    for sign, plain in _SIGNS.items():
+        text = text.replace(sign, plain)
     return _registry().Quantity(Fraction(number), text or "dimensionless")
 
 

@@ -83,13 +83,12 @@ class Sessions:
         frame: pd.DataFrame,
         *,
         scene: DataTables | None = None,
-        options: ReadOptions | None = None,
     ) -> Sessions:
         """Build from a DataFrame as :func:`read_sessions` does from a file, its header being row 1."""
         if not isinstance(frame, pd.DataFrame):
             hint = "read_sessions reads files."
             raise UsageError(f"a DataFrame is needed, not {type(frame).__name__}.", hint=hint)
-        reading = Reading(options or ReadOptions.of(scene))
+        reading = Reading(ReadOptions.of(scene))
         return _merged(reading, reading.frame(frame))
 
     @property
@@ -182,7 +181,6 @@ def read_sessions(
     *paths: str | Path | pd.DataFrame,
     scene: DataTables | None = None,
     columns: Mapping[str, Any] | None = None,
-    options: ReadOptions | None = None,
 ) -> Sessions:
     """Read session files, or a DataFrame, into one checked table.
 
@@ -191,14 +189,12 @@ def read_sessions(
     *paths : str, Path or DataFrame
         Files, folders or glob patterns; CSV in any dialect, gz and zip archives of them, Parquet
         and Excel. Or one DataFrame, with the columns of a session file.
-    scene : Scene, optional
-        Its [quantities], [columns], [sessions], [environments] and [study] factor say how the files
-        are read. Give the same scene to :class:`~percept.Study`.
+    scene : Scene or ReadOptions, optional
+        Its [quantities], [columns], [sessions], [environments], [files] and [study] factor say how
+        the files are read. Give the same scene to :class:`~percept.Study`.
     columns : mapping, optional
         From canonical name (subject, session, environment, trial, k_ref, b_ref, k_adj, b_adj) to
         the files' own column name or a table {name, unit, path}. It goes before the scene's.
-    options : ReadOptions, optional
-        How to read them, in place of a scene.
 
     Returns
     -------
@@ -212,13 +208,13 @@ def read_sessions(
         What cannot be read as it stands, each problem with file, row, column, value and what to do;
         a :class:`~percept.sessions.ReadError` lists up to ten and holds them all.
     """
-    options = (options or ReadOptions.of(scene)).with_columns(columns)
+    options = ReadOptions.of(scene).with_columns(columns)
     files: list[str | Path] = []
     for path in paths:
         if not isinstance(path, pd.DataFrame):
             files.append(path)
         elif len(paths) == 1:
-            return Sessions.from_frame(path, options=options)
+            return Sessions.from_frame(path, scene=options)
         else:
             hint = "Put all rows into one: pandas.concat."
             raise UsageError("a DataFrame is read alone.", hint=hint)
@@ -299,7 +295,7 @@ def _checked_trials(
 def refuse_gaps(sessions: Sessions, column: str) -> None:
     """Refuse a column that does not put every row of trials into a group."""
     if sessions.form == "summary":
-        message = "published limits hold no subjects to divide."
+        message = "published limits have no subjects to divide."
         raise UsageError(message, column=column, hint="Give sessions, or two studies.")
     table = sessions.table
     if column not in table:
@@ -312,7 +308,7 @@ def refuse_gaps(sessions: Sessions, column: str) -> None:
     blank = table[column].astype(str).str.strip() == ""
     if blank.any():
         file, row = sessions.locate(int(table.index[blank][0]))
-        message = f"{counted(int(blank.sum()), 'row')} without a value, of no group."
+        message = f"{counted(int(blank.sum()), 'row')} without a value."
         hint = "Fill them in, or leave such rows out with [sessions] exclude."
         raise UsageError(message, file=file, row=row, column=column, hint=hint)
     if table[column].nunique() < 2:

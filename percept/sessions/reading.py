@@ -131,13 +131,13 @@ class Reading:
             self.notices.append(Notice(f"left out: {error.message}", error.file))
         if not any(len(frame) for frame in frames):
             rows = ", ".join(f"{number} {reason}" for reason, number in self.counts.items())
-            message = "no row holds an adjustment."
+            message = "no row has an adjustment."
             raise UsageError(message, file=self.sources[0].name, hint=f"Rows: {rows}.")
         present = {name for frame in frames if len(frame) for name in frame["environment"].unique()}
         for name in self.options.environments:
             if name not in present:
                 self.notices.append(
-                    Notice("[environments] names it, and no row has it", column=name)
+                    Notice("[environments] names it, but no row has it", column=name)
                 )
 
     def places(self, table: pd.DataFrame) -> Places:

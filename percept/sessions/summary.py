@@ -55,13 +55,13 @@ class SummaryTable(FileTable):
         for column in ("environment", *self._numbers()):
             if column not in self._columns:
                 there = shown(self.file.header.names)
-                message = f"a summary needs the column {column}; the columns are {there}."
+                message = f"a published table needs the column {column}; the columns are {there}."
                 hint = "Add it, or name it in the scene's [columns]."
                 raise UsageError(message, file=self.name, row=1, column=column, hint=hint)
         if self.declared_units:
-            quantities = self.file.options.quantities.values()
+            quantities = self.quantities.values()
             units = " and ".join(quantity.unit for quantity in quantities)
-            message = f"units of a summary are {units}."
+            message = f"a published table is in {units}."
             raise UsageError(message, file=self.name, key="columns", hint="Convert the table.")
 
     def _frame(self, grid: Grid) -> pd.DataFrame:
@@ -79,17 +79,18 @@ class SummaryTable(FileTable):
         self, texts: dict[str, list[str]], rows: npt.NDArray[np.int64]
     ) -> dict[str, npt.NDArray[np.float64]]:
         """Convert columns of numbers, which have no empty cell."""
-        problems = self.file.problems
         mark = self.file.options.sessions.decimal
         if mark is None:
-            mark = decimal_mark(list(texts.items()), rows, file=self.name, problems=problems)
+            mark = decimal_mark(list(texts.items()), rows, file=self.name, problems=self.problems)
         converted = {}
         for name, cells in texts.items():
-            converted[name] = parse_numbers(cells, rows, mark, problems, self._place(name))
+            converted[name] = parse_numbers(cells, rows, mark, self.problems, self._place(name))
             empty = [is_missing(cell) for cell in cells]
             for row in rows[empty].tolist():
                 place = self._place(name, row)
-                problems.add("a summary leaves no cell empty.", hint="Fill it in.", **place)
+                self.problems.add(
+                    "a published table has no empty cells.", hint="Fill it in.", **place
+                )
         return converted
 
     def _with_limits(self, frame: pd.DataFrame) -> pd.DataFrame:
@@ -100,7 +101,7 @@ class SummaryTable(FileTable):
         for row, value in zip(frame["row"][sd < 0], sd[sd < 0], strict=True):
             place = self._place("sd", int(row))
             problem = "a standard deviation is not negative."
-            self.file.problems.add(problem, value=float(value), hint="Correct it.", **place)
+            self.problems.add(problem, value=float(value), hint="Correct it.", **place)
         n = frame["n"]
         level = frame["level"]
         # Impossible n and levels are told by the checks of the whole study.

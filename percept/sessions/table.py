@@ -58,6 +58,8 @@ class FileTable(ABC):
     def __init__(self, file: OpenFile, found: Resolution) -> None:
         self.name = file.name
         self.file = file
+        self.quantities = file.options.quantities
+        self.problems = file.problems
         self.found = found
         self.counts: Counter[str] = Counter()
         self.exclusions: list[Exclusion] = []

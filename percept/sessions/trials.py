@@ -56,7 +56,7 @@ class TrialTable(FileTable):
 
     def _own_columns(self) -> dict[str, int]:
         """Find the file's other columns that are read."""
-        canonical = canonical_columns(self.file.options.quantities)
+        canonical = canonical_columns(self.quantities)
         rules = [rule for rule in self._selection.exclude if rule.column not in canonical]
         texts = [*self._groups, *self._selection.only]
         texts += [rule.column for rule in rules if rule.equals]
@@ -107,7 +107,7 @@ class TrialTable(FileTable):
             if rule.path is not None:
                 picked = self._picks(data[canonical], canonical, rule.path)
                 data = data.assign(**{canonical: picked})
-        adjusted = [f"{p}_adj" for p in self.file.options.quantities if p in self.parameters]
+        adjusted = [f"{p}_adj" for p in self.quantities if p in self.parameters]
         blank = np.logical_and.reduce([_missing(data[column]) for column in adjusted])
         data = self._exclude(data, blank, "no adjustment", of_trials=True)
         self._check_ids(data)
@@ -197,7 +197,7 @@ class TrialTable(FileTable):
                     " only."
                 )
                 place = self._place(canonical, row)
-                self.file.problems.add(f"{error}.", value=cell, hint=hint, **place)
+                self.problems.add(f"{error}.", value=cell, hint=hint, **place)
             if value is None:
                 self._lacking.setdefault(canonical, cell)
             elif not values.is_missing(cell):
@@ -210,7 +210,7 @@ class TrialTable(FileTable):
         for canonical, cell in self._lacking.items():
             if canonical in self._picked:
                 continue
-            self.file.problems.add(
+            self.problems.add(
                 "no row has this path.",
                 key=f"columns.{canonical}.path",
                 value=self._rules[canonical].path,
@@ -232,24 +232,23 @@ class TrialTable(FileTable):
             for row in data.index[missing]:
                 hint = "Fill it in, or leave such rows out with [sessions] only or exclude."
                 place = self._place(column, row)
-                self.file.problems.add(f"an adjustment without {column}.", hint=hint, **place)
+                self.problems.add(f"an adjustment has no {column}.", hint=hint, **place)
 
     def _converted(self, data: pd.DataFrame) -> pd.DataFrame:
         """Convert columns of numbers to doubles in percept's units, by the file's one decimal mark."""
-        problems = self.file.problems
         names = [name for name in data if name in self._number_columns or name == "trial"]
         texts = {name: data[name].tolist() for name in names if data[name].dtype != np.float64}
         rows = data.index.to_numpy()
         if self._mark is None and texts:
             columns = [(self._place(name)["column"], cells) for name, cells in texts.items()]
-            self._mark = values.decimal_mark(columns, rows, file=self.name, problems=problems)
+            self._mark = values.decimal_mark(columns, rows, file=self.name, problems=self.problems)
         numbers: dict[str, npt.NDArray[Any]] = {}
         for name, cells in texts.items():
             place = self._place(name)
             numbers[name] = values.parse_numbers(
-                cells, rows, self._mark, problems, place, correct=_CORRECT
+                cells, rows, self._mark, self.problems, place, correct=_CORRECT
             )
-        quantities = with_mass(self.file.options.quantities)
+        quantities = with_mass(self.quantities)
         for name in names:
             rule = self._rules.get(name)
             if name == "trial" or rule is None or (rule.unit is None and not rule.offset):
@@ -267,8 +266,8 @@ class TrialTable(FileTable):
         """Numbers of trials; those that are not whole are problems."""
         whole = (np.abs(trials) < _WHOLE) & (trials == np.round(trials))
         for position in np.flatnonzero(~whole & ~np.isnan(trials)).tolist():
-            self.file.problems.add(
-                "a trial's number must be whole.",
+            self.problems.add(
+                "a trial number must be whole.",
                 value=float(trials[position]),
                 hint="Number the trials 1, 2, 3 …",
                 **self._place("trial", rows[position]),

@@ -48,7 +48,7 @@ def typed_rows(
     except UsageError:
         raise
     except ImportError:
-        message = f"such a file needs {package}."
+        message = f"this file needs {package}."
         hint = f"Install it: pip install {package}."
         raise UsageError(message, file=file, hint=hint) from None
     # What the XML reader meets escapes: KeyError, zlib.error and others.
@@ -84,7 +84,7 @@ def _sheet_rows(
     book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
     name = book.sheetnames[0] if sheet is None else sheet
     if name not in book.sheetnames:
-        message = f"no such sheet; there are {', '.join(book.sheetnames)}."
+        message = f"there is no such sheet; the sheets are {', '.join(book.sheetnames)}."
         raise UsageError(message, file=file, value=sheet)
     page = book[name]
     # The size that a sheet states may be wrong.

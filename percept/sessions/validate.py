@@ -70,7 +70,7 @@ def validate(*paths: str | Path, options: ReadOptions | None = None) -> Validati
     Validation
     """
     try:
-        sessions = read_sessions(*paths, options=options)
+        sessions = read_sessions(*paths, scene=options)
     except ReadError as error:
         return Validation(
             exit_code=error.exit_code, problems=error.problems, problems_total=error.total

@@ -189,7 +189,7 @@ def pick(cell: str, path: str) -> str | None:
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     record = dict(pairs)
     if len(record) < len(pairs):
-        raise CellError("a key stands twice in the record")
+        raise CellError("the record has a key twice")
     return record
 
 

@@ -42,7 +42,7 @@ def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path):
     message = table.set_index("study")["message"]
     assert message[studies[2]].startswith(f"{studies[2]}:2, column 'k_adj', value 'much'")
     assert table.set_index("study")["lower"].isna()[studies[2]]
-    assert "no row holds an adjustment" in message[studies[4]]
+    assert "no row has an adjustment" in message[studies[4]]
     assert "there is no such file" in message[studies[6]]
     assert [finished for finished, _ in told] == list(range(1, 8))
     assert told[-1] == (7, 3)

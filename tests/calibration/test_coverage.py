@@ -241,7 +241,7 @@ def durations(**changes: object) -> Study:
     )
     rows["duration_adj"] = rows["duration_ref"] * np.exp(rng.normal(-0.1, 0.2, len(rows)))
     scene = Scene(quantities={"duration": {"unit": "ms"}}, inference=changes)
-    return Study(Sessions.from_frame(rows, options=ReadOptions(quantities=scene.quantities)), scene)
+    return Study(Sessions.from_frame(rows, scene=ReadOptions(quantities=scene.quantities)), scene)
 
 
 def test_a_single_quantity_is_simulated_as_two_are() -> None:

@@ -61,7 +61,7 @@ def hostile(tmp_path_factory):
         name: {"label": attack("label"), "symbol": attack("symbol")} for name in ("k", "b")
     }
     scene = Scene(**tables)
-    study = Study(read_sessions(file, options=ReadOptions.from_mapping(dict(scene))), scene)
+    study = Study(read_sessions(file, scene=ReadOptions.from_mapping(dict(scene))), scene)
     return study.report(folder / "out", date="2026-01-01").parent
 
 

@@ -189,7 +189,7 @@ def _one(
 ) -> None:
     start = time.process_time()
     try:
-        sessions = read_sessions(path, options=options)
+        sessions = read_sessions(path, scene=options)
     except PerceptError as error:
         outcome.refused[" ".join(error.message.split()[:4])] += 1
         wrong = None

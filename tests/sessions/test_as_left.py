@@ -23,7 +23,7 @@ HEAD = "subject,environment,k_ref,k_adj\n"
 def read(tmp_path, text, name="f.csv", **tables):
     path = tmp_path / name
     path.write_text(text)
-    return read_sessions(path, options=ReadOptions.from_mapping(tables))
+    return read_sessions(path, scene=ReadOptions.from_mapping(tables))
 
 
 def refusal(tmp_path, text, **tables):
@@ -38,7 +38,7 @@ def test_trials_are_numbered_by_their_order_where_the_scene_says_so(tmp_path):
     text = HEAD.replace("\n", ",trial\n") + "\n".join(rows) + "\n"
     found = read(tmp_path, text, sessions={"trial": "order"})
     assert found.table["trial"].tolist() == [1, 1, 1, 2, 3]
-    reduced = reduce_sessions(tmp_path / "f.csv", options=ReadOptions(sessions={"trial": "order"}))
+    reduced = reduce_sessions(tmp_path / "f.csv", scene=ReadOptions(sessions={"trial": "order"}))
     assert reduced.cells["n"].tolist() == [3, 1, 1]
     assert "columns not used: 'trial'" in [notice.text for notice in found.notices]
 
@@ -46,7 +46,7 @@ def test_trials_are_numbered_by_their_order_where_the_scene_says_so(tmp_path):
 def test_numbering_by_order_goes_over_files(tmp_path):
     (tmp_path / "a.csv").write_text(HEAD + "1,x,10,11\n2,x,10,14\n")
     (tmp_path / "b.csv").write_text(HEAD + "1,x,10,12\n2,x,10,13\n")
-    found = read_sessions(tmp_path, options=ReadOptions(sessions={"trial": "order"}))
+    found = read_sessions(tmp_path, scene=ReadOptions(sessions={"trial": "order"}))
     assert found.table["trial"].tolist() == [1, 1, 2, 2]
 
 
@@ -69,7 +69,7 @@ def test_people_whose_numbers_restart_are_told_apart(tmp_path):
     assert set(found.environments) == {"x-1", "x-2", "y-1", "y-2"}
     assert not any("not used" in notice.text for notice in found.notices)
     assert reduce_sessions(
-        tmp_path / "f.csv", options=ReadOptions(columns=columns)
+        tmp_path / "f.csv", scene=ReadOptions(columns=columns)
     ).cells["subject"].nunique() == 4  # fmt: skip
 
 
@@ -77,7 +77,7 @@ def test_an_id_without_one_of_its_parts_is_missing(tmp_path):
     text = "experiment,participant,environment,k_ref,k_adj\n1,1,a,10,11\n,1,a,10,12\n"
     error = refusal(tmp_path, text, columns={"subject": ["experiment", "participant"]})
     assert (error.row, error.column) == (3, "experiment")
-    assert "an adjustment without subject." in str(error)
+    assert "an adjustment has no subject." in str(error)
 
 
 def test_ids_that_join_to_one_text_are_refused(tmp_path):
@@ -192,7 +192,7 @@ def test_many_duplicates_are_one_problem_and_few_are_named(tmp_path):
     head = HEAD.replace("\n", ",trial\n")
     few = refusal(tmp_path, head + "1,a,10,11,1\n2,a,10,11,1\n2,a,10,11,1\n")
     assert [p.row for p in few.problems] == [4]
-    assert "subject '2', session '1', environment 'a', trial 1 stands already in" in few.message
+    assert "subject '2', session '1', environment 'a', trial 1 is already in" in few.message
     many = refusal(tmp_path, head + "1,a,10,11,1\n" * 8 + "2,a,10,11,1\n")
     assert many.total == 1
     assert many.message.startswith("7 of 9 rows (77.8%) repeat a subject, session and trial.")
@@ -261,7 +261,7 @@ def test_unnamed_columns_are_named_by_their_position(tmp_path):
     assert found.table["trial"].tolist() == [1, 2, 3]
     frame = pd.read_csv(tmp_path / "f.csv", dtype=str).rename(columns={"Unnamed: 0": ""})
     assert Sessions.from_frame(
-        frame, options=ReadOptions(columns={"trial": "column 1"})
+        frame, scene=ReadOptions(columns={"trial": "column 1"})
     ).table["trial"].tolist() == [1, 2, 3]  # fmt: skip
     error = refusal(tmp_path, text)
     assert "no column numbers their trials" in error.message
@@ -320,16 +320,16 @@ def test_files_of_a_folder_are_chosen_by_patterns(tmp_path):
     (folder(tmp_path) / "practice.csv").write_text(HEAD + "9,a,10,19\n")
     tables = {"include": ["*_trials.csv"], "exclude": ["s2*"]}
     options = ReadOptions.from_mapping({"sessions": {"files": tables}})
-    found = read_sessions(tmp_path, options=options)
+    found = read_sessions(tmp_path, scene=options)
     assert found.subjects == ("1", "3")
     # A file that is named is read, whatever the patterns say.
-    assert read_sessions(tmp_path / "practice.csv", options=options).subjects == ("9",)
+    assert read_sessions(tmp_path / "practice.csv", scene=options).subjects == ("9",)
     with zipfile.ZipFile(tmp_path / "all.zip", "w") as archive:
         for name in ("practice.csv", "s1_trials.csv"):
             archive.write(tmp_path / name, name)
-    assert read_sessions(tmp_path / "all.zip", options=options).subjects == ("1",)
+    assert read_sessions(tmp_path / "all.zip", scene=options).subjects == ("1",)
     with pytest.raises(UsageError) as caught:
-        read_sessions(tmp_path, options=ReadOptions(sessions={"files": {"include": ["*.dat"]}}))
+        read_sessions(tmp_path, scene=ReadOptions(sessions={"files": {"include": ["*.dat"]}}))
     assert "no file in the folders fits include and exclude." in str(caught.value)
 
 

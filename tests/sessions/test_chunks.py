@@ -46,7 +46,7 @@ def whole(monkeypatch, file, options=None):
     with monkeypatch.context() as patch:
         patch.setattr(files, "BLOCK", 1 << 30)
         patch.setattr(grids, "_HEAD", 1 << 30)
-        return read_sessions(file, options=options)
+        return read_sessions(file, scene=options)
 
 
 def edited(kind):
@@ -116,11 +116,11 @@ def test_blocks_give_what_the_careful_path_gives(tmp_path, monkeypatch, kind, ne
         (6, "inf", "not a finite number"),
         (6, "1_5", "not a number"),
         (5, "1.5", "must be whole"),
-        (5, "", "an adjustment without trial"),
-        (0, " ", "an adjustment without subject"),
+        (5, "", "an adjustment has no trial"),
+        (0, " ", "an adjustment has no subject"),
         (7, "x,y", "9 cells where the header has 8"),
         (3, "16.0", "has the reference 15.0"),
-        (5, "1", "stands already"),
+        (5, "1", "is already"),
     ],
 )
 def test_blocks_refuse_what_the_careful_path_refuses(tmp_path, monkeypatch, cell, value, message):
@@ -160,7 +160,7 @@ def test_european_files_units_and_file_names(tmp_path, monkeypatch):
         "columns": {c: {"name": c, "unit": "N/mm"} for c in ("k_ref", "k_adj")},
     }
     options = ReadOptions.from_mapping(tables)
-    got = read_sessions(file, options=options)
+    got = read_sessions(file, scene=options)
     pd.testing.assert_frame_equal(
         got.table, whole(monkeypatch, file, options).table, check_exact=True
     )
@@ -224,7 +224,7 @@ def test_small_and_large_files_reduce_together(tmp_path, monkeypatch):
     ("cell", "value", "error", "message"),
     [
         (6, "-1.5", RefusalError, "no response in the family 'lognormal'"),
-        (5, "1", UsageError, "trial 1 stands already in "),
+        (5, "1", UsageError, "trial 1 is already in "),
         (5, "-1", UsageError, "trial numbers are negative or too large"),
         (5, str(2**40), UsageError, "trial numbers are negative or too large"),
         (3, "16.0", UsageError, " in an earlier row."),
@@ -246,7 +246,7 @@ def test_a_trial_that_stands_twice_far_apart_is_found(tmp_path):
     records = rows()
     again = [*records[3][:6], "15.5", "0.7"]
     with pytest.raises(
-        UsageError, match=r"environment 'VE0', trial 3 stands already in an earlier row\."
+        UsageError, match=r"environment 'VE0', trial 3 is already in an earlier row\."
     ) as caught:
         reduce_sessions(write(tmp_path / "f.csv", [*records, again]))
     assert caught.value.row == len(records) + 2
@@ -323,13 +323,13 @@ def test_what_the_reader_checks_over_a_study(tmp_path, monkeypatch, kind, severa
         records = [[*r[:4], "", *r[5:7], ""] if r[2] == "VE1" else r for r in records]
     paths = one_file_each(tmp_path, records) if several else [write(tmp_path / "all.csv", records)]
     options = ReadOptions.from_mapping(tables)
-    assert told(reduce_sessions, *paths, options=options) == told(
-        read_sessions, *paths, options=options
+    assert told(reduce_sessions, *paths, scene=options) == told(
+        read_sessions, *paths, scene=options
     )
     if kind in ("one far off", "one parameter"):
         sessions, reduced = (
-            read_sessions(*paths, options=options),
-            reduce_sessions(*paths, options=options),
+            read_sessions(*paths, scene=options),
+            reduce_sessions(*paths, scene=options),
         )
         table = sessions.table[sessions.table[["k_adj", "b_adj"]].notna().all(axis=1)]
         counted = table.groupby(["subject", "environment"], sort=False).size().reset_index(name="n")

@@ -27,7 +27,7 @@ def written(folder, name, trials=None):
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_dialect_reads_to_the_same_table(tmp_path, name):
     trials, options = written(tmp_path, name)
-    sessions = read_sessions(tmp_path, options=options)
+    sessions = read_sessions(tmp_path, scene=options)
     pd.testing.assert_frame_equal(
         sessions.table, Sessions.from_frame(frame(trials)).table, check_exact=True
     )
@@ -39,7 +39,7 @@ def test_a_dialect_reads_to_the_same_table(tmp_path, name):
 @pytest.mark.parametrize("name", ["plain", "psychopy appended", "gorilla", "excel csv", "wide"])
 def test_rows_are_physical_lines(tmp_path, name):
     trials, options = written(tmp_path, name)
-    sessions = read_sessions(tmp_path, options=options)
+    sessions = read_sessions(tmp_path, scene=options)
     data = next(iter(WRITERS[name].write(trials).values()))
     lines = data.decode("cp1252" if name == "excel csv" else "utf-8").split("\n")
     for at, trial in enumerate(trials):
@@ -79,11 +79,11 @@ def test_folders_and_patterns_name_what_they_leave_out(tmp_path):
     _, options = written(tmp_path, "folder")
     (tmp_path / "run.log").write_text("x")
     (tmp_path / ".hidden.csv").write_text("x")
-    folder = read_sessions(tmp_path, options=options)
-    pattern = read_sessions(tmp_path / "sub-*.csv", options=options)
-    twice = read_sessions(tmp_path, tmp_path / "sub-*.csv", options=options)
+    folder = read_sessions(tmp_path, scene=options)
+    pattern = read_sessions(tmp_path / "sub-*.csv", scene=options)
+    twice = read_sessions(tmp_path, tmp_path / "sub-*.csv", scene=options)
     (tmp_path / "sub-folder.csv").mkdir()
-    assert read_sessions(tmp_path / "sub-*.csv", options=options).table.equals(pattern.table)
+    assert read_sessions(tmp_path / "sub-*.csv", scene=options).table.equals(pattern.table)
     assert folder.table.equals(pattern.table)
     assert folder.table.equals(twice.table)
     again = "a file that is named more than once is read once"
@@ -92,19 +92,19 @@ def test_folders_and_patterns_name_what_they_leave_out(tmp_path):
 
 def test_results_in_a_folder_of_sessions_are_left_out(tmp_path):
     _, options = written(tmp_path, "folder")
-    alone = read_sessions(tmp_path, options=options)
+    alone = read_sessions(tmp_path, scene=options)
     for name, listing in (("report", "report.sha256"), ("old/fit", "fit.sha256")):
         (tmp_path / name / "tables").mkdir(parents=True)
         (tmp_path / name / "tables" / "band.csv").write_text("environment,band\nVE1,2\n")
         (tmp_path / name / listing).write_text("")
-    again = read_sessions(tmp_path, options=options)
+    again = read_sessions(tmp_path, scene=options)
     assert again.table.equals(alone.table)
     named = [
         notice.file for notice in again.notices if notice.text == "a folder of results is not read"
     ]
     assert named == [str(tmp_path / "old" / "fit"), str(tmp_path / "report")]
     with pytest.raises(UsageError, match=r"band\.csv: the name does not fit the pattern"):
-        read_sessions(tmp_path / "report", options=options)
+        read_sessions(tmp_path / "report", scene=options)
 
 
 def test_excel_and_parquet(tmp_path):
@@ -120,8 +120,8 @@ def test_excel_and_parquet(tmp_path):
         sessions = read_sessions(tmp_path / name)
         pd.testing.assert_frame_equal(sessions.table, want, check_exact=True)
         assert any("'k adj' is taken as k_adj" in notice.text for notice in sessions.notices)
-    with pytest.raises(UsageError, match=r"no such sheet; there are Sheet1"):
-        read_sessions(tmp_path / "t.xlsx", options=ReadOptions(sessions={"sheet": "Data"}))
+    with pytest.raises(UsageError, match=r"there is no such sheet; the sheets are Sheet1"):
+        read_sessions(tmp_path / "t.xlsx", scene=ReadOptions(sessions={"sheet": "Data"}))
 
 
 REFUSED = {
@@ -169,7 +169,7 @@ REFUSED = {
     ),
     "two dialects": (
         b"subject,x;environment,k_ref;k_adj,z\n1,2;3,4;5,6\n",
-        "split by comma and semicolon alike",
+        "comma and semicolon can each split the lines",
     ),
 }
 

@@ -94,7 +94,7 @@ def test_delimited(tmp_path_factory, trials, delimiter, mark, encoding, newline,
         else ReadOptions()
     )
     try:
-        sessions = read_sessions(file, options=options)
+        sessions = read_sessions(file, scene=options)
     except UsageError:
         return
     same(sessions, trials)
@@ -121,7 +121,7 @@ def test_tools(tmp_path_factory, name, trials):
     except (UnicodeEncodeError, OSError, ValueError):
         return
     try:
-        sessions = read_sessions(folder, options=writer.options)
+        sessions = read_sessions(folder, scene=writer.options)
     except UsageError:
         return
     if name in ("folder", "opensesame", "wide"):
@@ -162,4 +162,4 @@ def test_simple_ids_are_accepted_in_every_common_dialect(tmp_path_factory, trial
         (data,) = writer.write(kept).values()
         file = folder / f"{name}.csv"
         file.write_bytes(data)
-        same(read_sessions(file, options=writer.options), kept)
+        same(read_sessions(file, scene=writer.options), kept)

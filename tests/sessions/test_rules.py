@@ -23,7 +23,7 @@ def read(tmp_path, text, tables=None, name="f.csv", **kwargs):
     file = tmp_path / name
     file.write_bytes(text.encode() if isinstance(text, str) else text)
     options = None if tables is None else ReadOptions.from_mapping(tables)
-    return read_sessions(file, options=options, **kwargs)
+    return read_sessions(file, scene=options, **kwargs)
 
 
 def refusal(tmp_path, text, tables=None, **kwargs):
@@ -220,7 +220,7 @@ def test_numbers_and_letters_that_look_alike_are_said_with_their_rows(tmp_path):
 
 def test_duplicates_name_both_rows(tmp_path):
     error = refusal(tmp_path, HEAD + "1,a,10,1,1,11,1\n2,a,10,1,1,11,1\n1,a,10,1,1,12,1\n")
-    assert "stands already in" in str(error)
+    assert "is already in" in str(error)
     assert "f.csv:2" in error.message
     assert error.row == 4
     assert 'keep = "last"' in str(error)
@@ -265,12 +265,8 @@ def test_units_are_declared_converted_and_checked(tmp_path):
     sessions = read(tmp_path, rows, {"columns": both})
     assert any("their units seem to differ" in notice.text for notice in sessions.notices)
     with pytest.raises(UsageError) as caught:
-        ReadOptions.from_mapping(
-            {"columns": {"b_ref": {"name": "b", "unit": "N/m"}}}, file="scene.toml"
-        )
-    assert str(caught.value).startswith(
-        "scene.toml, columns.b_ref.unit = 'N/m': not a unit of damping."
-    )
+        ReadOptions.from_mapping({"columns": {"b_ref": {"name": "b", "unit": "N/m"}}})
+    assert str(caught.value).startswith("columns.b_ref.unit = 'N/m': not a unit of damping.")
     for unit in ("kg", "furlong", "10**10**10", "N/m; import os", ""):
         with pytest.raises(UsageError, match="not a unit of stiffness"):
             factor(unit, IMPEDANCE["k"])
@@ -453,7 +449,7 @@ def test_paths_into_cells(tmp_path):
     dotted = {"columns": {"k_adj": "value.s.0"}}
     assert read(tmp_path, head + '1,a,10,"{""s"": [8]}"\n', dotted).table["k_adj"].tolist() == [8.0]
     for cell, message in (
-        ('"{""s"": 1, ""s"": 2}"', "a key stands twice"),
+        ('"{""s"": 1, ""s"": 2}"', "has a key twice"),
         ('"{""s"": []}"', "there is no '-1' in it"),
         ('"{""s"": [true]}"', "leads to a record, a list or true/false"),
         ("__import__('os')", "not a JSON record or list"),
@@ -541,7 +537,7 @@ def test_limits_judge_the_last_event_and_texts_every_event(tmp_path):
 
 def test_events_reduce_only_when_declared(tmp_path):
     rows = "1,a,10,1,1,5,\n1,a,10,1,1,9,2\n1,a,10,1,1,11,\n1,a,10,1,2,8,3\n"
-    assert "stands already" in str(refusal(tmp_path, HEAD + rows))
+    assert "is already" in str(refusal(tmp_path, HEAD + rows))
     sessions = read(tmp_path, HEAD + rows, {"sessions": {"keep": "last"}})
     assert sessions.table[["k_adj", "b_adj"]].to_numpy().tolist() == [[11.0, 2.0], [8.0, 3.0]]
     assert sessions.counts["earlier event of a trial"] == 2
@@ -590,7 +586,7 @@ def test_exclusions_of_all_files_are_logged(tmp_path):
     for name in "AB":
         (tmp_path / f"{name}.csv").write_text(HEAD + f"{name},V,10,1,1,9,1\n{name},V,10,1,2,1,1\n")
     options = ReadOptions.from_mapping({"sessions": {"exclude": [{"column": "k_adj", "below": 5}]}})
-    sessions = read_sessions(tmp_path / "A.csv", tmp_path / "B.csv", options=options)
+    sessions = read_sessions(tmp_path / "A.csv", tmp_path / "B.csv", scene=options)
     assert [(entry.who, entry.row) for entry in sessions.exclusions] == [("A", 3), ("B", 3)]
 
 
@@ -615,7 +611,7 @@ def test_repeats_are_missing_where_there_are_some_and_cells_empty_where_there_ar
         ({"only": {"task": "match"}}, "there is no column 'task'."),
         (
             {"only": {"subject": "2"}},
-            "no row holds an adjustment. Rows: 1 rows read, 1 subject is not 2",
+            "no row has an adjustment. Rows: 1 rows read, 1 subject is not 2",
         ),
         ({"encoding": "klingon"}, "unknown encoding"),
         ({"encoding": "ascii"}, "is not text in ascii"),
@@ -629,10 +625,10 @@ def test_rules_that_do_not_fit_the_file(tmp_path, sessions, message):
 def test_rows_without_ids_are_problems(tmp_path):
     error = refusal(tmp_path, HEAD + ",a,10,1,1,11,1\n1, ,10,1,,11,1\n1,b,10,1,1.5,11,1\n")
     assert [(p.row, p.message) for p in error.problems] == [
-        (2, "an adjustment without subject."),
-        (3, "an adjustment without environment."),
-        (3, "an adjustment without trial."),
-        (4, "a trial's number must be whole."),
+        (2, "an adjustment has no subject."),
+        (3, "an adjustment has no environment."),
+        (3, "an adjustment has no trial."),
+        (4, "a trial number must be whole."),
     ]
 
 
@@ -657,7 +653,7 @@ def test_a_published_summary(tmp_path):
         ("VE1,k,10,11,19,10,99", "level", "value 99.0: must lie between 0 and 1"),
         ("VE1,k,10,11,19,10,99%", "level", "a percentage, not a number. Write it as a fraction"),
         ("VE1,k,10,11,19,ten,0.99", "n", "not a number. Correct the cell."),
-        ("VE1,k,10,,19,10,0.99", "lower", "leaves no cell empty"),
+        ("VE1,k,10,,19,10,0.99", "lower", "has no empty cells"),
         (" ,k,10,11,19,10,0.99", "environment", "is empty"),
         ("VE1,k,10,11,19,10,0.99\nVE1,k,10,11,19,10,0.99", "environment", "a second row"),
     ],
@@ -709,7 +705,7 @@ def test_limits_go_before_a_mean_and_sd(tmp_path):
         notice.text for notice in found.notices
     ]
     error = refusal(tmp_path, head.replace(",level", "") + "VE1,k,15,15,4,11,19,10\n")
-    assert "a summary needs the column level" in error.message
+    assert "a published table needs the column level" in error.message
 
 
 def test_limits_far_from_every_reference_are_in_another_unit(tmp_path):
@@ -856,6 +852,6 @@ def test_an_environment_that_no_row_names_is_noticed(tmp_path):
     options = ReadOptions.from_mapping(
         {"environments": {"A": {"k_ref": 10.0}, "B": {"k_ref": 20.0}}}
     )
-    notices = [str(notice) for notice in read_sessions(tmp_path / "t.csv", options=options).notices]
-    assert "B: [environments] names it, and no row has it" in notices
+    notices = [str(notice) for notice in read_sessions(tmp_path / "t.csv", scene=options).notices]
+    assert "B: [environments] names it, but no row has it" in notices
     assert not any(notice.startswith("A:") for notice in notices)

@@ -115,9 +115,9 @@ def test_units_of_a_summary(tmp_path):
     )
     options = ReadOptions.from_mapping({"columns": {"mean": {"name": "mean", "unit": "N/mm"}}})
     with pytest.raises(
-        UsageError, match=r"units of a summary are N/m and N·s/m\. Convert the table"
+        UsageError, match=r"a published table is in N/m and N·s/m\. Convert the table"
     ):
-        read_sessions(tmp_path / "t.csv", options=options)
+        read_sessions(tmp_path / "t.csv", scene=options)
 
 
 def test_one_missing_column_is_said_once(tmp_path):

@@ -128,8 +128,8 @@ def test_a_proposed_map_reads_the_file_it_was_made_from(tmp_path, name):
     file.write_bytes(next(iter(writer.write(example()).values())))
     proposed = tomllib.loads(propose_columns(file).text)
     options = ReadOptions.from_mapping({**proposed, "sessions": writer.tables.get("sessions", {})})
-    assert read_sessions(file, options=options).table.equals(
-        read_sessions(file, options=writer.options).table
+    assert read_sessions(file, scene=options).table.equals(
+        read_sessions(file, scene=writer.options).table
     )
 
 

@@ -23,7 +23,7 @@ CLEAN = [f"{s},{e},{k},{b},{k * (1 + s / 10)},{b * (1 - s / 20)}" for s in (1, 2
 def warnings_of(tmp_path, rows, options=None):
     path = tmp_path / "s.csv"
     path.write_text("\n".join([HEADER, *rows]) + "\n")
-    found = read_sessions(path, options=options).warnings
+    found = read_sessions(path, scene=options).warnings
     return [str(warning).removeprefix(f"{tmp_path}/") for warning in found]
 
 
@@ -189,23 +189,23 @@ def test_many_equal_extremes_are_the_limit_of_the_control(tmp_path):
     options = ReadOptions(
         sessions={"exclude": [{"column": "k_adj", "above": 159.0, "why": "limit of the control"}]}
     )
-    assert read_sessions(path, options=options).counts["excluded: limit of the control"] == 6
+    assert read_sessions(path, scene=options).counts["excluded: limit of the control"] == 6
 
 
 def test_groups_are_not_pooled_in_silence(tmp_path):
     path = tmp_path / "s.csv"
     rows = [f"{row},{'left' if row[0] < '3' else 'right'}" for row in CLEAN]
     path.write_text("\n".join([HEADER + ",hand", *rows]) + "\n")
-    (said,) = read_sessions(path, options=ReadOptions(sessions={"groups": ["hand"]})).warnings
+    (said,) = read_sessions(path, scene=ReadOptions(sessions={"groups": ["hand"]})).warnings
     assert (
         str(said)
         == "hand: 2 groups ('left' 2 subjects, 'right' 2 subjects) are pooled: every interval is of"
         ' all groups together. "percept compare FILE --by hand" compares them.'
     )
-    assert read_sessions(path, options=ReadOptions().with_groups(["hand"])).warnings == ()
+    assert read_sessions(path, scene=ReadOptions().with_groups(["hand"])).warnings == ()
     rows = [f"{row},{t},{hand}" for row in CLEAN for t, hand in enumerate(("left", "right"), 1)]
     path.write_text("\n".join([HEADER + ",trial,hand", *rows]) + "\n")
-    (said,) = read_sessions(path, options=ReadOptions(sessions={"groups": ["hand"]})).warnings
+    (said,) = read_sessions(path, scene=ReadOptions(sessions={"groups": ["hand"]})).warnings
     assert "a subject's trials of every group count as repeats of one another." in said.text
     assert '[study] factor = "hand" contrasts them.' in said.text
 

@@ -98,7 +98,7 @@ def test_measured_offsets_have_scipys_limits_and_a_page_of_their_own_words() -> 
     """Zero, negative and missing settings of a study that nobody here made."""
     scene = Scene.load(DATASETS / "illusions.toml").with_inference(method="classical")
     options = ReadOptions.from_mapping(dict(scene))
-    study = Study(read_sessions(DATASETS / "illusions.csv", options=options), scene)
+    study = Study(read_sessions(DATASETS / "illusions.csv", scene=options), scene)
     table = pd.read_csv(DATASETS / "illusions.csv").set_index("Part_ID")
     assert table.loc[20, "FD"] == 0.0
     assert study.environments == ("FLE", "Froh", "FD", "FG", "MIPS", "TG", "FJ")

@@ -184,7 +184,7 @@ def test_the_limits_of_any_quantity_are_met() -> None:
         ("short", "duration", 400, 350, 470, 8, 0.95),
         ("long", "duration", 900, 700, 880, 8, 0.95),
     ]
-    table = Sessions.from_frame(pd.DataFrame(rows, columns=COLUMNS), options=options)
+    table = Sessions.from_frame(pd.DataFrame(rows, columns=COLUMNS), scene=options)
     made = simulate_like(table, seed=1)
     for environment, _, _, lower, upper, n, level in rows:
         values = made.loc[made["environment"] == environment, "duration_adj"]

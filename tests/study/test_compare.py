@@ -54,15 +54,13 @@ def test_limits_of_a_difference_are_welch_s_and_those_of_a_ratio_of_spreads_fish
 def test_published_limits_and_blank_groups_are_not_divided():
     table = read_sessions(DATASETS / "hbfd_table1.csv")
     with pytest.raises(
-        UsageError, match="column 'environment': published limits hold no subjects to divide"
+        UsageError, match="column 'environment': published limits have no subjects to divide"
     ):
         split_by(table, "environment")
     frame = sessions("A").table.assign(hand=["L", "R", "L", "", "R"])
     options = ReadOptions.from_mapping({"sessions": {"groups": ["hand"]}})
-    whole = Sessions.from_frame(frame, options=options)
-    with pytest.raises(
-        UsageError, match=r"<frame>:5, column 'hand': 1 row without a value, of no group"
-    ):
+    whole = Sessions.from_frame(frame, scene=options)
+    with pytest.raises(UsageError, match=r"<frame>:5, column 'hand': 1 row without a value"):
         split_by(whole, "hand")
     # Of a part of the table the labels are those of the whole.
     some = dataclasses.replace(whole, table=whole.table.iloc[2:])

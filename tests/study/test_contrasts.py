@@ -180,7 +180,7 @@ def test_each_level_of_a_reference_is_a_cell_of_its_own():
 def test_a_trial_may_have_its_number_at_every_level():
     with pytest.raises(ReadError, match="repeat a subject, session"):
         Sessions.from_frame(frame())
-    with pytest.raises(ReadError, match="stands already in"):
+    with pytest.raises(ReadError, match="is already in"):
         study(frame().iloc[[0, *range(24)]])
 
 
@@ -210,7 +210,7 @@ def test_what_has_no_contrast_is_named():
     ("change", "message"),
     [
         ({"hand": "left"}, "all rows have one value"),
-        ({"hand": ["left", ""] * 48}, "48 rows without a value, of no group"),
+        ({"hand": ["left", ""] * 48}, "48 rows without a value"),
     ],
 )
 def test_columns_that_are_no_factor_are_refused(change, message):
@@ -225,7 +225,7 @@ def test_factors_that_cannot_be_told_apart_are_refused():
             Scene(study={"factor": "foot"}),
         )
     table = read_sessions(DATASETS / "hbfd_table1.csv")
-    with pytest.raises(UsageError, match="published limits hold no subjects"):
+    with pytest.raises(UsageError, match="published limits have no subjects"):
         by_level(table, "hand")
     names = {"VE1": "A", "VE2": "A (b)", "VE3": "C"}
     mixed = frame(levels=("b) (c", "c")).replace({"environment": names})
@@ -237,14 +237,14 @@ def test_factors_that_cannot_be_told_apart_are_refused():
 
 def test_groups_share_subjects_at_references_they_share():
     options = ReadOptions().with_groups(["hand"])
-    assert within_subjects(Sessions.from_frame(frame(), options=options), "hand")
+    assert within_subjects(Sessions.from_frame(frame(), scene=options), "hand")
     apart = frame().query("(environment == 'VE1') == (hand == 'left')")
     with pytest.raises(
         RefusalError, match=r"8 subjects .* no environment was adjusted in two groups"
     ):
-        within_subjects(Sessions.from_frame(apart, options=options), "hand")
+        within_subjects(Sessions.from_frame(apart, scene=options), "hand")
     different = frame().query("(subject < 'S4') == (hand == 'left')")
-    assert not within_subjects(Sessions.from_frame(different, options=options), "hand")
+    assert not within_subjects(Sessions.from_frame(different, scene=options), "hand")
 
 
 def test_users_are_called_what_the_study_calls_its_subjects():

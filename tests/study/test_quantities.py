@@ -31,7 +31,7 @@ def frame(references=(400.0, 600.0, 900.0, 1400.0), subjects=6):
 
 def study_of(table, tables):
     scene = Scene(**tables)
-    return Study(Sessions.from_frame(table, options=ReadOptions.from_mapping(dict(scene))), scene)
+    return Study(Sessions.from_frame(table, scene=ReadOptions.from_mapping(dict(scene))), scene)
 
 
 def test_classical_numbers_are_scipys_in_the_unit_declared():

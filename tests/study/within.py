@@ -28,4 +28,4 @@ def study(table, family="lognormal", **tables):
     """Classical analysis of a table with the factor "hand"."""
     inference = {"method": "classical", "level": 0.95, "family": family}
     scene = Scene(**{"study": {"factor": "hand"}, "inference": inference, **tables})
-    return Study(Sessions.from_frame(table, options=ReadOptions.from_mapping(dict(scene))), scene)
+    return Study(Sessions.from_frame(table, scene=ReadOptions.from_mapping(dict(scene))), scene)
