@@ -1,4 +1,4 @@
-"""Many studies on whatever workers there are: one set of rows each, resumable, a bad one never fatal."""
+"""Many studies on any workers: one set of rows each; resumable, a bad one never fatal."""
 
 from __future__ import annotations
 
@@ -91,12 +91,12 @@ def sources(
     UsageError
         There is no path, or nothing fits a pattern.
     """
-    found = dict.fromkeys(study for path in paths for study in _studies(path))
-    if not found:
+    studies = dict.fromkeys(study for path in paths for study in _studies(path))
+    if not studies:
         raise UsageError(
             "no study was given.", hint="Name session files or folders, one per study."
         )
-    return [StudySource(path, scene or Scene(), changes or {}) for path in found]
+    return [StudySource(path, scene or Scene(), changes or {}) for path in studies]
 
 
 def _studies(path: str) -> list[str]:
@@ -168,7 +168,9 @@ def run_batch(
     table_format: TableFormat = "csv",
     progress: Callable[[Summary], None] | None = None,
 ) -> Summary:
-    """Analyse the studies that a folder has no rows of; rows depend on the studies, not on the workers.
+    """Analyse the studies that a folder has no rows of.
+
+    Rows depend on the studies, not on the workers.
 
     Parameters
     ----------
@@ -219,7 +221,7 @@ class _Batch:
     keys: list[str] = field(default_factory=list)  # Of the studies, in their order
 
     def unfinished(self) -> Iterator[Job]:
-        """Read one study after the other; those that cannot be read or are finished need no worker."""
+        """Read one study after the other; unreadable and finished ones need no worker."""
         for source in self.studies:
             try:
                 key = source.key()

@@ -19,8 +19,9 @@ from percept.files import exclusive, whole_file, write_whole
 
 __all__ = ["COLUMNS", "BatchFolder", "Kept", "Outcome", "Status", "TableFormat", "encode", "failed"]
 
-#: A study is "done" or "refused" by the reader or the analysis. It is "withheld" where the gate failed:
-#: classical rows only. "failed" is the machine's or an unreadable file's fault, and a later run tries again.
+#: A study is "done", or "refused" by the reader or the analysis. Where the gate failed it is
+#: "withheld" and has classical rows only. "failed" is the fault of the machine or of an unreadable
+#: file, and a later run tries again.
 Status = Literal["done", "withheld", "refused", "failed"]
 TableFormat = Literal["csv", "parquet"]
 
@@ -141,7 +142,7 @@ class BatchFolder:
         write_whole(path, (seal + outcome.text).encode())
 
     def combine(self, keys: Sequence[str], table_format: TableFormat) -> Path:
-        """Write the rows of saved studies into one table, in their order, a few in memory at a time."""
+        """Write the rows of saved studies into one table, in the order of the keys."""
         target = self.table(table_format)
         with whole_file(target) as aside:
             if table_format == "csv":

@@ -227,7 +227,7 @@ class PosteriorCache:
         return self.folder / f"{digest(numbers_version('inference'), *asked)}{_SUFFIX}"
 
     def _evict(self) -> None:
-        """Remove what is not used for longest: never the newest, which is no larger than the cache."""
+        """Remove what is unused for longest; the newest stays: it is no larger than the cache."""
         entries = self.entries()
         total = sum(entries.values())
         for path, size in entries.items():
@@ -237,7 +237,7 @@ class PosteriorCache:
 
 
 def _mark_used(path: Path) -> None:
-    """Set the time of a file by the clock: the kernel's own stamps may lag behind each other by a tick."""
+    """Set the time of a file by the clock: the kernel's stamps may lag behind each other."""
     now = time.time_ns()
     os.utime(path, ns=(now, now))  # a `touch` would make what is gone
 

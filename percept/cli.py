@@ -17,7 +17,7 @@ from percept.errors import PerceptError, UsageError, did_you_mean, printable
 
 __all__ = ["COMMANDS", "GROUPS", "build_parser", "main"]
 
-#: Commands by what they are for, each with its module of `percept.commands` and its line in the help.
+#: Commands by what they are for, each with its module of `percept.commands` and a line of help.
 GROUPS = {
     "analyse": {
         "report": ("fit", "analyse sessions and write the report"),

@@ -1,8 +1,8 @@
-"""Many arguments on one process or many: the same results whoever works on them, a bad one never fatal.
+"""Many arguments on one process or many: the same results, and a bad argument is never fatal.
 
 The worker processes need nothing but the standard library. Its `concurrent.futures` gives up all
-workers when one dies. Here each process has a pipe of its own, so that a death costs the argument it
-worked on, and no other.
+workers when one dies. Here each process has a pipe of its own, so that a death concerns only the
+argument it worked on.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ def processes(workers: int | None = None) -> Iterator[Mapper]:
     Parameters
     ----------
     workers : int, optional
-        The most processes, one per core by default. One is the process that asks. Others are started
-        when there is work for them, and kept for the next call.
+        The most processes, one per core by default. One is the process that asks. Others are
+        started when there is work for them, and kept for the next call.
 
     Yields
     ------

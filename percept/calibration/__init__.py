@@ -1,1 +1,1 @@
-"""Calibration: the real coverage of intervals and boundaries, by simulating studies and refitting them."""
+"""Calibration: what intervals and boundaries really cover, by simulating studies and refitting."""

@@ -1,4 +1,4 @@
-"""Which method to use for the next user, by how often each was right in studies simulated like this one."""
+"""Which method to use for the next user: how often each was right in simulated studies."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def own_values(study: Study, fitted: TrueValues) -> TrueValues:
 
 
 def advice_plans(study: Study) -> tuple[CoveragePlan, CoveragePlan]:
-    """Plan studies of this design with users of the fitted model, and with normal users without pooling.
+    """Plan studies of this design with users of the fitted model, and with normal users.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def recommend(
     command: str,
     studies: dict[str, int] = STUDIES,
 ) -> list[str]:
-    """Say which interval of the next user to use, or what theory says and the command that would tell.
+    """Say which interval of the next user to use, or the command that would tell.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ class _Judgement:
 def _sentences(
     table: pd.DataFrame, intervals: pd.DataFrame, quantities: Quantities
 ) -> Iterator[str]:
-    """Recommend one method for each interval that both methods were judged for under both truths."""
+    """Recommend a method for each interval that was judged by both, under both truths."""
     user = intervals[(intervals["kind"] == "user") & (intervals["joint"] == "marginal")]
     for key, cell in user.groupby(["environment", "parameter"], sort=False):
         environment, parameter = map(str, key)

@@ -137,7 +137,7 @@ def true_values(record: Line) -> TrueValues:
 
 
 def kept_values(study: Study, folder: Path) -> TrueValues:
-    """Take the fitted values that an interrupted run left in a folder, or fit them and leave them there.
+    """Take the fitted values that an interrupted run left in a folder, or leave new ones there.
 
     Studies are kept by their truth: another fit's Monte Carlo error would make it another plan.
 
@@ -277,9 +277,9 @@ def averaged(plan: CoveragePlan, judged: Sequence[Sequence[Claim]]) -> pd.DataFr
     Returns
     -------
     DataFrame
-        A row per claim. `stated` is the level, or the confidence for kind share; `held` the mean
-        fraction that was true; `error` its standard error; `studies` how many it rests on. One withheld
-        or refused counts among all studies.
+        A row per claim. `stated` is the level, or the confidence for kind share. `held` is the mean
+        fraction that was true, `error` its standard error, `studies` how many it rests on.
+        "withheld" and "refused" count among all studies.
     """
     truths: dict[Labels, list[float]] = {}
     for claims in judged:
@@ -307,9 +307,10 @@ def averaged(plan: CoveragePlan, judged: Sequence[Sequence[Claim]]) -> pd.DataFr
 
 
 def standard_error(held: NDArray[np.float64]) -> float:
-    """Return the standard error of a mean; of studies that all agree, as of one half more and one half less.
+    """Return the standard error of a mean.
 
-    Six studies of six that hold do not make a coverage certain.
+    Six studies of six that hold do not make a coverage certain: studies that all agree count as
+    with half a study more for and half a study more against.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(64)
 
 
 class Labels(NamedTuple):
-    """What tells the claims of one study apart: what is claimed, and of which interval or boundary."""
+    """What tells the claims of a study apart: what is claimed, of which interval or boundary."""
 
     claim: str
     kind: str = ""
@@ -245,8 +245,8 @@ def judge_study(plan: CoveragePlan, index: int) -> list[Claim]:
     Returns
     -------
     list of Claim
-        One per kind of claim, averaged over environments and parameters; "withheld" or "refused" first
-        where the Bayesian method gives nothing.
+        One per kind of claim, averaged over environments and parameters. "withheld" or "refused"
+        comes first where the Bayesian method gives nothing.
     """
     rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(index,)))
     study, populations = _simulated(plan, rng)
@@ -267,7 +267,7 @@ def judge_study(plan: CoveragePlan, index: int) -> list[Claim]:
 
 
 def _bayesian_loss(study: Study) -> str:
-    """Say whether a study's Bayesian intervals are "refused" or "withheld"; nothing where they are given."""
+    """Say whether Bayesian intervals are "refused" or "withheld"; nothing where they are given."""
     try:
         fit = study.fit
     except RefusalError:
@@ -299,7 +299,7 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, dic
 
 
 def _as_sessions(table: pd.DataFrame, scene: Scene, parameters: tuple[str, ...]) -> Sessions:
-    """Read simulated trials with declared units: a median far from its reference is no slip of units."""
+    """Read trials with declared units: a median far from its reference is no slip of units."""
     columns = {}
     for parameter in parameters:
         unit = scene.quantities[parameter].unit
@@ -362,7 +362,7 @@ def interval_truth(interval: Any, population: Population) -> float:
 def _boundary_claims(
     study: Study, populations: dict[str, Population], rng: np.random.Generator
 ) -> Iterator[Claim]:
-    """Judge each boundary, at single frequencies and throughout, by the curves of users it is about."""
+    """Judge each boundary by the curves of its users, at single frequencies and throughout."""
     device = study.parts.device
     table = study.scene.device
     assert table is not None

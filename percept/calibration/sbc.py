@@ -69,8 +69,8 @@ class SbcPlan:
 
     design: str  # One of `SBC_DESIGNS`
     seed: int = 1  # Of the whole
-    # Independent posterior draws a true value is ranked among: one less than a multiple of the bins,
-    # so that each bin holds equally many ranks.
+    # Independent posterior draws that a true value is ranked among. One less than a multiple of the
+    # bins gives each bin equally many ranks.
     draws: int = 199
     bins: int = 20  # Equal bins that the ranks are counted in
     tolerance: float = 0.2  # Of the sampler, on the limits of kinds mean and user
@@ -149,8 +149,8 @@ def place_study(
     Returns
     -------
     Line
-        `values`, a probability per quantity. There are none where there is a `reason`: what the gate
-        said, or the refusal.
+        `values`, a probability per quantity. There are none where there is a `reason`: that of the
+        gate, or of the refusal.
     """
     design = SBC_DESIGNS[plan.design]
     priors = _PRIORS.get(plan.design, Priors())

@@ -1,4 +1,4 @@
-"""Studies of a plan by their numbers: each worked on once, its result kept line by line in a file."""
+"""Studies of a plan by their numbers: each is worked on once, and its result kept as a line."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ class Checkpoint:
         return [results[index] for index in sorted(results)]
 
     def _whole_lines(self, path: Path) -> list[str]:
-        """Read the lines, and cut off a last one that is not whole: the next would be written behind it."""
+        """Read the lines, and cut off half a line: the next would be written behind it."""
         try:
             data = path.read_bytes()
             whole, newline, rest = data.decode().rpartition("\n")
@@ -156,5 +156,5 @@ def _refusal(errors: dict[int, Exception]) -> RefusalError:
     return RefusalError(
         f"{counted(len(errors), 'study', 'studies')} ended in an error; study {first}:"
         f" {type(error).__name__}: {error}",
-        hint="The others are kept where there is a checkpoint: the same run again tries these only.",
+        hint="The others are kept if there is a checkpoint: the same run again tries these only.",
     )

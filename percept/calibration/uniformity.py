@@ -1,4 +1,4 @@
-"""Whether values are uniform: counts in equal bins, against a band that holds at all bins at once."""
+"""Whether values are uniform: counts in equal bins, and a band that holds them all at once."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _HALVINGS = 40
 
 
 class EcdfBand:
-    """Bounds of the number of values below each inner edge of equal bins, for values that are uniform.
+    """Bounds of the number of uniform values below each inner edge of equal bins.
 
     Parameters
     ----------

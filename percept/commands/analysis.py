@@ -1,4 +1,4 @@
-"""What commands share: their arguments, the study that these describe, and progress on a terminal."""
+"""What commands share: arguments, the study that these describe, progress on a terminal."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def open_study(
 def _with_mapping(
     arguments: argparse.Namespace, scene: Scene, options: ReadOptions, error: UsageError
 ) -> Scene:
-    """Say what percept makes of unknown columns: it goes on with that or writes it only where told."""
+    """Propose a mapping of unknown columns; use or write it only where an option says so."""
     from percept.scene import Scene
     from percept.sessions import propose_columns
 
@@ -241,7 +241,7 @@ def open_mapper(arguments: argparse.Namespace) -> Iterator[Mapper]:
 
 
 def verdict(study: Study) -> int:
-    """Say on standard error what the gate withholds, or the error it lets pass; return the exit code."""
+    """Tell what the gate withholds, or the error it lets pass; return the exit code."""
     fit = study.fit
     if fit is None and study.scene.inference.method != "classical":
         why = dict(study.parts.skipped_before_curves).get("Bayesian intervals", "")
@@ -271,7 +271,7 @@ def print_json(value: Any) -> None:
 
 
 class Working:
-    """Shows on a terminal how far a command is and the time left; says how long a long run takes."""
+    """Shows how far a command is and the time left; tells how long a long run takes."""
 
     def __init__(self, what: str, *, shown: bool) -> None:
         self._has_told_time = not shown

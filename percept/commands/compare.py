@@ -1,4 +1,4 @@
-"""`percept compare`: two methods on one study, or two studies, groups of subjects, conditions or devices."""
+"""`percept compare`: two methods on one study, or two studies, groups, conditions or devices."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class _Named:
 
 
 def _run(arguments: argparse.Namespace) -> None:
-    """Compare the methods for one path, two studies for two, and groups or conditions for a column."""
+    """Compare methods for one path, studies for two, groups or conditions for a column."""
     with Working("comparing", shown=not arguments.quiet) as progress:
         if arguments.by:
             _by_column(arguments, progress)

@@ -1,4 +1,4 @@
-"""`percept plan`, `percept calibrate` and `percept sbc`: the next study, and what intervals of it cover."""
+"""`percept plan`, `calibrate` and `sbc`: the next study, and what intervals of it cover."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ _REFITTED = {
 }
 _HEAD = """# Coverage
 
-All studies behind this table are simulated: with the references of {paths}, {trials}, and {source}, refitted
-by {methods}.{curves}
+All studies behind this table are simulated: with the references of {paths}, {trials}, and {source},
+refitted by {methods}.{curves}
 Of the scene's other settings level, share, confidence, family, method and seed are kept; `[model]`,
 modes and hold are not.
 
-`stated` is what a row claims, `real` the fraction of its claims that were true, over environments and
-parameters together, and ± its standard error over the studies. Normal intervals of lognormal users, and the
-other way round, show what the wrong family costs. A study of normal users in which a value is not positive
-has no lognormal row, so `studies` can be few.
+`stated` is what a row claims, `real` the fraction of its claims that were true, over environments
+and parameters together, and ± its standard error over the studies. Normal intervals of lognormal
+users, and the other way round, show what the wrong family costs. A study of normal users in which a
+value is not positive has no lognormal row, so `studies` can be few.
 
 """
-_CURVES = """ Curves belong to a device of {mass:g} kg and {damping:g} N·s/m at a period of {period:g} s, at
-{points} frequencies from {lower:g} to {upper:g} rad/s."""
+_CURVES = """ Curves belong to a device of {mass:g} kg and {damping:g} N·s/m at a period of
+{period:g} s, at {points} frequencies from {lower:g} to {upper:g} rad/s."""
 
 
 def _plan(arguments: argparse.Namespace) -> None:
@@ -77,7 +77,7 @@ def _refuse(kind: str, what: str, names: list[str]) -> None:
 
 
 def _calibrate(arguments: argparse.Namespace) -> None:
-    """Write DIR/coverage.md and DIR/coverage.csv; an interrupted run goes on from DIR/judged.jsonl."""
+    """Write DIR/coverage.md and coverage.csv; an interrupted run goes on from judged.jsonl."""
     import pandas as pd
 
     from percept.calibration.advice import ADVICE_FILE, gather
@@ -110,14 +110,15 @@ def _calibrate(arguments: argparse.Namespace) -> None:
             )
     table = pd.concat(tables).sort_values(["truth", "subjects"], kind="stable")
     out.mkdir(parents=True, exist_ok=True)
-    page = f"{_head(arguments, plans)}{made_by(arguments.typed).sentence}\n\n{coverage_markdown(table)}"
+    made = made_by(arguments.typed)
+    page = f"{_head(arguments, plans)}{made.sentence}\n\n{coverage_markdown(table)}"
     (out / "coverage.md").write_text(page, encoding="utf-8")
     table.to_csv(out / "coverage.csv", index=False)
     print(out / "coverage.md")
 
 
 def _plans(arguments: argparse.Namespace, out: Path) -> list[CoveragePlan]:
-    """Plan studies of each number of subjects and distribution of users, for each method by itself."""
+    """Plan studies for each method, number of subjects and distribution of users."""
     from percept.calibration.advice import advice_plans
     from percept.calibration.coverage import kept_values, plan_like, refuse_unfit
 

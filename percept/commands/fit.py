@@ -50,10 +50,10 @@ _PREDICTED = ["parameter", "reference", "kind", "lower", "upper", "estimate", "u
 _MOST_ROWS = 30
 _BATCH = """Fit many studies on the cores of this machine or on a dask cluster.
 
-Each STUDY is a session file or a folder of them (with a scene.toml of its own where it differs); of a quoted
-pattern each match is one. DIR/batch.csv has the intervals of all. A bad study stops no other, and an
-interrupted batch goes on when started again. Exit code 1: some study failed, was refused or has no Bayesian
-numbers.
+Each STUDY is a session file or a folder of them (with a scene.toml of its own where it differs); of
+a quoted pattern each match is one. DIR/batch.csv has the intervals of all. A bad study stops no
+other, and an interrupted batch goes on when started again. Exit code 1: some study failed, was
+refused or has no Bayesian numbers.
 """
 
 
@@ -111,7 +111,7 @@ def _print_checks(study: Study, say: Callable[[str], str]) -> None:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    """Write the report, with what the gate does not withhold; and print its findings, warnings and path."""
+    """Write the report; print its findings, warnings and path."""
     if arguments.results:
         return _report_again(arguments)
     if not arguments.sessions:
@@ -168,7 +168,7 @@ def _print_findings(page: Path, say: Callable[[str], str]) -> None:
 
 
 def _predict(arguments: argparse.Namespace) -> None:
-    """Print how far the environment lies from the tested ones, its intervals, and what was left out."""
+    """Print how far the environment lies from the tested ones, and its intervals."""
     from percept.results.plain import plain
     from percept.study.prediction import predict
 

@@ -19,13 +19,13 @@ __all__ = ["CACHE", "COMPLETION", "DOCTOR"]
 
 _CACHE = """Show what posteriors are kept for next time, or clear them.
 
-PERCEPT_CACHE names another folder, or turns the cache off with the word "off". Beyond a gigabyte the
-posteriors not used for longest go.
+PERCEPT_CACHE names another folder, or turns the cache off with the word "off". Beyond a gigabyte
+the posteriors not used for longest go.
 """
 
 
 def _doctor(_: argparse.Namespace) -> int:
-    """Print the environment; 1 where a dependency that is always needed is missing or of another version."""
+    """Print the environment; 1 where a needed package is missing or of another version."""
     from packaging.requirements import Requirement
 
     from percept.cache import cache_folder

@@ -1,4 +1,4 @@
-"""Subjects for a published table: a study whose t-intervals print as the limits that were published."""
+"""Subjects for a published table: a study whose t-intervals print as its limits."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class PublishedLimits:
         Raises
         ------
         UsageError
-            No table of limits, a row is missing, rows differ in n or level, or limits were worked out.
+            No table of limits, a missing row, several n or levels, or limits that were worked out.
         """
         table = sessions.table
         file = sessions.sources[0].name if sessions.sources else None
@@ -203,7 +203,7 @@ def simulate_like(published: Sessions, *, seed: int, subjects: int | None = None
 
 
 def _scores(rng: np.random.Generator, shape: tuple[int, int, int]) -> Array:
-    """Draw scores (subjects, environments, parameters): of many draws the one nearest the correlations."""
+    """Draw scores of that shape: of many draws the one nearest the correlations."""
     subjects, environments, parameters = shape
     pairs = np.triu_indices(environments, 1)
 
@@ -213,7 +213,7 @@ def _scores(rng: np.random.Generator, shape: tuple[int, int, int]) -> Array:
         return math.sqrt(BETWEEN) * common + math.sqrt(1 - BETWEEN) * own
 
     def miss(z: Array) -> float:
-        """Distance of both average correlations from those wanted; one that does not exist is as wanted."""
+        """Distance of the average correlations from those stated; a missing one is right."""
         correlations = np.corrcoef(z.reshape(subjects, -1), rowvar=False)
         r = np.reshape(correlations, (environments, parameters) * 2)
         within = CORRELATION

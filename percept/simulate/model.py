@@ -1,4 +1,4 @@
-"""The hierarchical model run forwards: a design, the true values of one study, its responses, its table.
+"""The hierarchical model run forwards: a design, true values, responses, a table.
 
     y_ijr = β_j + u_i + w_ij + e_ijr
     β_jp = α_p + γ_p x_jp + δ_jp          δ_jp ~ N(0, τ_p²)
