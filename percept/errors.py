@@ -17,12 +17,12 @@ def counted(number: int, one: str, many: str | None = None) -> str:
 
 
 def printable(text: str) -> str:
-    """Escape what could move a terminal's cursor or hide text: control and bidirectional characters."""
+    """Escape control and bidirectional characters, which move a cursor or hide text."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return a question that names the known word most like a wrong one; nothing where none is like it."""
+    """Return a question that names the known word most like a wrong one, if there is one."""
     alike = difflib.get_close_matches(word, list(known), n=1)
     return f" Did you mean {alike[0]}?" if alike else ""
 

@@ -1,4 +1,4 @@
-"""What to analyse: device, coupling, frequencies, inference and model, from TOML to frozen records."""
+"""What to analyse: device, coupling, inference and model, from TOML to records."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ class CouplingTable(Table):
 
 
 class FrequencyTable(Table):
-    """The perceivable range, rad/s, and how many frequencies a curve has: by default as many as it needs."""
+    """The perceivable range, rad/s, and how many frequencies a curve has."""
 
     lower: Annotated[Positive, Field(ge=_LEAST_OMEGA)] = 0.1
     upper: Positive = 100.0
@@ -146,7 +146,7 @@ class FrequencyTable(Table):
 
     @property
     def read_at(self) -> float:
-        """Where single values are read, rad/s: at the paper's 10, or in the middle of a range without it."""
+        """Where single values are read, rad/s: at the paper's 10, or mid-range without it."""
         usual = 10.0
         return usual if self.lower <= usual <= self.upper else math.sqrt(self.lower * self.upper)
 
@@ -231,7 +231,7 @@ class ModelTable(Table):
 
 
 class ChecksTable(Table):
-    """Asks for checks of the model; it has no keys. `percept report` makes them without this table."""
+    """Asks for checks of the model, which `percept report` always makes; it has no keys."""
 
 
 def _plural(word: str) -> str:
@@ -355,12 +355,12 @@ class Scene(DataTables):
 
     @property
     def user_noun(self) -> tuple[str, str]:
-        """What those are called whom a result is about, one and several: users, or the study's subjects."""
+        """What the people of a result are called, one and several."""
         return _noun("user") if self.study.subject == _SUBJECT else self.study.subject
 
     @property
     def folder(self) -> Path:
-        """Where relative paths in the scene start: the folder of its file, or else the current one."""
+        """Where relative paths in the scene start: the folder of its file, or this one."""
         return self._folder
 
     @classmethod
@@ -412,7 +412,7 @@ class Scene(DataTables):
         return fields_html(self.to_dict())
 
     def with_inference(self, **changes: Any) -> Scene:
-        """Return a copy with keys of `[inference]` replaced and checked; None leaves a key as it is."""
+        """Return a copy with keys of `[inference]` replaced; None leaves a key as it is."""
         kept = {key: value for key, value in changes.items() if value is not None}
         return self.with_tables(inference=self.inference.model_dump(exclude_none=True) | kept)
 

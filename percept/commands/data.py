@@ -1,4 +1,4 @@
-"""`percept new`, `validate`, `simulate` and `reproduce`: scenes, session files, and the published study."""
+"""`percept new`, `validate`, `simulate` and `reproduce`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from pathlib import Path
 from percept.commands import FORCE, JSON, QUIET, Command, argument, folder, number
 from percept.commands.analysis import SESSIONS, Working, notice, read_scene, write_new
 from percept.errors import printable
+
+__all__ = ["NEW", "REPRODUCE", "SIMULATE", "VALIDATE"]
 
 
 def _validate(arguments: argparse.Namespace) -> int:

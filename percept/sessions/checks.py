@@ -96,7 +96,7 @@ def _first_of_each(rows: npt.NDArray[np.intp], codes: npt.NDArray[Any]) -> list[
 
 
 def in_order(references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...]:
-    """Order environments as the scene lists them, and the rest by references, the first quantity first."""
+    """Order environments as the scene lists them, and the rest by references."""
     ranks = {name: rank for rank, name in enumerate(listed)}
     rank = [ranks.get(str(name), len(ranks)) for name in references.index]
     ranked = references.assign(_rank=rank)
@@ -142,7 +142,7 @@ def check_duplicates(
     numbered: bool,
     split: Sequence[str] = (),
 ) -> None:
-    """Find rows that stand twice for one subject, session, environment, trial and group told apart."""
+    """Find rows that repeat a subject, session, environment, trial and group told apart."""
     cell = list(dict.fromkeys((*TRIAL, *split)))
     again = np.flatnonzero(table.duplicated(cell).to_numpy()).tolist()
     if not again:
@@ -240,7 +240,7 @@ def _slips(table: pd.DataFrame, adj: str, ref: str) -> Iterator[_Slip]:
 def check_summary(
     table: pd.DataFrame, options: ReadOptions, place: Places, problems: Problems
 ) -> None:
-    """Check a published table: parameter, order of limits, n, level, units, one row per interval."""
+    """Check the parameters, limits, n, levels and units of a published table."""
     names = " or ".join(f'"{name}"' for name in options.quantities)
     n = table["n"]
     level = table["level"]

@@ -1,4 +1,4 @@
-"""Files larger than memory: read block by block with the reader's checks, reduced to what models need."""
+"""Files larger than memory, read block by block and reduced to what models need."""
 
 from __future__ import annotations
 
@@ -209,7 +209,7 @@ class _Cells:
         return (adjusted - reference) / reference
 
     def _merged(self, parts: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-        """Merge counts, means and scatters of the same cell; of what else there is the first row stays."""
+        """Merge counts, means and scatters of the same cell; other columns keep its first row."""
         groups = parts.groupby(by, sort=False)
         cell = groups.ngroup().to_numpy()
         n = parts["n"]
@@ -253,7 +253,7 @@ class _Cells:
         )
 
     def _measured(self, cells: pd.DataFrame) -> pd.DataFrame:
-        """Lay out measures of every quantity; zeros of a cell without a trial would read as data."""
+        """Lay out measures of every quantity; a cell without a trial is blank, not zero."""
         names = list(self.options.quantities)
         measures = [*(f"mean_{p}" for p in names), *_products(names)]
         measured = cells.reindex(columns=measures).where(cells["n"] > 0)

@@ -122,7 +122,7 @@ def resolve(header: Header, options: ReadOptions) -> Resolution:
 
 
 def _declared(canonical: str, rule: ColumnRule, header: Header) -> ColumnRule:
-    """Find the column that the scene names, or the one whose JSON cells a dotted name leads into."""
+    """Find the column that the scene names; a dotted name leads into its JSON cells."""
     for name in rule.also:
         header.position(name)
     if rule.name in header.names:
@@ -223,7 +223,7 @@ def check_columns(
 
 
 def _missing_numbers(present: Collection[str], options: ReadOptions) -> list[str]:
-    """Name the columns of numbers that are missing: one adjustment at least, each with its reference."""
+    """Name the missing columns of numbers: an adjustment, and a reference for each."""
     adjusted = [f"{name}_adj" for name in options.quantities]
     if not any(column in present for column in adjusted):
         first, *others = adjusted

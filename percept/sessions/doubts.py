@@ -40,7 +40,7 @@ _HOMOGLYPHS = str.maketrans(
 
 
 def doubtful_ids(table: pd.DataFrame, place: Places) -> Iterator[Notice]:
-    """Notice ids that look alike, and ids that read as a missing value, with the first row of each."""
+    """Notice ids that look alike or like a missing value, with the first row of each."""
     for column in IDS:
         firsts = table[column].drop_duplicates()
         names = firsts.tolist()
@@ -67,7 +67,7 @@ def _written(name: str) -> str:
 
 
 def _look(name: str) -> str:
-    """Reduce a name to what it looks like: without case, leading zeros, or the script of a letter."""
+    """Reduce a name to its looks: without case, leading zeros, or the script of a letter."""
     plain = unicodedata.normalize("NFKC", fold(name)).translate(_HOMOGLYPHS).casefold()
     try:
         return f"{float(plain):.15g}"

@@ -26,9 +26,16 @@ __all__ = ["BLOCK", "Input", "is_workbook", "line_ends", "load", "open_text"]
 
 #: R's files; their compression may hide what is in them.
 _R_SUFFIXES = (".rda", ".rdata", ".rds")
+#: What broken and locked archives raise.
 _BROKEN = (
-    zipfile.BadZipFile, zlib.error, OSError, NotImplementedError, EOFError, RuntimeError, ValueError,
-)  # fmt: skip
+    zipfile.BadZipFile,
+    zlib.error,
+    OSError,
+    NotImplementedError,
+    EOFError,
+    RuntimeError,
+    ValueError,
+)
 #: Files are read in blocks of about this many characters; from a sixteenth of it on by pandas'
 #: parser.
 BLOCK = 8 << 20
@@ -52,13 +59,15 @@ _NO_TABLES = (
     (r"\x80[\x02-\x05]", "a Python pickle (PsychoPy's .psydat), which is never opened", _TRIALS),
     (r"\xd0\xcf\x11\xe0", "an old Office or E-Prime binary file", _CSV),
     (r"RD[AX][23]\n|[XA]\n\0\0\0", *_R),
-    (r"MATLAB 5|\x89HDF|\$FL[23]|<stata_dta>|%PDF|SQLite format 3", "another program's binary file", _CSV),
+    (r"MATLAB 5|\x89HDF|\$FL[23]|<stata_dta>|%PDF|SQLite format 3",
+     "another program's binary file", _CSV),
     (r"PK\x03\x04|\x1f\x8b|Rar!|7z\xbc\xaf|BZh|\xfd7zXZ|\x28\xb5\x2f\xfd",
-     "an archive inside an archive, or in a format not read here", "Unpack it, or pack it as .zip or .gz."),
+     "an archive inside an archive, or in a format not read here",
+     "Unpack it, or pack it as .zip or .gz."),
     (r"\s*\*\*\* Header Start \*\*\*", "an E-Prime log in frames, not a table",
      "In E-DataAid or E-Merge export it as tab-delimited or CSV text and read that."),
-    (r"\s*reversal(Intensities|Indices)=", "PsychoPy's text summary of a staircase, not a table of trials",
-     _TRIALS),
+    (r"\s*reversal(Intensities|Indices)=",
+     "PsychoPy's text summary of a staircase, not a table of trials", _TRIALS),
     # Means and raw values of conditions, or a block of extraInfo below them.
     (r"(?=[^\r\n]*_raw\b)[^\r\n]*_(mean|std)\b|(?ms:(?=.*?^[\t,; ]*extraInfo[\t,; ]*\r?$))",
      "PsychoPy's summary of conditions, not a table of trials", _TRIALS),
@@ -193,7 +202,7 @@ def _text_from(entry: Input, encoding: str, start: int) -> TextIO:
 
 
 def _undecodable(stream: BinaryIO, encoding: str, file: str, *, start: int) -> UsageError | None:
-    """Decode all bytes; return what is wrong with the first that are no text, and raise on a NUL."""
+    """Decode all bytes; return what is wrong with the first that are no text, or raise on NUL."""
     try:
         # Refuses what codecs knows beside encodings of text, too.
         io.TextIOWrapper(io.BytesIO(), encoding=encoding)

@@ -150,7 +150,7 @@ class Block:
         return self.split
 
     def plain(self, texts: list[int], numbers: list[int], mark: str) -> pd.DataFrame | None:
-        """Read columns of a text without quotes by pandas' parser; None where cells need a closer look.
+        """Read columns of a plain text by pandas' parser; None where cells need a closer look.
 
         The parser takes what percept refuses: lines of any width, infinity, "True" for 1, numbers
         too small for a double. It refuses words, and so every header and mark between the data.
@@ -332,7 +332,7 @@ def _find_dialect(
 
 
 def _quotings(text: str) -> tuple[Quoting, ...]:
-    """Conventions to try, in order; PsychoPy's own is tried only on a file that says it is PsychoPy's."""
+    """List conventions to try, in order; PsychoPy's own only on a file of PsychoPy."""
     if '"' not in text:
         return ("doubled",)
     head = text[: text.find("\n") + 1 or len(text)]
@@ -406,7 +406,7 @@ def _refuse_lone_returns(
 
 
 def _join(pieces: list[str], delimiter: str) -> list[str]:
-    """Put a line's pieces together again where PsychoPy's quotes wrap a cell that holds the delimiter."""
+    """Join the pieces of a line where PsychoPy's quotes wrap a cell with the delimiter."""
     closing = [index for index, piece in enumerate(pieces) if piece.endswith('"')]
     cells: list[str] = []
     index = 0

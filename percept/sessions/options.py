@@ -1,4 +1,4 @@
-"""How to read a study's files: the scene's [columns], [sessions] and [environments], checked key by key."""
+"""How to read a study's files: tables of the scene, checked key by key."""
 
 from __future__ import annotations
 
@@ -205,7 +205,7 @@ class FilesTable(Table):
     exclude: Texts = ()
 
     def wants(self, path: str) -> bool:
-        """Whether a file's name fits a pattern of `include`, if there are any, and none of `exclude`."""
+        """Whether a file's name fits `include`, if it is not empty, and not `exclude`."""
         fits = PurePath(path).match
         return (not self.include or any(map(fits, self.include))) and not any(
             map(fits, self.exclude)
@@ -371,7 +371,7 @@ class ReadOptions(DataTables):
         return self if columns is None else ReadOptions(**dict(self) | {"columns": both})
 
     def with_groups(self, groups: Iterable[str]) -> ReadOptions:
-        """Return a copy that keeps further columns as groups of subjects; those it always has are no news."""
+        """Return a copy that keeps further columns as groups of subjects."""
         further = tuple(name for name in groups if name not in canonical_columns(self.quantities))
         kept = tuple(dict.fromkeys([*self.sessions.groups, *further]))
         sessions = self.sessions.model_copy(update={"groups": kept})

@@ -89,7 +89,7 @@ def fitting(pattern: str) -> list[str]:
 
 
 def may_be_study(path: str) -> bool:
-    """Whether what a pattern fits is a table, or a folder of tables that percept has not filled itself."""
+    """Whether a path is a table, or a folder of tables that percept did not write."""
     place = Path(path)
     if not place.is_dir():
         return place.suffix.lower() in _SUFFIXES

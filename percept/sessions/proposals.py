@@ -300,7 +300,7 @@ def _number_by_order(mapping: _Mapping, options: ReadOptions) -> None:
 
 
 def _add_numbers(mapping: _Mapping, free: Sequence[_Column]) -> None:
-    """Find adjustments and their references among columns of numbers, and the quantities they are of."""
+    """Find adjustments, their references and quantities among columns of numbers."""
     numeric = [column for column in free if column.numbers and not _TIMING & set(column.words)]
     adjusted = [column for column in numeric if _ADJUSTED & set(column.words)]
     references = [

@@ -137,12 +137,12 @@ _MASS = Quantity(name="m", label="mass", unit="kg")
 
 
 def is_impedance(parameters: Iterable[str]) -> bool:
-    """Whether the parameters make an impedance, so that curves, devices and couplings mean something."""
+    """Whether the parameters are stiffness and damping, which curves and couplings need."""
     return set(parameters) == IMPEDANCE.keys()
 
 
 def with_mass(quantities: Quantities) -> Quantities:
-    """Return what references are of: the quantities, and an impedance's mass, which nobody adjusts."""
+    """Return the quantities of references: those adjusted, and the mass of an impedance."""
     return {**quantities, "m": _MASS} if quantities.keys() >= IMPEDANCE.keys() else quantities
 
 
@@ -172,7 +172,7 @@ def trial_columns(quantities: Iterable[str]) -> tuple[str, ...]:
 
 @lru_cache
 def factor(unit: str | None, quantity: Quantity) -> Fraction:
-    """Exact factor from a declared unit to the quantity's; pint is imported only for units of other names."""
+    """Exact factor from a declared unit to the quantity's; pint is imported if it must."""
     if unit is None or unit == quantity.unit or unit in _SAME.get(quantity.unit, ()):
         return Fraction(1)
     import pint

@@ -84,7 +84,7 @@ class Sessions:
         *,
         scene: DataTables | None = None,
     ) -> Sessions:
-        """Build from a DataFrame as :func:`read_sessions` does from a file, its header being row 1."""
+        """Build from a DataFrame as :func:`read_sessions` does; its header is row 1."""
         if not isinstance(frame, pd.DataFrame):
             hint = "read_sessions reads files."
             raise UsageError(f"a DataFrame is needed, not {type(frame).__name__}.", hint=hint)
@@ -98,7 +98,7 @@ class Sessions:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The quantities with at least one observation, by name; of k and b in this order by default."""
+        """The quantities with at least one observation, by name and in the scene's order."""
         if self.form == "summary":
             present = set(self.table["parameter"])
             return tuple(p for p in self.quantities if p in present)
@@ -147,7 +147,7 @@ class Sessions:
 
     @cached_property
     def warnings(self) -> tuple[Notice, ...]:
-        """What to look at before believing the study: gross errors, unchanged controls, missing cells."""
+        """What to look at before believing the study."""
         quantities = [self.quantities[p] for p in self.parameters]
         scales = doubts.doubtful_scales(self._references, quantities)
         if self.form != "trials":
@@ -165,7 +165,7 @@ class Sessions:
         return (*scales, *seldom)
 
     def locate(self, index: int) -> tuple[str, int]:
-        """File name and physical row (the header being 1) of an observation, by its label in `table`."""
+        """File and physical row (the header is 1) of an observation, by its label in `table`."""
         position = self.provenance.index.get_loc(index)
         file, row = self.provenance[["file", "row"]].to_numpy()[position].tolist()
         return self.sources[int(file)].name, int(row)
@@ -316,7 +316,7 @@ def refuse_gaps(sessions: Sessions, column: str) -> None:
 
 
 def by_level(sessions: Sessions, column: str) -> Sessions:
-    """Make each environment at each level of a column an environment of its own, such as "VE1 (left)"."""
+    """Tell environments apart by the levels of a column, such as "VE1 (left)"."""
     if sessions.factor is not None:
         return sessions
     refuse_gaps(sessions, column)

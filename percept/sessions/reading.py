@@ -1,4 +1,4 @@
-"""A study being read: inputs of any format opened one by one, and what is left out and counted on the way."""
+"""A study being read, file by file, with what is noticed and counted on the way."""
 
 from __future__ import annotations
 

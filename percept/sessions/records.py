@@ -106,7 +106,7 @@ class Exclusion:
 
 @dataclass(frozen=True)
 class Factor:
-    """A factor within subjects: its column, its levels, and the reference and level of each cell."""
+    """A factor within subjects: its column, its levels, and what each cell combines."""
 
     name: str
     levels: tuple[str, ...]
@@ -168,11 +168,11 @@ class ReadError(UsageError):
 
 
 class NoDataError(UsageError):
-    """A file without trials, of an aborted run or a tracker; left out where other files have them."""
+    """A file without trials, of an aborted run or a tracker; left out if others have them."""
 
 
 def summarised(problems: Sequence[PerceptError]) -> list[str]:
-    """Give a line per problem; of a kind in one column of a file, three and the number of the rest."""
+    """Give a line per problem, but for a kind in one column three and their number."""
     kinds: dict[tuple[object, ...], list[PerceptError]] = {}
     for problem in problems:
         kind = (problem.file, problem.column, problem.message)

@@ -1,4 +1,4 @@
-"""What every file is to the reader: where its columns stand, its blocks, and what became of its rows."""
+"""A file as a table: where its columns stand, and what became of its rows."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class FileTable(ABC):
 
     @abstractmethod
     def frames(self) -> Iterator[pd.DataFrame]:
-        """Give the observations of each block: canonical columns, groups, and the physical `row` of each."""
+        """Give the observations of each block: canonical columns, groups, physical `row`."""
 
     def _notice(self, text: str) -> None:
         self.notices.append(Notice(text, self.name))

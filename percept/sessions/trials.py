@@ -73,7 +73,7 @@ class TrialTable(FileTable):
         """Give the cells of a block by canonical column, a row for each observation."""
 
     def frames(self) -> Iterator[pd.DataFrame]:
-        """Give the observations of each block: canonical columns, groups, and the physical `row` of each."""
+        """Give the observations of each block: canonical columns, groups, physical `row`."""
         if self._selection.keep == "last":
             yield from self._frames_of_last_events()
         else:
@@ -126,7 +126,7 @@ class TrialTable(FileTable):
         return data
 
     def _joined(self, data: pd.DataFrame, canonical: str, also: tuple[str, ...]) -> list[str]:
-        """Ids made of several columns; one that lacks a part is blank, and so is told as missing."""
+        """Join ids of several columns; one that lacks a part is blank, and so missing."""
         columns = [data[canonical], *(data[f"{_OWN}{name}"] for name in also)]
         records = list(zip(*columns, strict=True))
         ids: dict[tuple[str, ...], str] = {}
@@ -169,7 +169,7 @@ class TrialTable(FileTable):
     def _exclude(
         self, data: pd.DataFrame, excluded: _Mask, why: str, *, of_trials: bool = False
     ) -> pd.DataFrame:
-        """Leave rows out and log them, or `of_trials` those alone that have a subject and an environment."""
+        """Leave rows out and log them; `of_trials` logs those with a subject and environment."""
         ids = data[excluded].reindex(columns=[*IDS, "trial"], fill_value="").astype(str)
         for row, own in zip(ids.index.tolist(), ids.to_dict("records"), strict=True):
             if of_trials and not (own["subject"].strip() and own["environment"].strip()):
@@ -235,7 +235,7 @@ class TrialTable(FileTable):
                 self.problems.add(f"an adjustment has no {column}.", hint=hint, **place)
 
     def _converted(self, data: pd.DataFrame) -> pd.DataFrame:
-        """Convert columns of numbers to doubles in percept's units, by the file's one decimal mark."""
+        """Convert columns of numbers to percept's units, by the file's one decimal mark."""
         names = [name for name in data if name in self._number_columns or name == "trial"]
         texts = {name: data[name].tolist() for name in names if data[name].dtype != np.float64}
         rows = data.index.to_numpy()

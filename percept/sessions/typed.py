@@ -1,4 +1,4 @@
-"""Tables with types of their own, Parquet files and Excel sheets, to cells of text within limits."""
+"""Parquet files and Excel sheets to cells of text, within limits."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ _NO_NUMBERS = (
     (r"[+-]?[0-9]{1,3}([,.' ][0-9]{3})+([.,][0-9]*)?",
      "not a plain number: separators of thousands are not read.", "Write it without them."),
     (r"(?s:[\[{].*)", "a list or a record, not a number.",
-     'Say which value counts, as [columns] k_adj = { name = "…", path = "-1" } (the last of a list).'),
+     'Say which value counts, such as the last: [columns] k_adj = { name = "…", path = "-1" }.'),
     (r"(?s:.*%)", "a percentage, not a number.", "Write it as a fraction, 0.95 for 95%."),
     (r"(?i:[+-]?inf(inity)?)", "not a finite number.", ""),
     (r"(?s:.*)", "not a number.", ""),
@@ -145,7 +145,7 @@ def parse_numbers(
 
 
 def _diagnosis(text: str, mark: Mark) -> tuple[str, str]:
-    """Say what is wrong with a cell that is no number, and what to do if that is more than to correct it."""
+    """Say what is wrong with a cell that is no number, and what to do about it."""
     other: Mark = "," if mark == "." else "."
     if _NUMBER[other].fullmatch(text):
         what = _readings(text) if _TWO_READINGS.fullmatch(text) else f"a decimal {_WORDS[other]}"
@@ -162,7 +162,7 @@ class CellError(ValueError):
 
 
 def pick(cell: str, path: str) -> str | None:
-    """Pick one value from a JSON cell, as text, so that no digit is lost; None where a record lacks a key."""
+    """Pick a value from a JSON cell, as text with all digits; None if a record lacks a key."""
     if is_missing(cell):
         return ""
     text = _NUMPY.sub(r"\1", cell)
