@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import integrate, sparse
 
-from percept.boundary.law import BEYOND, PairLaw, steps
+from percept.boundary.law import BEYOND, Axis, PairLaw, steps
 from percept.haptics.impedance import warp
 from percept.haptics.perceived import DistancePlane
 from percept.haptics.records import AnyDevice
 
-__all__ = ["Balls", "Content"]
+__all__ = ["Balls", "Content", "Term"]
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
 # Laws of three subjects have tails that 24 nodes miss by a fifth.
@@ -37,6 +38,39 @@ _TERMS_PER_NODE = 8
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
+class Term:
+    """One of the two terms of abs(Z_h)² at frequencies: gain·value + offset, of k or of b."""
+
+    axis: Axis
+    gain: Array  # (M,) above zero
+    offset: Array  # (M,) N·s/m
+
+    def at(self, chosen: Indices | Flags | slice) -> Term:
+        """Return the term at some of its frequencies."""
+        return Term(self.axis, self.gain[chosen], self.offset[chosen])
+
+    def by_row(self) -> Term:
+        """Return the term with a row for each frequency, (M, 1)."""
+        return Term(self.axis, self.gain[:, None], self.offset[:, None])
+
+    def of_place(self, place: Array) -> Array:
+        """Return the term at places on the axis, N·s/m."""
+        return self.gain * self.axis.native(place) + self.offset
+
+    def native(self, term: Array) -> Array:
+        """Return the k or b that makes a term so large."""
+        return (term - self.offset) / self.gain
+
+    def place(self, term: Array) -> Array:
+        """Return where on the axis a term is so large."""
+        return self.axis.place(self.native(term))
+
+    def rate(self, place: Array, term: Array) -> Array:
+        """Return how fast the place moves with the term."""
+        return self.axis.rate(place, self.native(term)) / self.gain
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class Content:
     """What Q balls hold."""
 
@@ -46,19 +80,26 @@ class Content:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Slices:
-    """Intervals of the inner value that Q balls leave at J nodes of the outer one.
+class _Edge:
+    """Where the inner intervals of Q balls end on one side, at J nodes."""
 
-    All are places on the axes of the law, from 0 to 1.
-    """
+    place: Array  # (Q, J) on the inner axis
+    rate: Array  # (Q, J) how fast it moves out with the log radius
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Slices:
+    """Intervals of the inner value that Q balls leave at J nodes of the outer one."""
 
     span: Array  # (Q, 2) first and last outer place in the ball
-    outer: Array  # (Q, J) the nodes
+    outer: Array  # (Q, J) places of the nodes on the outer axis
     weights: Array  # (Q, J) of the nodes
-    left: Array  # (Q, J) where the interval begins
-    right: Array  # (Q, J) where it ends
-    left_rate: Array  # (Q, J) how fast `left` falls with the log radius
-    right_rate: Array  # (Q, J) how fast `right` grows with it
+    left: _Edge
+    right: _Edge
+
+    def integral(self, values: Array) -> Array:
+        """Integrate values (Q, J) at the nodes over the outer axis, (Q,)."""
+        return np.asarray(np.einsum("qj,qj->q", self.weights, values))
 
 
 class Balls:
@@ -75,26 +116,30 @@ class Balls:
         hold: str,
     ) -> None:
         plane = DistancePlane.of(warp(omega, period), device, hold, mass)
-        gains = [np.broadcast_to(gain, omega.shape) for gain in (plane.per_rate, plane.gain)]
-        offsets = [np.broadcast_to(part, omega.shape) for part in (-plane.imaginary, plane.real)]
+        k_gain = np.broadcast_to(plane.per_rate, omega.shape)
+        b_gain = np.broadcast_to(plane.gain, omega.shape)
+        k_offset = np.broadcast_to(-plane.imaginary, omega.shape)
+        b_offset = np.broadcast_to(plane.real, omega.shape)
         # At Nyquist a mass is infinite, whatever k and b are.
-        finite = np.isfinite(offsets).all(axis=0) & (np.array(gains) > 0).all(axis=0)
+        finite = np.isfinite(k_offset) & np.isfinite(b_offset)
+        finite &= (k_gain > 0) & (b_gain > 0)
+        k_axis, b_axis = law.axes
         self.law = law
         self.finite = finite  # (M,) frequencies that have balls; all that follows is about them
-        self.gains = np.stack(gains)[:, finite]  # of k and of b
-        self.offsets = np.stack(offsets)[:, finite]
+        self.k = Term(k_axis, k_gain[finite], k_offset[finite])
+        self.b = Term(b_axis, b_gain[finite], b_offset[finite])
         self.count = int(finite.sum())
 
     def range(self) -> tuple[Array, Array]:
         """Return the smallest and the largest log abs(Z_h) on the law's grid, (M,) each."""
         smallest = np.zeros(self.count)
         largest = np.zeros(self.count)
-        for axis, gain, offset in zip(self.law.axes, self.gains, self.offsets, strict=True):
-            ends = np.multiply.outer(axis.native(np.array([0.0, 1.0])), gain) + offset
-            reaches_zero = ends[0] * ends[1] <= 0.0
-            distances = np.abs(ends)
-            smallest += np.where(reaches_zero, 0.0, distances.min(axis=0)) ** 2
-            largest += distances.max(axis=0) ** 2
+        for term in (self.k, self.b):
+            first = term.of_place(np.zeros(1))
+            last = term.of_place(np.ones(1))
+            nearest = np.minimum(np.abs(first), np.abs(last))
+            smallest += np.where(first * last > 0.0, nearest, 0.0) ** 2
+            largest += np.maximum(np.abs(first), np.abs(last)) ** 2
         least = BEYOND**-2
         low = 0.5 * np.log(np.maximum(smallest, least))
         high = 0.5 * np.log(np.maximum(largest, least))
@@ -102,9 +147,9 @@ class Balls:
 
     def squares(self, k: Array, b: Array) -> Array:
         """Return abs(Z_h)² (M, N) of N points."""
-        squares = (self.gains[0, :, None] * k + self.offsets[0, :, None]) ** 2
-        squares += (self.gains[1, :, None] * b + self.offsets[1, :, None]) ** 2
-        return squares
+        k_term = self.k.gain[:, None] * k + self.k.offset[:, None]
+        b_term = self.b.gain[:, None] * b + self.b.offset[:, None]
+        return k_term**2 + b_term**2
 
     def smoother_inner(self, frequency: Indices, radius: Array) -> Indices:
         """Return which of k (0) and b (1) makes the smoother integral as the inner one, (Q,)."""
@@ -128,13 +173,13 @@ class Balls:
         slices = self._slices(inner, frequency, radius)
         table = self.law.cumulated[inner]
         row, over = steps(slices.outer, len(table))
-        before_left, rise_left = _between_rows(table, row, over, slices.left)
-        before_right, rise_right = _between_rows(table, row, over, slices.right)
-        probability = np.einsum("qj,qj->q", slices.weights, before_right)
-        probability -= np.einsum("qj,qj->q", slices.weights, before_left)
-        rates = slices.left_rate * rise_left + slices.right_rate * rise_right
-        slopes = slices.weights * rates * (table.shape[1] - 1)
+        left = _interpolate(table, row, over, slices.left.place)
+        right = _interpolate(table, row, over, slices.right.place)
+        probability = slices.integral(right.value)
+        probability -= slices.integral(left.value)
         probability += np.where(probability > 0.5, self._missed(inner, slices), 0.0)
+        rates = slices.left.rate * left.rise + slices.right.rate * right.rise
+        slopes = slices.weights * rates * (table.shape[1] - 1)
         slope = slopes.sum(axis=1)
         highest = np.abs(slopes @ _HIGHEST_ORDERS).sum(axis=1)
         # Without a slope at any node all of it lies between them.
@@ -164,7 +209,7 @@ class Balls:
         cumulated = integrate.cumulative_trapezoid(margin, dx=step, initial=0)
         row, over = steps(slices.outer, margin.size)
         density = margin[row] + over * (margin[row + 1] - margin[row])
-        by_nodes = np.einsum("qj,qj->q", slices.weights, density)
+        by_nodes = slices.integral(density)
         # The margin is straight between the table's rows, as it is for the nodes.
         row, over = steps(slices.span, margin.size)
         rest = over * (margin[row] + 0.5 * over * (margin[row + 1] - margin[row]))
@@ -173,39 +218,26 @@ class Balls:
 
     def _slices(self, inner: int, frequency: Indices, radius: Array) -> _Slices:
         """Lay nodes over the outer one's span in each ball, and find the inner one's intervals."""
-        inner_axis = self.law.axes[inner]
-        outer_axis = self.law.axes[1 - inner]
-        inner_gain = self.gains[inner, frequency, None]
-        inner_offset = self.offsets[inner, frequency, None]
-        outer_gain = self.gains[1 - inner, frequency, None]
-        outer_offset = self.offsets[1 - inner, frequency, None]
+        terms = (self.k.at(frequency).by_row(), self.b.at(frequency).by_row())
+        inner_term = terms[inner]
+        outer_term = terms[1 - inner]
         radius = radius[:, None]
         # The inner term's least size leaves less to the outer one. Nodes beyond would be wasted.
-        inner_ends = inner_gain * inner_axis.native(np.array([0.0, 1.0])) + inner_offset
-        least = np.maximum(0.0, np.maximum(inner_ends[:, :1], -inner_ends[:, 1:]))
+        lowest = inner_term.of_place(np.zeros(1))
+        highest = inner_term.of_place(np.ones(1))
+        least = np.maximum(0.0, np.maximum(lowest, -highest))
         reach = _leg(radius, least)
-        first = outer_axis.place((-reach - outer_offset) / outer_gain)
-        last = outer_axis.place((reach - outer_offset) / outer_gain)
+        first = outer_term.place(-reach)
+        last = outer_term.place(reach)
         half = 0.5 * (last - first)
         outer = 0.5 * (last + first) + half * _SINE_NODES
-        outer_term = outer_gain * outer_axis.native(outer) + outer_offset
-        leg = _leg(radius, np.abs(outer_term))
-        left_native = (-leg - inner_offset) / inner_gain
-        right_native = (leg - inner_offset) / inner_gain
-        left = inner_axis.place(left_native)
-        right = inner_axis.place(right_native)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            native_rate = (radius / leg) * (radius / inner_gain)
-            left_rate = inner_axis.rate(left, left_native) * native_rate
-            right_rate = inner_axis.rate(right, right_native) * native_rate
+        leg = _leg(radius, np.abs(outer_term.of_place(outer)))
         return _Slices(
             span=np.concatenate([first, last], axis=1),
             outer=outer,
             weights=half * _SINE_WEIGHTS,
-            left=left,
-            right=right,
-            left_rate=np.where(leg > 0.0, left_rate, 0.0),
-            right_rate=np.where(leg > 0.0, right_rate, 0.0),
+            left=_edge(inner_term, -leg, radius),
+            right=_edge(inner_term, leg, radius),
         )
 
     def _by_batch(self, inner: int, frequency: Indices, radius: Array) -> Array:
@@ -215,8 +247,8 @@ class Balls:
         row, over = steps(slices.outer, len(table))
         weights = []
         cells = []
-        for sign, end in ((-1.0, slices.left), (1.0, slices.right)):
-            column, part = steps(end, table.shape[1])
+        for sign, edge in ((-1.0, slices.left), (1.0, slices.right)):
+            column, part = steps(edge.place, table.shape[1])
             for down, along in ((0, 1.0 - over), (1, over)):
                 for right, across in ((0, 1.0 - part), (1, part)):
                     weights.append(sign * slices.weights * along * across)
@@ -234,17 +266,34 @@ def _leg(radius: Array, other: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(radius - other, 0.0)) * np.sqrt(radius + other))
 
 
-def _between_rows(table: Array, row: Indices, over: Array, place: Array) -> tuple[Array, Array]:
-    """Interpolate a table at places: the values, and how much they rise over one column."""
+def _edge(term: Term, leg: Array, radius: Array) -> _Edge:
+    """Return where the inner term is as large as a leg of either sign."""
+    place = term.place(leg)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        leg_rate = (radius / np.abs(leg)) * radius
+        rate = term.rate(place, leg) * leg_rate
+    # A leg of no length has no rate.
+    return _Edge(place, np.where(leg != 0.0, rate, 0.0))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Interpolated:
+    """A table between its points."""
+
+    value: Array
+    rise: Array  # Over the column that the place lies in
+
+
+def _interpolate(table: Array, row: Indices, over: Array, place: Array) -> _Interpolated:
+    """Interpolate a table (rows, columns) so far over rows, and at places along its columns."""
     column, part = steps(place, table.shape[1])
     index = row * table.shape[1] + column
+    before = _between_rows(table, index, over)
+    rise = _between_rows(table, index + 1, over) - before
+    return _Interpolated(before + part * rise, rise)
+
+
+def _between_rows(table: Array, index: Indices, over: Array) -> Array:
+    """Interpolate between points of a table, by number, and those one row on."""
     flat = table.ravel()
-
-    def at_column(offset: int) -> Array:
-        upper = flat.take(index + offset)
-        lower = flat.take(index + offset + table.shape[1])
-        return (1.0 - over) * upper + over * lower
-
-    before = at_column(0)
-    rise = at_column(1) - before
-    return before + part * rise, rise
+    return np.asarray((1.0 - over) * flat.take(index) + over * flat.take(index + table.shape[1]))

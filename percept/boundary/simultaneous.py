@@ -125,16 +125,15 @@ def _leaving(
 
     The C tables (C, N, inner) hold the probability of k up to a place, on N lines of one b each.
     """
-    k_axis, b_axis = magnitude.law.axes
-    k_gain, b_gain = magnitude.balls.gains[:, chosen]
-    k_offset, b_offset = magnitude.balls.offsets[:, chosen]
-    b = b_axis.native(np.linspace(0.0, 1.0, tables.shape[1]))
-    squared = (np.multiply.outer(b, b_gain) + b_offset) ** 2
+    k = magnitude.balls.k.at(chosen)
+    b = magnitude.balls.b.at(chosen)
+    lines = np.linspace(0.0, 1.0, tables.shape[1])
+    squared = b.of_place(lines[:, None]) ** 2
     radius_squared = np.exp(2.0 * logs[..., chosen][:, :, None])
     # A ball that does not reach the line leaves it an interval without width.
-    half = np.sqrt(np.maximum(radius_squared - squared, 0.0))
-    start = _probability_at(tables, k_axis.place((-half - k_offset) / k_gain))
-    end = _probability_at(tables, k_axis.place((half - k_offset) / k_gain))
+    leg = np.sqrt(np.maximum(radius_squared - squared, 0.0))
+    start = _probability_at(tables, k.place(-leg))
+    end = _probability_at(tables, k.place(leg))
     # Inside all upper limits: between the last start and the first end.
     low = start[:, 1].max(axis=-1, keepdims=True)
     high = end[:, 1].min(axis=-1, keepdims=True)
@@ -146,7 +145,7 @@ def _leaving(
     gap_start = np.maximum(np.concatenate([low, covered], axis=-1), low)
     gap_end = np.minimum(np.concatenate([hole_start, high], axis=-1), high)
     gaps = np.maximum(gap_end - gap_start, 0.0)
-    staying = np.trapezoid(gaps.sum(axis=-1), dx=1.0 / (b.size - 1), axis=-1)
+    staying = np.trapezoid(gaps.sum(axis=-1), dx=lines[1], axis=-1)
     binding = np.zeros(order.shape[-1], dtype=bool)
     binding[start[:, 1].argmax(axis=-1)] = True
     binding[end[:, 1].argmin(axis=-1)] = True
