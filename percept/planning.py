@@ -76,7 +76,8 @@ def plan_mean(
         if not (np.isfinite(value) and value > 0.0):
             raise UsageError(f"{name} must be a positive number.", value=value)
     check_option("family", family, ("normal", "lognormal"))
-    half_tail, log = tail_of(level) / 2.0, family == "lognormal"
+    half_tail = tail_of(level) / 2.0
+    log = family == "lognormal"
     found = _smallest(
         lambda n: -special.stdtrit(n - 1.0, half_tail) / np.sqrt(n),
         float(np.log1p(half_width)) if log else half_width,

@@ -63,7 +63,8 @@ def _apart(rows: Sequence[Record], quantities: Mapping[str, Quantity]) -> str:
             apart.append(percentage(size, 2))
         else:
             apart.append(f"{bare(rounded(size, 2))} {quantities[name].unit}".strip())
-    least, most = (bare(rounded(end(ratios), 2)) for end in (min, max))
+    least = bare(rounded(min(ratios), 2))
+    most = bare(rounded(max(ratios), 2))
     wide = f"{least} times" if least == most else f"{least} to {most} times"
     return (
         f"Of the same family and kind, Bayesian intervals are {wide} as wide as classical ones. "
@@ -189,12 +190,14 @@ _CLASSICAL = {
     "user": "prediction intervals of the next {0}",
     "share": "exact two-sided tolerance intervals",
 }
-_LEVEL, _SHARE = (f"/provenance/scene/inference/{name}" for name in ("level", "share"))
+_LEVEL = "/provenance/scene/inference/level"
+_SHARE = "/provenance/scene/inference/share"
 
 
 def methods(document: Record) -> Section:
     """Return what the methods paragraph depends on, and what it cites."""
-    scene, intervals = document["provenance"]["scene"], document["intervals"]
+    scene = document["provenance"]["scene"]
+    intervals = document["intervals"]
     used = {row["method"] for row in intervals}
     kinds = [kind for kind in KINDS if kind in {row["kind"] for row in intervals}]
     references = cited(document)
@@ -229,7 +232,8 @@ def methods(document: Record) -> Section:
 
 def _deviation(document: Record) -> str:
     """Say what the responses of the normal family are."""
-    quantities, differences = quantities_of(document), compared_by_difference(document["intervals"])
+    quantities = quantities_of(document)
+    differences = compared_by_difference(document["intervals"])
     scales = document["provenance"]["scene"].get("model", {}).get("scale", {})
     labels = {name: quantity.label for name, quantity in quantities.items()}
     parts = []
@@ -257,7 +261,8 @@ def worst_curve(boundaries: Sequence[Record]) -> dict[str, Any] | None:
 
 def _model(document: Record) -> str:
     """Say what the hierarchical model is made of; data and scene leave parts of it out."""
-    record, model = document["data"], document["provenance"]["scene"].get("model", {})
+    record = document["data"]
+    model = document["provenance"]["scene"].get("model", {})
     words = words_of(document)
     quantities = quantities_of(document)
     names = [
@@ -265,7 +270,8 @@ def _model(document: Record) -> str:
         for p in dict.fromkeys(row["parameter"] for row in document["intervals"])
     ]
     pair = len(names) == 2
-    sessions, several = record["form"] == "trials", len(record["environments"]) > 1
+    sessions = record["form"] == "trials"
+    several = len(record["environments"]) > 1
     parts = [
         (
             "a regression of bias on the logarithm of the reference with a deviation for each"

@@ -171,8 +171,10 @@ def _biases(rows: Sequence[Record], quantities: Mapping[str, Quantity], words: W
 def _sized(rows: Sequence[Record], said: str) -> str:
     """Put the size of the bias to "too high in A", or the smallest and the largest with their names."""
     by_size = sorted(rows, key=lambda row: abs(row["bias"]))
-    smallest, largest = by_size[0], by_size[-1]
-    size, most = _size_in_unit(smallest), _size_in_unit(largest)
+    smallest = by_size[0]
+    largest = by_size[-1]
+    size = _size_in_unit(smallest)
+    most = _size_in_unit(largest)
     if size == most:
         return f"{size} {said}"
     unit = most.rpartition(" ")[2]
@@ -259,7 +261,8 @@ def _next_users(
         if len(known) == 1:
             ranges = [_user_range(known[0])]
         else:
-            narrowest, widest = by_width[0], by_width[-1]
+            narrowest = by_width[0]
+            widest = by_width[-1]
             ranges = [
                 f"{_user_range(narrowest)} ({narrowest['environment']}, the narrowest)",
                 f"{_user_range(widest)} ({widest['environment']}, the widest)",
@@ -274,7 +277,8 @@ def _next_users(
 
 def _digits_between(lower: float, upper: float) -> int:
     """Return the digits that tell two ends apart: two, and more where they lie close together."""
-    width, size = upper - lower, max(abs(lower), abs(upper))
+    width = upper - lower
+    size = max(abs(lower), abs(upper))
     if not (0.0 < width < math.inf and 0.0 < size < math.inf):
         return 2
     decades = math.log10(size / width)
@@ -283,7 +287,8 @@ def _digits_between(lower: float, upper: float) -> int:
 
 def _user_range(row: Record) -> str:
     """Write the next user's range against the reference."""
-    lower, upper = row["user_bias_lower"], row["user_bias_upper"]
+    lower = row["user_bias_lower"]
+    upper = row["user_bias_upper"]
     if row["relative"]:
         ratios = [row["user_lower_ratio"], row["user_upper_ratio"]]
         ends = [bare(rounded(ratio, _digits_between(*ratios))) for ratio in ratios]

@@ -192,7 +192,8 @@ def _messages(
             " before believing the spread."
         )
     for cell in cells[cells["outlier"]].to_dict("records"):
-        side, quantity = "below" if cell["below"] < 0.5 else "above", quantities[cell["parameter"]]
+        side = "below" if cell["below"] < 0.5 else "above"
+        quantity = quantities[cell["parameter"]]
         yield (
             f"{cell['subject']} set {quantity.label} in {cell['environment']} to "
             f"{quantity.amount(cell['value'])}, far {side} what the others predict."
@@ -288,7 +289,9 @@ def _pull_of_model(
     fit: Fit, model: CollapsedDensity, points: Array, level: float, users: tuple[str, str]
 ) -> Iterator[str]:
     """Yield a sentence per parameter whose spread the prior moves."""
-    priors, laws, named = model.priors, model.laws(points), model.scales(points)
+    priors = model.priors
+    laws = model.laws(points)
+    named = model.scales(points)
     environments = model.statistics.environments
     # One environment has no trend: its own log sigma has the prior of log s.
     log_s = np.log(named["s"][1] if "s" in named else named["sigma"][1][..., 0])
@@ -332,9 +335,11 @@ def _widths(
     laws: ConditionalMoments, cells: list[int], level: float, draws: Array | None = None
 ) -> Array:
     """Widths of the next user's intervals of cells on the response scale, by all draws or by some."""
-    mean, sd = laws.mean[:, cells], np.hypot(laws.sd, laws.population_sd)[:, cells]
+    mean = laws.mean[:, cells]
+    sd = np.hypot(laws.sd, laws.population_sd)[:, cells]
     if draws is not None:
-        mean, sd = mean[draws], sd[draws]
+        mean = mean[draws]
+        sd = sd[draws]
     tail = 0.5 * (1.0 - level)
     lower, _ = mixture_quantile(mean, sd, tail, upper=False)
     upper, _ = mixture_quantile(mean, sd, tail, upper=True)
@@ -343,7 +348,8 @@ def _widths(
 
 def _by_scatter(model: CollapsedDensity, p: int, level: float) -> tuple[Array, float]:
     """Widths of a parameter's classical prediction intervals (J,), 0 without scatter, and its mean log SD."""
-    sd, df = model.statistics.sd[p], model.statistics.df[p]
+    sd = model.statistics.sd[p]
+    df = model.statistics.df[p]
     scatters = (sd > 0) & (df > 0)
     freedom = np.where(scatters, df, 1.0)
     t = -special.stdtrit(freedom, 0.5 * (1.0 - level))

@@ -153,7 +153,8 @@ def _gaps(first: Study, second: Study) -> Iterator[dict[str, object]]:
     """How far the exact envelopes of B lie from A's, over the frequencies that both study."""
     a_low, a_high = first.parts.within
     b_low, b_high = second.parts.within
-    lower, upper = max(a_low, b_low), min(a_high, b_high)
+    lower = max(a_low, b_low)
+    upper = min(a_high, b_high)
     if not lower < upper:
         return
     omega = np.geomspace(lower, upper, _POINTS)
@@ -254,7 +255,8 @@ def _welch(a: Moments, b: Moments, tail: float) -> list[float]:
 
 def _sd_ratio(a: Moments, b: Moments, tail: float) -> list[float]:
     """Lower limit, value and upper limit of the SD of b over that of a."""
-    df_a, df_b = float(a.n) - 1, float(b.n) - 1
+    df_a = float(a.n) - 1
+    df_b = float(b.n) - 1
     # The upper quantile as the reciprocal of a lower one, which keeps the digits of a small tail.
     high = 1.0 / special.fdtri(df_a, df_b, tail)
     low = special.fdtri(df_b, df_a, tail)
@@ -264,7 +266,8 @@ def _sd_ratio(a: Moments, b: Moments, tail: float) -> list[float]:
 
 def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
     """Root of the mixture of differences of conditional normals."""
-    fit_a, fit_b = first.fit, second.fit
+    fit_a = first.fit
+    fit_b = second.fit
     if fit_a is None or fit_b is None or not (fit_a.passed and fit_b.passed):
         return
     from percept.inference.sampling.endpoints import mixture_quantile

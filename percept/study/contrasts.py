@@ -59,7 +59,8 @@ class _Pair:
 
         The `error` is that of Monte Carlo, where no stopping rule bounds it.
         """
-        asked, share = self.asked, kind == "share"
+        asked = self.asked
+        share = kind == "share"
         log = asked.family == "lognormal"
         limits = np.asarray(ends, dtype=float)
         if kind and log:
@@ -146,7 +147,8 @@ def contrast_rows(
     sessions: Sessions, parameters: tuple[str, ...], scene: Scene, **how: Any
 ) -> Iterator[Row | Skipped]:
     """Yield the contrasts of every method asked for; `how` is the sampler's progress and store."""
-    factor, asked = sessions.factor, scene.inference
+    factor = sessions.factor
+    asked = scene.inference
     assert factor is not None
     pairs: dict[str, list[_Pair]] = {}
     for p in parameters:
@@ -309,7 +311,8 @@ def _bayesian(sessions: Sessions, scene: Scene, pair: _Pair, **how: Any) -> Iter
     paired = [there[:, model.reference == j].all(axis=1) for j in range(len(names))]
     for c, own in enumerate([*paired, np.any(paired, axis=0)]):
         overall = c == len(names)
-        references, n = names if overall else [names[c]], int(own.sum())
+        references = names if overall else [names[c]]
+        n = int(own.sum())
         of_model: dict[str, Any] = {"method": "bayesian", "overall": overall}
         for kind, (lower, upper) in zip(asked.kinds, limits[..., c], strict=True):
             ends = [lower, upper, laws.mean[:, c].mean()]

@@ -212,7 +212,8 @@ def sampled(
         if store:
             store.keep(question, run)
     # In one order in memory: a sum's last bits then depend on the draws alone, kept or just made.
-    points, components = (np.ascontiguousarray(part) for part in (run.points, run.components))
+    points = np.ascontiguousarray(run.points)
+    components = np.ascontiguousarray(run.components)
     return dataclasses.replace(run, points=points, components=components)
 
 
@@ -233,7 +234,8 @@ def bayesian_rows(
     for kind in asked.kinds:
         lower, upper = fit.limits[kind]
         for cell, c in fit.column.items():
-            limits, n = (lower[c], upper[c], fit.estimate[c]), int(fit.counts[c])
+            limits = (lower[c], upper[c], fit.estimate[c])
+            n = int(fit.counts[c])
             rest: Any = {
                 "n": n,
                 "repeats": fit.repeats,
@@ -269,9 +271,8 @@ def modelled_together(
 
 def _side_by_side(models: list[Prepared]) -> Prepared:
     """Put models of different parameters together, the cells of each in a row."""
-    origin, unit = (
-        np.concatenate([getattr(m.scale, name) for m in models]) for name in ("origin", "unit")
-    )
+    origin = np.concatenate([m.scale.origin for m in models])
+    unit = np.concatenate([m.scale.unit for m in models])
     why = "two are modelled together at most; [inference] together names them"
     skipped = [Skipped("correlations of more than two parameters", why)]
     skipped += dict.fromkeys(part for m in models for part in m.skipped)
@@ -318,22 +319,26 @@ def _model(
 
 def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
     """Model each parameter of published limits by itself: limits hold no correlation."""
-    environments, family = sessions.environments, scene.inference.family
+    environments = sessions.environments
+    family = scene.inference.family
     reference = references(sessions, parameters, environments)
     cells, mean, sd, counts, _ = _all_moments(sessions, parameters, family)
     refuse_no_ratio(dict(zip(cells, reference.ravel().tolist(), strict=True)), sessions.quantities)
-    mean, sd = (part.reshape(reference.shape) for part in (mean, sd))
+    mean = mean.reshape(reference.shape)
+    sd = sd.reshape(reference.shape)
     if family == "lognormal":
         mean = mean - np.log(reference)
     else:
-        mean, sd = (mean - reference) / reference, sd / reference
+        mean = (mean - reference) / reference
+        sd = sd / reference
     n = counts.reshape(reference.shape)
     rows = zip(parameters, mean, sd, n, decades(reference), strict=True)
     models = [
         _model(from_summary(*row, parameter=parameter, environments=environments), scene)
         for parameter, *row in rows
     ]
-    scale, approximate = ResponseScale.of(reference, family), family == "lognormal"
+    scale = ResponseScale.of(reference, family)
+    approximate = family == "lognormal"
     quantities = sessions.quantities
     return Prepared(
         Product(models), scale, counts, None, approximate=approximate, quantities=quantities
@@ -364,9 +369,9 @@ def _all_moments(
                 ),
             )
     known = known_moments(cells, family)
-    mean, sd, n = (
-        np.array([getattr(m, name) for m in known.values()]) for name in ("mean", "sd", "n")
-    )
+    mean = np.array([m.mean for m in known.values()])
+    sd = np.array([m.sd for m in known.values()])
+    n = np.array([m.n for m in known.values()])
     return tuple(known), mean, sd, n, any(m.repeats for m in known.values())
 
 
@@ -374,7 +379,8 @@ def posterior_tree(fit: Fit, *, seed: int) -> Any:
     """Collect scales, correlations, locations and new users as a DataTree, one chain per ensemble."""
     import xarray
 
-    points, grid = fit.points, (len(fit.parameters), len(fit.environments))
+    points = fit.points
+    grid = (len(fit.parameters), len(fit.environments))
     means, users = fit.model.draw(points, generator(seed, Stream.LOCATIONS))
     # Parameters that are modelled apart may have other environments.
     at = [fit.parameters.index(p) * grid[1] + fit.environments.index(e) for p, e in fit.model.cells]
@@ -396,7 +402,8 @@ def posterior_tree(fit: Fit, *, seed: int) -> Any:
         "cell": [f"{p} in {e}" for p, e in fit.model.cells],
     }
     made_by = {"creation_library": "percept", "creation_library_version": percept.__version__}
-    chains, found = len(fit.run.points), {}
+    chains = len(fit.run.points)
+    found = {}
     for group, named in groups.items():
         variables = {
             name: (("chain", "draw", *dims), np.reshape(values, (chains, -1, *values.shape[1:])))

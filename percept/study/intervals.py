@@ -202,17 +202,16 @@ def compare_intervals(intervals: pd.DataFrame, family: str) -> pd.DataFrame:
         for method in ("classical", "bayesian")
     )
     both = next(pair).merge(next(pair), on=names, suffixes=("_classical", "_bayesian"))
-    low, high = (
-        np.array([both[f"{side}_classical"], both[f"{side}_bayesian"]], dtype=float)
-        for side in ("lower", "upper")
-    )
+    low = np.array([both["lower_classical"], both["lower_bayesian"]], dtype=float)
+    high = np.array([both["upper_classical"], both["upper_bayesian"]], dtype=float)
     both["width_ratio"] = (high[1] - low[1]) / (high[0] - low[0])
     estimates = both["estimate_bayesian"], both["estimate_classical"]
     both["relative"] = ~both["parameter"].isin(by_difference)
     ratio = estimates[0] / estimates[1] - 1.0
     both["shift"] = ratio.where(both["relative"], estimates[0] - estimates[1])
     if family == "lognormal":
-        low, high = np.log(low), np.log(high)
+        low = np.log(low)
+        high = np.log(high)
     shared = high.min(axis=0) - low.max(axis=0)
     both["overlap"] = np.maximum(shared, 0.0) / (high.max(axis=0) - low.min(axis=0))
     return both
@@ -225,10 +224,8 @@ def adjustments(sessions: Sessions) -> Iterator[Row]:
     for environment, rows in sessions.by_environment():
         for parameter in sessions.parameters:
             known = rows[rows[f"{parameter}_adj"].notna()]
-            adjusted, subjects = (
-                known[f"{parameter}_adj"].to_numpy(dtype=float),
-                known["subject"].to_numpy(),
-            )
+            adjusted = known[f"{parameter}_adj"].to_numpy(dtype=float)
+            subjects = known["subject"].to_numpy()
             values = subject_means(adjusted, subjects).values.tolist() if len(known) else []
             moments = Moments.from_values(values) if len(values) > 1 else None
             yield {

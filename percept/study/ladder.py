@@ -121,7 +121,8 @@ def climb(
 
 def _measured(fit: Fit, asked: InferenceTable) -> dict[_Cell, _Interval]:
     """Limits of a fit, with the errors of log width and midpoint by the influence of each draw on both."""
-    components, scale = fit.run.components, fit.scale
+    components = fit.run.components
+    scale = fit.scale
     found = {}
     parts = estimands_of(fit.model, asked).estimates(components.reshape(-1, components.shape[-1]))
     for kind, (_, influence) in zip(asked.kinds, parts, strict=True):
@@ -174,7 +175,8 @@ def sentence(
 ) -> str:
     """Say how two intervals differ and why, from the effects on one environment, parameter and kind."""
     whole = rows.iloc[0]
-    kind, label = whole["kind"], quantities[whole["parameter"]].label
+    kind = whole["kind"]
+    label = quantities[whole["parameter"]].label
     width, centre = (_noted(rows, name, least) for name, least in _LEAST.items())
     whose = _USERS[kind].format(**words)
     start = f"{whole['environment']}, {label}: "

@@ -92,7 +92,8 @@ class Parts:
     @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Parameters analysed: those the scene names, or all that were adjusted."""
-        sessions, asked = self.sessions, self.scene.inference.parameters
+        sessions = self.sessions
+        asked = self.scene.inference.parameters
         return analysed_parameters(sessions.parameters, asked, sessions.quantities)
 
     @property
@@ -202,7 +203,8 @@ class Parts:
         if self.fit.passed:
             from percept.study.checks import spread_pull
 
-            level, users = self.scene.inference.level, self.scene.user_noun
+            level = self.scene.inference.level
+            users = self.scene.user_noun
             found["pull"] = spread_pull(self.fit, level=level, users=users)
         if self.sessions.factor is not None:
             from percept.inference.hierarchy.priors import Priors
@@ -293,7 +295,8 @@ class Parts:
     def _drawing(self) -> BoundaryDrawing | None:
         if self.setup is None:
             return None
-        table, tolerance = self.scene.frequency, self.scene.inference.tolerance
+        table = self.scene.frequency
+        tolerance = self.scene.inference.tolerance
         return BoundaryDrawing(self.setup, self.regions, self.curve_laws, table, tolerance)
 
     @cached_property
@@ -324,7 +327,8 @@ class Parts:
     def _banded(self) -> list[Banded | Skipped]:
         """What bands are set against: the impedance of environments, or references of other quantities."""
         names = self.with_reference if is_impedance(self.parameters) else self.environments
-        read_at, share = self.scene.frequency.read_at, "share" in self.scene.inference.kinds
+        read_at = self.scene.frequency.read_at
+        share = "share" in self.scene.inference.kinds
         no_share = share and self.passed is not None
         return list(with_band(self.reference, self.parameters, names, read_at, no_share=no_share))
 
@@ -342,7 +346,8 @@ class Parts:
         setup = next(iter(results(self._setup)), None)
         if setup is None or setup.coupling is None:
             return None
-        read_at, within = self.scene.frequency.read_at, self.within
+        read_at = self.scene.frequency.read_at
+        within = self.within
         return study_coupling(setup, self.regions, self.realism, within, read_at=read_at)
 
     @property

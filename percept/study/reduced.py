@@ -25,7 +25,8 @@ def reduced_intervals(reduced: Reduced, scene: Scene | None = None) -> pd.DataFr
     if scene.study.factor:
         hint = "Read the files with read_sessions, or leave the key out to pool the levels."
         raise UsageError("a reduced study keeps no levels.", key="study.factor", hint=hint)
-    asked, parameters = scene.inference, _parameters(reduced, scene)
+    asked = scene.inference
+    parameters = _parameters(reduced, scene)
     shown = reduced.references.set_index("environment")
     reference = {(p, str(e)): float(v) for p in parameters for e, v in shown[f"{p}_ref"].items()}
     cells = reduced.cells[reduced.cells["n"] > 0]
@@ -54,8 +55,10 @@ def reduced_intervals(reduced: Reduced, scene: Scene | None = None) -> pd.DataFr
 
 def prepare_reduced(reduced: Reduced, scene: Scene) -> Prepared:
     """Build the hierarchical model of a study that was reduced while it was read."""
-    parameters, cells = _parameters(reduced, scene), reduced.cells[reduced.cells["n"] > 0]
-    subjects, present = tuple(cells["subject"].unique()), set(cells["environment"])
+    parameters = _parameters(reduced, scene)
+    cells = reduced.cells[reduced.cells["n"] > 0]
+    subjects = tuple(cells["subject"].unique())
+    present = set(cells["environment"])
     refuse_lone_subject(subjects)
     environments = tuple(name for name in reduced.references["environment"] if name in present)
     columns = list(environments)
@@ -91,7 +94,8 @@ def _parameters(reduced: Reduced, scene: Scene) -> tuple[str, ...]:
         hint = "Reduce them again, or change the scene."
         raise UsageError(message, key="inference.family", value=family, hint=hint)
     if scene.model.pooling == "none":
-        message, hint = "cells that were reduced are pooled.", "Read the trials with read_sessions."
+        message = "cells that were reduced are pooled."
+        hint = "Read the trials with read_sessions."
         raise UsageError(message, key="model.pooling", value="none", hint=hint)
     present = tuple(p for p in reduced.quantities if reduced.references[f"{p}_ref"].notna().any())
     return analysed_parameters(present, scene.inference.parameters, reduced.quantities)
@@ -99,14 +103,13 @@ def _parameters(reduced: Reduced, scene: Scene) -> tuple[str, ...]:
 
 def _cells(reduced: Reduced, cells: pd.DataFrame, reference: References) -> Iterator[Cell]:
     """Yield one value per subject, the mean of the trials on the family's scale, in its unit."""
-    log, tables = (
-        reduced.family == "lognormal",
-        dict(list(cells.groupby("environment", sort=False))),
-    )
+    log = reduced.family == "lognormal"
+    tables = dict(list(cells.groupby("environment", sort=False)))
     for (p, environment), shown in reference.items():
         if (table := tables.get(environment)) is None:
             continue
-        mean, repeats = table[f"mean_{p}"].to_numpy(), bool((table["n"] > 1).any())
+        mean = table[f"mean_{p}"].to_numpy()
+        repeats = bool((table["n"] > 1).any())
         values = shown * (np.exp(mean) if log else 1.0 + mean)
         moments = (
             Moments.from_values(values, log=log, repeats=repeats) if len(table) > 1 else TOO_FEW

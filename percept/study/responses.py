@@ -114,7 +114,8 @@ def trials(
 
     Deviations of parameters in `scaled` are in the scene's scale even if no reference is zero here.
     """
-    columns, skipped = [f"{p}_adj" for p in parameters], list[Skipped]()
+    columns = [f"{p}_adj" for p in parameters]
+    skipped = list[Skipped]()
     complete = sessions.table[columns].notna().all(axis=1)
     table = sessions.table[complete]
     if dropped := int((~complete).sum()):
@@ -162,10 +163,8 @@ def trials(
     environments = tuple(name for name in sessions.environments if name in present)
     reference = references(sessions, parameters, environments)
     unit = _units(reference, parameters, environments, scene, scaled)
-    environment, subject = (
-        pd.Categorical(table[name], categories=labels).codes.astype(np.intp)
-        for name, labels in (("environment", environments), ("subject", subjects))
-    )
+    environment = _codes(table["environment"], environments)
+    subject = _codes(table["subject"], subjects)
     at = reference[:, environment].T
     return Trials(
         response=np.log(adjusted / at) if lognormal else (adjusted - at) / unit[:, environment].T,
@@ -180,6 +179,11 @@ def trials(
     )
 
 
+def _codes(names: pd.Series[str], labels: tuple[str, ...]) -> NDArray[np.intp]:
+    """Return the place of each name among the labels."""
+    return pd.Categorical(names, categories=labels).codes.astype(np.intp)
+
+
 def _units(
     reference: Array,
     parameters: tuple[str, ...],
@@ -188,7 +192,8 @@ def _units(
     scaled: Collection[str],
 ) -> Array:
     """Return the unit of a response: the reference, or the scene's scale where one is not positive."""
-    unit, scales = reference.copy(), scene.model.scale
+    unit = reference.copy()
+    scales = scene.model.scale
     for p, name in enumerate(parameters):
         if np.all(reference[p] > 0) and name not in scaled:
             continue
@@ -292,7 +297,7 @@ def lacking_scatter(
         ):
             if _in_proportion(scatter, df):
                 if not known.any():
-                    first, second = (quantities[p] for p in statistics.parameters)
+                    first, second = [quantities[p] for p in statistics.parameters]
                     raise RefusalError(
                         f"{first.label} and {second.label} of {what} move in proportion, to within"
                         f" {_PROPORTION:.1%}, in every environment: a correlation of one has no"

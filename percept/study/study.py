@@ -310,7 +310,8 @@ class Study:
 
         formats = options.pop("formats", ("svg",))
         of_folder = {name: options.pop(name) for name in ("force", "say") if name in options}
-        why, progress = options.pop("why", False), options.get("progress")
+        why = options.pop("why", False)
+        progress = options.get("progress")
         with report_folder(directory, formats=formats, **of_folder) as folder:
             results = self.results(why=why, progress=progress)
             fill_report(folder, results, posterior=self.posterior, formats=formats, **options)
@@ -385,7 +386,8 @@ class Study:
 
     def _repr_html_(self) -> str:
         """Return a card: what the study is, what it has computed, and what to call; it computes nothing."""
-        sessions, asked = self.sessions, self.scene.inference
+        sessions = self.sessions
+        asked = self.scene.inference
         computed = [word for name, word in _KEPT.items() if name in vars(self.parts)]
         about = {
             "quantities": ", ".join(
