@@ -148,12 +148,8 @@ def _band(document: Document) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for row in _classical(band["rows"]):
         name = _named(row, "band", "environment", "kind", "family")
-        found[f"{name} limits"] = [
-            row["lower"],
-            row["upper"],
-            row["band"],
-            row.get("impedance", row.get("reference")),
-        ]
+        size = row["reference"] if row["impedance"] is None else row["impedance"]
+        found[f"{name} limits"] = [row["lower"], row["upper"], row["band"], size]
         found[f"{name} relative"] = row["relative"]
     for row in _classical(band["laws"]):
         name = _named(row, "law", "kind", "family", "model")
