@@ -130,8 +130,10 @@ def parse_numbers(
         text = cell.strip(_SPACE)
         if is_number(text):
             numbers[at] = number = float(text.replace(",", "."))
-            is_zero = not re.search("[1-9]", re.split("[eE]", text)[0])
-            if is_zero or LEAST <= abs(number) <= LARGEST:
+            if LEAST <= abs(number) <= LARGEST:
+                continue
+            mantissa = re.split("[eE]", text)[0]
+            if not re.search("[1-9]", mantissa):
                 continue
             message = f"not between {LEAST:g} and {LARGEST:g} in size."
             hint = ""
