@@ -56,7 +56,11 @@ class Results:
 def _outcome(reports: list[pytest.TestReport]) -> str:
     """Say what a case came to: the worst of its set-up, call and tear-down."""
     outcomes = {report.outcome for report in reports}
-    return next((bad for bad in ("failed", "skipped") if bad in outcomes), "passed")
+    for bad in ("failed", "skipped"):
+        if bad in outcomes:
+            return bad
+    finished = any(report.when == "call" for report in reports)
+    return "passed" if finished else "not finished"
 
 
 def main(arguments: list[str] | None = None) -> int:
