@@ -7,6 +7,8 @@ import html
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+__all__ = ["NotebookRecord", "fields_html"]
+
 #: Longer sequences are told by their shape or length.
 _MOST = 6
 

@@ -29,6 +29,8 @@ from percept.report.select import (
 )
 from percept.sessions.quantities import Quantity
 
+__all__ = ["bibtex", "checks", "cited", "comparison", "data", "diagnostics", "methods"]
+
 
 def comparison(document: Record) -> Section | None:
     """Return pairs of intervals and of curves, with how classical and Bayesian differ, and why."""
@@ -93,18 +95,14 @@ def diagnostics(document: Record) -> Section | None:
     if not record:
         return None
     gate = record["gate"]
+    measures = []
+    for name, label, asked, digits in _GATE:
+        if isinstance(gate[name], (int, float)):
+            pointer = f"/diagnostics/gate/{name}"
+            measures.append({"label": label, "asked": asked, "pointer": pointer, "digits": digits})
     values = {
         "gate": gate,
-        "measures": [
-            {
-                "label": label,
-                "asked": asked,
-                "pointer": f"/diagnostics/gate/{name}",
-                "digits": digits,
-            }
-            for name, label, asked, digits in _GATE
-            if isinstance(gate.get(name), (int, float))
-        ],
+        "measures": measures,
         "priors": record.get("priors", []),
     }
     return Section("diagnostics", "Sampling and its checks", values)
@@ -265,30 +263,25 @@ def _model(document: Record) -> str:
     model = document["provenance"]["scene"].get("model", {})
     words = words_of(document)
     quantities = quantities_of(document)
-    names = [
-        quantities[p].label
-        for p in dict.fromkeys(row["parameter"] for row in document["intervals"])
-    ]
+    parameters = distinct(document["intervals"], "parameter")
+    names = [quantities[parameter].label for parameter in parameters]
     pair = len(names) == 2
     sessions = record["form"] == "trials"
     several = len(record["environments"]) > 1
-    parts = [
-        (
+    parts = ["a bias"]
+    if several:
+        parts = [
             "a regression of bias on the logarithm of the reference with a deviation for each"
             f" {words.environment}"
-            if several
-            else "a bias"
-        )
-    ]
+        ]
     if sessions and several and model.get("subject_effect", True):
         both = f" and correlated between {' and '.join(names)}" if pair else ""
         parts.append(f"{words.subject} effects shared by all {words.environments}{both}")
     scatter = f"between-{words.subject} scatter"
     if several:
+        alike = model.get("common_spread")
         scatter += (
-            f" alike in all {words.environments}"
-            if model.get("common_spread")
-            else f" within each {words.environment}"
+            f" alike in all {words.environments}" if alike else f" within each {words.environment}"
         )
     if several and model.get("weber"):
         scatter += (

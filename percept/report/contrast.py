@@ -95,7 +95,9 @@ def contrast_sentences(document: Record) -> list[str]:
     for row in rows[:_SAID]:
         of = f" in {row['environment']}" if row["environment"] is not None else ""
         label = f"{quantities[row['parameter']].label}{of}"
-        estimate, lower, upper = (float(row[name]) for name in ("estimate", "lower", "upper"))
+        estimate = float(row["estimate"])
+        lower = float(row["lower"])
+        upper = float(row["upper"])
         digits = digits_of(estimate, lower, upper)
         size = bare(rounded(estimate if row["family"] == "lognormal" else abs(estimate), digits))
         ends = " to ".join(bare(rounded(end, digits)) for end in (lower, upper))

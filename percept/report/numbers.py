@@ -11,6 +11,10 @@ from typing import Any
 from percept.errors import UsageError
 from percept.report.select import at, unescaped
 
+__all__ = [
+    "SUPERSCRIPT", "Number", "bare", "digits_of", "number", "percentage", "rounded",
+]  # fmt: skip
+
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _INFINITE = {"inf": "∞", "-inf": "−∞"}
 

@@ -32,6 +32,9 @@ _NAMED = 5  # more names than this are counted, not listed
 _KIND = "user"  # whose boundary decides whether an environment feels real
 
 
+__all__ = ["findings", "overview", "summary"]
+
+
 def findings(document: Mapping[str, Any]) -> dict[str, Any]:
     """Work out what the first screen says from the rest of the document."""
     return {
@@ -112,33 +115,30 @@ def _realism(document: Record, best: Mapping[str, Sequence[str]]) -> list[dict[s
         first(matching(records, environment=name), **best)
         for name in distinct(records, "environment")
     ]
-    return [
-        {
-            "environment": record["environment"],
-            "method": record["method"],
-            "family": record["family"],
+    return [_felt(record, coupling) for record in chosen if record is not None]
+
+
+def _felt(record: Record, coupling: Record) -> dict[str, Any]:
+    """Return how far one reference leaves the envelope, and what the coupling breaks."""
+    felt = {name: record[name] for name in ("environment", "method", "family")}
+    for rendered, side in (("directly", "uncoupled"), ("coupled", "coupled")):
+        felt[rendered] = {
+            "verdict": record[f"verdict_{side}"],
+            # A fraction of the envelope's curve; that of effective k and b is in widths of their
+            # limits.
+            "departure": max(0.0, record[f"departure_{side}"]),
+            "omega": record[f"departure_omega_{side}"],
+            "plane_departure": record[f"plane_departure_{side}"],
         }
-        | {
-            rendered: {
-                "verdict": record[f"verdict_{side}"],
-                # A fraction of the envelope's curve; that of effective k and b is in widths of
-                # their limits.
-                "departure": max(0.0, record[f"departure_{side}"]),
-                "omega": record[f"departure_omega_{side}"],
-                "plane_departure": record[f"plane_departure_{side}"],
-            }
-            for rendered, side in (("directly", "uncoupled"), ("coupled", "coupled"))
-        }
-        | {
-            "breaks": [
-                *["stability"] * (coupling["verdict"] != "stable"),
-                *["magnitude"] * (record["verdict_coupled"] == "outside"),
-                *["plane"] * (record["plane_departure_coupled"] > 0.0),
-            ]
-        }
-        for record in chosen
-        if record is not None
-    ]
+    breaks = []
+    if coupling["verdict"] != "stable":
+        breaks.append("stability")
+    if record["verdict_coupled"] == "outside":
+        breaks.append("magnitude")
+    if record["plane_departure_coupled"] > 0.0:
+        breaks.append("plane")
+    felt["breaks"] = breaks
+    return felt
 
 
 def _biases(rows: Sequence[Record], quantities: Mapping[str, Quantity], words: Words) -> list[str]:
@@ -290,9 +290,13 @@ def _user_range(row: Record) -> str:
     lower = row["user_bias_lower"]
     upper = row["user_bias_upper"]
     if row["relative"]:
-        ratios = [row["user_lower_ratio"], row["user_upper_ratio"]]
-        ends = [bare(rounded(ratio, _digits_between(*ratios))) for ratio in ratios]
-        return f"{' to '.join(ends)} times the reference"
+        low = row["user_lower_ratio"]
+        high = row["user_upper_ratio"]
+        digits = _digits_between(low, high)
+        # Both ends to one decimal place: an end below 1 would have a digit more.
+        fewer = digits - 1 if abs(low) < 1.0 <= abs(high) else digits
+        least = bare(rounded(low, max(fewer, 2)))
+        return f"{least} to {bare(rounded(high, digits))} times the reference"
     ends = [bare(rounded(abs(end), 2)) for end in (lower, upper)]
     sides = ["below" if end < 0 else "above" for end in (lower, upper)]
     of = f" {row['unit']}" if row["unit"] else ""

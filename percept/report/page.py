@@ -21,6 +21,8 @@ from percept.report.select import title_of
 if TYPE_CHECKING:
     from percept.report.figures.canvas import Drawing
 
+__all__ = ["render_page", "render_standalone"]
+
 _PACKAGE = "percept.report"
 #: What stands on a page where there is no number.
 _NO_NUMBER = Markup('<span class="none">–</span>')

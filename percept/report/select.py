@@ -13,11 +13,18 @@ from percept.errors import UsageError
 from percept.results import Nouns, Results
 from percept.sessions.quantities import IMPEDANCE, Quantity
 
+__all__ = [
+    "KINDS", "METHODS", "METHOD_NAMES", "STATISTICS", "Record", "Section", "Words", "array", "at",
+    "choice_said", "chosen", "compared_by_difference", "distinct", "each_by_itself", "escaped",
+    "families_of", "family_of", "first", "kind_names", "listed", "makes_impedance", "matching",
+    "ordered", "pointed", "preferred_families", "quantities_of", "title_of", "unescaped", "words_of",
+]  # fmt: skip
+
 Record = Mapping[str, Any]
 R = TypeVar("R")
 
 #: Joint treatments of the main account: k and b each at the level asked for, or drawn together.
-EACH_BY_ITSELF = ("marginal", "joint")
+_EACH_BY_ITSELF = ("marginal", "joint")
 KINDS = ("mean", "user", "share")
 METHODS = ("classical", "bayesian")
 #: Statistics of the predictive check, in words.
@@ -113,7 +120,7 @@ def distinct(records: Iterable[Any], name: str) -> list[Any]:
 
 def each_by_itself(record: Any) -> bool:
     """Say whether a boundary is of the main account: not widened so that k and b hold together."""
-    return _field(record, "joint") in EACH_BY_ITSELF
+    return _field(record, "joint") in _EACH_BY_ITSELF
 
 
 def compared_by_difference(records: Iterable[Any]) -> set[str]:
@@ -170,18 +177,16 @@ def listed(names: Sequence[str]) -> str:
 
 def first(records: Iterable[R], **preferred: Sequence[object]) -> R | None:
     """Return the record that stands highest in every preference, earlier fields weighing more."""
+
+    def ranks(record: R) -> list[int]:
+        return [values.index(_field(record, name)) for name, values in preferred.items()]
+
     accepted = [
         record
         for record in records
         if all(_field(record, name) in values for name, values in preferred.items())
     ]
-    return min(
-        accepted,
-        key=lambda record: [
-            values.index(_field(record, name)) for name, values in preferred.items()
-        ],
-        default=None,
-    )
+    return min(accepted, key=ranks, default=None)
 
 
 def pointed(records: Iterable[Record] | None, root: str) -> list[dict[str, Any]]:

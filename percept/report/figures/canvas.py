@@ -91,7 +91,8 @@ def panels(
     """
     frame = frame or Frame()
     sides = figure.get_size_inches() / MM
-    width, height = float(sides[0]), float(sides[1])
+    width = float(sides[0])
+    height = float(sides[1])
     columns = columns or count
     rows = -(-count // columns)
     panel_width = (width - frame.left - frame.right - frame.gap * (columns - 1)) / columns

@@ -16,7 +16,10 @@ from matplotlib.figure import Figure
 
 from percept.report.figures.canvas import COLOURS, MM, Drawing
 
+__all__ = ["STYLE", "draw_all", "drawn"]
+
 _DPI = 300  # of a PNG
+_POINTS = 72.0  # of an SVG, per inch
 
 #: matplotlib's settings for every figure.
 STYLE: Any = {
@@ -70,7 +73,8 @@ _NO_METADATA: dict[str, dict[str, Any]] = {
 }
 # rem per mm: at the most a figure's lettering is as large as the page's small print, at the least
 # readable.
-_LEAST, _MOST = 0.2, 0.3
+_LEAST_WIDTH = 0.2
+_MOST_WIDTH = 0.3
 _HEAD = re.compile(r"<svg[^>]*>")
 # matplotlib's rule for every element would hold for the whole page; the outer element hands it down
 # instead.
@@ -162,12 +166,14 @@ def _inline(drawing: Drawing, text: str) -> str:
             )
         return f' id="{name}"' if name in used else ""
 
-    width, height = (side * MM * 72.0 for side in drawing.size)
-    side, label = drawing.size[0], f"svg-{drawing.name}"
+    side, high = drawing.size
+    width = side * MM * _POINTS
+    height = high * MM * _POINTS
+    label = f"svg-{drawing.name}"
     return (
         '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
         f'viewBox="0 0 {width:.7g} {height:.7g}" {_HANDED_DOWN} '
-        f'style="min-width:{side * _LEAST:.4g}rem;max-width:{side * _MOST:.4g}rem" '
+        f'style="min-width:{side * _LEAST_WIDTH:.4g}rem;max-width:{side * _MOST_WIDTH:.4g}rem" '
         f'role="img" aria-labelledby="{label}-title {label}-desc">'
         f'<title id="{label}-title">{_escaped(drawing.title)}</title>'
         f'<desc id="{label}-desc">{_escaped(drawing.description)}</desc>\n'
