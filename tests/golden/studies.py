@@ -150,12 +150,6 @@ def _band(document: Document) -> dict[str, Any]:
         name = _named(row, "band", "environment", "kind", "family")
         size = row["reference"] if row["impedance"] is None else row["impedance"]
         found[f"{name} limits"] = [row["lower"], row["upper"], row["band"], size]
-        found[f"{name} limits"] = [
-            row["lower"],
-            row["upper"],
-            row["band"],
-            row["reference"] if row["impedance"] is None else row["impedance"],
-        ]
         found[f"{name} relative"] = row["relative"]
     for row in _classical(band["laws"]):
         name = _named(row, "law", "kind", "family", "model")
