@@ -290,13 +290,9 @@ def _user_range(row: Record) -> str:
     lower = row["user_bias_lower"]
     upper = row["user_bias_upper"]
     if row["relative"]:
-        low = row["user_lower_ratio"]
-        high = row["user_upper_ratio"]
-        digits = _digits_between(low, high)
-        # Both ends to one decimal place: an end below 1 would have a digit more.
-        fewer = digits - 1 if abs(low) < 1.0 <= abs(high) else digits
-        least = bare(rounded(low, max(fewer, 2)))
-        return f"{least} to {bare(rounded(high, digits))} times the reference"
+        ratios = [row["user_lower_ratio"], row["user_upper_ratio"]]
+        ends = [bare(rounded(ratio, _digits_between(*ratios))) for ratio in ratios]
+        return f"{' to '.join(ends)} times the reference"
     ends = [bare(rounded(abs(end), 2)) for end in (lower, upper)]
     sides = ["below" if end < 0 else "above" for end in (lower, upper)]
     of = f" {row['unit']}" if row["unit"] else ""
