@@ -50,6 +50,10 @@ _DIP_PLACE = 1e-5
 _DIP_MARGIN = 1e-8
 #: Draws judged first; they are doubled while the error straddles a threshold.
 _FIRST_DRAWS = 512
+#: Accuracy of shares that are looked at first; a margin near zero is then worked out again.
+_FIRST_ACCURACY = 1e-4
+#: Margins, in SDs, below which the first shares do not tell the sign.
+_UNSURE_BELOW = 0.1
 #: Standard errors between a probability and a threshold that decide.
 _CLEAR = 2.0
 #: Values of (draws, frequencies, nodes) computed at once.
@@ -169,8 +173,17 @@ def magnitude_margins(display: Display, users: Users, omega: Array, *, level: fl
 
 def _integrals(disc: _Disc, users: Users) -> list[DiscIntegral]:
     """Return how the share is best integrated at each frequency, by a few of the populations."""
-    tried = users.select(slice(None, None, max(1, users.size // _TRIED)))
-    return choose_integral(tried.column(), disc.plane, disc.radius)
+    return choose_integral(_few(users), disc.plane, disc.radius)
+
+
+def _first_integrals(disc: _Disc, users: Users) -> list[DiscIntegral]:
+    chosen = choose_integral(_few(users), disc.plane, disc.radius, _FIRST_ACCURACY)
+    # The difference that settled is the error of half the nodes.
+    return [integral._replace(nodes=integral.nodes // 2) for integral in chosen]
+
+
+def _few(users: Users) -> Users:
+    return users.select(slice(None, None, max(1, users.size // _TRIED))).column()
 
 
 def _margins_on(disc: _Disc, integrals: list[DiscIntegral], users: Users, level: float) -> Array:
@@ -184,6 +197,21 @@ def _margins_on(disc: _Disc, integrals: list[DiscIntegral], users: Users, level:
             shares = share_within(some, part.plane, part.radius, integral)
             margins[start : start + step, columns] = _margin(shares, level)
     return margins
+
+
+def _make_sure(
+    margins: Array, disc: _Disc, integrals: list[DiscIntegral], users: Users, level: float
+) -> None:
+    """Work margins near zero out again, with all digits."""
+    unsure = np.abs(margins) < _UNSURE_BELOW
+    for integral in set(integrals):
+        here = unsure & np.array([other == integral for other in integrals])
+        draw, column = np.nonzero(here)
+        if draw.size:
+            there = disc.select(column)
+            some = users.select(draw)
+            shares = share_within(some, there.plane, there.radius, integral)
+            margins[draw, column] = _margin(shares, level)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -225,8 +253,9 @@ class _Margins(NamedTuple):
 def _search_margins(display: Display, users: Users, omega: Array, level: float) -> _Margins:
     """Look at every frequency, and between those where a margin dips."""
     disc = _Disc.of(display, omega)
+    margins = _margins_on(disc, _first_integrals(disc, users), users, level)
     integrals = _integrals(disc, users)
-    margins = _margins_on(disc, integrals, users, level)
+    _make_sure(margins, disc, integrals, users, level)
     least = margins.min(axis=1)
     middle = margins[:, 1:-1]
     dips = (middle <= margins[:, :-2]) & (middle <= margins[:, 2:])

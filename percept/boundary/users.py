@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 #: Beyond so many SDs lies less than 1e-12 of a population.
 _FARTHEST = 7.2
 #: Nodes tried, from the fewest on; narrow discs in wide populations need the last.
-_NODE_COUNTS = (24, 48, 96, 192, 384)
+_NODE_COUNTS = (12, 24, 48, 96, 192, 384)
 #: Shares are as good as exact from here on: verdicts look at shares of 0.005 and their like.
 _ACCURACY = 1e-7
 #: Logarithms of a stiffness or damping of zero, and below: no user is there.
@@ -98,7 +98,7 @@ class _Axis(NamedTuple):
 @cache
 def _nodes(count: int) -> tuple[Array, Array]:
     """Return places from -1 to 1 and weights; even in the angle, as a disc ends like a root."""
-    places, weights = np.polynomial.legendre.leggauss(count)
+    places, weights = special.roots_legendre(count)
     angle = 0.5 * np.pi * places
     return np.sin(angle), 0.5 * np.pi * np.cos(angle) * weights
 
@@ -154,7 +154,9 @@ def _score(log: bool, axis: _Axis, value: Array) -> Array:
     return (value - axis.mean) / axis.sd
 
 
-def choose_integral(users: Users, plane: DistancePlane, radius: Array) -> list[DiscIntegral]:
+def choose_integral(
+    users: Users, plane: DistancePlane, radius: Array, accuracy: float = _ACCURACY
+) -> list[DiscIntegral]:
     """Return for each frequency (M,) the integral whose digits settle with the fewest nodes.
 
     A few populations (D, 1) are tried: which order is smooth depends on the frequency more than on
@@ -164,12 +166,19 @@ def choose_integral(users: Users, plane: DistancePlane, radius: Array) -> list[D
     fewest = np.full(shape[1], _NODE_COUNTS[-1])
     inner = np.zeros(shape[1], dtype=np.intp)
     for quantity in (_STIFFNESS, _DAMPING):
+        open_at = np.arange(shape[1])
         shares = share_within(users, plane, radius, DiscIntegral(quantity, _NODE_COUNTS[0]))
         for nodes in _NODE_COUNTS[1:]:
-            more = share_within(users, plane, radius, DiscIntegral(quantity, nodes))
-            settled = np.abs(more - shares).max(axis=0) < _ACCURACY
-            better = settled & (nodes < fewest)
-            fewest[better] = nodes
-            inner[better] = quantity
-            shares = more
+            # More nodes than the other order needs are of no use.
+            kept = nodes < fewest[open_at]
+            open_at = open_at[kept]
+            if not open_at.size:
+                break
+            there = plane.select(open_at)
+            more = share_within(users, there, radius[open_at], DiscIntegral(quantity, nodes))
+            settled = np.abs(more - shares[:, kept]).max(axis=0) < accuracy
+            fewest[open_at[settled]] = nodes
+            inner[open_at[settled]] = quantity
+            open_at = open_at[~settled]
+            shares = more[:, ~settled]
     return [DiscIntegral(int(i), int(n)) for i, n in zip(inner, fewest, strict=True)]

@@ -9,8 +9,8 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from percept.report.select import matching
-from percept.results import Boundary, Results
+from percept.report.select import METHODS, matching
+from percept.results import Boundary, Confidences, PosteriorEvidence, Results, Verdict
 
 __all__ = ["csv_tables"]
 
@@ -57,7 +57,8 @@ def csv_tables(results: Results) -> dict[str, str]:
     tables["boundaries"] = _curves(results.boundaries)
     tables["contrast"] = _all_fields(results.contrast)
     tables["comparison"] = _all_fields(results.comparison or ())
-    tables["realism"] = _all_fields(results.coupling.realism if results.coupling else ())
+    tables["memberships"] = _all_fields(results.coupling.memberships if results.coupling else ())
+    tables["verdicts"] = _verdicts(results.verdicts)
     return {f"{name}.csv": text for name, text in tables.items() if text}
 
 
@@ -65,6 +66,23 @@ def _all_fields(records: Sequence[Any]) -> str:
     """Write every field of records."""
     names = [field.name for field in dataclasses.fields(records[0])] if records else []
     return _table(records, names)
+
+
+def _verdicts(verdicts: Sequence[Verdict]) -> str:
+    """Write a row per verdict, what each method found in columns of its name."""
+    own = [field.name for field in dataclasses.fields(Verdict)]
+    own = [name for name in own if name not in METHODS]
+    evidence = [field.name for field in dataclasses.fields(PosteriorEvidence)]
+    confidences = [field.name for field in dataclasses.fields(Confidences)]
+    heads = [*own, *(f"bayesian_{name}" for name in evidence)]
+    heads += [f"classical_{name}" for name in confidences]
+    rows = []
+    for verdict in verdicts:
+        row = [getattr(verdict, name) for name in own]
+        row += [getattr(verdict.bayesian, name, None) for name in evidence]
+        row += [getattr(verdict.classical, name, None) for name in confidences]
+        rows.append(row)
+    return _csv(heads, rows) if rows else ""
 
 
 def _table(records: Sequence[Any], names: Sequence[str], unit: str = "") -> str:

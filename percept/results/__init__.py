@@ -31,7 +31,6 @@ from percept.results.coupling import (
     Passivity,
     Sensitivity,
     StableEdge,
-    Throughout,
 )
 from percept.results.data import (
     CellValues,
@@ -52,13 +51,14 @@ from percept.results.intervals import (
 )
 from percept.results.plain import dumps, plain
 from percept.results.results import SCHEMA, Results, Skipped
+from percept.results.verdicts import Confidences, PosteriorEvidence, Verdict
 
 __all__ = [
     "SCHEMA", "AdmissibleCouplings", "Band", "BandLaw", "BandRow", "BandStatement", "Boundary",
-    "CellOutlier", "CellValues", "Checks", "ContrastRow", "Coupling", "CouplingMap", "Data",
-    "DesignCounts", "Diagnostics", "EnvironmentCouplings", "Estimate", "GateVerdict",
+    "CellOutlier", "CellValues", "Checks", "Confidences", "ContrastRow", "Coupling", "CouplingMap",
+    "Data", "DesignCounts", "Diagnostics", "EnvironmentCouplings", "Estimate", "GateVerdict",
     "IntervalRow", "Ladder", "LadderEffect", "LeftOut", "LeftOutRow", "Membership", "MethodPair",
-    "NormalityTest", "Note", "Nouns", "Passivity", "PredictiveCheck", "Prior", "PriorQuantiles",
-    "Provenance", "Results", "Sensitivity", "Shape", "Skipped", "SourceFile", "StableEdge",
-    "SubjectCheck", "Throughout", "WeberTrend", "dumps", "plain",
+    "NormalityTest", "Note", "Nouns", "Passivity", "PosteriorEvidence", "PredictiveCheck", "Prior",
+    "PriorQuantiles", "Provenance", "Results", "Sensitivity", "Shape", "Skipped", "SourceFile",
+    "StableEdge", "SubjectCheck", "Verdict", "WeberTrend", "dumps", "plain",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Verdicts on the device and its virtual coupling: stability, realism, and couplings that are both."""
+"""The device and its virtual coupling: stability, memberships, and couplings that feel real."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import dataclasses
 
 from percept.haptics.design import QualifyingCoupling
 from percept.html import NotebookRecord
-from percept.results.fields import Array, Family, Kind, Method, Verdict
+from percept.results.fields import Array, Family, Inside, Kind, Method
 
 __all__ = [
     "AdmissibleCouplings", "Coupling", "CouplingMap", "EnvironmentCouplings", "Membership",
-    "Passivity", "Sensitivity", "StableEdge", "Throughout",
+    "Passivity", "Sensitivity", "StableEdge",
 ]  # fmt: skip
 
 
@@ -39,31 +39,16 @@ class Membership:
     family: Family
     joint: str
     shape: str
-    verdict_uncoupled: Verdict
+    verdict_uncoupled: Inside
     departure_uncoupled: float
     departure_omega_uncoupled: float  # rad/s
     plane_departure_uncoupled: float
-    verdict_coupled: Verdict
+    verdict_coupled: Inside
     departure_coupled: float
     departure_omega_coupled: float  # rad/s
     plane_departure_coupled: float
     effective_stiffness: float  # Through the coupling at `Coupling.read_at`, N/m
     effective_damping: float  # N·s/m
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Throughout:
-    """Posterior probability that what is displayed feels real at every omega of the range."""
-
-    environment: str
-    coupled: bool  # Through the coupling, or directly
-    magnitude: float  # By abs(Z_h)
-    plane: float  # By effective (k, b)
-    magnitude_error: float  # Monte Carlo standard errors
-    plane_error: float
-    draws: int
-    stable_and_realistic: float | None  # None directly, and where stability is undecided
-    stable_and_realistic_plane: float | None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,9 +66,8 @@ class Coupling(NotebookRecord):
     omega: Array  # (M,) Frequencies of the criterion, rad/s
     bound: Array  # (M,) The criterion's bound there
     admittance: Array  # (M,) Real part of the coupling's admittance there
-    realism: tuple[Membership, ...]  # Per rectangle of (k, b) and shape
+    memberships: tuple[Membership, ...]  # Per rectangle of (k, b) and shape
     read_at: float  # Where single values are read, rad/s
-    probability: tuple[Throughout, ...] | None = None  # None without a Bayesian fit
 
 
 @dataclasses.dataclass(frozen=True)

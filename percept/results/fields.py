@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import PlainValidator
 
-__all__ = ["Array", "Family", "Kind", "Method", "Verdict"]
+__all__ = ["Array", "Family", "Feeling", "Inside", "Kind", "Method"]
 
 Kind: TypeAlias = Literal["mean", "user", "share"]
 Method: TypeAlias = Literal["classical", "bayesian"]
 Family: TypeAlias = Literal["normal", "lognormal"]
-Verdict: TypeAlias = Literal["inside", "marginal", "outside"]
+Feeling: TypeAlias = Literal["feels real", "does not", "too little data"]
+Inside: TypeAlias = Literal["inside", "marginal", "outside"]
 
 
 def _as_floats(values: Any) -> NDArray[np.float64]:

@@ -17,6 +17,7 @@ from percept.results.coupling import AdmissibleCouplings, Coupling, Passivity, S
 from percept.results.data import Data, Provenance
 from percept.results.intervals import ContrastRow, IntervalRow, Ladder, MethodPair
 from percept.results.plain import dumps, plain
+from percept.results.verdicts import Verdict
 
 __all__ = ["SCHEMA", "Results", "Skipped"]
 
@@ -47,6 +48,7 @@ class Results:
     boundaries: tuple[Boundary, ...]
     zoom: dict[str, tuple[float, float]]  # Window of omega of each environment's close view, rad/s
     close: tuple[Boundary, ...]  # The boundaries drawn in those windows
+    verdicts: tuple[Verdict, ...]  # Empty without a device
     passivity: tuple[Passivity, ...] | None
     coupling: Coupling | None
     band: Band | None

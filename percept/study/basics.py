@@ -107,11 +107,12 @@ class Stream(enum.IntEnum):
     """What draws are for; two purposes with one number would share their draws."""
 
     LOCATIONS = 101
-    REALISM = 104
+    USERS = 104
     NEW_ENVIRONMENT = 105
     CLASSICAL_BANDS = 107
     POSTERIOR_BANDS = 108
     PAIRS = 110
+    FIDUCIAL = 111
     CHECKED_STATISTICS = 127
     PRIOR = 131
 

@@ -1,17 +1,14 @@
-"""Verdicts on the device and its virtual coupling: stability, realism, and couplings that are both."""
+"""The device and its virtual coupling: stability, and memberships in boundaries by the paper's rule."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from scipy import special
 
 from percept import haptics
-from percept.boundary.realism import Realism, realism
 from percept.haptics import Coupling, TabulatedDevice
 from percept.haptics.containment import Boxes, departures, plane_departures
 from percept.haptics.design import CouplingDesign, EnvironmentBoundary, design_couplings
@@ -19,26 +16,17 @@ from percept.haptics.impedance import coupling_admittance
 from percept.haptics.search import covers_range
 from percept.haptics.stability import coupling_bound
 from percept.html import NotebookRecord
-from percept.scene import InferenceTable
-from percept.study.basics import Array, Skipped, Stream, generator
+from percept.study.basics import Array, Skipped
 from percept.study.device import BOXES, Setup
 from percept.study.regions import Region
 
-if TYPE_CHECKING:
-    from percept.study.fit import Fit
-
 __all__ = [
     "CouplingStudy",
-    "Realisms",
     "design_by_method",
     "no_design",
-    "populations",
     "study_coupling",
-    "study_realism",
 ]
 
-#: By environment, and whether it is displayed through the coupling.
-Realisms = dict[tuple[str, bool], Realism]
 # Frequencies that Llewellyn's criterion is drawn at: enough for a line without corners.
 _STABILITY_POINTS = 400
 # The criterion is drawn from here on, rad/s, or from this fraction of Nyquist if that is less.
@@ -65,16 +53,18 @@ class CouplingStudy(NotebookRecord):
     #: omega of the range ("inside", "marginal" or "outside"), the largest departure (relative,
     #: negative inside) with its omega, rad/s, and that of effective k and b, in widths; also
     #: effective k and b at `read_at`.
-    realism: pd.DataFrame
+    memberships: pd.DataFrame
     read_at: float  #: Where single values are read, rad/s
-    #: Probability over posterior draws of being realistic throughout; None without a Bayesian fit.
-    probability: pd.DataFrame | None = None
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether the coupling is stable, at its limit it is not; None where that is undecided."""
+        return {"stable": True, "marginal": False, "unstable": False}.get(self.verdict)
 
 
 def study_coupling(
     setup: Setup,
     regions: Sequence[Region],
-    realisms: Realisms,
     within: tuple[float, float],
     *,
     read_at: float,
@@ -111,13 +101,12 @@ def study_coupling(
         omega=omega,
         bound=coupling_bound(omega, device, period, hold=hold),
         admittance=coupling_admittance(omega, coupling, period).real,
-        realism=pd.DataFrame(_verdicts(setup, coupling, regions, within, read_at)),
+        memberships=pd.DataFrame(_memberships(setup, coupling, regions, within, read_at)),
         read_at=read_at,
-        probability=_probability(realisms, verdict.verdict) if realisms else None,
     )
 
 
-def _verdicts(
+def _memberships(
     setup: Setup,
     coupling: Coupling,
     regions: Sequence[Region],
@@ -164,22 +153,6 @@ def _departures(
     }
 
 
-def _probability(realisms: Realisms, verdict: str) -> pd.DataFrame:
-    """Probabilities of being realistic; times stability, of which a coupling at its limit has none."""
-    stable = verdict == "stable"
-    decided = verdict in ("stable", "marginal", "unstable")
-    rows = []
-    for (environment, coupled), probability in realisms.items():
-        row = {"environment": environment, "coupled": coupled, **dataclasses.asdict(probability)}
-        row["stable_and_realistic"] = None
-        row["stable_and_realistic_plane"] = None
-        if coupled and decided:
-            row["stable_and_realistic"] = probability.magnitude * stable
-            row["stable_and_realistic_plane"] = probability.plane * stable
-        rows.append(row)
-    return pd.DataFrame(rows)
-
-
 def no_design(setup: Setup, kinds: Sequence[str]) -> Skipped | None:
     """Say why no admissible couplings are looked for; None where they are."""
     device = setup.device
@@ -213,33 +186,3 @@ def design_by_method(
             setup.device, boundaries, within, setup.period, hold=setup.hold
         )
     return designs
-
-
-def populations(fit: Fit, asked: InferenceTable) -> dict[str, Boxes]:
-    """Limits between which the level of all users lie, per posterior draw and environment."""
-    means, _ = fit.model.draw(fit.points, generator(asked.seed, Stream.REALISM))
-    out = -special.ndtri(0.5 * (1.0 - asked.level))
-    reach = out * fit.model.laws(fit.points).population_sd
-    lower = fit.pairs(fit.scale.native(means - reach))
-    upper = fit.pairs(fit.scale.native(means + reach))
-    boxes = {}
-    for environment in fit.environments:
-        k_low, b_low = lower[environment]
-        k_high, b_high = upper[environment]
-        boxes[environment] = Boxes.of((k_low, k_high), (b_low, b_high))
-    return boxes
-
-
-def study_realism(
-    setup: Setup, fit: Fit, asked: InferenceTable, within: tuple[float, float]
-) -> Realisms:
-    """Judge every reference, without and through the coupling, at every omega of a range, rad/s."""
-    displays = [False]
-    if setup.coupling is not None:
-        displays.append(True)
-    realisms = {}
-    for environment, users in populations(fit, asked).items():
-        for coupled in displays:
-            display = setup.display(environment, coupled=coupled)
-            realisms[environment, coupled] = realism(display, users, *within)
-    return realisms

@@ -13,11 +13,12 @@ from numpy.typing import ArrayLike
 from percept import haptics
 from percept.boundary.band import BandStudy
 from percept.boundary.curves import Boundary
+from percept.boundary.users import Users
 from percept.errors import RefusalError
 from percept.haptics.design import CouplingDesign
 from percept.haptics.records import AnyDevice
 from percept.inference.record import Family
-from percept.results import Nouns
+from percept.results import Nouns, Verdict
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import is_impedance
@@ -26,11 +27,9 @@ from percept.study.basics import FAMILIES, Skipped, analysed_parameters, referen
 from percept.study.boundaries import JOINTS, BoundaryDrawing, increasing, zoom_windows
 from percept.study.coupling import (
     CouplingStudy,
-    Realisms,
     design_by_method,
     no_design,
     study_coupling,
-    study_realism,
 )
 from percept.study.device import (
     DeviceSensitivity,
@@ -50,6 +49,7 @@ from percept.study.intervals import (
 )
 from percept.study.regions import Law, Region, SubjectPairs, laws_of, regions_of, subject_pairs
 from percept.study.responses import references, refuse_lone_subject
+from percept.study.verdicts import Subjects, posterior_users, study_verdicts, subjects_of
 
 __all__ = ["Parts"]
 
@@ -342,13 +342,13 @@ class Parts:
 
     @cached_property
     def coupling(self) -> CouplingStudy | None:
-        """Stability and realism of the coupling; None without a device and a coupling."""
+        """Stability of the coupling and memberships in boundaries; None without device and coupling."""
         setup = next(iter(results(self._setup)), None)
         if setup is None or setup.coupling is None:
             return None
         read_at = self.scene.frequency.read_at
         within = self.within
-        return study_coupling(setup, self.regions, self.realism, within, read_at=read_at)
+        return study_coupling(setup, self.regions, within, read_at=read_at)
 
     @property
     def passivity(self) -> pd.DataFrame | None:
@@ -356,11 +356,29 @@ class Parts:
         return None if self.setup is None else self.setup.passivity
 
     @cached_property
-    def realism(self) -> Realisms:
-        """Probability that each reference feels real, directly and coupled (True); empty without a fit."""
-        if self.setup is None or self.passed is None:
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Whether each environment feels real, directly and through the coupling; empty without a device."""
+        if self.setup is None:
+            return ()
+        asked = self.scene.inference
+        stable = self.coupling.stable if self.coupling is not None else None
+        return tuple(
+            study_verdicts(self.setup, self.users, self.subjects, asked, self.within, stable=stable)
+        )
+
+    @cached_property
+    def users(self) -> dict[str, Users]:
+        """Posterior draws of the population of users by environment; empty without a passed fit."""
+        if self.passed is None or self.setup is None:
             return {}
-        return study_realism(self.setup, self.passed, self.scene.inference, self.within)
+        return posterior_users(self.passed, self.scene.inference)
+
+    @cached_property
+    def subjects(self) -> dict[str, Subjects]:
+        """What the classical method knows of the users of each environment."""
+        if self.scene.inference.method == "bayesian":
+            return {}
+        return subjects_of(self.cells, results(self._pairs), self.scene.inference)
 
     @cached_property
     def no_design(self) -> Skipped | None:

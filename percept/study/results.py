@@ -101,6 +101,8 @@ def compute(
         close += parts.boundaries_at(omega, (name,), kinds=(close_kind,), joints=_CLOSE_JOINTS)
     step("coupling")
     coupling = parts.coupling if curves else None
+    step("verdicts")
+    verdicts = parts.verdicts if curves else ()
     step("band law")
     band = parts.band if curves else None
     step("admissible couplings")
@@ -126,6 +128,7 @@ def compute(
         boundaries=boundaries_of(boundaries),
         zoom=windows,
         close=boundaries_of(close),
+        verdicts=verdicts,
         passivity=rows(Passivity, parts.passivity) if curves else None,
         coupling=record(Coupling, coupling),
         band=record(Band, band),

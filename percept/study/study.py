@@ -14,7 +14,7 @@ from percept.boundary.band import BandStudy
 from percept.boundary.curves import Boundary
 from percept.errors import UsageError, counted
 from percept.html import fields_html
-from percept.results import Band, Coupling, IntervalRow, LeftOut, Results
+from percept.results import Band, Coupling, IntervalRow, LeftOut, Results, Verdict
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.read import by_level
@@ -248,8 +248,13 @@ class Study:
 
     @property
     def coupling(self) -> CouplingStudy | None:
-        """Stability and realism of the coupling; None without a device and a coupling."""
+        """Stability of the coupling and memberships in boundaries; None without device and coupling."""
         return self.parts.coupling
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Whether each environment feels real, directly and through the coupling; empty without a device."""
+        return self.parts.verdicts
 
     @property
     def comparison(self) -> pd.DataFrame | None:

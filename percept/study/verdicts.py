@@ -1,0 +1,298 @@
+"""Whether what is displayed feels real to users, judged by both methods with one definition.
+
+An environment feels real where what is displayed lies in the central range of the population of
+users at every omega. The Bayesian method gives the posterior probability of that, the classical
+method a confidence part by part; `decision` turns either into one of three outcomes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from percept.boundary import confidence as classical
+from percept.boundary.confidence import Confidence, confidence, limits_confidence
+from percept.boundary.feels_real import feels_real, judge, search_grid
+from percept.boundary.users import Users
+from percept.errors import RefusalError
+from percept.haptics import TabulatedDevice
+from percept.inference.classical.fiducial import fiducial_draws
+from percept.inference.classical.moments import Moments
+from percept.inference.record import Family
+from percept.results import Confidences, PosteriorEvidence, Verdict
+from percept.scene import InferenceTable
+from percept.study.basics import Array, Stream, generator
+from percept.study.device import Setup
+from percept.study.intervals import Cell
+from percept.study.regions import SubjectPairs
+
+if TYPE_CHECKING:
+    from percept.study.fit import Fit
+
+__all__ = [
+    "Subjects", "fiducial_users", "frequencies", "posterior_users", "relative_sd", "study_verdicts",
+    "subjects_of",
+]  # fmt: skip
+
+#: Most draws of the posterior: a probability of 0.95 is known to 0.003 by them.
+_MOST_DRAWS = 4096
+#: Fiducial draws of a map, where there is no posterior.
+_FIDUCIAL_DRAWS = 512
+#: Half of a resonance's width against the SD of log k between users, and its least.
+_HALF_SD = 0.5
+_LEAST_HALF_WIDTH = 1e-3
+#: Beyond this logarithm of N/m or N·s/m no impedance of interest changes.
+_LARGEST_LOG = 90.0
+_NAMES = ("k", "b")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Subjects:
+    """What the classical method knows of the users of one environment."""
+
+    family: Family
+    stiffness: Moments  # On the family's scale
+    damping: Moments
+    pairs: classical.SubjectPairs | None  # None with fewer than three subjects, and for published limits
+
+    def confidence(
+        self, setup: Setup, environment: str, asked: InferenceTable, omega: Array, *, coupled: bool
+    ) -> Confidence | None:
+        """Judge what is displayed; None where subjects do not scatter."""
+        display = setup.display(environment, coupled=coupled)
+        rng = generator(asked.seed, Stream.FIDUCIAL)
+        level = asked.level
+        if self.pairs is not None:
+            try:
+                return confidence(
+                    display, self.pairs, omega, level=level, decision=asked.decision, rng=rng
+                )
+            except RefusalError:
+                # Stiffness and damping in proportion have no joint law; each still has its own.
+                pass
+        try:
+            moments = self.stiffness, self.damping
+            log = self.family == "lognormal"
+            return limits_confidence(display, *moments, omega, level=level, log=log)
+        except RefusalError:
+            return None
+
+
+def subjects_of(
+    cells: Mapping[Family, Sequence[Cell]], pairs: Sequence[SubjectPairs], asked: InferenceTable
+) -> dict[str, Subjects]:
+    """Return what the classical method knows, by environment: in the scene's family if it can."""
+    found: dict[str, Subjects] = {}
+    for family in ("normal", "lognormal", asked.family):
+        moments = {
+            (cell.parameter, cell.environment): cell.moments.on_scale(family)
+            for cell in cells.get(family, ())
+            if cell.moments is not None
+        }
+        values = {pair.environment: pair for pair in pairs if pair.family == family}
+        for environment in dict.fromkeys(name for _, name in moments):
+            own = [moments.get((parameter, environment)) for parameter in _NAMES]
+            stiffness, damping = own
+            if stiffness is None or damping is None:
+                continue
+            pair = _subject_pairs(values.get(environment))
+            # The family set last stays.
+            found[environment] = Subjects(family, stiffness, damping, pair)
+    return found
+
+
+def _subject_pairs(pairs: SubjectPairs | None) -> classical.SubjectPairs | None:
+    if pairs is None:
+        return None
+    values = np.column_stack([pairs.k, pairs.b])
+    log = pairs.family == "lognormal"
+    return classical.SubjectPairs(np.log(values) if log else values, log)
+
+
+def posterior_users(fit: Fit, asked: InferenceTable) -> dict[str, Users]:
+    """Draw the population of users of each environment, in random order.
+
+    Models that have no joint law of stiffness and damping let them vary independently.
+    """
+    rng = generator(asked.seed, Stream.USERS)
+    points = rng.permutation(fit.points)[:_MOST_DRAWS]
+    parts = fit.model.pooled_parts(points)
+    draw = _joint_draws if len(parts) == 1 else _separate_draws
+    users = {}
+    for environment, mean, covariance in draw(fit, points, rng):
+        cells = [fit.column[name, environment] for name in _NAMES]
+        origin = fit.scale.origin[cells]
+        unit = fit.scale.unit[cells]
+        centre = np.log(origin) if fit.scale.log else origin
+        population = np.multiply.outer(unit, unit) * covariance
+        users[environment] = users_in_range(centre + unit * mean, population, log=fit.scale.log)
+    return users
+
+
+def users_in_range(mean: Array, covariance: Array, *, log: bool) -> Users:
+    """Return populations; means and SDs that leave the range of impedances are brought to its end."""
+    users = Users.of(mean, covariance, log=log)
+    if not log:
+        return users
+    centre = np.clip(users.mean, -_LARGEST_LOG, _LARGEST_LOG)
+    return dataclasses.replace(users, mean=centre, sd=np.minimum(users.sd, _LARGEST_LOG))
+
+
+def _joint_draws(
+    fit: Fit, points: Array, rng: np.random.Generator
+) -> Iterator[tuple[str, Array, Array]]:
+    """Yield environment, mean (S, 2) and covariance (S, 2, 2) between users, as responses."""
+    ((density, coordinates),) = fit.model.pooled_parts(points)
+    laws = density.pairs(coordinates)
+    for j, environment in enumerate(fit.environments):
+        noise = rng.standard_normal((len(points), 2, 1))
+        values, vectors = np.linalg.eigh(laws.location[:, j])
+        root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+        mean = laws.mean[:, j] + (root @ noise)[..., 0]
+        yield environment, mean, laws.users[:, j]
+
+
+def _separate_draws(
+    fit: Fit, points: Array, rng: np.random.Generator
+) -> Iterator[tuple[str, Array, Array]]:
+    means, _ = fit.model.draw(points, rng)
+    variances = fit.model.laws(points).population_sd ** 2
+    for environment in fit.environments:
+        cells = [fit.column[name, environment] for name in _NAMES]
+        yield environment, means[:, cells], variances[:, cells][:, :, None] * np.eye(2)
+
+
+def fiducial_users(subjects: Subjects, asked: InferenceTable) -> Users | None:
+    """Draw populations that the subjects leave likely; None where there is no joint law."""
+    if subjects.pairs is None:
+        return None
+    rng = generator(asked.seed, Stream.FIDUCIAL)
+    try:
+        draws = fiducial_draws(subjects.pairs.values, _FIDUCIAL_DRAWS, rng)
+    except RefusalError:
+        return None
+    return users_in_range(draws.mean, draws.covariance, log=subjects.pairs.log)
+
+
+def frequencies(
+    setup: Setup, environment: str, relative_sd: float, within: tuple[float, float]
+) -> Array:
+    """Return the frequencies, rad/s, at which an environment is judged before dips are searched."""
+    resonances = setup.resonances(environment)
+    resonances = resonances[np.isfinite(resonances) & (resonances > 0.0)]
+    half_width = max(_HALF_SD * relative_sd, _LEAST_HALF_WIDTH)
+    if isinstance(setup.device, TabulatedDevice):
+        # A table's rows are all there is to see.
+        half_width = 0.0
+    return search_grid(*within, resonances, np.full(resonances.size, min(half_width, 1.0)))
+
+
+def relative_sd(users: Users) -> float:
+    """Return the typical SD of stiffness between users, relative to its mean."""
+    sd = float(np.median(users.sd[0]))
+    return sd if users.log else sd / max(abs(float(np.median(users.mean[0]))), 1e-300)
+
+
+def study_verdicts(
+    setup: Setup,
+    users: Mapping[str, Users],
+    subjects: Mapping[str, Subjects],
+    asked: InferenceTable,
+    within: tuple[float, float],
+    *,
+    stable: bool | None,
+) -> Iterator[Verdict]:
+    """Judge every reference, directly and through the coupling, at every frequency of a range, rad/s.
+
+    `stable` is the coupling's verdict, None where it is undecided.
+    """
+    for environment in setup.references:
+        own_users = users.get(environment)
+        own_subjects = subjects.get(environment)
+        if own_users is not None:
+            spread = relative_sd(own_users)
+        elif own_subjects is not None:
+            moments = own_subjects.stiffness
+            spread = float(moments.sd)
+            if own_subjects.family == "normal":
+                spread /= max(abs(float(moments.mean)), 1e-300)
+        else:
+            continue
+        omega = frequencies(setup, environment, spread, within)
+        for coupled in (False, True)[: 1 + (setup.coupling is not None)]:
+            evidence = None
+            if own_users is not None:
+                evidence = _posterior_evidence(
+                    setup, environment, own_users, asked, omega, coupled=coupled
+                )
+            parts = None
+            if own_subjects is not None:
+                found = own_subjects.confidence(setup, environment, asked, omega, coupled=coupled)
+                parts = _confidences(found, own_subjects.family, asked)
+            chosen = evidence or parts
+            if evidence is not None:
+                outcome, probability = evidence.outcome, evidence.probability
+            elif parts is not None:
+                outcome, probability = parts.outcome, parts.least
+            else:
+                continue
+            together = None
+            if coupled and stable is not None and evidence is not None:
+                together = evidence.probability if stable else 0.0
+            yield Verdict(
+                environment=environment,
+                coupled=coupled,
+                level=asked.level,
+                decision=asked.decision,
+                outcome=outcome,
+                method="classical" if evidence is None else "bayesian",
+                probability=probability,
+                bayesian=evidence,
+                classical=parts,
+                stable_and_real=together,
+            )
+
+
+def _posterior_evidence(
+    setup: Setup,
+    environment: str,
+    users: Users,
+    asked: InferenceTable,
+    omega: Array,
+    *,
+    coupled: bool,
+) -> PosteriorEvidence:
+    display = setup.display(environment, coupled=coupled)
+    found = feels_real(display, users, omega, level=asked.level, decision=asked.decision)
+    return PosteriorEvidence(
+        outcome=judge(found.probability, asked.decision),
+        probability=found.probability,
+        error=found.error,
+        draws=found.draws,
+        straddles=not found.clear_of(asked.decision),
+        magnitude=found.magnitude,
+        plane=found.plane,
+        lowest=found.lowest,
+        lowest_omega=found.lowest_omega,
+    )
+
+
+def _confidences(
+    found: Confidence | None, family: Family, asked: InferenceTable
+) -> Confidences | None:
+    if found is None:
+        return None
+    return Confidences(
+        outcome=found.verdict(asked.decision),
+        family=family,
+        least=min(found.parts),
+        stiffness=found.stiffness,
+        damping=found.damping,
+        magnitude=found.magnitude,
+        magnitude_omega=found.magnitude_omega,
+        together=found.together,
+        together_error=found.together_error,
+    )
