@@ -61,7 +61,8 @@ STAGES = (
     "boundaries",
     "sensitivity",
     "coupling",
-    "realism",
+    "users",
+    "verdicts",
     "coupling_design",
     "band",
 )

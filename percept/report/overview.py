@@ -9,6 +9,7 @@ from typing import Any
 from percept.inference.record import percent
 from percept.report.cautions import cautions
 from percept.report.contrast import contrast_sentences
+from percept.report.feelings import RENDERED, feeling_sentences
 from percept.report.numbers import bare, digits_of, rounded
 from percept.report.select import (
     METHODS,
@@ -29,7 +30,7 @@ from percept.report.select import (
 from percept.sessions.quantities import Quantity
 
 _NAMED = 5  # more names than this are counted, not listed
-_KIND = "user"  # whose boundary decides whether an environment feels real
+_KIND = "user"  # whose range stands beside the average's interval
 
 
 __all__ = ["findings", "overview", "summary"]
@@ -45,7 +46,7 @@ def findings(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def overview(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the rows of the first table, how real each environment feels, and the sentences above them."""
+    """Return the rows of the first table, and the sentences above them."""
     intervals = matching(document["intervals"], joint="marginal")
     best = {"method": METHODS[::-1], "family": families_of(document)}
     differences = compared_by_difference(intervals)
@@ -56,18 +57,17 @@ def overview(document: Mapping[str, Any]) -> dict[str, Any]:
             row = _row(alike, best, relative=parameter not in differences)
             if row:
                 rows.append(row)
-    realism = _realism(document, best)
     quantities = quantities_of(document)
     words = words_of(document)
     sentences = contrast_sentences(document)
     contrasts = len(sentences)
     sentences += _biases(rows, quantities, words)
-    sentences += _feelings(realism, words)
+    sentences += feeling_sentences(document["verdicts"], words)
     sentences += _stability(document)
     sentences += _next_users(rows, quantities, words)
     # The next user's ranges answer where no device lets percept judge what feels real.
     most = contrasts + max(3, len(distinct(rows, "parameter")) + 2)
-    return {"rows": rows, "realism": realism, "sentences": sentences[:most]}
+    return {"rows": rows, "sentences": sentences[:most]}
 
 
 def _row(
@@ -103,42 +103,6 @@ def _row(
         if user is not None and relative and row[f"user_bias_{side}"] is not None:
             row[f"user_{side}_ratio"] = float(user[side]) / reference
     return row
-
-
-def _realism(document: Record, best: Mapping[str, Sequence[str]]) -> list[dict[str, Any]]:
-    """Return whether each reference stays inside the next user's exact envelope, directly and coupled."""
-    coupling = document["coupling"] or {}
-    records = matching(
-        coupling.get("realism") or (), kind=_KIND, shape="envelope", joint="marginal"
-    )
-    chosen = [
-        first(matching(records, environment=name), **best)
-        for name in distinct(records, "environment")
-    ]
-    return [_felt(record, coupling) for record in chosen if record is not None]
-
-
-def _felt(record: Record, coupling: Record) -> dict[str, Any]:
-    """Return how far one reference leaves the envelope, and what the coupling breaks."""
-    felt = {name: record[name] for name in ("environment", "method", "family")}
-    for rendered, side in (("directly", "uncoupled"), ("coupled", "coupled")):
-        felt[rendered] = {
-            "verdict": record[f"verdict_{side}"],
-            # A fraction of the envelope's curve; that of effective k and b is in widths of their
-            # limits.
-            "departure": max(0.0, record[f"departure_{side}"]),
-            "omega": record[f"departure_omega_{side}"],
-            "plane_departure": record[f"plane_departure_{side}"],
-        }
-    breaks = []
-    if coupling["verdict"] != "stable":
-        breaks.append("stability")
-    if record["verdict_coupled"] == "outside":
-        breaks.append("magnitude")
-    if record["plane_departure_coupled"] > 0.0:
-        breaks.append("plane")
-    felt["breaks"] = breaks
-    return felt
 
 
 def _biases(rows: Sequence[Record], quantities: Mapping[str, Quantity], words: Words) -> list[str]:
@@ -208,26 +172,6 @@ def _names(rows: Sequence[Record], of: Sequence[Record], environments: str) -> s
     if len(names) == every:
         return f"all {every} {environments}"
     return f"{len(names)} of {every} {environments}"
-
-
-def _feelings(realism: Sequence[Record], words: Words) -> list[str]:
-    """Say which references stay inside the next user's boundary through the coupling."""
-    groups = {
-        "inside": ("stays inside {}", "stay inside {}"),
-        "marginal": ("touches the limits of {}", "touch the limits of {}"),
-        "outside": ("leaves {}", "leave {}"),
-    }
-    parts: list[str] = []
-    for verdict, said in groups.items():
-        if found := [record for record in realism if record["coupled"]["verdict"] == verdict]:
-            boundary = "it" if parts else f"the next {words.user}’s boundary"
-            parts.append(
-                f"{_names(found, realism, words.environments)} {said[len(found) > 1].format(boundary)}"
-            )
-            if verdict == "outside":
-                most = max(record["coupled"]["departure"] for record in found)
-                parts[-1] += f" by up to {_size(most)}"
-    return [f"Through the coupling, {'; '.join(parts)}."] if parts else []
 
 
 def _stability(document: Record) -> list[str]:
@@ -305,20 +249,16 @@ def _user_range(row: Record) -> str:
 def summary(document: Record) -> Section:
     """Return the first screen: sentences, the table of environments, and warnings."""
     shown = document["summary"]["overview"]
-    realism = {
-        record["environment"]: record
-        for record in pointed(shown["realism"], "/summary/overview/realism")
-    }
-    rendered = ("directly", "coupled") if realism else ()
+    verdicts = pointed(document["verdicts"], "/verdicts")
+    rendered = distinct(verdicts, "coupled")
     rows = [
         {
             **row,
             "digits": digits_of(row["estimate"], row["user_lower"], row["user_upper"]),
             "rows": len(matching(shown["rows"], environment=row["environment"])),
             "real": [
-                (found := realism.get(row["environment"]))
-                and {**found[name], "pointer": f"{found['pointer']}/{name}"}
-                for name in rendered
+                first(matching(verdicts, environment=row["environment"], coupled=coupled))
+                for coupled in rendered
             ],
         }
         for row in pointed(shown["rows"], "/summary/overview/rows")
@@ -327,7 +267,8 @@ def summary(document: Record) -> Section:
         "sentences": shown["sentences"],
         "rows": rows,
         "panels": [f"overview_{name}" for name in distinct(rows, "parameter")],
-        "rendered": rendered,
+        "rendered": [RENDERED[coupled] for coupled in rendered],
+        "felt_method": verdicts[0]["method"] if verdicts else None,
         "method": rows[0]["method"] if rows else None,
         "family": rows[0]["family"] if rows else None,
         "data": document["data"],

@@ -15,6 +15,7 @@ from percept.report.basis import (
     methods,
 )
 from percept.report.contrast import contrast
+from percept.report.feelings import feelings
 from percept.report.numbers import digits_of
 from percept.report.overview import summary
 from percept.report.select import (
@@ -70,6 +71,7 @@ def build_sections(document: Record) -> list[Section]:
         intervals(document),
         contrast(document),
         boundaries(document),
+        feelings(document),
         _part(document, "passivity", "direct", "Passivity without a coupling"),
         coupling(document),
         design(document),
@@ -217,41 +219,20 @@ def _short(values: list[Any]) -> list[float | None]:
 
 
 def coupling(document: Record) -> Section | None:
-    """Return the coupling's stability, and whether it feels real."""
+    """Return the coupling's stability, and memberships in boundaries by the paper's rule."""
     record = document["coupling"]
     if not record:
         return None
-    realism = pointed(record["realism"], "/coupling/realism")
-    overview = document["summary"]["overview"]
-    admissible = {}
-    for row in pointed(overview["realism"], "/summary/overview/realism"):
-        broken = ", ".join(_BINDS[name] for name in row["breaks"])
-        admissible[row["environment"]] = {**row, "broken": broken}
-    pointers: dict[str, dict[str, str]] = {}
-    for row in pointed(record["probability"], "/coupling/probability"):
-        side = "coupled" if row["coupled"] else "directly"
-        pointers.setdefault(row["environment"], {})[side] = row["pointer"]
-    judged = []
-    for name in {**admissible, **pointers}:
-        judged.append(
-            {
-                "environment": name,
-                "admissible": admissible.get(name),
-                "pointers": pointers.get(name, {}),
-            }
-        )
+    memberships = pointed(record["memberships"], "/coupling/memberships")
     values = {
         "coupling": record,
-        "realism": _realism(realism, family_of(document)),
-        "judged": judged,
-        "rendered": list(next(iter(pointers.values()), {})),
-        "effective": list({row["environment"]: row for row in realism}.values()),
-        "summary": document["data"]["form"] == "summary",
+        "memberships": _memberships(memberships, family_of(document)),
+        "effective": list({row["environment"]: row for row in memberships}.values()),
     }
     return Section("coupling", "The virtual coupling", values)
 
 
-def _realism(records: Sequence[Record], family: str) -> Record | None:
+def _memberships(records: Sequence[Record], family: str) -> Record | None:
     """Return a row per environment, a column per kind and method: exact envelope, the study's family."""
     envelopes = matching(records, shape="envelope", family=family)
     main = [row for row in envelopes if each_by_itself(row)]

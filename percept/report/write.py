@@ -25,7 +25,8 @@ __all__ = [
 
 _FORMATS = ("svg", "pdf", "png")
 _TABLES = (
-    "intervals_*", "data_*", "band_*", "band", "boundaries", "contrast", "comparison", "realism",
+    "intervals_*", "data_*", "band_*", "band", "boundaries", "contrast", "comparison", "memberships",
+    "verdicts",
 )  # fmt: skip
 _FIGURES = (
     "overview_*", "boundaries", "ratios", "boundaries_close", "stability", "design", "band",

@@ -56,7 +56,9 @@ class Subjects:
     family: Family
     stiffness: Moments  # On the family's scale
     damping: Moments
-    pairs: classical.SubjectPairs | None  # None with fewer than three subjects, and for published limits
+    pairs: (
+        classical.SubjectPairs | None
+    )  # None with fewer than three subjects, and for published limits
 
     def confidence(
         self, setup: Setup, environment: str, asked: InferenceTable, omega: Array, *, coupled: bool
@@ -232,7 +234,6 @@ def study_verdicts(
             if own_subjects is not None:
                 found = own_subjects.confidence(setup, environment, asked, omega, coupled=coupled)
                 parts = _confidences(found, own_subjects.family, asked)
-            chosen = evidence or parts
             if evidence is not None:
                 outcome, probability = evidence.outcome, evidence.probability
             elif parts is not None:

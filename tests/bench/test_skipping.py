@@ -16,8 +16,8 @@ from tests.documents import build_document
 SAMPLER = {"emcee", "h5netcdf", "xarray"}
 PAGE = {"jinja2", "matplotlib.figure", "percept.report.figures"}
 OURS = {"percept.inference.hierarchy", "percept.inference.sampling", "percept.boundary"}
-CURVES = {"curve_laws", "boundaries", "sensitivity", "coupling_design"}
-BAYESIAN = {"fit", "posterior", "realism"}
+CURVES = {"curve_laws", "boundaries", "verdicts", "sensitivity", "coupling_design"}
+BAYESIAN = {"fit", "posterior", "users"}
 
 
 @pytest.mark.parametrize(

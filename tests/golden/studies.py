@@ -12,7 +12,7 @@ and b on
 * `response.csv` is a device of 0.8 kg and 4 N·s/m with a mode at 200 rad/s, as a sweep would give
 it.
 
-Not frozen: probabilities of realism, simultaneous bands, limits from a bootstrap, and Bayesian
+Not frozen: verdicts on what feels real, simultaneous bands, limits from a bootstrap, and Bayesian
 numbers that have no Monte Carlo error.
 """
 
@@ -133,7 +133,7 @@ def _coupling(document: Document) -> dict[str, Any]:
     for at in range(0, len(coupling["omega"]), _EVERY):
         for name in ("omega", "bound", "admittance"):
             found[f"coupling {name} {at}"] = coupling[name][at]
-    for row in _classical(coupling["realism"]):
+    for row in _classical(coupling["memberships"]):
         name = _named(row, "realism", "environment", "kind", "family", "joint", "shape")
         found[f"{name} verdict"] = [row["verdict_uncoupled"], row["verdict_coupled"]]
         # Held to 1: a departure near zero keeps its absolute digits only.

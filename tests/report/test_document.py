@@ -19,7 +19,7 @@ from .conftest import DATASETS, scene_of
 def test_it_has_every_part_and_only_json_values(both):
     assert list(both) == [
         "schema", "provenance", "data", "intervals", "contrast", "boundaries", "zoom", "close",
-        "passivity", "coupling", "band", "design", "sensitivity", "comparison", "ladder",
+        "verdicts", "passivity", "coupling", "band", "design", "sensitivity", "comparison", "ladder",
         "diagnostics", "checks", "skipped", "summary",
     ]  # fmt: skip
     assert both["schema"] == SCHEMA
@@ -110,6 +110,7 @@ def test_what_has_no_reference_or_limit_is_not_counted(classical):
     nothing = {
         "boundaries": [],
         "passivity": None,
+        "verdicts": [],
         "coupling": None,
         "data": {
             name: classical["data"][name] if name in ("quantities", "words") else []
@@ -122,7 +123,7 @@ def test_what_has_no_reference_or_limit_is_not_counted(classical):
         row["reference"] = None if row["environment"] == "VE1" else row["reference"]
     assert {row["of"] for row in findings(document)["references"]} == {8}
     empty = findings({"intervals": [], **nothing})
-    assert empty.pop("overview") == {"rows": [], "realism": [], "sentences": []}
+    assert empty.pop("overview") == {"rows": [], "sentences": []}
     assert empty == {"references": [], "cautions": []}
 
 

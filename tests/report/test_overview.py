@@ -6,11 +6,12 @@ import copy
 
 import pytest
 
+from percept.boundary.feels_real import judge
 from percept.report.overview import digits_of, overview
 from percept.report.select import first, matching
 
 
-def document(rows, *, realism=(), coupling=None):
+def document(rows, *, verdicts=(), coupling=None):
     """A document of intervals (environment, mean lower, estimate, upper, user lower, upper) around 10."""
     intervals = [
         {
@@ -21,31 +22,27 @@ def document(rows, *, realism=(), coupling=None):
         for name, low, estimate, high, user_low, user_high in rows
         for kind, lower, upper in (("mean", low, high), ("user", user_low, user_high))
     ]  # fmt: skip
-    found = (
-        None if coupling is None and not realism else {"realism": list(realism), **(coupling or {})}
-    )
     words = {name: [name, f"{name}s"] for name in ("environment", "subject", "user")}
     quantities = {"k": {"name": "k", "label": "stiffness", "symbol": "k", "unit": "N/m"}}
     return {
         "intervals": intervals,
-        "coupling": found,
+        "coupling": coupling,
+        "verdicts": list(verdicts),
         "provenance": {"scene": {}},
         "data": {"quantities": quantities, "words": words},
     }
 
 
-def felt(name, verdict, departure=0.1, **other):
-    """Return what the document says of a reference, with one verdict directly and through the coupling."""
-    labels = {"environment": name, "kind": "user", "shape": "envelope", "joint": "marginal"}
-    row = labels | {"method": "classical", "family": "lognormal"}
-    for side in ("uncoupled", "coupled"):
-        row |= {
-            f"verdict_{side}": verdict,
-            f"departure_{side}": departure,
-            f"departure_omega_{side}": 31.6,
-            f"plane_departure_{side}": -0.2,
-        }
-    return row | other
+def felt(name, probability, classical=None, *, coupled=True, decision=0.95, **evidence):
+    """Return the verdict on an environment by a posterior probability and a classical confidence."""
+    outcome = judge(probability, decision)
+    other = classical and {"outcome": judge(classical, decision), "least": classical}
+    known = {"outcome": outcome, "probability": probability, "error": 0.004, "draws": 4096}
+    return {
+        "environment": name, "coupled": coupled, "outcome": outcome, "method": "bayesian",
+        "probability": probability, "level": 0.99, "decision": decision, "classical": other,
+        "bayesian": known | {"straddles": False} | evidence,
+    }  # fmt: skip
 
 
 STABLE = {"margin": 1.4, "verdict": "stable"}
@@ -72,24 +69,54 @@ def test_more_than_five_names_are_counted():
     assert wider == "Stiffness is too high in all 6 environments, by 50 (E0) to 60 % (E5)."
 
 
-def test_what_feels_real_is_said_through_the_coupling():
+def feeling(*verdicts):
+    """Return the sentence on what feels real."""
+    (_, said, *_) = overview(document([SOFT], verdicts=verdicts))["sentences"]
+    return said
+
+
+METHOD = "Judged against the central 99 % of users: Bayesian probability, decision at 95 %."
+
+
+def test_what_feels_real_is_said_through_the_coupling_with_probability_method_and_level():
+    direct = felt("A", 0.2, coupled=False)
+    verdicts = (direct, felt("A", 0.986), felt("B", 0.0), felt("C", 0.02), felt("D", 0.6))
+    assert feeling(*verdicts) == (
+        "Through the coupling, A feels real (99 %); B and C do not feel real (< 1 % and 2 %);"
+        f" there is too little data on D (60 %). {METHOD}"
+    )
+    assert feeling(direct) == (
+        f"Displayed directly, there is too little data on A (20 %). {METHOD}"
+    )
+    many = [felt(f"E{index}", 1.0 - 0.004 * index) for index in range(7)]
+    assert feeling(*many).startswith("Through the coupling, all 7 environments feel real (98 % to")
+
+
+def test_rounding_puts_no_probability_on_the_other_side_of_the_decision():
+    assert "too little data on A (94.9 %)" in feeling(felt("A", 0.949))
+    assert "too little data on A (99 %)" in feeling(felt("A", 0.99, decision=0.999))
+
+
+def test_an_error_that_reaches_over_a_threshold_is_said():
+    said = feeling(felt("A", 0.952, straddles=True))
+    assert said.endswith(
+        "The Monte Carlo error of A (95.2 ± 0.4 %) still reaches over a threshold after 4096 draws."
+    )
+
+
+def test_another_verdict_of_the_classical_method_is_said():
+    said = feeling(felt("A", 0.97, 0.9), felt("B", 0.99, 0.99))
+    assert said.endswith(
+        "The classical method says otherwise: there is too little data on A (90 %)."
+    )
+    assert "otherwise" not in feeling(felt("B", 0.99, 0.99))
+
+
+def test_the_stability_of_the_coupling_is_said():
     margin = {"margin": 0.3157, "verdict": "unstable"}
-    realism = [felt("A", "inside"), felt("B", "outside"), felt("C", "outside", departure=0.58)]
-    said = overview(document([SOFT], realism=realism, coupling=margin))["sentences"]
     assert (
-        said[1]
-        == "Through the coupling, A stays inside the next user’s boundary; B and C leave it by up"
-        " to 58 %."
-    )
-    assert (
-        said[2]
+        overview(document([SOFT], coupling=margin))["sentences"][1]
         == "The coupling is unstable: the device has 32 % of the damping the coupling needs."
-    )
-    touching = [felt("B", "outside", departure=14.2), felt("C", "marginal")]
-    assert (
-        overview(document([SOFT], realism=touching, coupling=margin))["sentences"][1]
-        == "Through the coupling, C touches the limits of the next user’s boundary; "
-        "B leaves it by up to 15.2 times."
     )
     stable = overview(document([SOFT], coupling={"margin": 1.4, "verdict": "stable"}))["sentences"]
     assert (
@@ -111,38 +138,6 @@ def test_without_a_device_the_next_user_s_range_is_said():
         == "With 99 % confidence, the next user’s stiffness will be 0.6 to 1.2 times the reference"
         " (B, the narrowest) and 0.5 to 4 times the reference (A, the widest)."
     )
-
-
-def test_a_departure_is_the_fraction_by_which_the_boundary_is_left():
-    found = overview(
-        document([SOFT], realism=[felt("A", "outside", departure=0.58)], coupling=STABLE)
-    )
-    assert found["realism"][0]["directly"] == {
-        "verdict": "outside", "departure": 0.58, "omega": 31.6,
-        "plane_departure": -0.2,
-    }  # fmt: skip
-    inside = overview(
-        document([SOFT], realism=[felt("A", "inside", departure=-0.2)], coupling=STABLE)
-    )
-    assert inside["realism"][0]["directly"]["departure"] == 0.0
-
-
-@pytest.mark.parametrize(
-    ("stability", "row", "breaks"),
-    [
-        ("stable", {}, []),
-        ("stable", {"verdict_coupled": "marginal", "plane_departure_coupled": 0.0}, []),
-        ("marginal", {}, ["stability"]),
-        ("unstable", {"plane_departure_coupled": 0.1}, ["stability", "plane"]),
-        ("stable", {"verdict_coupled": "outside"}, ["magnitude"]),
-    ],
-)
-def test_what_the_scene_s_coupling_breaks_is_named(stability, row, breaks):
-    coupling = {"margin": 1.4, "verdict": stability}
-    (found,) = overview(document([SOFT], realism=[felt("A", "inside", **row)], coupling=coupling))[
-        "realism"
-    ]
-    assert found["breaks"] == breaks
 
 
 def test_the_bias_from_a_reference_of_zero_is_in_units():

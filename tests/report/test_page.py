@@ -160,7 +160,7 @@ def renamed(document, name):
         for row in part:
             row["environment"] = name if row["environment"] == "VE1" else row["environment"]
     document["zoom"][name] = document["zoom"].pop("VE1")
-    for row in document["coupling"]["realism"]:
+    for row in (*document["coupling"]["memberships"], *document["verdicts"]):
         row["environment"] = name if row["environment"] == "VE1" else row["environment"]
     document["data"]["environments"] = [name, *document["data"]["environments"][1:]]
     document["data"]["notices"] = [{"text": name, "file": name, "row": 3}]

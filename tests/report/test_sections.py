@@ -47,44 +47,32 @@ def test_laws_of_the_band_stand_where_their_pointers_say(document):
             assert {name: found[name] for name in column} == column
 
 
-def test_realism_stands_where_its_pointers_say(document):
-    realism = section(document, "coupling")["realism"]
+def test_memberships_stand_where_their_pointers_say(document):
+    memberships = section(document, "coupling")["memberships"]
     labels = ("environment", "kind", "method", "family", "shape")
-    assert realism["rows"]
-    for row in realism["rows"]:
-        for column, cell in zip(realism["columns"], row["cells"], strict=True):
+    assert memberships["rows"]
+    for row in memberships["rows"]:
+        for column, cell in zip(memberships["columns"], row["cells"], strict=True):
             wanted = [
                 row["environment"],
                 column["kind"],
                 column["method"],
-                realism["family"],
+                memberships["family"],
                 "envelope",
             ]
             assert [cell[name] for name in labels] == wanted
             assert at(document, cell["pointer"]).items() <= cell.items()
 
 
-def test_the_scene_s_coupling_is_judged_for_every_environment(document):
-    values = section(document, "coupling")
-    assert [row["environment"] for row in values["judged"]] == document["data"]["environments"]
-    for row in (judged["admissible"] for judged in values["judged"]):
-        assert ("stability" in row["breaks"]) == (document["coupling"]["verdict"] != "stable")
-        assert ("|Z_h|" in row["broken"]) == (row["coupled"]["verdict"] == "outside")
-        assert ("k and b" in row["broken"]) == (row["coupled"]["plane_departure"] > 0)
-        assert at(document, row["pointer"])["breaks"] == row["breaks"]
-
-
-def test_probabilities_stand_where_their_pointers_say(both):
-    values = section(both, "coupling")
-    assert values["rendered"] == ["directly", "coupled"]
-    assert [row["environment"] for row in values["judged"]] == both["data"]["environments"]
-    for row in values["judged"]:
-        for name, pointer in row["pointers"].items():
-            found = at(both, pointer)
-            assert (found["environment"], found["coupled"]) == (
-                row["environment"],
-                name == "coupled",
-            )
+def test_verdicts_stand_where_their_pointers_say(both):
+    values = section(both, "verdicts")
+    count = 2 * len(both["data"]["environments"])
+    for method in ("bayesian", "classical"):
+        assert len(values[method]) == count
+        for row in values[method]:
+            found = at(both, row["pointer"])
+            assert found[method] == row[method]
+            assert row["rendered"] == ("through the coupling" if found["coupled"] else "directly")
 
 
 def test_every_environment_has_its_effective_impedance(classical):

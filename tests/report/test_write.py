@@ -132,7 +132,7 @@ def test_steps_are_told(quick, tmp_path):
     told = []
     quick.report(tmp_path / "out", progress=told.append)
     assert told == [
-        "intervals", "contrasts", "boundaries", "coupling", "band law", "admissible couplings",
+        "intervals", "contrasts", "boundaries", "coupling", "verdicts", "band law", "admissible couplings",
         "sensitivity to the device", "comparison of methods", "checks of the model", "tables",
         "figures", "page",
     ]  # fmt: skip

@@ -38,11 +38,11 @@ RESULTS = Results(
     data=Data(
         form="trials", simulated=False, subjects=4, rows=4, environments=("wäll/1~",),
         parameters=("k",), quantities={"k": IMPEDANCE["k"]},
-        words=Nouns(("wall", "walls"), ("user", "users")), counts={"rows read": 4}, notices=(),
+        words=Nouns(("wall", "walls"), ("user", "users"), ("user", "users")), counts={"rows read": 4}, notices=(),
         doubts=(), exclusions=(), design=None, cells=(),
     ),
     intervals=(INTERVAL,), contrast=(), boundaries=(BOUNDARY,), zoom={"wäll/1~": (9.0, 11.0)},
-    close=(), passivity=None, coupling=None, band=None, design=None, sensitivity=None,
+    close=(), verdicts=(), passivity=None, coupling=None, band=None, design=None, sensitivity=None,
     comparison=None, ladder=None, diagnostics=None, checks=None,
     skipped=(Skipped("band law", "one environment"),),
 )  # fmt: skip
