@@ -38,7 +38,8 @@ RESULTS = Results(
     data=Data(
         form="trials", simulated=False, subjects=4, rows=4, environments=("wäll/1~",),
         parameters=("k",), quantities={"k": IMPEDANCE["k"]},
-        words=Nouns(("wall", "walls"), ("user", "users"), ("user", "users")), counts={"rows read": 4}, notices=(),
+        words=Nouns(("wall", "walls"), ("user", "users"), ("user", "users")),
+        counts={"rows read": 4}, notices=(), references=1, factor=None,
         doubts=(), exclusions=(), design=None, cells=(),
     ),
     intervals=(INTERVAL,), contrast=(), boundaries=(BOUNDARY,), zoom={"wäll/1~": (9.0, 11.0)},
