@@ -24,13 +24,16 @@ from percept.results.checks import (
 )
 from percept.results.coupling import (
     AdmissibleCouplings,
+    Confidences,
     Coupling,
     CouplingMap,
     EnvironmentCouplings,
     Membership,
     Passivity,
+    PosteriorEvidence,
     Sensitivity,
     StableEdge,
+    Verdict,
 )
 from percept.results.data import (
     CellValues,
@@ -51,7 +54,6 @@ from percept.results.intervals import (
 )
 from percept.results.plain import dumps, plain
 from percept.results.results import SCHEMA, Results, Skipped
-from percept.results.verdicts import Confidences, PosteriorEvidence, Verdict
 
 __all__ = [
     "SCHEMA", "AdmissibleCouplings", "Band", "BandLaw", "BandRow", "BandStatement", "Boundary",

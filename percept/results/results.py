@@ -13,11 +13,10 @@ from pydantic import TypeAdapter, ValidationError
 from percept.errors import UsageError
 from percept.results.boundaries import Band, Boundary
 from percept.results.checks import Checks, Diagnostics
-from percept.results.coupling import AdmissibleCouplings, Coupling, Passivity, Sensitivity
+from percept.results.coupling import AdmissibleCouplings, Coupling, Passivity, Sensitivity, Verdict
 from percept.results.data import Data, Provenance
 from percept.results.intervals import ContrastRow, IntervalRow, Ladder, MethodPair
 from percept.results.plain import dumps, plain
-from percept.results.verdicts import Verdict
 
 __all__ = ["SCHEMA", "Results", "Skipped"]
 
