@@ -31,7 +31,9 @@ _ACCURACY = 1e-7
 #: Logarithms of a stiffness or damping of zero, and below: no user is there.
 _LEAST = np.finfo(np.float64).tiny
 _SQRT_2PI = float(np.sqrt(2.0 * np.pi))
-_STIFFNESS, _DAMPING = 0, 1
+#: Rows of a population's mean and SD.
+_STIFFNESS = 0
+_DAMPING = 1
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -49,9 +51,10 @@ class Users:
     @classmethod
     def of(cls, mean: Array, covariance: Array, *, log: bool) -> Users:
         """Take means (D, 2) and covariances (D, 2, 2)."""
-        variance = np.stack([covariance[:, 0, 0], covariance[:, 1, 1]])
+        variance = np.diagonal(covariance, axis1=1, axis2=2)
         sd = np.sqrt(variance)
-        return cls(log, mean.T, sd, covariance[:, 0, 1] / (sd[0] * sd[1]))
+        correlation = covariance[:, 0, 1] / sd.prod(axis=1)
+        return cls(log=log, mean=mean.T, sd=sd.T, correlation=correlation)
 
     @property
     def size(self) -> int:
@@ -60,11 +63,21 @@ class Users:
 
     def select(self, which: NDArray[np.intp] | slice) -> Users:
         """Return some of the populations."""
-        return Users(self.log, self.mean[:, which], self.sd[:, which], self.correlation[which])
+        return Users(
+            log=self.log,
+            mean=self.mean[:, which],
+            sd=self.sd[:, which],
+            correlation=self.correlation[which],
+        )
 
     def column(self) -> Users:
         """Return the same with a last axis of one, which frequencies broadcast against."""
-        return Users(self.log, self.mean[..., None], self.sd[..., None], self.correlation[:, None])
+        return Users(
+            log=self.log,
+            mean=self.mean[..., None],
+            sd=self.sd[..., None],
+            correlation=self.correlation[..., None],
+        )
 
     def native(self, score: float, quantity: int) -> Array:
         """Return the stiffness (0) or damping (1) that lies `score` SDs from the mean, (D,)."""
@@ -74,9 +87,11 @@ class Users:
     def central_ranges(self, level: float) -> Boxes:
         """Return the limits between which the central `level` of stiffness and of damping lie."""
         edge = float(-special.ndtri(0.5 * (1.0 - level)))
-        stiffness = self.native(-edge, _STIFFNESS), self.native(edge, _STIFFNESS)
-        damping = self.native(-edge, _DAMPING), self.native(edge, _DAMPING)
-        return Boxes.of(stiffness, damping)
+        softest = self.native(-edge, _STIFFNESS)
+        stiffest = self.native(edge, _STIFFNESS)
+        least_damped = self.native(-edge, _DAMPING)
+        most_damped = self.native(edge, _DAMPING)
+        return Boxes.of((softest, stiffest), (least_damped, most_damped))
 
 
 class DiscIntegral(NamedTuple):
@@ -94,6 +109,27 @@ class _Axis(NamedTuple):
     mean: Array
     sd: Array
 
+    def beside_nodes(self) -> _Axis:
+        """Return all fields with a last axis of one, which nodes broadcast against."""
+        return _Axis(*(field[..., None] for field in self))
+
+    def value_at(self, part: Array) -> Array:
+        """Return the value whose part of the distance is `part`, N·s/m."""
+        return (part - self.offset) / self.gain
+
+    def score(self, value: Array, *, log: bool) -> Array:
+        """Return how many SDs a value lies from the mean."""
+        if log:
+            value = np.log(np.maximum(value, _LEAST))
+        return (value - self.mean) / self.sd
+
+    def part_at(self, score: Array, *, log: bool) -> Array:
+        """Return the part of the distance of a value `score` SDs from the mean, N·s/m."""
+        value = self.mean + self.sd * score
+        if log:
+            value = np.exp(value)
+        return self.gain * value + self.offset
+
 
 @cache
 def _nodes(count: int) -> tuple[Array, Array]:
@@ -110,48 +146,54 @@ def share_within(
 
     Fields of populations, plane and radius have shapes that broadcast; so has the result.
     """
-    axes = (
-        _Axis(-plane.per_rate, plane.imaginary, users.mean[0], users.sd[0]),
-        _Axis(plane.gain, plane.real, users.mean[1], users.sd[1]),
+    stiffness = _Axis(
+        gain=-plane.per_rate,
+        offset=plane.imaginary,
+        mean=users.mean[_STIFFNESS],
+        sd=users.sd[_STIFFNESS],
     )
-    inner = axes[integral.inner]
-    outer = axes[1 - integral.inner]
-    places, weights = _nodes(integral.nodes)
-    first_end = _score(users.log, outer, (-radius - outer.offset) / outer.gain)
-    second_end = _score(users.log, outer, (radius - outer.offset) / outer.gain)
-    low = np.clip(np.minimum(first_end, second_end), -_FARTHEST, _FARTHEST)
-    high = np.clip(np.maximum(first_end, second_end), -_FARTHEST, _FARTHEST)
+    damping = _Axis(
+        gain=plane.gain,
+        offset=plane.real,
+        mean=users.mean[_DAMPING],
+        sd=users.sd[_DAMPING],
+    )
+    outer = damping
+    inner = stiffness
+    if integral.inner == _DAMPING:
+        outer = stiffness
+        inner = damping
+    low, high = _ends(outer, radius, log=users.log)
     half = 0.5 * (high - low)
-    score = 0.5 * (high + low)[..., None] + half[..., None] * places
-    chord = _chord(users, outer, inner, score, radius)
+    middle = 0.5 * (high + low)
+    places, weights = _nodes(integral.nodes)
+    score = middle[..., None] + half[..., None] * places
     density = np.exp(-0.5 * score**2) / _SQRT_2PI
+    chord = _chord(users, outer.beside_nodes(), inner.beside_nodes(), score, radius[..., None])
     return np.asarray(half * ((density * chord) @ weights))
+
+
+def _ends(outer: _Axis, radius: Array, *, log: bool) -> tuple[Array, Array]:
+    """Return the scores of the outer quantity between which the disc lies."""
+    first = outer.score(outer.value_at(-radius), log=log)
+    second = outer.score(outer.value_at(radius), log=log)
+    low = np.minimum(first, second)
+    high = np.maximum(first, second)
+    return np.clip(low, -_FARTHEST, _FARTHEST), np.clip(high, -_FARTHEST, _FARTHEST)
 
 
 def _chord(users: Users, outer: _Axis, inner: _Axis, score: Array, radius: Array) -> Array:
     """Return the probability of the inner quantity's chord through the disc at each outer score."""
-    value = outer.mean[..., None] + outer.sd[..., None] * score
-    if users.log:
-        value = np.exp(value)
-    across = outer.gain[..., None] * value + outer.offset[..., None]
-    reach = radius[..., None]
-    half_chord = np.sqrt(np.maximum((reach - across) * (reach + across), 0.0))
-    gain = np.abs(inner.gain)[..., None]
-    middle = -(inner.offset / inner.gain)[..., None]
+    across = outer.part_at(score, log=users.log)
+    half_chord = np.sqrt(np.maximum((radius - across) * (radius + across), 0.0))
+    first = inner.score(inner.value_at(-half_chord), log=users.log)
+    second = inner.score(inner.value_at(half_chord), log=users.log)
     correlation = users.correlation[..., None]
     sd_given_outer = np.sqrt((1.0 - correlation) * (1.0 + correlation))
-    column = _Axis(gain, inner.offset, inner.mean[..., None], inner.sd[..., None])
     mean_given_outer = correlation * score
-    above = _score(users.log, column, middle + half_chord / gain) - mean_given_outer
-    below = _score(users.log, column, middle - half_chord / gain) - mean_given_outer
-    return special.ndtr(above / sd_given_outer) - special.ndtr(below / sd_given_outer)
-
-
-def _score(log: bool, axis: _Axis, value: Array) -> Array:
-    """Return how many SDs a stiffness or damping lies from the mean."""
-    if log:
-        value = np.log(np.maximum(value, _LEAST))
-    return (value - axis.mean) / axis.sd
+    first_share = special.ndtr((first - mean_given_outer) / sd_given_outer)
+    second_share = special.ndtr((second - mean_given_outer) / sd_given_outer)
+    return np.abs(second_share - first_share)
 
 
 def choose_integral(
@@ -162,11 +204,11 @@ def choose_integral(
     A few populations (D, 1) are tried: which order is smooth depends on the frequency more than on
     the draw.
     """
-    shape = np.broadcast_shapes(users.correlation.shape, radius.shape)
-    fewest = np.full(shape[1], _NODE_COUNTS[-1])
-    inner = np.zeros(shape[1], dtype=np.intp)
+    _, count = np.broadcast_shapes(users.correlation.shape, radius.shape)
+    fewest = np.full(count, _NODE_COUNTS[-1])
+    inner = np.full(count, _STIFFNESS)
     for quantity in (_STIFFNESS, _DAMPING):
-        open_at = np.arange(shape[1])
+        open_at = np.arange(count)
         shares = share_within(users, plane, radius, DiscIntegral(quantity, _NODE_COUNTS[0]))
         for nodes in _NODE_COUNTS[1:]:
             # More nodes than the other order needs are of no use.
