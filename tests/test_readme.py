@@ -109,6 +109,25 @@ def test_the_readme_says_what_the_coupling_of_its_example_is(tmp_path, monkeypat
     )
 
 
+def test_the_tutorial_decides_what_its_page_says(tmp_path):
+    from percept import Study, read_sessions
+
+    text = (ROOT / "docs" / "tutorial.md").read_text("utf-8")
+    scene_text = text.partition("`better.toml`")[2].partition("```toml\n")[2].partition("```")[0]
+    path = tmp_path / "better.toml"
+    path.write_text(scene_text, encoding="utf-8")
+    scene = Scene.load(path).with_inference(tolerance=0.05)
+    study = Study(read_sessions(ROOT / "docs/tutorial/matching.csv", scene=scene), scene)
+    outcomes = {row.environment: row.outcome for row in study.verdicts if row.coupled}
+    decided = re.search(r"do not render (\w+) and (\w+) with this coupling; test (\w+)", text)
+    assert decided is not None
+    assert outcomes == {
+        decided[1]: "does not",
+        decided[2]: "does not",
+        decided[3]: "too little data",
+    }
+
+
 def options_of(command):
     parser = build_parser([command])
     commands = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))

@@ -12,6 +12,7 @@ from percept.report.contrast import contrast_sentences
 from percept.report.feelings import RENDERED, feeling_sentences
 from percept.report.numbers import bare, digits_of, rounded
 from percept.report.select import (
+    METHOD_NAMES,
     METHODS,
     Record,
     Section,
@@ -33,6 +34,11 @@ _NAMED = 5  # more names than this are counted, not listed
 _KIND = "user"  # whose range stands beside the average's interval
 
 
+#: A bias of so many references and more is written as a multiple.
+_MULTIPLE = 9.0
+#: Per cent from which on two digits would round whole per cents away.
+_LEAST_WHOLE = 99.5
+
 __all__ = ["findings", "overview", "summary"]
 
 
@@ -50,6 +56,27 @@ def overview(document: Mapping[str, Any]) -> dict[str, Any]:
     intervals = matching(document["intervals"], joint="marginal")
     best = {"method": METHODS[::-1], "family": families_of(document)}
     differences = compared_by_difference(intervals)
+    rows = _rows(intervals, best, differences)
+    # Paired as the methods are compared: in equal families.
+    families = [row["family"] for row in rows] or list(best["family"])
+    classical = _rows(intervals, {"method": ["classical"], "family": families}, differences)
+    quantities = quantities_of(document)
+    words = words_of(document)
+    sentences = contrast_sentences(document)
+    contrasts = len(sentences)
+    sentences += _biases(rows, classical, quantities, words)
+    sentences += feeling_sentences(document["verdicts"], words)
+    sentences += _stability(document)
+    sentences += _next_users(rows, quantities, words)
+    # The next user's ranges answer where no device lets percept judge what feels real.
+    most = contrasts + max(3, len(distinct(rows, "parameter")) + 2)
+    return {"rows": rows, "sentences": sentences[:most]}
+
+
+def _rows(
+    intervals: Sequence[Record], best: Mapping[str, Sequence[str]], differences: set[str]
+) -> list[dict[str, Any]]:
+    """Return a row per environment and quantity, of the best method and family that it has."""
     rows = []
     for environment in distinct(intervals, "environment"):
         for parameter in distinct(intervals, "parameter"):
@@ -57,17 +84,7 @@ def overview(document: Mapping[str, Any]) -> dict[str, Any]:
             row = _row(alike, best, relative=parameter not in differences)
             if row:
                 rows.append(row)
-    quantities = quantities_of(document)
-    words = words_of(document)
-    sentences = contrast_sentences(document)
-    contrasts = len(sentences)
-    sentences += _biases(rows, quantities, words)
-    sentences += feeling_sentences(document["verdicts"], words)
-    sentences += _stability(document)
-    sentences += _next_users(rows, quantities, words)
-    # The next user's ranges answer where no device lets percept judge what feels real.
-    most = contrasts + max(3, len(distinct(rows, "parameter")) + 2)
-    return {"rows": rows, "sentences": sentences[:most]}
+    return rows
 
 
 def _row(
@@ -105,73 +122,122 @@ def _row(
     return row
 
 
-def _biases(rows: Sequence[Record], quantities: Mapping[str, Quantity], words: Words) -> list[str]:
-    """Say for every quantity where users set too much and where too little."""
-    several = len(distinct(rows, "environment")) > 1
+def _biases(
+    rows: Sequence[Record],
+    others: Sequence[Record],
+    quantities: Mapping[str, Quantity],
+    words: Words,
+) -> list[str]:
+    """Say for every quantity how far users set it off, with interval, method and level.
+
+    `others` are the rows of the classical method; where they see another sign, that is said too.
+    """
     sentences = []
     for parameter in distinct(rows, "parameter"):
-        judged = [
-            row
-            for row in matching(rows, parameter=parameter)
-            if row["bias"] is not None and row["bias_lower"] is not None
-        ]
-        high = [row for row in judged if row["bias_lower"] > 0]
-        low = [row for row in judged if row["bias_upper"] is not None and row["bias_upper"] < 0]
-        parts = []
-        for word, found in (("high", high), ("low", low)):
-            if found:
-                where = f" in {_names(found, judged, words.environments)}" if several else ""
-                parts.append(_sized(found, f"too {word}{where}"))
+        judged = [row for row in matching(rows, parameter=parameter) if _sign(row) is not None]
+        if not judged:
+            continue
         label = quantities[parameter].label
-        name = label[:1].upper() + label[1:]
-        if parts:
-            sentences.append(f"{name} is {', and '.join(parts)}.")
-        elif judged:
-            every = f" in any of {len(judged)} {words.environments}" if several else ""
-            sentences.append(f"{name} shows no clear bias{every}.")
+        said = _bias_sentence(judged, label[:1].upper() + label[1:], words)
+        disagreeing = _disagreement(judged, matching(others, parameter=parameter))
+        sentences.append(" ".join([said, *disagreeing]))
     return sentences
 
 
-def _sized(rows: Sequence[Record], said: str) -> str:
-    """Put the size of the bias to "too high in A", or the smallest and the largest with their names."""
-    by_size = sorted(rows, key=lambda row: abs(row["bias"]))
-    smallest = by_size[0]
-    largest = by_size[-1]
-    size = _size_in_unit(smallest)
-    most = _size_in_unit(largest)
-    if size == most:
-        return f"{size} {said}"
-    unit = most.rpartition(" ")[2]
-    if size.endswith(f" {unit}"):
-        size = size.removesuffix(f" {unit}")
-    return f"{said}, by {size} ({smallest['environment']}) to {most} ({largest['environment']})"
+def _bias_sentence(judged: Sequence[Record], name: str, words: Words) -> str:
+    claim = f"{METHOD_NAMES[judged[0]['method']]}, {percent(judged[0]['level'])}"
+    if len(judged) == 1:
+        row = judged[0]
+        return f"{name} in {row['environment']}: {_signed(row)} ({claim}: {_bias_range(row)})."
+    parts = []
+    for sign, word in ((1, "high"), (-1, "low")):
+        found = [row for row in judged if _sign(row) == sign]
+        if found:
+            parts.append(f"too {word} in {_sized(found, judged, words)}")
+    if parts:
+        return f"{name} is {', and '.join(parts)} ({claim})."
+    largest = max(judged, key=lambda row: abs(row["bias"]))
+    return (
+        f"{name} shows no clear bias in any of {len(judged)} {words.environments} ({claim}); the"
+        f" largest is that of {_with_range(largest)}."
+    )
 
 
-def _size_in_unit(row: Record) -> str:
-    """Write the size of a bias, of the reference or in the quantity's unit, without its sign."""
-    if row["relative"]:
-        return _size(abs(row["bias"]))
-    return f"{bare(rounded(abs(row['bias']), 2))} {row['unit']}".strip()
+def _sign(row: Record) -> int | None:
+    """Return the sign of a bias, 0 where its interval holds zero; None where there is no interval."""
+    if row["bias"] is None or (row["bias_lower"] is None and row["bias_upper"] is None):
+        return None
+    if row["bias_lower"] is not None and row["bias_lower"] > 0:
+        return 1
+    return -1 if row["bias_upper"] is not None and row["bias_upper"] < 0 else 0
 
 
-def _size(size: float) -> str:
-    """Write the size of a bias: a percentage of two digits, a multiple from ten times the reference on."""
-    if size >= 9.0:
-        return f"{bare(rounded(1.0 + size, 3))} times"
-    if size < 0.001:
-        return "less than 0.1 %"
-    return f"{100.0 * size:.2g} %" if size < 0.995 else f"{100 * size:.0f} %"
+def _disagreement(judged: Sequence[Record], others: Sequence[Record]) -> list[str]:
+    """Say where the classical interval sees another sign than the Bayesian one."""
+    groups: dict[str, list[Record]] = {}
+    for row in judged:
+        other = first(matching(others, environment=row["environment"]), method=["classical"])
+        if other is None or row["method"] == "classical" or _sign(other) in (None, _sign(row)):
+            continue
+        said = "holds zero" if _sign(other) == 0 else "excludes zero"
+        groups.setdefault(said, []).append(other)
+    sentences = []
+    for said, rows in groups.items():
+        if len(judged) == 1:
+            sentences.append(f"The classical interval, {_bias_range(rows[0])}, {said}.")
+            continue
+        named = [f"{row['environment']} ({_bias_range(row)})" for row in rows[:_NAMED]]
+        more = f" and {len(rows) - _NAMED} more" if len(rows) > _NAMED else ""
+        sentences.append(f"The classical interval {said} in {listed(named)}{more}.")
+    return sentences
 
 
-def _names(rows: Sequence[Record], of: Sequence[Record], environments: str) -> str:
-    """Name the environments of rows, or count them where they are many."""
-    names = distinct(rows, "environment")
+def _sized(rows: Sequence[Record], of: Sequence[Record], words: Words) -> str:
+    """Give each environment its bias and interval; of many, the smallest and the largest."""
+    if len(rows) <= _NAMED:
+        return listed([_with_range(row) for row in rows])
     every = len(distinct(of, "environment"))
-    if len(names) <= _NAMED:
-        return listed(names)
-    if len(names) == every:
-        return f"all {every} {environments}"
-    return f"{len(names)} of {every} {environments}"
+    count = f"all {every}" if len(rows) == every else f"{len(rows)} of {every}"
+    by_size = sorted(rows, key=lambda row: abs(row["bias"]))
+    ends = f"{_with_range(by_size[0])} to {_with_range(by_size[-1])}"
+    return f"{count} {words.environments}, from {ends}"
+
+
+def _with_range(row: Record) -> str:
+    return f"{row['environment']} ({_signed(row)}, {_bias_range(row)})"
+
+
+def _signed(row: Record) -> str:
+    """Write the bias with its sign and unit."""
+    number = _number(row["bias"], row)
+    return f"{number}{_unit_of(row, row['bias'])}"
+
+
+def _bias_range(row: Record) -> str:
+    """Write the interval of the bias; an end without limit is infinite."""
+    lower = -math.inf if row["bias_lower"] is None else row["bias_lower"]
+    upper = math.inf if row["bias_upper"] is None else row["bias_upper"]
+    units = [_unit_of(row, end) for end in (lower, upper)]
+    first_unit = "" if units[0] == units[1] else units[0]
+    return f"{_number(lower, row)}{first_unit} to {_number(upper, row)}{units[1]}"
+
+
+def _number(value: float, row: Record) -> str:
+    """Write a bias with its sign: in per cent of the reference, or as a multiple from ten on."""
+    if row["relative"] and _MULTIPLE <= value < math.inf:
+        return bare(rounded(1.0 + value, 3))
+    size = abs(100.0 * value if row["relative"] else value)
+    text = bare(rounded(size, 2))
+    if row["relative"] and _LEAST_WHOLE <= size < math.inf:
+        text = f"{size:.0f}"
+    sign = "−" if value < 0 else "+"
+    return text if text == "0" else f"{sign}{text}"
+
+
+def _unit_of(row: Record, value: float) -> str:
+    if not row["relative"]:
+        return f" {row['unit']}" if row["unit"] else ""
+    return " times" if _MULTIPLE <= value < math.inf else " %"
 
 
 def _stability(document: Record) -> list[str]:

@@ -51,22 +51,47 @@ SOFT, HARD, NONE = ("A", 12, 15, 18, 5, 40), ("B", 8, 8.7, 9.5, 6, 12), ("C", 9,
 
 def test_biases_are_said_where_the_interval_leaves_the_reference_out():
     said = overview(document([SOFT, HARD, NONE]))["sentences"]
-    assert said[0] == "Stiffness is 50 % too high in A, and 13 % too low in B."
+    assert said[0] == (
+        "Stiffness is too high in A (+50 %, +20 to +80 %), and too low in B (−13 %, −20 to −5 %)"
+        " (classical, 99 %)."
+    )
     assert (
         overview(document([NONE, ("D", 9, 10, 11, 8, 12)]))["sentences"][0]
-        == "Stiffness shows no clear bias in any of 2 environments."
+        == "Stiffness shows no clear bias in any of 2 environments (classical, 99 %); the largest is"
+        " that of C (+1 %, −10 to +10 %)."
     )
-    assert overview(document([SOFT]))["sentences"][0] == "Stiffness is 50 % too high."
+    assert overview(document([SOFT]))["sentences"][0] == (
+        "Stiffness in A: +50 % (classical, 99 %: +20 to +80 %)."
+    )
     twice = overview(document([SOFT, ("D", 1100, 2530, 4000, 5, 6)]))["sentences"][0]
-    assert twice == "Stiffness is too high in A and D, by 50 % (A) to 253 times (D)."
+    assert "and D (253 times, 110 to 400 times)" in twice
+
+
+def test_a_classical_interval_of_another_sign_is_said():
+    made = document([("soft", 10.04, 11.7, 13.6, 5, 40)])
+    bayesian = [row | {"method": "bayesian"} for row in made["intervals"]]
+    for row in bayesian:
+        row |= {"lower": 9.9, "upper": 13.7} if row["kind"] == "mean" else {}
+    made["intervals"] += bayesian
+    assert overview(made)["sentences"][0] == (
+        "Stiffness in soft: +17 % (Bayesian, 99 %: −1 to +37 %). The classical interval, +0.4 to"
+        " +36 %, excludes zero."
+    )
+    for row in bayesian:
+        row |= {"lower": 10.1} if row["kind"] == "mean" else {}
+    assert "classical" not in overview(made)["sentences"][0]
 
 
 def test_more_than_five_names_are_counted():
     rows = [(f"E{index}", 12, 15, 18, 5, 40) for index in range(6)] + [NONE]
     (said, *_) = overview(document(rows))["sentences"]
-    assert said == "Stiffness is 50 % too high in 6 of 7 environments."
+    assert said == (
+        "Stiffness is too high in 6 of 7 environments, from E0 (+50 %, +20 to +80 %) to E5 (+50 %,"
+        " +20 to +80 %) (classical, 99 %)."
+    )
     wider = overview(document([*rows[:5], ("E5", 12, 16, 18, 5, 40)]))["sentences"][0]
-    assert wider == "Stiffness is too high in all 6 environments, by 50 (E0) to 60 % (E5)."
+    assert "too high in all 6 environments, from E0 (+50 %" in wider
+    assert "to E5 (+60 %" in wider
 
 
 def feeling(*verdicts):
@@ -149,7 +174,7 @@ def test_the_bias_from_a_reference_of_zero_is_in_units():
     assert row["user_upper_ratio"] is None
     assert row["estimate"] == row["bias"] == 15
     assert (row["bias_lower"], row["bias_upper"]) == (12, 18)
-    assert found["sentences"][0] == "Stiffness is 15 N/m too high."
+    assert found["sentences"][0] == "Stiffness in A: +15 N/m (classical, 99 %: +12 to +18 N/m)."
 
 
 def test_narrow_ranges_of_the_next_user_are_told_apart():
@@ -160,10 +185,10 @@ def test_narrow_ranges_of_the_next_user_are_told_apart():
 @pytest.mark.parametrize(
     ("reference", "ends", "said", "user"),
     [
-        (-6.0, (-8, -7.19, -6.5, -9, -5), "1.2 N/m too low", "3 N/m below and 1 N/m above"),
-        (-6.0, (-5.5, -5, -4, -7, -1), "1 N/m too high", "1 N/m below and 5 N/m above"),
-        (-6.0, (-8, -7.19, -6.5, -9, -6.5), "1.2 N/m too low", "0.5 to 3 N/m below"),
-        (0.0, (1, 2, 3, 0.5, 4), "2 N/m too high", "0.5 to 4 N/m above"),
+        (-6.0, (-8, -7.19, -6.5, -9, -5), "−1.2 N/m", "3 N/m below and 1 N/m above"),
+        (-6.0, (-5.5, -5, -4, -7, -1), "+1 N/m", "1 N/m below and 5 N/m above"),
+        (-6.0, (-8, -7.19, -6.5, -9, -6.5), "−1.2 N/m", "0.5 to 3 N/m below"),
+        (0.0, (1, 2, 3, 0.5, 4), "+2 N/m", "0.5 to 4 N/m above"),
     ],
 )
 def test_zero_and_negative_references_are_compared_by_differences(reference, ends, said, user):
@@ -171,7 +196,7 @@ def test_zero_and_negative_references_are_compared_by_differences(reference, end
     for row in made["intervals"]:
         row["reference"] = reference
     found = overview(made)
-    assert found["sentences"][0] == f"Stiffness is {said}."
+    assert found["sentences"][0].startswith(f"Stiffness in A: {said} (classical, 99 %: ")
     assert f"{user} the reference" in found["sentences"][1]
     (row,) = found["rows"]
     assert row["relative"] is False
@@ -186,7 +211,10 @@ def test_one_zero_reference_puts_the_whole_quantity_in_its_unit():
         row["reference"] = 0.0 if row["environment"] == "D" else 10.0
     found = overview(made)
     assert [row["relative"] for row in found["rows"]] == [False, False]
-    assert found["sentences"][0] == "Stiffness is too high in A and D, by 5 (A) to 11 N/m (D)."
+    assert found["sentences"][0] == (
+        "Stiffness is too high in A (+5 N/m, +2 to +8 N/m) and D (+11 N/m, +9 to +13 N/m)"
+        " (classical, 99 %)."
+    )
 
 
 def test_rows_are_the_bayesian_intervals_of_the_study_s_family(both):
