@@ -25,7 +25,7 @@ from percept.inference.sampling.gate import Estimates, Gate, Run, Settings
 __all__ = ["PosteriorCache", "cache_folder", "decode", "digest", "encode", "numbers_version"]
 
 _SUFFIX = ".npz"
-_ARRAYS = ("points", "components", "errors", "times")
+_ARRAYS = ("points", "components", "errors", "autocorrelation_times")
 # Bytes of all entries: some hundred posteriors of ordinary studies.
 _LIMIT = 1_000_000_000
 _log = logging.getLogger("percept.cache")
@@ -134,7 +134,7 @@ def _require_shapes(run: Run) -> None:
         if array.ndim != 4 or array.shape[:3] != run.points.shape[:3] or 0 in array.shape:
             raise ValueError(f"{name} of shape {array.shape}")
     quantities = (len(run.estimates.names),)
-    per_quantity = (run.errors, run.times, run.estimates.value, run.estimates.scale)
+    per_quantity = (run.errors, run.autocorrelation_times, run.estimates.value, run.estimates.scale)
     if any(array.shape != quantities for array in per_quantity):
         raise ValueError(f"arrays of other shapes than {quantities}")
     for array in (run.points, run.components, *per_quantity):

@@ -243,10 +243,10 @@ class Magnitude:
         start = np.clip(guess.ravel(), low, high)
         near_low = np.maximum(low, start - _NEAR_GUESS * width)
         near_high = np.minimum(high, start + _NEAR_GUESS * width)
-        logs = root(misfit, start, near_low, near_high, width, _ACCURACY)
+        logs = root(misfit, start, near_low, near_high, width, most_step_product=_ACCURACY)
         missed = np.abs(misfit(logs)[0])
         if missed.max(initial=0.0) > _MISSED:
-            logs = root(misfit, logs, low, high, width, _ACCURACY * _SHARPER)
+            logs = root(misfit, logs, low, high, width, most_step_product=_ACCURACY * _SHARPER)
         return logs.reshape(2, -1)
 
     def _extrapolate(self, score: float) -> Array:

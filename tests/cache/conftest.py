@@ -15,7 +15,7 @@ def run():
         components=components,
         estimates=Estimates(("lower", "größer"), np.array([0.1, -0.0]), np.array([1.0, np.inf])),
         errors=np.array([1e-3, 2e-3]),
-        times=np.array([12.5, 1.0 / 3.0]),
+        autocorrelation_times=np.array([12.5, 1.0 / 3.0]),
         gate=Gate(
             False,
             ("late.", "stuck."),

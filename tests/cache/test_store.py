@@ -28,7 +28,7 @@ def names(cache):
 
 def test_a_run_comes_back_in_every_bit(run):
     found = decode(encode(run))
-    for name in ("points", "components", "errors", "times"):
+    for name in ("points", "components", "errors", "autocorrelation_times"):
         assert getattr(found, name).tobytes() == getattr(run, name).tobytes()
     for name in ("value", "scale"):
         assert getattr(found.estimates, name).tobytes() == getattr(run.estimates, name).tobytes()
@@ -74,7 +74,7 @@ def test_a_run_of_other_fields_is_computed_again(cache, run, monkeypatch, caplog
         ("components", lambda array: array[:, 1:]),
         ("components", lambda array: np.float64(1.0)),
         ("errors", lambda array: array[:1]),
-        ("times", lambda array: array[:, None]),
+        ("autocorrelation_times", lambda array: array[:, None]),
         ("value", lambda array: array[:1]),
         ("scale", lambda array: array[0]),
     ],

@@ -55,7 +55,7 @@ class Memory:
 
     draws: int = 1 << 17  # Kept draws of a part, over all ensembles
     numbers: int = 1 << 25  # Numbers worked out from them; two parts are held
-    #: Positions of a part, at least: fewer could not span ten autocorrelation times.
+    #: Positions of a part, at least: fewer could not span the autocorrelation times the gate needs.
     fewest_positions: int = 32
 
     def draws_of(self, dimension: int, components: int) -> int:
@@ -199,7 +199,7 @@ class Chain:
             components=components,
             estimates=judged.estimates,
             errors=judged.errors,
-            times=judged.times * self._stride,
+            autocorrelation_times=judged.autocorrelation_times * self._stride,
             gate=pass_gate(self._task.settings, judged, self._travel(points)),
             steps=self._walkers.steps,
             stride=self._stride,

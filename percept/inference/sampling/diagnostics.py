@@ -38,7 +38,7 @@ def autocorrelation_time(series: Array) -> Array:
     """Integrate the autocorrelation function, averaged over ensembles and walkers.
 
     The autocorrelation functions of all walkers are averaged before they are summed over Sokal's
-    window, so that runs of ten autocorrelation times are enough with 64 walkers or more.
+    window, so that many walkers make short runs enough: see `_TIMES_NEEDED` of the gate.
 
     Parameters
     ----------

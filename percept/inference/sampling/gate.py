@@ -35,16 +35,24 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-#: Autocorrelation times a run must span; averaging over 64 walkers or more makes ten enough.
+#: Fewest walkers of an ensemble: they are averaged over, which makes `_TIMES_NEEDED` enough.
+_FEWEST_WALKERS = 64
+#: Autocorrelation times a run must span.
 _TIMES_NEEDED = 10.0
-#: Of those the steps a run aims at: a longer run shows longer times.
+#: Runs aim at this multiple: the estimated time grows with the run.
 _TIMES_MARGIN = 1.2
+#: The same multiple in advice after a run that is too short, which underestimates the time.
+_ADVISED_MARGIN = 1.5
+#: Least growth of `most_steps` that is advised: less would hardly change the verdict.
+_LEAST_GROWTH = 2.0
+#: Fewest positions of a walker that R-hat compares: two in each half, for a variance.
+_FEWEST_COMPARED = 4
 #: Rank R-hat that every quantity must stay below (Vehtari et al. 2021).
 _RHAT_LIMIT = 1.01
 #: Accepted share of proposals below which a walker counts as stuck.
 _STUCK = 0.005
 #: Batches of walkers in an ensemble.
-_GROUPS = 8
+_BATCHES = 8
 #: Values whose ranks are compared: chance alone then leaves R-hat within 0.001 of one.
 _RANKED = 1 << 14
 #: Normal score beyond which a draw lies in a tail: a twentieth of the draws at either end.
@@ -94,8 +102,9 @@ class Settings:
             raise UsageError("must be zero or positive.", key="seed", value=self.seed)
         if self.most_steps < 1:
             raise UsageError("must be at least 1.", key="most_steps", value=self.most_steps)
-        if self.walkers is not None and self.walkers < 64:
-            raise UsageError("must be at least 64.", key="walkers", value=self.walkers)
+        if self.walkers is not None and self.walkers < _FEWEST_WALKERS:
+            problem = f"must be at least {_FEWEST_WALKERS}."
+            raise UsageError(problem, key="walkers", value=self.walkers)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,7 +116,7 @@ class Gate:
     rhat: float  # Largest rank R-hat across ensembles
     autocorrelation_time: float  # Longest autocorrelation time of a reported quantity, in steps
     slowest: str  # The quantity it belongs to
-    times_run: float  # Kept steps per ensemble over that time, of a long run's last part
+    times_run: float  # Kept steps over that time; of a run in parts, those of the last part
     effective_draws: float  # Effective draws of the slowest reported quantity
     acceptance: float  # Mean acceptance fraction
     lowest_acceptance: float  # Of the slowest walker
@@ -137,7 +146,8 @@ class Run:
     components: Array  # (E, T, W, C) What the estimands keep per draw
     estimates: Estimates  # What was asked for
     errors: Array  # (Q,) Monte Carlo standard errors
-    times: Array  # (Q,) Autocorrelation times of the ranks of the influence functions, in steps
+    #: (Q,) Autocorrelation times of the ranks of the influence functions, in steps
+    autocorrelation_times: Array
     gate: Gate  # The verdict
     steps: int  # Per ensemble, burn-in included
     stride: int  # Steps between kept positions
@@ -171,10 +181,10 @@ class Run:
         in it.
         """
         ensembles, _, walkers, _ = self.points.shape
-        group = np.arange(walkers) * _GROUPS // walkers
-        groups = np.tile(group, self._independent_positions().size)
-        first = np.arange(ensembles)[:, None] * _GROUPS
-        return (first + groups).ravel()
+        batch = np.arange(walkers) * _BATCHES // walkers
+        batches = np.tile(batch, self._independent_positions().size)
+        first = np.arange(ensembles)[:, None] * _BATCHES
+        return (first + batches).ravel()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -183,7 +193,8 @@ class Judged:
 
     estimates: Estimates  # Q estimates
     errors: Array  # (Q,) Monte Carlo standard errors
-    times: Array  # (Q,) Autocorrelation times of the influence functions' ranks, in kept positions
+    #: (Q,) Autocorrelation times of the influence functions' ranks, in kept positions
+    autocorrelation_times: Array
     rhats: Array  # (Q,) Rank R-hat of the influence functions across ensembles
 
 
@@ -212,7 +223,7 @@ def judge(estimands: Estimands, components: Array) -> Judged:
             scale=np.concatenate([part.estimates.scale for part in parts]),
         ),
         errors=np.concatenate([part.errors for part in parts]),
-        times=np.concatenate([part.times for part in parts]),
+        autocorrelation_times=np.concatenate([part.autocorrelation_times for part in parts]),
         rhats=np.concatenate([part.rhats for part in parts]),
     )
 
@@ -220,14 +231,14 @@ def judge(estimands: Estimands, components: Array) -> Judged:
 def _measured(estimates: Estimates, series: Array) -> Judged:
     """Measure influence functions (E, T, W, Q): errors of these, times and R-hat of their ranks."""
     errors = monte_carlo_error(series, autocorrelation_time(thin_walkers(series)))
-    # Ranks: a heavy tail would make the memory that of its few extreme draws, and hide what is slow
-    # below it.
+    # Ranks, because with a heavy tail a few extreme draws would dominate the time and hide slower
+    # parts.
     scores = normal_scores(thin_walkers(series, _RANKED))
     tail = (np.abs(scores) > _TAIL).astype(float)
     times = np.maximum(autocorrelation_time(scores), autocorrelation_time(tail))
     # R-hat at about every independent position.
     ensembles, length, _, count = scores.shape
-    longest = min(float(times.max()), length / 4.0)
+    longest = min(float(times.max()), length / _FEWEST_COMPARED)
     gap = max(1, round(longest))
     ranked = scores[:, ::gap].reshape(ensembles, -1, count)
     tails = tail[:, ::gap].reshape(ensembles, -1, count)
@@ -235,22 +246,19 @@ def _measured(estimates: Estimates, series: Array) -> Judged:
     return Judged(estimates, errors, times, rhats)
 
 
-def pass_gate(
-    settings: Settings,
-    judged: Judged,
-    travel: Travel,
-) -> Gate:
+def pass_gate(settings: Settings, judged: Judged, travel: Travel) -> Gate:
     """Judge a run by its estimates and how its walkers went.
 
     Returns
     -------
     Gate
-        Passed where the run spans ten autocorrelation times of its slowest quantity, every walker
-        moves, and the ensembles agree on every quantity.
+        Passed where the run spans `_TIMES_NEEDED` autocorrelation times of its slowest quantity,
+        every walker moves, and the ensembles agree on every quantity.
     """
     names = judged.estimates.names
-    slowest = int(np.argmax(judged.times))
-    longest_time = float(judged.times[slowest])
+    times = judged.autocorrelation_times
+    slowest = int(np.argmax(times))
+    longest_time = float(times[slowest])
     least_agreed = int(np.argmax(judged.rhats))
     rhat = float(judged.rhats[least_agreed])
     relative = judged.errors / judged.estimates.scale
@@ -292,18 +300,17 @@ def pass_gate(
 def _too_short(
     settings: Settings,
     slowest: str,
-    time: float,
+    autocorrelation_time: float,
     travel: Travel,
 ) -> list[str]:
     """Say that a part spans too few autocorrelation times, and which most_steps would do."""
-    times_run = travel.length / time
+    times_run = travel.length / autocorrelation_time
     if times_run >= _TIMES_NEEDED:
         return []
     advice = ""
-    if math.isfinite(time):
-        # A run that is too short underestimates the time.
-        steps = 1.5 * _TIMES_NEEDED * time * travel.stride
-        enough = float(f"{max(2.0 * settings.most_steps, steps):.1g}")
+    if math.isfinite(autocorrelation_time):
+        steps = _ADVISED_MARGIN * _TIMES_NEEDED * autocorrelation_time * travel.stride
+        enough = float(f"{max(_LEAST_GROWTH * settings.most_steps, steps):.1g}")
         advice = f" most_steps = {enough:.0f} gives it more (now {settings.most_steps})."
     return [
         f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity, {slowest};"

@@ -17,7 +17,7 @@ __all__ = ["root"]
 
 Array = NDArray[np.float64]
 
-#: Steps before the search ends with what it has. Halving a bracket 60 times uses up a double.
+#: Calls before the search ends with what it has: so many halvings of a bracket use up a double.
 _MOST_STEPS = 60
 #: Largest ratio of the last two values at which the cubic is trusted: the value must shrink.
 _MOST_REMAINING = 0.5
@@ -38,7 +38,7 @@ def root(
     low: Array,
     high: Array,
     scale: Array,
-    accuracy: float,
+    most_step_product: float,
 ) -> Array:
     """Find the roots of Q increasing functions side by side.
 
@@ -53,18 +53,20 @@ def root(
         Brackets of the roots, shape (Q,). A step that leaves its bracket is replaced by the
         bracket's middle.
     scale : ndarray
-        Unit of `accuracy` for each function, shape (Q,).
-    accuracy : float
+        Unit of steps for each function, shape (Q,).
+    most_step_product : float
         The search ends when the product of the last two steps, in units of `scale`, is no larger.
         The error is then about its square.
 
     Returns
     -------
     ndarray
-        Roots, shape (Q,).
+        Roots, shape (Q,). They are one step past the points of the last call. After `_MOST_STEPS`
+        calls the search ends without an error, with the points it has then.
     """
     x = start
     previous: _Evaluation | None = None
+    # In units of `scale`. There is no step before the first: one leaves that step as it is.
     previous_step = np.ones(x.shape)
     for _ in range(_MOST_STEPS):
         current = _Evaluation(x, *function(x))
@@ -83,7 +85,7 @@ def root(
         # Only the cubic's error is known to fall with the step before.
         shrinkage = np.minimum(previous_step, 1.0)
         factor = np.where(use_cubic, shrinkage, 1.0)
-        if np.all(step * factor <= accuracy):
+        if np.all(step * factor <= most_step_product):
             return following
         previous = current
         previous_step = step

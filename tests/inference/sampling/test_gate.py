@@ -350,7 +350,7 @@ def test_autocorrelation_times_are_in_steps_and_all_walkers_count():
     scores = normal_scores(run.points[..., :1])
     tail = np.where(np.abs(scores) > 1.645, 1.0, 0.0)
     time = max(autocorrelation_time(scores)[0], autocorrelation_time(tail)[0])
-    assert run.times[0] == pytest.approx(run.stride * time)
+    assert run.autocorrelation_times[0] == pytest.approx(run.stride * time)
     kept = run.points[..., 0].size
     assert run.gate.effective_draws == pytest.approx(
         kept * run.stride / run.gate.autocorrelation_time

@@ -50,7 +50,7 @@ def test_parts_together_are_the_whole():
     scores = normal_scores(components[..., :2])
     tails = np.where(np.abs(scores) > 1.645, 1.0, 0.0)
     wanted = np.maximum(autocorrelation_time(scores), autocorrelation_time(tails))
-    np.testing.assert_allclose(found.times, wanted, rtol=1e-9)
+    np.testing.assert_allclose(found.autocorrelation_times, wanted, rtol=1e-9)
 
 
 def test_rhat_is_that_of_ranks_and_tails():
