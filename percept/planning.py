@@ -22,6 +22,8 @@ from percept.inference.classical.moments import check_option, tail_of
 from percept.inference.classical.tolerance import factor_of_tails
 from percept.inference.record import Family, Kind, percent
 
+__all__ = ["Plan", "plan_mean", "plan_share", "plan_user"]
+
 _MOST_SUBJECTS = 10_000_000
 
 

@@ -111,8 +111,10 @@ def advice_plans(study: Study) -> tuple[CoveragePlan, CoveragePlan]:
     values = fitted_values(study)
     scene = study.scene
     model = scene.model.model_dump(exclude_none=True)
-    fitted = plan_like(study, truth=scene.inference.family, model=model, values=values, each=True)
-    return fitted, replace(fitted, truth="normal", values=own_values(study, values))
+    fitted = plan_like(
+        study, users_family=scene.inference.family, model=model, values=values, each=True
+    )
+    return fitted, replace(fitted, users_family="normal", values=own_values(study, values))
 
 
 def gather(

@@ -281,12 +281,12 @@ def averaged(plan: CoveragePlan, judged: Sequence[Sequence[Claim]]) -> pd.DataFr
         fraction that was true, `error` its standard error, `studies` how many it rests on.
         "withheld" and "refused" count among all studies.
     """
-    truths: dict[Labels, list[float]] = {}
+    fractions: dict[Labels, list[float]] = {}
     for claims in judged:
         for claim in claims:
-            truths.setdefault(claim.labels, []).append(claim.truth)
+            fractions.setdefault(claim.labels, []).append(claim.held)
     rows = []
-    for labels, values in truths.items():
+    for labels, values in fractions.items():
         held = np.array(values)
         stated = plan.confidence if labels.kind == "share" else plan.level
         if labels.claim in ("withheld", "refused"):
@@ -296,7 +296,7 @@ def averaged(plan: CoveragePlan, judged: Sequence[Sequence[Claim]]) -> pd.DataFr
             {
                 **labels._asdict(),
                 "subjects": plan.subjects,
-                "truth": plan.truth,
+                "truth": plan.users_family,
                 "stated": stated,
                 "held": held.mean(),
                 "error": standard_error(held),

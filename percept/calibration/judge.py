@@ -39,7 +39,7 @@ __all__ = [
     "Labels",
     "Population",
     "claim_of_cell",
-    "interval_truth",
+    "interval_held",
     "judge_study",
     "judged_line",
 ]
@@ -50,7 +50,8 @@ Method = Literal["both", "classical", "bayesian"]
 # Users drawn per environment, whose curves a boundary of the next user is held against.
 _USERS = 200
 # Gauss-Hermite nodes: enough for the mean logarithm of normal users to four digits.
-_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(64)
+_NODE_COUNT = 64
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(_NODE_COUNT)
 
 
 class Labels(NamedTuple):
@@ -69,7 +70,7 @@ class Claim:
     """What one study claims, and how far that is true."""
 
     labels: Labels
-    truth: float  # Fraction of users, frequencies, environments and parameters it is true for
+    held: float  # Fraction of users, frequencies, environments and parameters it is true for
 
     @classmethod
     def from_line(cls, judged: Line) -> Claim:
@@ -78,7 +79,7 @@ class Claim:
 
     def to_line(self) -> Line:
         """Return the claim as JSON has it."""
-        return {**self.labels._asdict(), "held": self.truth}
+        return {**self.labels._asdict(), "held": self.held}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -90,7 +91,7 @@ class CoveragePlan:
     subjects: int = 10  # Per study
     # Of each subject in each environment; one where None.
     trials: tuple[tuple[int, ...], ...] | None = None
-    truth: Family = "lognormal"  # Distribution of the simulated users
+    users_family: Family = "lognormal"  # Distribution of the simulated users
     family: Family = "lognormal"  # Of the hierarchical model
     method: Method = "both"  # Which methods are judged
     level: float = 0.99  # As `InferenceTable`
@@ -251,22 +252,22 @@ def judge_study(plan: CoveragePlan, index: int) -> list[Claim]:
     rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(index,)))
     study, populations = _simulated(plan, rng)
     claims = []
-    loss = "" if plan.method == "classical" else _bayesian_loss(study)
-    if loss:
-        claims.append(Claim(Labels(loss, method="bayesian", family=plan.family), 1.0))
-    if loss == "refused":
+    no_bayesian = "" if plan.method == "classical" else _why_no_bayesian(study)
+    if no_bayesian:
+        claims.append(Claim(Labels(no_bayesian, method="bayesian", family=plan.family), 1.0))
+    if no_bayesian == "refused":
         if plan.method == "bayesian":
             return claims
         study = Study(study.sessions, study.scene.with_inference(method="classical"))
-    truths: dict[Labels, list[float]] = {}
+    held: dict[Labels, list[float]] = {}
     for claim in _claims(plan, study, populations, rng):
-        truths.setdefault(claim.labels, []).append(claim.truth)
+        held.setdefault(claim.labels, []).append(claim.held)
     # Environments and parameters of one study are not independent: a study is one observation.
-    claims += [Claim(labels, float(np.mean(values))) for labels, values in truths.items()]
+    claims += [Claim(labels, float(np.mean(values))) for labels, values in held.items()]
     return claims
 
 
-def _bayesian_loss(study: Study) -> str:
+def _why_no_bayesian(study: Study) -> str:
     """Say whether Bayesian intervals are "refused" or "withheld"; nothing where they are given."""
     try:
         fit = study.fit
@@ -283,7 +284,7 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, dic
     values = plan.values
     if values is None:
         values = draw_environments(draw_hyperparameters(design, Priors(), rng), design, rng)
-    table = simulate(values, design, rng, family=plan.truth)
+    table = simulate(values, design, rng, family=plan.users_family)
     scene = plan.scene(seed=int(rng.integers(1 << 31)))
     sessions = _as_sessions(table, scene, plan.parameters)
     covariances = values.cov_u + values.cov_w
@@ -293,7 +294,7 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, dic
     populations = {}
     for j, environment in enumerate(design.environments):
         populations[environment] = Population(
-            plan.truth, design.references[j], values.beta[j], covariances[j], plan.parameters
+            plan.users_family, design.references[j], values.beta[j], covariances[j], plan.parameters
         )
     return Study(sessions, scene), populations
 
@@ -331,12 +332,12 @@ def _claims(
     for row in rows:
         name = claim_of_cell(row.parameter, row.environment) if plan.each else "interval"
         labels = Labels(name, row.kind, row.method, row.family, row.joint)
-        yield Claim(labels, interval_truth(row, populations[row.environment]))
+        yield Claim(labels, interval_held(row, populations[row.environment]))
     if is_impedance(plan.parameters) and not plan.each:
         yield from _boundary_claims(study, populations, rng)
 
 
-def interval_truth(interval: Any, population: Population) -> float:
+def interval_held(interval: Any, population: Population) -> float:
     """Judge an interval.
 
     Parameters

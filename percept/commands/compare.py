@@ -45,14 +45,14 @@ _CONTRAST = [
 ]
 # Boundaries printed: what a terminal shows at once.
 _MOST_CURVES = 10
-_CURVES = """area: mean over log omega of
+_CURVES_LEGEND = """area: mean over log omega of
 abs(log(B/A)) of the lower and the upper curve; largest: log(B/A) at that omega (rad/s)."""
-_STEPS_SAY = """width: ratio of widths; centre: shift in classical half-widths;
+_STEPS_LEGEND = """width: ratio of widths; centre: shift in classical half-widths;
 error: Monte Carlo standard error (log_width_error: of the ratio's logarithm)."""
 
 
 @dataclass(frozen=True)
-class _Named:
+class _NamedStudy:
     """A study and what it is called here."""
 
     name: str
@@ -90,7 +90,7 @@ def _by_column(arguments: argparse.Namespace, progress: Working) -> None:
             hint=f"Keep two in the scene: [sessions] only.{column}.",
         )
     first, second = (
-        _Named(f"{column} {group}", study.over(sessions)) for group, sessions in groups.items()
+        _NamedStudy(f"{column} {group}", study.over(sessions)) for group, sessions in groups.items()
     )
     _differences(first, second, arguments, progress)
 
@@ -100,21 +100,21 @@ def _two_studies(arguments: argparse.Namespace, progress: Working) -> None:
     paths = arguments.sessions
     if len(paths) > 2:
         raise UsageError("compare takes one or two studies; put the files of a study in a folder.")
-    first = _opened(arguments, paths[0], arguments.scene, progress)
-    second = _opened(arguments, paths[-1], arguments.other_scene or arguments.scene, progress)
+    first = _open_one(arguments, paths[0], arguments.scene, progress)
+    second = _open_one(arguments, paths[-1], arguments.other_scene or arguments.scene, progress)
     _differences(first, second, arguments, progress)
 
 
-def _opened(
+def _open_one(
     arguments: argparse.Namespace, path: str, scene: str | None, progress: Working
-) -> _Named:
+) -> _NamedStudy:
     """Open one of two studies."""
     own = argparse.Namespace(**vars(arguments) | {"sessions": [path], "scene": scene})
-    return _Named(f"{path} under {scene}" if scene else path, open_study(own, progress))
+    return _NamedStudy(f"{path} under {scene}" if scene else path, open_study(own, progress))
 
 
 def _differences(
-    first: _Named, second: _Named, arguments: argparse.Namespace, progress: Working
+    first: _NamedStudy, second: _NamedStudy, arguments: argparse.Namespace, progress: Working
 ) -> None:
     """Print how two studies differ."""
     from percept.study.compare import compare_studies
@@ -140,7 +140,7 @@ def _differences(
         areas = comparison.curves[["area_lower", "area_upper"]].max(axis=1)
         farthest = areas.sort_values(ascending=False, kind="stable").index[:_MOST_CURVES]
         count = len(comparison.curves)
-        head = f"The {len(farthest)} of {count} boundaries farthest apart. {_CURVES}"
+        head = f"The {len(farthest)} of {count} boundaries farthest apart. {_CURVES_LEGEND}"
         _print(head, comparison.curves.loc[farthest])
 
 
@@ -216,7 +216,7 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     show("\n".join(map(printable, sentences)))
     kind = study.scene.inference.kinds[0]
     effects = ladder.effects.assign(width=np.exp(ladder.effects["log_width"]))
-    _print(f"The steps of kind {kind}. {_STEPS_SAY}", effects[effects["kind"] == kind][_STEPS])
+    _print(f"The steps of kind {kind}. {_STEPS_LEGEND}", effects[effects["kind"] == kind][_STEPS])
 
 
 def _calibrate_command(arguments: argparse.Namespace) -> str:

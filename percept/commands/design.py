@@ -135,7 +135,9 @@ def _plans(arguments: argparse.Namespace, out: Path) -> list[CoveragePlan]:
         for subjects in arguments.subjects or [None]:
             for truth in arguments.truth:
                 plans.append(
-                    plan_like(study, subjects, truth=truth, values=values, method=judged_method)
+                    plan_like(
+                        study, subjects, users_family=truth, values=values, method=judged_method
+                    )
                 )
     return plans
 

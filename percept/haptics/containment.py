@@ -40,12 +40,14 @@ ON_LIMIT = 1e-10
 _FRACTION = 1e-4
 # Pieces per decade of ω before any halving: most are decided at once.
 _PIECES_PER_DECADE = 1.5
-# After these halvings a piece is as narrow as doubles allow; its bound is then widened.
+# Rounds that may halve. After 40 halvings a piece is 1.4e-12 wide in ln ω: a curve whose log slope is
+# below 70 changes by less than ON_LIMIT there. Bounds are widened instead.
 _HALVINGS = 40
 # A search that needs more pieces for a display widens its bound instead.
 _MOST_PIECES = 2048
-# Bounds grow tenfold at a time, until they pass _LARGEST.
-_MOST_ROUNDS = 10 * _HALVINGS
+# Guards against an endless search: 40 rounds may halve, and 12 more widen a bound tenfold each, from
+# ON_LIMIT to _LARGEST.
+_MOST_ROUNDS = 60
 # What a departure counts as, as a logarithm, where a curve vanishes or has a pole.
 _LARGEST = 12.0 * float(np.log(10.0))
 # Deeper inside than a factor of 1,000 its square would leave too few digits to compare.
@@ -78,7 +80,7 @@ class Range(NamedTuple):
 class Boxes:
     """N limits of stiffness and damping.
 
-    With `corners` only both lower limits together, and both upper limits together, count.
+    With `corners` only the corners (low, low) and (high, high) count.
     """
 
     stiffness: Range  # N/m
@@ -192,7 +194,7 @@ class _DepartureSearch:
         """Halve pieces until every pair of item and piece is decided or given up."""
         for end in self._pairs.omega:
             self._look(end)
-        for halving in range(_MOST_ROUNDS):
+        for round_number in range(_MOST_ROUNDS):
             if self._throughout:
                 maybe_inside = self._largest <= ON_LIMIT
                 self._pairs = self._pairs.select(maybe_inside[self._pairs.item])
@@ -200,9 +202,11 @@ class _DepartureSearch:
                 break
             extremes = self._look(self._pairs.middle)
             few_pieces = self._pairs.item.size <= _MOST_PIECES * self._count
-            halve = halving < _HALVINGS and few_pieces
-            if not halve and not self._widened():
-                break
+            halve = round_number < _HALVINGS and few_pieces
+            if not halve:
+                widened = self._widened()
+                if not widened:
+                    break
             self._pairs = self._pairs.select(~self._decided(extremes))
             if halve:
                 self._pairs = self._pairs.halved()
@@ -359,7 +363,7 @@ def plane_departures(display: Display, boxes: Boxes, lower: float, upper: float)
         displays = [display.select(np.array(n)) for n in range(display.count)]
     turns = [_turning_points(single, lower, upper) for single in displays]
     most = max(points.size for points in turns)
-    # Fewer turns leave room for an end of the range, again.
+    # Columns with fewer turning points are padded with the upper end.
     omega = np.full((most, len(turns)), upper)
     for column, points in zip(omega.T, turns, strict=True):
         column[: points.size] = points

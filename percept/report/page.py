@@ -110,7 +110,10 @@ def _environment(*packages: str) -> SandboxedEnvironment:
 
 
 def _policy(*scripts: str) -> str:
-    """Return a content security policy: these scripts run, and nothing is fetched or sent."""
+    """Return a content security policy: these scripts run, and nothing is fetched or sent.
+
+    A script runs only if its text stands in the page byte for byte.
+    """
     digests = (hashlib.sha256(script.encode()).digest() for script in scripts)
     allowed = [f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests] or ["'none'"]
     # Figures are full of style attributes, which have no hashes.
@@ -130,7 +133,7 @@ def _nouns(words: Mapping[str, Sequence[str]]) -> dict[str, str]:
 
 
 def _initial(text: str) -> str:
-    """Write the first letter large, and leave the others as they are."""
+    """Capitalise the first letter, and leave the others as they are."""
     return text[:1].upper() + text[1:]
 
 
@@ -140,5 +143,5 @@ def _asset(package: str, name: str) -> Markup:
 
 
 def _symbols(text: str) -> Markup:
-    """Set the indices of Z_h and its like as indices; the rest is escaped."""
+    """Set the subscripts of Z_h and its like, and escape the rest."""
     return Markup(re.sub(r"Z_(h,vc|h|e|c|d)\b", r"Z<sub>\1</sub>", str(escape(text))))

@@ -8,6 +8,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+__all__ = ["dumps", "plain"]
+
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 
 

@@ -1,4 +1,7 @@
-"""Texts to cells, under the one dialect in which every line has as many."""
+"""Texts to tables of text, under the one dialect that gives every line the same number of cells.
+
+A `Grid` is a table of text, not of numbers: its cells are strings as they stand in the file.
+"""
 
 from __future__ import annotations
 
@@ -26,15 +29,15 @@ Quoting = Literal["doubled", "backslash", "wrapped"]
 
 _DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar"}
 _SEP_LINE = re.compile(r'"?sep=(.)"?[ ]*(?:\r\n|\n|\r)', re.IGNORECASE)
-_MARK = "\ufeff"
+_BYTE_ORDER_MARK = "\ufeff"
 #: A header of more cells is no session table's; the bound keeps hostile lines cheap.
-_CELLS = 20_000
+_MOST_CELLS = 20_000
 #: The dialect of a file is found from about as many characters.
 _HEAD = 1 << 18
-#: The pandas parser rounds correctly by default since 3.1; before, it had to be asked.
+#: The pandas parser rounds correctly by default since 3.1. Older ones need "round_trip".
 _EXACT: Any = None if tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1) else "round_trip"
-_QUOTES = "Write the table again as CSV with quotes doubled."
-# Cells hold recordings of mouse tracks, beyond the module's 128 kB; a block bounds them.
+_QUOTES_HINT = "Write the table again as CSV with quotes doubled."
+# Cells that hold mouse tracks pass the module's limit of 128 kB. No cell passes a block.
 csv.field_size_limit(max(csv.field_size_limit(), 8 * files.BLOCK))
 
 
@@ -71,7 +74,7 @@ class Records:
 
 @dataclass(frozen=True)
 class Grid:
-    """A rectangular stretch of a table of text.
+    """A text table: rows and columns of strings, a stretch of a file.
 
     `cells` has the texts of the data records: columns by position, the physical line as index.
     `dropped` counts the records left out as no data, by reason.
@@ -149,7 +152,9 @@ class Block:
             self.split = Grid.of(self.dialect, records, last=self.last)
         return self.split
 
-    def plain(self, texts: list[int], numbers: list[int], mark: str) -> pd.DataFrame | None:
+    def read_plain(
+        self, texts: list[int], numbers: list[int], decimal_mark: str
+    ) -> pd.DataFrame | None:
         """Read columns of a plain text by pandas' parser; None where cells need a closer look.
 
         The parser takes what percept refuses: lines of any width, infinity, "True" for 1, numbers
@@ -157,7 +162,7 @@ class Block:
         """
         delimiter = self.dialect.delimiter
         text = self.text.replace("\r\n", "\n") if "\r" in self.text else self.text
-        special = any(sign in text for sign in ('"', "\r", _MARK))
+        special = any(sign in text for sign in ('"', "\r", _BYTE_ORDER_MARK))
         if self.split or special or not delimiter.isascii():
             return None
         body = text.encode()
@@ -177,7 +182,7 @@ class Block:
                 header=None,
                 usecols=[*texts, *numbers],
                 dtype=kinds,
-                decimal=mark,
+                decimal=decimal_mark,
                 keep_default_na=False,
                 na_values=blank,
                 quoting=csv.QUOTE_NONE,
@@ -194,7 +199,7 @@ class Block:
 
 
 def _is_rectangular(body: bytes, delimiter: str, width: int) -> bool:
-    """Whether every line has as many cells."""
+    """Whether every line has the same number of cells."""
     characters = np.frombuffer(body, dtype=np.uint8)
     ends_line = characters == ord("\n")
     ends_cell = ends_line | (characters == ord(delimiter))
@@ -238,7 +243,7 @@ def text_blocks(
     Raises
     ------
     UsageError
-        No dialect fits, or several do alike.
+        No dialect fits, or several fit equally well.
     """
     with stream:
         text = _stretch(stream, file, _HEAD)
@@ -247,7 +252,7 @@ def text_blocks(
             delimiter = delimiter or sep[1]
             text = text[sep.end() :]
             first_row = 2
-        text = text.lstrip(_MARK)
+        text = text.lstrip(_BYTE_ORDER_MARK)
         head = re.split("[\r\n]", text, maxsplit=1)[0]
         following = _stretch(stream, file, files.BLOCK)
         unsplit = Block(
@@ -293,9 +298,9 @@ def _stretch(stream: TextIO, file: str, size: int) -> str:
 
 def _without_marks(text: str, head: str) -> str:
     """Drop the byte-order mark that an appending writer puts before each repeated header."""
-    if _MARK not in text:
+    if _BYTE_ORDER_MARK not in text:
         return text
-    return re.sub(f"(^|[\r\n]){_MARK}(?={re.escape(head)})", r"\1", text)
+    return re.sub(f"(^|[\r\n]){_BYTE_ORDER_MARK}(?={re.escape(head)})", r"\1", text)
 
 
 def _find_dialect(
@@ -342,7 +347,7 @@ def _quotings(text: str) -> tuple[Quoting, ...]:
 
 
 def _with_header(block: Block, tried: Dialect) -> tuple[Dialect, Grid]:
-    """Split a text under a dialect, its first line that is not blank being the header."""
+    """Split a text under a dialect. The first line that is not blank is the header."""
     records = _records(block.text, tried, block.first_row)
     start = 0
     while start < len(records.cells) and not any(cell.strip() for cell in records.cells[start]):
@@ -352,7 +357,7 @@ def _with_header(block: Block, tried: Dialect) -> tuple[Dialect, Grid]:
         raise UsageError("the file has no header.", file=tried.file, hint=hint)
     names = tuple(records.cells[start])
     place = Place(file=tried.file, row=records.lines[start])
-    if not 2 <= len(names) <= _CELLS:
+    if not 2 <= len(names) <= _MOST_CELLS:
         hint = "Correct the header, or declare [sessions] delimiter."
         raise UsageError(f"a header of {len(names)} cells.", hint=hint, **place)
     tried = replace(tried, names=names)
@@ -385,7 +390,7 @@ def _records(text: str, dialect: Dialect, first_row: int) -> Records:
         except csv.Error:
             message = "a quoted cell is not closed, or text follows its closing quote."
             row = first_row + (ends[-1] if ends else 0)
-            raise UsageError(message, file=dialect.file, row=row, hint=_QUOTES) from None
+            raise UsageError(message, file=dialect.file, row=row, hint=_QUOTES_HINT) from None
     if dialect.quoting == "backslash":
         cells = [[cell.replace("\0", '"') for cell in record] for record in cells]
     if "\r" in text:
@@ -402,7 +407,7 @@ def _refuse_lone_returns(
     alone = [end for end, line in zip(ends, closing, strict=True) if line.endswith("\r")]
     if alone and any(line.endswith("\n") for line in closing):
         message = "a line ends in a lone carriage return, and other lines do not."
-        raise UsageError(message, file=file, row=first_row + alone[0] - 1, hint=_QUOTES)
+        raise UsageError(message, file=file, row=first_row + alone[0] - 1, hint=_QUOTES_HINT)
 
 
 def _join(pieces: list[str], delimiter: str) -> list[str]:

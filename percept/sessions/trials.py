@@ -342,7 +342,7 @@ class LongTable(TrialTable):
             or (comma_may_be_decimal and "," in block.text)
         ):
             return None
-        return block.plain(sorted(texts), sorted(numbers), self._mark or ".")
+        return block.read_plain(sorted(texts), sorted(numbers), self._mark or ".")
 
 
 class WideTable(TrialTable):

@@ -14,6 +14,20 @@ from percept.inference.record import Family
 from percept.scene import InferenceTable
 from percept.sessions.quantities import Quantities, is_impedance
 
+__all__ = [
+    "FAMILIES",
+    "Array",
+    "References",
+    "Skipped",
+    "Stream",
+    "analysed_parameters",
+    "claim_of",
+    "generator",
+    "referenced",
+    "results",
+    "select",
+]
+
 Array = NDArray[np.float64]
 T = TypeVar("T")
 #: By parameter and environment, in the parameter's unit; NaN where there is none.

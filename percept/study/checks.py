@@ -28,6 +28,8 @@ from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit
 from percept.study.responses import Trials
 
+__all__ = ["ModelChecks", "model_checks", "spread_pull", "subject_tables", "trial_noise_p_value"]
+
 #: Chance of naming any outlier at all in a study the model holds for; shared over all that is
 #: looked at.
 FALSE_ALARM = 0.05

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from percept.inference.hierarchy.within import WithinSubjects
     from percept.inference.sampling.gate import Run
 
+__all__ = ["contrast_rows", "within_model"]
+
 
 @dataclasses.dataclass(frozen=True)
 class _Pair:

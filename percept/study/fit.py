@@ -35,6 +35,20 @@ from percept.study.responses import (
     trials,
 )
 
+__all__ = [
+    "Fit",
+    "Prepared",
+    "RunStore",
+    "bayesian_rows",
+    "estimands_of",
+    "fit_of",
+    "pooled",
+    "posterior_tree",
+    "prepare",
+    "prior_rows",
+    "sampled",
+]
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Prepared:

@@ -21,6 +21,22 @@ from percept.sessions import Sessions
 from percept.sessions.quantities import Quantity
 from percept.study.basics import FAMILIES, References, Skipped, claim_of
 
+__all__ = [
+    "COLUMNS",
+    "KEYS",
+    "TOO_FEW",
+    "Cell",
+    "Row",
+    "adjustments",
+    "bayesian_row",
+    "cell_moments",
+    "classical_rows",
+    "compare_intervals",
+    "design_counts",
+    "known_moments",
+    "normality_tests",
+]
+
 Row = dict[str, Any]
 
 COLUMNS = ["environment", "parameter", *(name for name in ROW if name != "covers"), "reference"]

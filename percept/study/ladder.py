@@ -22,6 +22,8 @@ from percept.sessions import Sessions
 from percept.sessions.quantities import Quantities
 from percept.study.fit import Fit, estimands_of, fit_of, prepare, sampled
 
+__all__ = ["Ladder", "climb", "sentence"]
+
 #: Tolerance of the fits between the two methods: effects of a few per cent are told from noise.
 _TOLERANCE = 0.05
 #: Effects under this number of standard errors, or smaller than these, are not named.

@@ -18,6 +18,8 @@ from percept.study.fit import Prepared, bayesian_rows, fit_of, pooled, sampled
 from percept.study.intervals import COLUMNS, TOO_FEW, Cell, classical_rows
 from percept.study.responses import ResponseScale, decades, refuse_lone_subject
 
+__all__ = ["prepare_reduced", "reduced_intervals"]
+
 
 def reduced_intervals(reduced: Reduced, scene: Scene | None = None) -> pd.DataFrame:
     """Work out the intervals of a reduced study, as `Study.intervals` does, in one family."""

@@ -21,6 +21,19 @@ if TYPE_CHECKING:
     from percept.inference.hierarchy.density import Resolution
     from percept.inference.hierarchy.statistics import Statistics
 
+__all__ = [
+    "ResponseScale",
+    "Trials",
+    "by_difference",
+    "decades",
+    "lacking_scatter",
+    "references",
+    "refuse_lone_subject",
+    "refuse_no_ratio",
+    "resolution_of",
+    "trials",
+]
+
 #: Remainder of a regression over what is regressed, below which the two are in proportion. Values
 #: printed to six figures leave 1e-6; at 5e-3 the sampler's 20 000 steps were too few already.
 _PROPORTION = 1e-3

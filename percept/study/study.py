@@ -212,8 +212,8 @@ class Study:
         Parameters
         ----------
         omega : array_like, shape (M,)
-            rad/s, positive, increasing, up to Nyquist, where a mass is endless, and so are all
-            curves; None for each environment's own.
+            rad/s, positive, increasing, up to Nyquist, where a mass makes all curves
+            infinite; None for each environment's own.
         environments, kinds, joints : collection of str, optional
             Which environments, kinds, and treatments of k and b together ("joint" for curves of
             their law); all by default.
@@ -409,7 +409,3 @@ class Study:
             f"<li><code>{html.escape(call)}</code>: {what}</li>" for call, what in _CALLS.items()
         )
         return f"{fields_html(about, caption='Study')}<ul>{calls}</ul>"
-
-
-def _silent(step: str) -> None:
-    """Tell nobody of a step."""

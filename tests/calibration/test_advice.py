@@ -53,9 +53,9 @@ def test_plans_have_the_design_of_the_study(study: Study) -> None:
             rows = table[(table["subject"] == subject) & (table["environment"] == environment)]
             assert fitted.trials is not None
             assert fitted.trials[i][j] == len(rows)
-    assert (fitted.truth, own.truth) == ("lognormal", "normal")
+    assert (fitted.users_family, own.users_family) == ("lognormal", "normal")
     assert fitted.model["priors"] == {"tau_scale": 0.4}
-    assert own == dataclasses.replace(fitted, truth="normal", values=own.values)
+    assert own == dataclasses.replace(fitted, users_family="normal", values=own.values)
 
 
 def test_normal_users_have_the_mean_and_sd_of_their_cell(study: Study) -> None:
@@ -79,13 +79,13 @@ def test_normal_users_have_the_mean_and_sd_of_their_cell(study: Study) -> None:
 def test_each_interval_by_itself_makes_up_what_is_judged_together(study: Study) -> None:
     plan = dataclasses.replace(advice_plans(study)[1], method="classical", each=False)
     (whole,) = (
-        one.truth
+        one.held
         for one in judge_study(plan, 3)
         if one.labels == ("interval", "user", "classical", "normal", "marginal", "")
     )
     each = judge_study(dataclasses.replace(plan, each=True), 3)
     assert {one.labels.claim for one in each} == {"k in VE1", "k in VE2", "b in VE1", "b in VE2"}
-    assert np.mean([one.truth for one in each]) == pytest.approx(whole, rel=1e-12)
+    assert np.mean([one.held for one in each]) == pytest.approx(whole, rel=1e-12)
 
 
 def test_a_recommendation_rests_on_enough_studies(plain: Study, tmp_path) -> None:

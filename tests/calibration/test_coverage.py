@@ -28,7 +28,7 @@ from percept.calibration.judge import (
     CoveragePlan,
     Labels,
     Population,
-    interval_truth,
+    interval_held,
     judge_study,
 )
 from percept.cluster import on_cluster
@@ -160,7 +160,7 @@ def test_limits_of_a_share_hold_where_they_contain_the_share(upper: float, held:
         parameter="k", kind="share", lower=0.0, upper=upper, level=0.9, share=0.9, confidence=0.95,
         family="normal",
     )  # fmt: skip
-    assert interval_truth(row, NORMAL) == held
+    assert interval_held(row, NORMAL) == held
 
 
 def test_withheld_studies_count_among_all_and_claims_among_those_that_make_them() -> None:
@@ -214,12 +214,12 @@ def test_bayesian_claims_are_judged() -> None:
     judged = judge_study(dataclasses.replace(PLAN, method="both", tolerance=0.2, seed=4), 0)
     claims = {(one.labels.claim, one.labels.method) for one in judged}
     assert {("interval", "bayesian"), ("boundary throughout", "bayesian")} <= claims
-    assert all(0.0 <= one.truth <= 1.0 for one in judged)
+    assert all(0.0 <= one.held <= 1.0 for one in judged)
 
 
 def test_normal_users_below_zero_are_refused_by_a_lognormal_model_and_said_so() -> None:
     values = fixed_values(spread=2.0, environments=3)
-    plan = dataclasses.replace(PLAN, method="both", truth="normal", values=values)
+    plan = dataclasses.replace(PLAN, method="both", users_family="normal", values=values)
     labels = [one.labels for one in judge_study(plan, 0)]
     assert [one.claim for one in labels if one.method == "bayesian"] == ["refused"]
     table = coverage_markdown(coverage(plan, 2))
@@ -280,7 +280,7 @@ def test_users_far_from_the_reference_are_no_slip_of_units() -> None:
     """Their median is .005 of the reference, which a file without units would be refused for."""
     plan = CoveragePlan(
         references=((1000.0, 1.0), (25000.0, 25.0)),
-        subjects=8, truth="normal", method="classical", level=0.9, frequencies=(0.1, 100.0, 5),
+        subjects=8, users_family="normal", method="classical", level=0.9, frequencies=(0.1, 100.0, 5),
     )  # fmt: skip
     claims = {one.labels.claim for one in judge_study(plan, 315)}
     assert {"interval", "boundary throughout"} <= claims

@@ -29,10 +29,10 @@ Array = NDArray[np.float64]
 Term: TypeAlias = Any
 
 _CHAINS = 4
-_TUNE = 2000  # Draws of each chain that are not kept
+_WARM_UP = 2000  # Draws of each chain that are not kept
 _DRAWS = 10_000  # Of each chain, unless time ends first
 _ACCEPTANCE = 0.95  # Shorter steps than by default: divergences would bias the comparison
-_FEWEST = 100  # Draws per chain below which there are no limits
+_FEWEST_DRAWS = 100  # Draws per chain below which there are no limits
 #: What the limits need.
 _SCALES = ("tau", "sigma_u", "rho_u", "sigma", "rho_w", "sigma_e", "rho_e")
 
@@ -183,7 +183,7 @@ def _scatter_density(statistics: Statistics, sigma_e: Term, rho_e: Term) -> Term
 
 
 def nutpie_limits(statistics: Statistics, seed: int, *, seconds: float) -> Printed:
-    """Sample for at most so long; limits of kinds mean and user, and what the run took."""
+    """Sample for at most `seconds`; limits of kinds mean and user, and what the run took."""
     import nutpie
 
     model = cells_model(statistics, Priors())
@@ -195,7 +195,7 @@ def nutpie_limits(statistics: Statistics, seed: int, *, seconds: float) -> Print
     sampler = nutpie.sample(
         compiled,
         draws=_DRAWS,
-        tune=_TUNE,
+        tune=_WARM_UP,
         chains=_CHAINS,
         cores=_CHAINS,
         seed=seed,
@@ -213,7 +213,7 @@ def nutpie_limits(statistics: Statistics, seed: int, *, seconds: float) -> Print
     sigma_u = np.asarray(tree.posterior["sigma_u"])
     done = np.isfinite(sigma_u[..., 0]).sum(axis=1)
     length = int(done.min())
-    if length < _FEWEST:
+    if length < _FEWEST_DRAWS:
         return {"cost": {"peer_s": wall, "peer_draws": int(done.sum())}}
     draws = {name: np.asarray(tree.posterior[name])[:, :length] for name in scales}
     value, error = averaged_limits(statistics, draws)
