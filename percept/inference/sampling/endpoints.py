@@ -30,18 +30,21 @@ _SQRT_2PI = math.sqrt(2.0 * math.pi)
 #: Draws above which the search starts from the root over every `_THINNING`-th draw.
 _MANY_DRAWS = 4096
 _THINNING = 8
-#: Accuracies of `root`, whose error is about their square, in SDs of the mixture. With few draws
+#: Largest product of the last two steps of `root`, whose error is about the product's square. Steps
+#: to a mixture's quantile are in its SDs, those to a half-width in its logarithm. With few draws
 #: the limit is exact; with many its error need only be far below its Monte Carlo error.
-_ACCURACY = 1e-16
-_ACCURACY_OF_MANY = 4e-6
-#: The slope of a share is noisy, which spoils the square.
-_ACCURACY_OF_SHARE = 1e-8
-_ACCURACY_OF_START = 1e-3
+_STEP_PRODUCT = 1e-16
+_STEP_PRODUCT_OF_MANY = 4e-6
+#: The slope of a share is noisy, so the error no longer falls as the square.
+_STEP_PRODUCT_OF_SHARE = 1e-8
+#: A start needs few digits: the search over all draws follows.
+_STEP_PRODUCT_OF_START = 1e-3
 #: Draws worked on at a time: their temporaries stay in the processor's cache.
 _BLOCK = 1024
-#: Effective draws that must carry a slope for it to be believed, and their least fraction.
+#: Effective draws that must carry a slope for it to be believed: fewer would make it too noisy.
 _FEWEST_CARRYING = 100.0
-_LEAST_CARRYING = 0.02
+#: Or, of fewer draws, this fraction of them.
+_FRACTION_CARRYING = 0.02
 #: Of the allowed error, the fraction left out beyond the bracket of a share's half-width.
 _BRACKET_TAIL = 1e-3
 
@@ -72,9 +75,10 @@ def mixture_quantile(
         Shape (S, Q): derivative of the quantile in the weight of a draw.
     """
     sign = 1.0 if upper else -1.0
-    accuracy = _ACCURACY_OF_MANY if len(mean) > _MANY_DRAWS else _ACCURACY
+    step_product = _STEP_PRODUCT_OF_MANY if len(mean) > _MANY_DRAWS else _STEP_PRODUCT
     mixture = _Mixture(_as_rows(mean) * sign, _as_rows(sd))
-    quantile = mixture.upper_quantile(tail, accuracy)
+    quantile = mixture.upper_quantile(tail, step_product)
+    # The mixture is not needed any more, and its array becomes the result.
     influence = mixture.beyond
     influence -= mixture.mean_beyond[:, None]
     influence *= (sign / mixture.density)[:, None]
@@ -93,7 +97,12 @@ def _thinned(draws: Array) -> Array:
 
 @dataclasses.dataclass(eq=False)
 class _Mixture:
-    """Equal-weight mixtures of normal laws, and what was found at the last x."""
+    """Equal-weight mixtures of normal laws, and their probabilities at the last x evaluated.
+
+    `root` returns a point one step past the last x, and influences are taken at that x. The step is
+    about or below the square root of the step product, 0.002 SDs. Influences only give Monte Carlo errors,
+    which so change by less than 1 %, far below their own uncertainty.
+    """
 
     mean: Array  # (Q, S)
     sd: Array  # (Q, S)
@@ -103,24 +112,25 @@ class _Mixture:
         self.mean_beyond = np.empty(len(self.mean))  # (Q,) The mixture's probability beyond x
         self.density = np.empty(len(self.mean))  # (Q,) The mixture's density at x
 
-    def upper_quantile(self, tail: float, accuracy: float) -> Array:
+    def upper_quantile(self, tail: float, step_product: float) -> Array:
         """Find x (Q,) with the stated probability beyond it."""
         z = -special.ndtri(tail)
         if self.mean.shape[1] > _MANY_DRAWS:
             sparse = _Mixture(_thinned(self.mean), _thinned(self.sd))
             spread = sparse.spread()
-            start = sparse.upper_quantile(tail, _ACCURACY_OF_START)
+            start = sparse.upper_quantile(tail, _STEP_PRODUCT_OF_START)
         else:
             spread = self.spread()
             start = self.mean.mean(axis=1) + z * spread
         # The mixture's quantile lies between the nearest and the farthest of its components'.
+        # `beyond` lends its memory: the first evaluation overwrites it.
         component_quantiles = np.multiply(self.sd, z, out=self.beyond)
         component_quantiles += self.mean
         low = component_quantiles.min(axis=1)
         high = component_quantiles.max(axis=1)
         start = np.clip(start, low, high)
         shortfall = functools.partial(self._log_shortfall, tail=tail)
-        return root(shortfall, start, low, high, spread, accuracy)
+        return root(shortfall, start, low, high, spread, step_product)
 
     def spread(self) -> Array:
         """SD of the mixture, (Q,)."""
@@ -175,42 +185,45 @@ class _Reach:
     #: Step of the table in sqrt(h - h0), a power of two: finding the piece rounds nothing.
     _STEP = 2.0**-9
     #: Last sqrt(h - h0) of the table: beyond it one tail is zero in doubles, and d is linear in h.
-    _LAST_ROOT = 3.0
+    _LAST_SQRT = 3.0
 
     def __init__(self, share: float) -> None:
         self.least = -float(special.ndtri(0.5 * (1.0 - share)))  # h0
         self._one_tail = special.ndtri(1.0 - share)
-        roots = np.arange(0.0, self._LAST_ROOT + self._STEP, self._STEP)
-        h = self.least + roots[1:] ** 2
+        knots = np.arange(0.0, self._LAST_SQRT + self._STEP, self._STEP)  # of sqrt(h - h0)
+        h = self.least + knots[1:] ** 2
         d = np.sqrt(special.chndtrinc(h**2, 1.0, share))
+        # Differentiate the equation of d above: both densities carry h, and d with opposite signs.
         near = _normal_density(h - d)
         far = _normal_density(h + d)
         by_h = (near + far) / (near - far)
-        by_root = 2.0 * roots[1:] * by_h
+        by_sqrt = 2.0 * knots[1:] * by_h
         first = math.sqrt(2.0 / self.least)  # near h0: d² = 2 (h - h0)/h0
         values = np.r_[0.0, d]
-        slopes = np.r_[first, by_root]
-        spline = CubicHermiteSpline(roots, values, slopes)
-        self._pieces = np.ascontiguousarray(spline.c.T)  # (pieces, 4) From the cube on
+        slopes = np.r_[first, by_sqrt]
+        spline = CubicHermiteSpline(knots, values, slopes)
+        self._pieces = np.ascontiguousarray(spline.c.T)  # (pieces, 4) c3 to c0
 
     def __call__(self, h: Array) -> tuple[Array, Array]:
         """Return d and its derivative in h, zero where there is none."""
         excess = np.maximum(h - self.least, 0.0)
-        root = np.sqrt(excess)
+        sqrt_excess = np.sqrt(excess)
         # The spline's own search for the piece would take four times the time of all the rest.
-        position = root / self._STEP
+        position = sqrt_excess / self._STEP
         last = len(self._pieces) - 1.0
         piece = np.minimum(position, last).astype(np.intp)
         coefficients = np.take(self._pieces, piece, axis=0, mode="clip")
         c3, c2, c1, c0 = np.moveaxis(coefficients, -1, 0)
-        t = root - piece * self._STEP
-        c3 *= t
-        slope = (1.5 * c3 + c2) * (2.0 * t) + c1
-        d = ((c3 + c2) * t + c1) * t + c0
+        t = sqrt_excess - piece * self._STEP
+        # d = c3 t³ + c2 t² + c1 t + c0, whose slope in t is 3 c3 t² + 2 c2 t + c1.
+        c3_t = c3 * t
+        slope = (1.5 * c3_t + c2) * (2.0 * t) + c1
+        d = ((c3_t + c2) * t + c1) * t + c0
+        # The slope in h: t is sqrt(h - h0) less a constant.
         with np.errstate(divide="ignore", invalid="ignore"):
-            slope /= 2.0 * root
-        slope[root == 0.0] = 0.0
-        beyond = root > self._LAST_ROOT
+            slope /= 2.0 * sqrt_excess
+        slope[sqrt_excess == 0.0] = 0.0
+        beyond = sqrt_excess > self._LAST_SQRT
         if beyond.any():
             d[beyond] = h[beyond] + self._one_tail
             slope[beyond] = 1.0
@@ -241,23 +254,24 @@ def share_content(
     Given a draw the population is normal with SD `spread` about a mean that is N(mean, sd²).
     """
     d, by_half_width = _reach(share)(half_width / spread)
-    d *= spread
+    distance = d * spread
     offset = centre - mean
     precision = 1.0 / sd
-    upper = offset + d
+    # The interval holds the share if the population's mean lies within `distance` of its centre.
+    upper = offset + distance
     upper *= precision
-    lower = offset - d
+    lower = offset - distance
     lower *= precision
     probability = special.ndtr(upper)
     probability -= special.ndtr(lower)
-    precision *= 1.0 / _SQRT_2PI
-    upper = _normal_density(upper)
-    upper *= precision
-    lower = _normal_density(lower)
-    lower *= precision
-    by_half_width *= upper + lower
-    upper -= lower
-    return ShareContent(probability, by_half_width, by_centre=upper)
+    peak_density = precision * (1.0 / _SQRT_2PI)
+    upper_density = _normal_density(upper)
+    upper_density *= peak_density
+    lower_density = _normal_density(lower)
+    lower_density *= peak_density
+    by_half_width *= upper_density + lower_density
+    by_centre = upper_density - lower_density
+    return ShareContent(probability, by_half_width, by_centre)
 
 
 def share_half_width(
@@ -288,39 +302,42 @@ def share_half_width(
     influence : ndarray
         Shape (S, 2 Q): of all lower limits, then of all upper ones.
     """
-    accuracy = _ACCURACY_OF_SHARE if len(mean) > _MANY_DRAWS else _ACCURACY
+    step_product = _STEP_PRODUCT_OF_SHARE if len(mean) > _MANY_DRAWS else _STEP_PRODUCT
     mean = _as_rows(mean)
     spread = _as_rows(spread)
     centre = mean.mean(axis=1)
     draws = mean.shape[1]
     content = _MeanContent(share, centre, mean, _as_rows(sd), spread)
-    half_width = content.half_width(confidence, accuracy)
+    half_width = content.half_width(confidence, step_product)
     slope = content.slope
     # (sum of slopes)² over the sum of their squares counts the draws that carry the slope.
-    enough = min(_FEWEST_CARRYING, _LEAST_CARRYING * draws)
+    enough = min(_FEWEST_CARRYING, _FRACTION_CARRYING * draws)
     uncertain = slope**2 * draws <= enough * content.square_slope
     if uncertain.any():
         least = _reach(share).least * spread
         differenced = _density_of_half_widths(least, confidence)
         slope = np.where(uncertain, differenced, slope)
-    # Both limits move with the centre, and apart with the half-width.
+    # Both limits move with the centre, and apart with the half-width h. The mean probability stays:
+    # (probability - its mean) + by_centre * (mean - centre) + slope * (influence on h) = 0.
     influence = np.empty((2, *mean.shape))
-    offset = np.subtract(mean, centre[:, None], out=influence[0])
-    pull = content.probability
-    pull -= content.mean_probability[:, None]
-    tilt = content.tilt[:, None]
-    pull += np.multiply(tilt, offset, out=influence[1])
-    pull *= (-1.0 / slope)[:, None]
-    np.add(offset, pull, out=influence[1])
-    offset -= pull
+    influence_on_centre = np.subtract(mean, centre[:, None], out=influence[0])
+    by_centre = content.by_centre[:, None]
+    # The probabilities are not needed any more, and lend their memory.
+    influence_on_half_width = content.probability
+    influence_on_half_width -= content.mean_probability[:, None]
+    influence_on_half_width += np.multiply(by_centre, influence_on_centre, out=influence[1])
+    influence_on_half_width *= (-1.0 / slope)[:, None]
+    np.add(influence_on_centre, influence_on_half_width, out=influence[1])
+    influence[0] -= influence_on_half_width
     return centre, half_width, influence.reshape(-1, draws).T
 
 
 def _density_of_half_widths(half_width: Array, confidence: float) -> Array:
     """Density of half-widths (Q, S) at their quantile, by a difference of quantiles.
 
-    Where the mean is known far better than the spread, a draw's probability is a step. The slopes
-    at a given half-width may then all underflow, or a single slope may dominate.
+    Where the mean is known far better than the spread, a draw's probability is a step function of
+    the half-width, from 0 to 1 at the draw's own. The slopes at a given half-width may then all
+    underflow, or a single slope may dominate.
     """
     step = 0.5 * min(confidence, 1.0 - confidence)
     low = np.quantile(half_width, confidence - step, axis=1)
@@ -331,7 +348,7 @@ def _density_of_half_widths(half_width: Array, confidence: float) -> Array:
 
 @dataclasses.dataclass(eq=False)
 class _MeanContent:
-    """Mean over draws of the probability of holding a share, as found at the last half-widths."""
+    """Mean over draws of the probability of holding a share, at the last half-widths evaluated."""
 
     share: float
     centre: Array  # (Q,)
@@ -344,9 +361,9 @@ class _MeanContent:
         self.mean_probability = np.empty_like(self.centre)  # (Q,)
         self.slope = np.empty_like(self.centre)  # (Q,) Mean derivative in the half-width
         self.square_slope = np.empty_like(self.centre)  # (Q,) Mean square of that derivative
-        self.tilt = np.empty_like(self.centre)  # (Q,) Mean derivative in the centre
+        self.by_centre = np.empty_like(self.centre)  # (Q,) Mean derivative in the centre
 
-    def half_width(self, confidence: float, accuracy: float) -> Array:
+    def half_width(self, confidence: float, step_product: float) -> Array:
         """Find the half-widths (Q,) at which the mean probability is the confidence."""
         least = _reach(self.share).least * self.spread
         low = least.min(axis=1)
@@ -355,7 +372,7 @@ class _MeanContent:
         score = special.ndtri(_BRACKET_TAIL * (1.0 - confidence))
         high -= score * self.sd
         if self.mean.shape[1] > _MANY_DRAWS:
-            start = self._thinned().half_width(confidence, _ACCURACY_OF_START)
+            start = self._thinned().half_width(confidence, _STEP_PRODUCT_OF_START)
         else:
             start = np.quantile(least, confidence, axis=1)
         log_half_width = root(
@@ -364,7 +381,7 @@ class _MeanContent:
             np.log(low),
             np.log(high.max(axis=1)),
             np.ones_like(start),
-            accuracy,
+            step_product,
         )
         return np.exp(log_half_width)
 
@@ -409,4 +426,4 @@ class _MeanContent:
         self.mean_probability = means[0]
         self.slope = means[1]
         self.square_slope = means[2]
-        self.tilt = means[3]
+        self.by_centre = means[3]
