@@ -117,6 +117,7 @@ def _differences(
     first: _NamedStudy, second: _NamedStudy, arguments: argparse.Namespace, progress: Working
 ) -> None:
     """Print how two studies differ."""
+    from percept.report.feelings import study_feelings
     from percept.study.compare import compare_studies
 
     a = first.study
@@ -125,11 +126,15 @@ def _differences(
     tell_error(a, second.study)
     if arguments.json:
         studies = {"a": first.name, "b": second.name}
-        print_json({"studies": studies, **_stated(a), **vars(comparison)})
+        verdicts = {"a": a.verdicts, "b": second.study.verdicts}
+        stated = {"studies": studies, **_stated(a), "verdicts": verdicts}
+        print_json({**stated, **vars(comparison)})
         return
     notes = map(printable, comparison.notes)
     show("\n".join([f"A: {first.name}", f"B: {second.name}", *notes]))
     show(f"Both: {_claim(a)}.")
+    for name, study in (("A", a), ("B", second.study)):
+        show("\n".join(f"{name}: {said}" for said in study_feelings(study)))
     if len(comparison.differences):
         unit = "ratio B/A" if a.scene.inference.family == "lognormal" else "difference B - A"
         head = f"Average users, {unit}; spread between users, ratio B/A:"
@@ -189,6 +194,7 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     import numpy as np
 
     from percept.calibration.advice import recommend
+    from percept.report.feelings import study_feelings
 
     method = study.scene.inference.method
     if method != "both":
@@ -207,10 +213,16 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     tell_error(study)
     advice = recommend(study, arguments.coverage, _calibrate_command(arguments))
     if arguments.json:
-        results = {"comparison": table, "ladder": ladder, "advice": advice}
+        results: dict[str, object] = {
+            "comparison": table,
+            "verdicts": study.verdicts,
+            "ladder": ladder,
+        }
+        results |= {"advice": advice}
         print_json({**_stated(study), **results})
         return
     _print(f"Intervals in pairs, {_claim(study)}:", table[_PAIRS])
+    show("\n".join(["", *study_feelings(study)]))
     show("\nWhy they differ, step by step from the classical interval of the normal family:")
     sentences = [*ladder.sentences, *ladder.notes, "", *advice]
     show("\n".join(map(printable, sentences)))

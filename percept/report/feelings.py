@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from percept.boundary.feels_real import judge
 from percept.inference.record import percent
@@ -23,8 +23,12 @@ from percept.report.select import (
     pointed,
     words_of,
 )
+from percept.results import Nouns, plain
 
-__all__ = ["RENDERED", "feeling_sentences", "feelings", "said_probability", "verdict_words"]
+if TYPE_CHECKING:
+    from percept.study import Study
+
+__all__ = ["RENDERED", "feeling_sentences", "feelings", "study_feelings"]
 
 #: How an environment is displayed, by whether it is through the coupling.
 RENDERED = {False: "directly", True: "through the coupling"}
@@ -39,12 +43,7 @@ _NAMED = 5
 _INSIDE = ("inside", "marginal", "outside")
 
 
-def verdict_words(outcome: str) -> str:
-    """Return the outcome as a cell says it."""
-    return "does not feel real" if outcome == "does not" else outcome
-
-
-def said_probability(probability: float, decision: float) -> str:
+def _said_probability(probability: float, decision: float) -> str:
     """Write a probability in per cent, with the digits that keep it on its side of the decision."""
     outcome = judge(probability, decision)
     for digits in range(2, 6):
@@ -54,6 +53,14 @@ def said_probability(probability: float, decision: float) -> str:
     if shown >= 1.0:
         return "> 99 %"
     return f"{100.0 * shown:.6g} %" if shown > 0.0 else "< 1 %"
+
+
+def study_feelings(study: Study) -> list[str]:
+    """Say what feels real in a study that is not reported."""
+    scene = study.scene
+    nouns = Nouns(scene.environment_noun, scene.study.subject, scene.user_noun)
+    words = words_of({"data": {"words": nouns}})
+    return feeling_sentences(plain(study.verdicts), words)
 
 
 def feeling_sentences(verdicts: Sequence[Record], words: Words) -> list[str]:
@@ -74,13 +81,12 @@ def feeling_sentences(verdicts: Sequence[Record], words: Words) -> list[str]:
     decision = percent(judged[0]["decision"])
     measures = {"bayesian": "Bayesian probability", "classical": "classical confidence"}
     measure = " or ".join(measures[method] for method in distinct(judged, "method"))
-    sentences = [
+    return [
         f"{rendered}, {'; '.join(groups)}.",
         f"Judged against the central {level} of {words.users}: {measure}, decision at {decision}.",
         *_straddling(judged),
         *_disagreeing(judged, words),
     ]
-    return [" ".join(sentences)]
 
 
 def _said_of(rows: Sequence[Record], outcome: str, count: int, words: Words) -> str:
@@ -99,9 +105,9 @@ def _said_range(probabilities: Sequence[float], decision: float) -> str:
     """Write each probability, or the smallest and the largest of many."""
     if len(probabilities) > _NAMED:
         ends = min(probabilities), max(probabilities)
-        low, high = (said_probability(end, decision) for end in ends)
+        low, high = (_said_probability(end, decision) for end in ends)
         return low if low == high else f"{low} to {high}"
-    said = [said_probability(probability, decision) for probability in probabilities]
+    said = [_said_probability(probability, decision) for probability in probabilities]
     return said[0] if len(set(said)) == 1 else listed(said)
 
 
@@ -130,8 +136,7 @@ def _disagreeing(judged: Sequence[Record], words: Words) -> list[str]:
             least = [row["classical"]["least"] for row in others]
             said = _said_of(others, outcome, len(judged), words)
             # Classical confidences have a threshold of their own for "does not".
-            shown = [percent(round(value, 2)) for value in least[:_NAMED]]
-            parts.append(f"{said} ({listed(list(dict.fromkeys(shown)))})")
+            parts.append(f"{said} ({_said_range(least, others[0]['decision'])})")
     return [f"The classical method says otherwise: {'; '.join(parts)}."] if parts else []
 
 

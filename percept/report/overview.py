@@ -65,7 +65,8 @@ def overview(document: Mapping[str, Any]) -> dict[str, Any]:
     sentences = contrast_sentences(document)
     contrasts = len(sentences)
     sentences += _biases(rows, classical, quantities, words)
-    sentences += feeling_sentences(document["verdicts"], words)
+    if feelings := feeling_sentences(document["verdicts"], words):
+        sentences.append(" ".join(feelings))
     sentences += _stability(document)
     sentences += _next_users(rows, quantities, words)
     # The next user's ranges answer where no device lets percept judge what feels real.

@@ -266,9 +266,8 @@ def design(document: Record) -> Section | None:
             binds = region["largest"]["binds"] if region["largest"] else ()
             region["binds"] = ", ".join(_BINDS[name] for name in binds)
         couplings[by_method["method"]] = regions
-    return Section(
-        "design", "Admissible couplings", {"family": record["family"], "couplings": couplings}
-    )
+    values = {"family": record["family"], "couplings": couplings}
+    return Section("design", "Admissible couplings by the paper’s rule", values)
 
 
 def band(document: Record) -> Section | None:

@@ -188,7 +188,8 @@ def design_drawings(results: Results) -> list[Drawing]:
         legend(max(axes, key=lambda ax: len(ax.get_legend_handles_labels()[0])), ncols=3)
 
     said = (
-        f"Shaded: stable with this device, and inside the next {words_of(results).user}’s boundary"
+        "Shaded: stable with this device, and by the paper’s rule inside the next"
+        f" {words_of(results).user}’s boundary"
         f" ({METHOD_NAMES[best.method]}, {design.family}), by |Z_h| and by effective"
         " stiffness and damping, at every ω, to 0.1 %."
     )
