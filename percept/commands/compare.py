@@ -117,7 +117,6 @@ def _differences(
     first: _NamedStudy, second: _NamedStudy, arguments: argparse.Namespace, progress: Working
 ) -> None:
     """Print how two studies differ."""
-    from percept.report.feelings import study_feelings
     from percept.study.compare import compare_studies
 
     a = first.study
@@ -134,7 +133,7 @@ def _differences(
     show("\n".join([f"A: {first.name}", f"B: {second.name}", *notes]))
     show(f"Both: {_claim(a)}.")
     for name, study in (("A", a), ("B", second.study)):
-        show("\n".join(f"{name}: {said}" for said in study_feelings(study)))
+        show("\n".join(f"{name}: {said}" for said in _feelings(study)))
     if len(comparison.differences):
         unit = "ratio B/A" if a.scene.inference.family == "lognormal" else "difference B - A"
         head = f"Average users, {unit}; spread between users, ratio B/A:"
@@ -194,7 +193,6 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     import numpy as np
 
     from percept.calibration.advice import recommend
-    from percept.report.feelings import study_feelings
 
     method = study.scene.inference.method
     if method != "both":
@@ -222,7 +220,7 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
         print_json({**_stated(study), **results})
         return
     _print(f"Intervals in pairs, {_claim(study)}:", table[_PAIRS])
-    show("\n".join(["", *study_feelings(study)]))
+    show("\n".join(["", *_feelings(study)]))
     show("\nWhy they differ, step by step from the classical interval of the normal family:")
     sentences = [*ladder.sentences, *ladder.notes, "", *advice]
     show("\n".join(map(printable, sentences)))
@@ -239,6 +237,17 @@ def _calibrate_command(arguments: argparse.Namespace) -> str:
         if value is not None:
             words += [f"--{name}", str(value)]
     return shlex.join([*words, "--advice"])
+
+
+def _feelings(study: Study) -> list[str]:
+    """Say what feels real in a study, as its page does."""
+    from percept.report.feelings import feeling_sentences
+    from percept.report.select import words_of
+    from percept.results import Nouns, plain
+
+    scene = study.scene
+    nouns = Nouns(scene.environment_noun, scene.study.subject, scene.user_noun)
+    return feeling_sentences(plain(study.verdicts), words_of({"data": {"words": nouns}}))
 
 
 def _stated(study: Study) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from percept.boundary.feels_real import judge
 from percept.inference.record import percent
@@ -23,12 +23,8 @@ from percept.report.select import (
     pointed,
     words_of,
 )
-from percept.results import Nouns, plain
 
-if TYPE_CHECKING:
-    from percept.study import Study
-
-__all__ = ["RENDERED", "feeling_sentences", "feelings", "study_feelings"]
+__all__ = ["RENDERED", "feeling_sentences", "feelings"]
 
 #: How an environment is displayed, by whether it is through the coupling.
 RENDERED = {False: "directly", True: "through the coupling"}
@@ -53,14 +49,6 @@ def _said_probability(probability: float, decision: float) -> str:
     if shown >= 1.0:
         return "> 99 %"
     return f"{100.0 * shown:.6g} %" if shown > 0.0 else "< 1 %"
-
-
-def study_feelings(study: Study) -> list[str]:
-    """Say what feels real in a study that is not reported."""
-    scene = study.scene
-    nouns = Nouns(scene.environment_noun, scene.study.subject, scene.user_noun)
-    words = words_of({"data": {"words": nouns}})
-    return feeling_sentences(plain(study.verdicts), words)
 
 
 def feeling_sentences(verdicts: Sequence[Record], words: Words) -> list[str]:
