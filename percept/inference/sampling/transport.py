@@ -5,6 +5,9 @@ coordinates whose value widens others or bends their mean. They follow one anoth
 m_i(y_<i) + exp(s_i(y_<i)) z_i. All other coordinates follow the drivers in the same way, with
 correlated remainders. A monotone spline then takes every y to its x. The map assumes nothing of the
 target but a sample. Walkers live at z, so that only this direction is ever needed.
+
+A fit goes the other way. The sample's normal scores stand for y. `_find_drivers` chooses drivers by
+third moments, `_regress` fits means m and log scales s, and `_factor` the remainders' correlations.
 """
 
 from __future__ import annotations
@@ -27,9 +30,10 @@ Indices = NDArray[np.intp]
 _MOST_DRIVERS = 6
 #: Standard errors that a bend or a widening must have to be believed.
 _SIGNIFICANT = 4.0
-#: Standard errors within which a correlation may count as none.
+#: Standard errors within which a correlation may count as none. Chance leaves six once in 500
+#: million pairs: no sample needs a higher level.
 _NOISE_LEVELS = np.arange(2.0, 6.5, 0.5)
-#: Correlations beyond such a level that may be chance, as a fraction.
+#: Largest fraction of the correlations kept that may be chance.
 _MOST_BY_CHANCE = 0.5
 #: Relative difference below which two effects are equal but for rounding.
 _EQUAL = 1e-9
@@ -41,7 +45,7 @@ _LONGEST_STEP = 0.5
 #: What a covariance's correlations are multiplied by until it has a factor.
 _SHRINKAGE = 0.9
 #: Points are mapped in multiples of this number, so that none depends on how many there are.
-_COLUMNS = 32
+_POINT_MULTIPLE = 32
 #: Points mapped at a time: their temporaries stay in the processor's cache.
 _MOST_POINTS = 1024
 #: SDs beyond which a driver's effect stays what it is.
@@ -74,11 +78,10 @@ class Transport:
         mean = np.zeros((size, features.shape[1]))
         log_scale = np.zeros_like(mean)
         for k, i in enumerate(drivers):
-            count = 2 * k + 1  # features of the drivers before this one
-            earlier = features[:, :count]
-            follower = _regress(earlier, y[:, [i]], effective)
-            mean[i, :count] = follower.mean[0]
-            log_scale[i, :count] = follower.log_scale[0]
+            first = 2 * k + 1  # Features before the first of this driver's own
+            follower = _regress(features[:, :first], y[:, [i]], effective)
+            mean[i, :first] = follower.mean[0]
+            log_scale[i, :first] = follower.log_scale[0]
         followers = _regress(features, y[:, others], effective)
         mean[others] = followers.mean
         log_scale[others] = followers.log_scale
@@ -96,7 +99,7 @@ class Transport:
             return points, log_jacobians
         count, size = z.shape
         # Whole multiples: products of matrices sum what is left over in another order.
-        columns = np.zeros((size, count + -count % _COLUMNS))
+        columns = np.zeros((size, count + -count % _POINT_MULTIPLE))
         columns[:, :count] = z.T
         y = np.empty_like(columns)
         log_determinant = np.log(np.diag(self.factor)).sum()
@@ -107,29 +110,23 @@ class Transport:
         log_jacobian = log_jacobian + log_slope
         return x[:, :count].T, log_jacobian[:count]
 
-    def _map_drivers(
-        self,
-        z: Array,
-        y: Array,
-        log_jacobian: Array,
-    ) -> Array:
+    def _map_drivers(self, z: Array, y: Array, log_jacobian: Array) -> Array:
         """Fill in the drivers' rows of y, add to the log Jacobian, and return the features."""
         size = self.mean.shape[1]
         features = np.ones((size, z.shape[1]))
         for k, i in enumerate(self.drivers):
-            count = 2 * k + 1
-            of_mean = self.mean[i, :count]
-            of_log_scale = self.log_scale[i, :count]
+            first = 2 * k + 1  # Features before the first of this driver's own
+            of_mean = self.mean[i, :first]
+            of_log_scale = self.log_scale[i, :first]
             coefficients = np.stack([of_mean, of_log_scale])
-            mean, log_scale = coefficients @ features[:count]
+            mean, log_scale = coefficients @ features[:first]
             log_jacobian += log_scale
             scale = np.exp(log_scale, out=log_scale)
             scale *= z[i]
             np.add(scale, mean, out=y[i])
-            driver = np.maximum(y[i], -_CLIP)
-            np.minimum(driver, _CLIP, out=features[count])
-            np.square(features[count], out=features[count + 1])
-            features[count + 1] -= 1.0
+            driver = np.clip(y[i], -_CLIP, _CLIP, out=features[first])
+            square = np.square(driver, out=features[first + 1])
+            square -= 1.0
         return features
 
     def _map_others(
@@ -153,8 +150,8 @@ class Transport:
 
 def _normal_scores(points: Array) -> Array:
     """Replace the values of every column (N, d) by normal scores of their ranks."""
-    count = len(points)
-    scores = special.ndtri((np.arange(count) + 0.5) / count)
+    draws = len(points)
+    scores = special.ndtri((np.arange(draws) + 0.5) / draws)
     y = np.empty_like(points)
     order = np.argsort(points, axis=0)
     np.put_along_axis(y, order, scores[:, None], axis=0)
@@ -163,11 +160,11 @@ def _normal_scores(points: Array) -> Array:
 
 def _features(drivers: Array) -> Array:
     """Return 1, then each driver and its square less one, (N, 2 K + 1), from drivers (N, K)."""
-    count = len(drivers)
+    draws = len(drivers)
     clipped = np.clip(drivers, -_CLIP, _CLIP)
     pairs = np.stack([clipped, clipped**2 - 1.0], axis=2)
-    constant = np.ones((count, 1))
-    return np.hstack([constant, pairs.reshape(count, -1)])
+    ones = np.ones((draws, 1))
+    return np.hstack([ones, pairs.reshape(draws, -1)])
 
 
 def _effective_draws(y: Array) -> float:
@@ -178,22 +175,23 @@ def _effective_draws(y: Array) -> float:
         means = quarter.mean(axis=0)
         products = quarter.T @ quarter / len(quarter)
         moments.append(np.concatenate([means, products[pairs]]))
-    # Each of these moments would have variance 1/N, about zero or so, in N independent draws.
+    # Each of these moments would have variance 4/N in a quarter of N independent draws.
     variance = np.var(moments, axis=0, ddof=1).mean()
     return float(min(len(y), 4.0 / variance))
 
 
 def _find_drivers(y: Array, effective: float) -> Indices:
-    """Order coordinates by how much they bend or widen others, strongest first."""
-    count = len(y)
+    """Choose the coordinates that bend or widen others, strongest first.
+
+    Let m_ij = E[y_i (y_j² - 1)]. These third moments are zero for a joint normal law, whatever its
+    correlations: normal scores are symmetric. Where y_j bends y_i, whose mean then follows y_j²,
+    m_ij is not zero. Where y_j widens y_i, whose variance then follows y_j, m_ji is not zero. The
+    effect of the pair is m_ij² + m_ji². The driver is the one with more effect over all pairs.
+    """
     y = np.clip(y, -_CLIP, _CLIP)
-    square = y * y - 1.0
-    correlation = y.T @ y / count
-    # Entry (i, j): third moments of y_i, less what its correlation with y_j explains, and y_j.
-    odd = (y * square).mean(axis=0)
-    bend = y.T @ square / count - correlation * odd
-    widen = square.T @ y / count - correlation**2 * odd
-    effect = bend**2 + widen**2
+    moment = y.T @ (y * y - 1.0) / len(y)
+    effect = moment**2 + moment.T**2
+    # Of independent normal y_i and y_j, y_i (y_j² - 1) has variance 1 · 2: each m then has variance 2/N.
     chance = effect * effective < 2.0 * _SIGNIFICANT**2
     effect[chance] = 0.0
     np.fill_diagonal(effect, 0.0)
@@ -220,11 +218,7 @@ class _Regression:
     remainder: Array  # (N, C) What is left, in spreads
 
 
-def _regress(
-    features: Array,
-    y: Array,
-    effective: float,
-) -> _Regression:
+def _regress(features: Array, y: Array, effective: float) -> _Regression:
     """Regress the mean and log spread of columns y (N, C) on features (N, F), F odd."""
     gram = features.T @ features
     # Errors of dependent draws are as many times those of independent ones.
@@ -234,13 +228,13 @@ def _regress(
     # Log spreads follow the drivers and not their squares.
     linear = np.r_[0, 1 : features.shape[1] : 2]
     drivers = np.ascontiguousarray(features[:, linear])
-    information = 2.0 * gram[np.ix_(linear, linear)]
+    information = 2.0 * gram[np.ix_(linear, linear)]  # See `_fit_log_scale`
     log_scale = np.zeros_like(mean)
     log_scale[0] = np.log(residual.std(axis=0))
     standard = residual * np.exp(-log_scale[0])
     kept = _widened(drivers, standard, error_ratio)
-    constant = kept.sum(axis=0) == 1
-    widened = np.flatnonzero(~constant)
+    is_constant = kept.sum(axis=0) == 1
+    widened = np.flatnonzero(~is_constant)
     if widened.size:
         columns = residual[:, widened]
         fitted = _fit_log_scale(
@@ -248,7 +242,7 @@ def _regress(
         )
         log_scale[np.ix_(linear, widened)] = fitted
         residual[:, widened] = columns * np.exp(-drivers @ fitted)
-    residual[:, constant] *= np.exp(-log_scale[0, constant])
+    residual[:, is_constant] *= np.exp(-log_scale[0, is_constant])
     return _Regression(mean.T, log_scale.T, residual)
 
 
@@ -274,7 +268,11 @@ def _widened(
     standard: Array,
     error_ratio: float,
 ) -> NDArray[np.bool_]:
-    """Say which drivers (1, then K) widen which columns (N, C) of unit spread."""
+    """Say which drivers (1, then K) widen which columns (N, C) of unit spread.
+
+    Driver x widens column e if |sum of x (e² - 1)| exceeds its noise, whose variance is
+    N E[x²] Var(e²) if x and e are independent.
+    """
     square = standard**2
     driver_square = (drivers**2).mean(axis=0)[:, None]
     variance = len(drivers) * square.var(axis=0) * driver_square
@@ -289,12 +287,18 @@ def _fit_log_scale(
     drivers: Array,
     information: Array,
     residual: Array,
-    constant: Array,
+    start: Array,
     kept: NDArray[np.bool_],
 ) -> Array:
-    """Fit the coefficients of log spreads of columns (N, C) by scoring, from constants (C,)."""
+    """Fit the coefficients c of log spreads of columns (N, C) by scoring, from constants (C,).
+
+    A residual e at drivers x is normal with log spread x·c: its log density is -x·c - q/2 with
+    q = e² exp(-2 x·c). The gradient in c is the sum of x (q - 1). The expected information is twice
+    the sum of x xᵀ, as E[q] = 1. Scoring is Newton's method with that expectation in place of the
+    Hessian: each step is information⁻¹ gradient.
+    """
     coefficients = np.zeros(kept.shape)
-    coefficients[0] = constant
+    coefficients[0] = start
     for _ in range(_LOG_SCALE_STEPS):
         square = (residual * np.exp(-drivers @ coefficients)) ** 2
         step = _solve_kept(information, drivers.T @ (square - 1.0), kept)
@@ -302,29 +306,27 @@ def _fit_log_scale(
     return coefficients
 
 
-def _solve_kept(
-    gram: Array,
-    right: Array,
-    keep: NDArray[np.bool_],
-) -> Array:
+def _solve_kept(gram: Array, right: Array, keep: NDArray[np.bool_]) -> Array:
     """Solve each column of right (F, C) for its kept unknowns (F, C); the others are zero."""
     solved = np.zeros_like(right)
     for column, kept in enumerate(keep.T):
         matrix = gram[np.ix_(kept, kept)]
-        known = right[kept, column]
-        solved[kept, column] = np.linalg.solve(matrix, known)
+        solved[kept, column] = np.linalg.solve(matrix, right[kept, column])
     return solved
 
 
 def _factor(remainder: Array, effective: float) -> Array:
-    """Lower factor of the covariance of remainders (N, C), without correlations that are noise.
+    """Lower factor of the covariance of remainders (N, C), its correlations shrunk towards zero.
 
     A sample of few independent draws has as many chance correlations as pairs, and together they
-    would make a worse map than none.
+    would make a worse map than none. A correlation r with standard error 1/sqrt(N) lies |r| sqrt(N)
+    errors from zero. With noise level t it becomes r max(1 - t²/(N r²), 0): zero within t errors,
+    and nearly r far beyond.
     """
     covariance = remainder.T @ remainder / len(remainder)
     sd = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(sd, sd)
+    # The floor is zero for all purposes but the division below.
     square = effective * np.maximum(correlation**2, 1e-300)
     noise = _noise_level(square[np.triu_indices(len(square), 1)])
     correlation *= np.maximum(1.0 - noise**2 / square, 0.0)
@@ -341,12 +343,11 @@ def _factor(remainder: Array, effective: float) -> Array:
 def _noise_level(squares: Array) -> float:
     """Level in standard errors below which squared correlations, in squared errors, count as none.
 
-    Of many pairs a twentieth lie beyond two standard errors by chance.
+    Chance leaves 2 Phi(-t) P of P pairs beyond a level t. The lowest level is chosen at which these
+    are at most `_MOST_BY_CHANCE` of the pairs that do lie beyond; failing that, the last one.
     """
-    larger = squares[:, None] > _NOISE_LEVELS**2
-    count = larger.sum(axis=0)
+    beyond = squares[:, None] > _NOISE_LEVELS**2
     by_chance = 2.0 * special.ndtr(-_NOISE_LEVELS) * len(squares)
-    real = by_chance <= _MOST_BY_CHANCE * count
-    if not real.any():
-        return float(_NOISE_LEVELS[-1])
+    real = by_chance <= _MOST_BY_CHANCE * beyond.sum(axis=0)
+    real[-1] = True
     return float(_NOISE_LEVELS[np.argmax(real)])
