@@ -142,9 +142,10 @@ def _main(task: str) -> None:
 
 def stages_of(study: Study) -> list[str]:
     """Name what a study worked out and what is not empty."""
-    # Tables are kept under a name of their own, since those asked for are copies.
-    results = {name: vars(study).get(name, vars(study).get(f"_{name}")) for name in STAGES}
-    results["fit"] = study.fit if "_fit" in vars(study) else None
+    parts = vars(study.parts)
+    results = {name: parts.get(name) for name in STAGES}
+    results["intervals"] = parts.get("interval_rows")
+    results["fit"] = study.fit if "_fit" in parts else None
     return [name for name, result in results.items() if not _empty(result)]
 
 

@@ -176,7 +176,7 @@ def band_statements(sizes: Array, replicates: Array, whose: BandOwner) -> Iterat
     absolute = replicates[:, order]
     relative = absolute / sizes[order]
     ends = f"The band is narrower at the lowest {size} than at the highest"
-    widens = "The band widens from each environment to the next higher"
+    widens = "The band widens from each reference to the next higher"
     judged = {
         f"{ends} (absolute width).": absolute[:, 0] < absolute[:, -1],
         f"{ends}, relative to the {size}.": relative[:, 0] < relative[:, -1],
@@ -233,12 +233,12 @@ def _sentence(
 def _error_sentence(law: str, errors: dict[str, float]) -> str:
     smallest = min(errors.values())
     if not smallest < _OF_NO_USE:
-        return "With one environment left out, no law predicts the band to within a factor of ten."
+        return "With one reference left out, no law predicts the band to within a factor of ten."
     rank = "another law does better"
     if errors[law] <= _ALIKE * smallest:
         rank = "no law of the three does clearly better"
     off = f"{_NAMES[law]} is typically off by a factor {math.exp(errors[law]):.3g}"
-    return f"With one environment left out, {off}; {rank}."
+    return f"With one reference left out, {off}; {rank}."
 
 
 def size_name(parameter: str | None) -> str:

@@ -176,8 +176,16 @@ def _flat(row: Record) -> Record:
 def data(document: Record) -> Section:
     """Return what was read, and what was left out."""
     record = document["data"]
+    subject, subjects = record["words"]["subject"]
+    environment, environments = record["words"]["environment"]
+    labels = {
+        "subjects": subjects,
+        "environments": environments,
+        "empty cells (subject × environment)": f"empty cells ({subject} × {environment})",
+    }
     counts = [
-        {"what": what, "pointer": f"/data/counts/{escaped(what)}"} for what in record["counts"]
+        {"what": labels.get(what, what), "pointer": f"/data/counts/{escaped(what)}"}
+        for what in record["counts"]
     ]
     values = {"data": record, "counts": counts, "cells": pointed(record["cells"], "/data/cells")}
     return Section("data", "Data", values)

@@ -22,7 +22,7 @@ __all__ = [
 ]
 
 #: What tells a folder of results from one of sessions.
-_RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "batch.parquet")
+_RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "batch.sha256", "batch.parquet")
 #: Ends of the names of tables in archives.
 PACKED = (".csv", ".tsv", ".tab", ".txt")
 _SUFFIXES = (*PACKED, ".gz", ".zip", ".parquet", ".xlsx")

@@ -131,7 +131,7 @@ def _band_of(banded: Banded, of_parameter: str, *, no_share: bool) -> Iterator[B
         return
     law = f"band law{of_parameter}"
     if len(positive) < _FEWEST_ENVIRONMENTS:
-        why = f"it needs {_FEWEST_ENVIRONMENTS} environments whose {name} is positive"
+        why = f"it needs at least {_FEWEST_ENVIRONMENTS} positive {name}s"
         yield Skipped(law, why)
     elif not determines_laws(list(positive.values())):
         yield Skipped(law, f"without one environment the others share one {name}")

@@ -186,6 +186,9 @@ def contrast_rows(
             yield from _bayesian(sessions, scene, pair, **how)
         except RefusalError as refused:
             yield Skipped(f"Bayesian contrast of {pair}", str(refused))
+        except np.linalg.LinAlgError:
+            why = "both levels hold nearly the same values, so the model cannot tell them apart"
+            yield Skipped(f"Bayesian contrast of {pair}", why)
 
 
 def _subject_means(data: Trials) -> pd.DataFrame:

@@ -113,7 +113,7 @@ def test_one_environment_carrying_the_offset_is_named() -> None:
     offset = next(law for law in laws if law.model == "offset")
     assert offset.carried_by == "A"
     assert offset.sentence.endswith(" The offset rests on A alone.")
-    assert "With one environment left out, " in offset.sentence
+    assert "With one reference left out, " in offset.sentence
     assert offset.parameters["c"].lower < 1.1 < offset.parameters["c"].upper
     assert sum(law.best or 0.0 for law in laws) == pytest.approx(1.0)
 
@@ -174,7 +174,7 @@ def test_sentences_speak_of_their_own_law() -> None:
     draws = 0.3 * Z * np.exp(0.05 * np.random.default_rng(8).normal(size=(200, Z.size)))
     weber, offset, power = band_laws(names, Z, 0.3 * Z, draws, WHOSE, level=0.9)
     assert weber.sentence.startswith(
-        "The band is 0.3 times the impedance. With one environment left out, Weber's law "
+        "The band is 0.3 times the impedance. With one reference left out, Weber's law "
     )
     assert offset.sentence.startswith(
         "The offset vanishes, and the band is 0.3 times the impedance. "

@@ -186,11 +186,7 @@ def test_the_study_s_words_are_the_terminal_s(tmp_path, capsys):
     )
     words = [path, "--scene", str(scene)]
     classical = ["--method", "classical", "--out", str(tmp_path / "out")]
-    for command in (
-        ["validate", *words],
-        ["fit", *words, *classical],
-        ["report", *words, *classical],
-    ):
+    for command in (["fit", *words, *classical], ["report", *words, *classical]):
         assert main(command) == 0
         printed = capsys.readouterr().out
         assert "standard" in printed
@@ -528,8 +524,8 @@ def test_fit_says_once_what_only_a_report_has(tmp_path, capsys):
     words = ["--scene", str(DATASETS / "hbfd.toml"), "--method", "classical", "--quiet"]
     assert main(["fit", study, *words, "--out", str(tmp_path / "out")]) == 0
     left = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Left out: ")]
-    only = [line for line in left if "only percept report" in line]
-    assert only == ["Left out: boundaries, coupling and band law (only percept report has them)."]
+    only = [line for line in left if "run percept report" in line]
+    assert only == ["Left out: boundaries, coupling and band law (run percept report)."]
     assert len({line.partition(" (")[0] for line in left}) == len(left)
 
 
