@@ -179,19 +179,32 @@ class Parts:
 
         return posterior_tree(self.passed, seed=self.scene.inference.seed)
 
-    @cached_property
+    @property
     def checks(self) -> ModelChecks | None:
         """Checks of the hierarchical model; None without a passed fit that pools sessions."""
-        if self.passed is None or isinstance(self.passed.subjects, Skipped):
+        return None if isinstance(self._checked, Skipped) else self._checked
+
+    @cached_property
+    def _checked(self) -> ModelChecks | Skipped | None:
+        if self.passed is None:
             return None
+        if isinstance(self.passed.subjects, Skipped):
+            return self.passed.subjects
         from percept.study.checks import model_checks
 
-        asked = self.scene.inference
         scene = self.scene
         nouns = Nouns(scene.environment_noun, scene.study.subject, scene.user_noun)
-        return model_checks(
-            self.passed, self.passed.subjects, level=asked.level, seed=asked.seed, nouns=nouns
-        )
+        try:
+            return model_checks(
+                self.passed,
+                self.passed.subjects,
+                level=scene.inference.level,
+                seed=scene.inference.seed,
+                nouns=nouns,
+            )
+        except RefusalError as refused:
+            # The intervals stand without their checks.
+            return Skipped("checks of the hierarchical model", refused.message.rstrip("."))
 
     @property
     def diagnostics(self) -> dict[str, Any] | None:
@@ -438,5 +451,6 @@ class Parts:
         skipped.append(self.fixed_device)
         if self.setup is not None and self.setup.coupling:
             skipped.append(self.no_design)
-        skipped += [self.fit.subjects] if self.fit and self.scene.checks else []
+        if self.scene.checks is not None:
+            skipped.append(self._checked)
         return tuple(dict.fromkeys(part for part in skipped if isinstance(part, Skipped)))

@@ -44,7 +44,7 @@ _KEPT = {
     "_fit": "fit",
     "contrast_rows": "contrasts",
     "posterior": "posterior",
-    "checks": "checks",
+    "_checked": "checks",
     "regions": "regions",
     "boundaries": "boundaries",
     "band": "band",

@@ -110,7 +110,12 @@ def test_without_a_posterior_no_law_of_one_is_left_out():
 @pytest.mark.parametrize(
     ("tables", "change", "what", "why"),
     [
-        ({}, lambda t: t[t["environment"] < "VE3"], "band law", "it needs 3 environments"),
+        (
+            {},
+            lambda t: t[t["environment"] < "VE3"],
+            "band law",
+            "it needs at least 3 positive impedances",
+        ),
         (
             {"device": DEVICE},
             lambda t: t[t["subject"] < "s2"],
