@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy import linalg, special, stats
 
+from percept.errors import RefusalError
 from percept.html import NotebookRecord
 from percept.inference.checks.left_out import Loo, Predicted, leave_one_out, predict_left_out
 from percept.inference.checks.predictive import (
@@ -24,7 +25,7 @@ from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMom
 from percept.inference.sampling.endpoints import mixture_quantile
 from percept.results import Nouns
 from percept.sessions.quantities import Quantities
-from percept.study.basics import Array, Stream, generator
+from percept.study.basics import Array, Skipped, Stream, generator
 from percept.study.fit import Fit
 from percept.study.responses import Trials
 
@@ -86,10 +87,13 @@ class ModelChecks(NotebookRecord):
 
 def model_checks(
     fit: Fit, subjects: SubjectDensity, *, level: float, seed: int, nouns: Nouns
-) -> ModelChecks:
-    """Check a fit against its data, its priors and its own assumptions."""
-    loo = leave_one_out(subjects, fit.points, chains=len(fit.run.points))
-    predicted = predict_left_out(subjects, loo.points, loo.weights)
+) -> ModelChecks | Skipped:
+    """Check a fit against its data and priors; or say why not: its intervals stand all the same."""
+    try:
+        loo = leave_one_out(subjects, fit.points, chains=len(fit.run.points))
+        predicted = predict_left_out(subjects, loo.points, loo.weights)
+    except RefusalError as refused:
+        return Skipped("checks of the hierarchical model", refused.message.rstrip("."))
     return ModelChecks(
         loo=subject_tables(fit, subjects, loo, predicted, nouns.subject[1]),
         statistics=_statistics(subjects, fit.points, level=level, seed=seed),
