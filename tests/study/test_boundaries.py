@@ -289,7 +289,7 @@ def test_designed_couplings_keep_the_next_user_inside(fitted: Study) -> None:
     shown = setup.curve("VE2", omega, coupled=True)
     assert (shown >= lower * (1 - 1e-9)).all()
     assert (shown <= upper * (1 + 1e-9)).all()
-    assert study_coupling(setup, (), {}, RANGE, read_at=10.0).verdict in ("stable", "marginal")
+    assert study_coupling(setup, (), RANGE, read_at=10.0).verdict in ("stable", "marginal")
 
 
 def test_own_frequencies_are_taken_as_they_come(fitted):
