@@ -20,9 +20,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, int):
         return int(value)
     if isinstance(value, float):
-        if math.isfinite(value):
-            return float(value)
-        return None if math.isnan(value) else "inf" if value > 0 else "-inf"
+        return _number(float(value))
     if isinstance(value, Mapping):
         return {str(name): plain(part) for name, part in value.items()}
     if isinstance(value, (list, tuple)):
@@ -38,6 +36,15 @@ def plain(value: Any) -> Any:
     if hasattr(value, "to_dict"):
         return plain(value.to_dict("records"))
     raise TypeError(f"{type(value).__name__} has no plain form.")
+
+
+def _number(value: float) -> float | str | None:
+    """Return a double as JSON holds it."""
+    if math.isfinite(value):
+        return value
+    if math.isnan(value):
+        return None
+    return "inf" if value > 0 else "-inf"
 
 
 def dumps(document: Mapping[str, Any]) -> str:

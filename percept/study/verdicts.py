@@ -46,6 +46,8 @@ _HALF_SD = 0.5
 _LEAST_HALF_WIDTH = 1e-3
 #: Beyond this logarithm of N/m or N·s/m no impedance of interest changes.
 _LARGEST_LOG = 90.0
+#: A mean of zero counts as this when an SD is put in proportion to it.
+_LEAST_MEAN = 1e-300
 _NAMES = ("k", "b")
 
 
@@ -195,7 +197,7 @@ def frequencies(
 def relative_sd(users: Users) -> float:
     """Return the typical SD of stiffness between users, relative to its mean."""
     sd = float(np.median(users.sd[0]))
-    return sd if users.log else sd / max(abs(float(np.median(users.mean[0]))), 1e-300)
+    return sd if users.log else sd / max(abs(float(np.median(users.mean[0]))), _LEAST_MEAN)
 
 
 def study_verdicts(
@@ -211,20 +213,17 @@ def study_verdicts(
 
     `stable` is the coupling's verdict, None where it is undecided.
     """
+    renderings = [False]
+    if setup.coupling is not None:
+        renderings.append(True)
     for environment in setup.references:
         own_users = users.get(environment)
         own_subjects = subjects.get(environment)
-        if own_users is not None:
-            spread = relative_sd(own_users)
-        elif own_subjects is not None:
-            moments = own_subjects.stiffness
-            spread = float(moments.sd)
-            if own_subjects.family == "normal":
-                spread /= max(abs(float(moments.mean)), 1e-300)
-        else:
+        spread = _stiffness_spread(own_users, own_subjects)
+        if spread is None:
             continue
         omega = frequencies(setup, environment, spread, within)
-        for coupled in (False, True)[: 1 + (setup.coupling is not None)]:
+        for coupled in renderings:
             evidence = None
             if own_users is not None:
                 evidence = _posterior_evidence(
@@ -234,27 +233,56 @@ def study_verdicts(
             if own_subjects is not None:
                 found = own_subjects.confidence(setup, environment, asked, omega, coupled=coupled)
                 parts = _confidences(found, own_subjects.family, asked)
-            if evidence is not None:
-                outcome, probability = evidence.outcome, evidence.probability
-            elif parts is not None:
-                outcome, probability = parts.outcome, parts.least
-            else:
-                continue
-            together = None
-            if coupled and stable is not None and evidence is not None:
-                together = evidence.probability if stable else 0.0
-            yield Verdict(
-                environment=environment,
-                coupled=coupled,
-                level=asked.level,
-                decision=asked.decision,
-                outcome=outcome,
-                method="classical" if evidence is None else "bayesian",
-                probability=probability,
-                bayesian=evidence,
-                classical=parts,
-                stable_and_real=together,
-            )
+            verdict = _verdict(environment, evidence, parts, asked, coupled=coupled, stable=stable)
+            if verdict is not None:
+                yield verdict
+
+
+def _stiffness_spread(users: Users | None, subjects: Subjects | None) -> float | None:
+    """Return the SD of stiffness between users, relative to its mean; None of neither."""
+    if users is not None:
+        return relative_sd(users)
+    if subjects is None:
+        return None
+    moments = subjects.stiffness
+    if subjects.family == "lognormal":
+        return float(moments.sd)
+    return float(moments.sd) / max(abs(float(moments.mean)), _LEAST_MEAN)
+
+
+def _verdict(
+    environment: str,
+    evidence: PosteriorEvidence | None,
+    parts: Confidences | None,
+    asked: InferenceTable,
+    *,
+    coupled: bool,
+    stable: bool | None,
+) -> Verdict | None:
+    """Put the evidence of both methods together; the Bayesian outcome leads where there is one."""
+    together = None
+    if evidence is not None:
+        outcome = evidence.outcome
+        probability = evidence.probability
+        if coupled and stable is not None:
+            together = evidence.probability if stable else 0.0
+    elif parts is not None:
+        outcome = parts.outcome
+        probability = parts.least
+    else:
+        return None
+    return Verdict(
+        environment=environment,
+        coupled=coupled,
+        level=asked.level,
+        decision=asked.decision,
+        outcome=outcome,
+        method="classical" if evidence is None else "bayesian",
+        probability=probability,
+        bayesian=evidence,
+        classical=parts,
+        stable_and_real=together,
+    )
 
 
 def _posterior_evidence(
