@@ -1,16 +1,28 @@
 """Limits between which whole curves of abs(Z_h) lie: the level that they need at single frequencies.
 
-Limits at a higher level than asked for hold whole curves at the level asked for. The level is
-searched for by the probability that a curve leaves its limits at one frequency or more. On a line of
-one value of b a curve is one value of k. Those that stay inside lie within the intervals of all
-upper limits and outside the intervals of all lower ones. Their probability is a sum over gaps, and
-the sum over all lines follows from the law's tables.
+Limits at a higher level than requested hold whole curves at the requested level. The level is
+searched for by the probability that a curve leaves its limits at one frequency or more.
+
+On a line of one value of b a curve is one value of k. Its limits at one frequency are two balls, and
+each ball covers an interval of the line. A curve stays inside if k lies in the outer interval of
+every frequency and in none of the inner ones, called holes. What is left of the line are gaps:
+
+    outer intervals    [-----------------------------------]
+                    [----------------------------------]
+    common part        |low                            |high
+    holes                    ####      ######
+                                          #####
+    gaps               |0----|  |1-----|       |2------|
+
+The tables hold the probability of k up to a place on each line. So the probability of a gap is a
+difference of two of their values, and the curves that stay are the sum of all gaps over all lines.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +36,15 @@ __all__ = ["SimultaneousLevel", "simultaneous_level"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
-# SDs of a normal to which the level is searched: a hundredth of a per cent of usual bands.
+# SDs of a normal to which the score is searched: about 0.1 % of the half-width of usual bands,
+# 2.6 SDs. The score also moves by at least so much, which keeps the quotient of differences finite.
 _ACCURACY = 0.003
 # Each step out is so much longer than the one before, until curves stay inside.
 _LONGER = 1.5
+# Steps out before the farthest score is taken: the last would be 1e5 times the first.
+_MOST_STEPS = 30
 _TINY = np.finfo(np.float64).tiny
 
 
@@ -39,6 +55,23 @@ class SimultaneousLevel:
     level: float
     error: float  # Monte Carlo standard error
     shifts: Array  # (B,) by how many SDs each batch of draws would move the limits out
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Intervals:
+    """Intervals of k that balls cover at M frequencies on N lines; ends as probabilities of k."""
+
+    start: Array  # (C, N, M) for each of C tables
+    end: Array  # (C, N, M)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Gaps:
+    """What the common part of outer intervals has outside all holes, on N lines."""
+
+    size: Array  # (C, N, M + 1) probability between each hole and the next
+    order: Indices  # (C, N, M) frequencies in the order in which their holes start
+    deepest: Indices  # (C, N, M) frequency whose hole reaches farthest, of this and those before
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -70,39 +103,51 @@ def simultaneous_level(magnitude: Magnitude, level: float) -> SimultaneousLevel:
     """
     first = score_of(level)
     allowed = 1.0 - level
+    farthest = magnitude.farthest_score
     table = magnitude.law.cumulated[0][None]
 
     @functools.cache
-    def leaving(score: float) -> _Leaving:
-        return _leaving(magnitude, magnitude.log_limits(score)[None], table)
+    def leaving_at(score: float) -> _Leaving:
+        return _curves_leaving(magnitude, magnitude.log_limits(score)[None], table)
 
     @functools.cache
-    def excess(score: float) -> float:
+    def log_excess(score: float) -> float:
         """Return the log of how many times too many curves leave."""
-        return float(np.log(np.maximum(leaving(score).probability[0], _TINY) / allowed))
+        probability = float(leaving_at(score).probability[0])
+        return float(np.log(max(probability, _TINY) / allowed))
 
-    farthest = magnitude.farthest_score
-    if first > farthest or excess(farthest) > 0.0:
+    if first > farthest or log_excess(farthest) > 0.0:
         raise RefusalError(f"no limits at single frequencies hold whole curves at {level:g}.")
     score = first
     # The log tail of a normal falls about as fast as its score.
     fall = first
-    too_many = excess(first)
-    if too_many > 0.0:
-        step = min(too_many / fall, farthest - first)
-        while excess(first + step) > 0.0:
-            step = min(_LONGER * step, farthest - first)
-        solved = float(optimize.brentq(excess, first, first + step, xtol=_ACCURACY))
+    first_excess = log_excess(first)
+    if first_excess > 0.0:
+        end = _score_that_holds(log_excess, first, first_excess / fall, farthest)
+        solved = float(optimize.brentq(log_excess, first, end, xtol=_ACCURACY))
+        # Two scores nearer each other would say nothing about the fall between them.
         score = max(first + _ACCURACY, solved)
-        fall = (too_many - excess(score)) / (score - first)
-    binding = leaving(score).binding
-    # `limits` will ask for this score, which has the level's own rounding.
+        fall = (first_excess - log_excess(score)) / (score - first)
+    binding = leaving_at(score).binding
+    # Round-trip through the level, so `limits(level)` hits the cache.
     score = score_of(level_of(score))
     changes = _batch_changes(magnitude, score, binding)
     shifts = changes / (fall * allowed)
     levels_per_score = 2.0 * float(density(score))
     error = levels_per_score * float(magnitude.law.standard_error(shifts))
     return SimultaneousLevel(level_of(score), error, shifts)
+
+
+def _score_that_holds(
+    log_excess: Callable[[float], float], first: float, step: float, farthest: float
+) -> float:
+    """Step out from the first score until curves stay inside; they do at the farthest."""
+    for _ in range(_MOST_STEPS):
+        score = min(first + step, farthest)
+        if log_excess(score) <= 0.0:
+            return score
+        step *= _LONGER
+    return farthest
 
 
 def _batch_changes(magnitude: Magnitude, score: float, binding: Flags) -> Array:
@@ -112,14 +157,14 @@ def _batch_changes(magnitude: Magnitude, score: float, binding: Flags) -> Array:
     """
     shifts = np.moveaxis(magnitude.batch_shifts(score), -1, 0)
     moved = magnitude.log_limits_between(score + shifts)
-    logs = np.concatenate([magnitude.log_limits(score)[None], moved])
+    log_limits = np.concatenate([magnitude.log_limits(score)[None], moved])
     tables = np.moveaxis(magnitude.law.by_batch[0], -1, 0)
-    probability = _leaving(magnitude, logs, tables, binding).probability
+    probability = _curves_leaving(magnitude, log_limits, tables, binding).probability
     return np.asarray(probability[1:] - probability[0])
 
 
-def _leaving(
-    magnitude: Magnitude, logs: Array, tables: Array, chosen: Flags | slice = slice(None)
+def _curves_leaving(
+    magnitude: Magnitude, log_limits: Array, tables: Array, chosen: Flags | slice = slice(None)
 ) -> _Leaving:
     """Return the curves that leave log limits (C, 2, M) at some of the chosen frequencies.
 
@@ -128,42 +173,65 @@ def _leaving(
     k = magnitude.balls.k.at(chosen)
     b = magnitude.balls.b.at(chosen)
     lines = np.linspace(0.0, 1.0, tables.shape[1])
-    squared = b.of_place(lines[:, None]) ** 2
-    radius_squared = np.exp(2.0 * logs[..., chosen][:, :, None])
-    # A ball that does not reach the line leaves it an interval without width.
-    leg = np.sqrt(np.maximum(radius_squared - squared, 0.0))
-    start = _probability_at(tables, k.place(-leg))
-    end = _probability_at(tables, k.place(leg))
-    # Inside all upper limits: between the last start and the first end.
-    low = start[:, 1].max(axis=-1, keepdims=True)
-    high = end[:, 1].min(axis=-1, keepdims=True)
-    # Outside all lower limits: in the gaps between their intervals, sorted by where they start.
-    order = start[:, 0].argsort(axis=-1)
-    hole_start = np.take_along_axis(start[:, 0], order, -1)
-    hole_end = np.take_along_axis(end[:, 0], order, -1)
-    covered = np.maximum.accumulate(hole_end, axis=-1)
-    gap_start = np.maximum(np.concatenate([low, covered], axis=-1), low)
-    gap_end = np.minimum(np.concatenate([hole_start, high], axis=-1), high)
-    gaps = np.maximum(gap_end - gap_start, 0.0)
-    staying = np.trapezoid(gaps.sum(axis=-1), dx=lines[1], axis=-1)
-    binding = np.zeros(order.shape[-1], dtype=bool)
-    binding[start[:, 1].argmax(axis=-1)] = True
-    binding[end[:, 1].argmin(axis=-1)] = True
-    # A lower limit binds where its interval ends a gap, or has reached farthest before one.
-    binding[order[gaps[..., :-1] > 0.0]] = True
-    position = np.where(hole_end == covered, np.arange(order.shape[-1]), 0)
-    reaches_farthest = np.take_along_axis(order, np.maximum.accumulate(position, axis=-1), -1)
-    binding[reaches_farthest[gaps[..., 1:] > 0.0]] = True
-    return _Leaving(1.0 - staying, binding)
+    b_squared = b.of_place(lines[:, None]) ** 2
+
+    def covered(log_radius: Array) -> _Intervals:
+        radius_squared = np.exp(2.0 * log_radius[:, None])
+        # A ball that does not reach the line leaves it an interval without width.
+        leg = np.sqrt(np.maximum(radius_squared - b_squared, 0.0))
+        start = _probability_up_to(tables, k.place(-leg))
+        end = _probability_up_to(tables, k.place(leg))
+        return _Intervals(start, end)
+
+    holes = covered(log_limits[:, 0, chosen])
+    outer = covered(log_limits[:, 1, chosen])
+    gaps = _gaps(outer, holes)
+    spacing = lines[1]
+    staying = np.trapezoid(gaps.size.sum(axis=-1), dx=spacing, axis=-1)
+    return _Leaving(1.0 - staying, _binding(outer, gaps))
 
 
-def _probability_at(tables: Array, place: Array) -> Array:
-    """Interpolate the rows of tables (C, N, inner) at places (C, 2, N, M)."""
+def _gaps(outer: _Intervals, holes: _Intervals) -> _Gaps:
+    """Return the gaps between holes, within the common part of the outer intervals."""
+    low = outer.start.max(axis=-1, keepdims=True)
+    high = outer.end.min(axis=-1, keepdims=True)
+    order = holes.start.argsort(axis=-1)
+    hole_start = np.take_along_axis(holes.start, order, -1)
+    hole_end = np.take_along_axis(holes.end, order, -1)
+    # Holes overlap: a gap starts where the farthest end of all holes so far lies.
+    farthest_end = np.maximum.accumulate(hole_end, axis=-1)
+    starts = np.concatenate([low, farthest_end], axis=-1)
+    ends = np.concatenate([hole_start, high], axis=-1)
+    size = np.minimum(ends, high) - np.maximum(starts, low)
+    position = np.arange(order.shape[-1])
+    reaches_farthest = np.where(hole_end == farthest_end, position, 0)
+    deepest = np.maximum.accumulate(reaches_farthest, axis=-1)
+    return _Gaps(
+        size=np.maximum(size, 0.0),
+        order=order,
+        deepest=np.take_along_axis(order, deepest, -1),
+    )
+
+
+def _binding(outer: _Intervals, gaps: _Gaps) -> Flags:
+    """Return the frequencies (M,) whose limits end a gap on some line."""
+    binding = np.zeros(gaps.order.shape[-1], dtype=bool)
+    binding[outer.start.argmax(axis=-1)] = True
+    binding[outer.end.argmin(axis=-1)] = True
+    open_gaps = gaps.size > 0.0
+    # Each gap but the last ends where a hole starts; each but the first starts where one ended.
+    binding[gaps.order[open_gaps[..., :-1]]] = True
+    binding[gaps.deepest[open_gaps[..., 1:]]] = True
+    return binding
+
+
+def _probability_up_to(tables: Array, place: Array) -> Array:
+    """Interpolate the rows of tables (C, N, inner) at places (C, N, M)."""
     count, rows, columns = tables.shape
-    column, part = steps(place, columns)
-    table = np.arange(count)[:, None, None, None]
-    row = np.arange(rows)[:, None]
-    index = (table * rows + row) * columns + column
+    cell, fraction = steps(place, columns)
+    row = np.arange(count * rows).reshape(count, rows, 1)
     flat = tables.ravel()
+    index = row * columns + cell
     left = flat.take(index)
-    return np.asarray(left + part * (flat.take(index + 1) - left))
+    right = flat.take(index + 1)
+    return np.asarray(left + fraction * (right - left))
