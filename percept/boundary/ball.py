@@ -1,9 +1,10 @@
 """Probability that abs(Z_h) is at most a radius, from the joint law of k and b.
 
 abs(Z_h)² is (gain·k + offset)² + (gain·b + offset)². So abs(Z_h) <= radius is a ball in the plane
-of the two terms. Given one of k and b, called the outer one, the ball leaves an interval of the
-other, the inner one. The probability of that interval is a difference of two cumulated densities
-from the law's tables. What is left is one smooth integral over the outer one, by Gauss-Legendre.
+of the two terms. Given one of k and b, called the outer variable, the ball leaves an interval of
+the other, the inner variable. The probability of that interval is a difference of two cumulated
+densities from the law's tables. What is left is one smooth integral over the outer variable, by
+Gauss-Legendre.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import integrate, sparse
 
-from percept.boundary.law import BEYOND, Axis, PairLaw, steps
+from percept.boundary.law import BEYOND, Axis, PairLaw, between, cell_and_fraction
 from percept.haptics.impedance import warp
 from percept.haptics.perceived import DistancePlane
 from percept.haptics.records import AnyDevice
@@ -29,12 +30,23 @@ Indices = NDArray[np.intp]
 _NODE_COUNT = 48
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(_NODE_COUNT)
 # An interval ends like a square root where its ball ends. Nodes even in the angle take that out.
-_SINE_NODES = np.sin(0.5 * np.pi * _NODES)
-_SINE_WEIGHTS = 0.5 * np.pi * _WEIGHTS * np.cos(0.5 * np.pi * _NODES)
-# Legendre polynomials of the six highest orders: an integrand that holds much of them is rough.
-_HIGHEST_ORDERS = np.polynomial.legendre.legvander(_NODES, _NODE_COUNT - 1)[:, -6:]
+_ANGLES = 0.5 * np.pi * _NODES
+_SINE_NODES = np.sin(_ANGLES)
+_SINE_WEIGHTS = 0.5 * np.pi * _WEIGHTS * np.cos(_ANGLES)
+# An integrand that holds much of so many highest Legendre polynomials is rough: an eighth of all.
+_ROUGHNESS_ORDERS = 6
+_POLYNOMIALS = np.polynomial.legendre.legvander(_NODES, _NODE_COUNT - 1)
+_HIGHEST_POLYNOMIALS = _POLYNOMIALS[:, -_ROUGHNESS_ORDERS:]
 # Both ends of an interval, each between two rows and two columns of a table.
 _TERMS_PER_NODE = 8
+# Balls that hold more are worked out by what they leave out. The jump here moves no limit: upper
+# limits hold more than half, lower ones less, and a search needs only the side right.
+_LARGE_BALL = 0.5
+# Squares of magnitudes, (N·s/m)², that count as zero, and still have a logarithm.
+_LEAST_SQUARE = BEYOND**-2
+# Where the grid of an axis begins and ends.
+_FIRST_PLACE = np.zeros(1)
+_LAST_PLACE = np.ones(1)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -53,9 +65,25 @@ class Term:
         """Return the term with a row for each frequency, (M, 1)."""
         return Term(self.axis, self.gain[:, None], self.offset[:, None])
 
+    def of_value(self, value: Array) -> Array:
+        """Return the term of values of k or b, N·s/m."""
+        return self.gain * value + self.offset
+
     def of_place(self, place: Array) -> Array:
         """Return the term at places on the axis, N·s/m."""
-        return self.gain * self.axis.native(place) + self.offset
+        return self.of_value(self.axis.native(place))
+
+    def smallest_size(self) -> Array:
+        """Return the smallest size of the term on the axis's grid, N·s/m."""
+        lowest = self.of_place(_FIRST_PLACE)
+        highest = self.of_place(_LAST_PLACE)
+        return np.maximum(0.0, np.maximum(lowest, -highest))
+
+    def largest_size(self) -> Array:
+        """Return the largest size of the term on the axis's grid, N·s/m."""
+        lowest = self.of_place(_FIRST_PLACE)
+        highest = self.of_place(_LAST_PLACE)
+        return np.maximum(-lowest, highest)
 
     def native(self, term: Array) -> Array:
         """Return the k or b that makes a term so large."""
@@ -130,35 +158,31 @@ class Balls:
         self.b = Term(b_axis, b_gain[finite], b_offset[finite])
         self.count = int(finite.sum())
 
-    def range(self) -> tuple[Array, Array]:
+    def log_range(self) -> tuple[Array, Array]:
         """Return the smallest and the largest log abs(Z_h) on the law's grid, (M,) each."""
-        smallest = np.zeros(self.count)
-        largest = np.zeros(self.count)
-        for term in (self.k, self.b):
-            first = term.of_place(np.zeros(1))
-            last = term.of_place(np.ones(1))
-            nearest = np.minimum(np.abs(first), np.abs(last))
-            smallest += np.where(first * last > 0.0, nearest, 0.0) ** 2
-            largest += np.maximum(np.abs(first), np.abs(last)) ** 2
-        least = BEYOND**-2
-        low = 0.5 * np.log(np.maximum(smallest, least))
-        high = 0.5 * np.log(np.maximum(largest, least))
+        smallest = self.k.smallest_size() ** 2 + self.b.smallest_size() ** 2
+        largest = self.k.largest_size() ** 2 + self.b.largest_size() ** 2
+        low = 0.5 * np.log(np.maximum(smallest, _LEAST_SQUARE))
+        high = 0.5 * np.log(np.maximum(largest, _LEAST_SQUARE))
         return low, high
 
     def squares(self, k: Array, b: Array) -> Array:
         """Return abs(Z_h)² (M, N) of N points."""
-        k_term = self.k.gain[:, None] * k + self.k.offset[:, None]
-        b_term = self.b.gain[:, None] * b + self.b.offset[:, None]
+        k_term = self.k.by_row().of_value(k)
+        b_term = self.b.by_row().of_value(b)
         return k_term**2 + b_term**2
 
     def smoother_inner(self, frequency: Indices, radius: Array) -> Indices:
-        """Return which of k (0) and b (1) makes the smoother integral as the inner one, (Q,)."""
-        roughness = [self.content_by(inner, frequency, radius).roughness for inner in (0, 1)]
-        return np.argmin(roughness, axis=0)
+        """Return which of k (0) and b (1) makes the smoother integral as inner variable, (Q,)."""
+        k_inner = self.content_by(0, frequency, radius)
+        b_inner = self.content_by(1, frequency, radius)
+        return np.argmin([k_inner.roughness, b_inner.roughness], axis=0)
 
     def content(self, frequency: Indices, radius: Array, inner_of: Indices) -> Content:
-        """Return what balls (Q,) hold, the inner one being k where `inner_of` is 0, b where it is 1."""
-        probability, slope, roughness = np.zeros((3, frequency.size))
+        """Return what balls (Q,) hold; the inner variable is k where `inner_of` is 0, b where it is 1."""
+        probability = np.zeros(frequency.size)
+        slope = np.zeros(frequency.size)
+        roughness = np.zeros(frequency.size)
         for inner in (0, 1):
             (rows,) = np.nonzero(inner_of == inner)
             if rows.size:
@@ -169,19 +193,23 @@ class Balls:
         return Content(probability, slope, roughness)
 
     def content_by(self, inner: int, frequency: Indices, radius: Array) -> Content:
-        """Return what balls (Q,) hold, integrated over the other one than `inner`."""
+        """Return what balls (Q,) hold, integrating over the variable that is not `inner`."""
         slices = self._slices(inner, frequency, radius)
         table = self.law.cumulated[inner]
-        row, over = steps(slices.outer, len(table))
-        left = _interpolate(table, row, over, slices.left.place)
-        right = _interpolate(table, row, over, slices.right.place)
-        probability = slices.integral(right.value)
-        probability -= slices.integral(left.value)
-        probability += np.where(probability > 0.5, self._missed(inner, slices), 0.0)
-        rates = slices.left.rate * left.rise + slices.right.rate * right.rise
-        slopes = slices.weights * rates * (table.shape[1] - 1)
+        row, fraction = cell_and_fraction(slices.outer, len(table))
+        left = _interpolate(table, row, fraction, slices.left.place)
+        right = _interpolate(table, row, fraction, slices.right.place)
+        up_to_left = slices.integral(left.value)
+        up_to_right = slices.integral(right.value)
+        probability = up_to_right - up_to_left
+        missed = self._missed(inner, slices)
+        probability += np.where(probability > _LARGE_BALL, missed, 0.0)
+        left_rates = slices.left.rate * left.rise
+        right_rates = slices.right.rate * right.rise
+        cells = table.shape[1] - 1
+        slopes = slices.weights * (left_rates + right_rates) * cells
         slope = slopes.sum(axis=1)
-        highest = np.abs(slopes @ _HIGHEST_ORDERS).sum(axis=1)
+        highest = np.abs(slopes @ _HIGHEST_POLYNOMIALS).sum(axis=1)
         # Without a slope at any node all of it lies between them.
         infinite = np.full(slope.shape, np.inf)
         roughness = np.divide(highest, slope, out=infinite, where=slope > 0.0)
@@ -192,46 +220,46 @@ class Balls:
 
         The tables of batches are coarser, which is enough for differences between them.
         """
-        content = np.empty((frequency.size, 1 + self.law.shares.size))
+        content = np.empty((frequency.size, 1 + self.law.batch_count))
         for inner in (0, 1):
             (rows,) = np.nonzero(inner_of == inner)
             content[rows] = self._by_batch(inner, frequency[rows], radius[rows])
         return content
 
     def _missed(self, inner: int, slices: _Slices) -> Array:
-        """Return how much of the outer one's probability the nodes miss, (Q,).
+        """Return how much of the outer variable's probability the nodes miss, (Q,).
 
-        In a large ball what it leaves out is what counts. All digits of the outer one's own
-        distribution are known.
+        In a large ball what it leaves out is what counts. The outer variable's own distribution is
+        known exactly.
         """
         margin = self.law.cumulated[inner][:, -1]
         step = 1.0 / (margin.size - 1)
-        cumulated = integrate.cumulative_trapezoid(margin, dx=step, initial=0)
-        row, over = steps(slices.outer, margin.size)
-        density = margin[row] + over * (margin[row + 1] - margin[row])
-        by_nodes = slices.integral(density)
+        up_to_row = integrate.cumulative_trapezoid(margin, dx=step, initial=0)
+        row, fraction = cell_and_fraction(slices.outer, margin.size)
+        by_nodes = slices.integral(between(margin, row, fraction))
         # The margin is straight between the table's rows, as it is for the nodes.
-        row, over = steps(slices.span, margin.size)
-        rest = over * (margin[row] + 0.5 * over * (margin[row + 1] - margin[row]))
-        exact = cumulated[row] + rest * step
-        return np.asarray(exact[:, 1] - exact[:, 0] - by_nodes)
+        row, fraction = cell_and_fraction(slices.span, margin.size)
+        mean_density = between(margin, row, 0.5 * fraction)
+        up_to_end = up_to_row[row] + fraction * mean_density * step
+        exact = up_to_end[:, 1] - up_to_end[:, 0]
+        return np.asarray(exact - by_nodes)
 
     def _slices(self, inner: int, frequency: Indices, radius: Array) -> _Slices:
-        """Lay nodes over the outer one's span in each ball, and find the inner one's intervals."""
-        terms = (self.k.at(frequency).by_row(), self.b.at(frequency).by_row())
-        inner_term = terms[inner]
-        outer_term = terms[1 - inner]
+        """Lay nodes over the outer variable's span in each ball, and find the inner intervals."""
+        inner_term = self.k.at(frequency).by_row()
+        outer_term = self.b.at(frequency).by_row()
+        if inner == 1:
+            inner_term, outer_term = outer_term, inner_term
         radius = radius[:, None]
-        # The inner term's least size leaves less to the outer one. Nodes beyond would be wasted.
-        lowest = inner_term.of_place(np.zeros(1))
-        highest = inner_term.of_place(np.ones(1))
-        least = np.maximum(0.0, np.maximum(lowest, -highest))
-        reach = _leg(radius, least)
+        # The inner term's smallest size leaves less to the outer one: nodes beyond would be wasted.
+        reach = _leg(radius, inner_term.smallest_size())
         first = outer_term.place(-reach)
         last = outer_term.place(reach)
         half = 0.5 * (last - first)
-        outer = 0.5 * (last + first) + half * _SINE_NODES
-        leg = _leg(radius, np.abs(outer_term.of_place(outer)))
+        middle = 0.5 * (last + first)
+        outer = middle + half * _SINE_NODES
+        outer_size = np.abs(outer_term.of_place(outer))
+        leg = _leg(radius, outer_size)
         return _Slices(
             span=np.concatenate([first, last], axis=1),
             outer=outer,
@@ -244,26 +272,33 @@ class Balls:
         """Do the sums of all batches as one product with a sparse matrix of interpolation weights."""
         slices = self._slices(inner, frequency, radius)
         table = self.law.by_batch[inner]
-        row, over = steps(slices.outer, len(table))
+        rows, columns, _ = table.shape
+        row, row_fraction = cell_and_fraction(slices.outer, rows)
         weights = []
-        cells = []
-        for sign, edge in ((-1.0, slices.left), (1.0, slices.right)):
-            column, part = steps(edge.place, table.shape[1])
-            for down, along in ((0, 1.0 - over), (1, over)):
-                for right, across in ((0, 1.0 - part), (1, part)):
-                    weights.append(sign * slices.weights * along * across)
-                    cells.append((row + down) * table.shape[1] + column + right)
-        flat = table.reshape(-1, table.shape[2])
-        starts = _TERMS_PER_NODE * _NODE_COUNT * np.arange(frequency.size + 1)
+        points = []
+        for edge, sign in ((slices.left, -1.0), (slices.right, 1.0)):
+            column, fraction = cell_and_fraction(edge.place, columns)
+            signed = sign * slices.weights
+            on_row = signed * (1.0 - row_fraction)
+            on_next_row = signed * row_fraction
+            before = 1.0 - fraction
+            weights += [on_row * before, on_row * fraction]
+            weights += [on_next_row * before, on_next_row * fraction]
+            point = row * columns + column
+            below = point + columns
+            points += [point, point + 1, below, below + 1]
+        flat = table.reshape(rows * columns, -1)
         entries = np.concatenate(weights, axis=1).ravel()
-        columns = np.concatenate(cells, axis=1).ravel()
-        matrix = sparse.csr_array((entries, columns, starts), (frequency.size, len(flat)))
+        indices = np.concatenate(points, axis=1).ravel()
+        starts = _TERMS_PER_NODE * _NODE_COUNT * np.arange(frequency.size + 1)
+        matrix = sparse.csr_array((entries, indices, starts), (frequency.size, len(flat)))
         return np.asarray(matrix @ flat)
 
 
 def _leg(radius: Array, other: Array) -> Array:
     """Return sqrt(radius² - other²), or zero; by factors, since squares of extreme radii overflow."""
-    return np.asarray(np.sqrt(np.maximum(radius - other, 0.0)) * np.sqrt(radius + other))
+    difference = np.maximum(radius - other, 0.0)
+    return np.asarray(np.sqrt(difference) * np.sqrt(radius + other))
 
 
 def _edge(term: Term, leg: Array, radius: Array) -> _Edge:
@@ -284,16 +319,15 @@ class _Interpolated:
     rise: Array  # Over the column that the place lies in
 
 
-def _interpolate(table: Array, row: Indices, over: Array, place: Array) -> _Interpolated:
+def _interpolate(table: Array, row: Indices, row_fraction: Array, place: Array) -> _Interpolated:
     """Interpolate a table (rows, columns) so far over rows, and at places along its columns."""
-    column, part = steps(place, table.shape[1])
-    index = row * table.shape[1] + column
-    before = _between_rows(table, index, over)
-    rise = _between_rows(table, index + 1, over) - before
-    return _Interpolated(before + part * rise, rise)
-
-
-def _between_rows(table: Array, index: Indices, over: Array) -> Array:
-    """Interpolate between points of a table, by number, and those one row on."""
+    columns = table.shape[1]
+    column, fraction = cell_and_fraction(place, columns)
+    point = row * columns + column
+    below = point + columns
     flat = table.ravel()
-    return np.asarray((1.0 - over) * flat.take(index) + over * flat.take(index + table.shape[1]))
+    rest = 1.0 - row_fraction
+    before = rest * flat.take(point) + row_fraction * flat.take(below)
+    after = rest * flat.take(point + 1) + row_fraction * flat.take(below + 1)
+    rise = after - before
+    return _Interpolated(before + fraction * rise, rise)

@@ -26,7 +26,15 @@ from percept.inference.classical.moments import sample
 from percept.inference.regions import EllipseRegion
 from percept.inference.sampling.endpoints import mixture_quantile
 
-__all__ = ["BEYOND", "Axis", "PairLaw", "confidence_law", "mixture_law", "steps"]
+__all__ = [
+    "BEYOND",
+    "Axis",
+    "PairLaw",
+    "between",
+    "cell_and_fraction",
+    "confidence_law",
+    "mixture_law",
+]
 
 Array = NDArray[np.float64]
 Family = Literal["normal", "lognormal"]
@@ -81,6 +89,21 @@ class Axis:
         """Coordinates of the density's grid."""
         return np.linspace(self.low, self.high, self.size)
 
+    @property
+    def places(self) -> Array:
+        """Places of the density's grid."""
+        return np.linspace(0.0, 1.0, self.size)
+
+    @property
+    def fine_places(self) -> Array:
+        """Places of the tables' grid."""
+        return np.linspace(0.0, 1.0, _CUT * (self.size - 1) + 1)
+
+    @property
+    def step(self) -> float:
+        """Step of the density's grid, in places."""
+        return 1.0 / (self.size - 1)
+
     def native(self, place: Array) -> Array:
         """Return k or b at places."""
         values = self.centre + self.unit * np.sinh(self.low + (self.high - self.low) * place)
@@ -127,14 +150,19 @@ class PairLaw:
 
         Tables of shape (outer, inner), finer than the density's grid.
         """
-        fine_k, fine_b = (np.linspace(0.0, 1.0, _CUT * (axis.size - 1) + 1) for axis in self.axes)
-        k = fine_k[::_CUT]
-        b = fine_b[::_CUT]
-        up_to_k = CubicSpline(k, self.density, axis=0).antiderivative()(fine_k)
-        up_to_b = CubicSpline(b, self.density, axis=1).antiderivative()(fine_b)
-        of_k = CubicSpline(b, up_to_k, axis=1)(fine_b).T
-        of_b = CubicSpline(k, up_to_b, axis=0)(fine_k)
+        k_axis, b_axis = self.axes
+        fine_k = k_axis.fine_places
+        fine_b = b_axis.fine_places
+        up_to_k = CubicSpline(k_axis.places, self.density, axis=0).antiderivative()(fine_k)
+        up_to_b = CubicSpline(b_axis.places, self.density, axis=1).antiderivative()(fine_b)
+        of_k = CubicSpline(b_axis.places, up_to_k, axis=1)(fine_b).T
+        of_b = CubicSpline(k_axis.places, up_to_b, axis=0)(fine_k)
         return np.ascontiguousarray(of_k), of_b
+
+    @property
+    def batch_count(self) -> int:
+        """Number of batches, B; none where nothing was drawn."""
+        return self.shares.size
 
     @functools.cached_property
     def by_batch(self) -> tuple[Array, Array]:
@@ -143,14 +171,12 @@ class PairLaw:
         That is enough for differences between batches.
         """
         every = np.concatenate([self.density[None], self.batches])
-        k_step = 1.0 / (self.axes[0].size - 1)
-        b_step = 1.0 / (self.axes[1].size - 1)
-        of_k = integrate.cumulative_trapezoid(every, dx=k_step, axis=1, initial=0)
-        of_b = integrate.cumulative_trapezoid(every, dx=b_step, axis=2, initial=0)
-        return (
-            np.ascontiguousarray(of_k.transpose(2, 1, 0)),
-            np.ascontiguousarray(of_b.transpose(1, 2, 0)),
-        )
+        k_axis, b_axis = self.axes
+        up_to_k = integrate.cumulative_trapezoid(every, dx=k_axis.step, axis=1, initial=0)
+        up_to_b = integrate.cumulative_trapezoid(every, dx=b_axis.step, axis=2, initial=0)
+        of_k = np.ascontiguousarray(up_to_k.transpose(2, 1, 0))
+        of_b = np.ascontiguousarray(up_to_b.transpose(1, 2, 0))
+        return of_k, of_b
 
     @functools.cached_property
     def infinite(self) -> float:
@@ -158,26 +184,29 @@ class PairLaw:
         outside = 0.0
         for axis, table in zip(self.axes, self.cumulated, strict=True):
             lowest = 0.0 if axis.log else -BEYOND
-            row, over = steps(axis.place(np.array([lowest, BEYOND])), table.shape[1])
-            up_to = table[:, row] + over * (table[:, row + 1] - table[:, row])
-            inside = np.trapezoid(up_to[:, 1] - up_to[:, 0], dx=1.0 / (len(table) - 1))
+            ends = axis.place(np.array([lowest, BEYOND]))
+            cell, fraction = cell_and_fraction(ends, table.shape[1])
+            up_to = between(table, cell, fraction)
+            on_lines = up_to[:, 1] - up_to[:, 0]
+            spacing = 1.0 / (len(table) - 1)
+            inside = np.trapezoid(on_lines, dx=spacing)
             outside += max(0.0, 1.0 - float(inside))
         return outside
 
     def standard_error(self, by_batch: Array) -> Array:
         """Return the standard error of a mean over all draws from those of batches, the last axis."""
-        count = self.shares.size
         mean = by_batch @ self.shares
-        square = ((by_batch - mean[..., None]) * self.shares) ** 2
-        return np.asarray(np.sqrt(square.sum(axis=-1) * count / (count - 1.0)))
+        weighted = (by_batch - mean[..., None]) * self.shares
+        squares = np.sum(weighted**2, axis=-1)
+        variance = squares * self.batch_count / (self.batch_count - 1.0)
+        return np.asarray(np.sqrt(variance))
 
     def even(self, count: int) -> tuple[Array, Array, Array]:
         """Return points that fill the plane evenly, k and b each (count,), and their probability."""
         k_place, b_place = np.outer(_EVEN, np.arange(0.5, count)) % 1.0
         k_axis, b_axis = self.axes
-        k_grid = np.linspace(0.0, 1.0, k_axis.size)
-        b_grid = np.linspace(0.0, 1.0, b_axis.size)
-        density = RectBivariateSpline(k_grid, b_grid, self.density).ev(k_place, b_place)
+        spline = RectBivariateSpline(k_axis.places, b_axis.places, self.density)
+        density = spline.ev(k_place, b_place)
         return k_axis.native(k_place), b_axis.native(b_place), density / density.sum()
 
     def ellipse(self, *, kind: Literal["mean", "user"], level: float, n: int) -> EllipseRegion:
@@ -318,13 +347,12 @@ def _law(
     """Put densities over the bent coordinates on the axes' places, each with the integral one."""
     k_axis, b_axis = axes
     batches = batches * np.multiply.outer(np.cosh(k_axis.grid), np.cosh(b_axis.grid))
-    k = np.linspace(0.0, 1.0, k_axis.size)
-    b = np.linspace(0.0, 1.0, b_axis.size)
     density = batches.sum(axis=0)
-    over_k = CubicSpline(k, density).integrate(0.0, 1.0)
-    density /= CubicSpline(b, over_k).integrate(0.0, 1.0)
-    sums = np.trapezoid(np.trapezoid(batches, dx=1.0 / (k.size - 1), axis=1), dx=1.0 / (b.size - 1))
-    batches /= np.asarray(sums)[:, None, None]
+    over_k = CubicSpline(k_axis.places, density).integrate(0.0, 1.0)
+    density /= CubicSpline(b_axis.places, over_k).integrate(0.0, 1.0)
+    lines = np.trapezoid(batches, dx=k_axis.step, axis=1)
+    sums = np.asarray(np.trapezoid(lines, dx=b_axis.step))
+    batches /= sums[:, None, None]
     return PairLaw(family, mean, covariance, axes, density, batches[: shares.size], shares)
 
 
@@ -376,8 +404,30 @@ def confidence_law(
     return _law(density[None], np.empty(0), axes, mean, covariance, family)
 
 
-def steps(place: Array, count: int) -> tuple[NDArray[np.intp], Array]:
-    """Return the step of a table of `count` points that places lie in, and how far in it, 0 to 1."""
-    scaled = place * (count - 1)
-    index = np.minimum(scaled.astype(np.intp), count - 2)
-    return index, scaled - index
+def cell_and_fraction(place: Array, points: int) -> tuple[NDArray[np.intp], Array]:
+    """Return the cell of a table that each place lies in, and how far in it.
+
+    Parameters
+    ----------
+    place : ndarray, any shape
+        0 at the table's first point, 1 at its last.
+    points : int
+        Size of the table along the axis.
+
+    Returns
+    -------
+    cell : ndarray of int
+        Index of the point before each place, at most `points` - 2.
+    fraction : ndarray
+        From 0 at that point to 1 at the next.
+    """
+    scaled = place * (points - 1)
+    cell = np.minimum(scaled.astype(np.intp), points - 2)
+    return cell, scaled - cell
+
+
+def between(values: Array, cell: NDArray[np.intp], fraction: Array) -> Array:
+    """Interpolate values in cells along their last axis, each so far in as its fraction says."""
+    before = values.take(cell, axis=-1)
+    after = values.take(cell + 1, axis=-1)
+    return np.asarray(before + fraction * (after - before))

@@ -140,7 +140,7 @@ class Magnitude:
         finite = self.balls.finite
         limits = np.full((2, finite.size), np.inf)
         limits[:, finite] = np.exp(self.log_limits(score))
-        if not self.law.shares.size:
+        if not self.law.batch_count:
             return MagnitudeLimits(limits[0], limits[1])
         errors = np.zeros(limits.shape)
         moves = self.batch_shifts(score)
@@ -157,7 +157,7 @@ class Magnitude:
     @functools.cached_property
     def log_range(self) -> tuple[Array, Array]:
         """Smallest and largest log limits, (M,) each."""
-        return self.balls.range()
+        return self.balls.log_range()
 
     def log_limits(self, score: float) -> Array:
         """Return log limits (2, M) at a score, at the frequencies that have balls."""

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from percept.boundary.law import steps
+from percept.boundary.law import between, cell_and_fraction
 from percept.boundary.limits import Magnitude, density, level_of, score_of
 from percept.errors import RefusalError
 
@@ -228,10 +228,6 @@ def _binding(outer: _Intervals, gaps: _Gaps) -> Flags:
 def _probability_up_to(tables: Array, place: Array) -> Array:
     """Interpolate the rows of tables (C, N, inner) at places (C, N, M)."""
     count, rows, columns = tables.shape
-    cell, fraction = steps(place, columns)
+    cell, fraction = cell_and_fraction(place, columns)
     row = np.arange(count * rows).reshape(count, rows, 1)
-    flat = tables.ravel()
-    index = row * columns + cell
-    left = flat.take(index)
-    right = flat.take(index + 1)
-    return np.asarray(left + fraction * (right - left))
+    return between(tables.ravel(), row * columns + cell, fraction)
