@@ -22,7 +22,6 @@ from percept.haptics.records import AnyDevice
 from percept.inference.sampling.roots import root
 
 __all__ = [
-    "_OUTWARD",
     "Magnitude",
     "MagnitudeLimits",
     "density",
@@ -34,25 +33,25 @@ __all__ = [
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Lower limits move down and upper ones up as their score grows.
-_OUTWARD = np.array([[-1.0], [1.0]])
-
 # Probabilities this near 0 or 1 have a finite normal score.
-_LEAST = 1e-14
+_LEAST_PROBABILITY = 1e-14
 # Probability beyond the first guess of a limit: that of the usual 99 % limits.
 _GUESSED_TAIL = 0.005
 # Points that the first guess is made from.
 _GUESS_POINTS = 600
-# Accuracy of limits: SDs of a normal, and steps of the search in widths of the band.
-_ACCURACY = 1e-4
+# SDs of a normal below which a limit's score counts as met: far less than a Monte Carlo error.
+_SCORE_ACCURACY = 1e-4
+# Accuracy of the search, `root`'s: the product of its last two steps, in widths of the band.
+_STEP_ACCURACY = 1e-4
 # Widths of the band around the guess within which limits are looked for first.
 _NEAR_GUESS = 3.0
 # Narrowest band, in logarithms, that steps of the search are measured in.
 _NARROWEST = 1e-9
 # A limit that misses its score by more, in SDs of a normal, is looked for again.
 _MISSED = 0.01
-# Finer steps then: near an edge of the law a limit is far sharper than its band is wide.
-_SHARPER = 1e-3
+# Steps are finer by this factor then: near an edge of the law a limit is far sharper than its band
+# is wide.
+_RETRY_FACTOR = 1e-3
 # SDs of a normal over which the slope of a limit is taken. In the tail of a heavy law the integral
 # gives a limit to all its digits, and its slope to none.
 _SLOPE_STEP = 0.05
@@ -135,8 +134,7 @@ class Magnitude:
             The law does not determine limits so far out.
         """
         score = score_of(level)
-        if not score <= self.farthest_score:
-            raise RefusalError(f"a limit may lie beyond {BEYOND:.0e} N·s/m.")
+        self._check_score(score)
         finite = self.balls.finite
         limits = np.full((2, finite.size), np.inf)
         limits[:, finite] = np.exp(self.log_limits(score))
@@ -152,11 +150,21 @@ class Magnitude:
     @functools.cached_property
     def farthest_score(self) -> float:
         """Largest score of limits: farther out the law says too little, or k or b is infinite."""
-        return float(-special.ndtri(max(_LEAST_TAIL, self.law.infinite)))
+        tail = max(_LEAST_TAIL, self.law.infinite)
+        return float(-special.ndtri(tail))
+
+    def _check_score(self, score: float) -> None:
+        """Refuse limits farther out than the law determines them, and say why."""
+        if score <= self.farthest_score:
+            return
+        if self.law.infinite > _LEAST_TAIL:
+            raise RefusalError(f"a limit may lie beyond {BEYOND:.0e} N·s/m.")
+        highest = level_of(self.farthest_score)
+        raise RefusalError(f"the law determines limits up to the level {highest:g} only.")
 
     @functools.cached_property
     def log_range(self) -> tuple[Array, Array]:
-        """Smallest and largest log limits, (M,) each."""
+        """Bounds of log abs(Z_h) on the law's grid, (M,) each: no limit lies outside."""
         return self.balls.log_range()
 
     def log_limits(self, score: float) -> Array:
@@ -166,34 +174,48 @@ class Magnitude:
         return self._logs_at[score]
 
     def log_limits_between(self, scores: Array) -> Array:
-        """Interpolate log limits at scores (B, 2, M) between the scores that are solved."""
+        """Interpolate log limits at scores (B, 2, M), along straight lines between solved scores.
+
+        Solved are those that `log_limits` has been called with: two or more, near these scores.
+        """
         solved = np.array(sorted(self._logs_at))
         logs = np.stack([self._logs_at[score] for score in solved])
-        step = np.clip(np.searchsorted(solved, scores) - 1, 0, solved.size - 2)
-        part = (scores - solved[step]) / (solved[step + 1] - solved[step])
-        side, frequency = np.indices(scores.shape[1:])
-        left = logs[step, side, frequency]
-        right = logs[step + 1, side, frequency]
-        return np.clip(left + np.minimum(part, 1.0) * (right - left), *self.log_range)
+        following = np.searchsorted(solved, scores)
+        before = np.clip(following - 1, 0, solved.size - 2)
+        after = before + 1
+        fraction = (scores - solved[before]) / (solved[after] - solved[before])
+        # Below the first score limits run on straight; above the last they stay.
+        fraction = np.minimum(fraction, 1.0)
+        start = np.take_along_axis(logs, before, axis=0)
+        end = np.take_along_axis(logs, after, axis=0)
+        low, high = self.log_range
+        return np.clip(start + fraction * (end - start), low, high)
 
     def batch_shifts(self, score: float) -> Array:
         """Return by how many SDs each batch of draws moves limits out, (2, M, B)."""
         if score not in self._shifts_at:
-            frequency = np.tile(np.arange(self.balls.count), 2)
             radius = np.exp(self.log_limits(score)).ravel()
-            content = self.balls.content_by_batch(frequency, radius, self._inner.ravel())
+            content = self.balls.content_by_batch(self._frequency, radius, self._inner)
             # A batch with draws far narrower than the tables' steps may seem to hold less than
             # nothing.
-            content = np.clip(content, 0.0, 1.0).reshape(2, self.balls.count, -1)
-            more = content[..., 1:] - content[..., :1]
+            content = np.clip(content, 0.0, 1.0)
+            more = content[:, 1:] - content[:, :1]
+            shifts = (more / density(score)).reshape(2, self.balls.count, -1)
             # A batch that holds more moves the lower limit down and so out, the upper one in.
-            self._shifts_at[score] = more * -_OUTWARD[..., None] / density(score)
+            shifts[1] *= -1.0
+            self._shifts_at[score] = shifts
         return self._shifts_at[score]
 
     def _slopes(self, score: float) -> Array:
         """Return how fast log limits (2, M) move out with their score."""
+        here = self.log_limits(score)
         farther = self.log_limits(score + _SLOPE_STEP)
-        return np.abs(farther - self.log_limits(score)) / _SLOPE_STEP
+        return np.abs(farther - here) / _SLOPE_STEP
+
+    @functools.cached_property
+    def _frequency(self) -> Indices:
+        """Frequency of each limit: of all lower ones, then of all upper ones, (2 M,)."""
+        return np.tile(np.arange(self.balls.count), 2)
 
     @functools.cached_property
     def _guess(self) -> Array:
@@ -201,52 +223,46 @@ class Magnitude:
         k, b, probability = self.law.even(_GUESS_POINTS)
         squares = self.balls.squares(k, b)
         order = np.argsort(squares, axis=1)
-        logs = 0.5 * np.log(np.maximum(np.take_along_axis(squares, order, 1), _TINY))
+        sorted_squares = np.take_along_axis(squares, order, axis=1)
+        logs = 0.5 * np.log(np.maximum(sorted_squares, _TINY))
         below = np.cumsum(probability[order], axis=1)
         nearest = []
         for tail in (below, 1.0 - below):
-            misfit = np.abs(np.log(np.maximum(tail, _LEAST) / _GUESSED_TAIL))
+            ratio = np.maximum(tail, _LEAST_PROBABILITY) / _GUESSED_TAIL
+            misfit = np.abs(np.log(ratio))
             nearest.append(misfit.argmin(axis=1))
-        return np.take_along_axis(logs, np.stack(nearest, axis=1), 1).T
+        columns = np.stack(nearest, axis=1)
+        return np.take_along_axis(logs, columns, axis=1).T
 
     @functools.cached_property
     def _inner(self) -> Indices:
-        """Which of k and b is the inner one in the ball of each limit, (2, M)."""
-        frequency = np.tile(np.arange(self.balls.count), 2)
+        """Which of k and b is the inner variable in the ball of each limit, (2 M,)."""
         radius = np.exp(self._guess.ravel())
-        return self.balls.smoother_inner(frequency, radius).reshape(self._guess.shape)
+        return self.balls.smoother_inner(self._frequency, radius)
 
     def _solve(self, score: float) -> Array:
         """Solve for log limits (2, M) at a score."""
-        count = self.balls.count
-        frequency = np.tile(np.arange(count), 2)
-        inner = self._inner.ravel()
-        target = np.repeat([-score, score], count)
-        last, value, rate = np.full((3, 2 * count), np.nan)
-
-        def misfit(logs: Array) -> tuple[Array, Array]:
-            """Return by how many SDs limits miss their score, and how fast that changes."""
-            # Most limits are found in four steps: only the rest is worked out again.
-            (new,) = np.nonzero(logs != last)
-            content = self.balls.content(frequency[new], np.exp(logs[new]), inner[new])
-            scores = special.ndtri(np.clip(content.probability, _LEAST, 1.0 - _LEAST))
-            last[new] = logs[new]
-            value[new] = scores - target[new]
-            rate[new] = content.slope / density(scores)
-            value[np.abs(value) < _ACCURACY] = 0.0
-            return value.copy(), rate.copy()
-
-        guess = self._guess if not self._logs_at else self._extrapolate(score)
+        search = _Search(self.balls, self._frequency, self._inner, score)
+        guess = self._guess
+        if self._logs_at:
+            guess = self._extrapolate(score)
         # A band far narrower than its magnitude may have no width among the guess's points.
-        width = np.tile(np.maximum(self._guess[1] - self._guess[0], _NARROWEST), 2)
-        low, high = (np.tile(end, 2) for end in self.log_range)
+        band = np.maximum(self._guess[1] - self._guess[0], _NARROWEST)
+        width = np.tile(band, 2)
+        lowest, highest = self.log_range
+        low = np.tile(lowest, 2)
+        high = np.tile(highest, 2)
         start = np.clip(guess.ravel(), low, high)
-        near_low = np.maximum(low, start - _NEAR_GUESS * width)
-        near_high = np.minimum(high, start + _NEAR_GUESS * width)
-        logs = root(misfit, start, near_low, near_high, width, most_step_product=_ACCURACY)
-        missed = np.abs(misfit(logs)[0])
-        if missed.max(initial=0.0) > _MISSED:
-            logs = root(misfit, logs, low, high, width, most_step_product=_ACCURACY * _SHARPER)
+        near = _NEAR_GUESS * width
+        near_low = np.maximum(low, start - near)
+        near_high = np.minimum(high, start + near)
+        logs = root(
+            search.misfit, start, near_low, near_high, width, most_step_product=_STEP_ACCURACY
+        )
+        misses, _ = search.misfit(logs)
+        if np.abs(misses).max(initial=0.0) > _MISSED:
+            finer = _STEP_ACCURACY * _RETRY_FACTOR
+            logs = root(search.misfit, logs, low, high, width, most_step_product=finer)
         return logs.reshape(2, -1)
 
     def _extrapolate(self, score: float) -> Array:
@@ -259,6 +275,33 @@ class Magnitude:
         return logs + (score - nearest) * slope
 
 
+class _Search:
+    """Misfit of log limits (2 M,), lower ones first, which remembers what it was called with."""
+
+    def __init__(self, balls: Balls, frequency: Indices, inner: Indices, score: float) -> None:
+        self.balls = balls
+        self.frequency = frequency
+        self.inner = inner
+        self.target = np.repeat([-score, score], balls.count)
+        self.logs = np.full(frequency.size, np.nan)
+        self.value = np.full(frequency.size, np.nan)
+        self.slope = np.full(frequency.size, np.nan)
+
+    def misfit(self, logs: Array) -> tuple[Array, Array]:
+        """Return by how many SDs limits miss their score, and how fast that changes."""
+        # Most limits are found in four steps: only the rest is worked out again.
+        (new,) = np.nonzero(logs != self.logs)
+        content = self.balls.content(self.frequency[new], np.exp(logs[new]), self.inner[new])
+        most = 1.0 - _LEAST_PROBABILITY
+        probability = np.clip(content.probability, _LEAST_PROBABILITY, most)
+        scores = special.ndtri(probability)
+        missing = scores - self.target[new]
+        self.logs[new] = logs[new]
+        self.value[new] = np.where(np.abs(missing) < _SCORE_ACCURACY, 0.0, missing)
+        self.slope[new] = content.slope / density(scores)
+        return self.value.copy(), self.slope.copy()
+
+
 def relative_error(omega: Array, limits: MagnitudeLimits) -> float | None:
     """Return the typical error of limits over log omega, in half-widths of the band in logarithms.
 
@@ -267,9 +310,12 @@ def relative_error(omega: Array, limits: MagnitudeLimits) -> float | None:
     wide = np.isfinite(limits.upper) & (limits.upper > limits.lower)
     if limits.errors is None or not wide.any():
         return None
-    half_width = 0.5 * np.log(limits.upper[wide] / limits.lower[wide])
+    ratio = limits.upper[wide] / limits.lower[wide]
+    half_width = 0.5 * np.log(ratio)
     relative = limits.errors[:, wide] / half_width
     square = np.mean(relative**2, axis=0)
     x = np.log(omega[wide])
-    mean = np.trapezoid(square, x) / (x[-1] - x[0]) if x.size > 1 else square[0]
+    mean = square[0]
+    if x.size > 1:
+        mean = np.trapezoid(square, x) / (x[-1] - x[0])
     return float(np.sqrt(mean))
