@@ -1,1 +1,3 @@
 """Sampling a density with emcee until every reported endpoint is as accurate as was asked."""
+
+__all__ = ()

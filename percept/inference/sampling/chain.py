@@ -1,4 +1,4 @@
-"""Walkers in the coordinates of one transport, the positions kept of them, and estimates from these.
+"""Walkers in the coordinates of one transport, their kept positions, and estimates from these.
 
 What a run holds in memory is bounded. When that is full and has settled, it is closed as a part of
 the run, and the estimates are means over parts.

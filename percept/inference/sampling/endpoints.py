@@ -100,8 +100,8 @@ class _Mixture:
     """Equal-weight mixtures of normal laws, and their probabilities at the last x evaluated.
 
     `root` returns a point one step past the last x, and influences are taken at that x. The step is
-    about or below the square root of the step product, 0.002 SDs. Influences only give Monte Carlo errors,
-    which so change by less than 1 %, far below their own uncertainty.
+    about or below the square root of the step product, 0.002 SDs. Influences only give Monte Carlo
+    errors, which so change by less than 1 %, far below their own uncertainty.
     """
 
     mean: Array  # (Q, S)

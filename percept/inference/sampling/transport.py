@@ -26,7 +26,7 @@ __all__ = ["Transport"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-#: Most drivers: each is mapped by itself.
+#: Most drivers: they are mapped one after another, all others at once, which is faster.
 _MOST_DRIVERS = 6
 #: Standard errors that a bend or a widening must have to be believed.
 _SIGNIFICANT = 4.0
@@ -48,7 +48,7 @@ _SHRINKAGE = 0.9
 _POINT_MULTIPLE = 32
 #: Points mapped at a time: their temporaries stay in the processor's cache.
 _MOST_POINTS = 1024
-#: SDs beyond which a driver's effect stays what it is.
+#: SDs beyond which a driver's effect stays what it is: few draws lie there to fit it by.
 _CLIP = 3.0
 
 
@@ -191,7 +191,7 @@ def _find_drivers(y: Array, effective: float) -> Indices:
     y = np.clip(y, -_CLIP, _CLIP)
     moment = y.T @ (y * y - 1.0) / len(y)
     effect = moment**2 + moment.T**2
-    # Of independent normal y_i and y_j, y_i (y_j² - 1) has variance 1 · 2: each m then has variance 2/N.
+    # If y_i and y_j are independent, y_i (y_j² - 1) has variance 1 · 2, and m_ij 2/N.
     chance = effect * effective < 2.0 * _SIGNIFICANT**2
     effect[chance] = 0.0
     np.fill_diagonal(effect, 0.0)
