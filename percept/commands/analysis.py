@@ -244,7 +244,9 @@ def verdict(study: Study) -> int:
     """Tell what the gate withholds, or the error it lets pass; return the exit code."""
     fit = study.fit
     if fit is None and study.scene.inference.method != "classical":
-        why = dict(study.parts.skipped_before_curves).get("Bayesian intervals", "")
+        why = {part.what: part.why for part in study.parts.skipped_before_curves}.get(
+            "Bayesian intervals", ""
+        )
         lacking = f"there are no Bayesian intervals: {why}"
     elif fit is not None and not fit.run.gate.passed:
         lacking = f"Bayesian intervals are withheld: {fit.withheld}"

@@ -203,7 +203,7 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
     table = study.comparison
     ladder = study.ladder
     if table is None or table.empty or ladder is None:
-        why = dict(study.parts.skipped_before_curves).get(
+        why = {part.what: part.why for part in study.parts.skipped_before_curves}.get(
             "Bayesian intervals", "percept fit prints what intervals there are."
         )
         raise RefusalError("no interval of one method has a counterpart in the other.", hint=why)

@@ -196,8 +196,8 @@ def _predict(arguments: argparse.Namespace) -> None:
         )
     if prediction.boundaries:
         print(f"{len(prediction.boundaries)} boundaries of abs(Z_h) were drawn too: see --json.")
-    for what, why in prediction.skipped:
-        print(f"percept: not computed: {what}: {why}.", file=sys.stderr)
+    for part in prediction.skipped:
+        print(f"percept: not computed: {part.what}: {part.why}.", file=sys.stderr)
 
 
 def _reference(text: str) -> tuple[str, float]:

@@ -26,7 +26,15 @@ SCHEMA = "percept-report/2"
 
 @dataclasses.dataclass(frozen=True)
 class Skipped:
-    """A result that was not computed."""
+    """A result that a study did not compute.
+
+    Parameters
+    ----------
+    what : str
+        Name of the result, as `percept.Study.skipped` and the report list it.
+    why : str
+        The reason, in words.
+    """
 
     what: str
     why: str

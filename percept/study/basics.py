@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError, UsageError
 from percept.inference.record import Family
+from percept.results import Skipped
 from percept.scene import InferenceTable
 from percept.sessions.quantities import Quantities, is_impedance
 
@@ -35,21 +36,6 @@ References = Mapping[tuple[str, str], float]
 
 #: Classical intervals are always given in both families, the paper's first.
 FAMILIES: tuple[Family, ...] = ("normal", "lognormal")
-
-
-class Skipped(NamedTuple):
-    """Something that a study did not compute.
-
-    Parameters
-    ----------
-    what : str
-        Name of the result, as `percept.Study.skipped` and the report list it.
-    why : str
-        The reason, in words.
-    """
-
-    what: str
-    why: str
 
 
 def results(items: Iterable[T | Skipped]) -> list[T]:

@@ -52,7 +52,6 @@ from percept.results import (
 from percept.results.fields import Family
 from percept.scene import DeviceTable, Scene
 from percept.sessions import Sessions
-from percept.study.basics import Skipped as NotComputed
 from percept.study.basics import results
 from percept.study.intervals import adjustments, design_counts, normality_tests
 
@@ -119,7 +118,7 @@ def compute(
         checks = checks_of(normality_tests(parts.sessions, parts.parameters), parts.checks)
     skipped = list(parts.skipped if curves else parts.skipped_before_curves)
     if not curves and len(intervals):
-        skipped.append(NotComputed("boundaries, coupling and band law", "run percept report"))
+        skipped.append(Skipped("boundaries, coupling and band law", "run percept report"))
     return Results(
         provenance=provenance_of(parts.sessions, parts.scene),
         data=data_of(parts.sessions, parts.scene),
@@ -138,7 +137,7 @@ def compute(
         ladder=record(Ladder, ladder),
         diagnostics=record(Diagnostics, parts.diagnostics),
         checks=checks,
-        skipped=tuple(Skipped(what, why_not) for what, why_not in skipped),
+        skipped=tuple(skipped),
     )
 
 

@@ -65,7 +65,7 @@ def curves_of(subjects: tuple[str, ...]) -> Study:
         limits = np.concatenate([boundary.lower, boundary.upper])
         assert np.isfinite(limits).all(), boundary
         assert boundary.error is None or boundary.error <= 10.0 * _TOLERANCE
-    refused = [what for what, _ in study.skipped if " curves of " in what]
+    refused = [part.what for part in study.skipped if " curves of " in part.what]
     shapes = [b for b in boundaries if b.shape in ("pointwise", "simultaneous")]
     # Every curve of a law is either drawn or said to be missing.
     assert len(shapes) + len(refused) >= 2 * len(study.parts.curve_laws)

@@ -127,12 +127,12 @@ def test_overall_contrasts_average_over_what_all_subjects_share():
     assert "references: VE1 and VE2." in page
     assert row["p_value"] == pytest.approx(stats.ttest_rel(right, left).pvalue, rel=1e-9)
     assert row_of(made.contrasts, "VE3")["n"] == 6
-    assert dict(made.skipped) | {
+    assert {part.what: part.why for part in made.skipped} | {
         "1 subject in contrasts of stiffness, right against left": "no reference has both levels",
         "VE3 in the overall contrast of stiffness, right against left": (
             "some subjects lack a level there"
         ),
-    } == dict(made.skipped)
+    } == {part.what: part.why for part in made.skipped}
 
 
 @pytest.mark.parametrize("reference", [0.0, -6.0])
@@ -187,9 +187,15 @@ def test_a_trial_may_have_its_number_at_every_level():
 def test_what_has_no_contrast_is_named():
     table = frame()
     table.loc[0, "k_adj"] = 0.0
-    assert "has no logarithm (1 in all)" in dict(study(table).skipped)["contrasts of stiffness"]
+    assert (
+        "has no logarithm (1 in all)"
+        in {part.what: part.why for part in study(table).skipped}["contrasts of stiffness"]
+    )
     zero = frame().assign(k_ref=0.0)
-    assert "[model] scale.k" in dict(study(zero, "normal").skipped)["contrasts of stiffness"]
+    assert (
+        "[model] scale.k"
+        in {part.what: part.why for part in study(zero, "normal").skipped}["contrasts of stiffness"]
+    )
     scaled = study(frame().assign(k_ref=0.0), "normal", model={"scale": {"k": 10.0}}).contrasts
     unscaled = study(frame().query("environment == 'VE1'"), "normal").contrasts
     # In N/m, and in references of 10 N/m.
@@ -198,12 +204,14 @@ def test_what_has_no_contrast_is_named():
     )
     alone = frame()
     alone = alone[(alone["subject"] == "S0") | (alone["hand"] == "left")]
-    why = dict(study(alone).skipped)
+    why = {part.what: part.why for part in study(alone).skipped}
     assert why["contrast of stiffness, right against left, in VE1"].startswith(
         "fewer than two subjects"
     )
     apart = frame().query("(environment == 'VE1') == (hand == 'left')")
-    assert "overall contrast of stiffness, right against left" in dict(study(apart).skipped)
+    assert "overall contrast of stiffness, right against left" in {
+        part.what: part.why for part in study(apart).skipped
+    }
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 
 import numpy as np
@@ -14,6 +15,7 @@ from percept.cli import build_parser, main
 from percept.errors import RefusalError, UsageError
 from percept.report.overview import findings
 from percept.report.page import render_page
+from percept.results import Skipped
 from percept.sessions import ReadOptions, Sessions
 from percept.study.fit import prepare
 from tests.documents import build_document
@@ -57,7 +59,10 @@ def test_the_band_law_is_against_the_reference_itself():
 
 def test_references_alike_cost_the_law_only():
     study = study_of(frame(references=(500.0, 500.0, 500.0)), DURATION | CLASSICAL)
-    assert ("band law", "without one environment the others share one reference") in study.skipped
+    assert (
+        Skipped("band law", "without one environment the others share one reference")
+        in study.skipped
+    )
     assert study.band.laws == ()
     assert len(study.intervals) == 18
 
@@ -92,7 +97,7 @@ def test_zero_costs_what_needs_its_logarithm_only():
     np.testing.assert_array_equal(rows[["lower", "upper"]], own[["lower", "upper"]])
     assert list(rows["environment"]) == list(own["environment"])
     every = table.assign(duration_adj=table["duration_adj"].where(table["subject"] != "P0", 0.0))
-    left = dict(study_of(every, DURATION).skipped)
+    left = {part.what: part.why for part in study_of(every, DURATION).skipped}
     assert "no logarithm (4 in all)" in left["Bayesian intervals"]
     with pytest.raises(RefusalError, match="no logarithm"):
         _ = study_of(table, DURATION | {"inference": {"method": "bayesian"}}).intervals
@@ -225,6 +230,6 @@ def test_rows_that_lack_one_of_a_pair_are_a_caution():
     both = {"quantities": {"force": {}, "length": {}}, "inference": {"method": "classical"}}
     study = study_of(table, both)
     (left,) = prepare(study.sessions, study.scene, study.parameters).skipped
-    document = build_document(study) | {"skipped": [left._asdict()]}
+    document = build_document(study) | {"skipped": [dataclasses.asdict(left)]}
     (caution,) = [text for text in findings(document)["cautions"] if "leaves out" in text]
     assert caution == "The hierarchical model leaves out 3 trials: they lack force or length."

@@ -41,12 +41,12 @@ def test_trials_the_pair_of_parameters_leaves_out():
     data.loc[data["environment"] == "VE4", "b_adj"] = np.nan
     data.loc[(data["environment"] == "VE1") & (data["subject"] < "s2"), "b_adj"] = np.nan
     found = study(data, inference={"method": "bayesian", "tolerance": 0.3})
-    said = dict(found.skipped)
+    said = {part.what: part.why for part in found.skipped}
     assert said["8 trials, in the hierarchical model"] == "they lack stiffness or damping"
     assert said["Bayesian intervals of VE4"] == "no trial there has both parameters"
     assert "VE4" not in set(found.intervals["environment"])
     alone = study(data, inference={"method": "bayesian", "tolerance": 0.3, "parameters": ["k"]})
-    assert not [what for what, _ in alone.skipped if "trials" in what]
+    assert not [part for part in alone.skipped if "trials" in part.what]
     assert "VE4" in set(alone.intervals["environment"])
 
 
@@ -57,7 +57,9 @@ def test_free_space_has_boundaries_and_no_band():
         "model": {"scale": {"k": 10.0, "b": 0.5}},
     }
     found = study(data, device=DEVICE, frequency={"points": 11}, **scene)
-    assert dict(found.skipped)["band of free"] == "the impedance of its reference is zero"
+    assert {part.what: part.why for part in found.skipped}[
+        "band of free"
+    ] == "the impedance of its reference is zero"
     assert found.band is not None
     assert "free" not in set(found.band.rows["environment"])
     # The law is that of the study without it.
@@ -78,7 +80,9 @@ def test_an_environment_without_one_reference():
     found = study(
         data, device=DEVICE, frequency={"points": 11}, coupling={"stiffness": 5e4, "damping": 100.0}
     )
-    assert dict(found.skipped)["boundaries and band of VE2"] == "it has no reference damping"
+    assert {part.what: part.why for part in found.skipped}[
+        "boundaries and band of VE2"
+    ] == "it has no reference damping"
     assert found.parts.with_reference == ("VE1", "VE3", "VE4")
     assert {boundary.environment for boundary in found.boundaries} == set(
         found.parts.with_reference
@@ -91,10 +95,9 @@ def test_a_cell_without_an_interval_costs_the_law_no_other_environment():
     data = table()
     data.loc[data["environment"] == "VE1", "b_adj"] = 0.7
     found = study(data)
-    assert (
-        dict(found.skipped)["classical lognormal intervals of damping in VE1"]
-        == "all subjects adjusted alike"
-    )
+    assert {part.what: part.why for part in found.skipped}[
+        "classical lognormal intervals of damping in VE1"
+    ] == "all subjects adjusted alike"
     assert found.band is not None
     assert {law.family for law in found.band.laws} == {"normal", "lognormal"}
 
@@ -102,7 +105,7 @@ def test_a_cell_without_an_interval_costs_the_law_no_other_environment():
 def test_without_a_posterior_no_law_of_one_is_left_out():
     data = table()
     data.loc[data["subject"] == data["subject"][0], "k_adj"] = -1.0
-    said = dict(study(data, inference={"method": "both"}).skipped)
+    said = {part.what: part.why for part in study(data, inference={"method": "both"}).skipped}
     assert "no logarithm" in said["Bayesian intervals"]
     assert "Bayesian band law, kind share" not in said
 
@@ -162,7 +165,7 @@ def test_without_a_posterior_no_law_of_one_is_left_out():
     ],
 )
 def test_what_is_left_out_is_said_with_its_reason(tables, change, what, why):
-    said = dict(study(change(table()), **tables).skipped)
+    said = {part.what: part.why for part in study(change(table()), **tables).skipped}
     assert said[what].startswith(why)
 
 
@@ -172,17 +175,18 @@ def test_what_published_limits_do_not_hold_and_windows_below_the_range_are_said(
         "frequency": {"lower": 10, "upper": 100},
         "report": {"zoom": {"VE1": [1, 5], "VE2": [90, 120]}},
     }
-    said = dict(Study(read_sessions(DATASETS / "hbfd_table1.csv"), Scene(**scene)).skipped)
+    said = {
+        part.what: part.why
+        for part in Study(read_sessions(DATASETS / "hbfd_table1.csv"), Scene(**scene)).skipped
+    }
     assert said["subject effects and k-b correlation"] == "published limits do not hold them"
     assert said["zoom window of VE1"] == "it lies outside 10 to 100 rad/s"
     assert "zoom window of VE2" not in said
 
 
 def test_what_was_not_asked_for_is_not_left_out():
-    said = dict(
-        study(table(), inference={"method": "classical", "kinds": ["user"]}, device=DEVICE).skipped
-    )
-    assert not [what for what in said if "share" in what]
+    found = study(table(), inference={"method": "classical", "kinds": ["user"]}, device=DEVICE)
+    assert not [part for part in found.skipped if "share" in part.what]
 
 
 def test_a_table_of_a_part_of_the_range(tmp_path):
@@ -197,7 +201,7 @@ def test_a_table_of_a_part_of_the_range(tmp_path):
     assert found.coupling is not None
     assert found.coupling.verdict == "undecided"
     assert found.parts.coupling_design == {}
-    said = dict(found.skipped)
+    said = {part.what: part.why for part in found.skipped}
     assert (
         said["admissible couplings"]
         == "the device's table covers 0.05 to 120 rad/s, and stability needs all of 0 to 3141.59"

@@ -12,6 +12,7 @@ from scipy import special
 
 import percept
 from percept import RefusalError, Scene, Study, read_sessions
+from percept.results import Skipped
 from percept.sessions import Sessions
 from tests import DATASETS
 from tests.unmixed import UNMIXED, unmixed_sessions
@@ -131,7 +132,7 @@ def test_nothing_is_computed_for_what_the_scene_leaves_out():
     assert bare.boundaries == ()
     assert bare.coupling is None
     assert bare.posterior is None
-    what = dict(bare.skipped)
+    what = {part.what: part.why for part in bare.skipped}
     assert what["boundaries of Z_h"] == "the scene has no [device]"
     assert what["hierarchical model"] == "only the classical method was asked for"
     assert not any(name.startswith("zoom") for name in what)
@@ -142,15 +143,18 @@ def test_a_window_on_an_environment_that_is_not_there_is_said():
     study = Study(
         read_sessions(DATASETS / "hbfd_sessions.csv"), scene.with_inference(method="classical")
     )
-    said = [what for what in study.skipped if what[0].startswith("zoom")]
-    assert said == [("zoom window of VE9", "no environment has this name")]
+    said = [part for part in study.skipped if part.what.startswith("zoom")]
+    assert said == [Skipped("zoom window of VE9", "no environment has this name")]
 
 
 def test_failed_gate_withholds_the_bayesian_numbers():
     study = Study(Sessions.from_frame(unmixed_sessions()), hbfd_scene(**UNMIXED))
     assert set(study.intervals["method"]) == {"classical"}
     assert study.posterior is None
-    assert "autocorrelation times" in dict(study.skipped)["Bayesian intervals"]
+    assert (
+        "autocorrelation times"
+        in {part.what: part.why for part in study.skipped}["Bayesian intervals"]
+    )
 
 
 def test_a_run_that_mixes_and_misses_its_tolerance_gives_its_numbers():
@@ -159,7 +163,7 @@ def test_a_run_that_mixes_and_misses_its_tolerance_gives_its_numbers():
     study = Study(few, hbfd_scene(tolerance=1e-4, most_steps=200))
     assert set(study.intervals["method"]) == {"classical", "bayesian"}
     assert study.posterior is not None
-    assert "Bayesian intervals" not in dict(study.skipped)
+    assert "Bayesian intervals" not in {part.what: part.why for part in study.skipped}
     gate = study.diagnostics["gate"]
     assert gate.passed
     assert not gate.tolerance_met
@@ -231,7 +235,7 @@ def test_one_parameter_alone():
     assert set(study.intervals["parameter"]) == {"k"}
     assert study.boundaries == ()
     assert set(study.band.rows["parameter"]) == {"k"}
-    assert ("boundaries", "only stiffness was adjusted") in study.skipped
+    assert Skipped("boundaries", "only stiffness was adjusted") in study.skipped
 
 
 def test_what_no_session_has_is_refused():
