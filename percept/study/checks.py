@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -153,8 +152,9 @@ def trial_noise_p_value(data: Trials) -> float:
         if len(rows) > 1:
             contrasts = linalg.helmert(len(rows)) @ data.response[rows]
             sizes.append(np.abs(contrasts))
-            subjects += [int(data.subject[rows[0]])] * len(contrasts)
-            environments += [int(data.environment[rows[0]])] * len(contrasts)
+            first = rows[0]
+            subjects += [int(data.subject[first])] * len(contrasts)
+            environments += [int(data.environment[first])] * len(contrasts)
     if len(set(subjects)) < 2:
         return 1.0
     size = np.concatenate(sizes)
@@ -210,41 +210,49 @@ def _statistics(
     subjects: SubjectDensity, points: Array, *, level: float, seed: int
 ) -> pd.DataFrame:
     """Compare each cell's mean, SD and farthest subject with new studies from the posterior."""
-    some = points[:: max(1, len(points) // _REPLICATES)]
-    drawn = replicate(subjects, some, generator(seed, Stream.CHECKED_STATISTICS))
+    stride = max(1, len(points) // _REPLICATES)
+    rng = generator(seed, Stream.CHECKED_STATISTICS)
+    drawn = replicate(subjects, points[::stride], rng)
     statistics = subjects.density.statistics
     observed = statistics_of(statistics.cell_means)
-    lower, upper = np.quantile(drawn, [0.5 * (1.0 - level), 0.5 * (1.0 + level)], axis=0)
+    ends = [0.5 * (1.0 - level), 0.5 * (1.0 + level)]
+    lower, upper = np.quantile(drawn, ends, axis=0)
     above = (drawn > observed).mean(axis=0)
-    at = [tuple(index) for index in np.argwhere(np.isfinite(observed).transpose(2, 1, 0)).tolist()]
-    return pd.DataFrame(
-        {
+    unusual = ~((lower <= observed) & (observed <= upper))
+    known = np.isfinite(observed).transpose(2, 1, 0)
+    rows = []
+    for j, p, s in np.argwhere(known).tolist():
+        index = (s, p, j)
+        row = {
             "environment": statistics.environments[j],
             "parameter": statistics.parameters[p],
             "statistic": STATISTICS[s],
-            "observed": observed[s, p, j],
-            "lower": lower[s, p, j],
-            "upper": upper[s, p, j],
-            "above": above[s, p, j],
-            "unusual": bool(not lower[s, p, j] <= observed[s, p, j] <= upper[s, p, j]),
+            "observed": observed[index],
+            "lower": lower[index],
+            "upper": upper[index],
+            "above": above[index],
+            "unusual": bool(unusual[index]),
         }
-        for j, p, s in at
-    )
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
 def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> pd.DataFrame:
     """Quantiles of the average and the next user before any data."""
     prior = draw_prior(subjects.density, _PRIOR_DRAWS, generator(seed, Stream.PRIOR))
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, object]] = []
     for kind, drawn in (("mean", prior.means), ("user", prior.users)):
         # The map to the quantity is increasing, so quantiles pass through it; far tails may be
         # infinite.
         with np.errstate(over="ignore"):
-            found = fit.scale.native(np.quantile(drawn, _PRIOR_QUANTILES, axis=0))
-        for (p, environment), c in fit.column.items():
-            quantiles = {f"q{100 * q:g}": found[i, c] for i, q in enumerate(_PRIOR_QUANTILES)}
-            at = {"environment": environment, "parameter": p, "kind": kind}
-            rows.append(at | quantiles | {"unit": fit.quantities[p].unit})
+            native = fit.scale.native(np.quantile(drawn, _PRIOR_QUANTILES, axis=0))
+        for (parameter, environment), c in fit.column.items():
+            row: dict[str, object]
+            row = {"environment": environment, "parameter": parameter, "kind": kind}
+            for i, probability in enumerate(_PRIOR_QUANTILES):
+                row[f"q{100 * probability:g}"] = native[i, c]
+            row["unit"] = fit.quantities[parameter].unit
+            rows.append(row)
     return pd.DataFrame(rows)
 
 
@@ -288,7 +296,8 @@ def spread_pull(fit: Fit, *, level: float, users: tuple[str, str]) -> tuple[str,
 
 
 def _some_draws(fit: Fit) -> Array:
-    return fit.points[:: max(1, len(fit.points) // _MOST_DRAWS)]
+    stride = max(1, len(fit.points) // _MOST_DRAWS)
+    return fit.points[::stride]
 
 
 def _pull_of_model(
@@ -305,19 +314,24 @@ def _pull_of_model(
         cells = [c for c, (name, _) in enumerate(model.cells) if name == parameter]
         widths = _widths(laws, cells, level)
         # Without its prior a draw weighs by one over the prior's density.
-        weights = special.softmax(0.5 * ((log_s[:, p] - priors.log_s_mean) / priors.log_s_sd) ** 2)
-        reweighted = 1.0 / float(weights @ weights) >= _FEWEST_DRAWS
+        prior_sds = (log_s[:, p] - priors.log_s_mean) / priors.log_s_sd
+        weights = special.softmax(0.5 * prior_sds**2)
+        effective_draws = 1.0 / float(weights @ weights)
+        reweighted = effective_draws >= _FEWEST_DRAWS
         if not reweighted:
             against = "the classical one"
             others, centre = _by_scatter(model, p, level)
         else:
             against = "without that prior"
-            places = (np.arange(len(weights)) + 0.5) / len(weights)
-            drawn = np.minimum(np.searchsorted(np.cumsum(weights), places), len(weights) - 1)
+            count = len(weights)
+            places = (np.arange(count) + 0.5) / count
+            index = np.searchsorted(np.cumsum(weights), places)
+            drawn = np.minimum(index, count - 1)
             others = _widths(laws, cells, level, drawn)
             centre = float(weights @ log_s[:, p])
         distance = abs(centre - priors.log_s_mean)
-        ratio = np.where(others > 0, widths / np.where(others > 0, others, 1.0), 1.0)
+        has_width = others > 0
+        ratio = np.where(has_width, widths / np.where(has_width, others, 1.0), 1.0)
         # Against the classical ones a ratio is also what a cell learns from the others: the middle
         # one tells the prior's part. Without the prior the largest does.
         order = np.argsort(np.abs(np.log(ratio)), kind="stable")
@@ -359,6 +373,7 @@ def _by_scatter(model: CollapsedDensity, p: int, level: float) -> tuple[Array, f
     scatters = (sd > 0) & (df > 0)
     freedom = np.where(scatters, df, 1.0)
     t = -special.stdtrit(freedom, 0.5 * (1.0 - level))
-    widths = np.where(scatters, 2.0 * t * sd * np.sqrt(1.0 + 1.0 / (freedom + 1.0)), 0.0)
+    prediction = np.sqrt(1.0 + 1.0 / (freedom + 1.0))
+    widths = np.where(scatters, 2.0 * t * sd * prediction, 0.0)
     logs = np.log(sd[scatters])
     return widths, float(logs.mean()) if logs.size else float(model.priors.log_s_mean)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,14 +94,15 @@ class Fit(Prepared):
     @cached_property
     def moments(self) -> ConditionalMoments:
         """Moments per kept draw and cell, on the response scale."""
-        return ConditionalMoments.unpack(
-            self.run.components.reshape(-1, self.run.components.shape[-1])
-        )
+        components = self.run.components
+        flat = components.reshape(-1, components.shape[-1])
+        return ConditionalMoments.unpack(flat)
 
     @cached_property
     def estimate(self) -> Array:
         """Posterior mean of each population's mean on the model's scale, in its unit, shape (C,)."""
-        return self.scale.native(self.moments.mean.mean(axis=0))
+        posterior_mean = self.moments.mean.mean(axis=0)
+        return self.scale.native(posterior_mean)
 
     @cached_property
     def column(self) -> dict[tuple[str, str], int]:
@@ -116,12 +117,12 @@ class Fit(Prepared):
     @property
     def parameters(self) -> list[str]:
         """Parameters of the model."""
-        return list(dict.fromkeys(p for p, _ in self.model.cells))
+        return list(dict.fromkeys(parameter for parameter, _ in self.model.cells))
 
     @property
     def environments(self) -> list[str]:
         """Environments of the model; one where some parameter was never adjusted is not among them."""
-        return list(dict.fromkeys(e for _, e in self.model.cells))
+        return list(dict.fromkeys(environment for _, environment in self.model.cells))
 
     @cached_property
     def subjects(self) -> SubjectDensity | Skipped:
@@ -185,12 +186,10 @@ def simpler_models(model: Model) -> list[str]:
 
 def fit_of(prepared: Prepared, asked: InferenceTable, run: Run) -> Fit:
     """Put a model and its finished run together, with the limits that the scene asks for."""
-    native = prepared.scale.native(run.estimates.value.reshape(len(asked.kinds), 2, -1))
-    return Fit(
-        **vars(prepared),
-        run=run,
-        limits={str(kind): (native[i, 0], native[i, 1]) for i, kind in enumerate(asked.kinds)},
-    )
+    responses = run.estimates.value.reshape(len(asked.kinds), 2, -1)
+    native = prepared.scale.native(responses)
+    limits = {str(kind): (native[i, 0], native[i, 1]) for i, kind in enumerate(asked.kinds)}
+    return Fit(**vars(prepared), run=run, limits=limits)
 
 
 def sampled(
@@ -240,11 +239,10 @@ def bayesian_rows(
         yield Skipped("Bayesian intervals", fit.withheld)
         return
     if len(fit.parameters) == 2:
-        names = " and ".join(fit.quantities[p].symbol for p in fit.parameters)
-        yield Skipped(
-            f"Bayesian intervals of {names} widened to hold together (bonferroni)",
-            "the sampler holds only single limits to the tolerance",
-        )
+        symbols = [fit.quantities[parameter].symbol for parameter in fit.parameters]
+        names = " and ".join(symbols)
+        what = f"Bayesian intervals of {names} widened to hold together (bonferroni)"
+        yield Skipped(what, "the sampler holds only single limits to the tolerance")
     for kind in asked.kinds:
         lower, upper = fit.limits[kind]
         for cell, c in fit.column.items():
@@ -267,7 +265,8 @@ def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Pr
     if sessions.form == "summary":
         return _from_limits(sessions, scene, parameters)
     groups = modelled_together(parameters, scene.inference.together)
-    studied = [trials(sessions, scene, p, partial=scene.inference.method == "both") for p in groups]
+    partial = scene.inference.method == "both"
+    studied = [trials(sessions, scene, group, partial=partial) for group in groups]
     models = [pooled(data.statistics, scene, data.reference, data.scale, data) for data in studied]
     return models[0] if len(models) == 1 else _side_by_side(models)
 
@@ -278,9 +277,12 @@ def modelled_together(
     """Group parameters by the models they have: one or two have one, and of more the two that are named."""
     if len(parameters) < 3:
         return [parameters]
-    pair = tuple(p for p in parameters if p in (named or ()))
-    groups = {p: pair if p in pair and len(pair) == 2 else (p,) for p in parameters}
-    return list(dict.fromkeys(groups.values()))
+    pair = tuple(parameter for parameter in parameters if parameter in (named or ()))
+    groups = []
+    for parameter in parameters:
+        with_other = parameter in pair and len(pair) == 2
+        groups.append(pair if with_other else (parameter,))
+    return list(dict.fromkeys(groups))
 
 
 def _side_by_side(models: list[Prepared]) -> Prepared:
@@ -336,57 +338,71 @@ def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) 
     environments = sessions.environments
     family = scene.inference.family
     reference = references(sessions, parameters, environments)
-    cells, mean, sd, counts, _ = _all_moments(sessions, parameters, family)
-    refuse_no_ratio(dict(zip(cells, reference.ravel().tolist(), strict=True)), sessions.quantities)
-    mean = mean.reshape(reference.shape)
-    sd = sd.reshape(reference.shape)
+    quantities = sessions.quantities
+    moments = _all_moments(sessions, parameters, family)
+    by_cell = dict(zip(moments.cells, reference.ravel().tolist(), strict=True))
+    refuse_no_ratio(by_cell, quantities)
+    mean = moments.mean.reshape(reference.shape)
+    sd = moments.sd.reshape(reference.shape)
     if family == "lognormal":
         mean = mean - np.log(reference)
     else:
         mean = (mean - reference) / reference
         sd = sd / reference
-    n = counts.reshape(reference.shape)
+    n = moments.counts.reshape(reference.shape)
     rows = zip(parameters, mean, sd, n, decades(reference), strict=True)
-    models = [
-        _model(from_summary(*row, parameter=parameter, environments=environments), scene)
-        for parameter, *row in rows
-    ]
-    scale = ResponseScale.of(reference, family)
-    approximate = family == "lognormal"
-    quantities = sessions.quantities
+    models = []
+    for parameter, *row in rows:
+        statistics = from_summary(*row, parameter=parameter, environments=environments)
+        models.append(_model(statistics, scene))
     return Prepared(
-        Product(models), scale, counts, None, approximate=approximate, quantities=quantities
+        Product(models),
+        ResponseScale.of(reference, family),
+        moments.counts,
+        repeats=None,
+        approximate=family == "lognormal",
+        quantities=quantities,
     )
 
 
 def _unpooled(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
     """Each cell by itself, standardised by its own exact mean and SD."""
-    cells, origin, unit, counts, repeats = _all_moments(
-        sessions, parameters, scene.inference.family
-    )
+    moments = _all_moments(sessions, parameters, scene.inference.family)
     log = scene.inference.family == "lognormal"
-    scale = ResponseScale(log, np.exp(origin) if log else origin, unit)
-    return Prepared(Unpooled(cells, counts), scale, counts, repeats, quantities=sessions.quantities)
+    origin = np.exp(moments.mean) if log else moments.mean
+    scale = ResponseScale(log, origin, moments.sd)
+    model = Unpooled(moments.cells, moments.counts)
+    quantities = sessions.quantities
+    return Prepared(model, scale, moments.counts, moments.repeats, quantities=quantities)
 
 
-def _all_moments(
-    sessions: Sessions, parameters: tuple[str, ...], family: Family
-) -> tuple[tuple[tuple[str, str], ...], Array, Array, NDArray[np.int64], bool]:
-    """Every cell, its mean, SD and n on the family's scale, and whether any has repeats; or a refusal."""
+class _CellMoments(NamedTuple):
+    """Moments of C cells on the family's scale."""
+
+    cells: tuple[tuple[str, str], ...]  # Parameter and environment
+    mean: Array  # (C,)
+    sd: Array  # (C,)
+    counts: NDArray[np.int64]  # (C,) Subjects
+    repeats: bool  # Whether any cell holds more than one trial of a subject
+
+
+def _all_moments(sessions: Sessions, parameters: tuple[str, ...], family: Family) -> _CellMoments:
+    """Work out the moments of every cell, or refuse a cell that has none."""
     cells = cell_moments(sessions, parameters, family)
     for cell in cells:
         if cell.moments is None:
-            raise RefusalError(
-                f"there is no posterior of {cell.where}: {cell.why}.",
-                hint=(
-                    'Set family = "normal", or leave the parameter or environment out in the scene.'
-                ),
-            )
+            message = f"there is no posterior of {cell.where}: {cell.why}."
+            hint = 'Set family = "normal", or leave the parameter or environment out in the scene.'
+            raise RefusalError(message, hint=hint)
     known = known_moments(cells, family)
-    mean = np.array([m.mean for m in known.values()])
-    sd = np.array([m.sd for m in known.values()])
-    n = np.array([m.n for m in known.values()])
-    return tuple(known), mean, sd, n, any(m.repeats for m in known.values())
+    moments = list(known.values())
+    return _CellMoments(
+        tuple(known),
+        np.array([m.mean for m in moments]),
+        np.array([m.sd for m in moments]),
+        np.array([m.n for m in moments]),
+        any(m.repeats for m in moments),
+    )
 
 
 def posterior_tree(fit: Fit, *, seed: int) -> Any:
@@ -397,11 +413,16 @@ def posterior_tree(fit: Fit, *, seed: int) -> Any:
     grid = (len(fit.parameters), len(fit.environments))
     means, users = fit.model.draw(points, generator(seed, Stream.LOCATIONS))
     # Parameters that are modelled apart may have other environments.
-    at = [fit.parameters.index(p) * grid[1] + fit.environments.index(e) for p, e in fit.model.cells]
+    flat_index = []
+    for parameter, environment in fit.model.cells:
+        row = fit.parameters.index(parameter)
+        column = fit.environments.index(environment)
+        flat_index.append(row * grid[1] + column)
 
     def in_cells(responses: Array) -> tuple[Sequence[str], Array]:
         whole = np.full((len(points), *grid), np.nan)
-        whole.reshape(len(points), -1)[:, at] = fit.scale.native(responses)
+        flat = whole.reshape(len(points), -1)
+        flat[:, flat_index] = fit.scale.native(responses)
         return ("parameter", "environment"), whole
 
     # By group and variable: dimensions after the draw, and values (draws, ...).
@@ -419,10 +440,10 @@ def posterior_tree(fit: Fit, *, seed: int) -> Any:
     chains = len(fit.run.points)
     found = {}
     for group, named in groups.items():
-        variables = {
-            name: (("chain", "draw", *dims), np.reshape(values, (chains, -1, *values.shape[1:])))
-            for name, (dims, values) in named.items()
-        }
+        variables = {}
+        for name, (dims, values) in named.items():
+            by_chain = np.reshape(values, (chains, -1, *values.shape[1:]))
+            variables[name] = (("chain", "draw", *dims), by_chain)
         dataset = xarray.Dataset(variables, attrs=made_by)
         coords = {dim: labels.get(str(dim), np.arange(size)) for dim, size in dataset.sizes.items()}
         found[group] = dataset.assign_coords(coords)

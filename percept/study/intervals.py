@@ -78,12 +78,14 @@ class Cell:
 def cell_moments(sessions: Sessions, parameters: tuple[str, ...], family: Family) -> list[Cell]:
     """Work out every cell of a study, parameter by parameter."""
     tables = list(sessions.by_environment())
-    moments = _published if sessions.form == "summary" else _adjusted
-    return [
-        Cell.of(sessions.quantities[parameter], environment, moments(table, parameter, family))
-        for parameter in parameters
-        for environment, table in tables
-    ]
+    moments_of = _published if sessions.form == "summary" else _adjusted
+    cells = []
+    for parameter in parameters:
+        quantity = sessions.quantities[parameter]
+        for environment, table in tables:
+            moments = moments_of(table, parameter, family)
+            cells.append(Cell.of(quantity, environment, moments))
+    return cells
 
 
 def _published(table: pd.DataFrame, parameter: str, family: Family) -> Moments | str:
@@ -91,17 +93,18 @@ def _published(table: pd.DataFrame, parameter: str, family: Family) -> Moments |
     if row.empty:
         return "it was not published"
     limits = row.iloc[0]
-    moments = Moments.from_limits(
-        limits["lower"], limits["upper"], int(limits["n"]), level=float(limits["level"])
-    )
+    level = float(limits["level"])
+    n = int(limits["n"])
+    moments = Moments.from_limits(limits["lower"], limits["upper"], n, level=level)
     if family == "lognormal" and np.any(moments.mean <= 0):
         return "the published mean is zero or negative"
     return moments
 
 
 def _adjusted(table: pd.DataFrame, parameter: str, family: Family) -> Moments | str:
-    known = table[table[f"{parameter}_adj"].notna()]
-    adjusted = known[f"{parameter}_adj"].to_numpy(dtype=float)
+    column = f"{parameter}_adj"
+    known = table[table[column].notna()]
+    adjusted = known[column].to_numpy(dtype=float)
     if known["subject"].nunique() < 2:
         return TOO_FEW
     if family == "lognormal" and np.any(adjusted <= 0):
@@ -115,19 +118,17 @@ def normality_tests(sessions: Sessions, parameters: tuple[str, ...]) -> pd.DataF
     tables = sessions.by_environment() if sessions.form == "trials" else ()
     for environment, table in tables:
         for parameter in parameters:
-            known = table[table[f"{parameter}_adj"].notna()]
+            column = f"{parameter}_adj"
+            known = table[table[column].notna()]
+            subjects = known["subject"].to_numpy()
             for family in FAMILIES:
                 with suppress(PerceptError):
-                    values = subject_means(
-                        known[f"{parameter}_adj"], known["subject"].to_numpy(), family=family
-                    ).values
-                    test = check_normality(values, family=family)
-                    rows.append(
-                        (environment, parameter, family, test.statistic, test.p_value, test.n)
-                    )
-    return pd.DataFrame(
-        rows, columns=["environment", "parameter", "family", "statistic", "p_value", "n"]
-    )
+                    means = subject_means(known[column], subjects, family=family)
+                    test = check_normality(means.values, family=family)
+                    cell = (environment, parameter, family)
+                    rows.append((*cell, test.statistic, test.p_value, test.n))
+    columns = ["environment", "parameter", "family", "statistic", "p_value", "n"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def known_moments(cells: Sequence[Cell], family: Family) -> dict[tuple[str, str], Moments]:
@@ -150,16 +151,17 @@ def classical_rows(
 
     `users` are the study's words for one user and for several, here and below.
     """
-    if asked.method == "classical" and not any(
-        cell.moments for of_family in cells.values() for cell in of_family
-    ):
-        cell = next(iter(cells.values()))[0]
-        raise RefusalError(
-            f"there is no interval of anything: {cell.where}, say, where {cell.why}."
-        )
+    if asked.method == "classical":
+        of_all = list(itertools.chain.from_iterable(cells.values()))
+        if not any(cell.moments for cell in of_all):
+            cell = of_all[0]
+            message = f"there is no interval of anything: {cell.where}, say, where {cell.why}."
+            raise RefusalError(message)
     for family, found in cells.items():
-        pair = len({cell.parameter for cell in found}) == 2
-        joints: tuple[Joint, ...] = ("marginal", "bonferroni") if pair else ("marginal",)
+        parameters = {cell.parameter for cell in found}
+        joints: list[Joint] = ["marginal"]
+        if len(parameters) == 2:
+            joints.append("bonferroni")
         for cell in found:
             if cell.moments is None:
                 yield Skipped(f"classical {family} intervals of {cell.where}", cell.why)
@@ -213,23 +215,24 @@ def compare_intervals(intervals: pd.DataFrame, family: str) -> pd.DataFrame:
     marginal = intervals[intervals["joint"] == "marginal"]
     by_difference = marginal.loc[marginal["reference"] <= 0, "parameter"]
     names = ["environment", "parameter", "kind", "family"]
-    pair = (
-        marginal.loc[marginal["method"] == method, [*names, "lower", "upper", "estimate"]]
-        for method in ("classical", "bayesian")
-    )
-    both = next(pair).merge(next(pair), on=names, suffixes=("_classical", "_bayesian"))
+    columns = [*names, "lower", "upper", "estimate"]
+    classical = marginal.loc[marginal["method"] == "classical", columns]
+    bayesian = marginal.loc[marginal["method"] == "bayesian", columns]
+    both = classical.merge(bayesian, on=names, suffixes=("_classical", "_bayesian"))
     low = np.array([both["lower_classical"], both["lower_bayesian"]], dtype=float)
     high = np.array([both["upper_classical"], both["upper_bayesian"]], dtype=float)
     both["width_ratio"] = (high[1] - low[1]) / (high[0] - low[0])
-    estimates = both["estimate_bayesian"], both["estimate_classical"]
+    new = both["estimate_bayesian"]
+    old = both["estimate_classical"]
     both["relative"] = ~both["parameter"].isin(by_difference)
-    ratio = estimates[0] / estimates[1] - 1.0
-    both["shift"] = ratio.where(both["relative"], estimates[0] - estimates[1])
+    ratio = new / old - 1.0
+    both["shift"] = ratio.where(both["relative"], new - old)
     if family == "lognormal":
         low = np.log(low)
         high = np.log(high)
     shared = high.min(axis=0) - low.max(axis=0)
-    both["overlap"] = np.maximum(shared, 0.0) / (high.max(axis=0) - low.min(axis=0))
+    whole = high.max(axis=0) - low.min(axis=0)
+    both["overlap"] = np.maximum(shared, 0.0) / whole
     return both
 
 

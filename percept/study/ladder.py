@@ -89,8 +89,11 @@ def climb(
     steps: dict[str, dict[_Cell, _Interval]] = {}
     for cause in before:
         steps[cause] = {}
-        by_itself = [rows for _, rows in sessions.table.groupby("environment", sort=False)]
-        for table in by_itself if cause == "prior" else [sessions.table]:
+        tables = [sessions.table]
+        if cause == "prior":
+            by_environment = sessions.table.groupby("environment", sort=False)
+            tables = [rows for _, rows in by_environment]
+        for table in tables:
             part = dataclasses.replace(sessions, table=table)
             try:
                 model = prepare(part, normal, parameters)
@@ -99,9 +102,8 @@ def climb(
             except RefusalError as error:
                 why = error.message
             if why:
-                notes.append(
-                    f"{', '.join(part.environments)}: the step of the {cause} is missing: {why}"
-                )
+                names = ", ".join(part.environments)
+                notes.append(f"{names}: the step of the {cause} is missing: {why}")
             else:
                 steps[cause] |= _measured(one, normal.inference)
     steps[last] = _measured(fit, asked)
@@ -179,7 +181,8 @@ def sentence(
     whole = rows.iloc[0]
     kind = whole["kind"]
     label = quantities[whole["parameter"]].label
-    width, centre = (_noted(rows, name, least) for name, least in _LEAST.items())
+    width = _noted(rows, "log_width", _LEAST["log_width"])
+    centre = _noted(rows, "centre", _LEAST["centre"])
     whose = _USERS[kind].format(**words)
     start = f"{whole['environment']}, {label}: "
     if not width and "all" not in centre:
@@ -207,9 +210,8 @@ def _noted(rows: pd.DataFrame, name: str, least: float) -> dict[str, float]:
     """Effects by cause, the largest first, without those that are small or lost in their error."""
     kept = rows[rows[name].abs() > np.maximum(least, _ERRORS * rows[f"{name}_error"])]
     order = kept[name].abs().sort_values(ascending=False, kind="stable").index
-    return {
-        str(cause): float(value) for cause, value in kept.loc[order, ["cause", name]].to_numpy()
-    }
+    pairs = kept.loc[order, ["cause", name]].to_numpy()
+    return {str(cause): float(value) for cause, value in pairs}
 
 
 def _ratio(log: float) -> str:

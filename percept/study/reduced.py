@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,7 +14,7 @@ from percept.scene import Scene
 from percept.sessions import Reduced
 from percept.study.basics import References, analysed_parameters, results
 from percept.study.fit import Prepared, bayesian_rows, fit_of, pooled, sampled
-from percept.study.intervals import COLUMNS, TOO_FEW, Cell, classical_rows
+from percept.study.intervals import COLUMNS, TOO_FEW, Cell, Row, classical_rows
 from percept.study.responses import ResponseScale, decades, refuse_lone_subject
 
 __all__ = ["prepare_reduced", "reduced_intervals"]
@@ -33,8 +32,8 @@ def reduced_intervals(reduced: Reduced, scene: Scene | None = None) -> pd.DataFr
     reference = {(p, str(e)): float(v) for p in parameters for e, v in shown[f"{p}_ref"].items()}
     cells = reduced.cells[reduced.cells["n"] > 0]
     refuse_lone_subject(cells["subject"].unique().tolist())
-    rows: list[dict[str, Any]] = []
-    attrs: dict[str, Any] = {"skipped": (), "error_reached": ""}
+    rows: list[Row] = []
+    attrs: dict[str, object] = {"skipped": (), "error_reached": ""}
     if asked.method != "bayesian":
         moments = list(_cells(reduced, cells, reference))
         rows += results(
@@ -69,23 +68,26 @@ def prepare_reduced(reduced: Reduced, scene: Scene) -> Prepared:
     mean = np.stack([grid[f"mean_{p}"][columns].to_numpy() for p in parameters], axis=1)
     # One name, "kb", for either order of the parameters.
     order = list(reduced.quantities)
-    pairs = [
-        ["scatter_" + "".join(sorted((p, q), key=order.index)) for q in parameters]
-        for p in parameters
-    ]
-    sums = (
-        cells.groupby("environment")[list({pair for row in pairs for pair in row})]
-        .sum()
-        .loc[columns]
+    scatter = np.empty((len(parameters), len(parameters), len(columns)))
+    by_environment = cells.groupby("environment")
+    for i, p in enumerate(parameters):
+        for j, q in enumerate(parameters):
+            pair = "".join(sorted((p, q), key=order.index))
+            sums = by_environment[f"scatter_{pair}"].sum()
+            scatter[i, j] = sums.loc[columns].to_numpy()
+    by_name = reduced.references.set_index("environment")
+    reference = by_name.loc[columns, [f"{p}_ref" for p in parameters]].to_numpy().T
+    statistics = from_cells(
+        count,
+        mean,
+        scatter,
+        decades(reference),
+        parameters=parameters,
+        environments=environments,
+        subjects=subjects,
     )
-    scatter = np.array([[sums[pair].to_numpy() for pair in row] for row in pairs])
-    reference = reduced.references.set_index("environment").loc[
-        columns, [f"{p}_ref" for p in parameters]
-    ]
-    shown = reference.to_numpy().T
-    names: Any = {"parameters": parameters, "environments": environments, "subjects": subjects}
-    statistics = from_cells(count, mean, scatter, decades(shown), **names)
-    return pooled(statistics, scene, shown, ResponseScale.of(shown, reduced.family))
+    scale = ResponseScale.of(reference, reduced.family)
+    return pooled(statistics, scene, reference, scale)
 
 
 def _parameters(reduced: Reduced, scene: Scene) -> tuple[str, ...]:
@@ -113,7 +115,7 @@ def _cells(reduced: Reduced, cells: pd.DataFrame, reference: References) -> Iter
         mean = table[f"mean_{p}"].to_numpy()
         repeats = bool((table["n"] > 1).any())
         values = shown * (np.exp(mean) if log else 1.0 + mean)
-        moments = (
-            Moments.from_values(values, log=log, repeats=repeats) if len(table) > 1 else TOO_FEW
-        )
+        moments: Moments | str = TOO_FEW
+        if len(table) > 1:
+            moments = Moments.from_values(values, log=log, repeats=repeats)
         yield Cell.of(reduced.quantities[p], environment, moments)

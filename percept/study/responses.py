@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Collection, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import pandas as pd
@@ -81,11 +81,14 @@ class Trials:
         # The classical method does without the model.
         from percept.inference.hierarchy.statistics import from_trials
 
-        labels: Any = {
-            name: getattr(self, name) for name in ("parameters", "environments", "subjects")
-        }
         return from_trials(
-            self.response, self.subject, self.environment, decades(self.reference), **labels
+            self.response,
+            self.subject,
+            self.environment,
+            decades(self.reference),
+            parameters=self.parameters,
+            environments=self.environments,
+            subjects=self.subjects,
         )
 
 
@@ -96,10 +99,13 @@ def references(
     table = sessions.table
     if sessions.form == "summary":
         keyed = table.set_index(["parameter", "environment"])["reference"]
-        return np.array(
-            [[float(keyed.get((p, e), np.nan)) for e in environments] for p in parameters]
-        )
-    first = table.groupby("environment", sort=False)[[f"{p}_ref" for p in parameters]].first()
+        published = np.full((len(parameters), len(environments)), np.nan)
+        for p, parameter in enumerate(parameters):
+            for j, environment in enumerate(environments):
+                published[p, j] = keyed.get((parameter, environment), np.nan)
+        return published
+    columns = [f"{parameter}_ref" for parameter in parameters]
+    first = table.groupby("environment", sort=False)[columns].first()
     return first.loc[list(environments)].to_numpy(dtype=float).T
 
 
@@ -112,7 +118,8 @@ def decades(reference: Array) -> Array:
 
 def by_difference(sessions: Sessions, parameter: str) -> bool:
     """Say whether a reference is zero or negative, so that settings are compared by differences."""
-    return bool((references(sessions, (parameter,), sessions.environments) <= 0).any())
+    reference = references(sessions, (parameter,), sessions.environments)
+    return bool((reference <= 0).any())
 
 
 def trials(
@@ -136,9 +143,8 @@ def trials(
         there = set(table["environment"])
         needed = "both parameters" if len(columns) == 2 else lacking
         lack = "it lacks" if dropped == 1 else "they lack"
-        skipped.append(
-            Skipped(f"{counted(dropped, 'trial')}, in the hierarchical model", f"{lack} {lacking}")
-        )
+        what = f"{counted(dropped, 'trial')}, in the hierarchical model"
+        skipped.append(Skipped(what, f"{lack} {lacking}"))
         skipped += [
             Skipped(f"Bayesian intervals of {environment}", f"no trial there has {needed}")
             for environment in sessions.environments
@@ -178,9 +184,11 @@ def trials(
     unit = _units(reference, parameters, environments, scene, scaled)
     environment = _codes(table["environment"], environments)
     subject = _codes(table["subject"], subjects)
-    at = reference[:, environment].T
+    of_trial = reference[:, environment].T
+    unit_of_trial = unit[:, environment].T
+    response = np.log(adjusted / of_trial) if lognormal else (adjusted - of_trial) / unit_of_trial
     return Trials(
-        response=np.log(adjusted / at) if lognormal else (adjusted - at) / unit[:, environment].T,
+        response=response,
         subject=subject,
         environment=environment,
         parameters=parameters,
@@ -211,17 +219,14 @@ def _units(
         if np.all(reference[p] > 0) and name not in scaled:
             continue
         if scene.inference.family == "lognormal" or name not in scales:
-            refuse_no_ratio(
-                {
-                    (name, e): value
-                    for e, value in zip(environments, reference[p].tolist(), strict=True)
-                },
-                scene.quantities,
-                hint=(
-                    f'Set family = "normal" and [model] scale.{name}, or analyse the other'
-                    " parameter alone with [inference] parameters."
-                ),
+            by_cell = {}
+            for environment, value in zip(environments, reference[p].tolist(), strict=True):
+                by_cell[name, environment] = value
+            hint = (
+                f'Set family = "normal" and [model] scale.{name}, or analyse the other'
+                " parameter alone with [inference] parameters."
             )
+            refuse_no_ratio(by_cell, scene.quantities, hint=hint)
         unit[p] = scales[name]
     return unit
 
@@ -331,7 +336,9 @@ def _in_proportion(scatter: list[Array], df: Array) -> bool:
     with np.errstate(invalid="ignore"):
         r = np.array([a @ b / np.sqrt((a @ a) * (b @ b)) for a, b in seen])
     # What is left of a regression, over what is regressed, is the root of 1 - r².
-    near = (np.abs(r) >= np.sqrt(1.0 - _PROPORTION**2)).all() and abs(np.sign(r).sum()) == r.size
+    strong = np.abs(r) >= np.sqrt(1.0 - _PROPORTION**2)
+    one_sign = abs(np.sign(r).sum()) == r.size
+    near = strong.all() and one_sign
     # Near a correlation of one the density of such pairs grows as (1 - rho²)^(-(f - 1)/2) for every
     # environment's f degrees of freedom; from four such half powers on no prior of rho holds it.
     return bool(near and (df[df >= 1] - 1.0).sum() >= 4.0)
