@@ -116,7 +116,11 @@ def test_measured_offsets_have_scipys_limits_and_a_page_of_their_own_words() -> 
     # What percept is called in a bibliography is no word of the study.
     text = re.sub("(?s)<pre.*?</pre>|<[^>]*>", "", page.split('id="provenance"')[0])
     assert "43 participants adjusted the offset" in text
-    assert "Offset is too high in all 7 illusions, by 0.069 (FD) to 4.6 deg (FG)." in text
+    headline = (
+        "Offset is too high in all 7 illusions, from FD (+0.069 deg, +0.047 to +0.091 deg) to FG"
+        " (+4.6 deg, +4.1 to +5.1 deg) (classical, 95 %)."
+    )
+    assert headline in text
     assert "– to –" not in text
     assert not re.search(r"tiffness|damping|impedance|oupling|N/m|aptic", text)
 
