@@ -77,7 +77,7 @@ def test_the_page_is_whole_without_scripts(open_tab, page):
     assert figures == page.read_text(encoding="utf-8").count("<figure")
     assert with_scripts.evaluate(count)[0] == tables
     assert with_scripts.evaluate(count)[2] == numbers
-    assert min(heads) >= 3
+    assert min(heads) >= 2
     shown = "['#explorer', '#choose', '#theme'].map(s => document.querySelector(s).hidden)"
     assert without.evaluate(shown) == [True, True, True]
     assert with_scripts.evaluate(shown) == [False, False, False]
