@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from percept.boundary.curves import Boundary
 from percept.haptics import corner_curves, magnitude_envelope
+from percept.results import Boundary
 
 __all__ = ["Boundary", "corner_curves", "magnitude_envelope"]

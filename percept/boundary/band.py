@@ -17,16 +17,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import elementwise
 
 from percept.html import NotebookRecord
+from percept.inference.record import Family, Kind, Method
+from percept.results import BandLaw, BandStatement, Estimate
 
 Array = NDArray[np.float64]
 
 __all__ = [
     "LAWS",
-    "BandLaw",
     "BandOwner",
-    "BandStatement",
     "BandStudy",
-    "Estimate",
     "band_laws",
     "band_statements",
     "determines_laws",
@@ -55,44 +54,14 @@ _ALIKE = 1.25
 _EQUAL = 1e-9
 
 
-@dataclasses.dataclass(frozen=True)
-class Estimate(NotebookRecord):
-    """A number with its interval."""
-
-    value: float
-    lower: float
-    upper: float
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class BandOwner(NotebookRecord):
+class BandOwner:
     """Whose bands are spoken of."""
 
-    method: str
-    kind: str
-    family: str
+    method: Method
+    kind: Kind
+    family: Family
     parameter: str | None = None  # Whose bands lie against its own reference; None for abs(Z_e)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class BandLaw(BandOwner):
-    """A law fitted to bands over environments."""
-
-    model: str  # "weber": band = w |Z|
-    parameters: dict[str, Estimate]  # By name
-    level: float  # Of the parameters' intervals: of posterior draws, or of a parametric bootstrap
-    sentence: str  # What the law says
-    left_out_error: float
-    best: float  # Share of the draws in which this law has the smallest such error of the three
-    carried_by: str | None = None  # The one environment without which the offset all but vanishes
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class BandStatement(BandOwner):
-    """A statement on bands, with the probability that it is true."""
-
-    statement: str  # In words
-    probability: float  # Share of the posterior draws, or of the bootstrap's
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

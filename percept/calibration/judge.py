@@ -13,12 +13,12 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.boundary.curves import Boundary
 from percept.calibration.studies import Line
 from percept.errors import RefusalError, UsageError
 from percept.haptics import Device
 from percept.haptics.perceived import perceived_magnitude
 from percept.inference.hierarchy.priors import Priors
+from percept.results import Boundary
 from percept.scene import Scene
 from percept.sessions import ReadOptions, Sessions
 from percept.sessions.quantities import is_impedance

@@ -11,9 +11,7 @@ import pandas as pd
 from scipy import special
 
 from percept.boundary.band import (
-    BandLaw,
     BandOwner,
-    BandStatement,
     BandStudy,
     band_laws,
     band_statements,
@@ -23,7 +21,8 @@ from percept.boundary.band import (
 from percept.haptics import Device, magnitude_envelope
 from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.classical.moments import Moments
-from percept.inference.record import Family, Kind
+from percept.inference.record import Family, Kind, Method
+from percept.results import BandLaw, BandStatement
 from percept.scene import InferenceTable
 from percept.sessions.quantities import is_impedance
 from percept.study.basics import Array, References, Skipped, Stream, claim_of, generator
@@ -56,7 +55,7 @@ _LABELS = ["method", "kind", "family"]
 #: Lower and upper limits, scalars or one per replicate, by parameter and environment.
 CellLimits = Mapping[tuple[str, str], tuple[Array, Array]]
 #: Limits that other studies, or posterior draws, would have: by method, kind and family.
-Replicates = dict[tuple[str, str, str], CellLimits]
+Replicates = dict[tuple[Method, Kind, Family], CellLimits]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -224,9 +223,10 @@ def band_study(
         tables.append(table)
         if table.empty:
             continue
-        for labels, rows in table.groupby(_LABELS, sort=False):
-            method, kind, family = map(str, labels)
-            drawn = one_band.ends(replicates.get((method, kind, family), {}))
+        by_labels = dict(iter(table.groupby(_LABELS, sort=False)))
+        for (method, kind, family), limits in replicates.items():
+            rows = by_labels[method, kind, family]
+            drawn = one_band.ends(limits)
             size = rows[size_name(one_band.parameter)].to_numpy()
             environments = tuple(rows["environment"])
             if environments != tuple(drawn) or not determines_laws(size):

@@ -8,10 +8,11 @@ from collections.abc import Collection, Iterator, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.boundary.curves import Boundary, Shape, drawing_grid
+from percept.boundary.curves import drawing_grid
 from percept.boundary.limits import Magnitude, MagnitudeLimits, relative_error
 from percept.boundary.simultaneous import SimultaneousLevel, simultaneous_level
 from percept.errors import RefusalError, UsageError
+from percept.results import Boundary, Shape
 from percept.scene import FrequencyTable, Scene
 from percept.study.basics import Array, Skipped
 from percept.study.device import Setup

@@ -11,11 +11,11 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.boundary.curves import Boundary
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import NotebookRecord
 from percept.inference.classical.moments import Moments
 from percept.inference.record import Family
+from percept.results import Boundary
 from percept.sessions import Sessions
 from percept.sessions.quantities import trial_columns
 from percept.sessions.read import refuse_gaps

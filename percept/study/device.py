@@ -10,7 +10,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from percept import haptics
-from percept.boundary.curves import Shape
 from percept.errors import UsageError
 from percept.haptics import Coupling, Device, Environment, TabulatedDevice
 from percept.haptics.containment import ON_LIMIT, Boxes, departures
@@ -18,6 +17,7 @@ from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.haptics.limits import passivity_damping
 from percept.haptics.records import AnyDevice, Display
 from percept.html import NotebookRecord
+from percept.results import Shape
 from percept.scene import InferenceTable, Scene
 from percept.sessions.quantities import is_impedance
 from percept.study.basics import Array, Skipped

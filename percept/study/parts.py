@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike
 
 from percept import haptics
 from percept.boundary.band import BandStudy
-from percept.boundary.curves import Boundary
 from percept.boundary.users import Users
 from percept.errors import RefusalError
 from percept.haptics.design import CouplingDesign
 from percept.haptics.records import AnyDevice
 from percept.inference.record import Family
-from percept.results import Nouns, Verdict
+from percept.results import Boundary, Nouns, Verdict
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import is_impedance

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 
 from percept import haptics
-from percept.boundary.curves import Boundary
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
 from percept.inference.hierarchy.new_environment import (
@@ -19,6 +18,7 @@ from percept.inference.hierarchy.new_environment import (
     new_environment,
 )
 from percept.inference.record import Kind
+from percept.results import Boundary
 from percept.scene import InferenceTable
 from percept.sessions.quantities import IMPEDANCE, Quantities, Quantity, is_impedance
 from percept.study.basics import Array, Skipped, Stream, generator

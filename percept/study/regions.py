@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from percept.boundary.law import BEYOND, PairLaw, confidence_law, mixture_law
 from percept.errors import RefusalError
 from percept.inference.classical.trials import subject_means
-from percept.inference.record import Family
+from percept.inference.record import Family, Kind, Method
 from percept.inference.regions import EllipseRegion, ellipse_region
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
@@ -52,9 +52,9 @@ class _Claim:
     """What curves are drawn for, and whose they are."""
 
     environment: str
-    kind: str
-    method: str
-    family: str
+    kind: Kind
+    method: Method
+    family: Family
     level: float
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import platform
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import metadata
 from pathlib import PurePath
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from percept.study.parts import Parts
 
 __all__ = [
-    "admissible_couplings", "boundaries_of", "checks_of", "compute", "data_of",
+    "admissible_couplings", "checks_of", "compute", "data_of",
     "provenance_of", "record", "rows", "stable_edge",
 ]  # fmt: skip
 
@@ -94,7 +94,7 @@ def compute(
     windows = {name: (low, high) for name, (low, high) in parts.zoom.items() if name in drawn}
     asked = parts.scene.inference
     close_kind = "user" if "user" in asked.kinds else asked.kinds[0]
-    close: list[object] = []
+    close: list[Boundary] = []
     for name, (low, high) in windows.items():
         omega = np.linspace(low, high, _CLOSE_POINTS)
         close += parts.boundaries_at(omega, (name,), kinds=(close_kind,), joints=_CLOSE_JOINTS)
@@ -124,9 +124,9 @@ def compute(
         data=data_of(parts.sessions, parts.scene),
         intervals=rows(IntervalRow, intervals),
         contrast=rows(ContrastRow, contrasts),
-        boundaries=boundaries_of(boundaries),
+        boundaries=tuple(boundaries),
         zoom=windows,
-        close=boundaries_of(close),
+        close=tuple(close),
         verdicts=verdicts,
         passivity=rows(Passivity, parts.passivity) if curves else None,
         coupling=record(Coupling, coupling),
@@ -197,14 +197,6 @@ def _sources(sessions: Sessions) -> tuple[SourceFile, ...]:
     return tuple(
         SourceFile(PurePath(source.name).name, source.sha256, source.rows)
         for source in sessions.sources
-    )
-
-
-def boundaries_of(boundaries: Iterable[object]) -> tuple[Boundary, ...]:
-    """Take the fields of the boundaries of a study."""
-    names = [field.name for field in dataclasses.fields(Boundary)]
-    return tuple(
-        Boundary(**{name: getattr(boundary, name) for name in names}) for boundary in boundaries
     )
 
 

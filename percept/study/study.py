@@ -11,10 +11,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from percept.boundary.band import BandStudy
-from percept.boundary.curves import Boundary
 from percept.errors import UsageError, counted
 from percept.html import fields_html
-from percept.results import Band, Coupling, IntervalRow, LeftOut, Results, Verdict
+from percept.results import Band, Boundary, Coupling, IntervalRow, LeftOut, Results, Verdict
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.read import by_level
@@ -22,7 +21,7 @@ from percept.study.basics import Skipped, results, select
 from percept.study.coupling import CouplingStudy
 from percept.study.intervals import KEYS
 from percept.study.parts import Parts
-from percept.study.results import boundaries_of, compute, data_of, record, rows
+from percept.study.results import compute, data_of, record, rows
 
 # What imports the hierarchical model is imported where it is needed: the classical method does
 # without.
@@ -352,7 +351,7 @@ class Study:
 
         kinds = self.scene.inference.kinds
         (kind,) = select("kind", kind or ("user" if "user" in kinds else kinds[0]), kinds)
-        boundaries = boundaries_of(self.boundaries)
+        boundaries = self.boundaries
         if boundaries:
             (environment,) = select("environment", environment, self.parts.with_reference)
         return plot_boundary(

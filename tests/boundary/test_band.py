@@ -6,7 +6,6 @@ import pytest
 from scipy.optimize import least_squares
 
 from percept.boundary.band import (
-    BandLaw,
     BandOwner,
     band_laws,
     band_statements,
@@ -14,6 +13,7 @@ from percept.boundary.band import (
     law_band,
     leave_one_out,
 )
+from percept.results import BandLaw
 
 Z = np.geomspace(1.0, 5000.0, 40)
 Z4 = np.array([1.0, 10.0, 100.0, 1000.0])

@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study, UsageError, read_sessions
-from percept.boundary.curves import Boundary
 from percept.haptics import Device, Environment, perceived_impedance
 from percept.haptics.perceived import perceived_magnitude
 from percept.inference.regions import ellipse_region
+from percept.results import Boundary
 from percept.scene import FrequencyTable, InferenceTable
 from percept.sessions import Sessions
 from percept.study.basics import Skipped, results
