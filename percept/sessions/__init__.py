@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from percept.sessions.chunks import Reduced, reduce_sessions
 from percept.sessions.options import ColumnRule, ExcludeRule, ReadOptions
 from percept.sessions.proposals import Proposal, propose_columns
 from percept.sessions.quantities import Quantity
@@ -19,13 +18,11 @@ __all__ = [
     "Quantity",
     "ReadError",
     "ReadOptions",
-    "Reduced",
     "Sessions",
     "Source",
     "Validation",
     "format_validation",
     "propose_columns",
     "read_sessions",
-    "reduce_sessions",
     "validate",
 ]

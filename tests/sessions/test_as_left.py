@@ -13,7 +13,7 @@ import pytest
 
 from percept.errors import UsageError
 from percept.haptics import Device, Environment, perceived_impedance
-from percept.sessions import ReadOptions, Sessions, read_sessions, reduce_sessions
+from percept.sessions import ReadOptions, Sessions, read_sessions
 from percept.study import Study
 from percept.study.regions import Region
 
@@ -38,8 +38,6 @@ def test_trials_are_numbered_by_their_order_where_the_scene_says_so(tmp_path):
     text = HEAD.replace("\n", ",trial\n") + "\n".join(rows) + "\n"
     found = read(tmp_path, text, sessions={"trial": "order"})
     assert found.table["trial"].tolist() == [1, 1, 1, 2, 3]
-    reduced = reduce_sessions(tmp_path / "f.csv", scene=ReadOptions(sessions={"trial": "order"}))
-    assert reduced.cells["n"].tolist() == [3, 1, 1]
     assert "columns not used: 'trial'" in [notice.text for notice in found.notices]
 
 
@@ -68,9 +66,6 @@ def test_people_whose_numbers_restart_are_told_apart(tmp_path):
     assert found.subjects == ("1-1", "1-2", "2-1", "2-2")
     assert set(found.environments) == {"x-1", "x-2", "y-1", "y-2"}
     assert not any("not used" in notice.text for notice in found.notices)
-    assert reduce_sessions(
-        tmp_path / "f.csv", scene=ReadOptions(columns=columns)
-    ).cells["subject"].nunique() == 4  # fmt: skip
 
 
 def test_an_id_without_one_of_its_parts_is_missing(tmp_path):
@@ -104,8 +99,6 @@ def test_environments_stand_in_order_of_their_reference(tmp_path):
     found = read(tmp_path, text)
     assert found.environments == ("soft", "mid", "hard")
     assert found.table["environment"].tolist()[:3] == ["hard", "soft", "mid"]
-    reduced = reduce_sessions(tmp_path / "f.csv")
-    assert reduced.references["environment"].tolist() == ["soft", "mid", "hard"]
 
 
 def test_environments_stand_as_the_scene_lists_them(tmp_path):
@@ -184,8 +177,6 @@ def test_repeats_without_numbers_are_one_problem(tmp_path):
     assert '[sessions] trial = "order"' in error.hint
     assert 'keep = "last" would need a column of trials' in error.hint
     assert 'conditions of one subject, name their column: [study] factor = "…".' in error.hint
-    with pytest.raises(UsageError, match="32 of 36 rows"):
-        reduce_sessions(tmp_path / "f.csv")
 
 
 def test_many_duplicates_are_one_problem_and_few_are_named(tmp_path):
@@ -312,8 +303,6 @@ def test_where_no_file_holds_trials_every_one_is_named(tmp_path):
     assert [problem.file for problem in caught.value.problems] == [
         str(tmp_path / f"{n}.csv") for n in "ab"
     ]
-    with pytest.raises(UsageError, match="2 problems"):
-        reduce_sessions(tmp_path)
 
 
 def test_files_of_a_folder_are_chosen_by_patterns(tmp_path):

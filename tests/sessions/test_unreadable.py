@@ -11,7 +11,7 @@ import pytest
 
 from percept import Scene
 from percept.errors import UsageError
-from percept.sessions import ReadOptions, files, grids, read_sessions, reduce_sessions
+from percept.sessions import ReadOptions, files, grids, read_sessions
 
 HEAD = b"subject,environment,k_ref,k_adj\n"
 ROWS = HEAD + b"S01,A,10,11\nS02,A,10,12\n"
@@ -106,7 +106,7 @@ def test_a_line_without_end(tmp_path, monkeypatch):
     with pytest.raises(
         UsageError, match=r"t\.csv: a line of more than 64 characters\. This is no session table"
     ):
-        reduce_sessions(file)
+        read_sessions(file)
 
 
 def test_units_of_a_summary(tmp_path):

@@ -12,7 +12,6 @@ from percept.report.tables import csv_tables
 from percept.sessions import ReadError, ReadOptions, Sessions
 from percept.sessions.read import by_level
 from percept.study.compare import within_subjects
-from percept.study.reduced import reduced_intervals
 from tests import DATASETS
 from tests.documents import as_results, build_document
 from tests.study.within import frame, study
@@ -239,8 +238,6 @@ def test_factors_that_cannot_be_told_apart_are_refused():
     mixed = frame(levels=("b) (c", "c")).replace({"environment": names})
     with pytest.raises(UsageError, match="two cells would have the name"):
         study(mixed)
-    with pytest.raises(UsageError, match="a reduced study keeps no levels"):
-        reduced_intervals(None, Scene(study={"factor": "hand"}))
 
 
 def test_groups_share_subjects_at_references_they_share():

@@ -5,9 +5,7 @@ from __future__ import annotations
 import pytest
 
 from percept import Scene, Sessions, Study, UsageError, read_sessions
-from percept.sessions import reduce_sessions
 from percept.study.prediction import predict
-from percept.study.reduced import reduced_intervals
 
 ROWS = """participant,wall,k_ref,b_ref,stiffness,b_adj,side
 Ann,VE1,500,2,0.56,2.4,left
@@ -86,9 +84,6 @@ def test_a_part_that_was_not_applied_is_an_error(walls, tables, named):
         f"the sessions were read without {named} of the scene. "
         "Read them with it: read_sessions(files, scene=scene)."
     )
-    reduced = reduce_sessions(walls)
-    with pytest.raises(UsageError, match="were read without"):
-        reduced_intervals(reduced, Scene(inference=CLASSICAL, **tables))
 
 
 def test_a_factor_whose_column_was_not_kept_is_an_error(walls):
@@ -97,13 +92,6 @@ def test_a_factor_whose_column_was_not_kept_is_an_error(walls):
     with pytest.raises(UsageError, match=r"read_sessions\(files, scene=scene\)") as caught:
         Study(sessions, given)
     assert caught.value.column == "side"
-
-
-def test_blocks_are_read_by_the_scene_too(walls):
-    given = scene()
-    reduced = reduce_sessions(walls, scene=given)
-    rows = reduced_intervals(reduced, given)
-    assert rows["estimate"].max() > 900.0
 
 
 def test_only_a_scene_says_how_files_are_read(walls):

@@ -11,7 +11,7 @@ from scipy import linalg
 
 from percept.errors import RefusalError
 
-__all__ = ["Pattern", "Statistics", "from_cells", "from_summary", "from_trials"]
+__all__ = ["Pattern", "Statistics", "from_summary", "from_trials"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -123,49 +123,6 @@ def _sums(
 ) -> Array:
     """Sum rows (P, trials) over the trials of each cell: (P, cells)."""
     return np.stack([np.bincount(cell, weights=row, minlength=cells) for row in rows])
-
-
-def from_cells(
-    count: NDArray[np.intp],
-    mean: Array,
-    scatter: Array,
-    x: Array,
-    *,
-    parameters: tuple[str, ...],
-    environments: tuple[str, ...],
-    subjects: tuple[str, ...],
-) -> Statistics:
-    """Take trials that were reduced to cells already.
-
-    Parameters
-    ----------
-    count : ndarray of int
-        Trials per subject and environment, shape (N, J).
-    mean : ndarray
-        Their means, NaN where there are none, shape (N, P, J).
-    scatter : ndarray
-        Pooled sums of squares and products of trials about these, shape (P, P, J).
-    x, parameters, environments, subjects
-        As `from_trials`.
-
-    Returns
-    -------
-    Statistics
-
-    Raises
-    ------
-    RefusalError
-        Fewer than two subjects.
-    """
-    rows = np.zeros_like(scatter)
-    first = np.sqrt(scatter[0, 0])
-    rows[0, 0] = first
-    if len(parameters) == 2:
-        nothing = np.zeros_like(first)
-        rows[1, 0] = np.divide(scatter[0, 1], first, out=nothing, where=first > 0)
-        rest = scatter[1, 1] - rows[1, 0] ** 2
-        rows[1, 1] = np.sqrt(np.maximum(rest, 0.0))
-    return _of_cells(count, mean, rows, x, _Labels(parameters, environments, subjects))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.scales import Options
-from percept.inference.hierarchy.statistics import from_cells, from_summary, from_trials
+from percept.inference.hierarchy.statistics import from_summary, from_trials
 from tests.inference.hierarchy import designs
 
 
@@ -170,59 +170,3 @@ def test_refusals():
     x, code = np.zeros((1, 1)), np.zeros(2, dtype=int)
     with pytest.raises(RefusalError, match=r"one subject \(S01\) shows no spread between subjects"):
         from_trials(np.zeros((2, 1)), code, code, x, subjects=("S01",), **labels)
-
-
-def cell_sums(study):
-    """Counts, means and scatters of a study's cells, straight from its trials."""
-    size, environments = study.x.shape
-    count = np.zeros((len(study.statistics.subjects), environments), dtype=int)
-    mean = np.full((len(count), size, environments), np.nan)
-    scatter = np.zeros((size, size, environments))
-    for i, j, response in cells(study):
-        count[i, j] = len(response)
-        if len(response):
-            mean[i, :, j] = response.mean(axis=0)
-            off = response - mean[i, :, j]
-            scatter[..., j] += off.T @ off
-    return count, mean, scatter
-
-
-def of_cells(study, scatter=None):
-    count, mean, own = cell_sums(study)
-    statistics = study.statistics
-    return from_cells(
-        count,
-        mean,
-        own if scatter is None else scatter,
-        study.x,
-        parameters=statistics.parameters,
-        environments=statistics.environments,
-        subjects=statistics.subjects,
-    )
-
-
-@pytest.mark.parametrize("name", designs.NAMES)
-def test_cells_hold_what_trials_do(name):
-    study = designs.study(name, np.random.default_rng(8))
-    ours, theirs = CollapsedDensity(of_cells(study)), CollapsedDensity(study.statistics)
-    assert ours.names == theirs.names
-    points = np.random.default_rng(9).standard_normal((20, len(ours.names)))
-    np.testing.assert_allclose(ours(points), theirs(points), rtol=1e-11, atol=1e-9)
-
-
-def test_scatters_that_sums_of_squares_leave_at_an_edge():
-    """In proportion, or with one parameter still: rounding may leave less than nothing of the other."""
-    study = designs.study("trials", np.random.default_rng(10))
-    _, _, scatter = cell_sums(study)
-    scatter[..., 0] = np.outer([0.3, 0.7], [0.3, 0.7])
-    scatter[1, 1, 0] = np.nextafter(scatter[1, 1, 0], 0.0)
-    scatter[..., 1] = [[0.0, 0.0], [0.0, 0.5]]
-    rows = of_cells(study, scatter).trial_rows
-    assert np.isfinite(rows).all()
-    back = np.einsum("pkj,qkj->pqj", rows, rows)
-    np.testing.assert_allclose(back, scatter, rtol=1e-14, atol=1e-15)
-    with pytest.raises(RefusalError, match="one subject"):
-        from_cells(
-            np.ones((1, 1), dtype=int), np.zeros((1, 1, 1)), np.zeros((1, 1, 1)), np.zeros((1, 1)),
-            parameters=("k",), environments=("VE1",), subjects=("S1",),
-        )  # fmt: skip
