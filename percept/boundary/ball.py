@@ -1,15 +1,21 @@
 """Probability that abs(Z_h) is at most a radius, from the joint law of k and b.
 
-abs(Z_h)² is (gain·k + offset)² + (gain·b + offset)². So abs(Z_h) <= radius is a ball in the plane
-of the two terms. Given one of k and b, called the outer variable, the ball leaves an interval of
-the other, the inner variable. The probability of that interval is a difference of two cumulated
-densities from the law's tables. What is left is one smooth integral over the outer variable, by
-Gauss-Legendre.
+At one frequency abs(Z_h)² = u² + v², with u = g·k + o of stiffness and v = g'·b + o' of damping. So
+abs(Z_h) <= r is a ball in the plane of u and v. Either of k and b may be the outer variable; say b.
+Given b the ball leaves k an interval, whose ends lie where u is a leg of either sign:
+
+    leg(b) = sqrt(r² - v²)
+    P(abs(Z_h) <= r) = integral over b of  F(k at u = leg, b) - F(k at u = -leg, b)
+
+The law's tables hold F(k, b), the probability density of b times that of a smaller k given b, over
+places: a place runs from 0 to 1 along the grid of k or b. What is left is one smooth integral, by
+Gauss-Legendre. Its slope in log r comes with it: the leg grows by r²/leg.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +32,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-# Laws of three subjects have tails that 24 nodes miss by a fifth.
+# Nodes of the integral. Laws of three subjects have tails that 24 nodes miss by a fifth.
 _NODE_COUNT = 48
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(_NODE_COUNT)
 # An interval ends like a square root where its ball ends. Nodes even in the angle take that out.
@@ -37,10 +43,11 @@ _SINE_WEIGHTS = 0.5 * np.pi * _WEIGHTS * np.cos(_ANGLES)
 _ROUGHNESS_ORDERS = 6
 _POLYNOMIALS = np.polynomial.legendre.legvander(_NODES, _NODE_COUNT - 1)
 _HIGHEST_POLYNOMIALS = _POLYNOMIALS[:, -_ROUGHNESS_ORDERS:]
-# Both ends of an interval, each between two rows and two columns of a table.
+# Weights of a table's points: for both ends of an interval, each between two rows and two columns.
 _TERMS_PER_NODE = 8
-# Balls that hold more are worked out by what they leave out. The jump here moves no limit: upper
-# limits hold more than half, lower ones less, and a search needs only the side right.
+# Balls that hold more are worked out by what they leave out, which alone has digits in the tail. The
+# jump at this content moves no limit: upper limits hold more than half, lower ones less, and a
+# search needs only the side right.
 _LARGE_BALL = 0.5
 # Squares of magnitudes, (N·s/m)², that count as zero, and still have a logarithm.
 _LEAST_SQUARE = BEYOND**-2
@@ -98,8 +105,7 @@ class Term:
         return self.axis.rate(place, self.native(term)) / self.gain
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Content:
+class Content(NamedTuple):
     """What Q balls hold."""
 
     probability: Array  # (Q,)
@@ -180,17 +186,12 @@ class Balls:
 
     def content(self, frequency: Indices, radius: Array, inner_of: Indices) -> Content:
         """Return what balls (Q,) hold; the inner variable is k where `inner_of` is 0, b where it is 1."""
-        probability = np.zeros(frequency.size)
-        slope = np.zeros(frequency.size)
-        roughness = np.zeros(frequency.size)
+        content = np.zeros((len(Content._fields), frequency.size))
         for inner in (0, 1):
             (rows,) = np.nonzero(inner_of == inner)
             if rows.size:
-                content = self.content_by(inner, frequency[rows], radius[rows])
-                probability[rows] = content.probability
-                slope[rows] = content.slope
-                roughness[rows] = content.roughness
-        return Content(probability, slope, roughness)
+                content[:, rows] = self.content_by(inner, frequency[rows], radius[rows])
+        return Content(*content)
 
     def content_by(self, inner: int, frequency: Indices, radius: Array) -> Content:
         """Return what balls (Q,) hold, integrating over the variable that is not `inner`."""
@@ -199,14 +200,12 @@ class Balls:
         row, fraction = cell_and_fraction(slices.outer, len(table))
         left = _interpolate(table, row, fraction, slices.left.place)
         right = _interpolate(table, row, fraction, slices.right.place)
-        up_to_left = slices.integral(left.value)
-        up_to_right = slices.integral(right.value)
-        probability = up_to_right - up_to_left
+        probability = slices.integral(right.value) - slices.integral(left.value)
         missed = self._missed(inner, slices)
         probability += np.where(probability > _LARGE_BALL, missed, 0.0)
         left_rates = slices.left.rate * left.rise
         right_rates = slices.right.rate * right.rise
-        cells = table.shape[1] - 1
+        cells = table.shape[1] - 1  # A rise is over one cell, a rate over the whole axis
         slopes = slices.weights * (left_rates + right_rates) * cells
         slope = slopes.sum(axis=1)
         highest = np.abs(slopes @ _HIGHEST_POLYNOMIALS).sum(axis=1)
@@ -246,12 +245,12 @@ class Balls:
 
     def _slices(self, inner: int, frequency: Indices, radius: Array) -> _Slices:
         """Lay nodes over the outer variable's span in each ball, and find the inner intervals."""
-        inner_term = self.k.at(frequency).by_row()
-        outer_term = self.b.at(frequency).by_row()
-        if inner == 1:
-            inner_term, outer_term = outer_term, inner_term
+        terms = [term.at(frequency).by_row() for term in (self.k, self.b)]
+        inner_term = terms[inner]
+        outer_term = terms[1 - inner]
         radius = radius[:, None]
-        # The inner term's smallest size leaves less to the outer one: nodes beyond would be wasted.
+        # Where the inner term cannot be zero, the outer one does not reach the radius: nodes that
+        # far out would be wasted.
         reach = _leg(radius, inner_term.smallest_size())
         first = outer_term.place(-reach)
         last = outer_term.place(reach)

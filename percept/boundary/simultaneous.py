@@ -1,11 +1,13 @@
 """Limits between which whole curves of abs(Z_h) lie: the level that they need at single frequencies.
 
-Limits at a higher level than requested hold whole curves at the requested level. The level is
-searched for by the probability that a curve leaves its limits at one frequency or more.
+A score s stands for the level 2 Phi(s) - 1 of the limits at every single frequency. Let p(s) be the
+probability that a curve leaves its limits at one frequency or more. Whole curves stay inside at a
+level P if p(s) = 1 - P. That s is searched for: log p(s) is close to a straight line.
 
-On a line of one value of b a curve is one value of k. Its limits at one frequency are two balls, and
-each ball covers an interval of the line. A curve stays inside if k lies in the outer interval of
-every frequency and in none of the inner ones, called holes. What is left of the line are gaps:
+A curve is one pair (k, b). On a line of one b it is a point k. The limits at one frequency are two
+balls, and each ball covers an interval of the line. A curve stays inside if k lies in the outer
+interval of every frequency and in none of the inner ones, called holes. The rest of the line are
+gaps:
 
     outer intervals    [-----------------------------------]
                     [----------------------------------]
@@ -14,8 +16,11 @@ every frequency and in none of the inner ones, called holes. What is left of the
                                           #####
     gaps               |0----|  |1-----|       |2------|
 
-The tables hold the probability of k up to a place on each line. So the probability of a gap is a
-difference of two of their values, and the curves that stay are the sum of all gaps over all lines.
+A table holds F(k, b), the probability density of b times that of a smaller k given b. So on a line
+a gap from k0 to k1 holds F(k1, b) - F(k0, b), and 1 - p is the integral over b of the sum over gaps.
+
+The Monte Carlo error comes from batches of posterior draws. Batch i changes p by dp_i at the same
+s. It would need a score higher by dp_i / abs(dp/ds), and dp/ds = (1 - P) d(log p)/ds.
 """
 
 from __future__ import annotations
@@ -39,12 +44,15 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
 # SDs of a normal to which the score is searched: about 0.1 % of the half-width of usual bands,
-# 2.6 SDs. The score also moves by at least so much, which keeps the quotient of differences finite.
+# 2.6 SDs, and far below the Monte Carlo error. Two scores nearer each other would say nothing of
+# the slope of log p between them.
 _ACCURACY = 0.003
-# Each step out is so much longer than the one before, until curves stay inside.
+# Each step out is this much longer than the one before, until curves stay inside: the first step
+# follows the slope of a normal's tail, and is mostly enough.
 _LONGER = 1.5
 # Steps out before the farthest score is taken: the last would be 1e5 times the first.
 _MOST_STEPS = 30
+# The least probability with a logarithm: from far out no curve may leave at all.
 _TINY = np.finfo(np.float64).tiny
 
 
@@ -61,17 +69,17 @@ class SimultaneousLevel:
 class _Intervals:
     """Intervals of k that balls cover at M frequencies on N lines; ends as probabilities of k."""
 
-    start: Array  # (C, N, M) for each of C tables
+    start: Array  # (C, N, M) by each of C tables
     end: Array  # (C, N, M)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Gaps:
-    """What the common part of outer intervals has outside all holes, on N lines."""
+    """What the common part of outer intervals has outside all holes, on N lines, from left to right."""
 
-    size: Array  # (C, N, M + 1) probability between each hole and the next
-    order: Indices  # (C, N, M) frequencies in the order in which their holes start
-    deepest: Indices  # (C, N, M) frequency whose hole reaches farthest, of this and those before
+    size: Array  # (C, N, M + 1) probability of each gap; zero where holes overlap
+    closing: Indices  # (C, N, M) frequency whose hole begins where a gap ends; not of the last gap
+    opening: Indices  # (C, N, M) frequency whose hole ends where a gap begins; not of the first
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -101,6 +109,7 @@ def simultaneous_level(magnitude: Magnitude, level: float) -> SimultaneousLevel:
     RefusalError
         No level that the law determines holds whole curves.
     """
+    # Whole curves leave at least as often as they leave at one frequency: no lower score will do.
     first = score_of(level)
     allowed = 1.0 - level
     farthest = magnitude.farthest_score
@@ -119,17 +128,17 @@ def simultaneous_level(magnitude: Magnitude, level: float) -> SimultaneousLevel:
     if first > farthest or log_excess(farthest) > 0.0:
         raise RefusalError(f"no limits at single frequencies hold whole curves at {level:g}.")
     score = first
-    # The log tail of a normal falls about as fast as its score.
+    # How fast log p falls with the score. A normal's log tail falls by about its own score.
     fall = first
     first_excess = log_excess(first)
     if first_excess > 0.0:
         end = _score_that_holds(log_excess, first, first_excess / fall, farthest)
         solved = float(optimize.brentq(log_excess, first, end, xtol=_ACCURACY))
-        # Two scores nearer each other would say nothing about the fall between them.
         score = max(first + _ACCURACY, solved)
         fall = (first_excess - log_excess(score)) / (score - first)
+    # A small move of the other limits changes no gap.
     binding = leaving_at(score).binding
-    # Round-trip through the level, so `limits(level)` hits the cache.
+    # `limits(level)` goes back from the level to this very score, which has been solved.
     score = score_of(level_of(score))
     changes = _batch_changes(magnitude, score, binding)
     shifts = changes / (fall * allowed)
@@ -153,7 +162,8 @@ def _score_that_holds(
 def _batch_changes(magnitude: Magnitude, score: float, binding: Flags) -> Array:
     """Return by how much each batch of draws changes the probability that a curve leaves, (B,).
 
-    A batch moves the limits, along their curve over the score, and the probabilities alike.
+    A batch has its own limits at a score, and its own table. Those limits lie `batch_shifts` farther
+    out along the curve of limits over the score, so that they need not be solved for.
     """
     shifts = np.moveaxis(magnitude.batch_shifts(score), -1, 0)
     moved = magnitude.log_limits_between(score + shifts)
@@ -203,25 +213,27 @@ def _gaps(outer: _Intervals, holes: _Intervals) -> _Gaps:
     starts = np.concatenate([low, farthest_end], axis=-1)
     ends = np.concatenate([hole_start, high], axis=-1)
     size = np.minimum(ends, high) - np.maximum(starts, low)
+    # The hole that reaches farthest ends where the gap begins. Of equals, any does.
     position = np.arange(order.shape[-1])
     reaches_farthest = np.where(hole_end == farthest_end, position, 0)
-    deepest = np.maximum.accumulate(reaches_farthest, axis=-1)
+    farthest = np.maximum.accumulate(reaches_farthest, axis=-1)
     return _Gaps(
         size=np.maximum(size, 0.0),
-        order=order,
-        deepest=np.take_along_axis(order, deepest, -1),
+        closing=order,
+        opening=np.take_along_axis(order, farthest, -1),
     )
 
 
 def _binding(outer: _Intervals, gaps: _Gaps) -> Flags:
     """Return the frequencies (M,) whose limits end a gap on some line."""
-    binding = np.zeros(gaps.order.shape[-1], dtype=bool)
+    binding = np.zeros(gaps.closing.shape[-1], dtype=bool)
     binding[outer.start.argmax(axis=-1)] = True
     binding[outer.end.argmin(axis=-1)] = True
-    open_gaps = gaps.size > 0.0
-    # Each gap but the last ends where a hole starts; each but the first starts where one ended.
-    binding[gaps.order[open_gaps[..., :-1]]] = True
-    binding[gaps.deepest[open_gaps[..., 1:]]] = True
+    is_open = gaps.size > 0.0
+    closed_by_hole = is_open[..., :-1]
+    opened_by_hole = is_open[..., 1:]
+    binding[gaps.closing[closed_by_hole]] = True
+    binding[gaps.opening[opened_by_hole]] = True
     return binding
 
 

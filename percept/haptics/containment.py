@@ -1,9 +1,20 @@
 """Whether abs(Z_h) stays inside a region of (k, b) at every ω of a range: decided without a grid.
 
-At one ω let F be the farthest and N the nearest point of the region, as abs(Z_h) measures. Wherever
-abs(Z_h) of the display lies between N's and F's it lies inside the region's limits. On a piece of
-the range this asks for the signs of two polynomials, which Bernstein coefficients of one sign
-decide. Others are halved. Where a display leaves, a halving comes upon an ω that shows it.
+Let D(ω) be abs(Z_h) of the display, and Z(p, ω) that of a point p = (k, b) of the region. With the
+nearest point n and the farthest f, both at that ω, the departure is
+
+    max(ln D/Z(f), ln Z(n)/D)                          negative where the display lies inside
+
+The largest departure over the range is searched for by branch and bound. A piece of the range is
+sampled at its middle: that is what has been seen. Let a be what the bound allows above it. As no
+point is farther than the farthest, and none nearer than the nearest, f and n of the middle may
+stand for the whole piece:
+
+    D² <= e^(2a) Z(f)²  and  Z(n)² <= e^(2a) D²        on all of the piece: it is decided
+
+Times a common denominator these are polynomials in Ω² (`forms.Squares`), and Bernstein coefficients
+of one sign decide. A piece that is not decided is halved. Where a display leaves its region, a
+halving comes upon an ω that shows it.
 
 Whether the stiffness and the damping that a display shows stay inside is exact, without a search:
 both are ratios of polynomials in Ω², and turn at the roots of others.
@@ -34,16 +45,17 @@ __all__ = [
     "plane_departures",
 ]
 
-#: Nearer to a limit than this, as a logarithm, a display lies on it.
+#: Nearer to a limit than this, as a logarithm, a display lies on it: rounding could decide.
 ON_LIMIT = 1e-10
-# The largest departure is searched to this fraction of itself.
+# The largest departure is searched to this fraction of itself: more digits than a page prints.
 _FRACTION = 1e-4
 # Pieces per decade of ω before any halving: most are decided at once.
 _PIECES_PER_DECADE = 1.5
 # Rounds that may halve. After 40 halvings a piece is 1.4e-12 wide in ln ω: a curve whose log slope is
 # below 70 changes by less than ON_LIMIT there. Bounds are widened instead.
 _HALVINGS = 40
-# A search that needs more pieces for a display widens its bound instead.
+# Pieces per display above which bounds are widened instead: a display that follows its limit for
+# long would fill the memory.
 _MOST_PIECES = 2048
 # Guards against an endless search: 40 rounds may halve, and 12 more widen a bound tenfold each, from
 # ON_LIMIT to _LARGEST.
@@ -170,10 +182,7 @@ def departures(
 
 
 class _DepartureSearch:
-    """The largest departure seen of each item, and the bound on what was not seen.
-
-    An item is a box with its display.
-    """
+    """The largest departure seen of each item, a box with its display, and a bound on all others."""
 
     def __init__(
         self, display: Display, boxes: Boxes, lower: float, upper: float, *, throughout: bool
@@ -187,7 +196,7 @@ class _DepartureSearch:
         self._pairs = _Pairs.start(cuts, self._count, shared=one_display)
         self._largest = np.full(self._count, -np.inf)
         self._omega = np.full(self._count, lower)
-        # How much more than the largest seen a bound allows.
+        # How much more than the largest seen a bound allows; widened where halving does not decide.
         self._gap = np.full(self._count, ON_LIMIT)
 
     def run(self) -> Departures:
@@ -196,6 +205,7 @@ class _DepartureSearch:
             self._look(end)
         for round_number in range(_MOST_ROUNDS):
             if self._throughout:
+                # One ω outside is the answer.
                 maybe_inside = self._largest <= ON_LIMIT
                 self._pairs = self._pairs.select(maybe_inside[self._pairs.item])
             if not self._pairs.item.size:
@@ -203,16 +213,16 @@ class _DepartureSearch:
             extremes = self._look(self._pairs.middle)
             few_pieces = self._pairs.item.size <= _MOST_PIECES * self._count
             halve = round_number < _HALVINGS and few_pieces
-            if not halve:
-                widened = self._widened()
-                if not widened:
-                    break
+            if not halve and not self._widened():
+                break
             self._pairs = self._pairs.select(~self._decided(extremes))
             if halve:
                 self._pairs = self._pairs.halved()
             elif self._throughout:
+                # Whether it is inside does not depend on the gap: a wider one decides nothing.
                 break
         bound = np.maximum(self._largest, self._allowed())
+        # Pairs are left where the search gave up.
         bound[self._pairs.item] = np.inf
         return Departures(self._largest, self._omega, bound)
 

@@ -1,9 +1,21 @@
 """Limits of posterior intervals as roots of smooth mixtures.
 
-Given one draw of the scales, a cell's mean is normal with a known mean and SD, and so is the next
-user's value. The posterior is the equal-weight mixture of these normal laws over all draws. A limit
-is a root of the mixture's distribution function. Every draw informs every limit, so that the limit
-is far less noisy than an order statistic of draws.
+Given draw s of the scales, a cell's mean is N(m_s, v_s²), and so is the next user's value with
+larger v_s. The posterior is the mixture of these normals over S draws, so a limit solves
+
+    mean over s of Phi((m_s - x) / v_s) = tail                       `mixture_quantile`
+
+A share interval c ± h is to hold a share P of the population, with a stated confidence. Given a
+draw the population is normal with SD w_s about a mean that is N(m_s, v_s²). The interval holds P if
+that mean lies within a distance d of c, which depends on h / w_s alone (`_Reach`). So h solves
+
+    mean over s of Phi((c + d - m_s) / v_s) - Phi((c - d - m_s) / v_s) = confidence
+                                                                      `share_half_width`
+
+Every draw informs every limit, so that a limit is far less noisy than an order statistic of draws.
+The influence of a draw is the derivative of the limit in the draw's weight: by the implicit
+function theorem its own residual in the equation over the equation's slope. Monte Carlo errors are
+worked out from the influences.
 
 Arrays are large (Q quantities by S draws), and are therefore written in place.
 """
@@ -27,13 +39,15 @@ __all__ = ["mixture_quantile", "share_content", "share_half_width"]
 Array = NDArray[np.float64]
 
 _SQRT_2PI = math.sqrt(2.0 * math.pi)
-#: Draws above which the search starts from the root over every `_THINNING`-th draw.
+#: With more draws the search starts from the root over every `_THINNING`-th draw: full passes are
+#: expensive then, and the start saves one or two of some four.
 _MANY_DRAWS = 4096
 _THINNING = 8
 #: Largest product of the last two steps of `root`, whose error is about the product's square. Steps
 #: to a mixture's quantile are in its SDs, those to a half-width in its logarithm. With few draws
-#: the limit is exact; with many its error need only be far below its Monte Carlo error.
+#: the limit is exact.
 _STEP_PRODUCT = 1e-16
+#: With many draws the error, 2e-11 SDs, need only be far below the Monte Carlo error.
 _STEP_PRODUCT_OF_MANY = 4e-6
 #: The slope of a share is noisy, so the error no longer falls as the square.
 _STEP_PRODUCT_OF_SHARE = 1e-8
@@ -45,7 +59,8 @@ _BLOCK = 1024
 _FEWEST_CARRYING = 100.0
 #: Or, of fewer draws, this fraction of them.
 _FRACTION_CARRYING = 0.02
-#: Of the allowed error, the fraction left out beyond the bracket of a share's half-width.
+#: Of the allowed error, the fraction left out beyond the bracket of a share's half-width: the root
+#: then lies safely inside.
 _BRACKET_TAIL = 1e-3
 
 

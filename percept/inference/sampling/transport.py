@@ -1,13 +1,22 @@
 """A fitted change of coordinates that makes a sample look standard normal.
 
-Three layers lead from standard coordinates z to the target's x. First come the drivers: the few
-coordinates whose value widens others or bends their mean. They follow one another by y_i =
-m_i(y_<i) + exp(s_i(y_<i)) z_i. All other coordinates follow the drivers in the same way, with
-correlated remainders. A monotone spline then takes every y to its x. The map assumes nothing of the
-target but a sample. Walkers live at z, so that only this direction is ever needed.
+Three layers lead from standard coordinates z over y to the target's x:
+
+    drivers, one after another    y_i = m_i(f) + exp(s_i(f)) z_i
+    all others, together          y_j = m_j(f) + exp(s_j(f)) (L z)_j
+    each coordinate by itself     x_i = S_i(y_i)
+
+A driver is one of the few coordinates whose value widens others or bends their mean. The features f
+are 1 and, of every driver d that comes before, y_d and y_d² - 1. Means m and log scales s are
+linear in f, and s leaves the squares out. L is a lower factor of the others' covariance, and S_i an
+increasing spline. The log Jacobian is the sum of all s, of log diag(L) and of log S_i'.
+
+The map assumes nothing of the target but a sample, and any such map is exact: a poor fit costs
+steps of the sampler, not accuracy. Walkers live at z, so that only this direction is ever needed.
 
 A fit goes the other way. The sample's normal scores stand for y. `_find_drivers` chooses drivers by
-third moments, `_regress` fits means m and log scales s, and `_factor` the remainders' correlations.
+third moments, `_regress` fits m and s, and `_factor` fits L. All three keep only what stands out of
+chance.
 """
 
 from __future__ import annotations
@@ -28,12 +37,13 @@ Indices = NDArray[np.intp]
 
 #: Most drivers: they are mapped one after another, all others at once, which is faster.
 _MOST_DRIVERS = 6
-#: Standard errors that a bend or a widening must have to be believed.
+#: Standard errors that a bend or a widening must have to be believed. Chance passes one in 3,000
+#: pairs of coordinates, and one in 16,000 coefficients.
 _SIGNIFICANT = 4.0
 #: Standard errors within which a correlation may count as none. Chance leaves six once in 500
 #: million pairs: no sample needs a higher level.
 _NOISE_LEVELS = np.arange(2.0, 6.5, 0.5)
-#: Largest fraction of the correlations kept that may be chance.
+#: Largest fraction of the correlations kept that may be chance: most are real then.
 _MOST_BY_CHANCE = 0.5
 #: Relative difference below which two effects are equal but for rounding.
 _EQUAL = 1e-9
@@ -42,9 +52,11 @@ _LOG_SCALE_STEPS = 5
 #: Most that a coefficient of a log scale changes in one step: a sample in a few clumps would send
 #: the first step far.
 _LONGEST_STEP = 0.5
-#: What a covariance's correlations are multiplied by until it has a factor.
+#: Correlations that have no factor are made smaller by this, again and again. They were shrunk one
+#: by one, and need not fit together; a few per cent are mostly enough.
 _SHRINKAGE = 0.9
-#: Points are mapped in multiples of this number, so that none depends on how many there are.
+#: Points are mapped in multiples of this number. Matrix products work in blocks, and would sum what
+#: is left over in another order: the last bits of a point would depend on how many there are.
 _POINT_MULTIPLE = 32
 #: Points mapped at a time: their temporaries stay in the processor's cache.
 _MOST_POINTS = 1024
@@ -78,7 +90,7 @@ class Transport:
         mean = np.zeros((size, features.shape[1]))
         log_scale = np.zeros_like(mean)
         for k, i in enumerate(drivers):
-            first = 2 * k + 1  # Features before the first of this driver's own
+            first = 2 * k + 1  # Features of the drivers before this one
             follower = _regress(features[:, :first], y[:, [i]], effective)
             mean[i, :first] = follower.mean[0]
             log_scale[i, :first] = follower.log_scale[0]
@@ -98,7 +110,6 @@ class Transport:
             log_jacobians = np.concatenate([part for _, part in parts])
             return points, log_jacobians
         count, size = z.shape
-        # Whole multiples: products of matrices sum what is left over in another order.
         columns = np.zeros((size, count + -count % _POINT_MULTIPLE))
         columns[:, :count] = z.T
         y = np.empty_like(columns)
@@ -115,7 +126,7 @@ class Transport:
         size = self.mean.shape[1]
         features = np.ones((size, z.shape[1]))
         for k, i in enumerate(self.drivers):
-            first = 2 * k + 1  # Features before the first of this driver's own
+            first = 2 * k + 1  # Features of the drivers before this one
             of_mean = self.mean[i, :first]
             of_log_scale = self.log_scale[i, :first]
             coefficients = np.stack([of_mean, of_log_scale])
@@ -168,14 +179,17 @@ def _features(drivers: Array) -> Array:
 
 
 def _effective_draws(y: Array) -> float:
-    """Effective draws of normal scores (N, d), by how much their quarters differ."""
+    """Effective draws of normal scores (N, d), by how much their quarters differ.
+
+    Their means and products of pairs have variance 4/N in a quarter of N independent draws. The
+    draws count as the N at which this is the variance between the quarters.
+    """
     pairs = np.triu_indices(y.shape[1], 1)
     moments = []
     for quarter in np.array_split(y, 4):
         means = quarter.mean(axis=0)
         products = quarter.T @ quarter / len(quarter)
         moments.append(np.concatenate([means, products[pairs]]))
-    # Each of these moments would have variance 4/N in a quarter of N independent draws.
     variance = np.var(moments, axis=0, ddof=1).mean()
     return float(min(len(y), 4.0 / variance))
 
