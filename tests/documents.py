@@ -1,16 +1,57 @@
-"""Documents of studies, as report.json holds them."""
+"""Documents of studies, as report.json holds them, and pages of documents that were changed."""
+
+import json
 
 from pydantic import TypeAdapter
 
-from percept.report import document_of
-from percept.results import Results
+from percept.report.overview import findings
+from percept.report.page import render_page
+from percept.report.sections import build_sections
+from percept.results import Data, Nouns, Provenance, Results
+from percept.sessions.quantities import IMPEDANCE
+
+#: Results of a study of stiffness that has nothing yet.
+EMPTY = Results(
+    provenance=Provenance({}, 1, (), {"inference": {"family": "lognormal"}}),
+    data=Data(
+        form="trials", simulated=False, subjects=4, rows=4, environments=(), parameters=("k",),
+        quantities={"k": IMPEDANCE["k"]}, counts={}, notices=(), references=1, factor=None,
+        words=Nouns(("environment", "environments"), ("subject", "subjects"), ("user", "users")),
+        doubts=(), exclusions=(), design=None, cells=(),
+    ),
+    intervals=(), contrast=(), boundaries=(), zoom={}, close=(), verdicts=(), passivity=None,
+    coupling=None, band=None, design=None, sensitivity=None, comparison=None, ladder=None,
+    diagnostics=None, checks=None, skipped=(),
+)  # fmt: skip
 
 
 def build_document(study, **options):
     """The plain values of report.json; `options` are those of `Study.results`."""
-    return document_of(study.results(**options))
+    results = study.results(**options)
+    return json.loads(results.to_json(findings(results)))
 
 
 def as_results(document):
     """The records that a document holds, as `Results.load` reads them."""
     return TypeAdapter(Results).validate_python(document)
+
+
+def page_of(document, plots=None, *, date="2026-01-01"):
+    """The page of a document."""
+    results = as_results(document)
+    return render_page(results, findings(results), plots or {}, date=date)
+
+
+def sections_of(document):
+    """The sections of a document's page."""
+    results = as_results(document)
+    return build_sections(results, findings(results))
+
+
+def at(document, pointer):
+    """What stands at a JSON pointer."""
+    value = document
+    for step in pointer.split("/")[1:]:
+        step = step.replace("~1", "/").replace("~0", "~")
+        value = value[int(step)] if isinstance(value, list) else value[step]
+    return value

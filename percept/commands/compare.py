@@ -242,12 +242,11 @@ def _calibrate_command(arguments: argparse.Namespace) -> str:
 def _feelings(study: Study) -> list[str]:
     """Say what feels real in a study, as its page does."""
     from percept.report.feelings import feeling_sentences
-    from percept.report.select import words_of
-    from percept.results import Nouns, plain
+    from percept.report.select import Words
 
     scene = study.scene
-    nouns = Nouns(scene.environment_noun, scene.study.subject, scene.user_noun)
-    return feeling_sentences(plain(study.verdicts), words_of({"data": {"words": nouns}}))
+    words = Words(*scene.environment_noun, *scene.study.subject, *scene.user_noun)
+    return feeling_sentences(study.verdicts, words)
 
 
 def _stated(study: Study) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from percept.report.write import (
-    document_of,
     fill_fit,
     fill_report,
     fit_folder,
@@ -11,6 +10,4 @@ from percept.report.write import (
     rewrite_report,
 )
 
-__all__ = [
-    "document_of", "fill_fit", "fill_report", "fit_folder", "report_folder", "rewrite_report",
-]  # fmt: skip
+__all__ = ["fill_fit", "fill_report", "fit_folder", "report_folder", "rewrite_report"]

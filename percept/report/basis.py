@@ -1,11 +1,11 @@
-"""The sections of the page on what its results rest on, each from the document, and what they cite."""
+"""The sections of the page on what its results rest on, and the works that they cite."""
 
 from __future__ import annotations
 
-import re
+import dataclasses
 import tomllib
-from collections.abc import Mapping, Sequence
-from functools import cache, reduce
+from collections.abc import Iterable, Sequence
+from functools import cache
 from importlib import resources
 from typing import Any
 
@@ -14,119 +14,121 @@ from percept.report.cautions import misfits
 from percept.report.numbers import bare, percentage, rounded
 from percept.report.select import (
     KINDS,
-    METHODS,
-    Record,
     Section,
+    Words,
     compared_by_difference,
     distinct,
-    escaped,
     family_of,
     listed,
     makes_impedance,
-    pointed,
-    quantities_of,
+    ordered,
     words_of,
 )
-from percept.sessions.quantities import Quantity
+from percept.results import Boundary, MethodPair, Results
 
 __all__ = ["bibtex", "checks", "cited", "comparison", "data", "diagnostics", "methods"]
 
 
-def comparison(document: Record) -> Section | None:
-    """Return pairs of intervals and of curves, with how classical and Bayesian differ, and why."""
-    rows = document["comparison"]
-    if not rows:
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """The section on how the methods differ."""
+
+    sentence: str
+    families: list[str]
+    units: str
+
+
+def comparison(results: Results) -> Section | None:
+    """Return pairs of intervals, with how classical and Bayesian differ, and why."""
+    pairs = results.comparison
+    if not pairs:
         return None
-    quantities = quantities_of(document).values()
-    values = {
-        "families": distinct(rows, "family"),
-        "methods": METHODS,
-        "units": listed([f"{q.symbol} in {q.unit or 'its own unit'}" for q in quantities]),
-        "sentence": _apart(rows, quantities_of(document)),
-        "ladder": document["ladder"],
-        "rows": rows,
-    }
-    return Section("comparison", "Classical against Bayesian", values)
+    units = [f"{q.symbol} in {q.unit or 'its own unit'}" for q in results.data.quantities.values()]
+    view = Comparison(_differences(pairs, results), distinct(pairs, "family"), listed(units))
+    return Section("comparison", "Classical against Bayesian", view)
 
 
-def _apart(rows: Sequence[Record], quantities: Mapping[str, Quantity]) -> str:
+def _differences(pairs: Sequence[MethodPair], results: Results) -> str:
     """Say in two sentences how far the methods lie apart."""
-    ratios = [float(row["width_ratio"]) for row in rows if row.get("width_ratio") is not None]
-    shifted = [row for row in rows if row.get("shift") is not None]
-    if not ratios or not shifted:
-        return ""
+    ratios = [pair.width_ratio for pair in pairs if pair.width_ratio is not None]
     farthest: dict[str | None, float] = {}  # By quantity; None for all whose shift is a fraction
-    for row in shifted:
-        name = None if row["relative"] else row["parameter"]
-        farthest[name] = max(farthest.get(name, 0.0), abs(float(row["shift"])))
-    apart = []
+    for pair in pairs:
+        if pair.shift is not None:
+            name = None if pair.relative else pair.parameter
+            farthest[name] = max(farthest.get(name, 0.0), abs(pair.shift))
+    if not ratios or not farthest:
+        return ""
+    shifts = []
     for name, size in farthest.items():
         if name is None:
-            apart.append(percentage(size, 2))
+            shifts.append(percentage(size, 2))
         else:
-            apart.append(f"{bare(rounded(size, 2))} {quantities[name].unit}".strip())
+            unit = results.data.quantities[name].unit
+            shifts.append(f"{bare(rounded(size, 2))} {unit}".strip())
     least = bare(rounded(min(ratios), 2))
     most = bare(rounded(max(ratios), 2))
-    wide = f"{least} times" if least == most else f"{least} to {most} times"
+    widths = f"{least} times" if least == most else f"{least} to {most} times"
     return (
-        f"Of the same family and kind, Bayesian intervals are {wide} as wide as classical ones. "
-        f"Their estimates lie at most {listed(apart)} apart."
+        f"Of the same family and kind, Bayesian intervals are {widths} as wide as classical ones. "
+        f"Their estimates lie at most {listed(shifts)} apart."
     )
 
 
-_GATE = (
-    ("rhat", "Rank R̂ across ensembles, largest", "below 1.01", 5),
-    ("autocorrelation_time", "Autocorrelation time, longest (steps)", "finite", 4),
-    ("times_run", "Length of a kept run in autocorrelation times", "10 or more", 4),
-    ("effective_draws", "Effective draws, fewest", "", 5),
-    ("acceptance", "Fraction of proposals accepted", "", 3),
-    (
-        "worst_error",
-        "Monte Carlo error of the Bayesian intervals’ limits, largest (half-widths)",
-        "within the tolerance",
-        3,
-    ),
-)
+@dataclasses.dataclass(frozen=True)
+class Measure:
+    """A measure of the gate, and what the gate asks of it."""
+
+    name: str  # Of its field in `GateVerdict`
+    label: str
+    digits: int
+    limit: str = ""
 
 
-def diagnostics(document: Record) -> Section | None:
-    """Return the gate's verdict on the sampler, the measures behind it, and the priors in force."""
-    record = document["diagnostics"]
-    if not record:
+def diagnostics(results: Results) -> Section | None:
+    """Return the measures behind the gate's verdict on the sampler."""
+    if results.diagnostics is None:
         return None
-    gate = record["gate"]
-    measures = []
-    for name, label, asked, digits in _GATE:
-        if isinstance(gate[name], (int, float)):
-            pointer = f"/diagnostics/gate/{name}"
-            measures.append({"label": label, "asked": asked, "pointer": pointer, "digits": digits})
-    values = {
-        "gate": gate,
-        "measures": measures,
-        "priors": record.get("priors", []),
-    }
-    return Section("diagnostics", "Sampling and its checks", values)
+    gate = results.diagnostics.gate
+    times = "Length of a kept run in autocorrelation times"
+    errors = "Monte Carlo error of the Bayesian intervals’ limits, largest (half-widths)"
+    measures = (
+        Measure("rhat", "Rank R̂ across ensembles, largest", 5, f"below {gate.rhat_limit}"),
+        Measure("autocorrelation_time", "Autocorrelation time, longest (steps)", 4, "finite"),
+        Measure("times_run", times, 4, f"{gate.times_needed:g} or more"),
+        Measure("effective_draws", "Effective draws, fewest", 5),
+        Measure("acceptance", "Fraction of proposals accepted", 3),
+        Measure("worst_error", errors, 3, "within the tolerance"),
+    )
+    view = [measure for measure in measures if getattr(gate, measure.name) is not None]
+    return Section("diagnostics", "Sampling and its checks", view)
 
 
-#: Tables of the checks by where they stand under /checks, with what each says.
-_CHECKS = {
-    "normality": (
-        "Shapiro–Wilk tests of the values of the {subjects} (normal) and of their logarithms"
-        " (lognormal): what the classical intervals of each family assume. With ten {subjects} only"
-        " gross misfit shows."
-    ),
-    "loo/subjects": (
-        "Each {subject} left out: log predictive density given the others, Pareto index of "
-        "leaving it out, and the probability of lying as far off or farther."
-    ),
-    "statistics": (
-        "Mean and SD over {subjects} (response scale) and the farthest {subject} (in SDs), against new "
-        "studies drawn from the posterior."
-    ),
-    "prior": (
-        "What the priors alone say, before any data: quantiles of the average and the next {user}."
-    ),
-}
+@dataclasses.dataclass(frozen=True)
+class CheckColumn:
+    """A column of a table of the checks."""
+
+    path: tuple[str, ...]  # To its value, from a row
+    head: str
+    text: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class CheckTable:
+    """A table of the checks."""
+
+    caption: str
+    columns: list[CheckColumn]
+    rows: Sequence[Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class ModelChecks:
+    """The section of the checks."""
+
+    messages: list[str]
+    tables: list[CheckTable]
+
+
 _HEADS = {
     "elpd": "log density", "pareto_k": "Pareto index", "farther": "as far or farther", "p_value": "p",
     "above": "probability of more",
@@ -135,60 +137,68 @@ _HEADS = {
 _UNSHOWN = {"influential", "outlier", "unusual"}
 
 
-def checks(document: Record) -> Section | None:
+def checks(results: Results) -> Section | None:
     """Return the checks of the hierarchical model as messages and tables, where they were asked for."""
-    record = document.get("checks")
-    if not record:
+    record = results.checks
+    if record is None:
         return None
-    tables = []
-    words = words_of(document)
-    for steps, caption in _CHECKS.items():
-        rows: Any = reduce(lambda inner, step: inner and inner.get(step), steps.split("/"), record)
-        if rows:
-            rows = [_flat(row) for row in rows]
-            heads = {
-                name: _HEADS.get(name, re.sub("quantiles/(.*)", r"\1 %", name))
-                for name in rows[0]
-                if name not in _UNSHOWN
-            }
-            table = {
-                "caption": caption.format(**vars(words)),
-                "pointer": f"/checks/{steps}",
-                "heads": heads,
-            }
-            tables.append({**table, "rows": rows})
-    bayesian = record.get("loo") is not None
-    values = {
-        "messages": list(misfits(record, words)) if bayesian else [],
-        "tables": tables,
-        "bayesian": bayesian,
-    }
-    return Section("checks", "Checks of the model", values)
-
-
-def _flat(row: Record) -> Record:
-    """Give each quantile of a row a name of its own, by its pointer below the row."""
-    quantiles = row.get("quantiles", {})
-    flat = {name: value for name, value in row.items() if name != "quantiles"}
-    return flat | {f"quantiles/{name}": value for name, value in quantiles.items()}
-
-
-def data(document: Record) -> Section:
-    """Return what was read, and what was left out."""
-    record = document["data"]
-    subject, subjects = record["words"]["subject"]
-    environment, environments = record["words"]["environment"]
-    labels = {
-        "subjects": subjects,
-        "environments": environments,
-        "empty cells (subject × environment)": f"empty cells ({subject} × {environment})",
-    }
-    counts = [
-        {"what": labels.get(what, what), "pointer": f"/data/counts/{escaped(what)}"}
-        for what in record["counts"]
+    words = words_of(results)
+    tables = [
+        _check_table(
+            "Shapiro–Wilk tests of the values of the {subjects} (normal) and of their logarithms"
+            " (lognormal): what the classical intervals of each family assume. With ten {subjects}"
+            " only gross misfit shows.",
+            record.normality,
+            words,
+        ),
+        _check_table(
+            "Each {subject} left out: log predictive density given the others, Pareto index of "
+            "leaving it out, and the probability of lying as far off or farther.",
+            record.loo.subjects if record.loo else (),
+            words,
+        ),
+        _check_table(
+            "Mean and SD over {subjects} (response scale) and the farthest {subject} (in SDs),"
+            " against new studies drawn from the posterior.",
+            record.statistics,
+            words,
+        ),
+        _check_table(
+            "What the priors alone say, before any data: quantiles of the average and the next"
+            " {user}.",
+            record.prior,
+            words,
+        ),
     ]
-    values = {"data": record, "counts": counts, "cells": pointed(record["cells"], "/data/cells")}
-    return Section("data", "Data", values)
+    messages = list(misfits(record, words)) if record.loo else []
+    view = ModelChecks(messages, [table for table in tables if table.rows])
+    return Section("checks", "Checks of the model", view)
+
+
+def _check_table(caption: str, rows: Sequence[Any], words: Words) -> CheckTable:
+    """Return a table with a column per field of its rows, and per quantile."""
+    columns = []
+    quantiles = []
+    for name, value in vars(rows[0]).items() if rows else ():
+        if name == "quantiles":
+            quantiles = [CheckColumn((name, percent), f"{percent} %") for percent in value]
+        elif name not in _UNSHOWN:
+            columns.append(CheckColumn((name,), _HEADS.get(name, name), isinstance(value, str)))
+    columns += quantiles
+    return CheckTable(caption.format(**vars(words)), columns, rows)
+
+
+def data(results: Results) -> Section:
+    """Return what is counted of the rows read, in the study's words."""
+    words = words_of(results)
+    labels = {
+        "subjects": words.subjects,
+        "environments": words.environments,
+        "empty cells (subject × environment)": (
+            f"empty cells ({words.subject} × {words.environment})"
+        ),
+    }
+    return Section("data", "Data", labels)
 
 
 _CLASSICAL = {
@@ -196,51 +206,62 @@ _CLASSICAL = {
     "user": "prediction intervals of the next {0}",
     "share": "exact two-sided tolerance intervals",
 }
-_LEVEL = "/provenance/scene/inference/level"
-_SHARE = "/provenance/scene/inference/share"
 
 
-def methods(document: Record) -> Section:
+@dataclasses.dataclass(frozen=True)
+class Reference:
+    """A work to cite."""
+
+    key: str
+    entry: str  # Its type in BibTeX
+    text: str  # For a list
+    fields: dict[str, str]  # Of BibTeX
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Methods:
+    """What the methods paragraph depends on, and what it cites."""
+
+    family: str
+    kinds: list[str]
+    classical: str  # The classical intervals, in words; empty without any
+    bayesian: bool
+    subjects: int
+    deviation: str
+    model: str
+    worst: Boundary | None
+    references: list[Reference]
+    numbers: dict[str, int]  # Of the references, by key
+    bibtex: str
+
+
+def methods(results: Results) -> Section:
     """Return what the methods paragraph depends on, and what it cites."""
-    scene = document["provenance"]["scene"]
-    intervals = document["intervals"]
-    used = {row["method"] for row in intervals}
-    kinds = [kind for kind in KINDS if kind in {row["kind"] for row in intervals}]
-    references = cited(document)
-    values = {
-        "data": document["data"],
-        "quantities": quantities_of(document),
-        "impedance": makes_impedance(document),
-        "boundaries": bool(document["boundaries"]),
-        "worst": worst_curve(document["boundaries"]),
-        "missed": (document["diagnostics"] or {}).get("gate", {}).get("tolerance_met") is False,
-        "device": scene.get("device"),
-        "coupling": scene.get("coupling") if document["coupling"] else None,
-        "family": family_of(document),
-        "deviation": _deviation(document),
-        "kinds": kinds,
-        "classical": "classical" in used,
-        "classical_kinds": listed(
-            [_CLASSICAL[kind].format(document["data"]["words"]["user"][0]) for kind in kinds]
-        ),
-        "share_pointer": _SHARE if "share" in scene["inference"] else _LEVEL,
-        "bayesian": "bayesian" in used,
-        "model": _model(document),
-        "pooled": scene.get("model", {}).get("pooling", "partial") == "partial",
-        "contrast": document.get("contrast"),
-        "subjects": max((row["n"] for row in intervals), default=0),
-        "references": references,
-        "numbers": {reference["key"]: rank for rank, reference in enumerate(references, start=1)},
-        "bibtex": bibtex(document),
-    }
-    return Section("methods", "Methods, ready to paste", values)
+    used = distinct(results.intervals, "method")
+    kinds = ordered(KINDS, results.intervals, "kind")
+    classical = [_CLASSICAL[kind].format(words_of(results).user) for kind in kinds]
+    references = cited(results)
+    view = Methods(
+        family=family_of(results),
+        kinds=kinds,
+        classical=listed(classical) if "classical" in used else "",
+        bayesian="bayesian" in used,
+        subjects=max((row.n for row in results.intervals), default=0),
+        deviation=_deviation(results),
+        model=_model(results),
+        worst=worst_curve(results.boundaries),
+        references=references,
+        numbers={reference.key: rank for rank, reference in enumerate(references, start=1)},
+        bibtex=bibtex(results),
+    )
+    return Section("methods", "Methods, ready to paste", view)
 
 
-def _deviation(document: Record) -> str:
+def _deviation(results: Results) -> str:
     """Say what the responses of the normal family are."""
-    quantities = quantities_of(document)
-    differences = compared_by_difference(document["intervals"])
-    scales = document["provenance"]["scene"].get("model", {}).get("scale", {})
+    quantities = results.data.quantities
+    differences = compared_by_difference(results.intervals)
+    scales = results.provenance.scene["model"]["scale"]
     labels = {name: quantity.label for name, quantity in quantities.items()}
     parts = []
     if relative := [label for name, label in labels.items() if name not in differences]:
@@ -253,45 +274,37 @@ def _deviation(document: Record) -> str:
     return " and ".join(parts)
 
 
-def worst_curve(boundaries: Sequence[Record]) -> dict[str, Any] | None:
-    """Name the curve through draws with the largest typical Monte Carlo error; None without such curves."""
-    drawn = [
-        record for record in pointed(boundaries, "/boundaries") if record.get("error") is not None
-    ]
-    if not drawn:
-        return None
-    worst = max(drawn, key=lambda record: float(record["error"]))
-    labels = {name: worst[name] for name in ("environment", "kind", "method", "family")}
-    return labels | {"pointer": f"{worst['pointer']}/error"}
+def worst_curve(boundaries: Iterable[Boundary]) -> Boundary | None:
+    """Return the curve with the largest typical Monte Carlo error; None where no curve has one."""
+    drawn = [boundary for boundary in boundaries if boundary.error is not None]
+    return max(drawn, key=lambda boundary: boundary.error or 0.0, default=None)
 
 
-def _model(document: Record) -> str:
+def _model(results: Results) -> str:
     """Say what the hierarchical model is made of; data and scene leave parts of it out."""
-    record = document["data"]
-    model = document["provenance"]["scene"].get("model", {})
-    words = words_of(document)
-    quantities = quantities_of(document)
-    parameters = distinct(document["intervals"], "parameter")
-    names = [quantities[parameter].label for parameter in parameters]
+    model = results.provenance.scene["model"]
+    words = words_of(results)
+    parameters = distinct(results.intervals, "parameter")
+    names = [results.data.quantities[parameter].label for parameter in parameters]
     pair = len(names) == 2
-    sessions = record["form"] == "trials"
-    several = len(record["environments"]) > 1
+    sessions = results.data.form == "trials"
+    several = len(results.data.environments) > 1
     parts = ["a bias"]
     if several:
         parts = [
             "a regression of bias on the logarithm of the reference with a deviation for each"
             f" {words.environment}"
         ]
-    if sessions and several and model.get("subject_effect", True):
+    if sessions and several and model["subject_effect"]:
         both = f" and correlated between {' and '.join(names)}" if pair else ""
         parts.append(f"{words.subject} effects shared by all {words.environments}{both}")
     scatter = f"between-{words.subject} scatter"
     if several:
-        alike = model.get("common_spread")
+        alike = model["common_spread"]
         scatter += (
             f" alike in all {words.environments}" if alike else f" within each {words.environment}"
         )
-    if several and model.get("weber"):
+    if several and model["weber"]:
         scatter += (
             f", in proportion to the reference but for each {words.environment}’s own deviation"
         )
@@ -300,32 +313,32 @@ def _model(document: Record) -> str:
 
 
 @cache
-def _references() -> tuple[Record, ...]:
-    """Return works to cite: key, entry type and fields of BibTeX, and the text for a list."""
+def _references() -> tuple[Reference, ...]:
+    """Return works to cite, in order."""
     text = resources.files("percept.report").joinpath("references.toml").read_text(encoding="utf-8")
     tables = tomllib.loads(text.replace("{version}", __version__))
-    return tuple({"key": key, **table} for key, table in tables.items())
+    return tuple(Reference(key, **table) for key, table in tables.items())
 
 
-def cited(document: Record) -> list[Record]:
-    """Return what the methods paragraph of a document cites, in order."""
-    methods = {row["method"] for row in document["intervals"]}
-    needed = {"percept"} | ({"boundaries"} if makes_impedance(document) else set())
+def cited(results: Results) -> list[Reference]:
+    """Return what the methods paragraph of results cites, in order."""
+    methods = distinct(results.intervals, "method")
+    needed = {"percept"}
+    if makes_impedance(results):
+        needed.add("boundaries")
     if "classical" in methods:
         needed.add("meeker2017")
     if "bayesian" in methods:
         needed |= {"emcee", "cotter2013", "vehtari2021"}
-    if document["provenance"]["scene"].get("coupling") and makes_impedance(document):
+    if results.provenance.scene.get("coupling") and makes_impedance(results):
         needed.add("adams1999")
-    return [reference for reference in _references() if reference["key"] in needed]
+    return [reference for reference in _references() if reference.key in needed]
 
 
-def bibtex(document: Record) -> str:
-    """Return the BibTeX entries of what a document cites."""
+def bibtex(results: Results) -> str:
+    """Return the BibTeX entries of what results cite."""
     entries = []
-    for reference in cited(document):
-        fields = ",\n".join(
-            f"  {name} = {{{value}}}" for name, value in reference["fields"].items()
-        )
-        entries.append(f"@{reference['entry']}{{{reference['key']},\n{fields}\n}}\n")
+    for reference in cited(results):
+        fields = ",\n".join(f"  {name} = {{{value}}}" for name, value in reference.fields.items())
+        entries.append(f"@{reference.entry}{{{reference.key},\n{fields}\n}}\n")
     return "\n".join(entries)

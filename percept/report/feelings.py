@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+import dataclasses
+from collections.abc import Sequence
 
 from percept.boundary.feels_real import judge
 from percept.inference.record import percent
@@ -11,7 +11,6 @@ from percept.report.numbers import bare, rounded
 from percept.report.select import (
     METHOD_NAMES,
     METHODS,
-    Record,
     Section,
     Words,
     distinct,
@@ -20,9 +19,9 @@ from percept.report.select import (
     first,
     listed,
     matching,
-    pointed,
     words_of,
 )
+from percept.results import Membership, Results, Verdict
 
 __all__ = ["RENDERED", "feeling_sentences", "feelings"]
 
@@ -51,7 +50,7 @@ def _said_probability(probability: float, decision: float) -> str:
     return f"{100.0 * shown:.6g} %" if shown > 0.0 else "< 1 %"
 
 
-def feeling_sentences(verdicts: Sequence[Record], words: Words) -> list[str]:
+def feeling_sentences(verdicts: Sequence[Verdict], words: Words) -> list[str]:
     """Say what feels real through the coupling, or directly without one, by which method and level."""
     coupled = bool(matching(verdicts, coupled=True))
     judged = matching(verdicts, coupled=coupled)
@@ -61,12 +60,12 @@ def feeling_sentences(verdicts: Sequence[Record], words: Words) -> list[str]:
     for outcome in _SAID:
         alike = matching(judged, outcome=outcome)
         if alike:
-            probabilities = [row["probability"] for row in alike]
-            said = _said_of(alike, outcome, len(judged), words)
-            groups.append(f"{said} ({_said_range(probabilities, alike[0]['decision'])})")
+            said = _said_of(distinct(alike, "environment"), outcome, len(judged), words)
+            probabilities = [verdict.probability for verdict in alike]
+            groups.append(f"{said} ({_said_range(probabilities, judged[0].decision)})")
     rendered = "Through the coupling" if coupled else "Displayed directly"
-    level = percent(judged[0]["level"])
-    decision = percent(judged[0]["decision"])
+    level = percent(judged[0].level)
+    decision = percent(judged[0].decision)
     measures = {"bayesian": "Bayesian probability", "classical": "classical confidence"}
     measure = " or ".join(measures[method] for method in distinct(judged, "method"))
     return [
@@ -77,8 +76,7 @@ def feeling_sentences(verdicts: Sequence[Record], words: Words) -> list[str]:
     ]
 
 
-def _said_of(rows: Sequence[Record], outcome: str, count: int, words: Words) -> str:
-    names = [str(row["environment"]) for row in rows]
+def _said_of(names: Sequence[str], outcome: str, count: int, words: Words) -> str:
     several = len(names) > 1
     if len(names) <= _NAMED:
         named = listed(names)
@@ -92,95 +90,107 @@ def _said_of(rows: Sequence[Record], outcome: str, count: int, words: Words) -> 
 def _said_range(probabilities: Sequence[float], decision: float) -> str:
     """Write each probability, or the smallest and the largest of many."""
     if len(probabilities) > _NAMED:
-        ends = min(probabilities), max(probabilities)
-        low, high = (_said_probability(end, decision) for end in ends)
+        low = _said_probability(min(probabilities), decision)
+        high = _said_probability(max(probabilities), decision)
         return low if low == high else f"{low} to {high}"
     said = [_said_probability(probability, decision) for probability in probabilities]
     return said[0] if len(set(said)) == 1 else listed(said)
 
 
-def _straddling(judged: Sequence[Record]) -> list[str]:
+def _straddling(judged: Sequence[Verdict]) -> list[str]:
     """Say whose Monte Carlo error reaches over a threshold after all draws."""
     sentences = []
-    for row in judged:
-        evidence = row["bayesian"]
-        if evidence and evidence["straddles"]:
-            probability = bare(rounded(100.0 * evidence["probability"], 3))
-            error = bare(rounded(100.0 * evidence["error"], 2))
+    for verdict in judged:
+        evidence = verdict.bayesian
+        if evidence and evidence.straddles:
+            probability = bare(rounded(100.0 * evidence.probability, 3))
+            error = bare(rounded(100.0 * evidence.error, 2))
             sentences.append(
-                f"The Monte Carlo error of {row['environment']} ({probability} ± {error} %) still"
-                f" reaches over a threshold after {evidence['draws']} draws."
+                f"The Monte Carlo error of {verdict.environment} ({probability} ± {error} %) still"
+                f" reaches over a threshold after {evidence.draws} draws."
             )
     return sentences
 
 
-def _disagreeing(judged: Sequence[Record], words: Words) -> list[str]:
+def _disagreeing(judged: Sequence[Verdict], words: Words) -> list[str]:
     """Say where the classical method comes to another outcome than the Bayesian one."""
     parts = []
-    differing = [row for row in judged if _differs(row)]
     for outcome in _SAID:
-        others = [row for row in differing if row["classical"]["outcome"] == outcome]
-        if others:
-            least = [row["classical"]["least"] for row in others]
-            said = _said_of(others, outcome, len(judged), words)
+        names = []
+        least = []
+        for verdict in judged:
+            classical = verdict.classical
+            bayesian = verdict.bayesian
+            if not classical or not bayesian or bayesian.outcome == outcome:
+                continue
+            if classical.outcome == outcome:
+                names.append(verdict.environment)
+                least.append(classical.least)
+        if names:
+            said = _said_of(names, outcome, len(judged), words)
             # Classical confidences have a threshold of their own for "does not".
-            parts.append(f"{said} ({_said_range(least, others[0]['decision'])})")
+            parts.append(f"{said} ({_said_range(least, judged[0].decision)})")
     return [f"The classical method says otherwise: {'; '.join(parts)}."] if parts else []
 
 
-def _differs(verdict: Record) -> bool:
-    classical, bayesian = verdict["classical"], verdict["bayesian"]
-    return bool(classical and bayesian and classical["outcome"] != bayesian["outcome"])
+@dataclasses.dataclass(frozen=True)
+class PaperRule:
+    """What the rule "curve between curves" says, and by which limits."""
+
+    sentences: str
+    method: str
+    family: str
 
 
-def feelings(document: Record) -> Section | None:
+@dataclasses.dataclass(frozen=True)
+class Feelings:
+    """The section on what feels real."""
+
+    bayesian: list[Verdict]
+    classical: list[Verdict]
+    rendered: dict[bool, str]  # How an environment is displayed, by whether through the coupling
+    paper: PaperRule | None
+
+
+def feelings(results: Results) -> Section | None:
     """Return the verdicts of both methods, and what the paper's rule says."""
-    verdicts = pointed(document["verdicts"], "/verdicts")
+    verdicts = results.verdicts
     if not verdicts:
         return None
-    coupling = document["coupling"] or {}
-    memberships = pointed(coupling.get("memberships"), "/coupling/memberships")
-    values = {
-        "bayesian": [_row(row) for row in verdicts if row["bayesian"]],
-        "classical": [_row(row) for row in verdicts if row["classical"]],
-        "coupled": bool(coupling),
-        "level": verdicts[0]["level"],
-        "paper": _paper_rule(memberships, document, words_of(document)),
-        "summary": document["data"]["form"] == "summary",
-    }
-    return Section("verdicts", "Does it feel real?", values)
+    view = Feelings(
+        bayesian=[verdict for verdict in verdicts if verdict.bayesian],
+        classical=[verdict for verdict in verdicts if verdict.classical],
+        rendered=RENDERED,
+        paper=_paper_rule(results),
+    )
+    return Section("verdicts", "Does it feel real?", view)
 
 
-def _row(verdict: dict[str, Any]) -> dict[str, Any]:
-    return {**verdict, "rendered": RENDERED[verdict["coupled"]]}
-
-
-def _paper_rule(
-    memberships: Sequence[Record], document: Record, words: Words
-) -> Mapping[str, Any] | None:
+def _paper_rule(results: Results) -> PaperRule | None:
     """Return what the rule "curve between curves" says, by the next user's exact envelope."""
-    envelopes = matching(memberships, kind="user", shape="envelope")
-    rows = [row for row in envelopes if each_by_itself(row)]
-    best = {"method": METHODS[::-1], "family": families_of(document)}
-    chosen = [
-        first(matching(rows, environment=name), **best) for name in distinct(rows, "environment")
-    ]
-    kept = [row for row in chosen if row is not None]
-    if not kept:
+    if results.coupling is None:
         return None
-    said = []
+    envelopes = matching(results.coupling.memberships, kind="user", shape="envelope")
+    main = [row for row in envelopes if each_by_itself(row)]
+    preferred: list[Membership] = []
+    for name in distinct(main, "environment"):
+        alike = matching(main, environment=name)
+        row = first(alike, method=METHODS[::-1], family=families_of(results))
+        if row is not None:
+            preferred.append(row)
+    if not preferred:
+        return None
+    environments = words_of(results).environments
+    sentences = []
     for side, rendered in (("uncoupled", RENDERED[False]), ("coupled", RENDERED[True])):
         groups = []
         for inside in _INSIDE:
-            alike = [row["environment"] for row in kept if row[f"verdict_{side}"] == inside]
-            if len(alike) > _NAMED:
-                groups.append(f"{inside} {len(alike)} of {len(kept)} {words.environments}")
-            elif alike:
-                groups.append(f"{inside} {listed(alike)}")
-        said.append(f"{rendered}, {'; '.join(groups)}")
-    method = METHOD_NAMES[kept[0]["method"]]
-    return {
-        "said": ". ".join(text[:1].upper() + text[1:] for text in said),
-        "method": method,
-        "family": kept[0]["family"],
-    }
+            alike = matching(preferred, **{f"verdict_{side}": inside})
+            names = distinct(alike, "environment")
+            if len(names) > _NAMED:
+                groups.append(f"{inside} {len(names)} of {len(preferred)} {environments}")
+            elif names:
+                groups.append(f"{inside} {listed(names)}")
+        sentences.append(f"{rendered[:1].upper()}{rendered[1:]}, {'; '.join(groups)}")
+    best = preferred[0]
+    return PaperRule(". ".join(sentences), METHOD_NAMES[best.method], best.family)

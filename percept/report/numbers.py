@@ -1,22 +1,18 @@
-"""Numbers as a reader sees them: rounded here and nowhere else, each with its pointer into report.json."""
+"""Numbers as a reader sees them: rounded here and nowhere else."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import Any
 
 from percept.errors import UsageError
-from percept.report.select import at, unescaped
 
 __all__ = [
     "SUPERSCRIPT", "Number", "bare", "digits_of", "number", "percentage", "rounded",
 ]  # fmt: skip
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_INFINITE = {"inf": "∞", "-inf": "−∞"}
 
 
 @dataclass(frozen=True)
@@ -27,10 +23,13 @@ class Number:
     exact: str  # Every digit; empty where there is none
 
 
+_NO_NUMBER = Number("–", "")
+
+
 def rounded(value: float, digits: int = 5) -> str:
     """Write a number to significant digits, in powers of ten where it is very large or very small."""
     if math.isinf(value):
-        return _INFINITE["inf" if value > 0 else "-inf"]
+        return "∞" if value > 0 else "−∞"
     if value == 0:
         return "0"
     mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
@@ -67,20 +66,19 @@ def _bias(value: float) -> str:
     return ("+" if value > 0 and abs(value) >= 0.001 else "") + percentage(value, digits)
 
 
-def number(document: Any, pointer: str, *, digits: int = 5, style: str = "plain") -> Number:
-    """Return the number at a pointer of the document, as it is shown; a dash where its record has none."""
-    parent, _, last = pointer.rpartition("/")
-    owner = at(document, parent)
-    value = owner.get(unescaped(last)) if isinstance(owner, Mapping) else at(document, pointer)
+def number(value: object, *, digits: int = 5, style: str = "plain") -> Number:
+    """Return a number as it is shown; a dash where there is none."""
     if value is None:
-        return Number("–", "")
-    if isinstance(value, str) and value in _INFINITE:
-        return Number(_INFINITE[value], value)
+        return _NO_NUMBER
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise UsageError(
-            "a number was expected at this place of the report.", key=pointer, value=value
-        )
-    return Number(_written(value, digits, style), repr(value))
+        raise UsageError("a number was expected at this place of the report.", value=value)
+    if math.isnan(value):
+        return _NO_NUMBER
+    # An array's double has a text form of its own.
+    exact = float(value) if isinstance(value, float) else value
+    if math.isinf(exact):
+        return Number(rounded(exact), repr(exact))
+    return Number(_written(exact, digits, style), repr(exact))
 
 
 def _written(value: float, digits: int, style: str) -> str:
@@ -92,23 +90,21 @@ def _written(value: float, digits: int, style: str) -> str:
     if style == "short percent":
         return f"{100 * value:.10g}\u202f%".replace("-", "−")
     if style == "bias":
-        return _bias(float(value))
+        return _bias(value)
     if style == "difference":
-        return ("+" if value > 0 else "") + bare(rounded(float(value), digits))
+        return ("+" if value > 0 else "") + bare(rounded(value, digits))
     if style == "percent":
         return percentage(value, digits)
     if style == "error":
         return f"{bare(rounded(100 * value, 1))}\u202f%"
-    return bare(rounded(float(value), digits))
+    return bare(rounded(value, digits))
 
 
-def digits_of(
-    value: float | str | None, lower: float | str | None, upper: float | str | None
-) -> int:
+def digits_of(value: float | None, lower: float | None, upper: float | None) -> int:
     """Return the significant digits worth reading: to about a hundredth of an interval's half-width."""
-    limits = [float(limit) for limit in (lower, upper) if limit is not None]
+    limits = [limit for limit in (lower, upper) if limit is not None]
     width = max(limits, default=0.0) - min(limits, default=0.0)
-    size = abs(float(value)) if value is not None else 0.0
+    size = abs(value) if value is not None else 0.0
     if not (0.0 < width < math.inf and 0.0 < size < math.inf):
         return 4
     return min(max(math.ceil(math.log10(size / (0.005 * width))), 2), 6)

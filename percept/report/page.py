@@ -1,11 +1,12 @@
-"""Pages that need nothing else: the report's from its document, and others in its style."""
+"""Pages that need nothing else: the report's from its results, and others in its style."""
 
 from __future__ import annotations
 
 import base64
+import dataclasses
 import hashlib
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -14,14 +15,15 @@ from jinja2.sandbox import SandboxedEnvironment
 from markupsafe import Markup, escape
 
 from percept.provenance import commit_of_code
-from percept.report.numbers import number, rounded
+from percept.report.numbers import digits_of, number, rounded
 from percept.report.sections import build_sections
-from percept.report.select import title_of
+from percept.report.select import listed, makes_impedance, title_of, words_of
+from percept.results import Findings, Results
 
 if TYPE_CHECKING:
     from percept.report.figures.canvas import Drawing
 
-__all__ = ["render_page", "render_standalone"]
+__all__ = ["Places", "render_page", "render_standalone"]
 
 _PACKAGE = "percept.report"
 #: What stands on a page where there is no number.
@@ -29,35 +31,41 @@ _NO_NUMBER = Markup('<span class="none">–</span>')
 
 
 def render_page(
-    document: Mapping[str, Any],
+    results: Results,
+    found: Findings,
     plots: Mapping[str, Drawing],
     *,
     date: str,
     files: Collection[str] = (),
 ) -> str:
-    """Render the page of a document: numbers know their pointers, tables link to their own of the `files`."""
+    """Render the page of results: numbers know their place in report.json, tables link to `files`."""
+    places = Places(results, found)
 
-    def written(pointer: str, *, digits: int = 5, style: str = "plain") -> Markup:
-        shown = number(document, pointer, digits=digits, style=style)
+    def written(record: object, *steps: str | int, digits: int = 5, style: str = "plain") -> Markup:
+        shown = number(places.value(record, *steps), digits=digits, style=style)
         if not shown.exact:
             return _NO_NUMBER
         return Markup('<data value="{}" data-at="{}">{}</data>').format(
-            shown.exact, pointer, shown.text
+            shown.exact, places.pointer(record, *steps), shown.text
         )
 
-    words = document["data"]["words"]
     script = _asset(_PACKAGE, "page.js")
     environment = _environment(_PACKAGE)
     environment.filters["symbols"] = _symbols
+    environment.filters["listed"] = listed
     return environment.get_template("page.html.j2").render(
-        document=document,
+        results=results,
+        scene=results.provenance.scene,
+        found=found,
         files=files,
-        title=document["provenance"]["scene"]["report"].get("title") or title_of(document),
-        noun=_nouns(words),
-        sections=build_sections(document),
+        title=results.provenance.scene["report"].get("title") or title_of(results),
+        impedance=makes_impedance(results),
+        noun=words_of(results),
+        sections=build_sections(results, found),
         date=date,
         commit=commit_of_code(),
         n=written,
+        digits_of=digits_of,
         plots=plots,
         style=_asset(_PACKAGE, "page.css"),
         script=script,
@@ -123,15 +131,6 @@ def _policy(*scripts: str) -> str:
     )
 
 
-def _nouns(words: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    """Return what the study calls environments and subjects: one, several, and one with its article."""
-    nouns: dict[str, str] = {}
-    for usual, (singular, plural) in words.items():
-        article = "an" if singular[:1].lower() in set("aeiou") else "a"
-        nouns |= {usual: singular, f"{usual}s": plural, f"a_{usual}": f"{article} {singular}"}
-    return nouns
-
-
 def _initial(text: str) -> str:
     """Capitalise the first letter, and leave the others as they are."""
     return text[:1].upper() + text[1:]
@@ -145,3 +144,52 @@ def _asset(package: str, name: str) -> Markup:
 def _symbols(text: str) -> Markup:
     """Set the subscripts of Z_h and its like, and escape the rest."""
     return Markup(re.sub(r"Z_(h,vc|h|e|c|d)\b", r"Z<sub>\1</sub>", str(escape(text))))
+
+
+class Places:
+    """Where the records of results stand in report.json, by JSON pointer.
+
+    Records are told apart by identity: equal ones may stand at several places.
+    """
+
+    def __init__(self, results: Results, found: Findings) -> None:
+        self._pointers = dict(_pointers(results, ""))
+        self._pointers |= _pointers(found, "/summary")
+
+    def value(self, record: object, *steps: str | int) -> object:
+        """Return what stands some steps below a record; None where a table lacks it."""
+        for step in steps:
+            if isinstance(record, Mapping):
+                record = record.get(step)
+            elif isinstance(record, tuple) and isinstance(step, int):
+                record = record[step]
+            else:
+                record = getattr(record, str(step))
+        return record
+
+    def pointer(self, record: object, *steps: str | int) -> str:
+        """Return the JSON pointer of what stands some steps below a record."""
+        return "".join([self._pointers[id(record)], *map(_step, steps)])
+
+
+def _pointers(value: object, pointer: str) -> Iterator[tuple[int, str]]:
+    """Give the pointers of a record or table and of all below it, by identity."""
+    if isinstance(value, tuple):
+        for index, item in enumerate(value):
+            yield from _pointers(item, f"{pointer}{_step(index)}")
+        return
+    parts: Mapping[str, object]
+    if dataclasses.is_dataclass(value):
+        parts = vars(value)
+    elif isinstance(value, Mapping):
+        parts = value
+    else:
+        return
+    yield id(value), pointer
+    for name, part in parts.items():
+        yield from _pointers(part, f"{pointer}{_step(name)}")
+
+
+def _step(name: str | int) -> str:
+    """Write a step of a JSON pointer."""
+    return "/" + str(name).replace("~", "~0").replace("/", "~1")

@@ -1,29 +1,21 @@
-"""The sections of the page that give results; each takes the document and returns itself, or None."""
+"""The sections of the page that give results; each takes the results and returns itself, or None."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Any, Generic, TypeVar
 
 from percept.boundary.band import size_name
-from percept.report.basis import (
-    checks,
-    comparison,
-    data,
-    diagnostics,
-    methods,
-)
+from percept.report.basis import checks, comparison, data, diagnostics, methods
 from percept.report.contrast import contrast
 from percept.report.feelings import feelings
-from percept.report.numbers import digits_of
 from percept.report.overview import summary
 from percept.report.select import (
     KINDS,
     METHODS,
-    Record,
     Section,
-    array,
     choice_said,
     chosen,
     distinct,
@@ -33,13 +25,26 @@ from percept.report.select import (
     first,
     matching,
     ordered,
-    pointed,
-    quantities_of,
     words_of,
 )
+from percept.results import (
+    Band,
+    BandLaw,
+    BandRow,
+    BandStatement,
+    Boundary,
+    Findings,
+    IntervalRow,
+    Membership,
+    Results,
+    plain,
+)
+from percept.results.fields import Array
 from percept.sessions.quantities import Quantity
 
 __all__ = ["build_sections"]
+
+R = TypeVar("R", IntervalRow, Membership)
 
 _SHAPES = {
     "corner": (
@@ -56,7 +61,6 @@ _SHAPES = {
         " (classical)"
     ),
 }
-_BINDS = {"stability": "stability", "magnitude": "|Z_h|", "plane": "k and b"}
 _LAWS = {
     "weber": "Weber, w·{0}",
     "offset": "Weber with offset, c + w·{0}",
@@ -64,261 +68,349 @@ _LAWS = {
 }
 
 
-def build_sections(document: Record) -> list[Section]:
-    """Return the sections a document needs, in reading order; what it has nothing for is absent."""
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """A column of a table: a kind of interval by one method."""
+
+    kind: str
+    method: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Line(Generic[R]):
+    """A row of a table: one environment, with a record or none under each column."""
+
+    environment: str
+    cells: list[R | None]
+
+
+@dataclasses.dataclass(frozen=True)
+class Grid(Generic[R]):
+    """A table with a column per kind and method, and a row per environment."""
+
+    columns: list[Column]
+    lines: list[Line[R]]
+    family: str  # Of its records, in words
+
+
+def build_sections(results: Results, found: Findings) -> list[Section]:
+    """Return the sections that results need, in reading order; what they have nothing for is absent."""
     sections = (
-        summary(document),
-        intervals(document),
-        contrast(document),
-        boundaries(document),
-        feelings(document),
-        _part(document, "passivity", "direct", "Passivity without a coupling"),
-        coupling(document),
-        design(document),
-        _part(document, "sensitivity", "device", "Sensitivity to device mass and damping"),
-        band(document),
-        comparison(document),
-        diagnostics(document),
-        checks(document),
-        data(document),
-        methods(document),
-        _part(document, "provenance", "provenance", "Provenance"),
-        _part(document, "skipped", "skipped", "Not computed"),
+        summary(results, found),
+        intervals(results),
+        contrast(results),
+        boundaries(results),
+        feelings(results),
+        _part(results.passivity, "direct", "Passivity without a coupling"),
+        coupling(results),
+        _part(results.design, "design", "Admissible couplings by the paper’s rule"),
+        _part(results.sensitivity, "device", "Sensitivity to device mass and damping"),
+        band(results),
+        comparison(results),
+        diagnostics(results),
+        checks(results),
+        data(results),
+        methods(results),
+        _part(results.provenance, "provenance", "Provenance"),
+        _part(results.skipped, "skipped", "Not computed"),
     )
     return [section for section in sections if section is not None]
 
 
-def _part(document: Record, part: str, name: str, title: str) -> Section | None:
-    """Return a section that shows a part of the document as it stands."""
-    if not document[part]:
-        return None
-    return Section(name, title, {part: document[part]})
+def _part(part: object, name: str, title: str) -> Section | None:
+    """Return a section that shows a part of the results as it stands."""
+    return Section(name, title) if part else None
 
 
-def intervals(document: Record) -> Section | None:
+@dataclasses.dataclass(frozen=True)
+class Matrix:
+    """The intervals of one quantity in the study's family."""
+
+    parameter: str
+    title: str
+    unit: str
+    grid: Grid[IntervalRow]
+
+
+@dataclasses.dataclass(frozen=True)
+class Coverage:
+    """What intervals of one kind and method cover."""
+
+    kind: str
+    method: str
+    families: list[str]
+    where: list[str]  # Cells; empty where it holds for all
+    sentence: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Intervals:
+    """The section of intervals."""
+
+    matrices: list[Matrix]
+    coverages: list[Coverage]
+
+
+def intervals(results: Results) -> Section | None:
     """Return a matrix per quantity in the study's family, and what each interval covers."""
-    rows = pointed(document["intervals"], "/intervals")
-    if not rows:
+    if not results.intervals:
         return None
-    marginal = matching(rows, joint="marginal")
-    quantities = quantities_of(document)
-    families = families_of(document)
+    marginal = matching(results.intervals, joint="marginal")
     matrices = []
     for name in distinct(marginal, "parameter"):
-        matrices.append(_matrix(matching(marginal, parameter=name), families, quantities[name]))
-    values = {"matrices": matrices, "sentences": _sentences(rows)}
-    return Section("intervals", "Intervals of the adjustments", values)
+        rows = matching(marginal, parameter=name)
+        title = results.data.quantities[name].head
+        matrices.append(Matrix(name, title, rows[0].unit, _grid(rows, families_of(results))))
+    view = Intervals(matrices, _coverages(results.intervals))
+    return Section("intervals", "Intervals of the adjustments", view)
 
 
-def _matrix(rows: Sequence[Record], families: Sequence[str], quantity: Quantity) -> Record:
-    """Return a row per environment and a column per kind and method, in the first family each has."""
-    columns, lines = _grid(rows, families)
-    families_shown = set()
-    shown = []
-    for line in lines:
-        filled = [cell for cell in line["cells"] if cell]
-        families_shown |= set(distinct(filled, "family"))
-        shown.append(
-            {
-                "environment": line["environment"],
-                "reference": f"{filled[0]['pointer']}/reference",
-                "cells": [cell and {**cell, "digits": _digits(cell)} for cell in line["cells"]],
-            }
-        )
-    return {
-        "title": quantity.head,
-        "parameter": rows[0]["parameter"],
-        "unit": rows[0]["unit"],
-        "family": ", else ".join(family for family in families if family in families_shown),
-        "columns": columns,
-        "rows": shown,
-    }
-
-
-def _grid(rows: Sequence[Record], families: Sequence[str]) -> tuple[list[Record], list[Record]]:
-    """Return a column per kind and method, and a row per environment with its records under them."""
-    columns = []
-    for alike in _by_kind_and_method(rows):
-        columns.append({"kind": alike[0]["kind"], "method": alike[0]["method"]})
+def _grid(records: Sequence[R], families: Sequence[str]) -> Grid[R]:
+    """Put under each column the environment's record of the first family that it has."""
+    columns = [Column(rows[0].kind, rows[0].method) for rows in _by_kind_and_method(records)]
     lines = []
-    for name in distinct(rows, "environment"):
-        of_environment = matching(rows, environment=name)
-        cells = [first(matching(of_environment, **column), family=families) for column in columns]
-        lines.append({"environment": name, "cells": cells})
-    return list(columns), list(lines)
+    families_shown = set()
+    for name in distinct(records, "environment"):
+        of_environment = matching(records, environment=name)
+        cells = []
+        for column in columns:
+            alike = matching(of_environment, kind=column.kind, method=column.method)
+            cell = first(alike, family=families)
+            if cell is not None:
+                families_shown.add(cell.family)
+            cells.append(cell)
+        lines.append(Line(name, cells))
+    family = ", else ".join(family for family in families if family in families_shown)
+    return Grid(columns, lines, family)
 
 
-def _digits(cell: Record) -> list[int]:
-    return [digits_of(cell[end], cell["lower"], cell["upper"]) for end in ("lower", "upper")]
-
-
-def _sentences(rows: Sequence[Record]) -> list[Record]:
+def _coverages(rows: Sequence[IntervalRow]) -> list[Coverage]:
     """Return what each kind and method covers, each sentence once, with what it holds for."""
-    sentences = []
+    coverages = []
     for alike in _by_kind_and_method(rows):
-        for covers in distinct(alike, "covers"):
-            same = matching(alike, covers=covers)
-            of_family = matching(alike, family=same[0]["family"])
+        for sentence in distinct(alike, "covers"):
+            same = matching(alike, covers=sentence)
+            of_family = matching(alike, family=same[0].family)
             where: list[str] = []
             if len(distinct(of_family, "covers")) > 1:
-                where = [f"{row['parameter']} of {row['environment']}" for row in same]
-            families = sorted(distinct(same, "family"), reverse=True)
-            sentences.append({**same[0], "families": families, "where": list(dict.fromkeys(where))})
-    return list(sentences)
+                where = [f"{row.parameter} of {row.environment}" for row in same]
+            coverages.append(
+                Coverage(
+                    kind=same[0].kind,
+                    method=same[0].method,
+                    families=sorted(distinct(same, "family"), reverse=True),
+                    where=list(dict.fromkeys(where)),
+                    sentence=sentence,
+                )
+            )
+    return coverages
 
 
-def boundaries(document: Record) -> Section | None:
-    """Return figures and values of each environment's boundaries, and the curves for the page's script."""
-    records = document["boundaries"]
+@dataclasses.dataclass(frozen=True)
+class CurveLimits:
+    """Limits that the page's script draws; None where a limit is not finite."""
+
+    kind: str
+    method: str
+    family: str
+    shape: str
+    grid: int  # Index of its frequencies
+    lower: list[float | None]
+    upper: list[float | None]
+
+
+@dataclasses.dataclass(frozen=True)
+class Curves:
+    """What the page's script draws of one environment; grids that curves share stand once."""
+
+    name: str
+    zoom: tuple[float, float] | None  # rad/s
+    grids: list[list[float | None]]  # rad/s
+    reference: list[float | None]
+    coupled: list[float | None] | None
+    limits: list[CurveLimits]
+
+
+@dataclasses.dataclass(frozen=True)
+class Boundaries:
+    """The section of boundaries."""
+
+    quantities: str
+    shapes: dict[str, str]  # What each shape means
+    curves: Any  # `Curves` as JSON values
+    left_out: str  # Says which environments are not drawn
+
+
+def boundaries(results: Results) -> Section | None:
+    """Return what the shapes mean, and the curves for the page's script."""
+    records = results.boundaries
     if not records:
         return None
     names = distinct(records, "environment")
-    values = {
-        "quantities": " and ".join(distinct(document["intervals"], "parameter")),
-        "shapes": [
-            {"name": name, "meaning": _SHAPES[name]} for name in ordered(_SHAPES, records, "shape")
-        ],
-        "curves": [
-            curves for name in chosen(names) if (curves := _curves(document, name)) is not None
-        ],
-        "left_out": choice_said(names, words_of(document).environments),
-    }
-    return Section("boundaries", "Realistic performance boundaries", values)
+    main = [record for record in records if each_by_itself(record)]
+    curves = []
+    for name in chosen(names):
+        of_environment = matching(main, environment=name)
+        if of_environment:
+            curves.append(_curves(of_environment, results.zoom.get(name)))
+    view = Boundaries(
+        quantities=" and ".join(distinct(results.intervals, "parameter")),
+        shapes={name: _SHAPES[name] for name in ordered(_SHAPES, records, "shape")},
+        curves=plain(curves),
+        left_out=choice_said(names, words_of(results).environments),
+    )
+    return Section("boundaries", "Realistic performance boundaries", view)
 
 
-def _curves(document: Record, name: str) -> Record | None:
-    """Return the curves the script draws, to seven digits; a grid or curve that is shared stands once."""
-    of_environment = matching(document["boundaries"], environment=name)
-    records = [record for record in of_environment if each_by_itself(record)]
-    if not records:
-        return None
-    grids = [list(grid) for grid in dict.fromkeys(tuple(record["omega"]) for record in records)]
+def _curves(records: Sequence[Boundary], zoom: tuple[float, float] | None) -> Curves:
+    """Return the curves of one environment to seven digits."""
+    grids: list[list[float | None]] = []
     limits = []
     for record in records:
-        curve = {field: record[field] for field in ("kind", "method", "family", "shape")}
-        curve["grid"] = grids.index(record["omega"])
-        curve["lower"] = _short(record["lower"])
-        curve["upper"] = _short(record["upper"])
-        limits.append(curve)
-    coupled = records[0]["coupled"]
-    return {
-        "name": name,
-        "zoom": document["zoom"].get(name),
-        "grids": [_short(grid) for grid in grids],
-        "reference": _short(records[0]["reference"]),
-        "coupled": None if coupled is None else _short(coupled),
-        "limits": limits,
-    }
-
-
-def _short(values: list[Any]) -> list[float | None]:
-    """Round to seven digits; what is not finite is not drawn."""
-    return [
-        float(f"{value:.7g}") if math.isfinite(value) else None for value in array(values).tolist()
-    ]
-
-
-def coupling(document: Record) -> Section | None:
-    """Return the coupling's stability, and memberships in boundaries by the paper's rule."""
-    record = document["coupling"]
-    if not record:
-        return None
-    memberships = pointed(record["memberships"], "/coupling/memberships")
-    values = {
-        "coupling": record,
-        "memberships": _memberships(memberships, family_of(document)),
-        "effective": list({row["environment"]: row for row in memberships}.values()),
-    }
-    return Section("coupling", "The virtual coupling", values)
-
-
-def _memberships(records: Sequence[Record], family: str) -> Record | None:
-    """Return a row per environment, a column per kind and method: exact envelope, the study's family."""
-    envelopes = matching(records, shape="envelope", family=family)
-    main = [row for row in envelopes if each_by_itself(row)]
-    if not main:
-        return None
-    columns, rows = _grid(main, [family])
-    return {"family": family, "columns": columns, "rows": rows}
-
-
-def _by_method(records: Sequence[Record]) -> list[Record]:
-    """Return a row per environment and kind, with the pointer of each method's record."""
-    rows = []
-    for environment in distinct(records, "environment"):
-        for kind in KINDS:
-            alike = matching(records, environment=environment, kind=kind)
-            if alike:
-                pointers = {record["method"]: record["pointer"] for record in alike}
-                rows.append({"environment": environment, "kind": kind, "pointers": pointers})
-    return list(rows)
-
-
-def design(document: Record) -> Section | None:
-    """Return the stiffest and the softest coupling for each environment, and for all together."""
-    record = document["design"]
-    if not record:
-        return None
-    couplings = {}
-    for by_method in pointed(record["maps"], "/design/maps")[::-1]:  # the Bayesian first
-        regions = pointed(by_method["environments"], f"{by_method['pointer']}/environments")
-        for region in regions:
-            binds = region["largest"]["binds"] if region["largest"] else ()
-            region["binds"] = ", ".join(_BINDS[name] for name in binds)
-        couplings[by_method["method"]] = regions
-    values = {"family": record["family"], "couplings": couplings}
-    return Section("design", "Admissible couplings by the paper’s rule", values)
-
-
-def band(document: Record) -> Section | None:
-    """Return how wide the bands are against the impedance, or against references, and the laws."""
-    record: Mapping[str, Any] = document["band"] or {}
-    if not record.get("rows"):
-        return None
-    names = dict.fromkeys(row.get("parameter") for row in record["rows"])
-    parts = [_band_part(document, record, parameter) for parameter in names]
-    values = {"parts": parts, "trend": pointed(record.get("kappa"), "/band/kappa")}
-    return Section(
-        "band", f"Band against {'impedance' if None in names else 'the reference'}", values
+        grid = _short(record.omega)
+        if grid not in grids:
+            grids.append(grid)
+        limits.append(
+            CurveLimits(
+                kind=record.kind,
+                method=record.method,
+                family=record.family,
+                shape=record.shape,
+                grid=grids.index(grid),
+                lower=_short(record.lower),
+                upper=_short(record.upper),
+            )
+        )
+    reference = records[0].reference
+    coupled = records[0].coupled
+    return Curves(
+        name=records[0].environment,
+        zoom=zoom,
+        grids=grids,
+        reference=_short(reference),
+        coupled=None if coupled is None else _short(coupled),
+        limits=limits,
     )
 
 
-def _band_part(document: Record, record: Record, parameter: str | None) -> Record:
+def _short(values: Array) -> list[float | None]:
+    """Round to seven digits; what is not finite is not drawn."""
+    return [float(f"{value:.7g}") if math.isfinite(value) else None for value in values.tolist()]
+
+
+@dataclasses.dataclass(frozen=True)
+class CouplingView:
+    """The section of the coupling."""
+
+    memberships: Grid[Membership]  # By the exact envelope in the study's family
+    effective: list[Membership]  # One per environment
+
+
+def coupling(results: Results) -> Section | None:
+    """Return memberships in boundaries by the paper's rule, and what references become."""
+    if results.coupling is None:
+        return None
+    memberships = results.coupling.memberships
+    family = family_of(results)
+    envelopes = matching(memberships, shape="envelope", family=family)
+    main = [row for row in envelopes if each_by_itself(row)]
+    effective = list({row.environment: row for row in memberships}.values())
+    view = CouplingView(_grid(main, [family]), effective)
+    return Section("coupling", "The virtual coupling", view)
+
+
+@dataclasses.dataclass(frozen=True)
+class BandLine:
+    """The bands of one environment and kind, by method."""
+
+    environment: str
+    kind: str
+    bands: dict[str, BandRow]
+
+
+@dataclasses.dataclass(frozen=True)
+class LawLine:
+    """The laws of one kind and method, by model."""
+
+    kind: str
+    method: str
+    laws: dict[str, BandLaw]
+
+
+@dataclasses.dataclass(frozen=True)
+class BandPart:
+    """The bands of the impedance, or of one quantity, with their laws and statements."""
+
+    name: str  # Of its figure and its table
+    size: str  # "impedance" or "reference": what the bands are compared with
+    words: str  # Of the quantity
+    symbol: str
+    unit: str
+    family: str
+    methods: list[str]
+    lines: list[BandLine]
+    laws: dict[str, str]  # Formulas by model
+    law_lines: list[LawLine]
+    statements: dict[str, list[BandStatement]]  # Of every kind and method, by their sentence
+
+    @property
+    def stated(self) -> list[BandStatement]:
+        """Return the statements of the first sentence: one per kind and method."""
+        return next(iter(self.statements.values()), [])
+
+
+def band(results: Results) -> Section | None:
+    """Return how wide the bands are against the impedance, or against references, and the laws."""
+    if results.band is None or not results.band.rows:
+        return None
+    names = distinct(results.band.rows, "parameter")
+    parts = []
+    for name in names:
+        quantity = None if name is None else results.data.quantities[name]
+        parts.append(_band_part(results.band, family_of(results), name, quantity))
+    size = "impedance" if None in names else "the reference"
+    return Section("band", f"Band against {size}", parts)
+
+
+def _band_part(
+    band: Band, family: str, parameter: str | None, quantity: Quantity | None
+) -> BandPart:
     """Return the bands of the impedance, or of one parameter, with their laws and statements."""
-    family = family_of(document)
-    wanted = {"family": family, "parameter": parameter}
-    rows = matching(pointed(record["rows"], "/band/rows"), **wanted)
-    laws = matching(pointed(record["laws"], "/band/laws"), **wanted)
-    statements = matching(pointed(record["statements"], "/band/statements"), **wanted)
-    if parameter is None:
-        named = {"name": "band", "words": None, "symbol": "|Z|", "unit": "N·s/m"}
-    else:
-        quantity = quantities_of(document)[parameter]
-        named = {"name": f"band_{parameter}", "words": quantity.words, "unit": quantity.unit}
-        named["symbol"] = "reference"
-    law_rows = []
+    rows = matching(band.rows, family=family, parameter=parameter)
+    laws = matching(band.laws, family=family, parameter=parameter)
+    statements = matching(band.statements, family=family, parameter=parameter)
+    symbol = "|Z|" if quantity is None else "reference"
+    lines = []
+    for environment in distinct(rows, "environment"):
+        of_environment = matching(rows, environment=environment)
+        for kind in ordered(KINDS, of_environment, "kind"):
+            bands: dict[str, BandRow] = {
+                row.method: row for row in matching(of_environment, kind=kind)
+            }
+            lines.append(BandLine(environment, kind, bands))
+    law_lines = []
     for alike in _by_kind_and_method(laws):
-        cells = {law["model"]: law for law in alike}
-        law_rows.append({"kind": alike[0]["kind"], "method": alike[0]["method"], "cells": cells})
-    stated = []
-    for name in distinct(statements, "statement"):
-        pointers = [row["pointer"] for row in matching(statements, statement=name)]
-        stated.append({"statement": name, "pointers": pointers})
-    columns = matching(statements, statement=stated[0]["statement"]) if stated else []
-    return {
-        **named,
-        "size": size_name(parameter),
-        "rows": _by_method(rows),
-        "laws": {name: _LAWS[name].format(named["symbol"]) for name in distinct(laws, "model")},
-        "law_rows": law_rows,
-        "family": family,
-        "statements": stated,
-        "stated": [{"kind": row["kind"], "method": row["method"]} for row in columns],
-        "methods": ordered(METHODS, rows, "method"),
-    }
+        by_model = {law.model: law for law in alike}
+        law_lines.append(LawLine(alike[0].kind, alike[0].method, by_model))
+    return BandPart(
+        name="band" if parameter is None else f"band_{parameter}",
+        size=size_name(parameter),
+        words="" if quantity is None else quantity.words,
+        symbol=symbol,
+        unit="N·s/m" if quantity is None else quantity.unit,
+        family=family,
+        methods=ordered(METHODS, rows, "method"),
+        lines=lines,
+        laws={name: _LAWS[name].format(symbol) for name in distinct(laws, "model")},
+        law_lines=law_lines,
+        statements={
+            sentence: matching(statements, statement=sentence)
+            for sentence in distinct(statements, "statement")
+        },
+    )
 
 
-def _by_kind_and_method(records: Sequence[Record]) -> list[list[Record]]:
+def _by_kind_and_method(records: Iterable[Any]) -> list[list[Any]]:
     """Group records by kind and method, in the order of the page."""
     groups = []
     for kind in KINDS:

@@ -1,26 +1,23 @@
-"""Find records of a document by what they are, and the numbers in them by their JSON pointer."""
+"""Find records of results by what they are, and name what a study is about."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from percept.errors import UsageError
 from percept.results import Nouns, Results
-from percept.sessions.quantities import IMPEDANCE, Quantity
+from percept.sessions.quantities import IMPEDANCE
 
 __all__ = [
-    "KINDS", "METHODS", "METHOD_NAMES", "STATISTICS", "Record", "Section", "Words", "array", "at",
-    "choice_said", "chosen", "compared_by_difference", "distinct", "each_by_itself", "escaped",
-    "families_of", "family_of", "first", "kind_names", "listed", "makes_impedance", "matching",
-    "ordered", "pointed", "preferred_families", "quantities_of", "title_of", "unescaped", "words_of",
+    "KINDS", "METHODS", "METHOD_NAMES", "STATISTICS", "Section", "Words", "choice_said", "chosen",
+    "compared_by_difference", "distinct", "each_by_itself", "families_of", "family_of", "first",
+    "kind_names", "listed", "makes_impedance", "matching", "ordered", "preferred_families",
+    "title_of", "words_of",
 ]  # fmt: skip
 
-Record = Mapping[str, Any]
 R = TypeVar("R")
 
 #: Joint treatments of the main account: k and b each at the level asked for, or drawn together.
@@ -38,30 +35,26 @@ class Section:
 
     name: str  # Id on the page, and name of its template
     title: str  # Heading
-    values: Record  # What the template reads
+    view: object = None  # What its template reads as `v`, beside the results
 
 
-def kind_names(words: Nouns | Record) -> dict[str, str]:
+def kind_names(words: Nouns) -> dict[str, str]:
     """Name the kinds of interval in the study's word for users."""
-    user, users = _field(words, "user")
+    user, users = words.user
     return {"mean": f"average {user}", "user": f"next {user}", "share": f"share of {users}"}
 
 
-def quantities_of(document: Record) -> dict[str, Quantity]:
-    """Return what the study adjusted, by name."""
-    return {name: Quantity(**record) for name, record in document["data"]["quantities"].items()}
-
-
-def makes_impedance(document: Record) -> bool:
+def makes_impedance(results: Results) -> bool:
     """Say whether the study is of an impedance, so that haptics may be spoken of."""
-    return document["data"]["quantities"].keys() <= IMPEDANCE.keys()
+    return results.data.quantities.keys() <= IMPEDANCE.keys()
 
 
-def title_of(document: Record) -> str:
+def title_of(results: Results) -> str:
     """Return the title of the page where the scene gives none."""
-    if makes_impedance(document):
+    if makes_impedance(results):
         return "Realistic performance boundaries"
-    return f"Intervals of {' and '.join(q.label for q in quantities_of(document).values())}"
+    labels = [quantity.label for quantity in results.data.quantities.values()]
+    return f"Intervals of {' and '.join(labels)}"
 
 
 @dataclass(frozen=True)
@@ -75,23 +68,34 @@ class Words:
     user: str
     users: str
 
+    @property
+    def a_environment(self) -> str:
+        """One environment, with its article."""
+        return _with_article(self.environment)
 
-def words_of(results: Results | Record) -> Words:
+    @property
+    def a_subject(self) -> str:
+        """One subject, with its article."""
+        return _with_article(self.subject)
+
+
+def _with_article(noun: str) -> str:
+    article = "an" if noun.lower().startswith(tuple("aeiou")) else "a"
+    return f"{article} {noun}"
+
+
+def words_of(results: Results) -> Words:
     """Return the study's words."""
-    nouns = _field(_field(results, "data"), "words")
-    environment, environments = _field(nouns, "environment")
-    subject, subjects = _field(nouns, "subject")
-    user, users = _field(nouns, "user")
-    return Words(environment, environments, subject, subjects, user, users)
+    nouns = results.data.words
+    return Words(*nouns.environment, *nouns.subject, *nouns.user)
 
 
-def family_of(results: Results | Record) -> str:
+def family_of(results: Results) -> str:
     """Return the family of the study's own model."""
-    scene = _field(_field(results, "provenance"), "scene")
-    return str(scene.get("inference", {}).get("family", "lognormal"))
+    return str(results.provenance.scene["inference"]["family"])
 
 
-def families_of(results: Results | Record) -> tuple[str, ...]:
+def families_of(results: Results) -> tuple[str, ...]:
     """Return the families in order of preference, the study's own first."""
     return preferred_families(family_of(results))
 
@@ -101,35 +105,23 @@ def preferred_families(family: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys((family, "lognormal", "normal")))
 
 
-def array(values: Sequence[Any] | None) -> NDArray[np.float64]:
-    """Return a list of the document as floats: "inf" is infinite, None is NaN, no list is empty."""
-    return np.array(
-        [np.nan if value is None else float(value) for value in values or ()], dtype=float
-    )
-
-
-def _field(record: Any, name: str) -> Any:
-    """Return a field of a record; None where it has none of this name."""
-    return record.get(name) if isinstance(record, Mapping) else getattr(record, name, None)
-
-
 def distinct(records: Iterable[Any], name: str) -> list[Any]:
     """Return the different values of a field, in order of first appearance."""
-    return list(dict.fromkeys(_field(record, name) for record in records))
+    return list(dict.fromkeys(getattr(record, name) for record in records))
 
 
 def each_by_itself(record: Any) -> bool:
     """Say whether a boundary is of the main account: not widened so that k and b hold together."""
-    return _field(record, "joint") in _EACH_BY_ITSELF
+    return record.joint in _EACH_BY_ITSELF
 
 
 def compared_by_difference(records: Iterable[Any]) -> set[str]:
     """Return quantities with a reference of zero or below: a ratio to it would turn round or fail."""
     parameters = set()
     for record in records:
-        reference = _field(record, "reference")
+        reference = record.reference
         if reference is not None and reference <= 0:
-            parameters.add(_field(record, "parameter"))
+            parameters.add(record.parameter)
     return parameters
 
 
@@ -138,7 +130,7 @@ def matching(records: Iterable[R], **wanted: object) -> list[R]:
     return [
         record
         for record in records
-        if all(_field(record, name) == value for name, value in wanted.items())
+        if all(getattr(record, name) == value for name, value in wanted.items())
     ]
 
 
@@ -164,9 +156,9 @@ def choice_said(names: Sequence[str], environments: str) -> str:
     )
 
 
-def ordered(names: Iterable[str], rows: Iterable[Record], field: str) -> list[str]:
-    """Return the names that some row has."""
-    present = {row[field] for row in rows}
+def ordered(names: Iterable[str], records: Iterable[Any], field: str) -> list[str]:
+    """Return the names that some record has."""
+    present = {getattr(record, field) for record in records}
     return [name for name in names if name in present]
 
 
@@ -179,37 +171,11 @@ def first(records: Iterable[R], **preferred: Sequence[object]) -> R | None:
     """Return the record that stands highest in every preference, earlier fields weighing more."""
 
     def ranks(record: R) -> list[int]:
-        return [values.index(_field(record, name)) for name, values in preferred.items()]
+        return [values.index(getattr(record, name)) for name, values in preferred.items()]
 
     accepted = [
         record
         for record in records
-        if all(_field(record, name) in values for name, values in preferred.items())
+        if all(getattr(record, name) in values for name, values in preferred.items())
     ]
     return min(accepted, key=ranks, default=None)
-
-
-def pointed(records: Iterable[Record] | None, root: str) -> list[dict[str, Any]]:
-    """Return records with the JSON pointer of each, from that of their list."""
-    return [{**record, "pointer": f"{root}/{index}"} for index, record in enumerate(records or ())]
-
-
-def escaped(name: str) -> str:
-    """Write a name as a step of a JSON pointer."""
-    return name.replace("~", "~0").replace("/", "~1")
-
-
-def unescaped(step: str) -> str:
-    """Read a step of a JSON pointer."""
-    return step.replace("~1", "/").replace("~0", "~")
-
-
-def at(document: Any, pointer: str) -> Any:
-    """Return what stands at a JSON pointer."""
-    value = document
-    try:
-        for step in pointer.split("/")[1:]:
-            value = value[int(step)] if isinstance(value, list) else value[unescaped(step)]
-    except (KeyError, IndexError, ValueError, TypeError) as error:
-        raise UsageError("the report has nothing at this place.", value=pointer) from error
-    return value

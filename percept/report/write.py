@@ -7,19 +7,19 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from percept.errors import UsageError
 from percept.files import FolderFiles, filled_folder, warned
 from percept.report.overview import findings
 from percept.report.tables import csv_tables
-from percept.results import SCHEMA, Results, dumps, plain
+from percept.results import Results
 
 if TYPE_CHECKING:
     from xarray import DataTree
 
 __all__ = [
-    "FIT_FILES", "REPORT_FILES", "document_of", "fill_fit", "fill_report", "fit_folder", "report_folder",
+    "FIT_FILES", "REPORT_FILES", "fill_fit", "fill_report", "fit_folder", "report_folder",
     "rewrite_report", "write_posterior",
 ]  # fmt: skip
 
@@ -120,12 +120,12 @@ def fill_report(
 
     step = progress or (lambda _: None)
     step("tables")
-    document = document_of(results)
-    (folder / "report.json").write_text(dumps(document), encoding="utf-8")
+    found = findings(results)
+    (folder / "report.json").write_text(results.to_json(found), encoding="utf-8")
     (folder / "tables").mkdir()
     for name, text in csv_tables(results).items():
         (folder / "tables" / name).write_text(text, encoding="utf-8")
-    (folder / "references.bib").write_text(bibtex(document), encoding="utf-8")
+    (folder / "references.bib").write_text(bibtex(results), encoding="utf-8")
     if posterior is not None:
         step("posterior")
         write_posterior(posterior, folder / "posterior.nc")
@@ -134,7 +134,7 @@ def fill_report(
     step("page")
     files = {path.name for path in (*folder.iterdir(), *(folder / "tables").iterdir())}
     today = datetime.date.today().isoformat()
-    page = render_page(document, plots, date=date or today, files=files)
+    page = render_page(results, found, plots, date=date or today, files=files)
     (folder / "report.html").write_text(page, encoding="utf-8")
 
 
@@ -149,7 +149,8 @@ def fit_folder(
 
 def fill_fit(folder: Path, results: Results, *, posterior: DataTree | None = None) -> None:
     """Write fit.json, in report.json's schema, and the posterior into a folder."""
-    (folder / "fit.json").write_text(dumps(document_of(results)), encoding="utf-8")
+    document = results.to_json(findings(results))
+    (folder / "fit.json").write_text(document, encoding="utf-8")
     if posterior is not None:
         write_posterior(posterior, folder / "posterior.nc")
 
@@ -192,24 +193,6 @@ def rewrite_report(
         if draws.is_file():
             shutil.copyfile(draws, folder / "posterior.nc")
     return Path(out_dir) / "report.html"
-
-
-def document_of(results: Results) -> dict[str, Any]:
-    """Return the plain values of report.json: every result, and the summary worked out from them.
-
-    Parameters
-    ----------
-    results : Results
-        Of a study, or of a report.json that was read back.
-
-    Returns
-    -------
-    dict
-        ``schema``, a key for each field of `percept.results.Results`, and ``summary``. JSON values
-        only: infinities are text and NaN is None.
-    """
-    document: dict[str, Any] = {"schema": SCHEMA, **plain(results)}
-    return document | {"summary": findings(document)}
 
 
 def write_posterior(posterior: DataTree, path: Path) -> None:

@@ -45,6 +45,13 @@ from percept.results.data import (
     Provenance,
     SourceFile,
 )
+from percept.results.findings import (
+    Findings,
+    Overview,
+    OverviewRow,
+    ReferenceName,
+    ReferencesInside,
+)
 from percept.results.intervals import (
     ContrastRow,
     IntervalRow,
@@ -57,10 +64,11 @@ from percept.results.results import SCHEMA, Results, Skipped
 
 __all__ = [
     "SCHEMA", "AdmissibleCouplings", "Band", "BandLaw", "BandRow", "BandStatement", "Boundary",
-    "CellOutlier", "CellValues", "Checks", "Confidences", "ContrastRow", "Coupling", "CouplingMap",
-    "Data", "DesignCounts", "Diagnostics", "EnvironmentCouplings", "Estimate", "GateVerdict",
-    "IntervalRow", "Ladder", "LadderEffect", "LeftOut", "LeftOutRow", "Membership", "MethodPair",
-    "NormalityTest", "Note", "Nouns", "Passivity", "PosteriorEvidence", "PredictiveCheck", "Prior",
-    "PriorQuantiles", "Provenance", "Results", "Sensitivity", "Shape", "Skipped", "SourceFile",
-    "StableEdge", "SubjectCheck", "Verdict", "WeberTrend", "dumps", "plain",
+    "CellOutlier", "CellValues", "Checks", "Confidences", "ContrastRow", "Coupling",
+    "CouplingMap", "Data", "DesignCounts", "Diagnostics", "EnvironmentCouplings", "Estimate",
+    "Findings", "GateVerdict", "IntervalRow", "Ladder", "LadderEffect", "LeftOut", "LeftOutRow",
+    "Membership", "MethodPair", "NormalityTest", "Note", "Nouns", "Overview", "OverviewRow",
+    "Passivity", "PosteriorEvidence", "PredictiveCheck", "Prior", "PriorQuantiles", "Provenance",
+    "ReferenceName", "ReferencesInside", "Results", "Sensitivity", "Shape", "Skipped",
+    "SourceFile", "StableEdge", "SubjectCheck", "Verdict", "WeberTrend", "dumps", "plain",
 ]  # fmt: skip

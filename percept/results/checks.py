@@ -30,6 +30,8 @@ class GateVerdict:
     worst: str  # The estimate it belongs to
     tolerance_met: bool  # Whether that error is within the tolerance
     error_reached: str  # A sentence on the error where it misses the tolerance, else empty
+    rhat_limit: float  # What R-hat had to stay below
+    times_needed: float  # What `times_run` had to reach
 
 
 @dataclasses.dataclass(frozen=True)

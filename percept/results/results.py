@@ -6,7 +6,6 @@ import dataclasses
 import json
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -15,6 +14,7 @@ from percept.results.boundaries import Band, Boundary
 from percept.results.checks import Checks, Diagnostics
 from percept.results.coupling import AdmissibleCouplings, Coupling, Passivity, Sensitivity, Verdict
 from percept.results.data import Data, Provenance
+from percept.results.findings import Findings
 from percept.results.intervals import ContrastRow, IntervalRow, Ladder, MethodPair
 from percept.results.plain import dumps, plain
 
@@ -67,14 +67,13 @@ class Results:
     checks: Checks | None
     skipped: tuple[Skipped, ...]
 
-    def to_json(self, **more: Any) -> str:
+    def to_json(self, summary: Findings | None = None) -> str:
         """Write the results as report.json holds them.
 
         Parameters
         ----------
-        **more
-            Further entries that are worked out from the results, such as the summary; `load` passes
-            them over.
+        summary : Findings, optional
+            What the first screen says, worked out from the results; `load` passes it over.
 
         Returns
         -------
@@ -84,8 +83,8 @@ class Results:
         document = {"schema": SCHEMA}
         for field in dataclasses.fields(self):
             document[field.name] = plain(getattr(self, field.name))
-        for name, value in more.items():
-            document[name] = plain(value)
+        if summary is not None:
+            document["summary"] = plain(summary)
         return dumps(document)
 
     @classmethod

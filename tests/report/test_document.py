@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import copy
 import dataclasses
 import json
 
@@ -9,8 +10,8 @@ from scipy import stats
 
 from percept import Scene, Study, haptics, read_sessions
 from percept.report.overview import findings
-from percept.results import SCHEMA, dumps
-from tests.documents import build_document
+from percept.results import SCHEMA, Findings, Overview, dumps
+from tests.documents import EMPTY, as_results, build_document
 from tests.study.checked import study_of, table_of
 
 from .conftest import DATASETS, scene_of
@@ -107,24 +108,11 @@ def test_six_references_of_the_paper_lie_outside_their_own_interval(classical):
 
 
 def test_what_has_no_reference_or_limit_is_not_counted(classical):
-    nothing = {
-        "boundaries": [],
-        "passivity": None,
-        "verdicts": [],
-        "coupling": None,
-        "data": {
-            name: classical["data"][name] if name in ("quantities", "words") else []
-            for name in ("doubts", "cells", "quantities", "words")
-        },
-        "provenance": {"scene": {}},
-    }
-    document = {"intervals": [dict(row) for row in classical["intervals"]], **nothing}
+    document = copy.deepcopy(classical)
     for row in document["intervals"]:
         row["reference"] = None if row["environment"] == "VE1" else row["reference"]
-    assert {row["of"] for row in findings(document)["references"]} == {8}
-    empty = findings({"intervals": [], **nothing})
-    assert empty.pop("overview") == {"rows": [], "sentences": []}
-    assert empty == {"references": [], "cautions": []}
+    assert {row.of for row in findings(as_results(document)).references} == {8}
+    assert findings(EMPTY) == Findings(Overview((), ()), (), ())
 
 
 def test_a_summary_and_a_scene_without_device_are_documents_too():

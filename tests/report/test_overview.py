@@ -1,102 +1,114 @@
-"""The first screen: each sentence and each number against the rest of the document."""
+"""The first screen: each sentence and each number against the rest of the results."""
 
 from __future__ import annotations
 
-import copy
+import dataclasses
 
 import pytest
 
 from percept.boundary.feels_real import judge
-from percept.report.overview import digits_of, overview
+from percept.report.numbers import digits_of
+from percept.report.overview import overview
 from percept.report.select import first, matching
+from percept.results import Confidences, Coupling, IntervalRow, PosteriorEvidence, Verdict
+from tests.documents import EMPTY, as_results
 
 
-def document(rows, *, verdicts=(), coupling=None):
-    """A document of intervals (environment, mean lower, estimate, upper, user lower, upper) around 10."""
+def results(rows, *, verdicts=(), coupling=None, references=(10.0,)):
+    """Results of intervals (environment, mean lower, estimate, upper, user lower, upper) around 10."""
     intervals = [
-        {
-            "environment": name, "parameter": "k", "unit": "N/m", "reference": 10.0, "joint": "marginal",
-            "method": "classical", "family": "lognormal", "kind": kind,
-            "lower": lower, "upper": upper, "estimate": estimate, "level": 0.99,
-        }
-        for name, low, estimate, high, user_low, user_high in rows
+        IntervalRow(
+            environment=name, parameter="k", unit="N/m", reference=references[index % len(references)],
+            joint="marginal", method="classical", family="lognormal", kind=kind, lower=lower,
+            upper=upper, estimate=estimate, level=0.99, share=None, confidence=None, n=10, covers="",
+        )
+        for index, (name, low, estimate, high, user_low, user_high) in enumerate(rows)
         for kind, lower, upper in (("mean", low, high), ("user", user_low, user_high))
     ]  # fmt: skip
-    words = {name: [name, f"{name}s"] for name in ("environment", "subject", "user")}
-    quantities = {"k": {"name": "k", "label": "stiffness", "symbol": "k", "unit": "N/m"}}
-    return {
-        "intervals": intervals,
-        "coupling": coupling,
-        "verdicts": list(verdicts),
-        "provenance": {"scene": {}},
-        "data": {"quantities": quantities, "words": words},
-    }
+    return dataclasses.replace(
+        EMPTY, intervals=tuple(intervals), verdicts=tuple(verdicts), coupling=coupling
+    )
 
 
-def felt(name, probability, classical=None, *, coupled=True, decision=0.95, **evidence):
+def felt(name, probability, classical=None, *, coupled=True, decision=0.95, straddles=False):
     """Return the verdict on an environment by a posterior probability and a classical confidence."""
     outcome = judge(probability, decision)
-    other = classical and {"outcome": judge(classical, decision), "least": classical}
-    known = {"outcome": outcome, "probability": probability, "error": 0.004, "draws": 4096}
-    return {
-        "environment": name, "coupled": coupled, "outcome": outcome, "method": "bayesian",
-        "probability": probability, "level": 0.99, "decision": decision, "classical": other,
-        "bayesian": known | {"straddles": False} | evidence,
-    }  # fmt: skip
+    other = classical and Confidences(
+        outcome=judge(classical, decision), family="lognormal", least=classical,
+        stiffness=classical, damping=1.0, magnitude=None, magnitude_omega=None, together=None,
+        together_error=None,
+    )  # fmt: skip
+    evidence = PosteriorEvidence(
+        outcome=outcome, probability=probability, error=0.004, draws=4096, straddles=straddles,
+        magnitude=probability, plane=1.0, lowest=probability, lowest_omega=1.0,
+    )  # fmt: skip
+    return Verdict(
+        environment=name, coupled=coupled, outcome=outcome, method="bayesian", stable_and_real=None,
+        probability=probability, level=0.99, decision=decision, classical=other, bayesian=evidence,
+    )  # fmt: skip
 
 
-STABLE = {"margin": 1.4, "verdict": "stable"}
+def judged(margin, verdict, reason=""):
+    """Return a coupling with its margin of stability."""
+    return Coupling(
+        stiffness=1e4, damping=10.0, verdict=verdict, reason=reason, margin=margin,
+        binding_omega=1.0, required_damping=None, required_omega=None, omega=None, bound=None,
+        admittance=None, memberships=(), read_at=1.0,
+    )  # fmt: skip
+
+
 SOFT, HARD, NONE = ("A", 12, 15, 18, 5, 40), ("B", 8, 8.7, 9.5, 6, 12), ("C", 9, 10.1, 11, 7, 14)
 
 
 def test_biases_are_said_where_the_interval_leaves_the_reference_out():
-    said = overview(document([SOFT, HARD, NONE]))["sentences"]
+    said = overview(results([SOFT, HARD, NONE])).sentences
     assert said[0] == (
         "Stiffness is too high in A (+50 %, +20 to +80 %), and too low in B (−13 %, −20 to −5 %)"
         " (classical, 99 %)."
     )
     assert (
-        overview(document([NONE, ("D", 9, 10, 11, 8, 12)]))["sentences"][0]
+        overview(results([NONE, ("D", 9, 10, 11, 8, 12)])).sentences[0]
         == "Stiffness shows no clear bias in any of 2 environments (classical, 99 %); the largest is"
         " that of C (+1 %, −10 to +10 %)."
     )
-    assert overview(document([SOFT]))["sentences"][0] == (
+    assert overview(results([SOFT])).sentences[0] == (
         "Stiffness in A: +50 % (classical, 99 %: +20 to +80 %)."
     )
-    twice = overview(document([SOFT, ("D", 1100, 2530, 4000, 5, 6)]))["sentences"][0]
+    twice = overview(results([SOFT, ("D", 1100, 2530, 4000, 5, 6)])).sentences[0]
     assert "and D (253 times, 110 to 400 times)" in twice
 
 
 def test_a_classical_interval_of_another_sign_is_said():
-    made = document([("soft", 10.04, 11.7, 13.6, 5, 40)])
-    bayesian = [row | {"method": "bayesian"} for row in made["intervals"]]
-    for row in bayesian:
-        row |= {"lower": 9.9, "upper": 13.7} if row["kind"] == "mean" else {}
-    made["intervals"] += bayesian
-    assert overview(made)["sentences"][0] == (
+    made = results([("soft", 10.04, 11.7, 13.6, 5, 40)])
+    mean, user = (dataclasses.replace(row, method="bayesian") for row in made.intervals)
+
+    def said(lower):
+        bayesian = (dataclasses.replace(mean, lower=lower, upper=13.7), user)
+        both = dataclasses.replace(made, intervals=made.intervals + bayesian)
+        return overview(both).sentences[0]
+
+    assert said(9.9) == (
         "Stiffness in soft: +17 % (Bayesian, 99 %: −1 to +37 %). The classical interval, +0.4 to"
         " +36 %, excludes zero."
     )
-    for row in bayesian:
-        row |= {"lower": 10.1} if row["kind"] == "mean" else {}
-    assert "classical" not in overview(made)["sentences"][0]
+    assert "classical" not in said(10.1)
 
 
 def test_more_than_five_names_are_counted():
     rows = [(f"E{index}", 12, 15, 18, 5, 40) for index in range(6)] + [NONE]
-    (said, *_) = overview(document(rows))["sentences"]
+    (said, *_) = overview(results(rows)).sentences
     assert said == (
         "Stiffness is too high in 6 of 7 environments, from E0 (+50 %, +20 to +80 %) to E5 (+50 %,"
         " +20 to +80 %) (classical, 99 %)."
     )
-    wider = overview(document([*rows[:5], ("E5", 12, 16, 18, 5, 40)]))["sentences"][0]
+    wider = overview(results([*rows[:5], ("E5", 12, 16, 18, 5, 40)])).sentences[0]
     assert "too high in all 6 environments, from E0 (+50 %" in wider
     assert "to E5 (+60 %" in wider
 
 
 def feeling(*verdicts):
     """Return the sentence on what feels real."""
-    (_, said, *_) = overview(document([SOFT], verdicts=verdicts))["sentences"]
+    (_, said, *_) = overview(results([SOFT], verdicts=verdicts)).sentences
     return said
 
 
@@ -138,26 +150,23 @@ def test_another_verdict_of_the_classical_method_is_said():
 
 
 def test_the_stability_of_the_coupling_is_said():
-    margin = {"margin": 0.3157, "verdict": "unstable"}
     assert (
-        overview(document([SOFT], coupling=margin))["sentences"][1]
+        overview(results([SOFT], coupling=judged(0.3157, "unstable"))).sentences[1]
         == "The coupling is unstable: the device has 32 % of the damping the coupling needs."
     )
-    stable = overview(document([SOFT], coupling={"margin": 1.4, "verdict": "stable"}))["sentences"]
+    stable = overview(results([SOFT], coupling=judged(1.4, "stable"))).sentences
     assert (
         "The coupling is stable: the device has 1.4 times the damping the coupling needs." in stable
     )
     reason = "A measured device's poles cannot be checked."
-    measured = overview(
-        document([SOFT], coupling={"margin": 1.4, "verdict": "stable", "reason": reason})
-    )
-    assert measured["sentences"][1].endswith(
+    measured = overview(results([SOFT], coupling=judged(1.4, "stable", reason)))
+    assert measured.sentences[1].endswith(
         "needs. The device is measured, so its poles cannot be checked."
     )
 
 
 def test_without_a_device_the_next_user_s_range_is_said():
-    said = overview(document([SOFT, HARD]))["sentences"]
+    said = overview(results([SOFT, HARD])).sentences
     assert (
         said[-1]
         == "With 99 % confidence, the next user’s stiffness will be 0.6 to 1.2 times the reference"
@@ -166,19 +175,16 @@ def test_without_a_device_the_next_user_s_range_is_said():
 
 
 def test_the_bias_from_a_reference_of_zero_is_in_units():
-    made = document([SOFT])
-    for row in made["intervals"]:
-        row["reference"] = 0.0
-    found = overview(made)
-    (row,) = found["rows"]
-    assert row["user_upper_ratio"] is None
-    assert row["estimate"] == row["bias"] == 15
-    assert (row["bias_lower"], row["bias_upper"]) == (12, 18)
-    assert found["sentences"][0] == "Stiffness in A: +15 N/m (classical, 99 %: +12 to +18 N/m)."
+    found = overview(results([SOFT], references=(0.0,)))
+    (row,) = found.rows
+    assert row.user_upper_ratio is None
+    assert row.estimate == row.bias == 15
+    assert (row.bias_lower, row.bias_upper) == (12, 18)
+    assert found.sentences[0] == "Stiffness in A: +15 N/m (classical, 99 %: +12 to +18 N/m)."
 
 
 def test_narrow_ranges_of_the_next_user_are_told_apart():
-    said = overview(document([("A", 9.98, 10, 10.02, 9.912, 10.034)]))["sentences"][-1]
+    said = overview(results([("A", 9.98, 10, 10.02, 9.912, 10.034)])).sentences[-1]
     assert said.endswith("the next user’s stiffness will be 0.9912 to 1.003 times the reference.")
 
 
@@ -192,26 +198,20 @@ def test_narrow_ranges_of_the_next_user_are_told_apart():
     ],
 )
 def test_zero_and_negative_references_are_compared_by_differences(reference, ends, said, user):
-    made = document([("A", *ends)])
-    for row in made["intervals"]:
-        row["reference"] = reference
-    found = overview(made)
-    assert found["sentences"][0].startswith(f"Stiffness in A: {said} (classical, 99 %: ")
-    assert f"{user} the reference" in found["sentences"][1]
-    (row,) = found["rows"]
-    assert row["relative"] is False
-    assert row["bias"] == pytest.approx(ends[1] - reference)
-    assert row["bias_lower"] < row["bias"] < row["bias_upper"]
-    assert row["user_lower_ratio"] is None
+    found = overview(results([("A", *ends)], references=(reference,)))
+    assert found.sentences[0].startswith(f"Stiffness in A: {said} (classical, 99 %: ")
+    assert f"{user} the reference" in found.sentences[1]
+    (row,) = found.rows
+    assert row.relative is False
+    assert row.bias == pytest.approx(ends[1] - reference)
+    assert row.bias_lower < row.bias < row.bias_upper
+    assert row.user_lower_ratio is None
 
 
 def test_one_zero_reference_puts_the_whole_quantity_in_its_unit():
-    made = document([SOFT, ("D", 9, 11, 13, 5, 20)])
-    for row in made["intervals"]:
-        row["reference"] = 0.0 if row["environment"] == "D" else 10.0
-    found = overview(made)
-    assert [row["relative"] for row in found["rows"]] == [False, False]
-    assert found["sentences"][0] == (
+    found = overview(results([SOFT, ("D", 9, 11, 13, 5, 20)], references=(10.0, 0.0)))
+    assert [row.relative for row in found.rows] == [False, False]
+    assert found.sentences[0] == (
         "Stiffness is too high in A (+5 N/m, +2 to +8 N/m) and D (+11 N/m, +9 to +13 N/m)"
         " (classical, 99 %)."
     )
@@ -219,26 +219,27 @@ def test_one_zero_reference_puts_the_whole_quantity_in_its_unit():
 
 def test_rows_are_the_bayesian_intervals_of_the_study_s_family(both):
     shown = both["summary"]["overview"]
+    intervals = as_results(both).intervals
     assert len(shown["rows"]) == 2 * 3
     for row in shown["rows"]:
         alike = matching(
-            both["intervals"], joint="marginal", method="bayesian", family="lognormal",
+            intervals, joint="marginal", method="bayesian", family="lognormal",
             environment=row["environment"], parameter=row["parameter"],
         )  # fmt: skip
         mean, user = (first(matching(alike, kind=kind)) for kind in ("mean", "user"))
-        assert row["estimate"] == mean["estimate"]
-        assert row["bias"] == mean["estimate"] / mean["reference"] - 1
+        assert row["estimate"] == mean.estimate
+        assert row["bias"] == mean.estimate / mean.reference - 1
         assert (row["bias_lower"], row["bias_upper"]) == (
-            mean["lower"] / mean["reference"] - 1,
-            mean["upper"] / mean["reference"] - 1,
+            mean.lower / mean.reference - 1,
+            mean.upper / mean.reference - 1,
         )
-        assert (row["user_lower"], row["user_upper"]) == (user["lower"], user["upper"])
+        assert (row["user_lower"], row["user_upper"]) == (user.lower, user.upper)
 
 
 def test_a_withheld_fit_leaves_the_classical_numbers(both):
-    made = copy.deepcopy(both)
-    made["intervals"] = matching(made["intervals"], method="classical")
-    assert {row["method"] for row in overview(made)["rows"]} == {"classical"}
+    made = as_results(both)
+    made = dataclasses.replace(made, intervals=matching(made.intervals, method="classical"))
+    assert {row.method for row in overview(made).rows} == {"classical"}
 
 
 @pytest.mark.parametrize(

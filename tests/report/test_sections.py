@@ -1,25 +1,25 @@
-"""What the sections of a report choose from its document, and where its pointers lead."""
+"""What the sections of a report choose from its results."""
 
 from __future__ import annotations
 
 import copy
+import dataclasses
 import re
 
 import pytest
 from matplotlib.figure import Figure
 
+from percept import Scene
 from percept.report.basis import bibtex, checks, cited, methods
 from percept.report.figures import drawings
-from percept.report.page import render_page
-from percept.report.sections import build_sections
-from percept.report.select import at
+from percept.results import IntervalRow
 from percept.sessions.quantities import IMPEDANCE
-from tests.documents import as_results, build_document
+from tests.documents import EMPTY, as_results, build_document, page_of, sections_of
 from tests.study.checked import study_of, table_of
 
 
 def section(document, name):
-    return next(found for found in build_sections(document) if found.name == name).values
+    return next(found for found in sections_of(document) if found.name == name).view
 
 
 @pytest.fixture(params=["lognormal", "normal"])
@@ -30,62 +30,49 @@ def document(classical, request):
     return changed
 
 
-def test_laws_of_the_band_stand_where_their_pointers_say(document):
-    (values,) = section(document, "band")["parts"]
-    assert values["family"] == document["provenance"]["scene"]["inference"]["family"]
-    assert values["law_rows"]
-    labels = ("method", "kind", "family", "model")
-    for row in values["law_rows"]:
-        for model, law in row["cells"].items():
-            wanted = [row["method"], row["kind"], values["family"], model]
-            assert [at(document, law["pointer"])[name] for name in labels] == wanted
-            assert law["parameters"] == at(document, law["pointer"])["parameters"]
-    for row in values["statements"]:
-        for column, pointer in zip(values["stated"], row["pointers"], strict=True):
-            found = at(document, pointer)
-            assert found["statement"] == row["statement"]
-            assert {name: found[name] for name in column} == column
+def test_laws_and_statements_of_the_band_stand_under_their_kind_and_method(document):
+    (part,) = section(document, "band")
+    assert part.family == document["provenance"]["scene"]["inference"]["family"]
+    assert part.law_lines
+    for line in part.law_lines:
+        for model, law in line.laws.items():
+            found = (law.method, law.kind, law.family, law.model)
+            assert found == (line.method, line.kind, part.family, model)
+    assert part.statements
+    columns = [(row.kind, row.method) for row in part.stated]
+    for sentence, statements in part.statements.items():
+        assert [(row.kind, row.method) for row in statements] == columns
+        assert {row.statement for row in statements} == {sentence}
 
 
-def test_memberships_stand_where_their_pointers_say(document):
-    memberships = section(document, "coupling")["memberships"]
-    labels = ("environment", "kind", "method", "family", "shape")
-    assert memberships["rows"]
-    for row in memberships["rows"]:
-        for column, cell in zip(memberships["columns"], row["cells"], strict=True):
-            wanted = [
-                row["environment"],
-                column["kind"],
-                column["method"],
-                memberships["family"],
-                "envelope",
-            ]
-            assert [cell[name] for name in labels] == wanted
-            assert at(document, cell["pointer"]).items() <= cell.items()
+def test_memberships_stand_under_their_kind_and_method(document):
+    memberships = section(document, "coupling").memberships
+    assert memberships.lines
+    for line in memberships.lines:
+        for column, cell in zip(memberships.columns, line.cells, strict=True):
+            wanted = (line.environment, column.kind, column.method, memberships.family, "envelope")
+            found = (cell.environment, cell.kind, cell.method, cell.family, cell.shape)
+            assert found == wanted
 
 
-def test_verdicts_stand_where_their_pointers_say(both):
-    values = section(both, "verdicts")
+def test_verdicts_of_both_methods_are_those_of_all_environments(both):
+    view = section(both, "verdicts")
     count = 2 * len(both["data"]["environments"])
-    for method in ("bayesian", "classical"):
-        assert len(values[method]) == count
-        for row in values[method]:
-            found = at(both, row["pointer"])
-            assert found[method] == row[method]
-            assert row["rendered"] == ("through the coupling" if found["coupled"] else "directly")
+    assert len(view.bayesian) == len(view.classical) == count
+    assert view.rendered == {False: "directly", True: "through the coupling"}
 
 
 def test_every_environment_has_its_effective_impedance(classical):
-    effective = section(classical, "coupling")["effective"]
-    assert [row["environment"] for row in effective] == classical["data"]["environments"]
+    effective = section(classical, "coupling").effective
+    assert [row.environment for row in effective] == classical["data"]["environments"]
 
 
 def test_environments_are_told_apart_where_their_intervals_say_different_things(classical):
     document = copy.deepcopy(classical)
     for row in document["intervals"]:
         row["covers"] = "one thing" if row["environment"] == "VE1" else "another"
-    sentences = section(document, "intervals")["sentences"]
-    told = {one["covers"]: one["where"] for one in sentences if one["kind"] == "mean"}
+    coverages = section(document, "intervals").coverages
+    told = {one.sentence: one.where for one in coverages if one.kind == "mean"}
     assert told == {
         "one thing": ["k of VE1", "b of VE1"],
         "another": [f"{name} of VE{index}" for name in ("k", "b") for index in range(2, 6)],
@@ -101,36 +88,25 @@ WITHIN = "between-subject scatter within each environment"
 
 
 def model_of(*, form="trials", environments=3, parameters=("k", "b"), **model):
-    rows = [
-        {
-            "parameter": p,
-            "kind": "mean",
-            "method": "bayesian",
-            "family": "lognormal",
-            "n": 6,
-            "reference": 5.0,
-        }
-        for p in parameters
-    ]
-    document = {
-        "data": {
-            "form": form,
-            "parameters": [*parameters],
-            "quantities": {p: IMPEDANCE[p].model_dump() for p in parameters},
-            "environments": [f"VE{j}" for j in range(environments)],
-            "words": {name: [name, f"{name}s"] for name in ("environment", "subject", "user")},
-        },
-        "provenance": {
-            "scene": {"inference": {"family": "lognormal"}, "model": model},
-            "versions": {"percept": "0"},
-        },
-        "intervals": rows,
-        "diagnostics": None,
-        "coupling": None,
-        "band": None,
-        "boundaries": [],
-    }
-    return methods(document).values["model"]
+    scene = Scene(
+        model=model, inference={"method": "bayesian"}, study={"subject": ["subject", "subjects"]}
+    )
+    row = IntervalRow(
+        environment="VE0", parameter="k", kind="mean", method="bayesian", family="lognormal",
+        joint="marginal", level=0.99, share=None, confidence=None, lower=4.0, upper=6.0,
+        estimate=5.0, n=6, unit="", reference=5.0, covers="",
+    )  # fmt: skip
+    data = dataclasses.replace(
+        EMPTY.data, form=form, parameters=parameters,
+        quantities={p: IMPEDANCE[p] for p in parameters},
+        environments=tuple(f"VE{j}" for j in range(environments)),
+    )  # fmt: skip
+    results = dataclasses.replace(
+        EMPTY, data=data,
+        provenance=dataclasses.replace(EMPTY.provenance, scene=scene.to_dict()),
+        intervals=tuple(dataclasses.replace(row, parameter=p) for p in parameters),
+    )  # fmt: skip
+    return methods(results).view.model
 
 
 @pytest.mark.parametrize(
@@ -166,8 +142,8 @@ def checked():
 
 
 def test_messages_and_tables_stand_on_the_page(checked):
-    assert [one.name for one in build_sections(checked)].index("checks") > 0
-    page = render_page(checked, {}, date="2026-01-01")
+    assert [one.name for one in sections_of(checked)].index("checks") > 0
+    page = page_of(checked)
     assert "S01 lies far from what the others predict" in page
     for pointer in (
         "loo/subjects/0/pareto_k", "statistics/0/above", "prior/0/quantiles/99.5",
@@ -176,35 +152,38 @@ def test_messages_and_tables_stand_on_the_page(checked):
 
 
 def test_no_section_without_checks(checked):
-    assert checks({**checked, "checks": None}) is None
+    assert checks(as_results({**checked, "checks": None})) is None
 
 
 def test_only_what_was_used_is_cited(classical, both):
-    keys = [reference["key"] for reference in cited(classical)]
+    keys = [reference.key for reference in cited(as_results(classical))]
     assert keys == ["boundaries", "percept", "meeker2017", "adams1999"]
-    assert {"emcee", "cotter2013", "vehtari2021"} <= {reference["key"] for reference in cited(both)}
+    assert {"emcee", "cotter2013", "vehtari2021"} <= {
+        reference.key for reference in cited(as_results(both))
+    }
 
 
 def test_entries_are_balanced_and_have_their_fields(both):
-    text = bibtex(both)
+    results = as_results(both)
+    text = bibtex(results)
     entries = re.findall(r"@(\w+)\{(\w+),", text)
-    assert [key for _, key in entries] == [reference["key"] for reference in cited(both)]
+    assert [key for _, key in entries] == [reference.key for reference in cited(results)]
     depth = 0
     for letter in text:
         depth += (letter == "{") - (letter == "}")
         assert depth >= 0
     assert depth == 0
-    articles = [reference for reference in cited(both) if reference["entry"] == "article"]
+    articles = [reference for reference in cited(results) if reference.entry == "article"]
     assert all(
-        {"author", "title", "journal", "year", "volume", "pages"} <= one["fields"].keys()
+        {"author", "title", "journal", "year", "volume", "pages"} <= one.fields.keys()
         for one in articles
     )
 
 
 def test_the_page_s_numbers_follow_the_list(both):
-    page = render_page(both, {}, date="2026-01-01")
+    page = page_of(both)
     shown = [int(one) for one in re.findall(r"&nbsp;\[(\d+)\]", page)]
-    assert list(dict.fromkeys(shown)) == list(range(1, len(cited(both)) + 1))
+    assert list(dict.fromkeys(shown)) == list(range(1, len(cited(as_results(both))) + 1))
 
 
 def test_of_many_environments_some_are_drawn_and_the_page_says_so(classical):
@@ -236,6 +215,6 @@ def test_of_many_environments_some_are_drawn_and_the_page_says_so(classical):
         by_name[name].draw(figure)
         assert len(figure.axes) == panels, name
     explorer = section(document, "boundaries")
-    assert [curves["name"] for curves in explorer["curves"]] == labels
-    assert said in explorer["left_out"]
-    assert said not in render_page(classical, {}, date="2026-01-01")
+    assert [curves["name"] for curves in explorer.curves] == labels
+    assert said in explorer.left_out
+    assert said not in page_of(classical)

@@ -12,8 +12,10 @@ from percept.results import (
     SCHEMA,
     Boundary,
     Data,
+    Findings,
     IntervalRow,
     Nouns,
+    Overview,
     Provenance,
     Results,
     Skipped,
@@ -47,6 +49,7 @@ RESULTS = Results(
     comparison=None, ladder=None, diagnostics=None, checks=None,
     skipped=(Skipped("band law", "one environment"),),
 )  # fmt: skip
+SUMMARY = Findings(Overview((), ("one",)), (), ())
 
 
 def written(tmp_path, text):
@@ -56,7 +59,7 @@ def written(tmp_path, text):
 
 
 def test_results_come_back_digit_for_digit(tmp_path):
-    path = written(tmp_path, RESULTS.to_json(summary={"sentences": ["one"]}))
+    path = written(tmp_path, RESULTS.to_json(SUMMARY))
     loaded = Results.load(path)
     assert loaded.intervals == RESULTS.intervals
     assert (loaded.provenance, loaded.data) == (RESULTS.provenance, RESULTS.data)
@@ -69,7 +72,7 @@ def test_results_come_back_digit_for_digit(tmp_path):
             np.testing.assert_array_equal(after, before)
         else:
             assert after == before
-    assert loaded.to_json(summary={"sentences": ["one"]}) == path.read_text(encoding="utf-8")
+    assert loaded.to_json(SUMMARY) == path.read_text(encoding="utf-8")
 
 
 def test_a_document_names_its_schema_and_every_field():

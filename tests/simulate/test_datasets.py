@@ -13,11 +13,10 @@ import pytest
 from scipy import stats
 
 from percept import Scene, Study, read_sessions
-from percept.report.page import render_page
 from percept.sessions import ReadOptions
 from percept.simulate.like import BETWEEN, CORRELATION, simulate_like, write_sessions
 from tests import DATASETS
-from tests.documents import build_document
+from tests.documents import build_document, page_of
 from tests.simulate.conftest import correlations
 
 SESSIONS = DATASETS / "hbfd_sessions.csv"
@@ -108,11 +107,7 @@ def test_measured_offsets_have_scipys_limits_and_a_page_of_their_own_words() -> 
         if row.kind in scale:
             limits = stats.t.interval(0.95, len(values) - 1, values.mean(), scale[row.kind])
             np.testing.assert_allclose((row.lower, row.upper), limits, rtol=1e-12)
-    page = (
-        render_page(build_document(study), {}, date="2026-01-01")
-        .split("<script")[0]
-        .split("<main")[1]
-    )
+    page = page_of(build_document(study)).split("<script")[0].split("<main")[1]
     # What percept is called in a bibliography is no word of the study.
     text = re.sub("(?s)<pre.*?</pre>|<[^>]*>", "", page.split('id="provenance"')[0])
     assert "43 participants adjusted the offset" in text

@@ -7,13 +7,12 @@ import pytest
 from scipy import stats
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
-from percept.report.page import render_page
 from percept.report.tables import csv_tables
 from percept.sessions import ReadError, ReadOptions, Sessions
 from percept.sessions.read import by_level
 from percept.study.compare import within_subjects
 from tests import DATASETS
-from tests.documents import as_results, build_document
+from tests.documents import as_results, build_document, page_of
 from tests.study.within import frame, study
 
 
@@ -120,7 +119,7 @@ def test_overall_contrasts_average_over_what_all_subjects_share():
         "with 95 % confidence, from 7 of 8 users and 2 of 3 references, VE1 and VE2."
         in document["summary"]["overview"]["sentences"][0]
     )
-    page = render_page(document, {}, date="2026-01-01")
+    page = page_of(document)
     assert ">overall, 2 of 3 references</th>" in page
     assert "and 2 of <data" in page
     assert "references: VE1 and VE2." in page
@@ -150,7 +149,7 @@ def test_contrasts_without_a_ratio_are_in_the_quantity_s_unit(reference):
         assert (row["lower"], row["upper"]) == pytest.approx((interval.low, interval.high))
         assert row["unit"] == "N/m"
         assert "(right less left, in N/m)" in row["covers"]
-        page = render_page(build_document(made), {}, date="2026-01-01")
+        page = page_of(build_document(made))
         assert "difference in N/m" in page
         assert " N/m, <data" in page
         assert "references, <data" not in page
@@ -257,7 +256,7 @@ def test_users_are_called_what_the_study_calls_its_subjects():
     document = build_document(made)
     assert document["data"]["words"]["user"] == ["driver", "drivers"]
     assert document["summary"]["overview"]["sentences"][0].startswith("Drivers set stiffness")
-    page = render_page(document, {}, date="2026-01-01").split("<main")[1]
+    page = page_of(document).split("<main")[1]
     text = re.sub("(?s)<script.*?</script>|<pre.*?</pre>|<svg.*?</svg>", "", page)
     text = re.sub('title="([^"]*)"', r"> \1 <", text.split('id="provenance"')[0])
     text = re.sub("<[^>]*>", "", text)
@@ -283,7 +282,7 @@ def test_the_page_has_a_section_of_the_factor():
     assert document["summary"]["cautions"][0].startswith(
         "Outside the section on hand each of its levels stands by itself"
     )
-    page = render_page(document, {}, date="2026-01-01")
+    page = page_of(document)
     assert "hand: right against left" in page
     assert "Levels of hand were compared within subjects by paired t-intervals" in page
     assert re.fullmatch(
@@ -298,6 +297,6 @@ def test_the_page_has_a_section_of_the_factor():
     rows = csv_tables(as_results(document))["contrast.csv"].splitlines()
     assert len(rows) == 1 + len(document["contrast"])
     assert "VE1; VE2; VE3" in rows[1 + overall]
-    without = render_page(document | {"contrast": []}, {}, date="2026-01-01")
+    without = page_of(document | {"contrast": []})
     assert "hand:" not in without
     assert "compared within subjects" not in without

@@ -14,11 +14,10 @@ from percept import Scene, Study
 from percept.cli import build_parser, main
 from percept.errors import RefusalError, UsageError
 from percept.report.overview import findings
-from percept.report.page import render_page
 from percept.results import Skipped
 from percept.sessions import ReadOptions, Sessions
 from percept.study.fit import prepare
-from tests.documents import build_document
+from tests.documents import as_results, build_document, page_of
 
 DURATION = {"quantities": {"duration": {"symbol": "t", "unit": "ms"}}}
 CLASSICAL = {"inference": {"method": "classical", "level": 0.95}}
@@ -136,11 +135,7 @@ def test_the_pull_of_the_prior_is_what_a_flat_one_undoes():
 def test_the_page_says_the_studys_words_and_none_of_haptics():
     words = {"study": {"environment": "standard", "subject": ["dyad", "dyads"]}}
     study = study_of(frame(), DURATION | CLASSICAL | words)
-    page = (
-        render_page(build_document(study), {}, date="2026-01-01")
-        .split("<script")[0]
-        .split("<main")[1]
-    )
+    page = page_of(build_document(study)).split("<script")[0].split("<main")[1]
     text = re.sub("<[^>]*>", "", page.split('id="provenance"')[0])
     assert "6 dyads adjusted the duration" in text
     assert "each of 4 standards" in page
@@ -231,5 +226,5 @@ def test_rows_that_lack_one_of_a_pair_are_a_caution():
     study = study_of(table, both)
     (left,) = prepare(study.sessions, study.scene, study.parameters).skipped
     document = build_document(study) | {"skipped": [dataclasses.asdict(left)]}
-    (caution,) = [text for text in findings(document)["cautions"] if "leaves out" in text]
+    (caution,) = [text for text in findings(as_results(document)).cautions if "leaves out" in text]
     assert caution == "The hierarchical model leaves out 3 trials: they lack force or length."

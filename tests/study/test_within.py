@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from percept.report.page import render_page
 from percept.study.basics import Skipped, results
 from percept.study.contrasts import contrast_rows, within_model
 from tests import LONG
-from tests.documents import build_document
+from tests.documents import build_document, page_of
 from tests.study.within import frame, study
 
 
@@ -70,9 +69,9 @@ def test_the_overall_ratio_of_spreads_is_named_as_not_computed(rows):
 
 def test_the_page_says_what_the_bayesian_contrasts_are(made, computed):
     document = build_document(made)
-    page = render_page(document | {"contrast": computed}, {}, date="2026-01-01")
+    page = page_of(document | {"contrast": computed})
     assert "Bayesian contrasts come from a model of their own" in page
-    assert "Bayesian contrasts come" not in render_page(document, {}, date="2026-01-01")
+    assert "Bayesian contrasts come" not in page_of(document)
 
 
 def skipped(table, family="lognormal", **tables):
@@ -108,5 +107,5 @@ def test_limits_of_spread_state_the_error_that_seeds_have(made):
     differ = np.sqrt((np.std(ends, axis=0, ddof=1) ** 2).mean(axis=1)) / half_width
     typical = np.sqrt((differ**2).mean())
     assert typical / 3.0 < np.mean(stated) < 3.0 * typical
-    page = render_page(build_document(made) | {"contrast": found}, {}, date="2026-01-01")
+    page = page_of(build_document(made) | {"contrast": found})
     assert ">Monte Carlo error</th>" in page

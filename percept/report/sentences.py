@@ -1,0 +1,231 @@
+"""Sentences of the first screen: biases of the average user, and settings of the next one."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+from percept.inference.record import percent
+from percept.report.numbers import bare, rounded
+from percept.report.select import METHOD_NAMES, Words, distinct, listed, matching
+from percept.results import OverviewRow
+from percept.sessions.quantities import Quantity
+
+__all__ = ["bias_sentences", "user_sentences"]
+
+#: More names than this are counted, not listed.
+_NAMED = 5
+#: A bias of so many references and more is written as a multiple.
+_MULTIPLE = 9.0
+#: Per cent from which on two digits would round whole per cents away.
+_LEAST_WHOLE = 99.5
+#: Most digits of a range whose ends lie close together.
+_MOST_DIGITS = 6
+
+
+@dataclasses.dataclass(frozen=True)
+class _Range:
+    """A bias with its interval, or the next user's range, of one quantity of one environment."""
+
+    row: OverviewRow
+    lower: float  # -inf without a limit
+    upper: float
+    bias: float = math.nan
+
+    @property
+    def sign(self) -> int:
+        """Return the sign of a bias, 0 where its interval holds zero."""
+        if self.lower > 0:
+            return 1
+        return -1 if self.upper < 0 else 0
+
+
+def bias_sentences(
+    rows: Sequence[OverviewRow],
+    others: Sequence[OverviewRow],
+    quantities: Mapping[str, Quantity],
+    words: Words,
+) -> list[str]:
+    """Say for every quantity how far users set it off, with interval, method and level.
+
+    `others` are the rows of the classical method; where they see another sign, that is said too.
+    """
+    sentences = []
+    for parameter in distinct(rows, "parameter"):
+        biases = _biases(matching(rows, parameter=parameter))
+        if not biases:
+            continue
+        label = quantities[parameter].label
+        sentence = _bias_sentence(biases, label[:1].upper() + label[1:], words)
+        classical = _biases(matching(others, parameter=parameter))
+        sentences.append(" ".join([sentence, *_disagreement(biases, classical)]))
+    return sentences
+
+
+def _biases(rows: Sequence[OverviewRow]) -> list[_Range]:
+    """Return the biases that have an interval; an end without limit is infinite."""
+    biases = []
+    for row in rows:
+        unlimited = row.bias_lower is None and row.bias_upper is None
+        if row.bias is None or unlimited:
+            continue
+        lower = -math.inf if row.bias_lower is None else row.bias_lower
+        upper = math.inf if row.bias_upper is None else row.bias_upper
+        biases.append(_Range(row, lower, upper, row.bias))
+    return biases
+
+
+def _bias_sentence(biases: Sequence[_Range], name: str, words: Words) -> str:
+    row = biases[0].row
+    claim = f"{METHOD_NAMES[row.method]}, {percent(row.level)}"
+    if len(biases) == 1:
+        return f"{name} in {row.environment}: {_signed(biases[0])} ({claim}: {_ends(biases[0])})."
+    parts = []
+    for sign, word in ((1, "high"), (-1, "low")):
+        alike = matching(biases, sign=sign)
+        if alike:
+            parts.append(f"too {word} in {_sized(alike, len(biases), words)}")
+    if parts:
+        return f"{name} is {', and '.join(parts)} ({claim})."
+    largest = max(biases, key=_size)
+    return (
+        f"{name} shows no clear bias in any of {len(biases)} {words.environments} ({claim}); the"
+        f" largest is that of {_with_ends(largest)}."
+    )
+
+
+def _size(bias: _Range) -> float:
+    return abs(bias.bias)
+
+
+def _disagreement(biases: Sequence[_Range], others: Sequence[_Range]) -> list[str]:
+    """Say where the classical interval sees another sign than the Bayesian one."""
+    classical = {other.row.environment: other for other in others}
+    groups: dict[str, list[_Range]] = {}
+    for bias in biases:
+        other = classical.get(bias.row.environment)
+        if other is None or bias.row.method == "classical" or other.sign == bias.sign:
+            continue
+        holds = "holds zero" if other.sign == 0 else "excludes zero"
+        groups.setdefault(holds, []).append(other)
+    sentences = []
+    for holds, alike in groups.items():
+        if len(biases) == 1:
+            sentences.append(f"The classical interval, {_ends(alike[0])}, {holds}.")
+            continue
+        named = [f"{other.row.environment} ({_ends(other)})" for other in alike[:_NAMED]]
+        more = f" and {len(alike) - _NAMED} more" if len(alike) > _NAMED else ""
+        sentences.append(f"The classical interval {holds} in {listed(named)}{more}.")
+    return sentences
+
+
+def _sized(alike: Sequence[_Range], every: int, words: Words) -> str:
+    """Give each environment its bias and interval; of many, the smallest and the largest."""
+    if len(alike) <= _NAMED:
+        return listed([_with_ends(bias) for bias in alike])
+    count = f"all {every}" if len(alike) == every else f"{len(alike)} of {every}"
+    by_size = sorted(alike, key=_size)
+    ends = f"{_with_ends(by_size[0])} to {_with_ends(by_size[-1])}"
+    return f"{count} {words.environments}, from {ends}"
+
+
+def _with_ends(bias: _Range) -> str:
+    return f"{bias.row.environment} ({_signed(bias)}, {_ends(bias)})"
+
+
+def _signed(bias: _Range) -> str:
+    """Write the bias with its sign and unit."""
+    return f"{_number(bias.bias, bias.row)}{_unit_of(bias.bias, bias.row)}"
+
+
+def _ends(bias: _Range) -> str:
+    """Write the interval of the bias."""
+    lower_unit = _unit_of(bias.lower, bias.row)
+    upper_unit = _unit_of(bias.upper, bias.row)
+    if lower_unit == upper_unit:
+        lower_unit = ""
+    lower = _number(bias.lower, bias.row)
+    return f"{lower}{lower_unit} to {_number(bias.upper, bias.row)}{upper_unit}"
+
+
+def _number(value: float, row: OverviewRow) -> str:
+    """Write a bias with its sign: in per cent of the reference, or as a multiple from ten on."""
+    if row.relative and _MULTIPLE <= value < math.inf:
+        return bare(rounded(1.0 + value, 3))
+    size = abs(100.0 * value if row.relative else value)
+    text = bare(rounded(size, 2))
+    if row.relative and _LEAST_WHOLE <= size < math.inf:
+        text = f"{size:.0f}"
+    sign = "−" if value < 0 else "+"
+    return text if text == "0" else f"{sign}{text}"
+
+
+def _unit_of(value: float, row: OverviewRow) -> str:
+    if not row.relative:
+        return f" {row.unit}" if row.unit else ""
+    return " times" if _MULTIPLE <= value < math.inf else " %"
+
+
+def user_sentences(
+    rows: Sequence[OverviewRow], quantities: Mapping[str, Quantity], words: Words
+) -> list[str]:
+    """Say where the next user's settings lie: in multiples of the reference, or how far from it."""
+    sentences = []
+    for parameter in distinct(rows, "parameter"):
+        ranges = _user_ranges(matching(rows, parameter=parameter))
+        if not ranges:
+            continue
+        row = ranges[0].row
+        ends = [_written(ranges[0])]
+        if len(ranges) > 1:
+            by_width = sorted(ranges, key=lambda user: user.upper - user.lower)
+            narrowest = by_width[0]
+            widest = by_width[-1]
+            ends = [
+                f"{_written(narrowest)} ({narrowest.row.environment}, the narrowest)",
+                f"{_written(widest)} ({widest.row.environment}, the widest)",
+            ]
+        sure = "confidence" if row.method == "classical" else "probability"
+        sentences.append(
+            f"With {percent(row.level)} {sure}, the next {words.user}’s"
+            f" {quantities[parameter].label} will be {' and '.join(ends)}."
+        )
+    return sentences
+
+
+def _user_ranges(rows: Sequence[OverviewRow]) -> list[_Range]:
+    """Return the next user's ranges, over the reference or less the reference."""
+    ranges = []
+    for row in rows:
+        lower = row.user_lower_ratio if row.relative else row.user_bias_lower
+        upper = row.user_upper_ratio if row.relative else row.user_bias_upper
+        if lower is not None and upper is not None:
+            ranges.append(_Range(row, lower, upper))
+    return ranges
+
+
+def _digits_between(lower: float, upper: float) -> int:
+    """Return the digits that tell two ends apart: two, and more where they lie close together."""
+    width = upper - lower
+    size = max(abs(lower), abs(upper))
+    if not (0.0 < width < math.inf and 0.0 < size < math.inf):
+        return 2
+    decades = math.log10(size / width)
+    return 2 if decades < 1.0 else min(2 + math.ceil(decades), _MOST_DIGITS)
+
+
+def _written(user: _Range) -> str:
+    """Write the next user's range against the reference."""
+    if user.row.relative:
+        digits = _digits_between(user.lower, user.upper)
+        ends = [bare(rounded(end, digits)) for end in (user.lower, user.upper)]
+        return f"{' to '.join(ends)} times the reference"
+    lower = bare(rounded(abs(user.lower), 2))
+    upper = bare(rounded(abs(user.upper), 2))
+    unit = f" {user.row.unit}" if user.row.unit else ""
+    if user.lower >= 0:
+        return f"{lower} to {upper}{unit} above the reference"
+    if user.upper < 0:
+        return f"{upper} to {lower}{unit} below the reference"
+    return f"between {lower}{unit} below and {upper}{unit} above the reference"
