@@ -118,7 +118,7 @@ def analyse(job: Job) -> Outcome:
     study = job.study
     try:
         intervals = study.intervals
-        fit = study.fit
+        fit = study.parts.fit
     except PerceptError as error:
         return encode(job.name, job.key, "refused", str(error))
     except Exception as error:  # noqa: BLE001 - it is this study's, and goes into its row

@@ -137,7 +137,7 @@ def study_propagation(
     list of PropagationCost
         Environment by environment.
     """
-    fit = study.fit
+    fit = study.parts.fit
     setup = study.parts.setup
     assert fit is not None
     assert setup is not None

@@ -130,12 +130,12 @@ def _main(task: str) -> None:
                 fill_fit(into, study.results(curves=False), posterior=study.posterior)
         else:
             study.report(Path(folder) / "out")
-    diagnostics = study.diagnostics
+    fit = study.parts.fit
     work = {
         "seconds": time.process_time(),
         "imports": [name for name in _PACKAGES if name in sys.modules],
         "stages": stages_of(study),
-        "coordinates": diagnostics["dimension"] if diagnostics else 0,
+        "coordinates": fit.run.points.shape[-1] if fit else 0,
     }
     print_result(work)
 
@@ -145,7 +145,7 @@ def stages_of(study: Study) -> list[str]:
     parts = vars(study.parts)
     results = {name: parts.get(name) for name in STAGES}
     results["intervals"] = parts.get("interval_rows")
-    results["fit"] = study.fit if "_fit" in parts else None
+    results["fit"] = study.parts.fit if "_fit" in parts else None
     return [name for name, result in results.items() if not _empty(result)]
 
 

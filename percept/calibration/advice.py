@@ -61,7 +61,9 @@ def own_values(study: Study, fitted: TrueValues) -> TrueValues:
     RefusalError
         A cell has no mean and SD.
     """
-    moments = known_moments(cell_moments(study.sessions, study.parameters, "normal"), "normal")
+    moments = known_moments(
+        cell_moments(study.sessions, study.parts.parameters, "normal"), "normal"
+    )
     for parameter, environment in study.parts.reference:
         if (parameter, environment) not in moments:
             label = study.sessions.quantities[parameter].label
@@ -70,8 +72,8 @@ def own_values(study: Study, fitted: TrueValues) -> TrueValues:
             )
     mean = np.empty_like(fitted.beta)
     sd = np.empty_like(fitted.beta)
-    for j, environment in enumerate(study.environments):
-        for p, parameter in enumerate(study.parameters):
+    for j, environment in enumerate(study.parts.environments):
+        for p, parameter in enumerate(study.parts.parameters):
             reference = study.parts.reference[parameter, environment]
             cell: Moments = moments[parameter, environment]
             mean[j, p] = float(cell.mean) / reference
@@ -82,7 +84,7 @@ def own_values(study: Study, fitted: TrueValues) -> TrueValues:
     between = sd**2 - trial_share * np.square(fitted.sigma_e)
     beta = mean - 1.0
     return TrueValues(
-        hyper=Hyperparameters.zero(len(study.parameters)),
+        hyper=Hyperparameters.zero(len(study.parts.parameters)),
         delta=beta,
         beta=beta,
         sigma=np.sqrt(np.maximum(between, _LEAST_VARIANCE * sd**2)),

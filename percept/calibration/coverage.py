@@ -59,7 +59,7 @@ def refuse_unfit(study: Study) -> None:
     RefusalError
         More than two quantities, or a reference that no response is a ratio to.
     """
-    if len(study.parameters) > 2:
+    if len(study.parts.parameters) > 2:
         raise RefusalError(
             "calibration simulates one quantity or two together.",
             hint="Name them in [inference] parameters.",
@@ -90,7 +90,7 @@ def fitted_values(study: Study) -> TrueValues:
         There is no such fit, or its like cannot be simulated.
     """
     refuse_unfit(study)
-    fit = study.fit
+    fit = study.parts.fit
     if fit is None or not fit.passed or fit.trials is None:
         raise RefusalError(
             "calibration needs a passed Bayesian fit of the sessions.",
@@ -100,12 +100,12 @@ def fitted_values(study: Study) -> TrueValues:
     points = fit.points
     means = {name: values.mean(axis=0) for name, (_, values) in model.scales(points).items()}
     cells = model.laws(points).mean.mean(axis=0)
-    beta = cells.reshape(len(study.parameters), -1).T
+    beta = cells.reshape(len(study.parts.parameters), -1).T
     shared: dict[str, Any] = {name: means[name] for name in _HYPER_SCALES if name in means}
     for name in _CORRELATIONS:
         if name in means:
             shared[name] = float(means[name].mean())
-    zero = Hyperparameters.zero(len(study.parameters))
+    zero = Hyperparameters.zero(len(study.parts.parameters))
     hyper = replace(zero, alpha=beta.mean(axis=0), **shared)
     return TrueValues(
         hyper=hyper,
@@ -191,17 +191,17 @@ def plan_like(study: Study, subjects: int | None = None, **changes: Any) -> Cove
     if subjects in (None, own):
         changes["trials"] = _trials(study)
     references = [
-        tuple(study.parts.reference[parameter, environment] for parameter in study.parameters)
-        for environment in study.environments
+        tuple(study.parts.reference[parameter, environment] for parameter in study.parts.parameters)
+        for environment in study.parts.environments
     ]
     quantities = {}
-    for parameter in study.parameters:
+    for parameter in study.parts.parameters:
         quantities[parameter] = study.sessions.quantities[parameter].model_dump(exclude={"name"})
     return CoveragePlan(
         references=tuple(references),
-        parameters=study.parameters,
+        parameters=study.parts.parameters,
         quantities=quantities,
-        environments=study.environments,
+        environments=study.parts.environments,
         subjects=subjects or own,
         family=inference.family,
         level=inference.level,
@@ -217,7 +217,7 @@ def _trials(study: Study) -> tuple[tuple[int, ...], ...]:
     """Count the trials of each subject in each environment."""
     table = study.sessions.table
     counts = pd.crosstab(table["subject"], table["environment"])
-    counts = counts.loc[list(study.sessions.subjects), list(study.environments)]
+    counts = counts.loc[list(study.sessions.subjects), list(study.parts.environments)]
     return tuple(map(tuple, counts.to_numpy().tolist()))
 
 

@@ -270,7 +270,7 @@ def judge_study(plan: CoveragePlan, index: int) -> list[Claim]:
 def _why_no_bayesian(study: Study) -> str:
     """Say whether Bayesian intervals are "refused" or "withheld"; nothing where they are given."""
     try:
-        fit = study.fit
+        fit = study.parts.fit
     except RefusalError:
         return "refused"
     if fit is None:

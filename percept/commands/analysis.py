@@ -242,7 +242,7 @@ def open_mapper(arguments: argparse.Namespace) -> Iterator[Mapper]:
 
 def verdict(study: Study) -> int:
     """Tell what the gate withholds, or the error it lets pass; return the exit code."""
-    fit = study.fit
+    fit = study.parts.fit
     if fit is None and study.scene.inference.method != "classical":
         why = {part.what: part.why for part in study.parts.skipped_before_curves}.get(
             "Bayesian intervals", ""
@@ -260,7 +260,7 @@ def verdict(study: Study) -> int:
 def tell_error(*studies: Study) -> None:
     """Say on standard error that Bayesian numbers are less accurate than asked."""
     for study in studies:
-        gate = study.fit.run.gate if study.fit is not None else None
+        gate = study.parts.fit.run.gate if study.parts.fit is not None else None
         if gate is not None and gate.passed and not gate.tolerance_met:
             print(f"percept: {printable(gate.error_reached)}", file=sys.stderr)
 

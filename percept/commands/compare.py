@@ -22,6 +22,7 @@ from percept.errors import RefusalError, UsageError, printable
 if TYPE_CHECKING:
     import pandas as pd
 
+    from percept.sessions import Sessions
     from percept.study import Study
 
 __all__ = ["COMPARE"]
@@ -80,7 +81,7 @@ def _by_column(arguments: argparse.Namespace, progress: Working) -> None:
         raise UsageError("--by compares groups under one scene; leave --other-scene out.")
     study = open_study(arguments, progress, groups=[column])
     if within_subjects(study.sessions, column):
-        _contrasts(study.over(by_level(study.sessions, column)), arguments, progress)
+        _contrasts(_over(study, by_level(study.sessions, column)), arguments, progress)
         return
     groups = split_by(study.sessions, column)
     if len(groups) > 2:
@@ -90,9 +91,17 @@ def _by_column(arguments: argparse.Namespace, progress: Working) -> None:
             hint=f"Keep two in the scene: [sessions] only.{column}.",
         )
     first, second = (
-        _NamedStudy(f"{column} {group}", study.over(sessions)) for group, sessions in groups.items()
+        _NamedStudy(f"{column} {group}", _over(study, sessions))
+        for group, sessions in groups.items()
     )
     _differences(first, second, arguments, progress)
+
+
+def _over(study: Study, sessions: Sessions) -> Study:
+    """Analyse other sessions under the same scene with the same progress and store."""
+    from percept import Study
+
+    return Study(sessions, study.scene, progress=study.parts.progress, store=study.parts.store)
 
 
 def _two_studies(arguments: argparse.Namespace, progress: Working) -> None:
@@ -160,7 +169,7 @@ def _contrasts(study: Study, arguments: argparse.Namespace, progress: Working) -
     rows = list(
         contrast_rows(
             study.sessions,
-            study.parameters,
+            study.parts.parameters,
             study.scene,
             progress=study.parts.progress,
             store=study.parts.store,
@@ -200,8 +209,8 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
         raise RefusalError(
             f"only the {method} method was asked for, and nothing to compare it with.", hint=hint
         )
-    table = study.comparison
-    ladder = study.ladder
+    table = study.parts.comparison
+    ladder = study.parts.ladder
     if table is None or table.empty or ladder is None:
         why = {part.what: part.why for part in study.parts.skipped_before_curves}.get(
             "Bayesian intervals", "percept fit prints what intervals there are."

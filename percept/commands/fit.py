@@ -99,13 +99,13 @@ def _print_intervals(study: Study, *, every: bool) -> None:
 
 def _print_checks(study: Study, say: Callable[[str], str]) -> None:
     """Print what the checks say in words, where they were asked for."""
-    if study.scene.checks is None or study.checks is None:
+    if study.scene.checks is None or study.parts.checks is None:
         return
-    loo = study.checks.loo
+    loo = study.parts.checks.loo
     print(say(f"Predictive density of the subjects left out: {loo.elpd:.1f} ± {loo.se:.1f} nats."))
     for message in (
         *(loo.messages or ("No subject is influential or an outlier.",)),
-        *study.checks.pull,
+        *study.parts.checks.pull,
     ):
         print(say(message))
 

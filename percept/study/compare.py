@@ -117,7 +117,7 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
                 f"the two studies are analysed with a {name} of {a} and {b}.",
                 key=f"inference.{name}",
             )
-    if not set(first.environments) & set(second.environments):
+    if not set(first.parts.environments) & set(second.parts.environments):
         raise RefusalError("the two studies have no environment in common, by name.")
     same = _same_sessions(first.sessions, second.sessions)
     if same and first.scene == second.scene:
@@ -126,8 +126,8 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
             hint="Give the sessions of other people, or another scene.",
         )
     notes = [_SAME] if same else list(_in_common(first.sessions, second.sessions))
-    notes += _left_out(first.environments, second.environments)
-    notes += _left_out(first.parameters, second.parameters)
+    notes += _left_out(first.parts.environments, second.parts.environments)
+    notes += _left_out(first.parts.parameters, second.parts.parameters)
     keys = ["environment", "parameter", "kind", "method", "family", "joint"]
     columns = [*keys, "lower", "upper"]
     intervals = first.intervals[columns].merge(
@@ -179,7 +179,7 @@ def _gaps(first: Study, second: Study) -> Iterator[dict[str, object]]:
 def _envelopes(study: Study, omega: Array) -> dict[tuple[str, ...], Boundary]:
     """Return a study's exact envelopes at frequencies (M,), rad/s, by what tells curves apart."""
     envelopes = {}
-    for boundary in study.boundaries_at(omega, joints=("marginal",)):
+    for boundary in study.parts.boundaries_at(omega, joints=("marginal",)):
         if boundary.shape == "envelope":
             key = tuple(getattr(boundary, name) for name in _CURVE_LABELS)
             envelopes[key] = boundary
@@ -237,7 +237,7 @@ def _classical(first: Study, second: Study) -> Iterator[dict[str, object]]:
 
 
 def _moments(study: Study, family: Family) -> dict[tuple[str, str], Moments]:
-    cells = cell_moments(study.sessions, study.parameters, family)
+    cells = cell_moments(study.sessions, study.parts.parameters, family)
     return known_moments(cells, family)
 
 
@@ -266,8 +266,8 @@ def _sd_ratio(a: Moments, b: Moments, tail: float) -> list[float]:
 
 def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
     """Root of the mixture of differences of conditional normals."""
-    fit_a = first.fit
-    fit_b = second.fit
+    fit_a = first.parts.fit
+    fit_b = second.parts.fit
     if fit_a is None or fit_b is None or not (fit_a.passed and fit_b.passed):
         return
     from percept.inference.sampling.endpoints import mixture_quantile

@@ -15,7 +15,7 @@ from percept.errors import RefusalError
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments, Resolution
 from percept.inference.hierarchy.models import IntervalEstimands, Model, Product, Unpooled
-from percept.inference.hierarchy.priors import MEANINGS, Priors
+from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Options
 from percept.inference.hierarchy.statistics import Statistics, from_summary
 from percept.inference.record import Family
@@ -45,7 +45,6 @@ __all__ = [
     "pooled",
     "posterior_tree",
     "prepare",
-    "prior_rows",
     "sampled",
 ]
 
@@ -134,28 +133,6 @@ class Fit(Prepared):
         data = self.trials
         ((density, _),) = parts
         return SubjectDensity(density, data.response, data.subject, data.environment)
-
-    @property
-    def diagnostics(self) -> dict[str, Any]:
-        """How the fit was sampled, the verdict of the gate, and the priors in force."""
-        run = self.run
-        ensembles, _, walkers, dimension = run.points.shape
-        return {
-            "gate": run.gate,
-            "steps": run.steps,
-            "ensembles": ensembles,
-            "walkers": walkers,
-            "dimension": dimension,
-            "tolerance": run.settings.tolerance,
-            "priors": prior_rows(self.model.priors_in_force),
-        }
-
-
-def prior_rows(priors: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Priors with their meaning."""
-    return [
-        {"prior": name, "value": value, "meaning": MEANINGS[name]} for name, value in priors.items()
-    ]
 
 
 class RunStore(Protocol):

@@ -16,6 +16,7 @@ from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.classical.moments import Moments
 from percept.inference.classical.trials import check_normality, subject_means
 from percept.inference.record import ROW, Family, Interval, Joint, Kind
+from percept.results import DesignCounts
 from percept.scene import InferenceTable
 from percept.sessions import Sessions
 from percept.sessions.quantities import Quantity
@@ -259,7 +260,7 @@ def adjustments(sessions: Sessions) -> Iterator[Row]:
             }
 
 
-def design_counts(sessions: Sessions) -> dict[str, Any] | None:
+def design_counts(sessions: Sessions) -> DesignCounts | None:
     """Count trials, sessions and cells; None for published limits."""
     if sessions.form != "trials":
         return None
@@ -267,9 +268,9 @@ def design_counts(sessions: Sessions) -> dict[str, Any] | None:
     trials = table.groupby(["subject", "environment"], sort=False).size()
     visits = table.groupby("subject", sort=False)["session"].nunique()
     cells = len(sessions.subjects) * len(sessions.environments)
-    return {
-        "cells": cells,
-        "missing": cells - len(trials),
-        "trials": [int(trials.min()), int(trials.max())],
-        "sessions": [int(visits.min()), int(visits.max())],
-    }
+    return DesignCounts(
+        cells=cells,
+        missing=cells - len(trials),
+        trials=(int(trials.min()), int(trials.max())),
+        sessions=(int(visits.min()), int(visits.max())),
+    )

@@ -136,6 +136,17 @@ class Parts:
         how = {"progress": self.progress, "store": self.store}
         return list(contrast_rows(self.sessions, self.parameters, self.scene, **how))
 
+    @property
+    def contrasts(self) -> pd.DataFrame:
+        """Contrasts of the levels of `[study] factor`; empty without a factor.
+
+        A row per pair of levels (`second` against `first`), reference, parameter, `of` (bias or
+        spread), kind and method. Limits are ratios under the lognormal family; of bias under the
+        normal one they are differences in references. `environment` is None for the average over
+        `references`.
+        """
+        return pd.DataFrame(results(self.contrast_rows))
+
     @cached_property
     def cells(self) -> dict[Family, list[Cell]]:
         """Cells of each family."""
@@ -195,27 +206,6 @@ class Parts:
         nouns = Nouns(scene.environment_noun, scene.study.subject, scene.user_noun)
         level, seed = scene.inference.level, scene.inference.seed
         return model_checks(self.passed, self.passed.subjects, level=level, seed=seed, nouns=nouns)
-
-    @property
-    def diagnostics(self) -> dict[str, Any] | None:
-        """Verdict of the gate, what it rests on, and the priors in force; None without a fit."""
-        if self.fit is None:
-            return None
-        found = self.fit.diagnostics
-        found["pull"] = ()
-        if self.fit.passed:
-            from percept.study.checks import spread_pull
-
-            level = self.scene.inference.level
-            users = self.scene.user_noun
-            found["pull"] = spread_pull(self.fit, level=level, users=users)
-        if self.sessions.factor is not None:
-            from percept.inference.hierarchy.priors import Priors
-            from percept.study.fit import prior_rows
-
-            priors = Priors(**self.scene.model.priors)
-            found["priors"] += prior_rows({"lambda_sd": priors.lambda_sd, "psi_sd": priors.psi_sd})
-        return found
 
     @cached_property
     def device(self) -> AnyDevice | None:

@@ -118,7 +118,7 @@ def predict(
     intervals = pd.DataFrame(_rows(fit, expected, scale, asked, limits))
     boundaries: tuple[Boundary, ...] = ()
     skipped: tuple[Skipped, ...] = ()
-    if study.parts.setup is not None and is_impedance(study.parameters):
+    if study.parts.setup is not None and is_impedance(study.parts.parameters):
         laws: list[Law] = []
         if study.sessions.form != "summary":
             laws += _laws(fit, expected, scale, asked)
@@ -134,8 +134,8 @@ def predict(
         skipped = tuple(drawing.skipped)
     return Prediction(
         environment=_NEW,
-        decades=dict(zip(study.parameters, place.decades.tolist(), strict=True)),
-        beyond=dict(zip(study.parameters, place.beyond.tolist(), strict=True)),
+        decades=dict(zip(study.parts.parameters, place.decades.tolist(), strict=True)),
+        beyond=dict(zip(study.parts.parameters, place.beyond.tolist(), strict=True)),
         nearest=place.nearest,
         distance=place.distance,
         intervals=intervals,
@@ -164,15 +164,15 @@ def _references(
     if damping is not None:
         given.setdefault("b", damping)
     mass = 0.0
-    if is_impedance(study.parameters) and "m" not in quantities:
+    if is_impedance(study.parts.parameters) and "m" not in quantities:
         mass = _mass(study, given.pop("m", None))
     for name, value in given.items():
-        if name not in study.parameters:
+        if name not in study.parts.parameters:
             known = {**IMPEDANCE, **quantities}.get(name)
             label = known.label if known else name
             message = f"the study does not analyse {label}."
             raise UsageError(message, key=name, value=value, hint="Leave it out.")
-    values = [_positive(quantities[name], given.get(name)) for name in study.parameters]
+    values = [_positive(quantities[name], given.get(name)) for name in study.parts.parameters]
     return _References(np.array(values), mass)
 
 
@@ -188,7 +188,9 @@ class _Place:
     @classmethod
     def of(cls, study: Study, fit: Fit, values: Array) -> Self:
         """Compare references (P,) with those of the fit's environments."""
-        rows = [[study.parts.reference[p, e] for e in fit.environments] for p in study.parameters]
+        rows = [
+            [study.parts.reference[p, e] for e in fit.environments] for p in study.parts.parameters
+        ]
         tested = np.log10(rows)
         log = np.log10(values)
         above = np.maximum(log - tested.max(axis=1), 0.0)
@@ -244,14 +246,14 @@ def expected_users(fit: Fit, x: Array, asked: InferenceTable) -> NewEnvironment:
 
 def _passed_fit(study: Study) -> Fit:
     """Return the study's fit; RefusalError without one that passed."""
-    if study.fit is None:
+    if study.parts.fit is None:
         raise RefusalError(
             "the classical method has no model of environments nobody tested.",
             hint='Set method = "both" or "bayesian".',
         )
-    if not study.fit.passed:
-        raise RefusalError(f"the posterior is withheld: {study.fit.withheld}")
-    return study.fit
+    if not study.parts.fit.passed:
+        raise RefusalError(f"the posterior is withheld: {study.parts.fit.withheld}")
+    return study.parts.fit
 
 
 def _mass(study: Study, given: float | None) -> float:

@@ -28,8 +28,8 @@ from percept.results import (
     Coupling,
     CouplingMap,
     Data,
-    DesignCounts,
     Diagnostics,
+    GateVerdict,
     IntervalRow,
     Ladder,
     LeftOut,
@@ -40,6 +40,7 @@ from percept.results import (
     Nouns,
     Passivity,
     PredictiveCheck,
+    Prior,
     PriorQuantiles,
     Provenance,
     Results,
@@ -60,7 +61,7 @@ if TYPE_CHECKING:
     from percept.study.parts import Parts
 
 __all__ = [
-    "admissible_couplings", "checks_of", "compute", "data_of",
+    "admissible_couplings", "checks_of", "compute", "data_of", "diagnostics_of",
     "provenance_of", "record", "rows", "stable_edge",
 ]  # fmt: skip
 
@@ -135,7 +136,7 @@ def compute(
         sensitivity=record(Sensitivity, sensitivity),
         comparison=rows(MethodPair, comparison),
         ladder=record(Ladder, ladder),
-        diagnostics=record(Diagnostics, parts.diagnostics),
+        diagnostics=diagnostics_of(parts),
         checks=checks,
         skipped=tuple(skipped),
     )
@@ -169,7 +170,7 @@ def data_of(sessions: Sessions, scene: Scene) -> Data:
             LeftOutRow(row.who, row.what, row.why, _name(row.file), row.row)
             for row in sessions.exclusions
         ),
-        design=record(DesignCounts, design_counts(sessions)),
+        design=design_counts(sessions),
         cells=rows(CellValues, list(adjustments(sessions))),
     )
 
@@ -260,6 +261,36 @@ def checks_of(normality: Any, model: ModelChecks | None) -> Checks | None:
         statistics=rows(PredictiveCheck, model.statistics),
         prior=rows(PriorQuantiles, prior),
         pull=tuple(model.pull),
+    )
+
+
+def diagnostics_of(parts: Parts) -> Diagnostics | None:
+    """Say how the fit was sampled, and which priors were in force; None without a fit."""
+    fit = parts.fit
+    if fit is None:
+        return None
+    from percept.inference.hierarchy.priors import MEANINGS, Priors
+    from percept.study.checks import spread_pull
+
+    priors = dict(fit.model.priors_in_force)
+    if parts.sessions.factor is not None:
+        of_contrasts = Priors(**parts.scene.model.priors)
+        priors["lambda_sd"] = of_contrasts.lambda_sd
+        priors["psi_sd"] = of_contrasts.psi_sd
+    pull: tuple[str, ...] = ()
+    if fit.passed:
+        level = parts.scene.inference.level
+        pull = spread_pull(fit, level=level, users=parts.scene.user_noun)
+    ensembles, _, walkers, dimension = fit.run.points.shape
+    return Diagnostics(
+        gate=_reader(GateVerdict).validate_python(plain(fit.run.gate)),
+        steps=fit.run.steps,
+        ensembles=ensembles,
+        walkers=walkers,
+        dimension=dimension,
+        tolerance=fit.run.settings.tolerance,
+        priors=tuple(Prior(name, value, MEANINGS[name]) for name, value in priors.items()),
+        pull=pull,
     )
 
 

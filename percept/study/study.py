@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
-from numpy.typing import ArrayLike
 
 from percept.boundary.band import BandStudy
 from percept.errors import UsageError, counted
@@ -27,9 +26,7 @@ from percept.study.results import compute, data_of, record, rows
 # without.
 if TYPE_CHECKING:
     from percept.inference.sampling.gate import Progress
-    from percept.study.checks import ModelChecks
-    from percept.study.fit import Fit, RunStore
-    from percept.study.ladder import Ladder
+    from percept.study.fit import RunStore
 
 __all__ = ["Study"]
 
@@ -103,23 +100,9 @@ class Study:
         sessions.options.require(self.scene)
         factor = self.scene.study.factor
         self.sessions = by_level(sessions, factor) if factor else sessions
-        #: What the study computes, part by part.
+        #: What the study computes, part by part: also the fit, contrasts, checks and boundaries at
+        #: other frequencies.
         self.parts = Parts(self.sessions, self.scene, progress, store)
-
-    def over(self, sessions: Sessions) -> Study:
-        """Analyse other sessions under the same scene with the same progress and store."""
-        parts = self.parts
-        return Study(sessions, self.scene, progress=parts.progress, store=parts.store)
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Parameters analysed: those the scene names, or all that were adjusted."""
-        return self.parts.parameters
-
-    @property
-    def environments(self) -> tuple[str, ...]:
-        """Environments as the scene lists them, then by their references."""
-        return self.parts.environments
 
     @property
     def intervals(self) -> pd.DataFrame:
@@ -163,70 +146,14 @@ class Study:
         return table.reset_index(drop=True)
 
     @property
-    def contrasts(self) -> pd.DataFrame:
-        """Contrasts of the levels of `[study] factor`; empty without a factor.
-
-        A row per pair of levels (`second` against `first`), reference, parameter, `of` (bias or
-        spread), kind and method. Limits are ratios under the lognormal family; of bias under the
-        normal one they are differences in references. `environment` is None for the average over
-        `references`.
-        """
-        return pd.DataFrame(results(self.parts.contrast_rows))
-
-    @property
-    def fit(self) -> Fit | None:
-        """The sampled hierarchical model; None where it is not asked for, or the data cannot carry it."""
-        return self.parts.fit
-
-    @property
     def posterior(self) -> Any:
         """Posterior as an ArviZ DataTree, draws thinned to the effective size; None without a passed fit."""
         return self.parts.posterior
 
     @property
-    def checks(self) -> ModelChecks | None:
-        """Checks of the hierarchical model; None without a passed fit that pools sessions."""
-        return self.parts.checks
-
-    @property
-    def diagnostics(self) -> dict[str, Any] | None:
-        """Verdict of the gate, what it rests on, and the priors in force; None without a fit."""
-        return self.parts.diagnostics
-
-    @property
     def boundaries(self) -> tuple[Boundary, ...]:
         """Boundaries of abs(Z_h) over the scene's frequencies; empty without a device or one parameter."""
         return self.parts.boundaries
-
-    def boundaries_at(
-        self,
-        omega: ArrayLike | None,
-        environments: Collection[str] | None = None,
-        *,
-        kinds: Collection[str] | None = None,
-        joints: Collection[str] | None = None,
-    ) -> tuple[Boundary, ...]:
-        """Boundaries at frequencies of one's own.
-
-        Parameters
-        ----------
-        omega : array_like, shape (M,)
-            rad/s, positive, increasing, up to Nyquist, where a mass makes all curves
-            infinite; None for each environment's own.
-        environments, kinds, joints : collection of str, optional
-            Which environments, kinds, and treatments of k and b together ("joint" for curves of
-            their law); all by default.
-
-        Returns
-        -------
-        tuple of Boundary
-
-        Raises
-        ------
-        UsageError
-            Frequencies that do not increase from above zero; a name that the study does not have.
-        """
-        return self.parts.boundaries_at(omega, environments, kinds=kinds, joints=joints)
 
     @property
     def curves(self) -> pd.DataFrame:
@@ -254,16 +181,6 @@ class Study:
     def verdicts(self) -> tuple[Verdict, ...]:
         """Whether each environment feels real, directly and through the coupling; empty without a device."""
         return self.parts.verdicts
-
-    @property
-    def comparison(self) -> pd.DataFrame | None:
-        """The methods' intervals in equal family and kind; a copy, None without both methods."""
-        return self.parts.comparison
-
-    @property
-    def ladder(self) -> Ladder | None:
-        """Why the methods differ, step by step; samples what lies between them. None without both methods."""
-        return self.parts.ladder
 
     @property
     def skipped(self) -> tuple[Skipped, ...]:
@@ -339,7 +256,7 @@ class Study:
         return plot_intervals(
             rows(IntervalRow, intervals),
             data_of(self.sessions, self.scene),
-            parameters=select("parameter", parameter, self.parameters),
+            parameters=select("parameter", parameter, self.parts.parameters),
             kinds=select("kind", kinds, self.scene.inference.kinds),
             family=self.scene.inference.family,
             ax=ax,
@@ -380,7 +297,8 @@ class Study:
         """
         from percept.plots import plot_check
 
-        loo = None if self.checks is None else record(LeftOut, self.checks.loo)
+        checks = self.parts.checks
+        loo = None if checks is None else record(LeftOut, checks.loo)
         return plot_check(None if loo is None else loo.subjects, ax=ax)
 
     def __repr__(self) -> str:

@@ -31,6 +31,6 @@ def test_every_environment_of_a_study_is_timed():
     assert {(cost.environment, cost.kind) for cost in found if cost.sets == 1} == {
         (name, kind) for name in ("VE2", "VE4") for kind in ("mean", "user")
     }
-    assert max(cost.draws for cost in found) == len(study.fit.points)
+    assert max(cost.draws for cost in found) == len(study.parts.fit.points)
     for cost in found:
         assert cost.difference < 2.0 * cost.stated

@@ -49,7 +49,7 @@ def test_plans_have_the_design_of_the_study(study: Study) -> None:
     fitted, own = advice_plans(study)
     table = study.sessions.table
     for i, subject in enumerate(study.sessions.subjects):
-        for j, environment in enumerate(study.environments):
+        for j, environment in enumerate(study.parts.environments):
             rows = table[(table["subject"] == subject) & (table["environment"] == environment)]
             assert fitted.trials is not None
             assert fitted.trials[i][j] == len(rows)
@@ -63,7 +63,7 @@ def test_normal_users_have_the_mean_and_sd_of_their_cell(study: Study) -> None:
     assert own is not None
     assert not own.cov_u.any()
     assert own.sigma_e.min() > 0.0
-    for j, environment in enumerate(study.environments):
+    for j, environment in enumerate(study.parts.environments):
         rows = study.sessions.table[study.sessions.table["environment"] == environment]
         trials = rows.groupby("subject").size()
         for i, parameter in enumerate(("k", "b")):
@@ -200,7 +200,7 @@ def test_calibrate_writes_what_compare_recommends_by(
             family = "lognormal" if method == "bayesian" else "normal"
             judged = [
                 {"claim": f"{p} in {e}", **names, "family": family, "held": 0.99}
-                for p in ("k", "b") for e in plain.environments
+                for p in ("k", "b") for e in plain.parts.environments
             ]  # fmt: skip
             lines += [json.dumps({"plan": key, "index": i, "judged": judged}) for i in range(count)]
     (out / "judged.jsonl").write_text("\n".join(lines) + "\n")

@@ -38,7 +38,9 @@ def test_intervals_are_drawn_over_their_references(both_study, ax):
     kept = {pair for pair in ends if left < pair[0] and pair[1] < right}
     assert len(kept) >= 4
     assert kept <= bars(ax)
-    assert [label.get_text() for label in ax.get_yticklabels()] == list(both_study.environments)
+    assert [label.get_text() for label in ax.get_yticklabels()] == list(
+        both_study.parts.environments
+    )
     assert ax.get_xlabel() == "adjusted stiffness k / reference"
 
 
@@ -103,7 +105,7 @@ def test_the_coupling_is_drawn_with_its_bound(both_study, ax):
 def test_a_check_is_drawn_with_the_band_of_uniform_order_statistics(both_study, ax):
     assert both_study.plot_check(ax=ax) is ax
     points = next(line for line in ax.lines if line.get_label() == "subjects")
-    far = both_study.checks.loo.subjects["farther"]
+    far = both_study.parts.checks.loo.subjects["farther"]
     np.testing.assert_array_equal(points.get_ydata(), np.sort(far))
     (band,) = ax.collections
     (path,) = band.get_paths()

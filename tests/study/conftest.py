@@ -11,6 +11,6 @@ def fitted() -> Study:
     """The study like the published one, fitted once for all tests that only look at it."""
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(tolerance=0.03, seed=3)
     study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene)
-    assert study.fit is not None
-    assert study.fit.run.gate.passed
+    assert study.parts.fit is not None
+    assert study.parts.fit.run.gate.passed
     return study

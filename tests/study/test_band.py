@@ -37,10 +37,10 @@ def test_bands_are_relative_to_the_impedance_of_the_reference(fitted: Study) -> 
 
 
 def test_the_trend_of_the_spread_has_even_tails(fitted: Study) -> None:
-    assert fitted.fit is not None
-    found = weber_trend(fitted.fit, level=0.9)
+    assert fitted.parts.fit is not None
+    found = weber_trend(fitted.parts.fit, level=0.9)
     assert found is not None
-    drawn = fitted.fit.model.scales(fitted.fit.points)["kappa"][1]
+    drawn = fitted.parts.fit.model.scales(fitted.parts.fit.points)["kappa"][1]
     for p, row in enumerate(found.itertuples()):
         # A quantile between two draws.
         assert abs(np.mean(drawn[:, p] < row.lower) - 0.05) < 2 / len(drawn)
@@ -224,12 +224,12 @@ def test_posterior_laws_hold_the_true_parameters(law: str) -> None:
             kinds=("user", "share"), tolerance=0.1 if LONG else 0.2
         ),
     )
-    assert study.fit is not None
-    assert study.fit.run.gate.passed
-    replicates = posterior_replicates(study.fit, study.scene.inference)
+    assert study.parts.fit is not None
+    assert study.parts.fit.run.gate.passed
+    replicates = posterior_replicates(study.parts.fit, study.scene.inference)
     assert not [found for found in replicates if "share" in found]
     bands = bands_of(replicates, "bayesian")
-    assert tuple(bands) == study.environments
+    assert tuple(bands) == study.parts.environments
     fitted = fit_law(law, IMPEDANCE[few], np.stack(list(bands.values()), axis=1))
     true = widened(law, 2.0 * stats.norm.isf(0.5 * (1.0 - LEVEL)))
     lower, upper = np.quantile(fitted, [0.005, 0.995], axis=0)

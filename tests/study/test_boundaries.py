@@ -28,7 +28,9 @@ RANGE = (0.1, 100.0)  # rad/s
 
 
 def keys(study: Study, omega: np.ndarray) -> set[tuple[str, str, str, str]]:
-    return {(b.method, b.kind, b.joint, b.shape) for b in study.boundaries_at(omega, ("VE3",))}
+    return {
+        (b.method, b.kind, b.joint, b.shape) for b in study.parts.boundaries_at(omega, ("VE3",))
+    }
 
 
 def test_every_kind_method_and_joint_treatment_has_its_boundaries(fitted: Study) -> None:
@@ -59,7 +61,7 @@ def test_posterior_curves_have_a_monte_carlo_error_and_no_others(fitted: Study) 
 
 
 def test_all_curves_of_an_environment_stand_at_the_same_frequencies(fitted: Study) -> None:
-    for environment in fitted.environments:
+    for environment in fitted.parts.environments:
         grids = [b.omega for b in fitted.boundaries if b.environment == environment]
         assert all(np.array_equal(grid, grids[0]) for grid in grids)
         assert grids[0][[0, -1]] == pytest.approx([0.1, 100.0])
@@ -88,7 +90,7 @@ def test_simultaneous_bands_contain_the_pointwise_ones(fitted: Study) -> None:
 
 
 def test_a_band_is_calibrated_over_its_grid_wherever_it_is_asked_for(fitted: Study) -> None:
-    for read in fitted.boundaries_at([10.0], ("VE3",), kinds=("user",), joints=("joint",)):
+    for read in fitted.parts.boundaries_at([10.0], ("VE3",), kinds=("user",), joints=("joint",)):
         if read.shape == "simultaneous":
             whole = bands(fitted, "simultaneous")["VE3", "user", read.method, read.family]
             assert read.pointwise_level == whole.pointwise_level
@@ -155,7 +157,7 @@ def test_every_curve_of_an_environment_knows_its_mass(hold: str) -> None:
     laws = {(law.kind, law.family): law.pair for law in found.parts.curve_laws}
     boxes = {(r.kind, r.family, r.joint): r.limits for r in found.parts.regions if r.limits}
     ellipses = {(r.kind, r.family): r.ellipse for r in found.parts.regions if r.ellipse}
-    for curve in found.boundaries_at(omega, ("VE2",)):
+    for curve in found.parts.boundaries_at(omega, ("VE2",)):
         own = setup.references["VE2"]
         np.testing.assert_allclose(
             curve.reference, magnitude(float(own.stiffness), float(own.damping))[:, 0], rtol=1e-12
@@ -200,13 +202,15 @@ def test_posterior_draws_lie_inside_pointwise_and_simultaneous_limits_at_their_l
     fitted: Study,
 ) -> None:
     """Draws of another kind: each curve by itself, from draws of locations and users given the scales."""
-    assert fitted.fit is not None
+    assert fitted.parts.fit is not None
     assert fitted.parts.setup is not None
     repeats = 8
-    points = np.repeat(fitted.fit.points, repeats, axis=0)
-    drawn = fitted.fit.model.draw(points, np.random.default_rng(5))
+    points = np.repeat(fitted.parts.fit.points, repeats, axis=0)
+    drawn = fitted.parts.fit.model.draw(points, np.random.default_rng(5))
     for kind, responses in zip(("mean", "user"), drawn, strict=True):
-        for environment, (k, b) in fitted.fit.pairs(fitted.fit.scale.native(responses)).items():
+        for environment, (k, b) in fitted.parts.fit.pairs(
+            fitted.parts.fit.scale.native(responses)
+        ).items():
             key = (environment, kind, "bayesian", "lognormal")
             point, together = (bands(fitted, shape)[key] for shape in ("pointwise", "simultaneous"))
             curves = perceived_magnitude(
@@ -294,10 +298,12 @@ def test_designed_couplings_keep_the_next_user_inside(fitted: Study) -> None:
 
 def test_own_frequencies_are_taken_as_they_come(fitted):
     omega = [1.0, 5.0, 25.0]
-    once = fitted.boundaries_at(np.array(omega), ("VE3",), kinds=("mean",), joints=("marginal",))
+    once = fitted.parts.boundaries_at(
+        np.array(omega), ("VE3",), kinds=("mean",), joints=("marginal",)
+    )
     assert len(once) > 1
     for same in (omega, pd.Series(omega, index=[7, 3, 5])):
-        again = fitted.boundaries_at(same, "VE3", kinds=["mean"], joints=["marginal"])
+        again = fitted.parts.boundaries_at(same, "VE3", kinds=["mean"], joints=["marginal"])
         for one, other in zip(once, again, strict=True):
             np.testing.assert_array_equal(one.lower, other.lower)
             np.testing.assert_array_equal(one.omega, other.omega)
@@ -330,7 +336,7 @@ def test_own_frequencies_are_taken_as_they_come(fitted):
 )
 def test_own_frequencies_and_choices_are_checked(fitted, omega, chosen, message):
     with pytest.raises(UsageError, match=message):
-        fitted.boundaries_at(omega, **chosen)
+        fitted.parts.boundaries_at(omega, **chosen)
 
 
 def test_windows_follow_the_scene_and_are_cut_or_left_out():
@@ -377,6 +383,6 @@ def test_at_nyquist_all_curves_are_endless():
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical")
     found = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene)
     omega = np.array([1.0, 10.0, 3000.0, np.pi / 1e-3])
-    for boundary in found.boundaries_at(omega, ("VE1",)):
+    for boundary in found.parts.boundaries_at(omega, ("VE1",)):
         assert np.isinf([boundary.lower[-1], boundary.upper[-1], boundary.reference[-1]]).all()
         assert np.isfinite([boundary.lower[:-1], boundary.upper[:-1]]).all()

@@ -36,7 +36,7 @@ def planted():
 
 
 def test_subjects_who_fit_are_not_named(clean):
-    found = clean.checks.loo
+    found = clean.parts.checks.loo
     assert not found.subjects["outlier"].any()
     assert not found.cells["outlier"].any()
     assert found.elpd == pytest.approx(found.subjects["elpd"].sum())
@@ -45,11 +45,11 @@ def test_subjects_who_fit_are_not_named(clean):
     # together).
     assert stats.kstest(found.subjects["farther"], stats.uniform.cdf).pvalue > 1e-3
     assert stats.kstest(found.cells["below"], stats.uniform.cdf).pvalue > 1e-4
-    assert not clean.checks.statistics["unusual"].any()
+    assert not clean.parts.checks.statistics["unusual"].any()
 
 
 def test_planted_subjects_are_named_with_what_to_do(planted):
-    found = planted.checks.loo
+    found = planted.parts.checks.loo
     rows = found.subjects.set_index("subject")
     assert rows.index[rows["outlier"]].tolist() == ["S04", "S07"]
     # Others lie near the limit of the index, and on either side of it from one run to the next.
@@ -73,7 +73,7 @@ def test_planted_subjects_are_named_with_what_to_do(planted):
     assert "scatter more" not in influential
     # As a statistic of the cell, too: S04 is farther from the mean than the farthest of 12 users
     # should be.
-    unusual = planted.checks.statistics.query("unusual and statistic == 'farthest'")
+    unusual = planted.parts.checks.statistics.query("unusual and statistic == 'farthest'")
     assert "VE3" in set(unusual["environment"])
 
 
@@ -82,16 +82,16 @@ def test_false_alarms_are_shared_among_the_subjects(clean):
     farther = np.array([0.0049, 0.0051, *[0.5] * 8])
     loo = Loo(np.zeros(10), np.zeros(10), 0.7, np.zeros((1, 1)), np.ones((1, 10)))
     predicted = Predicted(np.full((10, 2, 3), 0.5), farther)
-    found = subject_tables(clean.fit, clean.fit.subjects, loo, predicted)
+    found = subject_tables(clean.parts.fit, clean.parts.fit.subjects, loo, predicted)
     assert found.subjects["outlier"].tolist() == [True] + [False] * 9
 
 
 def tables_of(study, pareto_k):
     """Checks of a study's subjects whose Pareto indices are given."""
-    density = study.fit.subjects
+    density = study.parts.fit.subjects
     count = len(pareto_k)
     loo = Loo(np.zeros(count), np.array(pareto_k), 0.7, np.zeros((1, 1)), np.ones((1, count)))
-    return subject_tables(study.fit, density, loo, Predicted(
+    return subject_tables(study.parts.fit, density, loo, Predicted(
         np.full(density.density.statistics.cell_means.shape, 0.5), np.full(count, 0.5)
     ))  # fmt: skip
 
@@ -120,10 +120,10 @@ def repeated(noise):
 def test_trial_noise_is_the_cause_only_where_a_test_shows_that_it_differs():
     pareto_k = [0.9] * 5 + [0.2] * 5
     same = study_of(repeated([0.1] * 10), checks={}, tolerance=0.3)
-    assert trial_noise_p_value(same.fit.trials) > 0.05
+    assert trial_noise_p_value(same.parts.fit.trials) > 0.05
     assert "scatter more" not in tables_of(same, pareto_k).messages[0]
     differs = study_of(repeated([0.05, 0.15] * 5), checks={}, tolerance=0.3)
-    assert trial_noise_p_value(differs.fit.trials) < 1e-3
+    assert trial_noise_p_value(differs.parts.fit.trials) < 1e-3
     assert (
         tables_of(differs, pareto_k)
         .messages[0]
@@ -164,7 +164,7 @@ def trials_of(response, subject, environment):
 
 
 def test_statistics_above_their_range_are_hardly_ever_larger(planted):
-    found = planted.checks.statistics
+    found = planted.parts.checks.statistics
     high = found[found["observed"] > found["upper"]]
     assert len(high) > 0
     # Half of one per cent lies above a limit, which is a quantile of the same draws.
@@ -201,7 +201,7 @@ def test_a_new_user_differs_from_the_mean_by_the_spread_between_users(clean):
 
 
 def test_prior_quantiles_are_in_native_units(clean):
-    prior = clean.checks.prior.set_index(["environment", "parameter", "kind"])
+    prior = clean.parts.checks.prior.set_index(["environment", "parameter", "kind"])
     for (environment, parameter), reference in {("VE1", "k"): 100.0, ("VE3", "b"): 25.0}.items():
         row = prior.loc[(environment, parameter, "mean")]
         # The prior of a mean's bias is centred at none; log is near N(0, 1 + gamma and tau shares).
@@ -229,5 +229,5 @@ def test_published_limits_have_no_subjects_to_leave_out():
         inference={"tolerance": 0.3, "method": "bayesian", "parameters": ["k"]}, checks={}
     )
     study = Study(read_sessions(DATASETS / "hbfd_table1.csv"), scene)
-    assert isinstance(study.fit.subjects, Skipped)
-    assert study.checks is None
+    assert isinstance(study.parts.fit.subjects, Skipped)
+    assert study.parts.checks is None

@@ -11,6 +11,7 @@ from percept.report.tables import csv_tables
 from percept.sessions import ReadError, ReadOptions, Sessions
 from percept.sessions.read import by_level
 from percept.study.compare import within_subjects
+from percept.study.results import diagnostics_of
 from tests import DATASETS
 from tests.documents import as_results, build_document, page_of
 from tests.study.within import frame, study
@@ -38,7 +39,7 @@ def test_contrasts_are_those_of_subjects_means(family):
     table = frame()
     ratio = table["k_adj"] / table["k_ref"]
     wide = means(table, np.log(ratio) if family == "lognormal" else ratio - 1.0)
-    found = study(table, family).contrasts
+    found = study(table, family).parts.contrasts
     for environment in ("VE1", "VE2", "VE3", None):
         left, right = (
             wide[level].mean(axis=1) if environment is None else wide[level, environment]
@@ -67,7 +68,7 @@ def test_contrasts_are_those_of_subjects_means(family):
 
 
 def test_contrasts_say_what_they_cover():
-    found = study(frame()).contrasts
+    found = study(frame()).parts.contrasts
     assert (
         row_of(found, "VE1")["covers"]
         == "The typical user's ratio of stiffness (right over left) lies between the limits, with"
@@ -77,15 +78,15 @@ def test_contrasts_say_what_they_cover():
         "For at least 95 % of all users the ratio of stiffness (right over left) lies between the"
         " limits"
     )
-    assert row_of(study(frame(), "normal").contrasts, "VE1", kind="user")["covers"].startswith(
-        "The next user's difference of stiffness (right less left, in references) lies"
-    )
+    assert row_of(study(frame(), "normal").parts.contrasts, "VE1", kind="user")[
+        "covers"
+    ].startswith("The next user's difference of stiffness (right less left, in references) lies")
 
 
 def test_two_quantities_say_that_each_stands_by_itself():
     table = frame().assign(b_ref=2.0)
     table["b_adj"] = 2.0 * (table["k_adj"] / table["k_ref"]) ** 0.5
-    found = study(table).contrasts
+    found = study(table).parts.contrasts
     assert set(found["parameter"]) == {"k", "b"}
     assert (
         found["covers"]
@@ -97,7 +98,8 @@ def test_two_quantities_say_that_each_stands_by_itself():
 def test_priors_of_the_contrast_are_the_scene_s():
     made = study(frame(trials=1), model={"priors": {"lambda_sd": 0.3}})
     scene = made.scene.with_inference(method="bayesian", tolerance=0.3)
-    told = {row["prior"]: row["value"] for row in Study(made.sessions, scene).diagnostics["priors"]}
+    priors = diagnostics_of(Study(made.sessions, scene).parts).priors
+    told = {prior.prior: prior.value for prior in priors}
     assert (told["lambda_sd"], told["psi_sd"]) == (0.3, 0.5)
 
 
@@ -109,7 +111,7 @@ def test_overall_contrasts_average_over_what_all_subjects_share():
     made = study(kept)
     wide = means(kept, np.log(kept["k_adj"] / kept["k_ref"])).drop("S5")
     right, left = (wide[level][["VE1", "VE2"]].mean(axis=1) for level in ("right", "left"))
-    row = row_of(made.contrasts, None)
+    row = row_of(made.parts.contrasts, None)
     assert row["references"] == ["VE1", "VE2"]
     assert row["n"] == 7
     assert (row["of_subjects"], row["of_references"]) == (8, 3)
@@ -124,7 +126,7 @@ def test_overall_contrasts_average_over_what_all_subjects_share():
     assert "and 2 of <data" in page
     assert "references: VE1 and VE2." in page
     assert row["p_value"] == pytest.approx(stats.ttest_rel(right, left).pvalue, rel=1e-9)
-    assert row_of(made.contrasts, "VE3")["n"] == 6
+    assert row_of(made.parts.contrasts, "VE3")["n"] == 6
     assert {part.what: part.why for part in made.skipped} | {
         "1 subject in contrasts of stiffness, right against left": "no reference has both levels",
         "VE3 in the overall contrast of stiffness, right against left": (
@@ -142,7 +144,7 @@ def test_contrasts_without_a_ratio_are_in_the_quantity_s_unit(reference):
     wide = means(table, table["k_adj"])
     for scale in (1.0, 10.0):
         made = study(table, "normal", model={"scale": {"k": scale}})
-        row = row_of(made.contrasts, None)
+        row = row_of(made.parts.contrasts, None)
         right, left = (wide[level].mean(axis=1) for level in ("right", "left"))
         assert row["estimate"] == pytest.approx((right - left).mean(), rel=1e-9)
         interval = stats.ttest_rel(right, left).confidence_interval(0.95)
@@ -156,7 +158,7 @@ def test_contrasts_without_a_ratio_are_in_the_quantity_s_unit(reference):
 
 
 def test_three_levels_are_compared_two_by_two():
-    found = study(frame(levels=("left", "right", "both"))).contrasts
+    found = study(frame(levels=("left", "right", "both"))).parts.contrasts
     assert list(dict.fromkeys(zip(found["second"], found["first"], strict=True))) == [
         ("right", "left"),
         ("both", "left"),
@@ -166,13 +168,16 @@ def test_three_levels_are_compared_two_by_two():
 
 def test_each_level_of_a_reference_is_a_cell_of_its_own():
     made = study(frame())
-    assert made.environments == tuple(
+    assert made.parts.environments == tuple(
         f"VE{i} ({hand})" for i in (1, 2, 3) for hand in ("left", "right")
     )
     assert made.parts.reference["k", "VE2 (right)"] == 100.0
-    again = made.over(made.sessions)
-    assert again.environments == made.environments
-    assert len(Study(Sessions.from_frame(frame(trials=1).query("hand == 'left'"))).contrasts) == 0
+    again = Study(made.sessions, made.scene)
+    assert again.parts.environments == made.parts.environments
+    assert (
+        len(Study(Sessions.from_frame(frame(trials=1).query("hand == 'left'"))).parts.contrasts)
+        == 0
+    )
 
 
 def test_a_trial_may_have_its_number_at_every_level():
@@ -194,8 +199,10 @@ def test_what_has_no_contrast_is_named():
         "[model] scale.k"
         in {part.what: part.why for part in study(zero, "normal").skipped}["contrasts of stiffness"]
     )
-    scaled = study(frame().assign(k_ref=0.0), "normal", model={"scale": {"k": 10.0}}).contrasts
-    unscaled = study(frame().query("environment == 'VE1'"), "normal").contrasts
+    scaled = study(
+        frame().assign(k_ref=0.0), "normal", model={"scale": {"k": 10.0}}
+    ).parts.contrasts
+    unscaled = study(frame().query("environment == 'VE1'"), "normal").parts.contrasts
     # In N/m, and in references of 10 N/m.
     assert row_of(scaled, "VE1")["lower"] == pytest.approx(
         10.0 * row_of(unscaled, "VE1")["lower"], rel=1e-12

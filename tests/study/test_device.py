@@ -134,7 +134,7 @@ def test_counts_are_those_of_a_search_over_all_points_of_the_box(
     device = haptics.Device(found.mass[j], found.damping[i])
     coupling = haptics.Coupling(50e3, 100.0)
     inside = 0
-    for environment in study.environments:
+    for environment in study.parts.environments:
         k, b = box_of(study, environment, "user")
         reference = haptics.Environment(
             study.parts.reference["k", environment], study.parts.reference["b", environment]
@@ -176,7 +176,7 @@ def test_without_a_coupling_the_reference_itself_is_judged(study: Study) -> None
     assert found.required_damping is None
     assert {verdict for row in found.verdict for verdict in row} == {None}
     held = 0
-    for name in study.environments:
+    for name in study.parts.environments:
         k, b = box_of(study, name, "user")
         held += (
             k[0] <= study.parts.reference["k", name] <= k[1]

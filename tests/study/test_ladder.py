@@ -18,7 +18,7 @@ WORDS = {"user": "user", "users": "users", "environments": "environments"}
 
 
 def ladder_of(study: Study) -> Ladder:
-    ladder = study.ladder
+    ladder = study.parts.ladder
     assert ladder is not None
     return ladder
 
@@ -191,7 +191,7 @@ def test_intervals_apart_do_not_overlap(fitted: Study) -> None:
 
 
 def test_pairs_by_hand(fitted: Study) -> None:
-    table = fitted.comparison
+    table = fitted.parts.comparison
     assert table is not None
     assert len(table) == 30
     row = table.query("environment == 'VE3' and parameter == 'b' and kind == 'user'").iloc[0]
@@ -209,7 +209,7 @@ def test_pairs_by_hand(fitted: Study) -> None:
 def test_tables_are_the_caller_s_own(fitted: Study) -> None:
     """What is changed in a table asked for changes nothing of the study."""
     for name in ("intervals", "comparison"):
-        before = getattr(fitted, name)
-        changed = getattr(fitted, name)
+        before = getattr(fitted.parts, name)
+        changed = getattr(fitted.parts, name)
         changed.iloc[:, 0] = "changed"
-        pd.testing.assert_frame_equal(getattr(fitted, name), before)
+        pd.testing.assert_frame_equal(getattr(fitted.parts, name), before)

@@ -19,9 +19,9 @@ from tests import DATASETS
 
 def dense_trend(study: Study, point: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean and covariance of alpha + gamma x + delta by conditioning one large Gaussian of all responses."""
-    model = study.fit.model  # type: ignore[union-attr]
+    model = study.parts.fit.model  # type: ignore[union-attr]
     assert isinstance(model, CollapsedDensity)
-    data = study.fit.trials  # type: ignore[union-attr]
+    data = study.parts.fit.trials  # type: ignore[union-attr]
     assert data is not None
     named = {name: values[0] for name, (_, values) in model.scales(point[None]).items()}
     priors = model.priors
@@ -54,8 +54,8 @@ def dense_trend(study: Study, point: np.ndarray, x: np.ndarray) -> tuple[np.ndar
 
 
 def test_location_equals_dense_conditioning(fitted: Study) -> None:
-    points = fitted.fit.points[::700]  # type: ignore[arg-type]
-    model = fitted.fit.model  # type: ignore[union-attr]
+    points = fitted.parts.fit.points[::700]  # type: ignore[arg-type]
+    model = fitted.parts.fit.model  # type: ignore[union-attr]
     assert isinstance(model, CollapsedDensity)
     x = np.array([0.7, -1.3])
     found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))
@@ -66,9 +66,9 @@ def test_location_equals_dense_conditioning(fitted: Study) -> None:
 
 
 def test_spread_follows_its_trend_and_is_even_over_its_law(fitted: Study) -> None:
-    model = fitted.fit.model  # type: ignore[union-attr]
+    model = fitted.parts.fit.model  # type: ignore[union-attr]
     assert isinstance(model, CollapsedDensity)
-    points = fitted.fit.points[:3]  # type: ignore[arg-type]
+    points = fitted.parts.fit.points[:3]  # type: ignore[arg-type]
     x, repeats = np.array([0.5, 0.5]), 400
     found = new_environment(model, points, x, repeats=repeats, rng=np.random.default_rng(1))
     named = {name: values for name, (_, values) in model.scales(points).items()}
@@ -89,7 +89,7 @@ def loose(fitted: Study) -> Study:
     """The posterior of the fitted study, with few frequencies and a tolerance that it meets anywhere."""
     tables = fitted.scene.to_dict() | {"frequency": {"lower": 0.1, "upper": 100.0, "points": 9}}
     study = Study(fitted.sessions, Scene(**tables).with_inference(tolerance=0.3))
-    study.__dict__["_fit"] = fitted.fit
+    study.parts.__dict__["_fit"] = fitted.parts.fit
     return study
 
 
@@ -157,9 +157,9 @@ def published() -> Study:
 
 
 def test_published_limits_are_predicted_parameter_by_parameter(published: Study) -> None:
-    assert published.fit is not None
-    model = published.fit.model
-    points = published.fit.points[:40]
+    assert published.parts.fit is not None
+    model = published.parts.fit.model
+    points = published.parts.fit.points[:40]
     x = np.array([0.7, -1.3])
     found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))
     np.testing.assert_array_equal(found.covariance[:, 0, 1], 0.0)
@@ -203,11 +203,11 @@ def test_intervals_from_published_limits_say_how_they_come_to_logarithms(publish
 
 def test_monte_carlo_error_is_a_share_of_the_half_width(loose: Study) -> None:
     fitted = Study(loose.sessions, loose.scene.with_inference(kinds=("mean",)))
-    fitted.__dict__["_fit"] = loose.fit
+    fitted.parts.__dict__["_fit"] = loose.parts.fit
     found = predict(fitted, stiffness=2e3, damping=2.0)
-    assert fitted.fit is not None
+    assert fitted.parts.fit is not None
     laws = expected_users(
-        fitted.fit, np.array(list(found.decades.values())), fitted.scene.inference
+        fitted.parts.fit, np.array(list(found.decades.values())), fitted.scene.inference
     ).laws
     batches = 40
     for p, row in enumerate(found.intervals.itertuples()):

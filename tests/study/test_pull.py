@@ -8,6 +8,7 @@ import pytest
 
 from percept import Scene, Study
 from percept.sessions import Sessions
+from percept.study.results import diagnostics_of
 from tests.documents import build_document
 
 
@@ -49,7 +50,7 @@ def test_precise_data_overruled_by_the_prior_of_spread_are_said_with_what_to_set
     spread, least, against
 ):
     study = study_of(spread)
-    (said,) = study.diagnostics["pull"]
+    (said,) = diagnostics_of(study.parts).pull
     assert "expects more spread in stiffness than the data show" in said
     stated = float(re.search(r"interval (\S+) times as wide as " + against, said)[1])
     # Without its prior one environment has the classical prediction interval.
@@ -58,7 +59,7 @@ def test_precise_data_overruled_by_the_prior_of_spread_are_said_with_what_to_set
     assert said in build_document(study, curves=False)["summary"]["cautions"]
     key, value = re.search(r"Set (\w+) = (\d+) in \[model.priors\]", said).groups()
     changed = study_of(spread, model={"priors": {key: float(value)}})
-    assert changed.diagnostics["pull"] == ()
+    assert diagnostics_of(changed.parts).pull == ()
     assert widening(changed) < 1.25
 
 
@@ -67,23 +68,23 @@ def test_precise_data_overruled_by_the_prior_of_spread_are_said_with_what_to_set
     [(0.2, 6, 1), (0.2, 2, 1), (0.2, 10, 3), (0.3, 3, 2), (0.1, 4, 3)],
 )
 def test_ordinary_studies_are_not_pulled(spread, subjects, environments):
-    found = study_of(spread, subjects=subjects, environments=environments).diagnostics
-    assert found["gate"].passed
-    assert found["pull"] == ()
+    found = diagnostics_of(study_of(spread, subjects=subjects, environments=environments).parts)
+    assert found.gate.passed
+    assert found.pull == ()
 
 
 def test_coarse_data_are_pulled_the_other_way():
-    (said,) = study_of(4.0, subjects=5).diagnostics["pull"]
+    (said,) = diagnostics_of(study_of(4.0, subjects=5).parts).pull
     assert "expects less spread in stiffness than the data show" in said
     assert re.search(r"interval 0\.\d+ times as wide", said)
 
 
 def test_the_study_s_word_for_users_is_used():
-    (said,) = study_of(0.01, study={"subject": "driver"}).diagnostics["pull"]
+    (said,) = diagnostics_of(study_of(0.01, study={"subject": "driver"}).parts).pull
     assert "spread between drivers" in said
     assert "next driver’s interval" in said
 
 
 def test_a_reference_prior_has_no_pull():
     study = study_of(1e-6, model={"pooling": "none", "prior": "reference"})
-    assert study.diagnostics["pull"] == ()
+    assert diagnostics_of(study.parts).pull == ()

@@ -122,13 +122,13 @@ def test_the_pull_of_the_prior_is_what_a_flat_one_undoes():
 
     (study, own), (flat, other) = fitted(1.0), fitted(100.0)
     moved = (own["estimate"] - other["estimate"]) / (other["upper"] - other["lower"]) * 2.0
-    (said,) = study.checks.pull
+    (said,) = study.parts.checks.pull
     assert "N(0, 1²), moves the estimate of the average user" in said
     # Limits have an error of 0.03 half-widths, and estimates less.
     np.testing.assert_allclose(
         [float(n) for n in re.findall(r"\(([+-]\d\.\d\d)\)", said)], moved[:3], atol=0.04
     )
-    assert flat.checks.pull == ()
+    assert flat.parts.checks.pull == ()
     assert said in build_document(study)["summary"]["cautions"]
 
 
@@ -196,7 +196,7 @@ def prepared(tables):
     study = study_of(
         three_quantities(), {"quantities": {"force": {}, "length": {}, "weight": {}}} | tables
     )
-    return prepare(study.sessions, study.scene, study.parameters)
+    return prepare(study.sessions, study.scene, study.parts.parameters)
 
 
 def test_of_three_quantities_the_two_named_together_share_a_model():
@@ -224,7 +224,7 @@ def test_rows_that_lack_one_of_a_pair_are_a_caution():
     table.loc[[1, 4, 7], "length_adj"] = np.nan
     both = {"quantities": {"force": {}, "length": {}}, "inference": {"method": "classical"}}
     study = study_of(table, both)
-    (left,) = prepare(study.sessions, study.scene, study.parameters).skipped
+    (left,) = prepare(study.sessions, study.scene, study.parts.parameters).skipped
     document = build_document(study) | {"skipped": [dataclasses.asdict(left)]}
     (caution,) = [text for text in findings(as_results(document)).cautions if "leaves out" in text]
     assert caution == "The hierarchical model leaves out 3 trials: they lack force or length."

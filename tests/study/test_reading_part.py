@@ -45,7 +45,7 @@ def test_a_scene_says_how_its_files_are_read(walls):
     study = Study(read_sessions(walls, scene=given), given)
     assert study.sessions.subjects == ("Ann", "Ben", "Cem")
     assert study.sessions.table["k_adj"].max() == 1010.0
-    assert study.environments == ("VE2", "VE1")
+    assert study.parts.environments == ("VE2", "VE1")
     assert study.parts.setup.references["VE2"].mass == 0.25
     frame = study.sessions.table.rename(columns={"subject": "participant", "environment": "wall"})
     frame["stiffness"] = frame.pop("k_adj") / 1000.0

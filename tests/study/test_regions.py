@@ -14,9 +14,9 @@ from tests.study.checked import table_of
 
 def test_two_shares_of_users_together_leave_out_half_as_much_each(fitted: Study) -> None:
     """At 99 % of users with confidence 95 %, each side holds 99.5 % of them with confidence 97.5 %."""
-    assert fitted.fit is not None
-    model, rng = fitted.fit.model, np.random.default_rng(1)
-    laws = model.laws(np.repeat(fitted.fit.points, 8, axis=0))
+    assert fitted.parts.fit is not None
+    model, rng = fitted.parts.fit.model, np.random.default_rng(1)
+    laws = model.laws(np.repeat(fitted.parts.fit.points, 8, axis=0))
     centre = laws.mean + laws.sd * rng.standard_normal(laws.mean.shape)
     found = [
         r

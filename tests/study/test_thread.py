@@ -14,6 +14,7 @@ import percept
 from percept import RefusalError, Scene, Study, read_sessions
 from percept.results import Skipped
 from percept.sessions import Sessions
+from percept.study.results import diagnostics_of
 from tests import DATASETS
 from tests.unmixed import UNMIXED, unmixed_sessions
 
@@ -85,7 +86,7 @@ def test_same_seed_same_bits_and_another_within_monte_carlo_error():
         Study(sessions, hbfd_scene(tolerance=0.1, seed=seed)) for seed in (1, 1, 2)
     )
     pd.testing.assert_frame_equal(again.intervals, one.intervals, check_exact=True)
-    first, second = one.fit.run, other.fit.run
+    first, second = one.parts.fit.run, other.parts.fit.run
     difference = first.estimates.value - second.estimates.value
     error = np.hypot(first.errors, second.errors)
     assert np.abs(difference / error).max() < 5.0
@@ -93,7 +94,7 @@ def test_same_seed_same_bits_and_another_within_monte_carlo_error():
 
 
 def test_boundaries_hold_what_they_say(fitted):
-    boundaries = fitted.boundaries_at(np.geomspace(0.1, 100.0, 61))
+    boundaries = fitted.parts.boundaries_at(np.geomspace(0.1, 100.0, 61))
     shapes = {(b.method, b.shape) for b in boundaries}
     assert {("classical", "corner"), ("classical", "envelope"), ("bayesian", "pointwise")} <= shapes
     named = {(b.environment, b.kind, b.method, b.family, b.joint, b.shape): b for b in boundaries}
@@ -164,7 +165,7 @@ def test_a_run_that_mixes_and_misses_its_tolerance_gives_its_numbers():
     assert set(study.intervals["method"]) == {"classical", "bayesian"}
     assert study.posterior is not None
     assert "Bayesian intervals" not in {part.what: part.why for part in study.skipped}
-    gate = study.diagnostics["gate"]
+    gate = diagnostics_of(study.parts).gate
     assert gate.passed
     assert not gate.tolerance_met
     assert f"{100 * gate.worst_error:.3g} % of a half-width" in gate.error_reached
@@ -181,7 +182,7 @@ def test_one_subject_is_refused():
     table = frame()
     study = Study(Sessions.from_frame(table[table.subject == "S01"]), hbfd_scene())
     with pytest.raises(RefusalError, match=r"at least two subjects .* only one, 'S01'"):
-        _ = study.fit
+        _ = study.parts.fit
 
 
 def test_negative_value_under_lognormal_is_refused_with_its_place():
@@ -189,7 +190,7 @@ def test_negative_value_under_lognormal_is_refused_with_its_place():
     table.loc[7, "b_adj"] = -0.5
     study = Study(Sessions.from_frame(table), hbfd_scene(method="bayesian"))
     with pytest.raises(RefusalError, match="has no logarithm") as caught:
-        _ = study.fit
+        _ = study.parts.fit
     assert (caught.value.row, caught.value.column, caught.value.value) == (9, "b_adj", -0.5)
     assert 'family = "normal"' in str(caught.value)
 
@@ -199,7 +200,7 @@ def test_zero_reference_is_refused_without_a_scale():
     table.loc[table.environment == "VE1", "b_ref"] = 0.0
     scene = hbfd_scene(family="normal", method="bayesian")
     with pytest.raises(RefusalError, match="reference damping of VE1 is 0, which has no ratio"):
-        _ = Study(Sessions.from_frame(table), scene).fit
+        _ = Study(Sessions.from_frame(table), scene).parts.fit
 
 
 def test_no_scatter_is_refused_and_resolution_answers():
@@ -210,17 +211,17 @@ def test_no_scatter_is_refused_and_resolution_answers():
     with pytest.raises(
         RefusalError, match="all subjects adjusted alike in stiffness of VE2"
     ) as caught:
-        _ = Study(sessions, hbfd_scene(method="bayesian")).fit
+        _ = Study(sessions, hbfd_scene(method="bayesian")).parts.fit
     assert "resolution.k" in str(caught.value)
     steps = {"k": 10.0, "b": 0.1}
     scene = Scene(model={"resolution": steps}, inference={"tolerance": 0.1})
     study = Study(sessions, scene)
     # Only where nothing scatters, about what was adjusted: rounding is part of any other cell's
     # scatter.
-    resolution = study.fit.model.resolution
+    resolution = study.parts.fit.model.resolution
     np.testing.assert_allclose(resolution.between, [[0.0, 0.01**2 / 12], [0.0, 0.0]], rtol=1e-14)
     assert not resolution.trial.any()
-    assert study.fit.run.gate.passed
+    assert study.parts.fit.run.gate.passed
     cell = study.intervals.query(
         "environment == 'VE2' and parameter == 'k' and method == 'bayesian'"
     )
@@ -242,21 +243,21 @@ def test_what_no_session_has_is_refused():
     table = frame().drop(columns=["b_ref", "b_adj"])
     scene = Scene(inference={"parameters": ["k", "b"]})
     with pytest.raises(RefusalError, match="the scene asks for damping, which no session has"):
-        _ = Study(Sessions.from_frame(table), scene).parameters
+        _ = Study(Sessions.from_frame(table), scene).parts.parameters
     sessions = read_sessions(DATASETS / "hbfd_sessions.csv")
     nothing = dataclasses.replace(sessions, table=sessions.table.assign(k_adj=np.nan, b_adj=np.nan))
     with pytest.raises(RefusalError, match="no adjusted value is left in the data"):
-        _ = Study(nothing, Scene()).parameters
+        _ = Study(nothing, Scene()).parts.parameters
 
 
 def test_posterior_keeps_named_dimensions(fitted):
     posterior = fitted.posterior["posterior"]
     assert posterior["population_mean"].dims == ("chain", "draw", "parameter", "environment")
-    assert list(posterior["environment"].values) == list(fitted.environments)
-    assert posterior.sizes["chain"] == fitted.fit.run.settings.ensembles
+    assert list(posterior["environment"].values) == list(fitted.parts.environments)
+    assert posterior.sizes["chain"] == fitted.parts.fit.run.settings.ensembles
     # Draws and the smooth mixture must describe one posterior: compare medians on the log scale.
     draws = np.log(posterior["population_mean"].values)
-    laws_mean = np.log(fitted.fit.estimate).reshape(draws.shape[2:])
+    laws_mean = np.log(fitted.parts.fit.estimate).reshape(draws.shape[2:])
     spread = draws.std(axis=(0, 1))
     error = spread / np.sqrt(draws.shape[0] * draws.shape[1] / 4)
     assert np.all(np.abs(draws.mean(axis=(0, 1)) - laws_mean) < 5 * error)

@@ -49,7 +49,7 @@ def test_sentences_stand_beside_the_intervals():
 def test_the_summary_lays_methods_side_by_side(fitted, kind):
     table, intervals = fitted.summary(kind), fitted.intervals
     kinds = [kind] if kind else list(fitted.scene.inference.kinds)
-    assert len(table) == len(fitted.environments) * 2 * len(kinds)
+    assert len(table) == len(fitted.parts.environments) * 2 * len(kinds)
     assert set(table["kind"]) == set(kinds)
     for row in table.to_dict("records"):
         for method in ("classical", "bayesian"):

@@ -29,7 +29,7 @@ def computed(rows):
 
 def test_the_model_has_a_cell_for_each_reference_and_level(made):
     model = within_model(made.sessions, "k", made.scene, ("left", "right"))
-    assert model.statistics.environments == made.environments
+    assert model.statistics.environments == made.parts.environments
     assert model.reference.tolist() == [0, 0, 1, 1, 2, 2]
     np.testing.assert_allclose(model.statistics.x[0], [-1, -1, 0, 0, 1, 1], atol=1e-12)
     # Missing cells of a subject stay missing.
@@ -40,7 +40,7 @@ def test_the_model_has_a_cell_for_each_reference_and_level(made):
 
 def test_many_subjects_leave_little_to_the_priors(made, computed):
     """Limits of both methods' average user lie within a fifth of the classical half-width."""
-    classical = made.contrasts.query("of == 'bias' and kind == 'mean'").to_dict("records")
+    classical = made.parts.contrasts.query("of == 'bias' and kind == 'mean'").to_dict("records")
     bayesian = [row for row in computed if row["kind"] == "mean"]
     assert [row["environment"] for row in bayesian] == ["VE1", "VE2", "VE3", None]
     assert [row["n"] for row in bayesian] == [30, 29, 30, 30]
