@@ -98,7 +98,7 @@ def checks_argument(*, usual: bool) -> Argument:
     )
 
 
-def settings(arguments: argparse.Namespace) -> dict[str, Any]:
+def settings(arguments: argparse.Namespace) -> dict[str, str | float | None]:
     """Return the keys of `[inference]` that have a flag, None where it is not given."""
     return {name: getattr(arguments, name) for name in _SETTINGS}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from percept.commands import JSON, Command, argument
 from percept.commands.analysis import (
@@ -258,9 +258,10 @@ def _feelings(study: Study) -> list[str]:
     return feeling_sentences(study.verdicts, words)
 
 
-def _stated(study: Study) -> dict[str, Any]:
+def _stated(study: Study) -> dict[str, str | float]:
     """Return what the intervals of a comparison claim."""
-    return study.scene.inference.model_dump(include={"level", "family"})
+    asked = study.scene.inference
+    return {"level": asked.level, "family": asked.family}
 
 
 def _claim(study: Study) -> str:

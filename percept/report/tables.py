@@ -7,9 +7,10 @@ import dataclasses
 import io
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
 
-from percept.report.select import METHODS, matching
+import numpy as np
+
+from percept.report.select import matching
 from percept.results import Boundary, Confidences, PosteriorEvidence, Results, Verdict
 
 __all__ = ["csv_tables"]
@@ -44,66 +45,74 @@ def csv_tables(results: Results) -> dict[str, str]:
         CSV; a table without rows is absent.
     """
     tables: dict[str, str] = {}
-    bands = results.band.rows if results.band is not None else ()
+    bands = results.band.rows if results.band else ()
+    memberships = results.coupling.memberships if results.coupling else ()
     for name, quantity in results.data.quantities.items():
+        unit = quantity.unit
         intervals = matching(results.intervals, parameter=name)
         cells = matching(results.data.cells, parameter=name)
         widths = matching(bands, parameter=name)
-        tables[f"intervals_{name}"] = _table(intervals, _INTERVAL, quantity.unit)
-        tables[f"data_{name}"] = _table(cells, _DATA, quantity.unit)
-        tables[f"band_{name}"] = _table(widths, _REFERENCE_BAND, quantity.unit)
+        tables[f"intervals_{name}"] = _table(intervals, _INTERVAL, unit)
+        tables[f"data_{name}"] = _table(cells, _DATA, unit)
+        tables[f"band_{name}"] = _table(widths, _REFERENCE_BAND, unit)
     impedances = matching(bands, parameter=None)
     tables["band"] = _table(impedances, _IMPEDANCE_BAND, _IMPEDANCE_UNIT)
     tables["boundaries"] = _curves(results.boundaries)
     tables["contrast"] = _all_fields(results.contrast)
     tables["comparison"] = _all_fields(results.comparison or ())
-    tables["memberships"] = _all_fields(results.coupling.memberships if results.coupling else ())
+    tables["memberships"] = _all_fields(memberships)
     tables["verdicts"] = _verdicts(results.verdicts)
     return {f"{name}.csv": text for name, text in tables.items() if text}
 
 
-def _all_fields(records: Sequence[Any]) -> str:
-    """Write every field of records."""
-    names = [field.name for field in dataclasses.fields(records[0])] if records else []
-    return _table(records, names)
+def _all_fields(records: Sequence[object]) -> str:
+    """Write every field of records; empty without records."""
+    if not records:
+        return ""
+    return _table(records, list(vars(records[0])))
 
 
 def _verdicts(verdicts: Sequence[Verdict]) -> str:
     """Write a row per verdict, what each method found in columns of its name."""
-    own = [field.name for field in dataclasses.fields(Verdict)]
-    own = [name for name in own if name not in METHODS]
-    evidence = [field.name for field in dataclasses.fields(PosteriorEvidence)]
-    confidences = [field.name for field in dataclasses.fields(Confidences)]
-    heads = [*own, *(f"bayesian_{name}" for name in evidence)]
-    heads += [f"classical_{name}" for name in confidences]
     rows = []
     for verdict in verdicts:
-        row = [getattr(verdict, name) for name in own]
-        row += [getattr(verdict.bayesian, name, None) for name in evidence]
-        row += [getattr(verdict.classical, name, None) for name in confidences]
+        row = dict(vars(verdict))
+        for method, record in (("bayesian", PosteriorEvidence), ("classical", Confidences)):
+            found = row.pop(method)
+            for field in dataclasses.fields(record):
+                row[f"{method}_{field.name}"] = getattr(found, field.name, None)
         rows.append(row)
-    return _csv(heads, rows) if rows else ""
+    if not rows:
+        return ""
+    return _csv(list(rows[0]), [list(row.values()) for row in rows])
 
 
-def _table(records: Sequence[Any], names: Sequence[str], unit: str = "") -> str:
+def _table(records: Sequence[object], names: Sequence[str], unit: str = "") -> str:
     """Write fields of records, a record a row; empty without records."""
-    rows = ([getattr(record, name) for name in names] for record in records)
-    return _csv(_heads(names, unit), rows) if records else ""
+    if not records:
+        return ""
+    rows = []
+    for record in records:
+        rows.append([getattr(record, name) for name in names])
+    return _csv(_heads(names, unit), rows)
 
 
 def _curves(boundaries: Sequence[Boundary]) -> str:
     """Write a row per curve and frequency; empty without boundaries."""
-    curves = ("lower", "upper", "reference", "coupled")
-    rows: list[list[Any]] = []
+    if not boundaries:
+        return ""
+    rows: list[list[object]] = []
     for boundary in boundaries:
         labels = [getattr(boundary, name) for name in _CURVE]
-        columns = [boundary.omega.tolist()]
-        for name in curves:
-            curve = getattr(boundary, name)
-            columns.append([None] * len(boundary.omega) if curve is None else curve.tolist())
-        rows += [[*labels, *point] for point in zip(*columns, strict=True)]
-    heads = [*_CURVE, "omega (rad/s)", *_heads(curves, _IMPEDANCE_UNIT)]
-    return _csv(heads, rows) if rows else ""
+        coupled = boundary.coupled
+        if coupled is None:
+            coupled = np.full_like(boundary.omega, np.nan)
+        limits = [boundary.lower, boundary.upper]
+        columns = [boundary.omega, *limits, boundary.reference, coupled]
+        for point in np.column_stack(columns).tolist():
+            rows.append([*labels, *point])
+    heads = _heads(("lower", "upper", "reference", "coupled"), _IMPEDANCE_UNIT)
+    return _csv([*_CURVE, "omega (rad/s)", *heads], rows)
 
 
 def _heads(names: Sequence[str], unit: str) -> list[str]:
@@ -111,15 +120,16 @@ def _heads(names: Sequence[str], unit: str) -> list[str]:
     return [f"{name} ({unit})" if unit and name in _IN_UNIT else name for name in names]
 
 
-def _csv(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def _csv(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(heads)
-    writer.writerows([_cell(value) for value in row] for row in rows)
+    for row in rows:
+        writer.writerow([_cell(value) for value in row])
     return text.getvalue()
 
 
-def _cell(value: Any) -> Any:
+def _cell(value: object) -> object:
     """Write a value: nothing for None and NaN, and what a spreadsheet would run as text."""
     if isinstance(value, bool):
         return str(value).lower()
