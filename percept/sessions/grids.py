@@ -1,6 +1,14 @@
 """Texts to tables of text, under the one dialect that gives every line the same number of cells.
 
-A `Grid` is a table of text, not of numbers: its cells are strings as they stand in the file.
+A dialect is a delimiter and a way of quoting. Those that the first block of a text may have are
+tried on it. One fits if the first line that is not blank has several cells, and all records below
+have as many as the first of them; it may have one more cell than the header where that is empty.
+Of several that fit, those are taken whose header has columns that are read. Nothing is guessed: if
+none or several are left, that is an error.
+
+A text is read in blocks of whole records, one at a time. A block gives a `Grid` of strings as they
+stand in the file. Where a text has no quotes and nothing odd, `Block.read_plain` has pandas read
+the numbers, which is far faster; the grid of the same block would say the same.
 """
 
 from __future__ import annotations
@@ -32,12 +40,13 @@ _SEP_LINE = re.compile(r'"?sep=(.)"?[ ]*(?:\r\n|\n|\r)', re.IGNORECASE)
 _BYTE_ORDER_MARK = "\ufeff"
 #: A header of more cells is no session table's; the bound keeps hostile lines cheap.
 _MOST_CELLS = 20_000
-#: The dialect of a file is found from about as many characters.
+#: The dialect of a file is found from about as many characters, some thousand trials.
 _HEAD = 1 << 18
 #: The pandas parser rounds correctly by default since 3.1. Older ones need "round_trip".
 _EXACT: Any = None if tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1) else "round_trip"
 _QUOTES_HINT = "Write the table again as CSV with quotes doubled."
-# Cells that hold mouse tracks pass the module's limit of 128 kB. No cell passes a block.
+# Cells that hold mouse tracks pass csv's own limit of 128 kB. Blocks bound all cells: a block holds
+# whole records, and may so be several times its size.
 csv.field_size_limit(max(csv.field_size_limit(), 8 * files.BLOCK))
 
 
@@ -98,7 +107,7 @@ class Grid:
                 kept.cells.append(record)
                 kept.lines.append(line)
         header = dialect.header
-        _hold_width(kept, dialect)
+        _refuse_ragged(kept, dialect)
         cells = [record[: len(header)] for record in kept.cells]
         columns = range(len(header))
         frame = pd.DataFrame(cells, index=kept.lines, columns=columns, dtype=object)
@@ -117,14 +126,15 @@ def _no_data(record: list[str], dialect: Dialect, *, last: bool) -> str:
     return ""
 
 
-def _hold_width(records: Records, dialect: Dialect) -> None:
-    """Refuse a record with more or fewer cells than the first, or than the header names."""
+def _refuse_ragged(records: Records, dialect: Dialect) -> None:
+    """Refuse a record that has not as many cells as the first, or that fits no header."""
     named = len(dialect.names)
     columns = len(dialect.header)
     width = dialect.width or len(next(iter(records.cells), dialect.names))
-    may_be = columns <= width <= columns + 1
+    # A writer may end every line with a delimiter, whether or not it ends the header so.
+    fits_header = columns <= width <= columns + 1
     for record, line in zip(records.cells, records.lines, strict=True):
-        if may_be and len(record) == width and not any(record[columns:]):
+        if fits_header and len(record) == width and not any(record[columns:]):
             continue
         message = f"{len(record)} cells where the header has {named}"
         message += f" and the lines above have {width}." if len(record) != width else "."
@@ -142,8 +152,8 @@ class Block:
     dialect: Dialect
     split: Grid | None = None
     text: str = ""
-    first_row: int = 1
-    last: bool = True
+    first_row: int = 1  # Physical line on which the text starts
+    last: bool = True  # Whether the table ends with it
 
     def grid(self) -> Grid:
         """Split the text."""
