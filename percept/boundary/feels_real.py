@@ -26,23 +26,26 @@ from percept.html import NotebookRecord
 __all__ = [
     "Evidence",
     "Feeling",
+    "Margins",
     "feels_real",
     "judge",
-    "least_margins",
-    "magnitude_margins",
     "search_grid",
+    "search_margins",
 ]
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 Feeling: TypeAlias = Literal["feels real", "does not", "too little data"]
 
-#: Frequencies per decade before the search between them.
+#: Frequencies per decade before the search between them: curves of abs(Z_h) bend over some tenth.
 _PER_DECADE = 12
 #: Half-widths of a resonance at which abs(Z_h) is looked at on either side.
 _BESIDE = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
 #: A margin of a draw, in SDs of a normal, below which rounding and the search decide.
 _TOO_NEAR = 1e-6
-#: A dip between frequencies is searched where the margin beside it is below this, in SDs.
+#: A dip between frequencies is searched where the margin beside it is below this, in SDs: from far
+#: inside none reaches zero between two frequencies.
 _SEARCHED_BELOW = 1.0
 #: Accuracy of the log omega of a dip; the margin is flat there.
 _DIP_PLACE = 1e-5
@@ -52,13 +55,14 @@ _DIP_MARGIN = 1e-8
 _FIRST_DRAWS = 512
 #: Accuracy of shares that are looked at first; a margin near zero is then worked out again.
 _FIRST_ACCURACY = 1e-4
-#: Margins, in SDs, below which the first shares do not tell the sign.
+#: Margins, in SDs, below which the first shares do not tell the sign: at the edge of a 99 % range
+#: 1e-4 of the users are 0.007 SDs.
 _UNSURE_BELOW = 0.1
 #: Standard errors between a probability and a threshold that decide.
 _CLEAR = 2.0
-#: Values of (draws, frequencies, nodes) computed at once.
+#: Values of (draws, frequencies, nodes) computed at once: their temporaries fit into 8 MB each.
 _PASS = 1 << 20
-#: Populations that show how the integral is best taken.
+#: Populations that show how the integral is best taken: it depends on the frequency far more.
 _TRIED = 8
 
 
@@ -77,8 +81,9 @@ class Evidence(NotebookRecord):
 
     def clear_of(self, decision: float) -> bool:
         """Whether the probability is clear of both thresholds, `decision` and one minus it."""
-        gaps = abs(self.probability - decision), abs(self.probability - (1.0 - decision))
-        return min(gaps) > _CLEAR * self.error
+        from_real = abs(self.probability - decision)
+        from_not = abs(self.probability - (1.0 - decision))
+        return min(from_real, from_not) > _CLEAR * self.error
 
 
 def judge(probability: float, decision: float) -> Feeling:
@@ -114,12 +119,12 @@ def feels_real(
     ranges = users.central_ranges(level)
     departures = plane_departures(display, ranges, omega[0], omega[-1])
     inside_plane = departures.largest <= 0.0
-    judged: list[_Margins] = []
+    judged: list[Margins] = []
     start = 0
     stop = min(_FIRST_DRAWS, users.size)
     while True:
         some = users.select(slice(start, stop))
-        judged.append(_search_margins(display, some, omega, level))
+        judged.append(search_margins(display, some, omega, level))
         evidence = _evidence(judged, inside_plane[:stop], omega)
         if stop == users.size or evidence.clear_of(decision):
             return evidence
@@ -127,16 +132,20 @@ def feels_real(
         stop = min(2 * stop, users.size)
 
 
-def _evidence(judged: list[_Margins], inside_plane: NDArray[np.bool_], omega: Array) -> Evidence:
+def _evidence(judged: list[Margins], inside_plane: Flags, omega: Array) -> Evidence:
     """Count the draws under which a display feels real."""
     least = np.concatenate([margins.least for margins in judged])
-    inside_at = sum(np.count_nonzero(margins.at_omega >= 0.0, axis=0) for margins in judged)
     draws = least.size
     inside = least >= 0.0
-    too_near = float((np.abs(least) < _TOO_NEAR).mean())
+    inside_at = np.zeros(omega.size)
+    for margins in judged:
+        inside_at += np.count_nonzero(margins.at_omega >= 0.0, axis=0)
+    near = np.abs(least) < _TOO_NEAR
+    too_near = float(near.mean())
     probability = float((inside & inside_plane).mean())
+    variance = probability * (1.0 - probability) / draws
     # Where all draws agree the binomial error counts as one draw.
-    binomial = max(float(np.sqrt(probability * (1.0 - probability) / draws)), 1.0 / draws)
+    binomial = max(float(np.sqrt(variance)), 1.0 / draws)
     lowest = int(np.argmin(inside_at))
     return Evidence(
         probability=probability,
@@ -155,63 +164,13 @@ def search_grid(lower: float, upper: float, resonances: Array, half_widths: Arra
 
     `half_widths` are relative, one per resonance.
     """
-    count = max(3, int(np.ceil(_PER_DECADE * np.log10(upper / lower))) + 1)
-    beside = resonances[:, None] * np.exp(half_widths[:, None] * _BESIDE)
+    decades = np.log10(upper / lower)
+    intervals = int(np.ceil(_PER_DECADE * decades))
+    even = np.geomspace(lower, upper, max(3, intervals + 1))
+    distances = half_widths[:, None] * _BESIDE
+    beside = resonances[:, None] * np.exp(distances)
     inside = beside[(beside > lower) & (beside < upper)]
-    return np.unique(np.concatenate([np.geomspace(lower, upper, count), inside]))
-
-
-def magnitude_margins(display: Display, users: Users, omega: Array, *, level: float) -> Array:
-    """Return by how many SDs of a normal abs(Z_h) lies inside its central range, (D, M).
-
-    The share of users with less than what is displayed, as a normal score, is compared with those
-    of both ends of the range. Negative outside.
-    """
-    disc = _Disc.of(display, omega)
-    return _margins_on(disc, _integrals(disc, users), users, level)
-
-
-def _integrals(disc: _Disc, users: Users) -> list[DiscIntegral]:
-    """Return how the share is best integrated at each frequency, by a few of the populations."""
-    return choose_integral(_few(users), disc.plane, disc.radius)
-
-
-def _first_integrals(disc: _Disc, users: Users) -> list[DiscIntegral]:
-    chosen = choose_integral(_few(users), disc.plane, disc.radius, _FIRST_ACCURACY)
-    # The difference that settled is the error of half the nodes.
-    return [integral._replace(nodes=integral.nodes // 2) for integral in chosen]
-
-
-def _few(users: Users) -> Users:
-    return users.select(slice(None, None, max(1, users.size // _TRIED))).column()
-
-
-def _margins_on(disc: _Disc, integrals: list[DiscIntegral], users: Users, level: float) -> Array:
-    margins = np.empty((users.size, len(integrals)))
-    for integral in set(integrals):
-        (columns,) = np.nonzero([other == integral for other in integrals])
-        part = disc.select(columns)
-        step = max(1, _PASS // (columns.size * integral.nodes))
-        for start in range(0, users.size, step):
-            some = users.select(slice(start, start + step)).column()
-            shares = share_within(some, part.plane, part.radius, integral)
-            margins[start : start + step, columns] = _margin(shares, level)
-    return margins
-
-
-def _make_sure(
-    margins: Array, disc: _Disc, integrals: list[DiscIntegral], users: Users, level: float
-) -> None:
-    """Work margins near zero out again, with all digits."""
-    unsure = np.abs(margins) < _UNSURE_BELOW
-    for integral in set(integrals):
-        here = unsure & np.array([other == integral for other in integrals])
-        draw, column = np.nonzero(here)
-        if draw.size:
-            there = disc.select(column)
-            some = users.select(draw)
-            shares = share_within(some, there.plane, there.radius, integral)
-            margins[draw, column] = _margin(shares, level)
+    return np.unique(np.concatenate([even, inside]))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -227,57 +186,104 @@ class _Disc:
         mass = display.environment.mass
         plane = DistancePlane.of(grid, display.device, display.hold, mass).flat()
         shown = shown_element(grid, display)
-        return cls(plane, plane.distance(Point(shown.stiffness, shown.damping)))
+        displayed = Point(shown.stiffness, shown.damping)
+        return cls(plane, plane.distance(displayed))
 
-    def select(self, which: NDArray[np.intp]) -> _Disc:
+    def select(self, which: Indices | Flags) -> _Disc:
         return _Disc(self.plane.select(which), self.radius[which])
 
-
-def _margin(shares: Array, level: float) -> Array:
-    edge = -special.ndtri(0.5 * (1.0 - level))
-    return np.asarray(edge - np.abs(special.ndtri(np.clip(shares, 0.0, 1.0))))
-
-
-def least_margins(display: Display, users: Users, omega: Array, *, level: float) -> Array:
-    """Return each draw's smallest margin over the range; outside, that of the grid is enough."""
-    return _search_margins(display, users, omega, level).least
+    def margins(self, users: Users, integral: DiscIntegral, level: float) -> Array:
+        """Return margins of populations, whose shape broadcasts with that of the frequencies."""
+        shares = share_within(users, self.plane, self.radius, integral)
+        edge = -special.ndtri(0.5 * (1.0 - level))
+        score = special.ndtri(np.clip(shares, 0.0, 1.0))
+        return np.asarray(edge - np.abs(score))
 
 
-class _Margins(NamedTuple):
-    """Margins of D draws."""
+class Margins(NamedTuple):
+    """By how many SDs of a normal abs(Z_h) lies inside its central range; negative outside.
 
-    at_omega: Array  # (D, M)
-    least: Array  # (D,) Over the whole range
+    The share of users with less than what is displayed, as a normal score, is compared with those
+    of both ends of the range.
+    """
+
+    at_omega: Array  # (D, M) of D draws; those near zero have all digits
+    least: Array  # (D,) over the whole range; outside, that of the M frequencies is enough
 
 
-def _search_margins(display: Display, users: Users, omega: Array, level: float) -> _Margins:
-    """Look at every frequency, and between those where a margin dips."""
+def search_margins(display: Display, users: Users, omega: Array, level: float) -> Margins:
+    """Look at every frequency of `omega` (M,), and between those where a margin dips."""
     disc = _Disc.of(display, omega)
-    margins = _margins_on(disc, _first_integrals(disc, users), users, level)
-    integrals = _integrals(disc, users)
-    _make_sure(margins, disc, integrals, users, level)
+    step = max(1, users.size // _TRIED)
+    few = users.select(slice(None, None, step)).column()
+    rough = choose_integral(few, disc.plane, disc.radius, _FIRST_ACCURACY)
+    # The difference that settled is the error of half the nodes.
+    rough = [integral._replace(nodes=integral.nodes // 2) for integral in rough]
+    exact = _frequencies_of(choose_integral(few, disc.plane, disc.radius))
+    margins = np.empty((users.size, omega.size))
+    for integral, frequencies in _frequencies_of(rough).items():
+        part = disc.select(frequencies)
+        step = max(1, _PASS // (part.radius.size * integral.nodes))
+        for start in range(0, users.size, step):
+            rows = slice(start, start + step)
+            some = users.select(rows).column()
+            margins[rows, frequencies] = part.margins(some, integral, level)
+    unsure = np.abs(margins) < _UNSURE_BELOW
+    for integral, frequencies in exact.items():
+        draw, index = np.nonzero(unsure & frequencies)
+        if draw.size:
+            margins[draw, index] = disc.select(index).margins(users.select(draw), integral, level)
     least = margins.min(axis=1)
+    dips = _dips(margins)
+    # Of a draw that is outside no dip is asked.
+    dips &= (least >= 0.0)[:, None]
+    for integral, frequencies in exact.items():
+        draw, index = np.nonzero(dips & frequencies)
+        if draw.size:
+            found = _search_dips(display, users, omega, (draw, index), integral, level)
+            # A flat dip, which the next integral would not show, has no bracket and no result.
+            np.fmin.at(least, draw, found)
+    return Margins(margins, least)
+
+
+def _frequencies_of(integrals: list[DiscIntegral]) -> dict[DiscIntegral, Flags]:
+    """Say for each integral at which frequencies (M,) it is taken."""
+    return {
+        integral: np.array([other == integral for other in integrals])
+        for integral in set(integrals)
+    }
+
+
+def _dips(margins: Array) -> Flags:
+    """Say which margins (D, M) are no larger than both neighbours, and small enough to search."""
+    dips = np.zeros(margins.shape, dtype=bool)
     middle = margins[:, 1:-1]
-    dips = (middle <= margins[:, :-2]) & (middle <= margins[:, 2:])
-    dips &= (least >= 0.0)[:, None] & (middle < _SEARCHED_BELOW)
+    below_left = middle <= margins[:, :-2]
+    below_right = middle <= margins[:, 2:]
+    dips[:, 1:-1] = below_left & below_right & (middle < _SEARCHED_BELOW)
+    return dips
+
+
+def _search_dips(
+    display: Display,
+    users: Users,
+    omega: Array,
+    dips: tuple[Indices, Indices],
+    integral: DiscIntegral,
+    level: float,
+) -> Array:
+    """Return the least margin at each dip, given by its draw and its frequency; NaN without one."""
+    draw, index = dips
+
+    def margin_at(log_omega: Array, draw: Array) -> Array:
+        disc = _Disc.of(display, np.exp(log_omega))
+        return disc.margins(users.select(draw.astype(np.intp)), integral, level)
+
     log_omega = np.log(omega)
-    for integral in set(integrals):
-        here = dips & np.array([other == integral for other in integrals[1:-1]])
-        draw, before = np.nonzero(here)
-        if not draw.size:
-            continue
-
-        def margin_at(place: Array, draw: Array, integral: DiscIntegral = integral) -> Array:
-            there = _Disc.of(display, np.exp(place))
-            some = users.select(draw.astype(np.intp))
-            return _margin(share_within(some, there.plane, there.radius, integral), level)
-
-        lowest = elementwise.find_minimum(
-            margin_at,
-            (log_omega[before], log_omega[before + 1], log_omega[before + 2]),
-            args=(draw.astype(float),),
-            tolerances={"xatol": _DIP_PLACE, "fatol": _DIP_MARGIN, "xrtol": 0.0, "frtol": 0.0},
-        )
-        # A flat dip, which the next integral would not show, has no bracket and no result.
-        np.fmin.at(least, draw, lowest.f_x)
-    return _Margins(margins, least)
+    lowest = elementwise.find_minimum(
+        margin_at,
+        (log_omega[index - 1], log_omega[index], log_omega[index + 1]),
+        args=(draw.astype(float),),
+        tolerances={"xatol": _DIP_PLACE, "fatol": _DIP_MARGIN, "xrtol": 0.0, "frtol": 0.0},
+    )
+    return np.asarray(lowest.f_x)

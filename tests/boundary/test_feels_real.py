@@ -8,8 +8,8 @@ from percept.boundary.feels_real import (
     Evidence,
     feels_real,
     judge,
-    magnitude_margins,
     search_grid,
+    search_margins,
 )
 from percept.boundary.users import Users
 from percept.haptics import Coupling, Device, Environment
@@ -91,9 +91,9 @@ def test_draws_are_added_only_while_the_error_straddles_a_threshold():
 
 def test_margins_are_scores_of_the_share_below():
     # With one damping for all and at low omega abs(Z_h) orders users as their stiffness does.
-    users = Users(True, np.log([[400.0], [2.0]]), np.array([[0.2], [1e-4]]), np.zeros(1))
-    (margin,) = magnitude_margins(DISPLAY, users, np.array([0.1]), level=LEVEL)[0]
-    score = np.log(500.0 / 400.0) / 0.2
+    users = Users(True, np.log([[300.0], [2.0]]), np.array([[0.2], [1e-4]]), np.zeros(1))
+    (margin,) = search_margins(DISPLAY, users, np.array([0.1]), LEVEL).at_omega[0]
+    score = np.log(500.0 / 300.0) / 0.2
     assert margin == pytest.approx(special.ndtri(0.995) - score, abs=1e-5)
 
 

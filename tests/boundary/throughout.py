@@ -6,10 +6,13 @@ import sys
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
-from percept.boundary.feels_real import least_margins, magnitude_margins, search_grid
-from percept.boundary.users import Users
+from percept.boundary.feels_real import search_grid, search_margins
+from percept.boundary.users import Users, choose_integral, share_within
 from percept.haptics import Coupling, Device, Environment
+from percept.haptics.impedance import warp
+from percept.haptics.perceived import DistancePlane, Point, shown_element
 from percept.haptics.records import Display
 
 LEVEL = 0.99
@@ -44,9 +47,25 @@ def random_scene(seed, *, draws):
 
 def brute_force(scene, *, points):
     """The smallest margin of each draw: searched, and on a grid of so many points."""
-    searched = least_margins(scene.display, scene.users, scene.omega, level=LEVEL)
+    searched = search_margins(scene.display, scene.users, scene.omega, LEVEL).least
     grid = np.geomspace(scene.omega[0], scene.omega[-1], points)
-    return searched, magnitude_margins(scene.display, scene.users, grid, level=LEVEL).min(axis=1)
+    return searched, margins_on(scene, grid).min(axis=1)
+
+
+def margins_on(scene, omega):
+    """Margins (D, M) at frequencies, each share with all its digits."""
+    display = scene.display
+    grid = warp(omega, display.period)
+    shown = shown_element(grid, display)
+    plane = DistancePlane.of(grid, display.device, display.hold, display.environment.mass).flat()
+    radius = plane.distance(Point(shown.stiffness, shown.damping))
+    users = scene.users.column()
+    margins = np.empty((scene.users.size, omega.size))
+    for index, integral in enumerate(choose_integral(users, plane, radius)):
+        at = np.array([index])
+        shares = share_within(users, plane.select(at), radius[at], integral)
+        margins[:, index] = special.ndtri(0.5 * (1.0 + LEVEL)) - np.abs(special.ndtri(shares[:, 0]))
+    return margins
 
 
 def main(scenes, points):
