@@ -84,7 +84,8 @@ class Term:
         """Return the smallest size of the term on the axis's grid, N·s/m."""
         lowest = self.of_place(_FIRST_PLACE)
         highest = self.of_place(_LAST_PLACE)
-        return np.maximum(0.0, np.maximum(lowest, -highest))
+        same_sign = np.maximum(lowest, -highest)
+        return np.maximum(0.0, same_sign)
 
     def largest_size(self) -> Array:
         """Return the largest size of the term on the axis's grid, N·s/m."""
@@ -149,7 +150,8 @@ class Balls:
         mass: float,
         hold: str,
     ) -> None:
-        plane = DistancePlane.of(warp(omega, period), device, hold, mass)
+        grid = warp(omega, period)
+        plane = DistancePlane.of(grid, device, hold, mass)
         k_gain = np.broadcast_to(plane.per_rate, omega.shape)
         b_gain = np.broadcast_to(plane.gain, omega.shape)
         k_offset = np.broadcast_to(-plane.imaginary, omega.shape)
@@ -168,8 +170,8 @@ class Balls:
         """Return the smallest and the largest log abs(Z_h) on the law's grid, (M,) each."""
         smallest = self.k.smallest_size() ** 2 + self.b.smallest_size() ** 2
         largest = self.k.largest_size() ** 2 + self.b.largest_size() ** 2
-        low = 0.5 * np.log(np.maximum(smallest, _LEAST_SQUARE))
-        high = 0.5 * np.log(np.maximum(largest, _LEAST_SQUARE))
+        squares = np.maximum([smallest, largest], _LEAST_SQUARE)
+        low, high = 0.5 * np.log(squares)
         return low, high
 
     def squares(self, k: Array, b: Array) -> Array:
@@ -208,7 +210,8 @@ class Balls:
         cells = table.shape[1] - 1  # A rise is over one cell, a rate over the whole axis
         slopes = slices.weights * (left_rates + right_rates) * cells
         slope = slopes.sum(axis=1)
-        highest = np.abs(slopes @ _HIGHEST_POLYNOMIALS).sum(axis=1)
+        components = np.abs(slopes @ _HIGHEST_POLYNOMIALS)
+        highest = components.sum(axis=1)
         # Without a slope at any node all of it lies between them.
         infinite = np.full(slope.shape, np.inf)
         roughness = np.divide(highest, slope, out=infinite, where=slope > 0.0)
@@ -287,17 +290,19 @@ class Balls:
             below = point + columns
             points += [point, point + 1, below, below + 1]
         flat = table.reshape(rows * columns, -1)
+        shape = (frequency.size, len(flat))
         entries = np.concatenate(weights, axis=1).ravel()
         indices = np.concatenate(points, axis=1).ravel()
         starts = _TERMS_PER_NODE * _NODE_COUNT * np.arange(frequency.size + 1)
-        matrix = sparse.csr_array((entries, indices, starts), (frequency.size, len(flat)))
+        matrix = sparse.csr_array((entries, indices, starts), shape)
         return np.asarray(matrix @ flat)
 
 
 def _leg(radius: Array, other: Array) -> Array:
     """Return sqrt(radius² - other²), or zero; by factors, since squares of extreme radii overflow."""
     difference = np.maximum(radius - other, 0.0)
-    return np.asarray(np.sqrt(difference) * np.sqrt(radius + other))
+    total = radius + other
+    return np.asarray(np.sqrt(difference) * np.sqrt(total))
 
 
 def _edge(term: Term, leg: Array, radius: Array) -> _Edge:
@@ -326,7 +331,9 @@ def _interpolate(table: Array, row: Indices, row_fraction: Array, place: Array) 
     below = point + columns
     flat = table.ravel()
     rest = 1.0 - row_fraction
-    before = rest * flat.take(point) + row_fraction * flat.take(below)
-    after = rest * flat.take(point + 1) + row_fraction * flat.take(below + 1)
+    before = rest * flat.take(point)
+    before += row_fraction * flat.take(below)
+    after = rest * flat.take(point + 1)
+    after += row_fraction * flat.take(below + 1)
     rise = after - before
     return _Interpolated(before + fraction * rise, rise)

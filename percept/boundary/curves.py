@@ -44,47 +44,57 @@ def drawing_grid(
     ndarray, shape (N,)
         rad/s, increasing.
     """
-    count = max(_FEWEST, int(np.ceil(_PER_DECADE * np.log10(upper / lower))) + 1)
-    beside = np.multiply.outer(np.asarray(resonances, dtype=float), _BESIDE).ravel()
+    intervals = int(np.ceil(_PER_DECADE * np.log10(upper / lower)))
+    even = np.geomspace(lower, upper, max(_FEWEST, intervals + 1))
+    beside = np.multiply.outer(resonances, _BESIDE)
     beside = beside[(beside > lower) & (beside < upper)]
-    omega = _add_apart(np.geomspace(lower, upper, count), beside)
+    omega = _add_apart(even, beside)
     references, limits = curves(omega)
     # At a pole curves are infinite, and no line leads there.
-    finite = np.isfinite(references).all(axis=0) & np.isfinite(limits).all(axis=(0, 1))
+    finite = np.isfinite(references).all(axis=0)
+    finite &= np.isfinite(limits).all(axis=(0, 1))
     omega = omega[finite]
     references = references[:, finite]
     limits = limits[..., finite]
     x = np.log(omega)
-    rows = _log(np.concatenate([references, limits.reshape(-1, omega.size)]))
-    width = _log(limits[:, 1]) - _log(limits[:, 0])
-    gaps = [width]
-    for row in references:
-        for side in (0, 1):
-            gaps.append(_log(row) - _log(limits[:, side]))
-    places = np.concatenate([_turns(x, rows), _crossings(x, np.concatenate(gaps))])
-    return _add_apart(omega, np.exp(places))
+    log_references = _log(references)
+    log_lower = _log(limits[:, 0])
+    log_upper = _log(limits[:, 1])
+    turns = _turns(x, np.concatenate([log_references, log_lower, log_upper]))
+    gaps = [log_upper - log_lower]
+    for row in log_references:
+        gaps += [row - log_lower, row - log_upper]
+    crossings = _crossings(x, np.concatenate(gaps))
+    bends = np.concatenate([turns, crossings])
+    return _add_apart(omega, np.exp(bends))
 
 
 def _turns(x: Array, rows: Array) -> Array:
     """Return where parabolas through three neighbours of rows (C, M) turn, about where curves do."""
     step = np.diff(x)
     change = np.diff(rows, axis=1)
-    curve, left = np.nonzero(change[:, :-1] * change[:, 1:] < 0.0)
+    product = change[:, :-1] * change[:, 1:]
+    curve, left = np.nonzero(product < 0.0)
     before = step[left]
     after = step[left + 1]
-    fall = change[curve, left] / before
-    rise = change[curve, left + 1] / after
+    first_slope = change[curve, left] / before
+    second_slope = change[curve, left + 1] / after
+    # The slopes belong to the middles of both steps, and the parabola's slope is straight between.
     middle = 0.5 * (x[left] + x[left + 1])
-    return np.asarray(middle + fall / (fall - rise) * 0.5 * (before + after))
+    fraction = first_slope / (first_slope - second_slope)
+    return np.asarray(middle + fraction * 0.5 * (before + after))
 
 
 def _crossings(x: Array, gaps: Array) -> Array:
     """Return where straight lines between neighbours of gaps (C, M) cross zero."""
     signs = np.sign(gaps)
-    curve, left = np.nonzero(signs[:, :-1] * signs[:, 1:] < 0)
+    product = signs[:, :-1] * signs[:, 1:]
+    curve, left = np.nonzero(product < 0)
     first = gaps[curve, left]
     second = gaps[curve, left + 1]
-    return np.asarray(x[left] + first / (first - second) * (x[left + 1] - x[left]))
+    fraction = first / (first - second)
+    step = x[left + 1] - x[left]
+    return np.asarray(x[left] + fraction * step)
 
 
 def _add_apart(omega: Array, more: Array) -> Array:
@@ -92,11 +102,13 @@ def _add_apart(omega: Array, more: Array) -> Array:
     for new in np.unique(more):
         index = np.searchsorted(omega, new)
         neighbours = omega[max(index - 1, 0) : index + 1]
-        if np.abs(np.log(neighbours / new)).min() > _APART:
+        distances = np.abs(np.log(neighbours / new))
+        if distances.min() > _APART:
             omega = np.insert(omega, index, new)
     return omega
 
 
 def _log(values: Array) -> Array:
     """Return logarithms; zero and infinity go to the ends of what doubles hold."""
-    return np.asarray(np.log(np.clip(values, _TINY, _HUGE)))
+    finite = np.clip(values, _TINY, _HUGE)
+    return np.asarray(np.log(finite))

@@ -3,11 +3,13 @@
 Given the scales, (k, b) or their logarithms are normal: the posterior law mixes one normal per draw
 of the scales. Its batches have densities of their own, from which Monte Carlo errors come.
 
-Eq. 15 comes from a distribution: X̄ + t·SD/√n, t with ν = n − 1. With stiffness and damping of the
-same subjects the matching distribution of both is the bivariate t_ν about the means with the sample
-covariance: each margin is Eq. 15's (or the prediction interval's) exactly, and k and b go together
-as the sample does. It is the posterior under the prior abs(Σ)^−2, by inverse Wishart Σ; between the
-margins its coverage is close to its level, not exact.
+Eq. 15 comes from a distribution: X̄ + t·SD/√n, t with ν = n − 1. For stiffness and damping of the
+same subjects it is the bivariate t_ν about the means with the sample covariance. Each margin is Eq.
+15's (or the prediction interval's) exactly, and k and b go together as the sample does. It is the
+posterior under the prior abs(Σ)^−2; jointly its coverage is only close to its level.
+
+The grid is even in a coordinate c of each axis: k = centre + unit·sinh(c), or log k. A sinh is
+straight near the middle and exponential far out, so that few steps reach 1 - 2·10⁻⁶.
 """
 
 from __future__ import annotations
@@ -37,6 +39,7 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 Family = Literal["normal", "lognormal"]
 
 #: N/m and N·s/m: what lies farther out counts as this, and what is below one over it as zero.
@@ -61,7 +64,7 @@ _BLOCK = 8
 # Steps of the tables in one step of the density's grid.
 _CUT = 4
 # Smallest variance of k given b, as a fraction of k's own: a law on a line has no density.
-_LEAST_LEFT = 1e-6
+_LEAST_REMAINDER = 1e-6
 # Logarithm of the smallest density: below normal numbers arithmetic is a hundred times as slow.
 _LEAST_LOG_DENSITY = np.float32(-80.0)
 # Points that stand for a law where its ellipse is sized.
@@ -90,32 +93,36 @@ class Axis:
         return np.linspace(self.low, self.high, self.size)
 
     @property
-    def places(self) -> Array:
-        """Places of the density's grid."""
-        return np.linspace(0.0, 1.0, self.size)
-
-    @property
-    def fine_places(self) -> Array:
-        """Places of the tables' grid."""
-        return np.linspace(0.0, 1.0, _CUT * (self.size - 1) + 1)
+    def width(self) -> float:
+        """From the first coordinate to the last."""
+        return self.high - self.low
 
     @property
     def step(self) -> float:
         """Step of the density's grid, in places."""
         return 1.0 / (self.size - 1)
 
+    def places(self, cut: int = 1) -> Array:
+        """Places of the density's grid, each of its steps cut into so many."""
+        return np.linspace(0.0, 1.0, cut * (self.size - 1) + 1)
+
     def native(self, place: Array) -> Array:
         """Return k or b at places."""
-        values = self.centre + self.unit * np.sinh(self.low + (self.high - self.low) * place)
+        coordinate = self.low + self.width * place
+        values = self.centre + self.unit * np.sinh(coordinate)
         if not self.log:
             return values
-        return np.exp(np.clip(values, -_LARGEST_LOG, _LARGEST_LOG))
+        logs = np.clip(values, -_LARGEST_LOG, _LARGEST_LOG)
+        return np.exp(logs)
 
     def place(self, native: Array) -> Array:
         """Return the places of values of k or b."""
-        values = np.log(np.maximum(native, _SMALLEST)) if self.log else native
-        coordinate = np.arcsinh((values - self.centre) / self.unit)
-        place = np.clip((coordinate - self.low) / (self.high - self.low), 0.0, 1.0)
+        values = native
+        if self.log:
+            values = np.log(np.maximum(native, _SMALLEST))
+        units_off = (values - self.centre) / self.unit
+        coordinate = np.arcsinh(units_off)
+        place = np.clip((coordinate - self.low) / self.width, 0.0, 1.0)
         if not self.log:
             return place
         # All that is smaller counts as zero: nothing of the law lies below it.
@@ -123,8 +130,8 @@ class Axis:
 
     def rate(self, place: Array, native: Array) -> Array:
         """Return how fast a place moves with k or b; zero at the ends of the grid."""
-        width = self.high - self.low
-        scale = width * self.unit * np.cosh(self.low + width * place)
+        coordinate = self.low + self.width * place
+        scale = self.width * self.unit * np.cosh(coordinate)
         inside = (place > 0.0) & (place < 1.0)
         if self.log:
             scale *= np.maximum(native, _SMALLEST)
@@ -151,13 +158,15 @@ class PairLaw:
         Tables of shape (outer, inner), finer than the density's grid.
         """
         k_axis, b_axis = self.axes
-        fine_k = k_axis.fine_places
-        fine_b = b_axis.fine_places
-        up_to_k = CubicSpline(k_axis.places, self.density, axis=0).antiderivative()(fine_k)
-        up_to_b = CubicSpline(b_axis.places, self.density, axis=1).antiderivative()(fine_b)
-        of_k = CubicSpline(b_axis.places, up_to_k, axis=1)(fine_b).T
-        of_b = CubicSpline(k_axis.places, up_to_b, axis=0)(fine_k)
-        return np.ascontiguousarray(of_k), of_b
+        fine_k = k_axis.places(_CUT)
+        fine_b = b_axis.places(_CUT)
+        over_k = CubicSpline(k_axis.places(), self.density, axis=0)
+        over_b = CubicSpline(b_axis.places(), self.density, axis=1)
+        up_to_k = over_k.antiderivative()(fine_k)
+        up_to_b = over_b.antiderivative()(fine_b)
+        of_k = CubicSpline(b_axis.places(), up_to_k, axis=1)(fine_b)
+        of_b = CubicSpline(k_axis.places(), up_to_b, axis=0)(fine_k)
+        return np.ascontiguousarray(of_k.T), of_b
 
     @property
     def batch_count(self) -> int:
@@ -172,11 +181,10 @@ class PairLaw:
         """
         every = np.concatenate([self.density[None], self.batches])
         k_axis, b_axis = self.axes
-        up_to_k = integrate.cumulative_trapezoid(every, dx=k_axis.step, axis=1, initial=0)
-        up_to_b = integrate.cumulative_trapezoid(every, dx=b_axis.step, axis=2, initial=0)
-        of_k = np.ascontiguousarray(up_to_k.transpose(2, 1, 0))
-        of_b = np.ascontiguousarray(up_to_b.transpose(1, 2, 0))
-        return of_k, of_b
+        up_to = functools.partial(integrate.cumulative_trapezoid, every, initial=0)
+        of_k = up_to(dx=k_axis.step, axis=1).transpose(2, 1, 0)
+        of_b = up_to(dx=b_axis.step, axis=2).transpose(1, 2, 0)
+        return np.ascontiguousarray(of_k), np.ascontiguousarray(of_b)
 
     @functools.cached_property
     def infinite(self) -> float:
@@ -205,9 +213,10 @@ class PairLaw:
         """Return points that fill the plane evenly, k and b each (count,), and their probability."""
         k_place, b_place = np.outer(_EVEN, np.arange(0.5, count)) % 1.0
         k_axis, b_axis = self.axes
-        spline = RectBivariateSpline(k_axis.places, b_axis.places, self.density)
+        spline = RectBivariateSpline(k_axis.places(), b_axis.places(), self.density)
         density = spline.ev(k_place, b_place)
-        return k_axis.native(k_place), b_axis.native(b_place), density / density.sum()
+        probability = density / density.sum()
+        return k_axis.native(k_place), b_axis.native(b_place), probability
 
     def ellipse(self, *, kind: Literal["mean", "user"], level: float, n: int) -> EllipseRegion:
         """Return the ellipse that holds a level of the law, out to a Mahalanobis distance."""
@@ -225,8 +234,9 @@ class PairLaw:
         distance = unit.distance(k, b)
         order = np.argsort(distance)
         inside = np.cumsum(probability[order])
-        radius = float(np.interp(level * inside[-1], inside, distance[order]))
-        return dataclasses.replace(unit, radius=radius)
+        requested = level * inside[-1]
+        radius = np.interp(requested, inside, distance[order])
+        return dataclasses.replace(unit, radius=float(radius))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -237,7 +247,7 @@ class _Normals:
     b_mean: Array  # (S,)
     b_variance: Array  # (S,)
     slope: Array  # (S,) of k on b
-    left: Array  # (S,) variance of k given b
+    remainder: Array  # (S,) variance of k given b
 
     @classmethod
     def of(cls, mean: Array, covariance: Array, axes: tuple[Axis, Axis]) -> _Normals:
@@ -250,11 +260,12 @@ class _Normals:
         b_variance = scaled_covariance[:, 1, 1]
         both = scaled_covariance[:, 0, 1]
         slope = both / b_variance
-        left = np.maximum(k_variance - slope * both, _LEAST_LEFT * k_variance)
-        return cls(scaled[:, 0], scaled[:, 1], b_variance, slope, left)
+        least = _LEAST_REMAINDER * k_variance
+        remainder = np.maximum(k_variance - slope * both, least)
+        return cls(scaled[:, 0], scaled[:, 1], b_variance, slope, remainder)
 
 
-def mixture_law(mean: Array, covariance: Array, batch: NDArray[np.intp], family: Family) -> PairLaw:
+def mixture_law(mean: Array, covariance: Array, batch: Indices, family: Family) -> PairLaw:
     """Return the law of S normals of k and b, or of their logarithms, with equal weights.
 
     Parameters
@@ -273,33 +284,38 @@ def mixture_law(mean: Array, covariance: Array, batch: NDArray[np.intp], family:
     PairLaw
     """
     centre = mean.mean(axis=0)
-    total_covariance = np.cov(mean.T, bias=True) + covariance.mean(axis=0)
-    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    some = slice(None, None, 1 + len(mean) // _BEND_DRAWS)
-    bends = _quantiles(mean[some], sd[some], _BEND_TAIL)
+    between_draws = np.cov(mean.T, bias=True)
+    total_covariance = between_draws + covariance.mean(axis=0)
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
+    sd = np.sqrt(variance)
+    step = 1 + len(mean) // _BEND_DRAWS
+    bends = _quantiles(mean[::step], sd[::step], _BEND_TAIL)
     # A few wide draws decide where an axis ends. What lies beyond the grid is lost: all are asked.
     ends = _quantiles(mean, sd, _END_TAIL)
     axes = _axes(total_covariance, bends, ends, family)
     order = np.argsort(batch, kind="stable")
     sizes = np.bincount(batch)
-    density = _mixture_density(_Normals.of(mean[order], covariance[order], axes), sizes, axes)
-    return _law(density, sizes / sizes.sum(), axes, centre, total_covariance, family)
+    normals = _Normals.of(mean[order], covariance[order], axes)
+    density = _mixture_density(normals, sizes, axes)
+    shares = sizes / sizes.sum()
+    return _law(density, shares, axes, centre, total_covariance, family)
 
 
 def _quantiles(mean: Array, sd: Array, tail: float) -> Array:
     """Return the lower and the upper quantile (2, 2) of both margins of a mixture."""
-    lower = mixture_quantile(mean, sd, tail, upper=False)[0]
-    upper = mixture_quantile(mean, sd, tail, upper=True)[0]
+    lower, _ = mixture_quantile(mean, sd, tail, upper=False)
+    upper, _ = mixture_quantile(mean, sd, tail, upper=True)
     return np.stack([lower, upper])
 
 
-def _mixture_density(normals: _Normals, sizes: NDArray[np.intp], axes: tuple[Axis, Axis]) -> Array:
+def _mixture_density(normals: _Normals, sizes: Indices, axes: tuple[Axis, Axis]) -> Array:
     """Sum the densities of S normals batch by batch, (B, K, L), on the axes' grids."""
     k = np.sinh(axes[0].grid)
     b = np.sinh(axes[1].grid)
-    precision = 1.0 / np.sqrt(normals.left)
-    log_height = -0.5 * np.log(normals.b_variance * normals.left)
-    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    precision = 1.0 / np.sqrt(normals.remainder)
+    log_height = -0.5 * np.log(normals.b_variance * normals.remainder)
+    ends = np.cumsum(sizes)
+    starts = ends - sizes
     density = np.empty((sizes.size, k.size, b.size))
     # In single precision exponentials take a fifth of the time, and keep seven digits. Far out a
     # square may pass what it holds: its exponential is zero.
@@ -322,17 +338,21 @@ def _mixture_density(normals: _Normals, sizes: NDArray[np.intp], axes: tuple[Axi
 
 def _axes(covariance: Array, bends: Array, ends: Array, family: Family) -> tuple[Axis, Axis]:
     """Lay both axes over a law by its quantiles (side, axis); finer where k and b correlate."""
-    rho = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
+    variances = covariance[0, 0] * covariance[1, 1]
+    rho = covariance[0, 1] / np.sqrt(variances)
     ridge = _RIDGE * np.sqrt(max(0.0, 1.0 - rho * rho))
     step = _STEP * min(1.0, max(_FINEST, ridge))
+    log = family == "lognormal"
     axes = []
     for index in (0, 1):
         left, right = bends[:, index]
         centre = 0.5 * (left + right)
         unit = 0.5 * (right - left)
-        low, high = np.arcsinh((ends[:, index] - centre) / unit).tolist()
-        size = _BLOCK * int(np.ceil((high - low) / step / _BLOCK)) + 1
-        axes.append(Axis(float(centre), float(unit), low, high, size, log=family == "lognormal"))
+        units_off = (ends[:, index] - centre) / unit
+        low, high = np.arcsinh(units_off).tolist()
+        blocks = np.ceil((high - low) / step / _BLOCK)
+        size = _BLOCK * int(blocks) + 1
+        axes.append(Axis(float(centre), float(unit), low, high, size, log))
     return axes[0], axes[1]
 
 
@@ -346,14 +366,19 @@ def _law(
 ) -> PairLaw:
     """Put densities over the bent coordinates on the axes' places, each with the integral one."""
     k_axis, b_axis = axes
-    batches = batches * np.multiply.outer(np.cosh(k_axis.grid), np.cosh(b_axis.grid))
+    # k and b are hyperbolic sines of the coordinates, which run evenly with the places.
+    k_rate = np.cosh(k_axis.grid)
+    b_rate = np.cosh(b_axis.grid)
+    batches = batches * np.multiply.outer(k_rate, b_rate)
     density = batches.sum(axis=0)
-    over_k = CubicSpline(k_axis.places, density).integrate(0.0, 1.0)
-    density /= CubicSpline(b_axis.places, over_k).integrate(0.0, 1.0)
+    over_k = CubicSpline(k_axis.places(), density).integrate(0.0, 1.0)
+    over_both = CubicSpline(b_axis.places(), over_k).integrate(0.0, 1.0)
+    density /= over_both
     lines = np.trapezoid(batches, dx=k_axis.step, axis=1)
-    sums = np.asarray(np.trapezoid(lines, dx=b_axis.step))
-    batches /= sums[:, None, None]
-    return PairLaw(family, mean, covariance, axes, density, batches[: shares.size], shares)
+    sums = np.trapezoid(lines, dx=b_axis.step)
+    batches /= np.reshape(sums, (-1, 1, 1))
+    drawn = batches[: shares.size]
+    return PairLaw(family, mean, covariance, axes, density, drawn, shares)
 
 
 def confidence_law(
@@ -386,9 +411,10 @@ def confidence_law(
     n = k.size
     mean = values.mean(axis=1)
     covariance = np.cov(values)
-    if not (np.diagonal(covariance) > 0).all():
+    if not np.all(np.diagonal(covariance) > 0.0):
         raise RefusalError("all subjects adjusted alike: there is no scatter to draw from.")
-    covariance *= 1.0 / n if kind == "mean" else 1.0 + 1.0 / n
+    of_mean = 1.0 / n
+    covariance *= of_mean if kind == "mean" else 1.0 + of_mean
     sd = np.sqrt(np.diagonal(covariance))
     bend = -special.stdtrit(n - 1, _BEND_TAIL) * sd
     end = -special.stdtrit(n - 1, _END_TAIL) * sd
@@ -396,37 +422,28 @@ def confidence_law(
     ends = np.stack([mean - end, mean + end])
     axes = _axes(covariance, bends, ends, family)
     normal = _Normals.of(mean[None], covariance[None], axes)
-    k_grid, b_grid = np.meshgrid(*(np.sinh(axis.grid) for axis in axes), indexing="ij")
-    off = b_grid - normal.b_mean
-    k_off = k_grid - normal.k_mean - normal.slope * off
-    square = k_off**2 / normal.left + off**2 / normal.b_variance
-    density = (1.0 + square / (n - 1.0)) ** (-0.5 * (n + 1.0))
-    return _law(density[None], np.empty(0), axes, mean, covariance, family)
+    k = np.sinh(axes[0].grid)[:, None]
+    b_off = np.sinh(axes[1].grid) - normal.b_mean
+    k_off = k - normal.k_mean - normal.slope * b_off
+    square = k_off**2 / normal.remainder + b_off**2 / normal.b_variance
+    # The bivariate t of n - 1 degrees of freedom, but for its constant.
+    degrees = n - 1.0
+    density = (1.0 + square / degrees) ** (-0.5 * (degrees + 2.0))
+    nothing_drawn = np.empty(0)
+    return _law(density[None], nothing_drawn, axes, mean, covariance, family)
 
 
-def cell_and_fraction(place: Array, points: int) -> tuple[NDArray[np.intp], Array]:
-    """Return the cell of a table that each place lies in, and how far in it.
+def cell_and_fraction(place: Array, points: int) -> tuple[Indices, Array]:
+    """Return the point of a table before each place, and how far on to the next the place lies.
 
-    Parameters
-    ----------
-    place : ndarray, any shape
-        0 at the table's first point, 1 at its last.
-    points : int
-        Size of the table along the axis.
-
-    Returns
-    -------
-    cell : ndarray of int
-        Index of the point before each place, at most `points` - 2.
-    fraction : ndarray
-        From 0 at that point to 1 at the next.
+    A place is 0 at the first of the table's points and 1 at its last.
     """
     scaled = place * (points - 1)
     cell = np.minimum(scaled.astype(np.intp), points - 2)
     return cell, scaled - cell
 
 
-def between(values: Array, cell: NDArray[np.intp], fraction: Array) -> Array:
+def between(values: Array, cell: Indices, fraction: Array) -> Array:
     """Interpolate values in cells along their last axis, each so far in as its fraction says."""
     before = values.take(cell, axis=-1)
     after = values.take(cell + 1, axis=-1)

@@ -1,9 +1,15 @@
 """Limits of abs(Z_h) at single frequencies, from the joint law of k and b.
 
-A limit is the radius of the ball that holds a given probability. Limits are solved for in the log
-radius, and the probability is compared as a normal score: in these two a limit is nearly straight.
+A score s stands for the level 2 Phi(s) - 1. The limits at a score are the radii r of two balls:
+
+    P(abs(Z_h) <= r) = Phi(-s)  for the lower one,  Phi(s) for the upper one
+
+Both sides are compared as normal scores, and r is searched for by its logarithm: one is nearly a
+straight line over the other. `ball` gives the probability and its slope in log r.
+
 No curve is drawn at random. The Monte Carlo error of a limit is that of the posterior draws behind
-the law, from the differences between batches of draws.
+the law. Batch i of the draws puts dP_i more into the ball, which moves the limit by dP_i / phi(s)
+scores; the slope of the limit over its score turns this into an error of log r.
 """
 
 from __future__ import annotations
@@ -58,11 +64,13 @@ _SLOPE_STEP = 0.05
 # Smallest probability beyond a limit: the grid of a law leaves out a fifth of this.
 _LEAST_TAIL = 1e-5
 _TINY = np.finfo(np.float64).tiny
+_SQRT_2PI = np.sqrt(2.0 * np.pi)
 
 
 def score_of(level: float) -> float:
     """Return how many SDs out the central limits of a normal lie at a level."""
-    return float(-special.ndtri(0.5 * (1.0 - level)))
+    tail = 0.5 * (1.0 - level)
+    return float(-special.ndtri(tail))
 
 
 def level_of(score: float) -> float:
@@ -72,7 +80,8 @@ def level_of(score: float) -> float:
 
 def density(score: Array | float) -> Array:
     """Return the density of a standard normal."""
-    return np.asarray(np.exp(-0.5 * np.square(score)) / np.sqrt(2.0 * np.pi))
+    log_ratio = -0.5 * np.square(score)
+    return np.asarray(np.exp(log_ratio) / _SQRT_2PI)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -144,7 +153,8 @@ class Magnitude:
         moves = self.batch_shifts(score)
         if shifts is not None:
             moves = shifts + moves
-        errors[:, finite] = self._slopes(score) * self.law.standard_error(moves)
+        by_score = self.law.standard_error(moves)
+        errors[:, finite] = self._slopes(score) * by_score
         return MagnitudeLimits(limits[0], limits[1], errors)
 
     @functools.cached_property
@@ -183,7 +193,8 @@ class Magnitude:
         following = np.searchsorted(solved, scores)
         before = np.clip(following - 1, 0, solved.size - 2)
         after = before + 1
-        fraction = (scores - solved[before]) / (solved[after] - solved[before])
+        spacing = solved[after] - solved[before]
+        fraction = (scores - solved[before]) / spacing
         # Below the first score limits run on straight; above the last they stay.
         fraction = np.minimum(fraction, 1.0)
         start = np.take_along_axis(logs, before, axis=0)
@@ -200,7 +211,8 @@ class Magnitude:
             # nothing.
             content = np.clip(content, 0.0, 1.0)
             more = content[:, 1:] - content[:, :1]
-            shifts = (more / density(score)).reshape(2, self.balls.count, -1)
+            scores = more / density(score)
+            shifts = scores.reshape(2, self.balls.count, -1)
             # A batch that holds more moves the lower limit down and so out, the upper one in.
             shifts[1] *= -1.0
             self._shifts_at[score] = shifts
@@ -243,11 +255,10 @@ class Magnitude:
     def _solve(self, score: float) -> Array:
         """Solve for log limits (2, M) at a score."""
         search = _Search(self.balls, self._frequency, self._inner, score)
-        guess = self._guess
-        if self._logs_at:
-            guess = self._extrapolate(score)
+        guess = self._extrapolate(score) if self._logs_at else self._guess
+        lower, upper = self._guess
         # A band far narrower than its magnitude may have no width among the guess's points.
-        band = np.maximum(self._guess[1] - self._guess[0], _NARROWEST)
+        band = np.maximum(upper - lower, _NARROWEST)
         width = np.tile(band, 2)
         lowest, highest = self.log_range
         low = np.tile(lowest, 2)
@@ -259,8 +270,9 @@ class Magnitude:
         logs = root(
             search.misfit, start, near_low, near_high, width, most_step_product=_STEP_ACCURACY
         )
-        misses, _ = search.misfit(logs)
-        if np.abs(misses).max(initial=0.0) > _MISSED:
+        misfits, _ = search.misfit(logs)
+        missed = np.abs(misfits) > _MISSED
+        if missed.any():
             finer = _STEP_ACCURACY * _RETRY_FACTOR
             logs = root(search.misfit, logs, low, high, width, most_step_product=finer)
         return logs.reshape(2, -1)
@@ -271,7 +283,8 @@ class Magnitude:
         logs = self._logs_at[nearest]
         if not others:
             return logs
-        slope = (self._logs_at[others[0]] - logs) / (others[0] - nearest)
+        second = others[0]
+        slope = (self._logs_at[second] - logs) / (second - nearest)
         return logs + (score - nearest) * slope
 
 
@@ -291,13 +304,16 @@ class _Search:
         """Return by how many SDs limits miss their score, and how fast that changes."""
         # Most limits are found in four steps: only the rest is worked out again.
         (new,) = np.nonzero(logs != self.logs)
-        content = self.balls.content(self.frequency[new], np.exp(logs[new]), self.inner[new])
+        radius = np.exp(logs[new])
+        content = self.balls.content(self.frequency[new], radius, self.inner[new])
         most = 1.0 - _LEAST_PROBABILITY
         probability = np.clip(content.probability, _LEAST_PROBABILITY, most)
         scores = special.ndtri(probability)
         missing = scores - self.target[new]
+        # A value of zero ends the search of this limit.
+        missing[np.abs(missing) < _SCORE_ACCURACY] = 0.0
         self.logs[new] = logs[new]
-        self.value[new] = np.where(np.abs(missing) < _SCORE_ACCURACY, 0.0, missing)
+        self.value[new] = missing
         self.slope[new] = content.slope / density(scores)
         return self.value.copy(), self.slope.copy()
 
@@ -307,7 +323,8 @@ def relative_error(omega: Array, limits: MagnitudeLimits) -> float | None:
 
     None without errors, and where no band has width.
     """
-    wide = np.isfinite(limits.upper) & (limits.upper > limits.lower)
+    wide = np.isfinite(limits.upper)
+    wide &= limits.upper > limits.lower
     if limits.errors is None or not wide.any():
         return None
     ratio = limits.upper[wide] / limits.lower[wide]
@@ -317,5 +334,6 @@ def relative_error(omega: Array, limits: MagnitudeLimits) -> float | None:
     x = np.log(omega[wide])
     mean = square[0]
     if x.size > 1:
-        mean = np.trapezoid(square, x) / (x[-1] - x[0])
+        length = x[-1] - x[0]
+        mean = np.trapezoid(square, x) / length
     return float(np.sqrt(mean))

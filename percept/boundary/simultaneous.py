@@ -122,8 +122,9 @@ def simultaneous_level(magnitude: Magnitude, level: float) -> SimultaneousLevel:
     @functools.cache
     def log_excess(score: float) -> float:
         """Return the log of how many times too many curves leave."""
-        probability = float(leaving_at(score).probability[0])
-        return float(np.log(max(probability, _TINY) / allowed))
+        (probability,) = leaving_at(score).probability
+        ratio = max(probability, _TINY) / allowed
+        return float(np.log(ratio))
 
     if first > farthest or log_excess(farthest) > 0.0:
         raise RefusalError(f"no limits at single frequencies hold whole curves at {level:g}.")
@@ -133,7 +134,7 @@ def simultaneous_level(magnitude: Magnitude, level: float) -> SimultaneousLevel:
     first_excess = log_excess(first)
     if first_excess > 0.0:
         end = _score_that_holds(log_excess, first, first_excess / fall, farthest)
-        solved = float(optimize.brentq(log_excess, first, end, xtol=_ACCURACY))
+        solved = optimize.brentq(log_excess, first, end, xtol=_ACCURACY)
         score = max(first + _ACCURACY, solved)
         fall = (first_excess - log_excess(score)) / (score - first)
     # A small move of the other limits changes no gap.
@@ -167,7 +168,8 @@ def _batch_changes(magnitude: Magnitude, score: float, binding: Flags) -> Array:
     """
     shifts = np.moveaxis(magnitude.batch_shifts(score), -1, 0)
     moved = magnitude.log_limits_between(score + shifts)
-    log_limits = np.concatenate([magnitude.log_limits(score)[None], moved])
+    of_all_draws = magnitude.log_limits(score)
+    log_limits = np.concatenate([of_all_draws[None], moved])
     tables = np.moveaxis(magnitude.law.by_batch[0], -1, 0)
     probability = _curves_leaving(magnitude, log_limits, tables, binding).probability
     return np.asarray(probability[1:] - probability[0])
@@ -188,7 +190,8 @@ def _curves_leaving(
     def covered(log_radius: Array) -> _Intervals:
         radius_squared = np.exp(2.0 * log_radius[:, None])
         # A ball that does not reach the line leaves it an interval without width.
-        leg = np.sqrt(np.maximum(radius_squared - b_squared, 0.0))
+        leg_squared = np.maximum(radius_squared - b_squared, 0.0)
+        leg = np.sqrt(leg_squared)
         start = _probability_up_to(tables, k.place(-leg))
         end = _probability_up_to(tables, k.place(leg))
         return _Intervals(start, end)
@@ -196,8 +199,9 @@ def _curves_leaving(
     holes = covered(log_limits[:, 0, chosen])
     outer = covered(log_limits[:, 1, chosen])
     gaps = _gaps(outer, holes)
+    on_line = gaps.size.sum(axis=-1)
     spacing = lines[1]
-    staying = np.trapezoid(gaps.size.sum(axis=-1), dx=spacing, axis=-1)
+    staying = np.trapezoid(on_line, dx=spacing, axis=-1)
     return _Leaving(1.0 - staying, _binding(outer, gaps))
 
 
@@ -212,13 +216,14 @@ def _gaps(outer: _Intervals, holes: _Intervals) -> _Gaps:
     farthest_end = np.maximum.accumulate(hole_end, axis=-1)
     starts = np.concatenate([low, farthest_end], axis=-1)
     ends = np.concatenate([hole_start, high], axis=-1)
-    size = np.minimum(ends, high) - np.maximum(starts, low)
+    starts = np.maximum(starts, low)
+    ends = np.minimum(ends, high)
     # The hole that reaches farthest ends where the gap begins. Of equals, any does.
     position = np.arange(order.shape[-1])
     reaches_farthest = np.where(hole_end == farthest_end, position, 0)
     farthest = np.maximum.accumulate(reaches_farthest, axis=-1)
     return _Gaps(
-        size=np.maximum(size, 0.0),
+        size=np.maximum(ends - starts, 0.0),
         closing=order,
         opening=np.take_along_axis(order, farthest, -1),
     )
@@ -241,5 +246,6 @@ def _probability_up_to(tables: Array, place: Array) -> Array:
     """Interpolate the rows of tables (C, N, inner) at places (C, N, M)."""
     count, rows, columns = tables.shape
     cell, fraction = cell_and_fraction(place, columns)
-    row = np.arange(count * rows).reshape(count, rows, 1)
-    return between(tables.ravel(), row * columns + cell, fraction)
+    first_of_row = np.arange(0, tables.size, columns)
+    point = first_of_row.reshape(count, rows, 1) + cell
+    return between(tables.ravel(), point, fraction)

@@ -24,7 +24,8 @@ Array = NDArray[np.float64]
 
 #: Beyond so many SDs lies less than 1e-12 of a population.
 _FARTHEST = 7.2
-#: Nodes tried, from the fewest on; narrow discs in wide populations need the last.
+#: Nodes tried, from the fewest on, each twice the one before: two that agree have settled. Narrow
+#: discs in wide populations need the last.
 _NODE_COUNTS = (12, 24, 48, 96, 192, 384)
 #: Shares are as good as exact from here on: verdicts look at shares of 0.005 and their like.
 _ACCURACY = 1e-7
@@ -135,8 +136,9 @@ class _Axis(NamedTuple):
 def _nodes(count: int) -> tuple[Array, Array]:
     """Return places from -1 to 1 and weights; even in the angle, as a disc ends like a root."""
     places, weights = special.roots_legendre(count)
-    angle = 0.5 * np.pi * places
-    return np.sin(angle), 0.5 * np.pi * np.cos(angle) * weights
+    quarter = 0.5 * np.pi
+    angle = quarter * places
+    return np.sin(angle), quarter * np.cos(angle) * weights
 
 
 def share_within(
@@ -169,31 +171,35 @@ def share_within(
     places, weights = _nodes(integral.nodes)
     score = middle[..., None] + half[..., None] * places
     density = np.exp(-0.5 * score**2) / _SQRT_2PI
-    chord = _chord(users, outer.beside_nodes(), inner.beside_nodes(), score, radius[..., None])
-    return np.asarray(half * ((density * chord) @ weights))
+    outer = outer.beside_nodes()
+    inner = inner.beside_nodes()
+    chord = _chord(users, outer, inner, score, radius[..., None])
+    integral_over_half = (density * chord) @ weights
+    return np.asarray(half * integral_over_half)
 
 
 def _ends(outer: _Axis, radius: Array, *, log: bool) -> tuple[Array, Array]:
     """Return the scores of the outer quantity between which the disc lies."""
     first = outer.score(outer.value_at(-radius), log=log)
     second = outer.score(outer.value_at(radius), log=log)
-    low = np.minimum(first, second)
-    high = np.maximum(first, second)
-    return np.clip(low, -_FARTHEST, _FARTHEST), np.clip(high, -_FARTHEST, _FARTHEST)
+    first = np.clip(first, -_FARTHEST, _FARTHEST)
+    second = np.clip(second, -_FARTHEST, _FARTHEST)
+    return np.minimum(first, second), np.maximum(first, second)
 
 
 def _chord(users: Users, outer: _Axis, inner: _Axis, score: Array, radius: Array) -> Array:
     """Return the probability of the inner quantity's chord through the disc at each outer score."""
     across = outer.part_at(score, log=users.log)
-    half_chord = np.sqrt(np.maximum((radius - across) * (radius + across), 0.0))
+    square = (radius - across) * (radius + across)
+    half_chord = np.sqrt(np.maximum(square, 0.0))
     first = inner.score(inner.value_at(-half_chord), log=users.log)
     second = inner.score(inner.value_at(half_chord), log=users.log)
     correlation = users.correlation[..., None]
     sd_given_outer = np.sqrt((1.0 - correlation) * (1.0 + correlation))
     mean_given_outer = correlation * score
-    first_share = special.ndtr((first - mean_given_outer) / sd_given_outer)
-    second_share = special.ndtr((second - mean_given_outer) / sd_given_outer)
-    return np.abs(second_share - first_share)
+    first_given_outer = (first - mean_given_outer) / sd_given_outer
+    second_given_outer = (second - mean_given_outer) / sd_given_outer
+    return np.abs(special.ndtr(second_given_outer) - special.ndtr(first_given_outer))
 
 
 def choose_integral(
@@ -208,19 +214,23 @@ def choose_integral(
     fewest = np.full(count, _NODE_COUNTS[-1])
     inner = np.full(count, _STIFFNESS)
     for quantity in (_STIFFNESS, _DAMPING):
-        open_at = np.arange(count)
-        shares = share_within(users, plane, radius, DiscIntegral(quantity, _NODE_COUNTS[0]))
+        unsettled = np.arange(count)
+        integral = DiscIntegral(quantity, _NODE_COUNTS[0])
+        shares = share_within(users, plane, radius, integral)
         for nodes in _NODE_COUNTS[1:]:
             # More nodes than the other order needs are of no use.
-            kept = nodes < fewest[open_at]
-            open_at = open_at[kept]
-            if not open_at.size:
+            useful = nodes < fewest[unsettled]
+            unsettled = unsettled[useful]
+            if not unsettled.size:
                 break
-            there = plane.select(open_at)
-            more = share_within(users, there, radius[open_at], DiscIntegral(quantity, nodes))
-            settled = np.abs(more - shares[:, kept]).max(axis=0) < accuracy
-            fewest[open_at[settled]] = nodes
-            inner[open_at[settled]] = quantity
-            open_at = open_at[~settled]
-            shares = more[:, ~settled]
-    return [DiscIntegral(int(i), int(n)) for i, n in zip(inner, fewest, strict=True)]
+            integral = DiscIntegral(quantity, nodes)
+            some = plane.select(unsettled)
+            finer = share_within(users, some, radius[unsettled], integral)
+            change = np.abs(finer - shares[:, useful]).max(axis=0)
+            settled = change < accuracy
+            fewest[unsettled[settled]] = nodes
+            inner[unsettled[settled]] = quantity
+            unsettled = unsettled[~settled]
+            shares = finer[:, ~settled]
+    pairs = zip(inner.tolist(), fewest.tolist(), strict=True)
+    return [DiscIntegral(quantity, nodes) for quantity, nodes in pairs]
