@@ -29,8 +29,8 @@ MOST_UNPACKED_GENERATORS = 0.5
 MOST_UNTYPED_MAPPINGS = 57
 MOST_LINES_OF_A_MODULE = 450
 MOST_MODULES = 190
-#: Folders that are denser: forms of one integral that are to be rebuilt, and formulas on arrays.
-DENSER_FOLDERS = {"inference/hierarchy": 11.0, "boundary": 10.25}
+#: Folders that are denser: forms of one integral that are to be rebuilt.
+DENSER_FOLDERS = {"inference/hierarchy": 11.0}
 
 NOT_CODE = {
     tokenize.COMMENT,

@@ -103,7 +103,8 @@ class Term:
 
     def rate(self, place: Array, term: Array) -> Array:
         """Return how fast the place moves with the term."""
-        return self.axis.rate(place, self.native(term)) / self.gain
+        per_value = self.axis.rate(place, self.native(term))
+        return per_value / self.gain
 
 
 class Content(NamedTuple):
@@ -134,7 +135,8 @@ class _Slices:
 
     def integral(self, values: Array) -> Array:
         """Integrate values (Q, J) at the nodes over the outer axis, (Q,)."""
-        return np.asarray(np.einsum("qj,qj->q", self.weights, values))
+        sums = np.einsum("qj,qj->q", self.weights, values)
+        return np.asarray(sums)
 
 
 class Balls:
@@ -152,10 +154,13 @@ class Balls:
     ) -> None:
         grid = warp(omega, period)
         plane = DistancePlane.of(grid, device, hold, mass)
-        k_gain = np.broadcast_to(plane.per_rate, omega.shape)
-        b_gain = np.broadcast_to(plane.gain, omega.shape)
-        k_offset = np.broadcast_to(-plane.imaginary, omega.shape)
-        b_offset = np.broadcast_to(plane.real, omega.shape)
+        k_gain, b_gain, k_offset, b_offset, _ = np.broadcast_arrays(
+            plane.per_rate,
+            plane.gain,
+            -plane.imaginary,
+            plane.real,
+            omega,
+        )
         # At Nyquist a mass is infinite, whatever k and b are.
         finite = np.isfinite(k_offset) & np.isfinite(b_offset)
         finite &= (k_gain > 0) & (b_gain > 0)
@@ -184,7 +189,8 @@ class Balls:
         """Return which of k (0) and b (1) makes the smoother integral as inner variable, (Q,)."""
         k_inner = self.content_by(0, frequency, radius)
         b_inner = self.content_by(1, frequency, radius)
-        return np.argmin([k_inner.roughness, b_inner.roughness], axis=0)
+        roughness = [k_inner.roughness, b_inner.roughness]
+        return np.argmin(roughness, axis=0)
 
     def content(self, frequency: Indices, radius: Array, inner_of: Indices) -> Content:
         """Return what balls (Q,) hold; the inner variable is k where `inner_of` is 0, b where it is 1."""
@@ -214,7 +220,8 @@ class Balls:
         highest = components.sum(axis=1)
         # Without a slope at any node all of it lies between them.
         infinite = np.full(slope.shape, np.inf)
-        roughness = np.divide(highest, slope, out=infinite, where=slope > 0.0)
+        is_known = slope > 0.0
+        roughness = np.divide(highest, slope, out=infinite, where=is_known)
         return Content(probability, slope, roughness)
 
     def content_by_batch(self, frequency: Indices, radius: Array, inner_of: Indices) -> Array:
@@ -248,9 +255,9 @@ class Balls:
 
     def _slices(self, inner: int, frequency: Indices, radius: Array) -> _Slices:
         """Lay nodes over the outer variable's span in each ball, and find the inner intervals."""
-        terms = [term.at(frequency).by_row() for term in (self.k, self.b)]
-        inner_term = terms[inner]
-        outer_term = terms[1 - inner]
+        terms = (self.k, self.b)
+        inner_term = terms[inner].at(frequency).by_row()
+        outer_term = terms[1 - inner].at(frequency).by_row()
         radius = radius[:, None]
         # Where the inner term cannot be zero, the outer one does not reach the radius: nodes that
         # far out would be wasted.
@@ -284,11 +291,12 @@ class Balls:
             on_row = signed * (1.0 - row_fraction)
             on_next_row = signed * row_fraction
             before = 1.0 - fraction
-            weights += [on_row * before, on_row * fraction]
-            weights += [on_next_row * before, on_next_row * fraction]
             point = row * columns + column
             below = point + columns
-            points += [point, point + 1, below, below + 1]
+            weights += [on_row * before, on_row * fraction]
+            points += [point, point + 1]
+            weights += [on_next_row * before, on_next_row * fraction]
+            points += [below, below + 1]
         flat = table.reshape(rows * columns, -1)
         shape = (frequency.size, len(flat))
         entries = np.concatenate(weights, axis=1).ravel()
@@ -312,7 +320,8 @@ def _edge(term: Term, leg: Array, radius: Array) -> _Edge:
         leg_rate = (radius / np.abs(leg)) * radius
         rate = term.rate(place, leg) * leg_rate
     # A leg of no length has no rate.
-    return _Edge(place, np.where(leg != 0.0, rate, 0.0))
+    rate[leg == 0.0] = 0.0
+    return _Edge(place, rate)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -327,9 +336,9 @@ def _interpolate(table: Array, row: Indices, row_fraction: Array, place: Array) 
     """Interpolate a table (rows, columns) so far over rows, and at places along its columns."""
     columns = table.shape[1]
     column, fraction = cell_and_fraction(place, columns)
+    flat = table.ravel()
     point = row * columns + column
     below = point + columns
-    flat = table.ravel()
     rest = 1.0 - row_fraction
     before = rest * flat.take(point)
     before += row_fraction * flat.take(below)

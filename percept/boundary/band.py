@@ -107,10 +107,14 @@ def band_laws(
     """
     drawn = {law: fit_law(law, sizes, replicates) for law in LAWS}
     left_out = {law: leave_one_out(law, sizes, replicates) for law in LAWS}
-    errors = np.stack([np.sqrt((error**2).mean(axis=1)) for error, _ in left_out.values()])
-    typical = dict(zip(LAWS, np.median(errors, axis=1).tolist(), strict=True))
-    best = np.bincount(errors.argmin(axis=0), minlength=len(LAWS)) / errors.shape[1]
-    offsets_without = left_out["offset"][1]
+    errors = []
+    for error, _ in left_out.values():
+        squares = (error**2).mean(axis=1)
+        errors.append(np.sqrt(squares))
+    medians = np.median(errors, axis=1).tolist()
+    typical = dict(zip(LAWS, medians, strict=True))
+    winners = np.argmin(errors, axis=0)
+    _, offsets_without = left_out["offset"]
     carrier = _carrier(environments, drawn["offset"], offsets_without)
     tails = [0.5 * (1.0 - level), 0.5 * (1.0 + level)]
     for index, (law, names) in enumerate(LAWS.items()):
@@ -118,9 +122,8 @@ def band_laws(
         if bands is not None:
             values = fit_law(law, sizes, bands[None])[0]
         lower, upper = np.quantile(drawn[law], tails, axis=0)
-        parameters = {}
-        for p, name in enumerate(names):
-            parameters[name] = Estimate(float(values[p]), float(lower[p]), float(upper[p]))
+        limits = np.stack([values, lower, upper], axis=1).tolist()
+        parameters = {name: Estimate(*row) for name, row in zip(names, limits, strict=True)}
         carried_by = carrier if law == "offset" else None
         size = size_name(whose.parameter)
         yield BandLaw(
@@ -133,7 +136,7 @@ def band_laws(
             level=level,
             sentence=_sentence(law, parameters, typical, carried_by, size),
             left_out_error=typical[law],
-            best=float(best[index]),
+            best=float(np.mean(winners == index)),
             carried_by=carried_by,
         )
 
@@ -145,11 +148,12 @@ def band_statements(sizes: Array, replicates: Array, whose: BandOwner) -> Iterat
     absolute = replicates[:, order]
     relative = absolute / sizes[order]
     ends = f"The band is narrower at the lowest {size} than at the highest"
-    widens = "The band widens from each reference to the next higher"
+    widens = f"The band widens from each reference to the next higher {size}"
+    steps = np.diff(absolute, axis=1)
     judged = {
         f"{ends} (absolute width).": absolute[:, 0] < absolute[:, -1],
         f"{ends}, relative to the {size}.": relative[:, 0] < relative[:, -1],
-        f"{widens} {size} (absolute width).": np.all(np.diff(absolute, axis=1) > 0, axis=1),
+        f"{widens} (absolute width).": (steps > 0).all(axis=1),
     }
     for statement, true in judged.items():
         yield BandStatement(
@@ -169,7 +173,9 @@ def _carrier(environments: tuple[str, ...], fitted: Array, without: Array) -> st
         return None
     typical_without = np.median(without[:, :, 0], axis=1)
     (carriers,) = np.nonzero(typical_without < _GONE * typical)
-    return environments[int(carriers[0])] if carriers.size == 1 else None
+    if carriers.size != 1:
+        return None
+    return environments[carriers[0]]
 
 
 def _sentence(
@@ -229,15 +235,17 @@ def determines_laws(sizes: ArrayLike) -> bool:
 
 def fit_law(law: str, impedance: Array, bands: Array) -> Array:
     """Fit a law to bands (S, J) over sizes (J,) that determine it, by least squares on the logarithms."""
+    x = np.log(impedance)
     y = np.log(bands)
+    if law == "offset":
+        return _fit_offset(impedance, y)
     if law == "weber":
-        return np.exp((y - np.log(impedance)).mean(axis=1))[:, None]
-    if law == "power":
-        x = np.log(impedance)
-        centred = x - x.mean()
-        exponent = y @ centred / (centred @ centred)
-        return np.stack([np.exp(y.mean(axis=1) - exponent * x.mean()), exponent], axis=1)
-    return _fit_offset(impedance, y)
+        log_w = (y - x).mean(axis=1)
+        return np.exp(log_w)[:, None]
+    centred = x - x.mean()
+    exponent = y @ centred / (centred @ centred)
+    log_w = y.mean(axis=1) - exponent * x.mean()
+    return np.stack([np.exp(log_w), exponent], axis=1)
 
 
 def law_band(law: str, parameters: Array, impedance: Array) -> Array:
@@ -253,23 +261,29 @@ def leave_one_out(law: str, impedance: Array, bands: Array) -> tuple[Array, Arra
     fits = []
     predicted = []
     for j in range(impedance.size):
-        fitted = fit_law(law, np.delete(impedance, j), np.delete(bands, j, axis=1))
+        other_sizes = np.delete(impedance, j)
+        other_bands = np.delete(bands, j, axis=1)
+        fitted = fit_law(law, other_sizes, other_bands)
         fits.append(fitted)
-        predicted.append(law_band(law, fitted, impedance[[j]])[:, 0])
-    return np.log(np.stack(predicted, axis=1) / bands), np.stack(fits)
+        predicted.append(law_band(law, fitted, impedance[[j]]))
+    ratio = np.concatenate(predicted, axis=1) / bands
+    return np.log(ratio), np.stack(fits)
 
 
 def _fit_offset(impedance: Array, y: Array) -> Array:
     """Minimise over the ratio c/w: given it, log w is a mean, so one search for all sets at once."""
     lowest = np.log(impedance.min()) - _BELOW
-    grid = np.linspace(lowest, np.log(impedance.max()) + _ABOVE, _GRID_POINTS)
+    highest = np.log(impedance.max()) + _ABOVE
+    grid = np.linspace(lowest, highest, _GRID_POINTS)
     # The grid is the same for all sets: of the squared distances only the product with it differs.
     # The digits this loses could at most choose a neighbouring step, which the brackets hold as
     # well.
-    curves = np.log(np.exp(grid)[:, None] + impedance)
+    offsets = np.exp(grid)[:, None]
+    curves = np.log(offsets + impedance)
     curves -= curves.mean(axis=1, keepdims=True)
     squares = np.einsum("gj,gj->g", curves, curves)
-    best = (squares - 2.0 * y @ curves.T).argmin(axis=1)
+    distances = squares - 2.0 * y @ curves.T
+    best = distances.argmin(axis=1)
     every = np.arange(len(y))
 
     def misfit(log_ratio: Array, which: NDArray[np.intp]) -> tuple[Array, Array]:
@@ -277,11 +291,13 @@ def _fit_offset(impedance: Array, y: Array) -> Array:
         offset = np.exp(log_ratio)[:, None]
         off = y[which] - np.log(offset + impedance)
         off -= off.mean(axis=1, keepdims=True)
-        slope = -np.einsum("sj,sj->s", off, offset / (offset + impedance))
+        rate = offset / (offset + impedance)
+        slope = -np.einsum("sj,sj->s", off, rate)
         return 0.5 * np.einsum("sj,sj->s", off, off), slope
 
     def slope(log_ratio: Array, which: NDArray[np.intp]) -> Array:
-        return misfit(log_ratio, which)[1]
+        _, slope = misfit(log_ratio, which)
+        return slope
 
     step = grid[1] - grid[0]
     left = grid[best] - step
@@ -291,9 +307,14 @@ def _fit_offset(impedance: Array, y: Array) -> Array:
     minimum = np.where(rises, left, right)
     turns = np.flatnonzero(~rises & ~falls)
     if turns.size:
-        minimum[turns] = elementwise.find_root(slope, (left[turns], right[turns]), args=(turns,)).x
+        bracket = (left[turns], right[turns])
+        minimum[turns] = elementwise.find_root(slope, bracket, args=(turns,)).x
     # No offset at all may fit best: the search runs in the logarithm, which never gets there.
-    none = misfit(np.full(len(y), -np.inf), every)[0] <= misfit(minimum, every)[0]
-    ratio = np.where(none, 0.0, np.exp(minimum))
-    w = np.exp((y - np.log(ratio[:, None] + impedance)).mean(axis=1))
+    log_of_none = np.full(len(y), -np.inf)
+    without_offset, _ = misfit(log_of_none, every)
+    with_offset, _ = misfit(minimum, every)
+    ratio = np.where(without_offset <= with_offset, 0.0, np.exp(minimum))
+    shape = np.log(ratio[:, None] + impedance)
+    log_w = (y - shape).mean(axis=1)
+    w = np.exp(log_w)
     return np.stack([ratio * w, w], axis=1)

@@ -45,7 +45,8 @@ def drawing_grid(
         rad/s, increasing.
     """
     intervals = int(np.ceil(_PER_DECADE * np.log10(upper / lower)))
-    even = np.geomspace(lower, upper, max(_FEWEST, intervals + 1))
+    count = max(_FEWEST, intervals + 1)
+    even = np.geomspace(lower, upper, count)
     beside = np.multiply.outer(resonances, _BESIDE)
     beside = beside[(beside > lower) & (beside < upper)]
     omega = _add_apart(even, beside)
@@ -63,7 +64,8 @@ def drawing_grid(
     turns = _turns(x, np.concatenate([log_references, log_lower, log_upper]))
     gaps = [log_upper - log_lower]
     for row in log_references:
-        gaps += [row - log_lower, row - log_upper]
+        gaps.append(row - log_lower)
+        gaps.append(row - log_upper)
     crossings = _crossings(x, np.concatenate(gaps))
     bends = np.concatenate([turns, crossings])
     return _add_apart(omega, np.exp(bends))
@@ -101,7 +103,8 @@ def _add_apart(omega: Array, more: Array) -> Array:
     """Add frequencies that lie apart from one another and from those there are."""
     for new in np.unique(more):
         index = np.searchsorted(omega, new)
-        neighbours = omega[max(index - 1, 0) : index + 1]
+        previous = max(index - 1, 0)
+        neighbours = omega[previous : index + 1]
         distances = np.abs(np.log(neighbours / new))
         if distances.min() > _APART:
             omega = np.insert(omega, index, new)

@@ -189,7 +189,7 @@ class Magnitude:
         Solved are those that `log_limits` has been called with: two or more, near these scores.
         """
         solved = np.array(sorted(self._logs_at))
-        logs = np.stack([self._logs_at[score] for score in solved])
+        tables = np.stack([self._logs_at[score] for score in solved])
         following = np.searchsorted(solved, scores)
         before = np.clip(following - 1, 0, solved.size - 2)
         after = before + 1
@@ -197,15 +197,17 @@ class Magnitude:
         fraction = (scores - solved[before]) / spacing
         # Below the first score limits run on straight; above the last they stay.
         fraction = np.minimum(fraction, 1.0)
-        start = np.take_along_axis(logs, before, axis=0)
-        end = np.take_along_axis(logs, after, axis=0)
+        start = np.take_along_axis(tables, before, axis=0)
+        end = np.take_along_axis(tables, after, axis=0)
         low, high = self.log_range
-        return np.clip(start + fraction * (end - start), low, high)
+        logs = start + fraction * (end - start)
+        return np.clip(logs, low, high)
 
     def batch_shifts(self, score: float) -> Array:
         """Return by how many SDs each batch of draws moves limits out, (2, M, B)."""
         if score not in self._shifts_at:
-            radius = np.exp(self.log_limits(score)).ravel()
+            log_radius = self.log_limits(score).ravel()
+            radius = np.exp(log_radius)
             content = self.balls.content_by_batch(self._frequency, radius, self._inner)
             # A batch with draws far narrower than the tables' steps may seem to hold less than
             # nothing.
@@ -236,7 +238,8 @@ class Magnitude:
         squares = self.balls.squares(k, b)
         order = np.argsort(squares, axis=1)
         sorted_squares = np.take_along_axis(squares, order, axis=1)
-        logs = 0.5 * np.log(np.maximum(sorted_squares, _TINY))
+        positive = np.maximum(sorted_squares, _TINY)
+        logs = 0.5 * np.log(positive)
         below = np.cumsum(probability[order], axis=1)
         nearest = []
         for tail in (below, 1.0 - below):

@@ -113,7 +113,8 @@ def simultaneous_level(magnitude: Magnitude, level: float) -> SimultaneousLevel:
     first = score_of(level)
     allowed = 1.0 - level
     farthest = magnitude.farthest_score
-    table = magnitude.law.cumulated[0][None]
+    of_k, _ = magnitude.law.cumulated
+    table = of_k[None]
 
     @functools.cache
     def leaving_at(score: float) -> _Leaving:
@@ -166,13 +167,16 @@ def _batch_changes(magnitude: Magnitude, score: float, binding: Flags) -> Array:
     A batch has its own limits at a score, and its own table. Those limits lie `batch_shifts` farther
     out along the curve of limits over the score, so that they need not be solved for.
     """
-    shifts = np.moveaxis(magnitude.batch_shifts(score), -1, 0)
+    shifts = magnitude.batch_shifts(score)
+    shifts = np.moveaxis(shifts, -1, 0)
     moved = magnitude.log_limits_between(score + shifts)
     of_all_draws = magnitude.log_limits(score)
     log_limits = np.concatenate([of_all_draws[None], moved])
-    tables = np.moveaxis(magnitude.law.by_batch[0], -1, 0)
-    probability = _curves_leaving(magnitude, log_limits, tables, binding).probability
-    return np.asarray(probability[1:] - probability[0])
+    of_k, _ = magnitude.law.by_batch
+    tables = np.moveaxis(of_k, -1, 0)
+    leaving = _curves_leaving(magnitude, log_limits, tables, binding)
+    of_all, of_batches = np.split(leaving.probability, [1])
+    return np.asarray(of_batches - of_all)
 
 
 def _curves_leaving(
@@ -185,13 +189,14 @@ def _curves_leaving(
     k = magnitude.balls.k.at(chosen)
     b = magnitude.balls.b.at(chosen)
     lines = np.linspace(0.0, 1.0, tables.shape[1])
-    b_squared = b.of_place(lines[:, None]) ** 2
+    b_term = b.of_place(lines[:, None])
+    b_squared = b_term**2
 
     def covered(log_radius: Array) -> _Intervals:
         radius_squared = np.exp(2.0 * log_radius[:, None])
         # A ball that does not reach the line leaves it an interval without width.
-        leg_squared = np.maximum(radius_squared - b_squared, 0.0)
-        leg = np.sqrt(leg_squared)
+        difference = radius_squared - b_squared
+        leg = np.sqrt(np.maximum(difference, 0.0))
         start = _probability_up_to(tables, k.place(-leg))
         end = _probability_up_to(tables, k.place(leg))
         return _Intervals(start, end)
@@ -200,7 +205,7 @@ def _curves_leaving(
     outer = covered(log_limits[:, 1, chosen])
     gaps = _gaps(outer, holes)
     on_line = gaps.size.sum(axis=-1)
-    spacing = lines[1]
+    spacing = lines[1] - lines[0]
     staying = np.trapezoid(on_line, dx=spacing, axis=-1)
     return _Leaving(1.0 - staying, _binding(outer, gaps))
 
@@ -231,7 +236,8 @@ def _gaps(outer: _Intervals, holes: _Intervals) -> _Gaps:
 
 def _binding(outer: _Intervals, gaps: _Gaps) -> Flags:
     """Return the frequencies (M,) whose limits end a gap on some line."""
-    binding = np.zeros(gaps.closing.shape[-1], dtype=bool)
+    frequencies = gaps.closing.shape[-1]
+    binding = np.zeros(frequencies, dtype=bool)
     binding[outer.start.argmax(axis=-1)] = True
     binding[outer.end.argmin(axis=-1)] = True
     is_open = gaps.size > 0.0

@@ -82,12 +82,14 @@ class Users:
 
     def native(self, score: float, quantity: int) -> Array:
         """Return the stiffness (0) or damping (1) that lies `score` SDs from the mean, (D,)."""
-        value = self.mean[quantity] + score * self.sd[quantity]
+        distance = score * self.sd[quantity]
+        value = self.mean[quantity] + distance
         return np.exp(value) if self.log else value
 
     def central_ranges(self, level: float) -> Boxes:
         """Return the limits between which the central `level` of stiffness and of damping lie."""
-        edge = float(-special.ndtri(0.5 * (1.0 - level)))
+        tail = 0.5 * (1.0 - level)
+        edge = float(-special.ndtri(tail))
         softest = self.native(-edge, _STIFFNESS)
         stiffest = self.native(edge, _STIFFNESS)
         least_damped = self.native(-edge, _DAMPING)
