@@ -72,6 +72,7 @@ def feeling_sentences(verdicts: Sequence[Verdict], words: Words) -> list[str]:
         f"{rendered}, {'; '.join(groups)}.",
         f"Judged against the central {level} of {words.users}: {measure}, decision at {decision}.",
         *_straddling(judged),
+        *_leaning(judged, words),
         *_disagreeing(judged, words),
     ]
 
@@ -109,6 +110,32 @@ def _straddling(judged: Sequence[Verdict]) -> list[str]:
                 f"The Monte Carlo error of {verdict.environment} ({probability} ± {error} %) still"
                 f" reaches over a threshold after {evidence.draws} draws."
             )
+    return sentences
+
+
+def _leaning(judged: Sequence[Verdict], words: Words) -> list[str]:
+    """Say which verdicts lean on rows that look mistyped, and what they are without these."""
+    sentences = []
+    for verdict in judged:
+        leaning = verdict.leaning
+        if leaning is None:
+            continue
+        rows = []
+        for row in leaning.rows[:_NAMED]:
+            where = "a trial" if row.row is None else f"row {row.row} of {row.file}"
+            rows.append(f"{where}: {row.text}")
+        if len(leaning.rows) > _NAMED:
+            rows.append(f"{len(leaning.rows) - _NAMED} more")
+        without = "that row" if len(rows) == 1 else "those rows"
+        said = "there is no verdict"
+        other = leaning.without
+        if other is not None:
+            said = _said_of([other.environment], other.outcome, 1, words)
+            said += f" ({_said_probability(other.probability, other.decision)})"
+        sentences.append(
+            f"The verdict on {verdict.environment} leans on {listed(rows)}. Without {without}"
+            f" {said}."
+        )
     return sentences
 
 

@@ -77,6 +77,7 @@ def _verdicts(verdicts: Sequence[Verdict]) -> str:
     rows = []
     for verdict in verdicts:
         row = dict(vars(verdict))
+        del row["leaning"]
         for method, record in (("bayesian", PosteriorEvidence), ("classical", Confidences)):
             found = row.pop(method)
             for field in dataclasses.fields(record):

@@ -28,6 +28,7 @@ from percept.results.coupling import (
     Coupling,
     CouplingMap,
     EnvironmentCouplings,
+    Leaning,
     Membership,
     Passivity,
     PosteriorEvidence,
@@ -64,11 +65,12 @@ from percept.results.results import SCHEMA, Results, Skipped
 
 __all__ = [
     "SCHEMA", "AdmissibleCouplings", "Band", "BandLaw", "BandRow", "BandStatement", "Boundary",
-    "CellOutlier", "CellValues", "Checks", "Confidences", "ContrastRow", "Coupling",
-    "CouplingMap", "Data", "DesignCounts", "Diagnostics", "EnvironmentCouplings", "Estimate",
-    "Findings", "GateVerdict", "IntervalRow", "Ladder", "LadderEffect", "LeftOut", "LeftOutRow",
-    "Membership", "MethodPair", "NormalityTest", "Note", "Nouns", "Overview", "OverviewRow",
-    "Passivity", "PosteriorEvidence", "PredictiveCheck", "Prior", "PriorQuantiles", "Provenance",
-    "ReferenceName", "ReferencesInside", "Results", "Sensitivity", "Shape", "Skipped",
-    "SourceFile", "StableEdge", "SubjectCheck", "Verdict", "WeberTrend", "dumps", "plain",
+    "CellOutlier", "CellValues", "Checks", "Confidences", "ContrastRow", "Coupling", "CouplingMap",
+    "Data", "DesignCounts", "Diagnostics", "EnvironmentCouplings", "Estimate",
+    "Findings", "GateVerdict", "IntervalRow", "Ladder", "LadderEffect", "Leaning", "LeftOut",
+    "LeftOutRow", "Membership", "MethodPair", "NormalityTest", "Note", "Nouns", "Overview",
+    "OverviewRow", "Passivity", "PosteriorEvidence", "PredictiveCheck", "Prior", "PriorQuantiles",
+    "Provenance", "ReferenceName", "ReferencesInside", "Results", "Sensitivity", "Shape",
+    "Skipped", "SourceFile", "StableEdge", "SubjectCheck", "Verdict", "WeberTrend", "dumps",
+    "plain",
 ]  # fmt: skip

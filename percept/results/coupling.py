@@ -6,6 +6,7 @@ import dataclasses
 
 from percept.haptics.design import QualifyingCoupling
 from percept.html import NotebookRecord
+from percept.results.data import Note
 from percept.results.fields import Array, Family, Feeling, Inside, Kind, Method
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "Coupling",
     "CouplingMap",
     "EnvironmentCouplings",
+    "Leaning",
     "Membership",
     "Passivity",
     "PosteriorEvidence",
@@ -54,6 +56,14 @@ class Confidences:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class Leaning:
+    """The doubtful rows of an environment, and its verdict without those of the whole study."""
+
+    rows: tuple[Note, ...]  # Each with its value and what lets one doubt it
+    without: Verdict | None  # None where the rest carries no verdict
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Verdict(NotebookRecord):
     """Whether one environment, as it is displayed, feels real."""
 
@@ -67,6 +77,7 @@ class Verdict(NotebookRecord):
     bayesian: PosteriorEvidence | None
     classical: Confidences | None
     stable_and_real: float | None  # None directly, where stability is undecided, and without draws
+    leaning: Leaning | None = None  # None where no row of the environment looks mistyped
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,7 +16,6 @@ from percept.sessions.records import IDS, MASS, Notice, Places, Problems, shown
 
 __all__ = [
     "TRIAL",
-    "Duplicates",
     "check_duplicates",
     "check_plausible",
     "check_summary",
@@ -39,15 +38,11 @@ _ABOUT = 3.0
 def settle_references(
     table: pd.DataFrame,
     declared: Mapping[str, Mapping[str, float]],
-    known: dict[str, dict[str, float]],
     parameters: Iterable[str],
     place: Places,
     problems: Problems,
 ) -> None:
-    """Fill references from the scene or earlier rows, and hold an environment to one reference.
-
-    `known` holds the references of earlier blocks, by column and environment; this one's are added.
-    """
+    """Fill references from the scene or earlier rows, and hold an environment to one reference."""
     columns = [f"{p}_ref" for p in parameters]
     if MASS in table:
         columns.append(MASS)
@@ -56,11 +51,8 @@ def settle_references(
     firsts = groups[columns].first()
     for column in columns:
         given = {e: own[column] for e, own in declared.items() if column in own}
-        earlier = known.setdefault(column, {})
-        here = {str(e): float(value) for e, value in firsts[column].dropna().items()}
-        earlier.update(here | earlier | given)
-        of_environment = np.array([earlier.get(str(e), np.nan) for e in firsts.index])
-        expected = of_environment[codes]
+        of_environment = pd.Series(given).reindex(firsts.index).fillna(firsts[column])
+        expected = of_environment.to_numpy(dtype=float)[codes]
         values = table[column].to_numpy(dtype=float)
         wrong = np.flatnonzero(~np.isnan(values) & (values != expected))
         for row in _first_of_each(wrong, codes):
@@ -104,36 +96,6 @@ def in_order(references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...]
     return tuple(str(name) for name in ranked.sort_values(by, kind="stable").index)
 
 
-@dataclass(frozen=True)
-class Duplicates:
-    """Trials that stand twice: positions of the later rows, and where the first stands already."""
-
-    rows: Sequence[int]
-    first_stands_in: str
-    numbered: bool  # Whether a column numbers the trials
-
-    def tell(self, table: pd.DataFrame, place: Places, problems: Problems) -> None:
-        """Record them as one problem."""
-        count = len(self.rows)
-        first = table.iloc[self.rows[0]]
-        names = ", ".join(f"{column} {shown([str(first[column])])}" for column in IDS)
-        text = f"{names}, trial {first['trial']} is already in {self.first_stands_in}."
-        if count > 1 or not self.numbered:
-            what = "trial" if self.numbered else "environment, and no column numbers their trials"
-            share = f"{count:,} of {len(table):,} rows ({count / len(table):.1%})"
-            text = f"{share} repeat a subject, session and {what}. The first: {text}"
-        # Without numbers it would keep one trial per cell, and drop the repeats.
-        event = f"keep {len(table) - count:,} rows" if self.numbered else "need a column of trials"
-        hints = [
-            'Number the trials by the order of their rows: [sessions] trial = "order".',
-            f'If rows are events of a trial, [sessions] keep = "last" would {event}.',
-            'If they are conditions of one subject, name their column: [study] factor = "…".',
-        ]
-        if self.numbered:
-            hints.insert(0, "Remove one row, or name the column of trial numbers in [columns].")
-        problems.add(text, hint=" ".join(hints), **place(self.rows[0]))
-
-
 def check_duplicates(
     table: pd.DataFrame,
     place: Places,
@@ -142,15 +104,34 @@ def check_duplicates(
     numbered: bool,
     split: Sequence[str] = (),
 ) -> None:
-    """Find rows that repeat a subject, session, environment, trial and group told apart."""
+    """Find rows that repeat a subject, session, environment, trial and group told apart.
+
+    `numbered` is whether a column numbers the trials.
+    """
     cell = list(dict.fromkeys((*TRIAL, *split)))
     again = np.flatnonzero(table.duplicated(cell).to_numpy()).tolist()
     if not again:
         return
-    same = (table[cell] == table[cell].iloc[again[0]]).all(axis=1)
-    origin = place(int(np.argmax(same)))
+    count = len(again)
+    first = table.iloc[again[0]]
+    origin = place(int(np.argmax((table[cell] == first[cell]).all(axis=1))))
+    names = ", ".join(f"{column} {shown([str(first[column])])}" for column in IDS)
     where = f"{origin.get('file')}:{origin.get('row')}"
-    Duplicates(again, where, numbered).tell(table, place, problems)
+    text = f"{names}, trial {first['trial']} is already in {where}."
+    if count > 1 or not numbered:
+        what = "trial" if numbered else "environment, and no column numbers their trials"
+        share = f"{count:,} of {len(table):,} rows ({count / len(table):.1%})"
+        text = f"{share} repeat a subject, session and {what}. The first: {text}"
+    # Without numbers it would keep one trial per cell, and drop the repeats.
+    event = f"keep {len(table) - count:,} rows" if numbered else "need a column of trials"
+    hints = [
+        'Number the trials by the order of their rows: [sessions] trial = "order".',
+        f'If rows are events of a trial, [sessions] keep = "last" would {event}.',
+        'If they are conditions of one subject, name their column: [study] factor = "…".',
+    ]
+    if numbered:
+        hints.insert(0, "Remove one row, or name the column of trial numbers in [columns].")
+    problems.add(text, hint=" ".join(hints), **place(again[0]))
 
 
 def repeats_over_sessions(table: pd.DataFrame) -> list[Notice]:
@@ -295,14 +276,13 @@ def _check_declared(
             problems.add(message, column="reference", value=reference, hint=hint, **place(row))
 
 
-def count_grid(table: pd.DataFrame, rows: pd.Series[int]) -> dict[str, int]:
+def count_grid(table: pd.DataFrame) -> dict[str, int]:
     """Count observations, and the holes of the subject × environment × trial grid."""
-    cells = rows.groupby([table["subject"], table["environment"]], sort=False)
-    filled = cells.sum().to_numpy()
+    filled = table.groupby(["subject", "environment"], sort=False).size().to_numpy()
     subjects = table["subject"].nunique()
     environments = table["environment"].nunique()
     return {
-        "observations": int(filled.sum()),
+        "observations": len(table),
         "subjects": subjects,
         "environments": environments,
         "empty cells (subject × environment)": subjects * environments - len(filled),

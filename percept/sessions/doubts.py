@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -16,13 +17,27 @@ from percept.sessions.quantities import Quantity
 from percept.sessions.records import IDS, Notice, Places, clip, shown
 from percept.sessions.values import fold, is_missing
 
-__all__ = ["doubtful_ids", "doubtful_scales", "screen"]
+__all__ = ["Slip", "doubtful_ids", "doubtful_scales", "screen", "slips"]
 
-#: A value as many times the median of its environment, or as small a part of it, is hardly ever a
-#: person's.
-_GROSS = 30.0
+#: Slips that have a warning of their own; more are counted.
+_NAMED_SLIPS = 5
+#: Decades from the median of the others (a factor of 30) that are hardly ever a person's.
+_GROSS = float(np.log10(30.0))
 #: Subjects an environment needs for its median to say anything of one of them.
 _FEWEST = 3
+#: Decades by which a digit too many or too few may miss ten: within a factor of two.
+_NEAR_TEN = float(np.log10(2.0))
+#: Decades from the median of all trials at which a value is looked at: of two trials the median
+#: lies half-way.
+_LOOKED_AT = 0.5 * (1.0 - _NEAR_TEN)
+#: SDs of the other trials beyond which a value is no ordinary one: one in 16,000 of normal ones.
+_FAR = 4.0
+#: SD in decades that subjects usually have: a factor of 1.4.
+_USUAL_SD = 0.15
+#: SDs between the quartiles of normal values.
+_QUARTILES = 1.349
+#: Degrees of freedom that the scatter elsewhere counts for beside that of the environment itself.
+_ELSEWHERE = 3.0
 #: Values below this share of all are few.
 _FEW = 0.05
 #: Environments that a study hardly has on purpose.
@@ -115,15 +130,15 @@ def _single_trials(table: pd.DataFrame) -> Iterator[Notice]:
 
 def screen(
     table: pd.DataFrame,
-    quantities: Iterable[Quantity],
+    quantities: Sequence[Quantity],
     place: Places,
     pooled: Iterable[str],
     family: str,
 ) -> Iterator[Notice]:
     """Warn of what is seldom meant. Nothing is left out: that is for the analyst to declare."""
+    yield from _mistyped(table, quantities, place)
     yield from _single_trials(table)
     for quantity in quantities:
-        yield from _gross_errors(table, quantity.name, place)
         yield from _without_logarithm(table, quantity.name, place, family)
         yield from _at_a_limit(table, quantity.name, place)
         yield from _never_moved(table, quantity.name)
@@ -144,24 +159,18 @@ def _empty_cells(table: pd.DataFrame) -> Iterator[Notice]:
         yield Notice(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")
 
 
-def _gross_errors(table: pd.DataFrame, parameter: str, place: Places) -> Iterator[Notice]:
-    """Name values many times above or below the median of their environment."""
-    column = f"{parameter}_adj"
-    positive = table[table[column] > 0]
-    by_environment = positive.groupby("environment", sort=False)
-    typical = by_environment[column].transform("median")
-    enough = by_environment["subject"].transform("nunique") >= _FEWEST
-    far = (positive[column] > _GROSS * typical) | (positive[column] < typical / _GROSS)
-    gross = positive.assign(median=typical)[enough & far]
-    if gross.empty:
-        return
-    rows = gross[["subject", "environment", column, "median"]].to_numpy()
-    named = ["{} at {}: {:.6g}, median {:.6g}".format(*row) for row in rows]
-    text = (
-        f"{counted(len(gross), 'value')} of {parameter} far from the median of the environment,"
-        f" here the first: a slip? Subjects {shown(named)}"
-    )
-    yield Notice(text, column=column, **place(gross.index[0]))
+def _mistyped(
+    table: pd.DataFrame, quantities: Iterable[Quantity], place: Places
+) -> Iterator[Notice]:
+    """Warn of values that look mistyped."""
+    found = list(slips(table, quantities))
+    for slip in found[:_NAMED_SLIPS]:
+        text = f"{slip.text}: mistyped?"
+        yield Notice(text, column=f"{slip.parameter}_adj", **place(slip.index))
+    more = found[_NAMED_SLIPS:]
+    if more:
+        text = f"{counted(len(more), 'more value')} as far from the other trials, here the first"
+        yield Notice(text, column=f"{more[0].parameter}_adj", **place(more[0].index))
 
 
 def _without_logarithm(
@@ -264,3 +273,83 @@ def _pooled(table: pd.DataFrame, column: str) -> Iterator[Notice]:
             text += f'"percept compare FILE --by {column}" compares two of them, which [sessions]'
             text += f" only = {{ {column} = [{two}] }} keeps."
     yield Notice(text, column=column)
+
+
+@dataclass(frozen=True)
+class Slip:
+    """One adjustment that may be mistyped, and what the other trials of its environment are like."""
+
+    index: int  # Label of its row in the table of trials
+    environment: str
+    parameter: str
+    text: str  # The value, and what lets one doubt it
+
+
+def slips(table: pd.DataFrame, quantities: Iterable[Quantity]) -> Iterator[Slip]:
+    """Find adjustments that look mistyped, by quantity and in the order of the rows.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Trials as `Sessions.table` has them.
+    quantities : iterable of Quantity
+        What was adjusted.
+
+    Yields
+    ------
+    Slip
+        A value about ten times, or a tenth of, what the others and the same subject's other trials
+        lead one to expect; or thirty times off the median of the others, either way.
+    """
+    for quantity in quantities:
+        name = quantity.name
+        columns = ["subject", "environment", f"{name}_adj", f"{name}_ref"]
+        trials = table[columns].set_axis(["subject", "environment", "value", "reference"], axis=1)
+        trials = trials[trials["value"] > 0]
+        trials["decades"] = np.log10(trials["value"])
+        middle = trials.groupby("environment", sort=False)["decades"].transform("median")
+        trials["off"] = trials["decades"] - middle
+        for index in trials.index[trials["off"].abs() > _LOOKED_AT]:
+            one = trials.loc[index]
+            others = trials.drop(index=index)
+            beside = others[others["environment"] == one["environment"]]
+            if len(beside) and _is_slip(one, others, beside):
+                text = (
+                    f"{name} = {one['value']:.6g} of subject {shown([one['subject']])}, where the"
+                    f" other trials of {shown([one['environment']])} have a median of"
+                    f" {beside['value'].median():.6g}"
+                )
+                yield Slip(index, one["environment"], name, text)
+
+
+def _is_slip(one: pd.Series, others: pd.DataFrame, beside: pd.DataFrame) -> bool:
+    """Whether a digit explains how far a trial lies from those `beside` it, or nothing does."""
+    typical = beside["decades"].median()
+    distance = abs(one["decades"] - typical)
+    subjects = {one["subject"], *beside["subject"]}
+    gross = distance > _GROSS and len(subjects) >= _FEWEST
+    if abs(distance - 1.0) > _NEAR_TEN and not gross:
+        return False
+    if len(beside) == 1:
+        # Of two trials either may be the slip: it is the one farther from what was shown.
+        shown = np.log10(one["reference"]) if one["reference"] > 0 else np.nan
+        if not abs(one["decades"] - shown) > abs(typical - shown):
+            return False
+    elsewhere = others[others["environment"] != one["environment"]]
+    sd = elsewhere.groupby("environment")["decades"].apply(_robust_sd).median()
+    if np.isnan(sd):
+        sd = _USUAL_SD
+    freedom = len(beside) - 1
+    own = freedom * _robust_sd(beside["decades"]) ** 2
+    variance = (_ELSEWHERE * sd**2 + own) / (_ELSEWHERE + freedom)
+    if distance <= _FAR * np.sqrt(variance * (1.0 + 1.0 / len(beside))):
+        return False
+    # A subject who is as far off in other trials has a habit, or another unit.
+    habit = others.loc[others["subject"] == one["subject"], "off"].median()
+    off = one["decades"] - typical
+    return not abs(off - habit) < 1.0 - _NEAR_TEN
+
+
+def _robust_sd(decades: pd.Series) -> float:
+    """SD of normal values that have these quartiles."""
+    return float(decades.quantile(0.75) - decades.quantile(0.25)) / _QUARTILES

@@ -152,17 +152,23 @@ class Sessions:
         scales = doubts.doubtful_scales(self._references, quantities)
         if self.form != "trials":
             return tuple(scales)
-
-        def place(index: int) -> Place:
-            # Sessions put together by hand have no places.
-            if index not in self.provenance.index:
-                return Place()
-            file, row = self.locate(index)
-            return Place(file=file, row=row)
-
         pooled = self.options.pooled(self.table.columns)
-        seldom = doubts.screen(self.table, quantities, place, pooled, self.options.family)
+        seldom = doubts.screen(self.table, quantities, self.place, pooled, self.options.family)
         return (*scales, *seldom)
+
+    @cached_property
+    def slips(self) -> tuple[doubts.Slip, ...]:
+        """Adjustments that look mistyped; none in summary form."""
+        if self.form != "trials":
+            return ()
+        return tuple(doubts.slips(self.table, [self.quantities[p] for p in self.parameters]))
+
+    def place(self, index: int) -> Place:
+        """File and row of an observation, by its label in `table`; neither where a hand put it together."""
+        if index not in self.provenance.index:
+            return Place()
+        file, row = self.locate(index)
+        return Place(file=file, row=row)
 
     def locate(self, index: int) -> tuple[str, int]:
         """File and physical row (the header is 1) of an observation, by its label in `table`."""
@@ -275,10 +281,10 @@ def _checked_trials(
     place = reading.places(merged)
     if options.sessions.trial == "order":
         merged["trial"] = merged.groupby(list(IDS), sort=False).cumcount() + 1
-    checks.settle_references(merged, options.environments, {}, parameters, place, problems)
+    checks.settle_references(merged, options.environments, parameters, place, problems)
     split = [name for name in options.split if name in merged]
     checks.check_duplicates(merged, place, problems, numbered=reading.numbered, split=split)
-    reading.check(merged, parameters, pd.Series(1, index=merged.index))
+    reading.check(merged, parameters)
     for p in parameters:
         reading.counts[f"rows without {p}"] = int(merged[f"{p}_adj"].isna().sum())
     columns = list(trial_columns(options.quantities))

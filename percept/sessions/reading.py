@@ -146,8 +146,8 @@ class Reading:
         rows = table["row"].to_numpy()
         return lambda at: Place(file=self.sources[int(files[at])].name, row=int(rows[at]))
 
-    def check(self, table: pd.DataFrame, parameters: Iterable[str], rows: pd.Series[int]) -> None:
-        """Look at units, ids and cells over all files; a row stands for as many as `rows` says."""
+    def check(self, table: pd.DataFrame, parameters: Iterable[str]) -> None:
+        """Look at units, ids and cells over all files."""
         quantities = [self.options.quantities[p] for p in parameters]
         places = self.places(table)
         self.notices += checks.check_plausible(
@@ -158,7 +158,7 @@ class Reading:
         self.notices += doubtful_ids(table, places)
         if table["session"].nunique() > 1:
             self.notices += checks.repeats_over_sessions(table)
-        self.counts.update(checks.count_grid(table, rows))
+        self.counts.update(checks.count_grid(table))
 
 
 def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Generator[Block]:

@@ -48,7 +48,13 @@ from percept.study.intervals import (
 )
 from percept.study.regions import Law, Region, SubjectPairs, laws_of, regions_of, subject_pairs
 from percept.study.responses import references, refuse_lone_subject
-from percept.study.verdicts import Subjects, posterior_users, study_verdicts, subjects_of
+from percept.study.verdicts import (
+    Subjects,
+    leaning_on_slips,
+    posterior_users,
+    study_verdicts,
+    subjects_of,
+)
 
 __all__ = ["Parts"]
 
@@ -256,26 +262,7 @@ class Parts:
         kinds: Collection[str] | None = None,
         joints: Collection[str] | None = None,
     ) -> tuple[Boundary, ...]:
-        """Boundaries at frequencies of one's own.
-
-        Parameters
-        ----------
-        omega : array_like, shape (M,)
-            rad/s, positive, increasing, up to Nyquist, where a mass is endless, and so are all
-            curves; None for each environment's own.
-        environments, kinds, joints : collection of str, optional
-            Which environments, kinds, and treatments of k and b together ("joint" for curves of
-            their law); all by default.
-
-        Returns
-        -------
-        tuple of Boundary
-
-        Raises
-        ------
-        UsageError
-            Frequencies that do not increase from above zero; a name that the study does not have.
-        """
+        """Boundaries as `Study.boundaries_at` gives them."""
         grid = None if omega is None else increasing(omega)
         environments = select("environment", environments, self.with_reference)
         kinds = select("kind", kinds, self.scene.inference.kinds)
@@ -355,9 +342,16 @@ class Parts:
             return ()
         asked = self.scene.inference
         stable = self.coupling.stable if self.coupling is not None else None
-        return tuple(
-            study_verdicts(self.setup, self.users, self.subjects, asked, self.within, stable=stable)
+        judged = study_verdicts(
+            self.setup, self.users, self.subjects, asked, self.within, stable=stable
         )
+        if not self.sessions.slips:
+            return tuple(judged)
+        return tuple(leaning_on_slips(judged, self.sessions, self._verdicts_over))
+
+    def _verdicts_over(self, sessions: Sessions) -> tuple[Verdict, ...]:
+        """Verdicts of the same scene over other sessions."""
+        return Parts(sessions, self.scene, self.progress, self.store).verdicts
 
     @cached_property
     def users(self) -> dict[str, Users]:

@@ -8,7 +8,8 @@ method a confidence part by part; `decision` turns either into one of three outc
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,8 +23,9 @@ from percept.haptics import TabulatedDevice
 from percept.inference.classical.fiducial import fiducial_draws
 from percept.inference.classical.moments import Moments
 from percept.inference.record import Family
-from percept.results import Confidences, PosteriorEvidence, Verdict
+from percept.results import Confidences, Leaning, Note, PosteriorEvidence, Verdict
 from percept.scene import InferenceTable
+from percept.sessions import Sessions
 from percept.study.basics import Array, Stream, generator
 from percept.study.device import Setup
 from percept.study.intervals import Cell
@@ -33,8 +35,8 @@ if TYPE_CHECKING:
     from percept.study.fit import Fit
 
 __all__ = [
-    "Subjects", "fiducial_users", "frequencies", "posterior_users", "relative_sd", "study_verdicts",
-    "subjects_of",
+    "Subjects", "fiducial_users", "frequencies", "leaning_on_slips", "posterior_users",
+    "relative_sd", "study_verdicts", "subjects_of",
 ]  # fmt: skip
 
 #: Most draws of the posterior: a probability of 0.95 is known to 0.003 by them.
@@ -236,6 +238,36 @@ def study_verdicts(
             verdict = _verdict(environment, evidence, parts, asked, coupled=coupled, stable=stable)
             if verdict is not None:
                 yield verdict
+
+
+def leaning_on_slips(
+    verdicts: Iterable[Verdict],
+    sessions: Sessions,
+    verdicts_over: Callable[[Sessions], Sequence[Verdict]],
+) -> Iterator[Verdict]:
+    """Add what verdicts become without the rows that look mistyped.
+
+    `verdicts_over` judges other sessions of the same scene.
+    """
+    doubted = {slip.index for slip in sessions.slips}
+    kept = sessions.table.drop(index=list(doubted))
+    try:
+        others = verdicts_over(dataclasses.replace(sessions, table=kept))
+    except RefusalError:
+        others = ()
+    without = {(verdict.environment, verdict.coupled): verdict for verdict in others}
+    for verdict in verdicts:
+        rows = []
+        for slip in sessions.slips:
+            if slip.environment == verdict.environment:
+                place = sessions.place(slip.index)
+                file = PurePath(place.get("file", "")).name
+                rows.append(Note(slip.text, file, place.get("row")))
+        leaning = None
+        if rows:
+            other = without.get((verdict.environment, verdict.coupled))
+            leaning = Leaning(rows=tuple(rows), without=other)
+        yield dataclasses.replace(verdict, leaning=leaning)
 
 
 def _stiffness_spread(users: Users | None, subjects: Subjects | None) -> float | None:

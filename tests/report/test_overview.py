@@ -10,7 +10,15 @@ from percept.boundary.feels_real import judge
 from percept.report.numbers import digits_of
 from percept.report.overview import overview
 from percept.report.select import first, matching
-from percept.results import Confidences, Coupling, IntervalRow, PosteriorEvidence, Verdict
+from percept.results import (
+    Confidences,
+    Coupling,
+    IntervalRow,
+    Leaning,
+    Note,
+    PosteriorEvidence,
+    Verdict,
+)
 from tests.documents import EMPTY, as_results
 
 
@@ -138,6 +146,20 @@ def test_an_error_that_reaches_over_a_threshold_is_said():
     said = feeling(felt("A", 0.952, straddles=True))
     assert said.endswith(
         "The Monte Carlo error of A (95.2 ± 0.4 %) still reaches over a threshold after 4096 draws."
+    )
+
+
+def test_a_verdict_that_leans_on_a_doubtful_row_is_said_with_the_verdict_without_it():
+    row = Note("k = 6400 of subject 'S9', where …", "w.csv", 27)
+    leaning = Leaning(rows=(row,), without=felt("A", 0.98))
+    assert feeling(dataclasses.replace(felt("A", 0.6), leaning=leaning)).endswith(
+        " The verdict on A leans on row 27 of w.csv: k = 6400 of subject 'S9', where …."
+        " Without that row A feels real (98 %)."
+    )
+    unnamed = dataclasses.replace(row, file="", row=None)
+    leaning = Leaning(rows=(unnamed,) * 2, without=None)
+    assert feeling(dataclasses.replace(felt("A", 0.6), leaning=leaning)).endswith(
+        "and a trial: k = 6400 of subject 'S9', where …. Without those rows there is no verdict."
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -12,6 +13,8 @@ from percept.sessions import (
     format_validation,
     validate,
 )
+from percept.sessions.doubts import slips
+from percept.sessions.quantities import IMPEDANCE
 from tests import DATASETS
 
 HEADER = "subject,environment,k_ref,b_ref,k_adj,b_adj"
@@ -35,19 +38,18 @@ def test_ordinary_studies_raise_none(tmp_path):
 @pytest.mark.parametrize(
     ("value", "said"),
     [
-        (71900.0, None),
-        (72100.0, "4 at hard: 72100, median 2400"),
-        (77.0, None),
-        (76.0, "4 at hard: 76, median 2300"),
+        (71900.0, False),
+        (72100.0, True),
+        (81.0, False),
+        (79.0, True),
     ],
 )
 def test_a_value_far_from_all_others_of_its_environment(tmp_path, value, said):
-    # The median of 2200, 2400, 2400 and a large value is 2400, that with a small one 2300.
     rows = [
         f"{s},hard,2000,10,{k},{9 + s}" for s, k in ((1, 2200), (2, 2400), (3, 2400), (4, value))
     ]
-    text = "1 value of k far from the median of the environment, here the first: a slip? Subjects"
-    assert warnings_of(tmp_path, rows) == ([f"s.csv:5:k_adj: {text} '{said}'"] if said else [])
+    text = f"k = {value:g} of subject '4', where the other trials of 'hard' have a median of 2400"
+    assert warnings_of(tmp_path, rows) == ([f"s.csv:5:k_adj: {text}: mistyped?"] if said else [])
 
 
 def test_two_subjects_say_nothing_of_each_other(tmp_path):
@@ -98,12 +100,13 @@ def test_validate_says_them(tmp_path):
 
 def test_of_many_slips_the_first_are_named(tmp_path):
     rows = [
-        f"{s},hard,2000,10,{100_000 + s if s > 16 else 2200 + s},{9 + s / 40}" for s in range(1, 34)
+        f"{s},hard,2000,10,{100_000 + s if s > 21 else 2200 + s},{9 + s / 40}" for s in range(1, 34)
     ]
     rows += [f"{s},hard,2000,10,{2200 + s},{9 + s / 40}" for s in range(34, 50)]
-    (text,) = warnings_of(tmp_path, rows)
-    assert text.startswith("s.csv:18:k_adj: 17 values of k far from the median")
-    assert text.endswith("'28 at hard: 100028, median 2242' and 5 more")
+    *named, rest = warnings_of(tmp_path, rows)
+    assert len(named) == 5
+    assert named[0].startswith("s.csv:23:k_adj: k = 100022 of subject '22', where the other trials")
+    assert rest == "s.csv:28:k_adj: 7 more values as far from the other trials, here the first"
 
 
 def test_many_subjects_are_looked_up_once(tmp_path):
@@ -133,7 +136,7 @@ def test_sessions_put_together_by_hand_have_no_places(tmp_path):
     names = ["subject", "session", "environment", "k_ref", "b_ref", "trial", "k_adj", "b_adj"]
     (slip,) = Sessions(pd.DataFrame(rows, columns=names), "trials").warnings
     assert (slip.file, slip.row, slip.column) == (None, None, "k_adj")
-    assert slip.text.endswith("Subjects '0 at A: 90000, median 104'")
+    assert slip.text.startswith("k = 90000 of subject '0', where the other trials of 'A' have")
 
 
 def zeros(tmp_path, values, reference="100", family="lognormal"):
@@ -284,3 +287,67 @@ def test_more_groups_than_two_are_kept_by_two(tmp_path):
     )
     scene = Scene(sessions={"only": {"group": ["B", "C"]}})
     assert set(read_sessions(path, scene=scene).table["group"]) == {"B", "C"}
+
+
+README_WALLS = ((560, 2.4), (610, 1.9), (530, 2.6), (640, 2.2), (585, 2.9))
+
+
+def tutorial_rows():
+    columns = {"subject": "participant", "environment": "condition", "trial": "rep"}
+    for name, words, unit in (("k", "stiffness", "N/mm"), ("b", "damping", "N·s/m")):
+        for side, column in (("ref", "standard"), ("adj", "response")):
+            columns[f"{name}_{side}"] = {"name": f"{words} {column} ({unit})", "unit": unit}
+    path = DATASETS.parent / "docs" / "tutorial" / "matching.csv"
+    return read_sessions(path, scene=Scene(columns=columns)).table
+
+
+def readme_rows():
+    rows = [(f"S{i}", "soft", 500.0, 2.0, float(k), b) for i, (k, b) in enumerate(README_WALLS)]
+    return Sessions.from_frame(pd.DataFrame(rows, columns=HEADER.split(","))).table
+
+
+@pytest.mark.parametrize("study", [readme_rows, tutorial_rows])
+@pytest.mark.parametrize("subjects", [2, 3, 4, None])
+def test_a_digit_too_many_or_too_few_is_found_in_any_row_and_nowhere_else(study, subjects):
+    table = study()
+    table = table[table["subject"].isin(table["subject"].unique()[:subjects])]
+    quantities = list(Sessions(table, "trials").quantities.values())
+    assert list(slips(table, quantities)) == []
+    for index in table.index:
+        for column, factor in (("k_adj", 10.0), ("k_adj", 0.1), ("b_adj", 10.0), ("b_adj", 0.1)):
+            typed = table.copy()
+            typed.loc[index, column] *= factor
+            (slip,) = slips(typed, quantities)
+            assert (slip.index, f"{slip.parameter}_adj") == (index, column)
+
+
+def test_a_slip_is_said_with_row_value_and_median(tmp_path):
+    rows = [
+        f"S{i},soft,500,2,{k * (10 if k == 640 else 1)},{b}"
+        for i, (k, b) in enumerate(README_WALLS)
+    ]
+    said = "k = 6400 of subject 'S3', where the other trials of 'soft' have a median of 572.5"
+    assert warnings_of(tmp_path, rows) == [f"s.csv:5:k_adj: {said}: mistyped?"]
+    assert f"notice: {tmp_path}/s.csv:5:k_adj: {said}: mistyped?" in format_validation(
+        validate(tmp_path / "s.csv")
+    )
+
+
+def test_ordinary_scatter_and_habits_are_no_slips():
+    rng = np.random.default_rng(1)
+    alarms = 0
+    for number in range(300):
+        subjects = 2 + number % 9
+        sd = (0.1, 0.3, 0.5)[number % 3]
+        rows = []
+        for i in range(subjects):
+            own = sd * rng.standard_normal()
+            for name, shown in (("a", 100.0), ("b", 900.0)):
+                k = shown * np.exp(own + sd * rng.standard_normal())
+                rows.append((f"S{i}", name, shown, 1.0, k, 1.1))
+        table = Sessions.from_frame(pd.DataFrame(rows, columns=HEADER.split(","))).table
+        alarms += bool(list(slips(table, [IMPEDANCE["k"]])))
+    assert alarms <= 6
+    # One subject sets a tenth of what was shown, in every trial.
+    table.loc[table["subject"] == "S0", "k_adj"] = 0.1 * table["k_ref"]
+    assert list(slips(table, [IMPEDANCE["k"]])) == []

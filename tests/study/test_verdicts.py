@@ -71,3 +71,42 @@ def test_published_limits_are_judged_part_by_part() -> None:
         assert row.classical.magnitude is None
         assert row.method == "classical"
         assert row.probability == row.classical.least
+
+
+@pytest.mark.parametrize("method", ["both", "classical"])
+def test_a_mistyped_row_is_named_with_the_verdict_without_it(tmp_path, method) -> None:
+    head = "subject,environment,k_ref,b_ref,k_adj,b_adj\n"
+    rows = ["Ann,soft,500,2,560,2.4", "Ben,soft,500,2,610,1.9", "Cem,soft,500,2,530,2.6"]
+    rows += ["Dee,soft,500,2,6400,2.2", "Eli,soft,500,2,585,2.9"]
+    path = tmp_path / "walls.csv"
+    path.write_text(head + "\n".join(rows))
+    scene = Scene(
+        inference={"tolerance": 0.1, "method": method},
+        device={"mass": 0.5, "damping": 5.0, "period": 0.001},
+    )
+    (typed,) = Study(read_sessions(path), scene).verdicts
+    path.write_text(head + "\n".join([*rows[:3], rows[4]]))
+    (without,) = Study(read_sessions(path), scene).verdicts
+    assert without.leaning is None
+    assert typed.leaning is not None
+    (row,) = typed.leaning.rows
+    assert (row.file, row.row) == ("walls.csv", 5)
+    assert row.text == (
+        "k = 6400 of subject 'Dee', where the other trials of 'soft' have a median of 572.5"
+    )
+    assert typed.leaning.without == without
+    assert typed.probability != without.probability
+
+
+def test_where_nothing_is_left_without_a_mistyped_row_no_verdict_is_given(tmp_path) -> None:
+    path = tmp_path / "walls.csv"
+    path.write_text(
+        "subject,environment,k_ref,b_ref,k_adj,b_adj\n"
+        "Ann,soft,500,2,560,2.4\nBen,soft,500,2,6100,1.9\n"
+    )
+    scene = Scene(
+        inference={"method": "classical"}, device={"mass": 0.5, "damping": 5.0, "period": 0.001}
+    )
+    (verdict,) = Study(read_sessions(path), scene).verdicts
+    assert verdict.leaning is not None
+    assert verdict.leaning.without is None
