@@ -7,12 +7,12 @@ import datetime
 import importlib.metadata
 import platform
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from percept import __version__
 
-__all__ = ["Made", "commit_of_code", "made_by"]
+__all__ = ["Made", "commit_of_code", "made_by", "markdown_table"]
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -77,3 +77,23 @@ def _git(*words: str) -> str:
         check=True,
     )
     return done.stdout.strip()
+
+
+def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Write a table in Markdown.
+
+    Parameters
+    ----------
+    heads : sequence of str
+        Of the columns.
+    rows : iterable of sequences
+        Their cells, written as text.
+
+    Returns
+    -------
+    str
+        Every line of it ends.
+    """
+    lines = [f"| {' | '.join(map(str, cells))} |\n" for cells in (heads, *rows)]
+    lines.insert(1, f"|{'---|' * len(heads)}\n")
+    return "".join(lines)

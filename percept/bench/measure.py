@@ -16,7 +16,7 @@ import numpy as np
 
 from percept.errors import RefusalError
 from percept.files import FolderFiles, filled_folder
-from percept.provenance import Made, made_by
+from percept.provenance import Made, made_by, markdown_table
 from percept.results.plain import dumps, plain
 
 __all__ = [
@@ -190,17 +190,11 @@ def measurement_markdown(document: Measurement) -> str:
     for note in document.notes:
         lines += ["", note]
     names = list(document.rows[0])
-    lines += ["", _table_row(names), "|" + "---|" * len(names)]
-    for row in document.rows:
-        lines.append(_table_row([_cell(row[name]) for name in names]))
-    lines.append("")
+    cells = [[_cell(row[name]) for name in names] for row in document.rows]
+    lines += ["", markdown_table(names, cells)]
     for column in document.columns:
         lines.append(f"- {', '.join(column.names)}: {column.meaning}")
     return "\n".join(lines) + "\n"
-
-
-def _table_row(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
 
 
 def _cell(value: object) -> str:

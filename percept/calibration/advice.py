@@ -158,7 +158,8 @@ def gather(
                 rows = coverage(
                     judged_plan, simulated, mapper=mapper, checkpoint=checkpoint, progress=progress
                 )
-                rows = rows[(rows["method"] == method) & (rows["kind"] == "user")]
+                of_user = (rows["method"] == method) & (rows["kind"] == "user")
+                rows = rows[of_user]
                 fewest = rows["studies"].min() if len(rows) else 0
                 simulated *= 2
             tables.append(rows.assign(plan=plan.key, users=users))
@@ -197,8 +198,9 @@ def recommend(
     if path.exists():
         table = pd.read_csv(path)
         enough = table["studies"] >= table["method"].map(studies)
-        table = table[table["plan"].isin(keys) & enough]
-        if sentences := list(_sentences(table, study.intervals, study.sessions.quantities)):
+        of_plans = table[table["plan"].isin(keys) & enough]
+        sentences = list(_sentences(of_plans, study.intervals, study.sessions.quantities))
+        if sentences:
             return sentences
     return [f"{_THEORY} For this design {command} would tell."]
 
@@ -241,8 +243,7 @@ def _sentences(
         if len(rows) < len(_NAMES) * len(_USERS):
             continue
         judgements = [_judgement(method, rows, cell) for method in _NAMES]
-        best = max(judgements, key=lambda judgement: judgement.rank)
-        (other,) = (judgement for judgement in judgements if judgement is not best)
+        best, other = sorted(judgements, key=lambda judgement: judgement.rank, reverse=True)
         yield (
             f"For {quantities[parameter].label} in {environment} use the {_NAMES[best.method]}"
             f" interval of the next user: it covers {best.words} where {100 * best.stated:g} % is"

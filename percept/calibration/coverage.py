@@ -20,6 +20,7 @@ from percept.calibration.judge import Claim, CoveragePlan, Labels, judged_line
 from percept.calibration.studies import Checkpoint, Line
 from percept.errors import RefusalError, UsageError
 from percept.files import write_whole
+from percept.provenance import markdown_table
 from percept.simulate.model import Hyperparameters, TrueValues
 from percept.study import Study
 from percept.study.responses import refuse_no_ratio
@@ -342,17 +343,12 @@ def coverage_markdown(rows: pd.DataFrame) -> str:
     -------
     str
     """
-    lines = [
-        (
-            "| claim | kind | method | family | joint | shape | users | n | stated | real | ± |"
-            " studies |"
-        ),
-        "|---|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
+    heads = [*Labels._fields, "users", "n", "stated", "real", "±", "studies"]
+    lines = []
     for row in rows.to_dict("records"):
         stated = "" if math.isnan(row["stated"]) else f"{100 * row['stated']:g} %"
+        held = f"{100 * row['held']:.2f} %"
         error = "–" if math.isnan(row["error"]) else f"{100 * row['error']:.2f}"
         cells = [row[name] for name in (*Labels._fields, "truth", "subjects")]
-        cells += [stated, f"{100 * row['held']:.2f} %", error, row["studies"]]
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
-    return "\n".join(lines) + "\n"
+        lines.append([*cells, stated, held, error, row["studies"]])
+    return markdown_table(heads, lines)

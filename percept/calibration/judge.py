@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 from collections.abc import Iterator
 from typing import Any, Literal, NamedTuple
 
@@ -13,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.calibration.studies import Line
+from percept.calibration.studies import Line, plan_digest
 from percept.errors import RefusalError, UsageError
 from percept.haptics import Device
 from percept.haptics.perceived import perceived_magnitude
@@ -121,9 +119,7 @@ class CoveragePlan:
     @property
     def key(self) -> str:
         """A digest that tells results of different plans apart."""
-        record = dataclasses.asdict(self)
-        text = json.dumps(record, sort_keys=True, default=np.ndarray.tolist)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return plan_digest(self)
 
     @property
     def design(self) -> Design:
@@ -283,7 +279,8 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, dic
     design = plan.design
     values = plan.values
     if values is None:
-        values = draw_environments(draw_hyperparameters(design, Priors(), rng), design, rng)
+        hyper = draw_hyperparameters(design, Priors(), rng)
+        values = draw_environments(hyper, design, rng)
     table = simulate(values, design, rng, family=plan.users_family)
     scene = plan.scene(seed=int(rng.integers(1 << 31)))
     sessions = _as_sessions(table, scene, plan.parameters)

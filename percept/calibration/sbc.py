@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import hashlib
-import json
 import math
 import os
 from collections.abc import Callable
@@ -19,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.calibration.studies import Checkpoint, Line
+from percept.calibration.studies import Checkpoint, Line, plan_digest
 from percept.calibration.uniformity import Calibration, judge_places
 from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.density import CollapsedDensity
@@ -86,8 +84,7 @@ class SbcPlan:
     @property
     def key(self) -> str:
         """A digest that tells results of different plans apart."""
-        text = json.dumps(dataclasses.asdict(self), sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return plan_digest(self)
 
 
 def calibrate(
@@ -155,16 +152,17 @@ def place_study(
     design = SBC_DESIGNS[plan.design]
     priors = _PRIORS.get(plan.design, Priors())
     spawn_key = (list(SBC_DESIGNS).index(plan.design), index)
-    truth_seed, run_seed, draw_seed = np.random.SeedSequence(plan.seed, spawn_key=spawn_key).spawn(
-        3
-    )
+    seeds = np.random.SeedSequence(plan.seed, spawn_key=spawn_key)
+    truth_seed, run_seed, draw_seed = seeds.spawn(3)
     rng = np.random.default_rng(truth_seed)
-    truth = draw_environments(draw_hyperparameters(design, priors, rng), design, rng)
+    hyper = draw_hyperparameters(design, priors, rng)
+    truth = draw_environments(hyper, design, rng)
     model = density(_statistics(truth, design, rng), priors)
     user = _one_more_user(truth, rng)
-    settings = Settings(tolerance=plan.tolerance, seed=int(run_seed.generate_state(1)[0]))
+    estimands = IntervalEstimands(model, kinds=("mean", "user"))
+    seed = int(run_seed.generate_state(1)[0])
     try:
-        run = sample(model, IntervalEstimands(model, kinds=("mean", "user")), settings)
+        run = sample(model, estimands, Settings(tolerance=plan.tolerance, seed=seed))
     except RefusalError as refusal:
         return {"reason": str(refusal), "values": {}}
     if not run.gate.passed:
@@ -227,7 +225,8 @@ def places(
         functions at the true mean and at the user.
     """
     points = np.concatenate(run.independent())
-    drawn = points[rng.choice(len(points), size=plan.draws, replace=False)]
+    chosen = rng.choice(len(points), size=plan.draws, replace=False)
+    drawn = points[chosen]
     probabilities: dict[str, float] = {}
 
     def add(name: str, values: Array) -> None:
@@ -247,9 +246,11 @@ def places(
     beta = truth.beta.T.ravel()
     rank("beta", model.draw(drawn, rng)[0], beta)
     laws = model.laws(points)
-    add("mean", special.ndtr((beta - laws.mean) / laws.sd).mean(axis=0))
     user_sd = np.hypot(laws.sd, laws.population_sd)
-    add("user", special.ndtr((user - laws.mean) / user_sd).mean(axis=0))
+    below_mean = special.ndtr((beta - laws.mean) / laws.sd)
+    below_user = special.ndtr((user - laws.mean) / user_sd)
+    add("mean", below_mean.mean(axis=0))
+    add("user", below_user.mean(axis=0))
     return probabilities
 
 

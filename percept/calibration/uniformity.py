@@ -6,16 +6,16 @@ import dataclasses
 import functools
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 from scipy import stats
 
 from percept.calibration.studies import Line
-from percept.provenance import Made
+from percept.provenance import Made, markdown_table
 
 __all__ = [
     "Calibration",
@@ -202,12 +202,15 @@ def write_calibrations(
     folder = Path(directory)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "sbc.json"
-    rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
-    for calibration in calibrations:
-        rows.append({**dataclasses.asdict(calibration), "outside": list(calibration.outside)})
-    rows = list({row["design"]: row for row in rows}.values())
+    kept: tuple[Calibration, ...] = ()
+    if path.exists():
+        kept = TypeAdapter(tuple[Calibration, ...]).validate_json(path.read_bytes())
+    by_design = {calibration.design: calibration for calibration in (*kept, *calibrations)}
+    rows = []
+    for calibration in by_design.values():
+        rows.append({**dataclasses.asdict(calibration), "outside": calibration.outside})
     path.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    total = sum(row["fits"] for row in rows)
+    total = sum(calibration.fits for calibration in by_design.values())
     head = (
         f"# Simulation-based calibration\n\n{total} studies were drawn from the prior and fitted."
         " True scales, correlations and locations are ranked among independent posterior draws;"
@@ -217,33 +220,31 @@ def write_calibrations(
         " are counted as failed and give no ranks. With few fits only large errors"
         f" show.\n\n{made.sentence}\n\n"
     )
-    (folder / "sbc.md").write_text(head + sbc_markdown(rows), encoding="utf-8")
+    (folder / "sbc.md").write_text(head + sbc_markdown(list(by_design.values())), encoding="utf-8")
 
 
-def sbc_markdown(rows: Sequence[Mapping[str, Any]]) -> str:
+def sbc_markdown(calibrations: Sequence[Calibration]) -> str:
     """Write verdicts as a table in Markdown.
 
     Parameters
     ----------
-    rows : sequence of mapping
-        As `sbc.json` holds them.
+    calibrations : sequence of Calibration
+        The verdicts.
 
     Returns
     -------
     str
     """
-    lines = [
-        "| design | fits | failed | quantities | outside | farthest | tail | band |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
+    heads = ["design", "fits", "failed", "quantities", "outside", "farthest", "tail", "band"]
+    rows = []
+    for calibration in calibrations:
         farthest = ""
         tail = ""
-        if row["quantities"]:
-            worst = min(row["quantities"], key=lambda judged: judged["least_tail"])
-            farthest = worst["quantity"]
-            tail = f"{worst['least_tail']:.2g}"
-        cells = [row["design"], row["fits"], row["failed"], len(row["quantities"])]
-        cells += [len(row["outside"]), farthest, tail, f"{row['tail']:.2g}"]
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
-    return "\n".join(lines) + "\n"
+        quantities = calibration.quantities
+        if quantities:
+            worst = min(quantities, key=lambda judged: judged.least_tail)
+            farthest = worst.quantity
+            tail = f"{worst.least_tail:.2g}"
+        counts = [calibration.fits, calibration.failed, len(quantities), len(calibration.outside)]
+        rows.append([calibration.design, *counts, farthest, tail, f"{calibration.tail:.2g}"])
+    return markdown_table(heads, rows)
