@@ -11,6 +11,7 @@ from percept.inference import (
     tolerance_interval,
 )
 from percept.planning import plan_mean, plan_share, plan_user
+from tests import LONG
 
 
 def brute_force(reached, assurance):
@@ -55,9 +56,10 @@ def test_user_and_share_against_every_n():
         assert plan.assurance == pytest.approx(reached(plan.n), rel=1e-10)
 
 
+@pytest.mark.evidence(reduced=True)
 def test_simulated_studies_reach_the_width_as_often_as_assured():
     random = np.random.default_rng(12)
-    studies = 20_000
+    studies = 20_000 if LONG else 2_000
     for plan, make, z, options in (
         (plan_mean(0.5, sd=1.0, level=0.95), t_interval, 1.0, {"level": 0.95}),
         (plan_user(1.4, level=0.95), prediction_interval, stats.norm.isf(0.025), {"level": 0.95}),

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from percept.cache import PosteriorCache, cache_folder
 from percept.cli import COMMANDS, build_parser, main
 from percept.scene import Scene
 
@@ -109,6 +110,7 @@ def test_the_readme_says_what_the_coupling_of_its_example_is(tmp_path, monkeypat
     )
 
 
+@pytest.mark.usefixtures("cache")
 def test_the_tutorial_decides_what_its_page_says(tmp_path):
     from percept import Study, read_sessions
 
@@ -117,7 +119,11 @@ def test_the_tutorial_decides_what_its_page_says(tmp_path):
     path = tmp_path / "better.toml"
     path.write_text(scene_text, encoding="utf-8")
     scene = Scene.load(path).with_inference(tolerance=0.05)
-    study = Study(read_sessions(ROOT / "docs/tutorial/matching.csv", scene=scene), scene)
+    # The posterior is the one that the tutorial's own command has sampled and kept.
+    store = PosteriorCache(cache_folder())
+    study = Study(
+        read_sessions(ROOT / "docs/tutorial/matching.csv", scene=scene), scene, store=store
+    )
     outcomes = {row.environment: row.outcome for row in study.verdicts if row.coupled}
     decided = re.search(r"do not render (\w+) and (\w+) with this coupling; test (\w+)", text)
     assert decided is not None

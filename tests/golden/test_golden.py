@@ -1,4 +1,4 @@
-"""Eight studies give the numbers they gave when these were frozen."""
+"""Eight studies give the numbers they gave when these were frozen; `make test` takes four of them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from tests import LONG
 from tests.golden.compare import EXACT, FAR, POINTWISE, differences
 from tests.golden.studies import FOLDER, STUDIES, frozen_part
 
@@ -19,7 +20,13 @@ def frozen(name: str) -> Any:
     return json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("golden", STUDIES, ids=lambda golden: golden.name)
+#: Both data forms, both families, one environment and one parameter are among them.
+QUICK = ("published", "one_parameter", "one_environment", "no_pooling")
+TAKEN = [golden for golden in STUDIES if LONG or golden.name in QUICK]
+
+
+@pytest.mark.evidence(reduced=True)
+@pytest.mark.parametrize("golden", TAKEN, ids=lambda golden: golden.name)
 def test_numbers_are_as_frozen(golden):
     now = frozen_part(golden, golden.report())
     now = json.loads(json.dumps(now))

@@ -54,8 +54,9 @@ def test_verdicts_hold_for_measured_devices_and_coupled_environments_with_a_mass
     assert [seen for seen in marginal if abs(seen) > 1e-6] == []
 
 
+@pytest.mark.evidence(reduced=True)
 def test_the_largest_departure_is_that_of_a_fine_grid():
-    for scene in scenes(6, 3):
+    for scene in scenes(6 if LONG else 2, 3):
         found, seen = scene.judged(), float(scene.on_grid(OMEGA).max())
         assert found.largest[0] == pytest.approx(
             scene.in_fifty_digits(float(found.omega[0])), abs=1e-11

@@ -20,7 +20,7 @@ from percept.study.boundaries import BoundaryDrawing, zoom_windows
 from percept.study.coupling import study_coupling
 from percept.study.device import Setup
 from percept.study.regions import SubjectPairs, laws_of
-from tests import DATASETS
+from tests import DATASETS, LONG
 
 SHOWN = {"reference": False, "coupled": True}
 
@@ -100,9 +100,15 @@ def test_a_band_is_calibrated_over_its_grid_wherever_it_is_asked_for(fitted: Stu
             )
 
 
+@pytest.mark.evidence(reduced=True)
 def test_whole_curves_of_normal_users_lie_in_the_classical_band_at_least_at_its_level() -> None:
     """A curve is inside at every omega, the resonance among them, or it is out."""
-    rng, omega, count, level = np.random.default_rng(23), np.geomspace(0.1, 100.0, 17), 60, 0.9
+    rng, omega, count, level = (
+        np.random.default_rng(23),
+        np.geomspace(0.1, 100.0, 17),
+        60 if LONG else 15,
+        0.9,
+    )
     setup = Setup(Device(1.0, 5.0), 1e-3, "average", {"A": Environment(300.0, 3.0)})
     asked = InferenceTable(method="classical", level=level, kinds=("mean", "user"))
     centre, root = np.array([[300.0], [3.0]]), np.array([[45.0, 0.0], [0.35, 0.6]])

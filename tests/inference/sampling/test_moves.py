@@ -12,6 +12,7 @@ from percept.inference.sampling.moves import (
     Schedule,
     standard_moves,
 )
+from tests import LONG
 from tests.inference.sampling.targets import Correlated, Normal, SkewedHeavy, deviations, limit
 
 ENSEMBLES, WALKERS, STEPS, KEEP_FROM = 12, 48, 160, 20
@@ -53,7 +54,8 @@ def test_move_leaves_the_target_invariant(move, target):
     assert np.max(np.abs(off)) < limit(ENSEMBLES, off.size)
 
 
-@pytest.mark.parametrize("share", [1.0, 0.2])
+@pytest.mark.evidence(reduced=True)
+@pytest.mark.parametrize("share", [1.0, 0.2] if LONG else [0.2])
 def test_snooker_move_is_caught(share):
     """The popular recipe mixes it 0.2 to 0.8 with differential evolution; both are wrong."""
     moves = [(emcee.moves.DESnookerMove(), share)]
