@@ -4,8 +4,17 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from typing import TypedDict, Unpack
 
-__all__ = ["PerceptError", "RefusalError", "UsageError", "counted", "did_you_mean", "printable"]
+__all__ = [
+    "Concerned",
+    "PerceptError",
+    "RefusalError",
+    "UsageError",
+    "counted",
+    "did_you_mean",
+    "printable",
+]
 
 #: Characters of a value that a message shows.
 _LONGEST = 200
@@ -36,6 +45,17 @@ def _shown(value: object) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
+class Concerned(TypedDict, total=False):
+    """What an error is about, and what to do; see :class:`PerceptError`."""
+
+    file: str | None
+    row: int | None
+    column: str | None
+    key: str | None
+    value: object
+    hint: str | None
+
+
 class PerceptError(ValueError):
     """Base of every error percept raises on purpose.
 
@@ -59,25 +79,15 @@ class PerceptError(ValueError):
 
     exit_code = 2
 
-    def __init__(
-        self,
-        message: str,
-        *,
-        file: str | None = None,
-        row: int | None = None,
-        column: str | None = None,
-        key: str | None = None,
-        value: object = None,
-        hint: str | None = None,
-    ) -> None:
+    def __init__(self, message: str, **concerned: Unpack[Concerned]) -> None:
         super().__init__(message)
         self.message = message
-        self.file = file
-        self.row = row
-        self.column = column
-        self.key = key
-        self.value = value
-        self.hint = hint
+        self.file = concerned.get("file")
+        self.row = concerned.get("row")
+        self.column = concerned.get("column")
+        self.key = concerned.get("key")
+        self.value = concerned.get("value")
+        self.hint = concerned.get("hint")
 
     def __str__(self) -> str:
         parts = [":".join(str(part) for part in (self.file, self.row) if part is not None)]

@@ -132,7 +132,7 @@ class _Mapping:
     known: frozenset[str]  # Canonical columns that the reader finds without a guess
     units: dict[str, str] = field(default_factory=dict)  # Of new quantities
     remarks: list[str] = field(default_factory=list)
-    numbered_by_order: bool = False
+    repeats: int = 0  # Rows whose ids stand before them, where no number tells trials apart
 
     def missing(self, options: ReadOptions) -> tuple[str, ...]:
         """Name the columns that an analysis needs and that were not found."""
@@ -295,8 +295,8 @@ def _number_by_order(mapping: _Mapping, options: ReadOptions) -> None:
     if "trial" in mapping.found or options.sessions.keep:
         return
     ids = [column.cells for c, column in mapping.found.items() if c in IDS]
-    repeats = int(pd.concat(ids, axis=1).duplicated().sum()) if ids else 0
-    mapping.numbered_by_order = repeats > 0
+    if ids:
+        mapping.repeats = int(pd.concat(ids, axis=1).duplicated().sum())
 
 
 def _add_numbers(mapping: _Mapping, free: Sequence[_Column]) -> None:
@@ -370,10 +370,8 @@ def _text(mapping: _Mapping, table: _Table, options: ReadOptions) -> str:
         lines.append(f"{canonical} = {value}  # {column.seen()}")
     for canonical in mapping.missing(options):
         lines.append(f'# {canonical} = ""  # not found: fill in the name of its column')
-    if mapping.numbered_by_order:
-        ids = [column.cells for c, column in mapping.found.items() if c in IDS]
-        repeats = int(pd.concat(ids, axis=1).duplicated().sum())
-        seen = f"{counted(repeats, 'row')} of {table.rows} repeat a subject and environment"
+    if mapping.repeats:
+        seen = f"{counted(mapping.repeats, 'row')} of {table.rows} repeat a subject and environment"
         lines += ["", "[sessions]", f'trial = "order"  # {seen}, without numbers']
     lines.append("")
     for column in table.columns.values():

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TypedDict
+from typing import TypedDict, Unpack
 
-from percept.errors import PerceptError, UsageError
+from percept.errors import Concerned, PerceptError, UsageError
 
 __all__ = [
     "IDS",
@@ -146,15 +146,8 @@ class ReadError(UsageError):
 
     def __init__(self, problems: Sequence[UsageError], total: int | None = None) -> None:
         first = problems[0]
-        super().__init__(
-            first.message,
-            file=first.file,
-            row=first.row,
-            column=first.column,
-            key=first.key,
-            value=first.value,
-            hint=first.hint,
-        )
+        super().__init__(first.message)
+        vars(self).update(vars(first))
         self.problems = tuple(problems)
         self.total = len(self.problems) if total is None else total
 
@@ -195,23 +188,12 @@ class Problems:
         self._kept: list[UsageError] = []
         self.total = 0
 
-    def add(
-        self,
-        message: str,
-        *,
-        file: str | None = None,
-        row: int | None = None,
-        column: str | None = None,
-        key: str | None = None,
-        value: object = None,
-        hint: str | None = None,
-    ) -> None:
+    def add(self, message: str, **concerned: Unpack[Concerned]) -> None:
         """Record one problem; arguments as in :class:`~percept.errors.UsageError`."""
+        value = concerned.get("value")
         if isinstance(value, str):
-            value = clip(value)
-        self.extend(
-            UsageError(message, file=file, row=row, column=column, key=key, value=value, hint=hint)
-        )
+            concerned["value"] = clip(value)
+        self.extend(UsageError(message, **concerned))
 
     def extend(self, error: UsageError) -> None:
         """Record an error, or each problem of a :class:`ReadError`."""

@@ -57,7 +57,7 @@ class SummaryTable(FileTable):
                 there = shown(self.file.header.names)
                 message = f"a published table needs the column {column}; the columns are {there}."
                 hint = "Add it, or name it in the scene's [columns]."
-                raise UsageError(message, file=self.name, row=1, column=column, hint=hint)
+                raise self.file.header.error(message, column, hint)
         if self.declared_units:
             quantities = self.quantities.values()
             units = " and ".join(quantity.unit for quantity in quantities)
