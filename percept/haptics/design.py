@@ -28,6 +28,8 @@ from percept.haptics.stability import demands
 from percept.html import NotebookRecord
 
 __all__ = [
+    "BINDING_STEP",
+    "MAP_ACCURACY",
     "CouplingDesign",
     "EnvironmentBoundary",
     "QualifyingCoupling",
@@ -35,12 +37,12 @@ __all__ = [
     "design_couplings",
 ]
 
-# An edge of the map is pulled inside by this fraction of k_c, and then checked.
-_OUTLINE = 1e-3
+#: An edge of the map is pulled inside by this fraction of k_c, and then checked.
+MAP_ACCURACY = 1e-3
 # A single coupling is pulled inside by less, and then checked.
 _INSIDE = 1e-4
-# Beyond the edge by this fraction of k_c a coupling shows what binds.
-_BEYOND = 2e-3
+#: Beyond the edge by this fraction of k_c a coupling shows what binds.
+BINDING_STEP = 2e-3
 # Of an interval of k_c both ends and the middle are checked.
 _FRACTIONS = np.array([0.0, 0.5, 1.0])
 # Below a lower limit a difference from it is negative, beyond an upper limit positive.
@@ -75,7 +77,8 @@ class QualifyingCoupling(NotebookRecord):
     magnitude_omega: float  # Where, rad/s
     plane: float  # Departure of effective stiffness and damping, in widths of their limits
     plane_omega: float
-    binds: tuple[str, ...]  # What a coupling 0.2 % beyond breaks: "stability", "magnitude", "plane"
+    # What fails `BINDING_STEP` beyond it: "stability", "magnitude", "plane".
+    binds: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +181,7 @@ class _CouplingSearch:
     def region(self, lines: FloatArray) -> QualifyingRegion:
         """Return what is left on lines of b_c, with the ends of all."""
         for _ in range(_ROUNDS):
-            intervals = self._intervals(lines).inset(_OUTLINE)
+            intervals = self._intervals(lines).inset(MAP_ACCURACY)
             line, column = np.nonzero(intervals.kept)
             if not line.size:
                 break
@@ -239,7 +242,7 @@ class _CouplingSearch:
         """Say how deep inside a coupling is, and what binds it."""
         stiffness = np.asarray(best.stiffness)
         damping = np.asarray(best.damping)
-        beyond = stiffness * (1.0 - _BEYOND if softest else 1.0 + _BEYOND)
+        beyond = stiffness * (1.0 - BINDING_STEP if softest else 1.0 + BINDING_STEP)
         pair = Coupling(np.append(stiffness, beyond), np.append(damping, damping))
         by_wall = [wall.departures(pair) for wall in self.walls]
         stable = stable_stiffness(self.device, damping, self.period, self.hold)

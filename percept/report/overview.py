@@ -31,7 +31,7 @@ from percept.results import (
     Verdict,
 )
 
-__all__ = ["findings", "overview", "summary"]
+__all__ = ["findings", "first_screen", "overview"]
 
 _KIND = "user"  # whose range stands beside the average's interval
 
@@ -148,7 +148,7 @@ class Line:
 
 
 @dataclasses.dataclass(frozen=True)
-class Summary:
+class FirstScreen:
     """The first screen."""
 
     lines: list[Line]
@@ -156,9 +156,9 @@ class Summary:
     rendered: list[str]  # How environments are displayed, in words
 
 
-def summary(results: Results, found: Findings) -> Section:
+def first_screen(results: Results, summary: Findings) -> Section:
     """Return the first screen: sentences, the table of environments, and warnings."""
-    rows = found.overview.rows
+    rows = summary.overview.rows
     rendered = distinct(results.verdicts, "coupled")
     lines = []
     for row in rows:
@@ -166,7 +166,7 @@ def summary(results: Results, found: Findings) -> Section:
         verdicts = [first(matching(felt, coupled=coupled)) for coupled in rendered]
         lines.append(Line(row, len(matching(rows, environment=row.environment)), verdicts))
     panels = [f"overview_{name}" for name in distinct(rows, "parameter")]
-    view = Summary(lines, panels, [RENDERED[coupled] for coupled in rendered])
+    view = FirstScreen(lines, panels, [RENDERED[coupled] for coupled in rendered])
     return Section("summary", "Summary", view)
 
 

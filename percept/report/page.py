@@ -32,14 +32,14 @@ _NO_NUMBER = Markup('<span class="none">–</span>')
 
 def render_page(
     results: Results,
-    found: Findings,
+    summary: Findings,
     plots: Mapping[str, Drawing],
     *,
     date: str,
     files: Collection[str] = (),
 ) -> str:
     """Render the page of results: numbers know their place in report.json, tables link to `files`."""
-    places = Places(results, found)
+    places = Places(results, summary)
 
     def written(record: object, *steps: str | int, digits: int = 5, style: str = "plain") -> Markup:
         shown = number(places.value(record, *steps), digits=digits, style=style)
@@ -56,12 +56,12 @@ def render_page(
     return environment.get_template("page.html.j2").render(
         results=results,
         scene=results.provenance.scene,
-        found=found,
+        summary=summary,
         files=files,
         title=results.provenance.scene["report"].get("title") or title_of(results),
         impedance=makes_impedance(results),
         noun=words_of(results),
-        sections=build_sections(results, found),
+        sections=build_sections(results, summary),
         date=date,
         commit=commit_of_code(),
         n=written,
@@ -152,9 +152,9 @@ class Places:
     Records are told apart by identity: equal ones may stand at several places.
     """
 
-    def __init__(self, results: Results, found: Findings) -> None:
+    def __init__(self, results: Results, summary: Findings) -> None:
         self._pointers = dict(_pointers(results, ""))
-        self._pointers |= _pointers(found, "/summary")
+        self._pointers |= _pointers(summary, "/summary")
 
     def value(self, record: object, *steps: str | int) -> object:
         """Return what stands some steps below a record; None where a table lacks it."""

@@ -8,10 +8,11 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Generic, TypeVar
 
 from percept.boundary.band import size_name
+from percept.haptics.design import BINDING_STEP
 from percept.report.basis import checks, comparison, data, diagnostics, methods
 from percept.report.contrast import contrast
 from percept.report.feelings import feelings
-from percept.report.overview import summary
+from percept.report.overview import first_screen
 from percept.report.select import (
     KINDS,
     METHODS,
@@ -93,17 +94,17 @@ class Grid(Generic[R]):
     family: str  # Of its records, in words
 
 
-def build_sections(results: Results, found: Findings) -> list[Section]:
+def build_sections(results: Results, summary: Findings) -> list[Section]:
     """Return the sections that results need, in reading order; what they have nothing for is absent."""
     sections = (
-        summary(results, found),
+        first_screen(results, summary),
         intervals(results),
         contrast(results),
         boundaries(results),
         feelings(results),
         _part(results.passivity, "direct", "Passivity without a coupling"),
         coupling(results),
-        _part(results.design, "design", "Admissible couplings by the paper’s rule"),
+        design(results),
         _part(results.sensitivity, "device", "Sensitivity to device mass and damping"),
         band(results),
         comparison(results),
@@ -317,6 +318,13 @@ def coupling(results: Results) -> Section | None:
     effective = list({row.environment: row for row in memberships}.values())
     view = CouplingView(_grid(main, [family]), effective)
     return Section("coupling", "The virtual coupling", view)
+
+
+def design(results: Results) -> Section | None:
+    """Return how far beyond a coupling shows what binds; the template reads the rest."""
+    if results.design is None:
+        return None
+    return Section("design", "Admissible couplings by the paper’s rule", BINDING_STEP)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -79,9 +79,9 @@ def _verdicts(verdicts: Sequence[Verdict]) -> str:
         row = dict(vars(verdict))
         del row["leaning"]
         for method, record in (("bayesian", PosteriorEvidence), ("classical", Confidences)):
-            found = row.pop(method)
+            evidence = row.pop(method)
             for field in dataclasses.fields(record):
-                row[f"{method}_{field.name}"] = getattr(found, field.name, None)
+                row[f"{method}_{field.name}"] = getattr(evidence, field.name, None)
         rows.append(row)
     if not rows:
         return ""

@@ -120,8 +120,8 @@ def fill_report(
 
     step = progress or (lambda _: None)
     step("tables")
-    found = findings(results)
-    (folder / "report.json").write_text(results.to_json(found), encoding="utf-8")
+    summary = findings(results)
+    (folder / "report.json").write_text(results.to_json(summary), encoding="utf-8")
     (folder / "tables").mkdir()
     for name, text in csv_tables(results).items():
         (folder / "tables" / name).write_text(text, encoding="utf-8")
@@ -134,7 +134,7 @@ def fill_report(
     step("page")
     files = {path.name for path in (*folder.iterdir(), *(folder / "tables").iterdir())}
     today = datetime.date.today().isoformat()
-    page = render_page(results, found, plots, date=date or today, files=files)
+    page = render_page(results, summary, plots, date=date or today, files=files)
     (folder / "report.html").write_text(page, encoding="utf-8")
 
 

@@ -12,6 +12,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
+from percept.haptics.design import MAP_ACCURACY
 from percept.report.figures.canvas import (
     COLOURS,
     WIDE,
@@ -191,7 +192,7 @@ def design_drawings(results: Results) -> list[Drawing]:
         "Shaded: stable with this device, and by the paper’s rule inside the next"
         f" {words_of(results).user}’s boundary"
         f" ({METHOD_NAMES[best.method]}, {design.family}), by |Z_h| and by effective"
-        " stiffness and damping, at every ω, to 0.1 %."
+        f" stiffness and damping, at every ω, to {100 * MAP_ACCURACY:g} %."
     )
     if marks.stable is not None:
         said += " The line is the edge of what is stable."
