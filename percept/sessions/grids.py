@@ -223,7 +223,8 @@ def _are_plain(numbers: npt.NDArray[np.float64], *, exponents: bool) -> bool:
     if np.isnan(numbers).all(axis=1).any():
         return False
     sizes = np.abs(numbers)
-    if (sizes > LARGEST).any() or sizes.min(initial=LARGEST, where=numbers != 0) < LEAST:
+    # A blank cell is NaN: no comparison holds for it.
+    if (sizes > LARGEST).any() or ((sizes > 0) & (sizes < LEAST)).any():
         return False
     # A zero may have been a number below the least double.
     return not (exponents and (numbers == 0).any())

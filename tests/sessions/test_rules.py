@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from percept import Scene
 from percept.errors import UsageError
-from percept.sessions import ReadError, ReadOptions, Sessions, read_sessions
+from percept.sessions import ReadError, ReadOptions, Sessions, files, grids, read_sessions
 from percept.sessions.quantities import IMPEDANCE, convert, factor
 
 HEAD = "subject,environment,k_ref,b_ref,trial,k_adj,b_adj\n"
@@ -57,6 +57,17 @@ def test_cells_that_are_no_numbers(tmp_path, cell, message):
     assert message in str(error)
     assert (error.row, error.column, error.value) == (2, "k_adj", cell.strip('"'))
     assert error.hint
+
+
+def test_a_blank_cell_hides_no_number_out_of_range(tmp_path, monkeypatch):
+    """Also where whole blocks are read at once."""
+    monkeypatch.setattr(files, "BLOCK", 512)
+    monkeypatch.setattr(grids, "_HEAD", 256)
+    rows = [f"{row},a,10,1,1,11,1.5" for row in range(1, 80)]
+    rows += ["80,a,10,1,1,11,", "81,a,10,1,1,1e-200,1.5"]
+    error = refusal(tmp_path, HEAD + "\n".join(rows) + "\n")
+    assert "not between 1e-100 and 1e+100 in size" in str(error)
+    assert (error.row, error.column) == (82, "k_adj")
 
 
 @pytest.mark.parametrize("cell", ["", "NaN", "nan", "NA", "null", "None", "-", " - "])

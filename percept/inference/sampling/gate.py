@@ -312,12 +312,18 @@ def _too_short(
     advice = ""
     if math.isfinite(autocorrelation_time):
         steps = _ADVISED_MARGIN * _TIMES_NEEDED * autocorrelation_time * travel.stride
-        enough = float(f"{max(_LEAST_GROWTH * settings.most_steps, steps):.1g}")
-        advice = f" most_steps = {enough:.0f} gives it more (now {settings.most_steps})."
+        enough = _rounded_up(max(_LEAST_GROWTH * settings.most_steps, steps))
+        advice = f" most_steps = {enough} gives it more (now {settings.most_steps})."
     return [
         f"the run spans {times_run:.1f} autocorrelation times of its slowest quantity, {slowest};"
         f" {_TIMES_NEEDED:g} are needed.{advice}"
     ]
+
+
+def _rounded_up(steps: float) -> int:
+    """Round a number of steps up to one digit."""
+    unit = 10 ** math.floor(math.log10(steps))
+    return math.ceil(steps / unit) * unit
 
 
 def _stuck(travel: Travel) -> list[str]:

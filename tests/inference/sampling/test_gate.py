@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.sampling import chain, warmup
+from percept.inference.sampling import chain, gate, warmup
 from percept.inference.sampling.diagnostics import autocorrelation_time, normal_scores
 from percept.inference.sampling.gate import (
     Estimates,
@@ -305,6 +305,13 @@ def test_a_group_of_walkers_stuck_in_a_mode_is_withheld():
     assert found.rhat < 1.01
     (reason,) = found.reasons
     assert "autocorrelation times of its slowest quantity, E x[0]; 10 are needed" in reason
+
+
+@pytest.mark.parametrize(
+    ("steps", "rounded"), [(1.0, 1), (20_000, 20_000), (24_000, 30_000), (149_000.5, 200_000)]
+)
+def test_advised_steps_are_rounded_up(steps, rounded):
+    assert gate._rounded_up(steps) == rounded
 
 
 def test_walkers_stuck_in_a_tail_are_withheld():
