@@ -304,7 +304,7 @@ class TrialTable(FileTable):
         """Lay out canonical columns; what the file lacks is session and trial 1, or NaN."""
         data = self._within_limits(data)
         options = self.file.options
-        defaults: dict[str, Any] = dict.fromkeys(IDS, "1")
+        defaults: dict[str, str | float] = dict.fromkeys(IDS, "1")
         defaults |= {f"{p}_ref": np.nan for p in options.quantities}
         defaults["trial"] = 1
         defaults |= {f"{p}_adj": np.nan for p in options.quantities}

@@ -20,11 +20,12 @@ from percept.inference.hierarchy.scales import Options
 from percept.inference.hierarchy.statistics import Statistics, from_summary
 from percept.inference.record import Family
 from percept.inference.sampling.gate import Progress, Run, Settings
+from percept.results import IntervalRow
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import IMPEDANCE, Quantities
 from percept.study.basics import Array, References, Skipped, Stream, claim_of, generator
-from percept.study.intervals import Row, bayesian_row, cell_moments, known_moments
+from percept.study.intervals import bayesian_row, cell_moments, known_moments
 from percept.study.responses import (
     ResponseScale,
     Trials,
@@ -209,7 +210,7 @@ def sampled(
 
 def bayesian_rows(
     fit: Fit, asked: InferenceTable, reference: References, users: tuple[str, str]
-) -> Iterator[Row | Skipped]:
+) -> Iterator[IntervalRow | Skipped]:
     """Yield a row of the interval table for every interval of a fit that passed."""
     yield from fit.skipped
     if not fit.passed:

@@ -16,7 +16,7 @@ from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.classical.moments import Moments
 from percept.inference.classical.trials import check_normality, subject_means
 from percept.inference.record import ROW, Family, Interval, Joint, Kind
-from percept.results import DesignCounts
+from percept.results import CellValues, DesignCounts, IntervalRow
 from percept.scene import InferenceTable
 from percept.sessions import Sessions
 from percept.sessions.quantities import Quantity
@@ -147,7 +147,7 @@ def classical_rows(
     reference: References,
     *,
     users: tuple[str, str],
-) -> Iterator[Row | Skipped]:
+) -> Iterator[IntervalRow | Skipped]:
     """Yield a row for every classical interval the scene asks for, of cells by family.
 
     `users` are the study's words for one user and for several, here and below.
@@ -183,7 +183,7 @@ def bayesian_row(
     unit: str,
     users: tuple[str, str] = ("user", "users"),
     **rest: Any,
-) -> Row:
+) -> IntervalRow:
     """Make the row of a posterior interval: lower, upper and estimate; `rest` are fields of `Interval`."""
     lower, upper, estimate = map(float, limits)
     if kind == "share":
@@ -197,14 +197,10 @@ def bayesian_row(
 
 def _row(
     interval: Interval, cell: tuple[str, str], reference: float, users: tuple[str, str]
-) -> Row:
-    return {
-        "environment": cell[1],
-        "parameter": cell[0],
-        "reference": reference,
-        **interval.as_dict(),
-        "covers": interval.covers_of(*users),
-    }
+) -> IntervalRow:
+    parameter, environment = cell
+    fields = interval.as_dict() | {"covers": interval.covers_of(*users)}
+    return IntervalRow(environment=environment, parameter=parameter, reference=reference, **fields)
 
 
 def compare_intervals(intervals: pd.DataFrame, family: str) -> pd.DataFrame:
@@ -237,7 +233,7 @@ def compare_intervals(intervals: pd.DataFrame, family: str) -> pd.DataFrame:
     return both
 
 
-def adjustments(sessions: Sessions) -> Iterator[Row]:
+def adjustments(sessions: Sessions) -> Iterator[CellValues]:
     """Describe what was adjusted as it is, on no scale and of no model: values, mean and SD of each cell."""
     if sessions.form != "trials":
         return
@@ -248,16 +244,16 @@ def adjustments(sessions: Sessions) -> Iterator[Row]:
             subjects = known["subject"].to_numpy()
             values = subject_means(adjusted, subjects).values.tolist() if len(known) else []
             moments = Moments.from_values(values) if len(values) > 1 else None
-            yield {
-                "environment": environment,
-                "parameter": parameter,
-                "reference": float(rows[f"{parameter}_ref"].iloc[0]),
-                "n": len(values),
-                "mean": float(moments.mean) if moments else next(iter(values), None),
-                "sd": float(moments.sd) if moments else None,
-                "values": values,
-                "unit": sessions.quantities[parameter].unit,
-            }
+            yield CellValues(
+                environment=environment,
+                parameter=parameter,
+                reference=float(rows[f"{parameter}_ref"].iloc[0]),
+                n=len(values),
+                mean=float(moments.mean) if moments else next(iter(values), None),
+                sd=float(moments.sd) if moments else None,
+                values=tuple(values),
+                unit=sessions.quantities[parameter].unit,
+            )
 
 
 def design_counts(sessions: Sessions) -> DesignCounts | None:

@@ -17,7 +17,7 @@ from percept.errors import RefusalError
 from percept.haptics.design import CouplingDesign
 from percept.haptics.records import AnyDevice
 from percept.inference.record import Family
-from percept.results import Boundary, Nouns, Verdict
+from percept.results import Boundary, IntervalRow, Nouns, Verdict
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import is_impedance
@@ -113,10 +113,10 @@ class Parts:
         return dict(zip(itertools.product(self.parameters, self.environments), values, strict=True))
 
     @cached_property
-    def interval_rows(self) -> list[Row | Skipped]:
+    def interval_rows(self) -> list[IntervalRow | Skipped]:
         """Rows of the interval table, and the intervals there are none of."""
         asked = self.scene.inference
-        rows: list[Row | Skipped] = []
+        rows: list[IntervalRow | Skipped] = []
         if asked.method != "bayesian":
             if self.sessions.form == "trials":
                 refuse_lone_subject(self.sessions.subjects)

@@ -319,7 +319,7 @@ def _rows(
                 repeats=fit.repeats,
                 approximate=fit.approximate,
             )
-            yield row | {"monte_carlo": float(of_kind.errors[index])}
+            yield {**vars(row), "monte_carlo": float(of_kind.errors[index])}
 
 
 def _laws(

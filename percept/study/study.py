@@ -252,9 +252,8 @@ class Study:
         """Plot intervals divided by their references: of every parameter and kind, or of those named."""
         from percept.plots import plot_intervals
 
-        intervals = self.intervals.assign(covers=self.interpretation["covers"])
         return plot_intervals(
-            rows(IntervalRow, intervals),
+            rows(IntervalRow, results(self.parts.interval_rows)),
             data_of(self.sessions, self.scene),
             parameters=select("parameter", parameter, self.parts.parameters),
             kinds=select("kind", kinds, self.scene.inference.kinds),

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from percept import read_sessions
+from percept.results import CellValues
 from percept.sessions import Sessions
 from percept.study.intervals import adjustments, compare_intervals
 from tests import DATASETS
@@ -28,26 +29,23 @@ def test_subjects_count_once_by_the_mean_of_their_trials():
         ("3", "A", offset, 1.0, 1, offset + 6, None),
         ("3", "B", 20.0, 2.0, 1, 7.0, None),
     ]
-    found = {(one["environment"], one["parameter"]): one for one in adjustments(sessions_of(rows))}
+    found = {(one.environment, one.parameter): one for one in adjustments(sessions_of(rows))}
     assert list(found) == [("B", "k"), ("B", "b"), ("A", "k"), ("A", "b")]
     stiff = found["A", "k"]
-    assert stiff["values"] == [offset + 2.5, offset + 2, offset + 6]
-    exact = [Fraction(value) for value in stiff["values"]]
+    assert stiff.values == (offset + 2.5, offset + 2, offset + 6)
+    exact = [Fraction(value) for value in stiff.values]
     mean = sum(exact) / 3
-    assert stiff["mean"] == float(mean)
-    assert stiff["sd"] == pytest.approx(
+    assert stiff.mean == float(mean)
+    assert stiff.sd == pytest.approx(
         float(sum((x - mean) ** 2 for x in exact) / 2) ** 0.5, rel=1e-15
     )
-    assert (stiff["reference"], stiff["n"], stiff["unit"]) == (offset, 3, "N/m")
-    assert found["A", "b"] | {"values": None} == {
-        "environment": "A", "parameter": "b", "reference": 1.0, "n": 1, "mean": 3.0, "sd": None,
-        "values": None, "unit": "N·s/m",
-    }  # fmt: skip
-    assert (found["B", "b"]["n"], found["B", "b"]["mean"], found["B", "b"]["values"]) == (
-        0,
-        None,
-        [],
-    )
+    assert (stiff.reference, stiff.n, stiff.unit) == (offset, 3, "N/m")
+    assert found["A", "b"] == CellValues(
+        environment="A", parameter="b", reference=1.0, n=1, mean=3.0, sd=None,
+        values=found["A", "b"].values, unit="N·s/m",
+    )  # fmt: skip
+    empty = found["B", "b"]
+    assert (empty.n, empty.mean, empty.values) == (0, None, ())
 
 
 def test_a_published_summary_has_none():
@@ -58,7 +56,7 @@ def test_equal_values_have_no_scatter_and_are_described():
     found = list(
         adjustments(sessions_of([(s, "A", 10.0, 1.0, 1, 9.0, 1.5) for s in ("1", "2", "3")]))
     )
-    assert [(one["mean"], one["sd"]) for one in found] == [(9.0, 0.0), (1.5, 0.0)]
+    assert [(one.mean, one.sd) for one in found] == [(9.0, 0.0), (1.5, 0.0)]
 
 
 def test_estimates_about_a_negative_reference_shift_in_their_unit():

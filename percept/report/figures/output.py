@@ -66,7 +66,7 @@ STYLE: Any = {
     "svg.fonttype": "none",
 }
 # Dates and versions would make equal figures differ.
-_NO_METADATA: dict[str, dict[str, Any]] = {
+_NO_METADATA: dict[str, dict[str, str | None]] = {
     "svg": {"Date": None, "Creator": None, "Format": None, "Type": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     "png": {"Software": None},
