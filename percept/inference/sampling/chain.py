@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from percept.inference.sampling.coordinates import Transported
 from percept.inference.sampling.gate import (
     Estimands,
-    Judged,
+    Measured,
     Progress,
     Run,
     Settings,
     Travel,
-    judge,
+    measure,
     pass_gate,
 )
 from percept.inference.sampling.moves import Ensembles
@@ -191,16 +191,16 @@ class Chain:
         components = np.concatenate(self._components, axis=1)
         self._points = [points]
         self._components = [components]
-        judged = judge(self._task.estimands, components)
+        measured = measure(self._task.estimands, components)
         if self._closed:
-            judged = self._averaged(judged, self._closed)
+            measured = self._averaged(measured, self._closed)
         run = Run(
             points=points,
             components=components,
-            estimates=judged.estimates,
-            errors=judged.errors,
-            autocorrelation_times=judged.autocorrelation_times * self._stride,
-            gate=pass_gate(self._task.settings, judged, self._travel(points)),
+            estimates=measured.estimates,
+            errors=measured.errors,
+            autocorrelation_times=measured.autocorrelation_times * self._stride,
+            gate=pass_gate(self._task.settings, measured, self._travel(points)),
             steps=self._walkers.steps,
             stride=self._stride,
             settings=self._task.settings,
@@ -228,7 +228,7 @@ class Chain:
             spanned=self.spanned,
         )
 
-    def _averaged(self, part: Judged, closed: _Closed) -> Judged:
+    def _averaged(self, part: Measured, closed: _Closed) -> Measured:
         """Average with the closed parts' estimates, by steps; errors add as for independent parts.
 
         It costs a bias of the order of a part's squared Monte Carlo error.

@@ -11,10 +11,10 @@ from percept.inference.sampling import chain, gate, warmup
 from percept.inference.sampling.diagnostics import autocorrelation_time, normal_scores
 from percept.inference.sampling.gate import (
     Estimates,
-    Judged,
+    Measured,
     Settings,
     Travel,
-    judge,
+    measure,
     pass_gate,
 )
 from percept.inference.sampling.moves import Ensembles
@@ -97,7 +97,7 @@ def test_stuck_walkers_are_withheld():
 def verdict(*, error=0.02, time=1.0, rhat=1.0, acceptance=None, moved=None, length=60):
     """The gate of one quantity that is as it should be but for what is given; 32 walkers."""
     estimates = Estimates(("E x",), np.zeros(1), np.ones(1))
-    measured = Judged(estimates, np.array([error]), np.array([time]), np.array([rhat]))
+    measured = Measured(estimates, np.array([error]), np.array([time]), np.array([rhat]))
     travel = Travel(
         np.full((4, 8), 0.5) if acceptance is None else acceptance,
         np.ones((4, 8), dtype=bool) if moved is None else moved,
@@ -263,7 +263,7 @@ def test_thinned_draws_are_nearly_independent():
 def judged(components):
     """The gate of a run whose components are given, of shape (E, T, W, Q), one position in three steps."""
     names = tuple(f"E x[{i}]" for i in range(components.shape[-1]))
-    found = judge(Means(names, first), components)
+    found = measure(Means(names, first), components)
     accepted = np.full((len(components), components.shape[2]), 0.5)
     length = components.shape[1]
     travel = Travel(accepted, accepted > 0, length=length, stride=3, spanned=3 * length)

@@ -9,7 +9,7 @@ from percept.inference.sampling.diagnostics import (
     rank_rhat,
     split_rhat,
 )
-from percept.inference.sampling.gate import judge
+from percept.inference.sampling.gate import measure
 from tests.inference.sampling.targets import Means
 
 
@@ -38,7 +38,7 @@ def chains(rho=0.6, apart=0.0):
 
 def test_parts_together_are_the_whole():
     components = chains()
-    found = judge(Apart(), components)
+    found = measure(Apart(), components)
     influence = components[..., :2] - components[..., :2].mean(axis=(0, 1, 2))
     times = autocorrelation_time(influence)
     assert found.estimates.names == ("E 0", "E 1")
@@ -55,10 +55,10 @@ def test_parts_together_are_the_whole():
 
 def test_rhat_is_that_of_ranks_and_tails():
     components = chains(rho=0.0)
-    found = judge(Apart(), components)
+    found = measure(Apart(), components)
     scores = normal_scores(components[..., :2].reshape(4, -1, 2))
     tails = np.where(np.abs(scores) > 1.645, 1.0, 0.0)
     wanted = np.maximum(rank_rhat(scores), split_rhat(tails))
     np.testing.assert_allclose(found.rhats, wanted, atol=1e-6)
     assert found.rhats.max() < 1.01
-    assert judge(Apart(), chains(apart=0.3)).rhats.min() > 1.01
+    assert measure(Apart(), chains(apart=0.3)).rhats.min() > 1.01
