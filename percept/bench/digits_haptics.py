@@ -152,14 +152,6 @@ def _cases(count: int, rng: np.random.Generator) -> Iterator[Inputs]:
         yield Inputs(max(omega, _SLOWEST), period, **values)
 
 
-def _perceived(v: Inputs) -> Any:
-    return perceived_impedance(v.omega, v.device, v.environment, v.period)
-
-
-def _perceived_flexible(v: Inputs) -> Any:
-    return perceived_impedance(v.omega, v.flexible, v.environment, v.period, hold="true")
-
-
 def _coupled(v: Inputs, discretization: str) -> Any:
     return perceived_impedance(
         v.omega,
@@ -176,35 +168,14 @@ def _effective(v: Inputs) -> Any:
     return complex_from(damping, warp(v.omega, v.period).spring(stiffness))
 
 
-def _effective_damping(v: Inputs) -> Any:
-    _, damping = effective_impedance(v.omega, v.environment, v.coupling, v.period)
-    return damping
-
-
-def _magnitude(v: Inputs) -> Any:
-    return perceived_magnitude(v.omega, v.device, -v.k_e, -v.b_e, v.period, mass=v.m_e)
-
-
 def _box(v: Inputs) -> tuple[Any, Any]:
     k = (-v.k_e, v.k_c)
     b = (-v.b_e, v.b_c)
     return magnitude_envelope(v.omega, v.device, k, b, v.period, mass=v.m_e)
 
 
-def _required_at(v: Inputs) -> Any:
-    return required_damping_at(v.omega, v.coupling, v.period)
-
-
 def _required_at_true(v: Inputs) -> Any:
     return required_damping_at(v.omega, v.coupling, v.period, discretization="tustin", hold="true")
-
-
-def _margin(v: Inputs) -> Any:
-    return stability_margin(v.omega, v.flexible, v.coupling, v.period)
-
-
-def _required(v: Inputs) -> Any:
-    return required_damping(v.coupling, v.period).damping
 
 
 def _stiffness_limit(v: Inputs) -> float:
@@ -261,22 +232,37 @@ _compare(
 _compare("ZOH, Eq. 8", lambda v: hold(v.omega, v.period), twin.hold_average, _W)
 _compare("ZOH, true", lambda v: hold(v.omega, v.period, kind="true"), twin.hold_true, _W)
 _compare("Z_eff", _effective, twin.effective, _EFFECTIVE)
-_compare("Re Z_eff", _effective_damping, twin.effective_damping, _EFFECTIVE)
-_compare("Z_h", _perceived, twin.direct, _DIRECT)
+_compare(
+    "Re Z_eff",
+    lambda v: effective_impedance(v.omega, v.environment, v.coupling, v.period)[1],
+    twin.effective_damping,
+    _EFFECTIVE,
+)
+_compare(
+    "Z_h",
+    lambda v: perceived_impedance(v.omega, v.device, v.environment, v.period),
+    twin.direct,
+    _DIRECT,
+)
 _compare(
     "Z_h, flexible, true hold",
-    _perceived_flexible,
+    lambda v: perceived_impedance(v.omega, v.flexible, v.environment, v.period, hold="true"),
     twin.direct_flexible_true,
     (*_FLEXIBLE, *_SHOWN),
 )
 _compare("Z_h_vc, Eq. 12", lambda v: _coupled(v, "tustin"), twin.coupled, _ALL)
 _compare("Z_h_vc, Eq. 6", lambda v: _coupled(v, "backward"), twin.coupled_backward, _ALL)
-_compare("abs(Z_h), k and b negative", _magnitude, twin.magnitude, _DIRECT)
+_compare(
+    "abs(Z_h), k and b negative",
+    lambda v: perceived_magnitude(v.omega, v.device, -v.k_e, -v.b_e, v.period, mass=v.m_e),
+    twin.magnitude,
+    _DIRECT,
+)
 _compare("box, upper", lambda v: _box(v)[1], twin.box_upper, _ALL)
 _compare("box, lower", lambda v: _box(v)[0], twin.box_lower, _ALL)
 _compare(
     "required damping at ω",
-    _required_at,
+    lambda v: required_damping_at(v.omega, v.coupling, v.period),
     twin.required_at(twin.coupling_backward, twin.hold_average),
     _COUPLING,
 )
@@ -286,6 +272,16 @@ _compare(
     twin.required_at(twin.coupling_tustin, twin.hold_true),
     _COUPLING,
 )
-_compare("stability margin", _margin, twin.margin, (*_FLEXIBLE, *_VC))
-_compare("required damping", _required, twin.required, _COUPLING)
+_compare(
+    "stability margin",
+    lambda v: stability_margin(v.omega, v.flexible, v.coupling, v.period),
+    twin.margin,
+    (*_FLEXIBLE, *_VC),
+)
+_compare(
+    "required damping",
+    lambda v: required_damping(v.coupling, v.period).damping,
+    twin.required,
+    _COUPLING,
+)
 QUANTITIES["largest stiffness"] = _stiffness_limit

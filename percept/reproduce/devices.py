@@ -23,7 +23,7 @@ from percept.haptics import (
 )
 from percept.haptics.design import CouplingDesign, EnvironmentBoundary, design_couplings
 from percept.reproduce.published import LOOKED_AT, Array, Published, Wall
-from percept.reproduce.squares import Square, cells, felt_square, share
+from percept.reproduce.squares import cells, felt_square, share
 
 __all__ = [
     "DAMPINGS",
@@ -174,23 +174,16 @@ def over_devices(published: Published, panel: Panel, mass: Array, damping: Array
     return np.asarray(panel.reading(lines).all(axis=-1))
 
 
-def share_true(
-    published: Published, wall: Wall, reading: Reading, device: Device | None = None
-) -> float:
+def share_true(published: Published, wall: Wall, reading: Reading) -> float:
     """Return the share of the perceivable range, on a log scale, over which a reading is true."""
-    squares = _panel_squares(published, wall, device or published.device)
-    edges, middles = cells(squares, *published.span, published.period)
-    true = reading(curves(published, wall, middles, device))
-    return share(edges, true)
-
-
-def _panel_squares(published: Published, wall: Wall, device: Device) -> list[Square]:
-    """Return the squares of the four curves of a panel: they change places where two are equal."""
     period = published.period
+    device = published.device
+    # The four curves of a panel change places where two are equal.
     squares = [felt_square(device, wall.environment, period, coupling=published.tuned)]
     for environment in (wall.environment, wall.lower, wall.upper):
         squares.append(felt_square(device, environment, period))
-    return squares
+    edges, middles = cells(squares, *published.span, period)
+    return share(edges, reading(curves(published, wall, middles)))
 
 
 def change_over_band(published: Published, panel: Panel, device: Device) -> Array:

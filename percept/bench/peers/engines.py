@@ -145,10 +145,6 @@ def percept_run(statistics: Statistics, tolerance: float, seed: int) -> Fitted:
     return Fitted(value, error, gate.effective_draws, seconds, notes)
 
 
-def _percept(statistics: Statistics) -> Sampler:
-    return partial(percept_run, statistics)
-
-
 def _emcee(statistics: Statistics) -> Sampler:
     """Percept's density and mixture limits, emcee's own moves: what the moves alone cost."""
     import emcee
@@ -326,7 +322,7 @@ ENGINES = (
     Engine(
         "percept",
         "percept",
-        _percept,
+        lambda statistics: partial(percept_run, statistics),
         ("percept", "emcee", "numpy", "scipy"),
         "tolerance",
         ((0.1, 5), (0.02, 5), (0.01, 5), (0.005, 5), (0.002, 3), (0.001, 2)),

@@ -92,6 +92,11 @@ def from_trials(
     RefusalError
         Fewer than two subjects.
     """
+    if len(subjects) < 2:
+        raise RefusalError(
+            f"one subject ({', '.join(subjects)}) shows no spread between subjects.",
+            hint="Add the sessions of at least one more subject.",
+        )
     size = len(parameters)
     shape = (len(subjects), len(environments))
     cells = len(subjects) * len(environments)
@@ -107,63 +112,32 @@ def from_trials(
     for j in range(len(environments)):
         factor = _triangle(deviation[:, environment == j].T)
         trial_rows[:, : len(factor), j] = factor.T
-    return _of_cells(
-        counts.reshape(shape),
-        means.reshape(size, *shape).transpose(1, 0, 2),
-        trial_rows,
-        x,
-        _Labels(parameters, environments, subjects),
-    )
-
-
-def _sums(
-    rows: Array,
-    cell: Indices,
-    cells: int,
-) -> Array:
-    """Sum rows (P, trials) over the trials of each cell: (P, cells)."""
-    return np.stack([np.bincount(cell, weights=row, minlength=cells) for row in rows])
-
-
-@dataclasses.dataclass(frozen=True)
-class _Labels:
-    parameters: tuple[str, ...]
-    environments: tuple[str, ...]
-    subjects: tuple[str, ...]
-
-
-def _of_cells(
-    counts: NDArray[np.intp],
-    cell_means: Array,
-    trial_rows: Array,
-    x: Array,
-    labels: _Labels,
-) -> Statistics:
-    if len(labels.subjects) < 2:
-        raise RefusalError(
-            f"one subject ({', '.join(labels.subjects)}) shows no spread between subjects.",
-            hint="Add the sessions of at least one more subject.",
-        )
+    cell_means = means.reshape(size, *shape).transpose(1, 0, 2)
+    counts = counts.reshape(shape)
     patterns = tuple(_patterns(counts, cell_means))
     sd, df = _between(cell_means)
-    size = len(labels.parameters)
-    means = sum(p.environments.size * math.log(p.subjects) for p in patterns)
-    constant = -0.5 * size * float(np.log(counts[counts > 0]).sum())
-    constant -= 0.5 * size * means
+    # Means of r trials and of N subjects have densities with r^(P/2) and N^(P/2) in front.
+    log_trials = float(np.log(counts[counts > 0]).sum())
+    log_subjects = sum(p.environments.size * math.log(p.subjects) for p in patterns)
     trial_df = np.maximum(counts - 1, 0).sum(axis=0)
     return Statistics(
-        parameters=labels.parameters,
-        environments=labels.environments,
-        subjects=labels.subjects,
+        parameters=parameters,
+        environments=environments,
+        subjects=subjects,
         x=np.asarray(x, dtype=float),
         patterns=patterns,
         trial_df=trial_df.astype(float),
         trial_rows=trial_rows,
-        constant=constant,
+        constant=-0.5 * size * log_trials - 0.5 * size * log_subjects,
         sd=sd,
         df=df,
         cell_means=cell_means,
     )
+
+
+def _sums(rows: Array, cell: Indices, cells: int) -> Array:
+    """Sum rows (P, trials) over the trials of each cell: (P, cells)."""
+    return np.stack([np.bincount(cell, weights=row, minlength=cells) for row in rows])
 
 
 def from_summary(

@@ -75,7 +75,7 @@ def boundary_drawings(results: Results) -> list[Drawing]:
     close = _by_environment(matching(results.close, kind=kind))
     if close:
         near = {name: close[name] for name in chosen(list(close))}
-        drawings.append(_close_views(results, near, kind))
+        drawings.append(_magnitudes(results, near, kind, close=True))
     return drawings
 
 
@@ -85,48 +85,34 @@ def _by_environment(boundaries: Sequence[Boundary]) -> dict[str, list[Boundary]]
     return {name: matching(main, environment=name) for name in distinct(main, "environment")}
 
 
-def _magnitudes(results: Results, boundaries: _Panels, kind: str) -> Drawing:
-    """Draw the boundary of each environment in a panel of its own; all share their axes."""
+def _magnitudes(
+    results: Results, boundaries: _Panels, kind: str, *, close: bool = False
+) -> Drawing:
+    """Draw the boundary of each environment in a panel of its own.
+
+    All share their axes; close views, of the windows that the scene asks for, have axes of their
+    own.
+    """
     columns = min(max(len(boundaries), _FEWEST_COLUMNS), _MOST_COLUMNS)
+    gap = 12.0 if close else 6.0
+    line = 14.0 if close else 8.0
 
     def draw(figure: Figure) -> None:
-        gap = 6.0
-        axes = panels(
-            figure, len(boundaries), columns=columns, frame=Frame(bottom=17, gap=gap, line=8)
-        )
-        _draw_panels(axes, results, boundaries, kind, columns=columns, gap=gap, log=True)
-        ends = np.array([ax.get_ylim() for ax in axes])
-        for ax in axes:
-            ax.set_ylim(ends.min(), ends.max())
-        outer_labels(axes, columns)
+        frame = Frame(bottom=17, gap=gap, line=line)
+        axes = panels(figure, len(boundaries), columns=columns, frame=frame)
+        _draw_panels(axes, results, boundaries, kind, columns=columns, gap=gap, log=not close)
+        if not close:
+            ends = np.array([ax.get_ylim() for ax in axes])
+            for ax in axes:
+                ax.set_ylim(ends.min(), ends.max())
+            outer_labels(axes, columns)
         _label_left(axes, columns)
         legend(axes[0], ncols=4)
 
+    title = f"Boundaries of |Z_h| for {_WHOM[kind].format(words_of(results))}"
     return Drawing(
-        name="boundaries",
-        title=f"Boundaries of |Z_h| for {_WHOM[kind].format(words_of(results))}",
-        description=_said(results, boundaries, kind),
-        size=_panel_size(boundaries, columns),
-        draw=draw,
-    )
-
-
-def _close_views(results: Results, boundaries: _Panels, kind: str) -> Drawing:
-    """Draw the windows that the scene asks for, each panel with axes of its own."""
-    columns = min(max(len(boundaries), _FEWEST_COLUMNS), _MOST_COLUMNS)
-
-    def draw(figure: Figure) -> None:
-        gap = 12.0
-        axes = panels(
-            figure, len(boundaries), columns=columns, frame=Frame(bottom=17, gap=gap, line=14)
-        )
-        _draw_panels(axes, results, boundaries, kind, columns=columns, gap=gap, log=False)
-        _label_left(axes, columns)
-        legend(axes[0], ncols=4)
-
-    return Drawing(
-        name="boundaries_close",
-        title=f"Boundaries of |Z_h| for {_WHOM[kind].format(words_of(results))}, close views",
+        name="boundaries_close" if close else "boundaries",
+        title=f"{title}, close views" if close else title,
         description=_said(results, boundaries, kind),
         size=_panel_size(boundaries, columns),
         draw=draw,
