@@ -23,14 +23,14 @@ from percept.inference.classical.central_range import central_range_confidence
 from percept.inference.classical.fiducial import fiducial_draws
 from percept.inference.classical.moments import Moments
 
-__all__ = ["Confidence", "SubjectPairs", "confidence", "limits_confidence"]
+__all__ = ["PARTS", "Confidence", "SubjectPairs", "confidence", "limits_confidence"]
 
 Array = NDArray[np.float64]
 
 #: Most fiducial draws of the population.
 _DRAWS = 2048
 #: Parts that may each say "does not": stiffness, damping, abs(Z_h).
-_PARTS = 3
+PARTS = 3
 #: Subjects that the joint law of stiffness and damping needs.
 _FEWEST_FOR_PAIR = 3
 
@@ -57,7 +57,7 @@ class Confidence(NotebookRecord):
         least = min(self.parts)
         if least >= decision:
             return "feels real"
-        return "does not" if least <= (1.0 - decision) / _PARTS else "too little data"
+        return "does not" if least <= (1.0 - decision) / PARTS else "too little data"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -27,6 +27,7 @@ __all__ = [
     "Evidence",
     "Feeling",
     "Margins",
+    "MarginsAt",
     "feels_real",
     "judge",
     "search_grid",
@@ -211,23 +212,45 @@ class Margins(NamedTuple):
     least: Array  # (D,) over the whole range; outside, that of the M frequencies is enough
 
 
+class MarginsAt:
+    """Margins at frequencies (M,), for many populations like those that show how to integrate.
+
+    Shares are integrated to an accuracy.
+    """
+
+    def __init__(
+        self, display: Display, like: Users, omega: Array, level: float, accuracy: float
+    ) -> None:
+        self._disc = _Disc.of(display, omega)
+        self._level = level
+        # The difference that settled is the error of half the nodes.
+        chosen = choose_integral(_few(like), self._disc.plane, self._disc.radius, accuracy)
+        halved = [integral._replace(nodes=integral.nodes // 2) for integral in chosen]
+        self._integrals = _frequencies_of(halved)
+
+    def of(self, users: Users) -> Array:
+        """Return the margins (D, M) of populations."""
+        margins = np.empty((users.size, self._disc.radius.size))
+        for integral, frequencies in self._integrals.items():
+            part = self._disc.select(frequencies)
+            step = max(1, _PASS // (part.radius.size * integral.nodes))
+            for start in range(0, users.size, step):
+                rows = slice(start, start + step)
+                some = users.select(rows).column()
+                margins[rows, frequencies] = part.margins(some, integral, self._level)
+        return margins
+
+
+def _few(users: Users) -> Users:
+    step = max(1, users.size // _TRIED)
+    return users.select(slice(None, None, step)).column()
+
+
 def search_margins(display: Display, users: Users, omega: Array, level: float) -> Margins:
     """Look at every frequency of `omega` (M,), and between those where a margin dips."""
     disc = _Disc.of(display, omega)
-    step = max(1, users.size // _TRIED)
-    few = users.select(slice(None, None, step)).column()
-    rough = choose_integral(few, disc.plane, disc.radius, _FIRST_ACCURACY)
-    # The difference that settled is the error of half the nodes.
-    rough = [integral._replace(nodes=integral.nodes // 2) for integral in rough]
-    exact = _frequencies_of(choose_integral(few, disc.plane, disc.radius))
-    margins = np.empty((users.size, omega.size))
-    for integral, frequencies in _frequencies_of(rough).items():
-        part = disc.select(frequencies)
-        step = max(1, _PASS // (part.radius.size * integral.nodes))
-        for start in range(0, users.size, step):
-            rows = slice(start, start + step)
-            some = users.select(rows).column()
-            margins[rows, frequencies] = part.margins(some, integral, level)
+    exact = _frequencies_of(choose_integral(_few(users), disc.plane, disc.radius))
+    margins = MarginsAt(display, users, omega, level, _FIRST_ACCURACY).of(users)
     unsure = np.abs(margins) < _UNSURE_BELOW
     for integral, frequencies in exact.items():
         draw, index = np.nonzero(unsure & frequencies)
@@ -280,10 +303,12 @@ def _search_dips(
         return disc.margins(users.select(draw.astype(np.intp)), integral, level)
 
     log_omega = np.log(omega)
-    lowest = elementwise.find_minimum(
-        margin_at,
-        (log_omega[index - 1], log_omega[index], log_omega[index + 1]),
-        args=(draw.astype(float),),
-        tolerances={"xatol": _DIP_PLACE, "fatol": _DIP_MARGIN, "xrtol": 0.0, "frtol": 0.0},
-    )
+    # SciPy divides zero by zero where three values are equal.
+    with np.errstate(invalid="ignore"):
+        lowest = elementwise.find_minimum(
+            margin_at,
+            (log_omega[index - 1], log_omega[index], log_omega[index + 1]),
+            args=(draw.astype(float),),
+            tolerances={"xatol": _DIP_PLACE, "fatol": _DIP_MARGIN, "xrtol": 0.0, "frtol": 0.0},
+        )
     return np.asarray(lowest.f_x)

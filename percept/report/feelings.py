@@ -21,7 +21,7 @@ from percept.report.select import (
     matching,
     words_of,
 )
-from percept.results import Membership, Results, Verdict
+from percept.results import Membership, MoreSubjects, Results, Verdict
 
 __all__ = ["RENDERED", "feeling_sentences", "feelings"]
 
@@ -74,6 +74,7 @@ def feeling_sentences(verdicts: Sequence[Verdict], words: Words) -> list[str]:
         *_straddling(judged),
         *_leaning(judged, words),
         *_disagreeing(judged, words),
+        *_deciding(judged, words),
     ]
 
 
@@ -96,6 +97,45 @@ def _said_range(probabilities: Sequence[float], decision: float) -> str:
         return low if low == high else f"{low} to {high}"
     said = [_said_probability(probability, decision) for probability in probabilities]
     return said[0] if len(set(said)) == 1 else listed(said)
+
+
+def _deciding(judged: Sequence[Verdict], words: Words) -> list[str]:
+    """Say how many more subjects would decide what there is too little data on."""
+    numbers: dict[str, int] = {}
+    too_many: list[str] = []
+    for verdict in judged:
+        more = verdict.more
+        if more is None:
+            continue
+        if more.subjects is None:
+            too_many.append(verdict.environment)
+        else:
+            numbers[verdict.environment] = more.subjects
+    sentences = []
+    if numbers:
+        assurance = next(verdict.more.assurance for verdict in judged if verdict.more)
+        counts = [_about(count) for count in numbers.values()]
+        several = words.subject if counts == ["1"] else words.subjects
+        if len(numbers) > _NAMED:
+            fewest = _about(min(numbers.values()))
+            largest = _about(max(numbers.values()))
+            each = f"each of {len(numbers)} {words.environments}"
+            said = f"{fewest} to {largest} more {several} would decide {each}"
+        else:
+            said = f"{listed(counts)} more {several} would decide {listed(list(numbers))}"
+        sentences.append(f"About {said} with probability {assurance:g}.")
+    if too_many:
+        most = next(verdict.more.most for verdict in judged if verdict.more)
+        named = f"{len(too_many)} {words.environments}"
+        if len(too_many) <= _NAMED:
+            named = listed(too_many)
+        sentences.append(f"{named} would take more than {most:,} {words.subjects}.")
+    return sentences
+
+
+def _about(count: int) -> str:
+    """Write a number with the two digits that its error leaves."""
+    return f"{int(rounded(count, 2)):,}"
 
 
 def _straddling(judged: Sequence[Verdict]) -> list[str]:
@@ -176,6 +216,7 @@ class Feelings:
     bayesian: list[Verdict]
     classical: list[Verdict]
     rendered: dict[bool, str]  # How an environment is displayed, by whether through the coupling
+    undecided: MoreSubjects | None  # Of a verdict that more subjects would decide, if there is one
     paper: PaperRule | None
 
 
@@ -188,6 +229,7 @@ def feelings(results: Results) -> Section | None:
         bayesian=[verdict for verdict in verdicts if verdict.bayesian],
         classical=[verdict for verdict in verdicts if verdict.classical],
         rendered=RENDERED,
+        undecided=next((verdict.more for verdict in verdicts if verdict.more), None),
         paper=_paper_rule(results),
     )
     return Section("verdicts", "Does it feel real?", view)

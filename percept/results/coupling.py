@@ -17,6 +17,7 @@ __all__ = [
     "EnvironmentCouplings",
     "Leaning",
     "Membership",
+    "MoreSubjects",
     "Passivity",
     "PosteriorEvidence",
     "Sensitivity",
@@ -56,6 +57,19 @@ class Confidences:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class MoreSubjects(NotebookRecord):
+    """How many more subjects would decide a verdict with a stated probability."""
+
+    subjects: int | None  # None where `most` are not enough
+    lower: int  # One Monte Carlo error below
+    upper: int | None  # One above; None beyond `most`
+    probability: float  # That so many decide, by the classical rule
+    error: float  # Its Monte Carlo standard error
+    assurance: float  # Probability that was wanted
+    most: int  # Subjects beyond which no number is given
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Leaning:
     """The doubtful rows of an environment, and its verdict without those of the whole study."""
 
@@ -77,6 +91,8 @@ class Verdict(NotebookRecord):
     bayesian: PosteriorEvidence | None
     classical: Confidences | None
     stable_and_real: float | None  # None directly, where stability is undecided, and without draws
+    # None where either method decides, and without a joint law of the subjects' values.
+    more: MoreSubjects | None = None
     leaning: Leaning | None = None  # None where no row of the environment looks mistyped
 
 

@@ -113,6 +113,7 @@ class Stream(enum.IntEnum):
     POSTERIOR_BANDS = 108
     PAIRS = 110
     FIDUCIAL = 111
+    MORE_SUBJECTS = 112
     CHECKED_STATISTICS = 127
     PRIOR = 131
 

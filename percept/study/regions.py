@@ -102,6 +102,9 @@ class SubjectPairs:
     environment: str
     k: Array  # (N,) N/m
     b: Array  # (N,) N·s/m
+    # (2,) What trial noise adds to the variance of such a value, on the family's scale; zero
+    # without repeats, where it is part of the value.
+    trial_variance: Array = dataclasses.field(default_factory=lambda: np.zeros(2))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -233,12 +236,15 @@ def _pairs_of_subjects(sessions: Sessions, family: Family) -> Iterator[SubjectPa
             yield Skipped(what, f"{needed}; there are {count}")
             continue
         subjects = rows["subject"].to_numpy()
-        k = subject_means(adjusted[:, 0], subjects, family=family).values
-        b = subject_means(adjusted[:, 1], subjects, family=family).values
+        means = [subject_means(values, subjects, family=family) for values in adjusted.T]
+        k = means[0].values
+        b = means[1].values
         if np.ptp(k) == 0.0 or np.ptp(b) == 0.0:
             yield Skipped(what, "all subjects adjusted one parameter alike")
             continue
-        yield SubjectPairs(family, environment, displayable(k), displayable(b))
+        trial_sd = np.array([mean.trial_sd or 0.0 for mean in means])
+        trial_variance = trial_sd**2 * count / len(rows)
+        yield SubjectPairs(family, environment, displayable(k), displayable(b), trial_variance)
 
 
 def laws_of(

@@ -20,13 +20,22 @@ from percept.boundary.feels_real import feels_real, judge, search_grid
 from percept.boundary.users import Users
 from percept.errors import RefusalError
 from percept.haptics import TabulatedDevice
+from percept.haptics.records import Display
 from percept.inference.classical.fiducial import fiducial_draws
 from percept.inference.classical.moments import Moments
 from percept.inference.record import Family
-from percept.results import Confidences, Leaning, Note, PosteriorEvidence, Verdict
+from percept.results import (
+    Confidences,
+    Leaning,
+    MoreSubjects,
+    Note,
+    PosteriorEvidence,
+    Verdict,
+)
 from percept.scene import InferenceTable
 from percept.sessions import Sessions
 from percept.study.basics import Array, Stream, generator
+from percept.study.deciding import more_subjects
 from percept.study.device import Setup
 from percept.study.intervals import Cell
 from percept.study.regions import SubjectPairs
@@ -43,6 +52,8 @@ __all__ = [
 _MOST_DRAWS = 4096
 #: Fiducial draws of a map, where there is no posterior.
 _FIDUCIAL_DRAWS = 512
+#: Truths that more subjects are simulated of: a probability of 0.8 is known to 0.025 by them.
+_TRUTHS = 256
 #: Half of a resonance's width against the SD of log k between users, and its least.
 _HALF_SD = 0.5
 _LEAST_HALF_WIDTH = 1e-3
@@ -60,9 +71,9 @@ class Subjects:
     family: Family
     stiffness: Moments  # On the family's scale
     damping: Moments
-    pairs: (
-        classical.SubjectPairs | None
-    )  # None with fewer than three subjects, and for published limits
+    # None with fewer than three subjects, and for published limits.
+    pairs: classical.SubjectPairs | None
+    trial_variance: Array  # (2,) What trial noise adds to the variance of a subject's value
 
     def confidence(
         self, setup: Setup, environment: str, asked: InferenceTable, omega: Array, *, coupled: bool
@@ -104,9 +115,11 @@ def subjects_of(
             stiffness, damping = own
             if stiffness is None or damping is None:
                 continue
-            pair = _subject_pairs(values.get(environment))
+            of_subjects = values.get(environment)
+            pair = _subject_pairs(of_subjects)
+            trial_variance = np.zeros(2) if of_subjects is None else of_subjects.trial_variance
             # The family set last stays.
-            found[environment] = Subjects(family, stiffness, damping, pair)
+            found[environment] = Subjects(family, stiffness, damping, pair, trial_variance)
     return found
 
 
@@ -236,8 +249,55 @@ def study_verdicts(
                 found = own_subjects.confidence(setup, environment, asked, omega, coupled=coupled)
                 parts = _confidences(found, own_subjects.family, asked)
             verdict = _verdict(environment, evidence, parts, asked, coupled=coupled, stable=stable)
-            if verdict is not None:
-                yield verdict
+            if verdict is None:
+                continue
+            if _undecided(verdict) and own_subjects is not None:
+                display = setup.display(environment, coupled=coupled)
+                more = subjects_to_decide(display, own_users, own_subjects, asked, omega)
+                verdict = dataclasses.replace(verdict, more=more)
+            yield verdict
+
+
+def _undecided(verdict: Verdict) -> bool:
+    """Whether neither method decides: the classical one says how many subjects would."""
+    if verdict.classical is None or verdict.classical.outcome != "too little data":
+        return False
+    return verdict.outcome == "too little data"
+
+
+def subjects_to_decide(
+    display: Display,
+    users: Users | None,
+    subjects: Subjects,
+    asked: InferenceTable,
+    omega: Array,
+) -> MoreSubjects | None:
+    """Find how many more subjects would decide; None without a joint law of subjects."""
+    pairs = subjects.pairs
+    if pairs is None:
+        return None
+    if users is None or users.log != pairs.log:
+        truths = fiducial_users(subjects, asked)
+    else:
+        truths = _with_trial_noise(users, subjects.trial_variance)
+    if truths is None:
+        return None
+    return more_subjects(
+        display,
+        pairs,
+        truths.select(slice(_TRUTHS)),
+        omega,
+        level=asked.level,
+        decision=asked.decision,
+        rng=generator(asked.seed, Stream.MORE_SUBJECTS),
+    )
+
+
+def _with_trial_noise(users: Users, variance: Array) -> Users:
+    """Return populations of what users set on average over their trials."""
+    sd = np.sqrt(users.sd**2 + variance[:, None])
+    correlation = users.correlation * (users.sd / sd).prod(axis=0)
+    return dataclasses.replace(users, sd=sd, correlation=correlation)
 
 
 def leaning_on_slips(

@@ -1,0 +1,90 @@
+"""How often verdicts err: classical ones in simulated studies, Bayesian ones by the committed page."""
+
+import numpy as np
+import pytest
+
+from tests import DATASETS, LONG
+from tests.boundary.verdict_rates import (
+    CLEAR,
+    DECISION,
+    PLACES,
+    SIZES,
+    bayesian_study,
+    binomial_error,
+    by_wide_limits,
+    edge_score,
+    errors_of,
+    kept_fits,
+    magnitude_study,
+    part_rates,
+)
+
+REPORT = DATASETS.parent / "reports" / "coverage" / "verdicts"
+#: More than any run of the page makes.
+MANY = 100_000
+STUDIES = 20_000 if LONG else 1_000
+MOST_WRONG = 1.0 - DECISION + CLEAR * binomial_error(STUDIES)
+
+
+@pytest.fixture(scope="module")
+def rates():
+    return {(place, n): part_rates(n, place, STUDIES) for place in PLACES for n in SIZES}
+
+
+@pytest.mark.evidence(reduced=True)
+def test_classical_verdicts_on_stiffness_and_damping_keep_their_error_rates(rates):
+    for (place, _), found in rates.items():
+        if place != "well inside":
+            assert found.real <= MOST_WRONG
+        if place != "well outside":
+            assert found.does_not <= MOST_WRONG
+
+
+@pytest.mark.evidence(reduced=True)
+def test_more_subjects_leave_fewer_undecided(rates):
+    for place in ("well inside", "well outside"):
+        undecided = [rates[place, n].undecided for n in SIZES]
+        assert undecided == sorted(undecided, reverse=True)
+        assert undecided[0] > undecided[-1]
+
+
+@pytest.mark.evidence(reduced=True)
+def test_limits_that_widen_with_fewer_subjects_break_the_promise():
+    for n in SIZES:
+        assert part_rates(n, "at the edge", STUDIES, rule=by_wide_limits).real > MOST_WRONG
+
+
+@pytest.mark.evidence
+def test_magnitude_rates_are_near_the_promise_though_not_exact():
+    studies = 400
+    at_edge = [magnitude_study(10, "at the edge", index) for index in range(studies)]
+    real = sum(line["magnitude"] == "feels real" for line in at_edge) / studies
+    assert edge_score() == pytest.approx(2.5758, abs=0.05)
+    assert real <= 0.07 + CLEAR * binomial_error(studies)
+
+
+def test_bayesian_verdicts_keep_their_error_rates():
+    found = {n: errors_of(kept_fits(n, REPORT).read(MANY).values()) for n in SIZES}
+    for errors in found.values():
+        assert errors.studies >= 50
+        assert errors.within_promise()
+    undecided = [errors.undecided for errors in found.values()]
+    assert undecided == sorted(undecided, reverse=True)
+
+
+def test_bayesian_boundaries_that_widen_with_fewer_subjects_break_the_promise():
+    old = errors_of(kept_fits(5, REPORT).read(MANY).values(), rule="old")
+    assert not old.within_promise()
+
+
+@pytest.mark.evidence(reduced=True)
+@pytest.mark.parametrize("n", SIZES if LONG else SIZES[-1:])
+def test_committed_studies_come_out_again(n):
+    kept = kept_fits(n, REPORT).read(MANY)
+    for index in list(kept)[: 10 if LONG else 1]:
+        again = bayesian_study(n, index)["verdicts"]
+        for verdict, before in zip(again, kept[index]["verdicts"], strict=True):
+            assert verdict["inside"] == before["inside"]
+            assert verdict["old"] == before["old"]
+            # Other versions of libraries draw another posterior sample.
+            assert np.isclose(verdict["probability"], before["probability"], atol=0.1)

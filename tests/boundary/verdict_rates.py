@@ -1,0 +1,392 @@
+"""How often verdicts err, as a page of `reports/coverage`.
+
+    python -m tests.boundary.verdict_rates --out reports/coverage/verdicts
+
+Classical verdicts are made of simulated studies of known users, with stiffness or damping displayed
+well inside, at the edge and well outside of the central range. Bayesian verdicts are made of studies
+whose users come from the prior. Both runs go on where they stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import shlex
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy import special
+from scipy.optimize import brentq
+
+from percept import Scene, Sessions, Study
+from percept.boundary.confidence import Confidence, SubjectPairs, confidence
+from percept.boundary.feels_real import search_grid, search_margins
+from percept.boundary.users import Users
+from percept.calibration.studies import Checkpoint
+from percept.errors import UsageError
+from percept.haptics import Device, Environment
+from percept.haptics.records import Display
+from percept.inference.classical.central_range import central_range_confidence
+from percept.inference.classical.moments import Moments
+from percept.inference.hierarchy.priors import Priors
+from percept.provenance import made_by
+from percept.sessions import ReadOptions
+from percept.simulate.model import Design, draw_environments, draw_hyperparameters, simulate
+from percept.study.verdicts import frequencies
+
+LEVEL, DECISION = 0.99, 0.95
+EDGE = float(-special.ndtri(0.5 * (1.0 - LEVEL)))
+SIZES = (5, 10, 30)
+#: What is displayed, in half-widths of the central range of users: their edge is at one.
+PLACES = {"well inside": 0.0, "at the edge": 1.0, "well outside": 2.0}
+#: Subjects known to the classical method: logarithms of N/m and N·s/m, independent of each other.
+CENTRE = np.log([500.0, 2.0])
+SDS = np.array([0.15, 0.3])
+DEVICE = Device(mass=0.5, damping=5.0)
+PERIOD = 1e-3
+#: Studies that are worked on at once.
+CHUNK = 1_000
+#: Studies between two looks at the clock.
+STEP = 5
+#: Standard errors by which a rate may pass what is promised.
+CLEAR = 4.0
+#: References of the Bayesian studies, N/m and N·s/m.
+REFERENCES = np.array([[100.0, 1.0], [500.0, 2.0], [2000.0, 10.0]])
+
+
+@dataclass
+class Rates:
+    """Shares of studies with each outcome."""
+
+    studies: int
+    real: float
+    does_not: float
+
+    @property
+    def undecided(self):
+        return 1.0 - self.real - self.does_not
+
+
+def rates_of(outcomes):
+    """Shares of outcomes in a list."""
+    count = len(outcomes)
+    return Rates(count, outcomes.count("feels real") / count, outcomes.count("does not") / count)
+
+
+def binomial_error(studies):
+    """Standard error of a rate of 1 - DECISION."""
+    return float(np.sqrt(DECISION * (1.0 - DECISION) / studies))
+
+
+# Classical verdicts by stiffness and damping.
+
+
+def by_confidence(users, score):
+    """Confidence of each study that a value `score` SDs from the users' mean is in their range."""
+    return central_range_confidence(np.full(users.mean.shape, score), users, level=LEVEL)
+
+
+def by_wide_limits(users, score):
+    """What a boundary's limits say, which widen with fewer subjects: 1 inside, 0 outside."""
+    reach = -special.stdtrit(users.n - 1.0, 0.5 * (1.0 - LEVEL)) * np.sqrt(1.0 + 1.0 / users.n)
+    return (np.abs(score - users.mean) <= reach * users.sd).astype(float)
+
+
+def part_rates(n, place, studies, *, rule=by_confidence):
+    """Verdicts of n subjects by both parts: one quantity at a place, the other at the centre."""
+    rng = np.random.default_rng([n, round(10 * PLACES[place])])
+    outcomes = []
+    for start in range(0, studies, CHUNK):
+        scores = rng.standard_normal((min(CHUNK, studies - start), n, 2))
+        parts = []
+        for quantity, score in enumerate((PLACES[place] * EDGE, 0.0)):
+            values = scores[:, :, quantity]
+            users = Moments(values.mean(axis=1), values.std(axis=1, ddof=1), n)
+            parts.append(rule(users, score))
+        for stiffness, damping in np.transpose(parts):
+            found = Confidence(float(stiffness), float(damping), None, None, None, None)
+            outcomes.append(found.verdict(DECISION))
+    return rates_of(outcomes)
+
+
+# Classical verdicts by abs(Z_h).
+
+
+def display_of(score):
+    """Display a stiffness `score` SDs above the users' mean, and their typical damping."""
+    stiffness = float(np.exp(CENTRE[0] + SDS[0] * score))
+    environment = Environment(stiffness, float(np.exp(CENTRE[1])))
+    return Display(DEVICE, environment, PERIOD)
+
+
+def searched(display):
+    resonance = np.sqrt(display.environment.stiffness / DEVICE.mass)
+    return search_grid(0.1, 100.0, np.array([resonance]), np.array([0.5 * SDS[0]]))
+
+
+@functools.cache
+def edge_score():
+    """SDs of stiffness at which the smallest margin of abs(Z_h) over the range is zero."""
+    users = Users(True, CENTRE[:, None], SDS[:, None], np.zeros(1))
+
+    def margin(score):
+        display = display_of(score)
+        return search_margins(display, users, searched(display), LEVEL).least[0]
+
+    return brentq(margin, 0.5 * EDGE, 1.5 * EDGE)
+
+
+def magnitude_study(n, place, index):
+    """One study's verdicts: by abs(Z_h) alone, and by all parts."""
+    rng = np.random.default_rng([n, round(10 * PLACES[place]), index])
+    values = CENTRE + SDS * rng.standard_normal((n, 2))
+    display = display_of(PLACES[place] * edge_score())
+    pairs = SubjectPairs(values, log=True)
+    found = confidence(display, pairs, searched(display), level=LEVEL, decision=DECISION, rng=rng)
+    alone = Confidence(found.magnitude, found.magnitude, None, None, None, None)
+    return {"magnitude": alone.verdict(DECISION), "all": found.verdict(DECISION)}
+
+
+# Bayesian verdicts.
+
+
+def bayesian_study(n, index):
+    """One study of n users of the prior: per environment the truth, the verdict, and the old rule.
+
+    None where values leave the range of files, or the gate lets no fit pass.
+    """
+    rng = np.random.default_rng([n, index])
+    design = Design.balanced(REFERENCES, subjects=n)
+    values = draw_environments(draw_hyperparameters(design, Priors(), rng), design, rng)
+    scene = Scene(
+        device={"mass": DEVICE.mass, "damping": DEVICE.damping, "period": PERIOD},
+        inference={"method": "bayesian", "kinds": ["user"], "tolerance": 0.1, "seed": index},
+    )
+    table = simulate(values, design, rng).drop(columns="source")
+    units = {"k": "N/m", "b": "N·s/m"}
+    names = [(f"{name}_{side}", unit) for name, unit in units.items() for side in ("ref", "adj")]
+    columns = {name: {"name": name, "unit": unit} for name, unit in names}
+    options = ReadOptions(quantities=scene.quantities, columns=columns)
+    try:
+        study = Study(Sessions.from_frame(table, scene=options), scene)
+    except UsageError:
+        # The prior reaches beyond what any file may hold, 1e-100 to 1e100.
+        return {"verdicts": []}
+    covariances = values.cov_u + values.cov_w
+    lines = []
+    for verdict in study.verdicts:
+        j = design.environments.index(verdict.environment)
+        mean = np.log(REFERENCES[j]) + values.beta[j]
+        users = Users.of(mean[None], covariances[j][None], log=True)
+        lines.append(
+            {
+                "inside": truly_inside(study, verdict.environment, users),
+                "outcome": verdict.outcome,
+                "probability": verdict.probability,
+                "old": old_rule(study, verdict.environment),
+            }
+        )
+    return {"verdicts": lines}
+
+
+def truly_inside(study, environment, users):
+    """Whether an environment lies in the central range of known users at every omega."""
+    display = study.parts.setup.display(environment, coupled=False)
+    omega = frequencies(study.parts.setup, environment, float(users.sd[0, 0]), study.parts.within)
+    shown = np.log([display.environment.stiffness, display.environment.damping])
+    in_plane = np.all(np.abs(shown - users.mean[:, 0]) <= EDGE * users.sd[:, 0])
+    return bool(in_plane and search_margins(display, users, omega, LEVEL).least[0] >= 0.0)
+
+
+def old_rule(study, environment):
+    """What the next user's limits say, which widen with fewer subjects."""
+    rows = study.intervals
+    rows = rows[(rows["environment"] == environment) & (rows["joint"] == "marginal")]
+    inside = (rows["lower"] <= rows["reference"]) & (rows["reference"] <= rows["upper"])
+    return "feels real" if inside.all() else "does not"
+
+
+@dataclass
+class Errors:
+    """What became of verdicts on users of the prior."""
+
+    studies: int
+    verdicts: int
+    said_real: int
+    outside: int  # Of those said to feel real
+    said_not: int
+    inside: int  # Of those said not to
+    undecided: float  # Share of verdicts
+
+    def within_promise(self):
+        """Whether both error rates are at most 1 - DECISION, within binomial error."""
+        return all(
+            wrong <= (1.0 - DECISION) * said + CLEAR * np.sqrt(DECISION * (1.0 - DECISION) * said)
+            for wrong, said in ((self.outside, self.said_real), (self.inside, self.said_not))
+        )
+
+
+def errors_of(lines, *, rule="outcome"):
+    """Count the verdicts of studies by "outcome" or by the "old" rule."""
+    verdicts = [verdict for line in lines for verdict in line["verdicts"]]
+    real = [verdict["inside"] for verdict in verdicts if verdict[rule] == "feels real"]
+    does_not = [verdict["inside"] for verdict in verdicts if verdict[rule] == "does not"]
+    return Errors(
+        studies=len(lines),
+        verdicts=len(verdicts),
+        said_real=len(real),
+        outside=real.count(False),
+        said_not=len(does_not),
+        inside=does_not.count(True),
+        undecided=1.0 - (len(real) + len(does_not)) / max(1, len(verdicts)),
+    )
+
+
+# The page.
+
+HEAD = """# Errors of verdicts
+
+Verdicts are at level {level:g} and decision {decision:g}. A verdict errs where it says that a display feels
+real that lies outside the central range of users, or that one does not that lies inside. Each may
+happen in at most {wrong:g} of studies.
+
+"""
+PARTS = """## Classical: stiffness and damping
+
+{studies:,} studies per row, whose users are known. One quantity is displayed at a place, the other at
+the middle. `wide limits` is a rule that fails: it says "feels real" where the next user's interval
+holds the display, and that interval widens with fewer subjects.
+
+| displayed | n | said real | said does not | too little data | said real by wide limits |
+|---|---|---|---|---|---|
+"""
+MAGNITUDE = """
+## Classical: abs(Z_h)
+
+Stiffness is displayed at the middle, where abs(Z_h) reaches the edge of its range, and at twice that
+distance. This part has no exact rate. The last columns are verdicts by all three parts.
+
+| displayed | n | studies | said real | said does not | real by all | does not by all |
+|---|---|---|---|---|---|---|
+"""
+BAYESIAN = """
+## Bayesian: users of the prior
+
+Studies of three references whose users come from the prior, {wanted} wanted per row. A rate is that
+of errors among the verdicts which say so, ± its binomial error where it is {wrong:g} in truth. The last
+column is "real, but outside" of the rule that fails.
+
+| n | studies | verdicts | real, but outside | ± | does not, but inside | ± | undecided | by wide limits |
+|---|---|---|---|---|---|---|---|---|
+"""
+
+
+def percent(rate):
+    return f"{100.0 * rate:.2f} %"
+
+
+def share(wrong, said):
+    return f"{wrong} of {said}" + (f" ({percent(wrong / said)})" if said else "")
+
+
+def of_one(said):
+    return percent(binomial_error(said)) if said else ""
+
+
+def part_rows(studies):
+    for place in PLACES:
+        for n in SIZES:
+            found = part_rates(n, place, studies)
+            old = part_rates(n, place, studies, rule=by_wide_limits)
+            rates = (found.real, found.does_not, found.undecided, old.real)
+            yield [place, n, *map(percent, rates)]
+
+
+def magnitude_rows(kept):
+    for (place, n), lines in kept.items():
+        alone = rates_of([line["magnitude"] for line in lines])
+        together = rates_of([line["all"] for line in lines])
+        rates = (alone.real, alone.does_not, together.real, together.does_not)
+        yield [place, n, len(lines), *map(percent, rates)]
+
+
+def bayesian_rows(kept):
+    for n, lines in kept.items():
+        found = errors_of(lines)
+        old = errors_of(lines, rule="old")
+        yield [
+            n,
+            found.studies,
+            found.verdicts,
+            share(found.outside, found.said_real),
+            of_one(found.said_real),
+            share(found.inside, found.said_not),
+            of_one(found.said_not),
+            percent(found.undecided),
+            share(old.outside, old.said_real),
+        ]
+
+
+def markdown(rows):
+    return "".join("| " + " | ".join(map(str, row)) + " |\n" for row in rows)
+
+
+def kept_fits(n, folder):
+    """The Bayesian studies of n subjects that a folder keeps."""
+    return Checkpoint(folder / "fits.jsonl", f"{n} subjects", what="judged")
+
+
+def until(deadline, lines, study, wanted):
+    """Work on studies of a checkpoint, a few at a time, until a deadline; return those that are done."""
+    done = len(lines.read(wanted))
+    while done < wanted and time.monotonic() < deadline:
+        done = min(wanted, done + STEP)
+        lines.complete(study, done)
+    return [line for _, line in sorted(lines.read(done).items())]
+
+
+def main():
+    """Simulate what is missing, and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--studies", type=int, default=20_000, help="by stiffness and damping")
+    parser.add_argument("--magnitude", type=int, default=400, help="studies by abs(Z_h)")
+    parser.add_argument("--fits", type=int, default=300, help="of each number of subjects")
+    parser.add_argument(
+        "--minutes", type=float, default=np.inf, help="then stop; run again to go on"
+    )
+    parser.add_argument("--out", type=Path, required=True, help="folder of the page")
+    given = parser.parse_args()
+    deadline = time.monotonic() + 60.0 * given.minutes
+    bayesian = {n: kept_fits(n, given.out) for n in SIZES}
+    # A few of each in turn: a run that is stopped has as many of each.
+    for wanted in range(STEP, given.fits + STEP, STEP):
+        for n, kept in bayesian.items():
+            until(deadline, kept, functools.partial(bayesian_study, n), min(wanted, given.fits))
+    magnitude = {}
+    for place in PLACES:
+        for n in SIZES:
+            kept = Checkpoint(given.out / "magnitude.jsonl", f"{place} {n}", what="judged")
+            study = functools.partial(magnitude_study, n, place)
+            magnitude[place, n] = until(deadline, kept, study, given.magnitude)
+    fits = {n: list(kept.read(given.fits).values()) for n, kept in bayesian.items()}
+    stated = {"level": LEVEL, "decision": DECISION, "wrong": 1.0 - DECISION}
+    page = [
+        HEAD.format(**stated),
+        PARTS.format(studies=given.studies),
+        markdown(part_rows(given.studies)),
+        MAGNITUDE,
+        markdown(magnitude_rows(magnitude)),
+        BAYESIAN.format(wanted=given.fits, **stated),
+        markdown(bayesian_rows(fits)),
+    ]
+    command = shlex.join(["python", "-m", "tests.boundary.verdict_rates", *sys.argv[1:]])
+    path = given.out / "verdicts.md"
+    path.write_text("".join(page) + "\n" + made_by(command).sentence + "\n", encoding="utf-8")
+    print(path)
+
+
+if __name__ == "__main__":
+    main()
