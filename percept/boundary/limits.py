@@ -195,7 +195,8 @@ class Magnitude:
         after = before + 1
         spacing = solved[after] - solved[before]
         fraction = (scores - solved[before]) / spacing
-        # Below the first score limits run on straight; above the last they stay.
+        # Below the first score limits run on straight. The last is the farthest that the law
+        # determines: beyond it limits stay.
         fraction = np.minimum(fraction, 1.0)
         start = np.take_along_axis(tables, before, axis=0)
         end = np.take_along_axis(tables, after, axis=0)

@@ -44,11 +44,13 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
 # SDs of a normal to which the score is searched: about 0.1 % of the half-width of usual bands,
-# 2.6 SDs, and far below the Monte Carlo error. Two scores nearer each other would say nothing of
-# the slope of log p between them.
+# 2.6 SDs, and far below the Monte Carlo error.
 _ACCURACY = 0.003
-# Each step out is this much longer than the one before, until curves stay inside: the first step
-# follows the slope of a normal's tail, and is mostly enough.
+# Least distance of two scores that the slope of log p is taken between: between nearer ones the
+# search's own error decides.
+_SLOPE_BASE = _ACCURACY
+# Each step out is this much longer than the one before, until curves stay inside. The first step
+# follows the slope of a normal's tail and is mostly enough, so that the factor hardly matters.
 _LONGER = 1.5
 # Steps out before the farthest score is taken: the last would be 1e5 times the first.
 _MOST_STEPS = 30
@@ -67,7 +69,7 @@ class SimultaneousLevel:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Intervals:
-    """Intervals of k that balls cover at M frequencies on N lines; ends as probabilities of k."""
+    """Intervals of k that balls cover at M frequencies on N lines; ends as F(k, b) of the table."""
 
     start: Array  # (C, N, M) by each of C tables
     end: Array  # (C, N, M)
@@ -136,11 +138,13 @@ def simultaneous_level(magnitude: Magnitude, level: float) -> SimultaneousLevel:
     if first_excess > 0.0:
         end = _score_that_holds(log_excess, first, first_excess / fall, farthest)
         solved = optimize.brentq(log_excess, first, end, xtol=_ACCURACY)
-        score = max(first + _ACCURACY, solved)
+        score = min(max(solved, first + _SLOPE_BASE), farthest)
         fall = (first_excess - log_excess(score)) / (score - first)
-    # A small move of the other limits changes no gap.
+    # Where the first score suffices, curves leave less often than allowed. The level then stands at
+    # its least, and its error is that of a level which just suffices: more than it has.
     binding = leaving_at(score).binding
-    # `limits(level)` goes back from the level to this very score, which has been solved.
+    # The level is what is reported, and `limits(level)` starts from its score: rounding makes that
+    # another number in the last digit, for which limits are solved here once and then found again.
     score = score_of(level_of(score))
     changes = _batch_changes(magnitude, score, binding)
     shifts = changes / (fall * allowed)
@@ -165,7 +169,9 @@ def _batch_changes(magnitude: Magnitude, score: float, binding: Flags) -> Array:
     """Return by how much each batch of draws changes the probability that a curve leaves, (B,).
 
     A batch has its own limits at a score, and its own table. Those limits lie `batch_shifts` farther
-    out along the curve of limits over the score, so that they need not be solved for.
+    out along the curve of limits over the score, so that they need not be solved for. That curve
+    goes through the scores solved so far, of which the search has left two or more. Limits that do
+    not bind end no gap, and a small move of them changes nothing: they are left out.
     """
     shifts = magnitude.batch_shifts(score)
     shifts = np.moveaxis(shifts, -1, 0)
@@ -223,15 +229,20 @@ def _gaps(outer: _Intervals, holes: _Intervals) -> _Gaps:
     ends = np.concatenate([hole_start, high], axis=-1)
     starts = np.maximum(starts, low)
     ends = np.minimum(ends, high)
-    # The hole that reaches farthest ends where the gap begins. Of equals, any does.
-    position = np.arange(order.shape[-1])
-    reaches_farthest = np.where(hole_end == farthest_end, position, 0)
-    farthest = np.maximum.accumulate(reaches_farthest, axis=-1)
+    farthest = _index_of_running_maximum(hole_end, farthest_end)
     return _Gaps(
         size=np.maximum(ends - starts, 0.0),
         closing=order,
+        # The hole that reaches farthest ends where the gap begins.
         opening=np.take_along_axis(order, farthest, -1),
     )
+
+
+def _index_of_running_maximum(values: Array, running_maximum: Array) -> Indices:
+    """Return where along the last axis each running maximum was met; of equals, the last place."""
+    position = np.arange(values.shape[-1])
+    met = np.where(values == running_maximum, position, 0)
+    return np.maximum.accumulate(met, axis=-1)
 
 
 def _binding(outer: _Intervals, gaps: _Gaps) -> Flags:
