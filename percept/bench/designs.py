@@ -6,12 +6,12 @@ It prints JSON.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -36,7 +36,7 @@ _FAR = 3.0  # Combined errors that a difference is counted beyond
 _MUCH_MEMORY = 1000.0  # MB
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class DesignCost:
     """Fits of simulated studies to the default tolerance, from the statistics to the gate."""
 
@@ -136,7 +136,7 @@ def design_costs(
     return rows
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class _Kept:
     """Results of processes, kept in a file as they are measured."""
 
@@ -174,14 +174,14 @@ def _measured(task: str, name: str, seed: int) -> Printed:
 
 def _compared(row: DesignCost, fit: Printed, peer: Printed) -> DesignCost:
     """Add what nutpie took, and how far its limits lie from percept's in combined errors."""
-    row = dataclasses.replace(row, **peer["cost"])
+    row = replace(row, **peer["cost"])
     if "value" not in fit or "value" not in peer:
         return row
     ours = np.array(fit["error"])
     theirs = np.array(peer["error"])
     difference = np.array(fit["value"]) - np.array(peer["value"])
     z = np.abs(difference) / np.hypot(ours, theirs)
-    return dataclasses.replace(
+    return replace(
         row,
         peer_error=float(np.median(theirs / ours)),
         z_square=float(np.mean(z**2)),

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import platform
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias, get_type_hints
 
@@ -92,7 +92,7 @@ def print_result(result: Mapping[str, object]) -> None:
     sys.stdout.write(f"\n{json.dumps(result, default=np.ndarray.tolist)}\n")
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Machine:
     """The machine a measurement was made on, and its load."""
 
@@ -109,7 +109,7 @@ def machine(loads: tuple[float, float], seconds: float) -> Machine:
     return Machine(os.cpu_count(), platform.system(), platform.machine(), *loads, seconds)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Column:
     """Fields of a row, and what they mean."""
 
@@ -117,7 +117,7 @@ class Column:
     meaning: str
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Measurement:
     """What a part measured, as its JSON file holds it."""
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import tomllib
+from dataclasses import astuple, dataclass
 from importlib import resources
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["DESIGNS", "StudyDesign", "simulated"]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class StudyDesign:
     """Subjects by environments by trials of one simulated study, and the time its fit may take."""
 
@@ -36,7 +36,7 @@ class StudyDesign:
     @property
     def plan(self) -> str:
         """A digest that tells results of different designs apart."""
-        return hashlib.sha256(repr(dataclasses.astuple(self)).encode()).hexdigest()[:16]
+        return hashlib.sha256(repr(astuple(self)).encode()).hexdigest()[:16]
 
 
 def _designs() -> dict[str, StudyDesign]:

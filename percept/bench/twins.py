@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, TypeAlias
 
@@ -64,7 +64,7 @@ _EVERYTHING = 1e50
 # values are stacked by environment, then trial, then parameter.
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Levels:
     """SDs of the model's levels, equal for both parameters and all environments."""
 

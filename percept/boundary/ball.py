@@ -14,7 +14,7 @@ Gauss-Legendre. Its slope in log r comes with it: the leg grows by r²/leg.
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -56,7 +56,7 @@ _FIRST_PLACE = np.zeros(1)
 _LAST_PLACE = np.ones(1)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Term:
     """One of the two terms of abs(Z_h)² at frequencies: gain·value + offset, of k or of b."""
 
@@ -115,7 +115,7 @@ class Content(NamedTuple):
     roughness: Array  # (Q,) of the slope's integrand, as a fraction of the slope
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Edge:
     """Where the inner intervals of Q balls end on one side, at J nodes."""
 
@@ -123,7 +123,7 @@ class _Edge:
     rate: Array  # (Q, J) how fast it moves out with the log radius
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Slices:
     """Intervals of the inner value that Q balls leave at J nodes of the outer one."""
 
@@ -324,7 +324,7 @@ def _edge(term: Term, leg: Array, radius: Array) -> _Edge:
     return _Edge(place, rate)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Interpolated:
     """A table between its points."""
 

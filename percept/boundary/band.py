@@ -7,9 +7,9 @@ apart.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -54,7 +54,7 @@ _ALIKE = 1.25
 _EQUAL = 1e-9
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class BandOwner:
     """Whose bands are spoken of."""
 
@@ -64,7 +64,7 @@ class BandOwner:
     parameter: str | None = None  # Whose bands lie against its own reference; None for abs(Z_e)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class BandStudy(NotebookRecord):
     """Bands of the device-free environment impedance, or of other quantities, and their laws."""
 

@@ -8,7 +8,7 @@ of the contrary: the first keeps its error rate without, the second with, a corr
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,7 @@ PARTS = 3
 _FEWEST_FOR_PAIR = 3
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Confidence(NotebookRecord):
     """Confidence that a display lies in the central range of users, part by part."""
 
@@ -60,7 +60,7 @@ class Confidence(NotebookRecord):
         return "does not" if least <= (1.0 - decision) / PARTS else "too little data"
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class SubjectPairs:
     """What n subjects adjusted, a row of stiffness and damping each; logarithms where `log`."""
 
@@ -112,7 +112,7 @@ def confidence(
     draws = fiducial_draws(subjects.values, _DRAWS, rng)
     users = Users.of(draws.mean, draws.covariance, log=subjects.log)
     evidence = feels_real(display, users, omega, level=level, decision=decision)
-    return dataclasses.replace(
+    return replace(
         by_parts,
         magnitude=evidence.lowest,
         magnitude_omega=evidence.lowest_omega,

@@ -8,7 +8,7 @@ draws hold the display and others not.
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import dataclass
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -67,7 +67,7 @@ _PASS = 1 << 20
 _TRIED = 8
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Evidence(NotebookRecord):
     """Posterior probability that a display feels real at every omega of a range."""
 
@@ -174,7 +174,7 @@ def search_grid(lower: float, upper: float, resonances: Array, half_widths: Arra
     return np.unique(np.concatenate([even, inside]))
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class _Disc:
     """Around where abs(Z_h) vanishes, through what is displayed, at frequencies (M,)."""
 

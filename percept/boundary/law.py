@@ -14,8 +14,8 @@ straight near the middle and exponential far out, so that few steps reach 1 - 2Â
 
 from __future__ import annotations
 
-import dataclasses
 import functools
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -73,7 +73,7 @@ _ELLIPSE_POINTS = 4096
 _EVEN = 1.32471795724474602596 ** np.array([-1.0, -2.0])
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Axis:
     """One of k and b, N/m or NÂ·s/m, by a coordinate even near the middle and logarithmic far out.
 
@@ -139,7 +139,7 @@ class Axis:
         return np.where(inside, 1.0 / scale, 0.0)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class PairLaw:
     """Law of stiffness and damping of one environment."""
 
@@ -236,10 +236,10 @@ class PairLaw:
         inside = np.cumsum(probability[order])
         requested = level * inside[-1]
         radius = np.interp(requested, inside, distance[order])
-        return dataclasses.replace(unit, radius=float(radius))
+        return replace(unit, radius=float(radius))
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Normals:
     """S normals of (k, b) in the units of the axes: b, and k by regression on it."""
 

@@ -14,8 +14,8 @@ scores; the slope of the limit over its score turns this into an error of log r.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +84,7 @@ def density(score: Array | float) -> Array:
     return np.asarray(np.exp(log_ratio) / _SQRT_2PI)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class MagnitudeLimits:
     """Limits of abs(Z_h) at M frequencies."""
 

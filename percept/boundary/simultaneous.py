@@ -25,9 +25,9 @@ s. It would need a score higher by dp_i / abs(dp/ds), and dp/ds = (1 - P) d(log 
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +58,7 @@ _MOST_STEPS = 30
 _TINY = np.finfo(np.float64).tiny
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class SimultaneousLevel:
     """The level of limits at single frequencies that hold whole curves."""
 
@@ -67,7 +67,7 @@ class SimultaneousLevel:
     shifts: Array  # (B,) by how many SDs each batch of draws would move the limits out
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Intervals:
     """Intervals of k that balls cover at M frequencies on N lines; ends as F(k, b) of the table."""
 
@@ -75,7 +75,7 @@ class _Intervals:
     end: Array  # (C, N, M)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Gaps:
     """What the common part of outer intervals has outside all holes, on N lines, from left to right."""
 
@@ -84,7 +84,7 @@ class _Gaps:
     opening: Indices  # (C, N, M) frequency whose hole ends where a gap begins; not of the first
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Leaving:
     """Curves that leave their limits."""
 

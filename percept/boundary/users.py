@@ -7,7 +7,7 @@ over one of k and b, by Gauss-Legendre nodes; the other has a normal law given t
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
@@ -37,7 +37,7 @@ _STIFFNESS = 0
 _DAMPING = 1
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Users:
     """Populations of users, one per draw (D,); stiffness first, damping second.
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from percept.bench.measure import Machine
 from percept.bench.peers.engines import ENGINES, STUDIES, engine
@@ -26,7 +26,7 @@ _AIM_DRAWS = 1000.0  # Times nutpie's effective draws per second
 _AIM_TIME = 5000.0  # Times faster than nutpie to that error
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Reached:
     """Time of one engine to one error, and how much longer that is than percept's."""
 
@@ -42,7 +42,7 @@ class Reached:
     processor_ratio: float
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Aim:
     """A ratio of percept to nutpie, and what percept aims at."""
 
@@ -52,7 +52,7 @@ class Aim:
     aim: float
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class StudyFacts:
     """A study and the limits that errors are measured against."""
 
@@ -65,7 +65,7 @@ class StudyFacts:
     relative_error: float
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class _Title:
     """An engine as the page names it."""
 
@@ -74,13 +74,13 @@ class _Title:
     unit: str
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class _LeftOut:
     name: str
     missing: list[str]  # Packages
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Benchmark:
     """A run, as benchmark.json holds it."""
 
@@ -98,7 +98,7 @@ class Benchmark:
     losses: list[str]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class _Times:
     """Of one engine to one error, s."""
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.util
 import os
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -60,7 +60,7 @@ _PYMC_TUNE = 1000
 _NUTPIE_TUNE = 400
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Fitted:
     """One run of an engine: limits on the response scale, and what it took."""
 
@@ -75,7 +75,7 @@ class Fitted:
 Sampler: TypeAlias = Callable[[float, int], Fitted]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Engine:
     """One way to sample the model."""
 

@@ -6,7 +6,6 @@ start of the process, then runs of every budget. It prints JSON.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import shlex
@@ -15,6 +14,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING
@@ -40,7 +40,7 @@ __all__ = [
 ]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Measured:
     """One engine at one budget; medians over repeats."""
 
@@ -60,7 +60,7 @@ class Measured:
     notes: dict[str, float]  # Medians of what the engine said
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Run:
     """One run of an engine's process."""
 
@@ -189,7 +189,7 @@ _PROMISES = (
 )
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Whole:
     """Wall times of one command, each in a new process."""
 
@@ -200,7 +200,7 @@ class Whole:
     processor: float  # Median processor time, s
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Comparison:
     """A command's time over another's."""
 
@@ -310,7 +310,7 @@ def _main(text: str) -> None:
             before = _processor_seconds()
             fitted = sampler(size, seed)
             runs.append(_Run(size, _processor_seconds() - before, fitted))
-    print_result({"first": first, "runs": [dataclasses.asdict(run) for run in runs]})
+    print_result({"first": first, "runs": [asdict(run) for run in runs]})
 
 
 def _processor_seconds() -> float:

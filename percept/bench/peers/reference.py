@@ -6,10 +6,10 @@ them.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -33,7 +33,7 @@ _RUNS = 30
 _TOLERANCE = 0.005  # Of each run: the pool's error is a fifth of that
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Reference:
     """Limits of one study pooled over independent runs."""
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.util
 import os
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -40,7 +40,7 @@ _EXTRA = "pip install 'percept[peers]'"
 _COLOURS = ("bayesian", "ink", "classical", "warn", "coupled")
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Plan:
     """What a benchmark measures; empty names stand for all."""
 

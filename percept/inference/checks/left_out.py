@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import warnings
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 _MOST = 1 << 20
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Loo:
     """Expected log predictive density of a new subject, from N subjects left out in turn."""
 
@@ -48,7 +48,7 @@ class Loo:
         return self.pareto_k > self.good_k
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Predicted:
     """Where subjects lie in what the others predict of them."""
 

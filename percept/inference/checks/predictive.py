@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 STATISTICS = ("mean", "sd", "farthest")
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class PriorDraws:
     """Draws of scales, population means and new users before any data."""
 
@@ -39,7 +39,7 @@ def draw_prior(
     priors = density.priors
     # Without observed scatter every coordinate of log sigma is standard normal a priori, like the
     # rest.
-    blank = dataclasses.replace(
+    blank = replace(
         statistics,
         sd=np.zeros_like(statistics.sd),
         trial_rows=np.zeros_like(statistics.trial_rows),

@@ -13,9 +13,9 @@ lose all digits where the subject effect dwarfs the rest.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ _BATCH = 1 << 20
 _LEAST_EIGENVALUE = 1e-12
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class LeftOut:
     """What W sets of scales and the other subjects' data say of each of N subjects.
 
@@ -228,7 +228,7 @@ def _whitened(covariance: SharedCovariance, vectors: Array) -> Array:
     return stacked.transpose(2, 1, 0)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _CellScatter:
     """Scatter between trials of every cell, (N, J), as a regression on the first parameter."""
 

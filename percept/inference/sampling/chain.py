@@ -6,10 +6,10 @@ the run, and the estimates are means over parts.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import time
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,7 @@ _MOST_GROWTH = 4.0
 _BLIND_GROWTH = 2.0
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Memory:
     """How much of a run is held at once."""
 
@@ -63,7 +63,7 @@ class Memory:
         return self.numbers // (dimension + 3 * components)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Task:
     """What a run is asked for."""
 
@@ -73,7 +73,7 @@ class Task:
     progress: Callable[[Progress], None] | None = None
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Pace:
     """How a chain begins."""
 
@@ -81,7 +81,7 @@ class Pace:
     first_round: int  # Steps before it is first judged
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Closed:
     """The parts of a run that are closed."""
 
@@ -207,7 +207,7 @@ class Chain:
         )
         if self._closed:
             first = self._closed.run
-            run = dataclasses.replace(
+            run = replace(
                 run, points=first.points, components=first.components, stride=first.stride
             )
         self._error = run.gate.worst_error
@@ -238,8 +238,8 @@ class Chain:
         value = before + share * (part.estimates.value - before)
         errors_before = (1.0 - share) * closed.run.errors
         errors = np.hypot(errors_before, share * part.errors)
-        estimates = dataclasses.replace(part.estimates, value=value)
-        return dataclasses.replace(part, estimates=estimates, errors=errors)
+        estimates = replace(part.estimates, value=value)
+        return replace(part, estimates=estimates, errors=errors)
 
     def at_its_end(self, run: Run) -> bool:
         """Whether no steps are left, or too few to judge another part by."""

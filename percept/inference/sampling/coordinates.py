@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import dataclass
 from typing import Protocol, Self
 
 import numpy as np
@@ -45,7 +45,7 @@ def describe_point(names: list[str], point: Array) -> str:
     return ", ".join(f"{names[i]} = {point[i]:.6g}" for i in extreme)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Affine:
     """Linear map from standard coordinates."""
 

@@ -22,9 +22,9 @@ Arrays are large (Q quantities by S draws), and are therefore written in place.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -110,7 +110,7 @@ def _thinned(draws: Array) -> Array:
     return np.ascontiguousarray(draws[:, ::_THINNING])
 
 
-@dataclasses.dataclass(eq=False)
+@dataclass(eq=False)
 class _Mixture:
     """Equal-weight mixtures of normal laws, and their probabilities at the last x evaluated.
 
@@ -361,7 +361,7 @@ def _density_of_half_widths(half_width: Array, confidence: float) -> Array:
     return np.divide(2.0 * step, high - low, out=nothing, where=high > low)
 
 
-@dataclasses.dataclass(eq=False)
+@dataclass(eq=False)
 class _MeanContent:
     """Mean over draws of the probability of holding a share, at the last half-widths evaluated."""
 

@@ -9,9 +9,9 @@ passes and misses the tolerance gives its numbers and says the error it reached.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -69,7 +69,7 @@ _RANKED = 1 << 14
 _TAIL = 1.645
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Estimates:
     """Estimates of Q quantities."""
 
@@ -93,7 +93,7 @@ class Estimands(Protocol):
         """
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Settings:
     """How to sample."""
 
@@ -117,7 +117,7 @@ class Settings:
             raise UsageError(problem, key="walkers", value=self.walkers)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Gate:
     """Verdict on a run."""
 
@@ -138,7 +138,7 @@ class Gate:
     times_needed: float = _TIMES_NEEDED  # What `times_run` had to reach
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Progress:
     """State of a run, told after every round."""
 
@@ -150,7 +150,7 @@ class Progress:
     quicker: str = ""  # What would make the run shorter
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Run:
     """A finished run."""
 
@@ -199,7 +199,7 @@ class Run:
         return (first + batches).ravel()
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Measured:
     """Estimates and how far they can be believed."""
 
@@ -210,7 +210,7 @@ class Measured:
     rhats: Array  # (Q,) Rank R-hat of the influence functions across ensembles
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Travel:
     """How the walkers of a part went, and how long."""
 

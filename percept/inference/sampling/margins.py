@@ -6,7 +6,7 @@ differ from a straight line by chance alone the spline is that line.
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -35,7 +35,7 @@ _LEAST_RISE = 1e-6
 _TINY = 1e-300
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Spline:
     """Monotone cubic pieces between evenly spaced knots, one function per coordinate."""
 

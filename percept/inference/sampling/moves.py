@@ -13,10 +13,10 @@ is given, and intervals come out too narrow with clean diagnostics.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import emcee
 import numpy as np
@@ -89,7 +89,7 @@ class ReferenceLaw:
         return np.cos(angle)[:, None] * points + towards
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Offer:
     """Points offered to all N walkers at one step."""
 
@@ -183,7 +183,7 @@ class PCNMove(ReferenceMove):
         return self._law.rotate(coords, generator)[:, None]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Schedule:
     """How often each move is chosen, and how far a step takes the walkers that are served worst."""
 

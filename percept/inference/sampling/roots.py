@@ -7,8 +7,8 @@ four calls this way, and twelve by `scipy.optimize.elementwise.find_root`, which
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ _MOST_STEPS = 60
 _MOST_REMAINING = 0.5
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Evaluation:
     """Values and slopes of Q functions at one point each, all (Q,)."""
 

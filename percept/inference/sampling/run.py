@@ -6,9 +6,9 @@ transport fitted to its draws shortens the autocorrelation time by about a third
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,7 +124,7 @@ def _worth_refining(
     return rounds > _WORTH_AGAIN and rounds * draws > _LARGER_SAMPLE * transport_draws
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class _Size:
     """Size of a run that begins again."""
 

@@ -21,7 +21,7 @@ chance.
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -64,7 +64,7 @@ _MOST_POINTS = 1024
 _CLIP = 3.0
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Transport:
     """Map from standard coordinates to a target's, with K drivers of d coordinates.
 
@@ -223,7 +223,7 @@ def _find_drivers(y: Array, effective: float) -> Indices:
     return np.array(chosen, dtype=np.intp)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Regression:
     """How C columns follow F features."""
 

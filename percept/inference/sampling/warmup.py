@@ -6,8 +6,8 @@ to which the transport is fitted.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ _LEAST_CURVATURE = 0.25
 _MOST_CURVATURE = 1e6
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class _ShortRun:
     """A run that a transport is fitted to."""
 
