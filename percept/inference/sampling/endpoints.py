@@ -17,7 +17,8 @@ The influence of a draw is the derivative of the limit in the draw's weight: by 
 function theorem its own residual in the equation over the equation's slope. Monte Carlo errors are
 worked out from the influences.
 
-Arrays are large (Q quantities by S draws), and are therefore written in place.
+Every step of a search goes over all draws (Q quantities by S draws). What it computes is therefore
+computed in blocks of draws and written in place.
 """
 
 from __future__ import annotations
@@ -40,8 +41,11 @@ Array = NDArray[np.float64]
 
 _SQRT_2PI = math.sqrt(2.0 * math.pi)
 #: With more draws the search starts from the root over every `_THINNING`-th draw: full passes are
-#: expensive then, and the start saves one or two of some four.
+#: expensive then, and the start saves one or two of some four. With fewer a pass costs as little as
+#: the start.
 _MANY_DRAWS = 4096
+#: An eighth of the draws costs half a pass in its four, and its root is some three times as noisy
+#: as that of all: near enough to start from.
 _THINNING = 8
 #: Largest product of the last two steps of `root`, whose error is about the product's square. Steps
 #: to a mixture's quantile are in its SDs, those to a half-width in its logarithm. With few draws
@@ -49,18 +53,20 @@ _THINNING = 8
 _STEP_PRODUCT = 1e-16
 #: With many draws the error, 2e-11 SDs, need only be far below the Monte Carlo error.
 _STEP_PRODUCT_OF_MANY = 4e-6
-#: The slope of a share is noisy, so the error no longer falls as the square.
+#: The slope of a share is noisy, so the error no longer falls as the square. Steps of 1e-4 leave it
+#: below 1e-4 of the half-width, a hundredth of the usual tolerance.
 _STEP_PRODUCT_OF_SHARE = 1e-8
 #: A start needs few digits: the search over all draws follows.
 _STEP_PRODUCT_OF_START = 1e-3
-#: Draws worked on at a time: their temporaries stay in the processor's cache.
+#: Draws worked on at a time: with some ten quantities their temporaries, 80 kB each, stay in the
+#: processor's cache.
 _BLOCK = 1024
-#: Effective draws that must carry a slope for it to be believed: fewer would make it too noisy.
+#: Effective draws that must carry a slope for it to be believed: with these its error is a tenth.
 _FEWEST_CARRYING = 100.0
-#: Or, of fewer draws, this fraction of them.
+#: Or, where there are fewer than 5,000 draws, this fraction of them.
 _FRACTION_CARRYING = 0.02
-#: Of the allowed error, the fraction left out beyond the bracket of a share's half-width: the root
-#: then lies safely inside.
+#: Of the probability that the interval may fail with, the fraction left out beyond the bracket of a
+#: share's half-width: at the bracket's end even the worst draw fails a thousand times less often.
 _BRACKET_TAIL = 1e-3
 
 
@@ -93,10 +99,8 @@ def mixture_quantile(
     step_product = _STEP_PRODUCT_OF_MANY if len(mean) > _MANY_DRAWS else _STEP_PRODUCT
     mixture = _Mixture(_as_rows(mean) * sign, _as_rows(sd))
     quantile = mixture.upper_quantile(tail, step_product)
-    # The mixture is not needed any more, and its array becomes the result.
-    influence = mixture.beyond
-    influence -= mixture.mean_beyond[:, None]
-    influence *= (sign / mixture.density)[:, None]
+    residual = mixture.beyond - mixture.mean_beyond[:, None]
+    influence = residual * (sign / mixture.density)[:, None]
     return sign * quantile, influence.T
 
 
@@ -131,15 +135,14 @@ class _Mixture:
         """Find x (Q,) with the stated probability beyond it."""
         z = -special.ndtri(tail)
         if self.mean.shape[1] > _MANY_DRAWS:
-            sparse = _Mixture(_thinned(self.mean), _thinned(self.sd))
-            spread = sparse.spread()
-            start = sparse.upper_quantile(tail, _STEP_PRODUCT_OF_START)
+            thinned = _Mixture(_thinned(self.mean), _thinned(self.sd))
+            spread = thinned.spread()
+            start = thinned.upper_quantile(tail, _STEP_PRODUCT_OF_START)
         else:
             spread = self.spread()
             start = self.mean.mean(axis=1) + z * spread
         # The mixture's quantile lies between the nearest and the farthest of its components'.
-        # `beyond` lends its memory: the first evaluation overwrites it.
-        component_quantiles = np.multiply(self.sd, z, out=self.beyond)
+        component_quantiles = self.sd * z
         component_quantiles += self.mean
         low = component_quantiles.min(axis=1)
         high = component_quantiles.max(axis=1)
@@ -194,12 +197,14 @@ class _Reach:
 
     For unit spread d solves Phi(h + d) + Phi(h - d) - 1 = share: h² is the quantile of a noncentral
     chi-square with d² as its noncentrality. Below h0, which holds the share at d = 0, there is no
-    such distance. As d is smooth in sqrt(h - h0), it is tabulated there, with an error below 1e-12.
+    such distance. As d is smooth in sqrt(h - h0), it is tabulated there.
     """
 
-    #: Step of the table in sqrt(h - h0), a power of two: finding the piece rounds nothing.
+    #: Step of the table in sqrt(h - h0). With 512 pieces per unit the error is below 1e-12; a power
+    #: of two, so that finding the piece rounds nothing.
     _STEP = 2.0**-9
-    #: Last sqrt(h - h0) of the table: beyond it one tail is zero in doubles, and d is linear in h.
+    #: Last sqrt(h - h0) of the table: beyond it the far tail is nothing
+    #: next to the near one, and d is linear in h.
     _LAST_SQRT = 3.0
 
     def __init__(self, share: float) -> None:
@@ -227,6 +232,7 @@ class _Reach:
         position = sqrt_excess / self._STEP
         last = len(self._pieces) - 1.0
         piece = np.minimum(position, last).astype(np.intp)
+        # No piece is out of range: "clip" spares the check for that.
         coefficients = np.take(self._pieces, piece, axis=0, mode="clip")
         c3, c2, c1, c0 = np.moveaxis(coefficients, -1, 0)
         t = sqrt_excess - piece * self._STEP
@@ -332,19 +338,16 @@ def share_half_width(
         least = _reach(share).least * spread
         differenced = _density_of_half_widths(least, confidence)
         slope = np.where(uncertain, differenced, slope)
-    # Both limits move with the centre, and apart with the half-width h. The mean probability stays:
-    # (probability - its mean) + by_centre * (mean - centre) + slope * (influence on h) = 0.
-    influence = np.empty((2, *mean.shape))
-    influence_on_centre = np.subtract(mean, centre[:, None], out=influence[0])
-    by_centre = content.by_centre[:, None]
-    # The probabilities are not needed any more, and lend their memory.
-    influence_on_half_width = content.probability
-    influence_on_half_width -= content.mean_probability[:, None]
-    influence_on_half_width += np.multiply(by_centre, influence_on_centre, out=influence[1])
-    influence_on_half_width *= (-1.0 / slope)[:, None]
-    np.add(influence_on_centre, influence_on_half_width, out=influence[1])
-    influence[0] -= influence_on_half_width
-    return centre, half_width, influence.reshape(-1, draws).T
+    # A draw that weighs more moves the centre by its own offset. The half-width h then follows, so
+    # that the mean probability stays the confidence:
+    # (probability - its mean) + by_centre * (influence on centre) + slope * (influence on h) = 0.
+    on_centre = mean - centre[:, None]
+    residual = content.probability - content.mean_probability[:, None]
+    residual += content.by_centre[:, None] * on_centre
+    on_half_width = residual * (-1.0 / slope)[:, None]
+    lower = on_centre - on_half_width
+    upper = on_centre + on_half_width
+    return centre, half_width, np.concatenate([lower, upper]).T
 
 
 def _density_of_half_widths(half_width: Array, confidence: float) -> Array:
@@ -434,11 +437,11 @@ class _MeanContent:
             slope = content.by_half_width
             sums[0] += content.probability.sum(axis=1)
             sums[1] += slope.sum(axis=1)
-            sums[3] += content.by_centre.sum(axis=1)
+            sums[2] += content.by_centre.sum(axis=1)
             slope *= slope
-            sums[2] += slope.sum(axis=1)
+            sums[3] += slope.sum(axis=1)
         means = sums / draws
         self.mean_probability = means[0]
         self.slope = means[1]
-        self.square_slope = means[2]
-        self.by_centre = means[3]
+        self.by_centre = means[2]
+        self.square_slope = means[3]
