@@ -23,6 +23,7 @@ from pydantic import (
 from percept.errors import UsageError
 from percept.html import fields_html
 from percept.inference.hierarchy.priors import Priors
+from percept.sessions.formula import Term, model_terms, terms_of
 from percept.sessions.options import DataTables, in_range, said
 from percept.sessions.quantities import Table, is_impedance, known_key
 
@@ -199,6 +200,9 @@ class ModelTable(Table):
     """The hierarchical model: pooling, priors and simpler variants.
 
     `scale` gives a parameter with a reference of zero a unit to divide by, under the normal family.
+    `bias` says which columns of the sessions move the bias, such as "hand * load + start": columns
+    of words are factors, and columns of numbers covariates. The levels of the factors named in
+    `spread` differ in how far subjects lie apart; all factors, by default.
     `resolution` is the step of the adjustment. Its variance, step²/12, stands in for scatter in
     cells that show none or whose parameters move in proportion. percept adds it nowhere else.
     """
@@ -209,6 +213,8 @@ class ModelTable(Table):
     subject_effect: StrictBool = True
     weber: StrictBool = False
     common_spread: StrictBool = False
+    bias: Annotated[str, Field(min_length=1)] | None = None
+    spread: Annotated[str, Field(min_length=1)] | None = None
     scale: dict[str, Positive] = Field(default_factory=dict)
     resolution: dict[str, Positive] = Field(default_factory=dict)
 
@@ -220,6 +226,14 @@ class ModelTable(Table):
             known_key(known, name, name, value)
         Priors(**priors)
         return priors
+
+    @model_validator(mode="after")
+    def _terms(self) -> Self:
+        if self.bias is not None:
+            terms_of(self.bias, key="bias")
+        if self.spread is not None:
+            terms_of(self.spread, key="spread")
+        return self
 
     @model_validator(mode="after")
     def _pooling_and_prior(self) -> Self:
@@ -256,8 +270,8 @@ class StudyTable(Table):
     """What the study calls its environments and subjects, as a noun or as singular and plural.
 
     Without a word environments are "conditions" where the quantities adjusted make no impedance.
-    `factor` is a column of conditions that the same subjects went through: its levels are compared
-    two by two.
+    `factor` is a column of conditions or groups, whose levels are compared two by two: the short
+    form of `[model] bias`.
     """
 
     environment: Noun | None = None
@@ -346,6 +360,11 @@ class Scene(DataTables):
                 " [device]."
             ),
         )
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Terms of the model beside environment, trend and subject: columns, alone or interacting."""
+        return model_terms(self.study.factor, self.model.bias)
 
     @property
     def environment_noun(self) -> tuple[str, str]:

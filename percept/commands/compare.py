@@ -41,7 +41,6 @@ _CONTRAST = [
     "estimate",
     "upper",
     "p_value",
-    "error",
     "n",
 ]
 # Boundaries printed: what a terminal shows at once.
@@ -73,15 +72,22 @@ def _run(arguments: argparse.Namespace) -> None:
 
 def _by_column(arguments: argparse.Namespace, progress: Working) -> None:
     """Compare conditions where subjects went through several, and groups of subjects otherwise."""
-    from percept.sessions.read import by_level
+    from percept.study import Study
     from percept.study.compare import split_by, within_subjects
 
     column = arguments.by
     if arguments.other_scene:
         raise UsageError("--by compares groups under one scene; leave --other-scene out.")
     study = open_study(arguments, progress, groups=[column])
+    if any(column in term for term in study.scene.terms):
+        _contrasts(study, column, arguments, progress)
+        return
     if within_subjects(study.sessions, column):
-        _contrasts(_over(study, by_level(study.sessions, column)), arguments, progress)
+        words = study.scene.study.model_dump(exclude_none=True)
+        scene = study.scene.with_tables(study=words | {"factor": column})
+        parts = study.parts
+        under = Study(study.sessions, scene, progress=parts.progress, store=parts.store)
+        _contrasts(under, column, arguments, progress)
         return
     groups = split_by(study.sessions, column)
     if len(groups) > 2:
@@ -157,37 +163,30 @@ def _differences(
         _print(head, comparison.curves.loc[farthest])
 
 
-def _contrasts(study: Study, arguments: argparse.Namespace, progress: Working) -> None:
-    """Print the contrasts of conditions that the same subjects went through."""
-    import pandas as pd
+def _contrasts(study: Study, column: str, arguments: argparse.Namespace, progress: Working) -> None:
+    """Print the contrasts of a column of the model."""
+    from percept.study.basics import Skipped
 
-    from percept.study.basics import Skipped, results
-    from percept.study.contrasts import contrast_rows
-
-    factor = study.sessions.factor
-    assert factor is not None
-    rows = list(
-        contrast_rows(
-            study.sessions,
-            study.parts.parameters,
-            study.scene,
-            progress=study.parts.progress,
-            store=study.parts.store,
-        )
-    )
-    table = pd.DataFrame(results(rows))
+    table = study.parts.contrasts
+    rows = study.parts.contrast_rows
     notes = [f"{row.what}: {row.why}" for row in rows if isinstance(row, Skipped)]
     progress.stop()
+    if not table.empty:
+        table = table[[column in factor.split(":") for factor in table["factor"]]]
     if table.empty:
-        raise RefusalError(
-            "no contrast can be worked out.", column=factor.name, hint="; ".join(notes)
-        )
+        raise RefusalError("no contrast can be worked out.", column=column, hint="; ".join(notes))
+    factors = study.sessions.factors
+    levels = factors.levels.get(column, ()) if factors else ()
     if arguments.json:
-        stated = {"factor": factor.name, "levels": factor.levels, **_stated(study), "notes": notes}
+        stated = {"factor": column, "levels": levels, **_stated(study), "notes": notes}
         print_json({**stated, "contrast": table})
         return
-    show("\n".join([f"{factor.name}: the same subjects at {', '.join(factor.levels)}.", *notes]))
-    show(f"Paired, {_claim(study)}.")
+    if levels:
+        who = "the same subjects" if table["within"].all() else "different subjects"
+        notes.insert(0, f"{column}: {who} at {', '.join(levels)}.")
+    show("\n".join(notes))
+    claim = _claim(study)
+    show(f"{claim[:1].upper()}{claim[1:]}.")
     table = table.assign(environment=table["environment"].fillna("overall"))
     for names, alike in table.groupby(["first", "second", "of", "unit"], sort=False):
         first, second, of, unit = map(str, names)

@@ -50,10 +50,12 @@ def cautions(results: Results) -> list[str]:
 
 
 def _levels(contrast: Sequence[ContrastRow], words: Words) -> Iterator[str]:
-    """Say what the levels of a factor are to everything but the contrasts."""
+    """Say what the levels of factors are to everything but the contrasts."""
     if contrast:
+        factors = distinct(contrast, "factor")
+        its = "its" if len(factors) == 1 else "their"
         yield (
-            f"Outside the section on {contrast[0].factor} each of its levels stands by itself. "
+            f"Outside the section on {listed(factors)} each of {its} levels stands by itself. "
             f"Only that section compares levels within {words.subjects}."
         )
 

@@ -1,4 +1,4 @@
-"""Conditions within subjects: what the first screen and the section of the factor say of their contrasts."""
+"""Factors, groups and covariates: what the first screen and their section say of their contrasts."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ _SAID = 3  # more contrasts than this are counted on the first screen, not said
 
 @dataclasses.dataclass(frozen=True)
 class ContrastTable:
-    """The contrasts of two levels in the bias or the spread of one quantity."""
+    """The contrasts of two levels in the bias or the spread of one quantity, or one interaction."""
 
+    factor: str
     first: str
     second: str
     quantity: Quantity
@@ -30,9 +31,10 @@ class ContrastTable:
 
 @dataclasses.dataclass(frozen=True)
 class Contrasts:
-    """The section of a factor."""
+    """The section of factors, groups and covariates."""
 
-    factor: str
+    within: str  # Factors of which each subject has all levels, as a list in words
+    groups: str  # Factors of which each subject has one level
     ratio: bool  # Whether contrasts of bias are ratios, else differences
     bayesian: bool
     overall: list[ContrastRow]  # Of the average user, over all references
@@ -40,29 +42,31 @@ class Contrasts:
 
 
 def contrast(results: Results) -> Section | None:
-    """Return the contrasts of conditions within subjects, pair by pair of levels."""
+    """Return the contrasts of all factors, pair by pair of levels, and slopes of covariates."""
     rows = results.contrast
     if not rows:
         return None
-    pairs = list(dict.fromkeys((row.first, row.second) for row in rows))
+    pairs = list(dict.fromkeys((row.factor, row.first, row.second) for row in rows))
     tables = []
-    for first, second in pairs:
-        of_pair = matching(rows, first=first, second=second)
+    for factor, first, second in pairs:
+        of_pair = matching(rows, factor=factor, first=first, second=second)
         for parameter in distinct(rows, "parameter"):
             quantity = results.data.quantities[parameter]
-            for of in ("bias", "spread"):
+            for of in ("bias", "spread", "interaction", "slope"):
                 alike = matching(of_pair, parameter=parameter, of=of)
                 if alike:
-                    tables.append(ContrastTable(first, second, quantity, of, alike))
+                    tables.append(ContrastTable(factor, first, second, quantity, of, alike))
     view = Contrasts(
-        factor=rows[0].factor,
+        within=listed(distinct(matching(rows, within=True), "factor")),
+        groups=listed(distinct(matching(rows, within=False), "factor")),
         ratio=rows[0].family == "lognormal",
         bayesian="bayesian" in distinct(rows, "method"),
         overall=_overall(rows),
         tables=tables,
     )
-    versus = f"{pairs[0][1]} against {pairs[0][0]}" if len(pairs) == 1 else "levels two by two"
-    return Section("contrast", f"{rows[0].factor}: {versus}", view)
+    factors = listed(distinct(rows, "factor"))
+    versus = f"{pairs[0][2]} against {pairs[0][1]}" if len(pairs) == 1 else "levels two by two"
+    return Section("contrast", f"{factors}: {versus}", view)
 
 
 def _overall(rows: Sequence[ContrastRow]) -> list[ContrastRow]:
@@ -70,18 +74,20 @@ def _overall(rows: Sequence[ContrastRow]) -> list[ContrastRow]:
 
     Without any such contrast it is those of single references.
     """
-    means = matching(rows, of="bias", kind="mean")
-    overall = matching(means, environment=None) or means
+    means = matching(rows, kind="mean")
     best = []
-    for parameter in distinct(overall, "parameter"):
-        alike = matching(overall, parameter=parameter)
-        best += matching(alike, method=ordered(METHODS[::-1], alike, "method")[0])
+    for factor, parameter in dict.fromkeys((row.factor, row.parameter) for row in means):
+        alike = matching(means, factor=factor, parameter=parameter)
+        overall = matching(alike, environment=None) or alike
+        best += matching(overall, method=ordered(METHODS[::-1], overall, "method")[0])
     return best
 
 
 def contrast_sentences(results: Results) -> list[str]:
     """Say how the levels of the factor differ, what that rests on, and how many contrasts more there are."""
-    rows = _overall(results.contrast)
+    contrasts = _overall(results.contrast)
+    # No one sentence says what an interaction is.
+    rows = [row for row in contrasts if row.of != "interaction"]
     words = words_of(results)
     users = f"{words.users[:1].upper()}{words.users[1:]}"
     sentences = []
@@ -99,9 +105,10 @@ def contrast_sentences(results: Results) -> list[str]:
             f"{users} set {label} {_difference(row)} with {percent(row.level)} {sure}, from"
             f" {rests_on}."
         )
-    if len(rows) > _SAID:
-        more = counted(len(rows) - _SAID, "contrast")
-        sentences.append(f"The section on {rows[0].factor} has {more} more.")
+    if len(contrasts) > len(sentences):
+        more = counted(len(contrasts) - len(sentences), "contrast")
+        factors = listed(distinct(contrasts, "factor"))
+        sentences.append(f"The section on {factors} has {more} more.")
     return sentences
 
 
@@ -110,6 +117,8 @@ def _difference(row: ContrastRow) -> str:
     digits = digits_of(row.estimate, row.lower, row.upper)
     ends = f"{bare(rounded(row.lower, digits))} to {bare(rounded(row.upper, digits))}"
     size = bare(rounded(abs(row.estimate), digits))
+    if row.of == "slope":
+        row = dataclasses.replace(row, second=f"{row.second} of {row.factor}")
     if row.family == "lognormal":
         return f"{size} times as high with {row.second} as with {row.first}: {ends}"
     side = "lower" if row.estimate < 0 else "higher"

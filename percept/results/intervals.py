@@ -34,7 +34,7 @@ class IntervalRow(NotebookRecord):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ContrastRow(NotebookRecord):
-    """Two levels of a factor, the second against the first, within subjects."""
+    """Two levels of a factor, the second against the first; an interaction; or a slope."""
 
     factor: str
     first: str
@@ -42,7 +42,7 @@ class ContrastRow(NotebookRecord):
     environment: str | None  # None over all references
     references: tuple[str, ...]  # Environments it rests on
     parameter: str
-    of: str  # "bias" or "spread"
+    of: str  # "bias", "spread", "interaction" or "slope"
     kind: Kind | None  # None for spread
     method: Method
     family: Family
@@ -54,8 +54,8 @@ class ContrastRow(NotebookRecord):
     estimate: float
     unit: str  # Of differences: "references", or the quantity's where one of these is not positive
     p_value: float | None
-    error: float | None  # Monte Carlo error of limits without a stopping rule, in log half-widths
-    n: int  # Subjects with both levels
+    within: bool  # Whether each subject has all levels
+    n: int  # Subjects it rests on: within subjects, those with all levels
     of_subjects: int  # Subjects in the study
     of_references: int  # References that the factor has
     covers: str

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
 from percept.errors import UsageError
+from percept.sessions.formula import model_terms
 from percept.sessions.quantities import (
     IMPEDANCE,
     Quantity,
@@ -384,7 +385,7 @@ class ReadOptions(DataTables):
 
     @classmethod
     def from_mapping(cls, tables: Mapping[str, Any]) -> ReadOptions:
-        """Build from a scene's tables on data, `study.factor` and `inference.family`.
+        """Build from a scene's tables on data, its model's columns and `inference.family`.
 
         Raises
         ------
@@ -393,6 +394,8 @@ class ReadOptions(DataTables):
         """
         own = {name: tables[name] for name in DataTables.model_fields if name in tables}
         factor = dict(tables.get("study", {})).get("factor")
+        bias = dict(tables.get("model", {})).get("bias")
         family = dict(tables.get("inference", {})).get("family", "lognormal")
         options = cls(**own, family=family)
-        return options.with_groups([factor]) if factor else options
+        columns = [name for term in model_terms(factor, bias) for name in term]
+        return options.with_groups(dict.fromkeys(columns)) if columns else options

@@ -24,7 +24,7 @@ from percept.sessions.records import (
     MASS,
     SUMMARY_COLUMNS,
     Exclusion,
-    Factor,
+    Factors,
     Notice,
     Place,
     Source,
@@ -63,8 +63,8 @@ class Sessions:
         `table`.
     options : ReadOptions
         How the files were read.
-    factor : Factor, optional
-        The factor within subjects whose levels `environment` tells apart.
+    factors : Factors, optional
+        The conditions or groups that `environment` tells apart.
     """
 
     table: pd.DataFrame
@@ -75,7 +75,7 @@ class Sessions:
     counts: Mapping[str, int] = field(default_factory=dict)
     provenance: pd.DataFrame = field(default_factory=lambda: pd.DataFrame({"file": [], "row": []}))
     options: ReadOptions = field(default_factory=ReadOptions)
-    factor: Factor | None = None
+    factors: Factors | None = None
 
     @classmethod
     def from_frame(
@@ -117,7 +117,7 @@ class Sessions:
     @cached_property
     def environments(self) -> tuple[str, ...]:
         """Environment ids as the scene lists them, then by their references."""
-        listed = self.options.environments if self.factor is None else self.factor.cells
+        listed = self.options.environments if self.factors is None else self.factors.cells
         return checks.in_order(self._references, listed)
 
     @property
@@ -321,25 +321,29 @@ def refuse_gaps(sessions: Sessions, column: str) -> None:
         raise UsageError("all rows have one value: there is nothing to compare.", column=column)
 
 
-def by_level(sessions: Sessions, column: str) -> Sessions:
-    """Tell environments apart by the levels of a column, such as "VE1 (left)"."""
-    if sessions.factor is not None:
+def by_level(sessions: Sessions, columns: Sequence[str]) -> Sessions:
+    """Tell environments apart by the levels of columns, such as "VE1 (left)"."""
+    if sessions.factors is not None or not columns:
         return sessions
-    refuse_gaps(sessions, column)
+    for column in columns:
+        refuse_gaps(sessions, column)
     names = sessions.table["environment"]
-    of_rows = sessions.table[column].astype(str)
-    levels = tuple(of_rows.unique())
-    present = set(zip(names, of_rows, strict=True))
-    cells: dict[str, tuple[str, str]] = {}
-    factor = Factor(column, levels, cells)
-    for environment, level in product(sessions.environments, levels):
-        if (environment, level) not in present:
+    of_rows = [sessions.table[column].astype(str) for column in columns]
+    levels = {column: tuple(own.unique()) for column, own in zip(columns, of_rows, strict=True)}
+    present = set(zip(names, *of_rows, strict=True))
+    cells: dict[str, tuple[str, tuple[str, ...]]] = {}
+    factors = Factors(levels, cells)
+    for environment, *combined in product(sessions.environments, *levels.values()):
+        if (environment, *combined) not in present:
             continue
-        cell = factor.cell(environment, level)
+        cell = factors.cell(environment, combined)
         if cell in cells:
             message = f"two cells would have the name {cell!r}."
             hint = "Name environments or levels without brackets."
-            raise UsageError(message, column=column, hint=hint)
-        cells[cell] = (environment, level)
-    table = sessions.table.assign(environment=names + " (" + of_rows + ")")
-    return replace(sessions, table=table, factor=factor)
+            raise UsageError(message, column=columns[0], hint=hint)
+        cells[cell] = (environment, tuple(combined))
+    joined = of_rows[0]
+    for own in of_rows[1:]:
+        joined = joined + ", " + own
+    table = sessions.table.assign(environment=names + " (" + joined + ")")
+    return replace(sessions, table=table, factors=factors)

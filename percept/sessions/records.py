@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import combinations
 from typing import TypedDict, Unpack
 
 from percept.errors import Concerned, PerceptError, UsageError
@@ -16,7 +15,7 @@ __all__ = [
     "SUMMARY_COLUMNS",
     "CellPlace",
     "Exclusion",
-    "Factor",
+    "Factors",
     "NoDataError",
     "Notice",
     "Place",
@@ -105,26 +104,31 @@ class Exclusion:
 
 
 @dataclass(frozen=True)
-class Factor:
-    """A factor within subjects: its column, its levels, and what each cell combines."""
+class Factors:
+    """Columns of conditions or groups, their levels, and what each cell combines."""
 
-    name: str
-    levels: tuple[str, ...]
-    cells: Mapping[str, tuple[str, str]]  # "VE1 (left)": VE1 at left
+    levels: Mapping[str, tuple[str, ...]]  # By column
+    #: "VE1 (left, low)": VE1, at a level of each column
+    cells: Mapping[str, tuple[str, tuple[str, ...]]]
 
     @property
-    def pairs(self) -> list[tuple[str, str]]:
-        """Levels two by two; the second is compared with the first."""
-        return list(combinations(self.levels, 2))
+    def name(self) -> str:
+        """Names of all columns."""
+        return " and ".join(self.levels)
 
     @property
     def environments(self) -> list[str]:
         """Environments in the order of their cells."""
         return list(dict.fromkeys(environment for environment, _ in self.cells.values()))
 
-    def cell(self, environment: str, level: str) -> str:
-        """Name the cell of an environment at a level."""
-        return f"{environment} ({level})"
+    def cell(self, environment: str, levels: Sequence[str]) -> str:
+        """Name the cell of an environment at a level of each column."""
+        return f"{environment} ({', '.join(levels)})"
+
+    def level(self, cell: str, column: str) -> str:
+        """Level of a cell in a column."""
+        _, levels = self.cells[cell]
+        return levels[list(self.levels).index(column)]
 
 
 class ReadError(UsageError):

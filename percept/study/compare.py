@@ -13,6 +13,7 @@ from scipy import special
 
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import NotebookRecord
+from percept.inference.classical.contrasts import group_contrast, group_spread_ratio
 from percept.inference.classical.moments import Moments
 from percept.inference.record import Family
 from percept.results import Boundary
@@ -225,43 +226,21 @@ def _classical(first: Study, second: Study) -> Iterator[dict[str, object]]:
     asked = first.scene.inference
     if "bayesian" in (asked.method, second.scene.inference.method):
         return
-    tail = 0.5 * (1.0 - asked.level)
     moments_a = _moments(first, asked.family)
     moments_b = _moments(second, asked.family)
     for cell, a in moments_a.items():
         if cell in moments_b:
             b = moments_b[cell]
-            means = _welch(a, b, tail)
-            spread = _sd_ratio(a, b, tail)
-            yield _row(cell, "classical", asked.family, means, None, spread)
+            means = group_contrast(a, b, level=asked.level)
+            spread = group_spread_ratio(a, b, level=asked.level)
+            ends = [means.lower, means.estimate, means.upper]
+            ratios = [spread.lower, spread.estimate, spread.upper]
+            yield _row(cell, "classical", asked.family, ends, None, ratios)
 
 
 def _moments(study: Study, family: Family) -> dict[tuple[str, str], Moments]:
     cells = cell_moments(study.sessions, study.parts.parameters, family)
     return known_moments(cells, family)
-
-
-def _welch(a: Moments, b: Moments, tail: float) -> list[float]:
-    """Lower limit, value and upper limit of the difference of two means with SDs of their own."""
-    variance_a = float(a.sd) ** 2 / float(a.n)
-    variance_b = float(b.sd) ** 2 / float(b.n)
-    variance = variance_a + variance_b
-    weighed = variance_a**2 / (float(a.n) - 1) + variance_b**2 / (float(b.n) - 1)
-    freedom = variance**2 / weighed
-    centre = float(b.mean) - float(a.mean)
-    half = -float(special.stdtrit(freedom, tail)) * np.sqrt(variance)
-    return [centre - half, centre, centre + half]
-
-
-def _sd_ratio(a: Moments, b: Moments, tail: float) -> list[float]:
-    """Lower limit, value and upper limit of the SD of b over that of a."""
-    df_a = float(a.n) - 1
-    df_b = float(b.n) - 1
-    # The upper quantile as the reciprocal of a lower one, which keeps the digits of a small tail.
-    high = 1.0 / special.fdtri(df_a, df_b, tail)
-    low = special.fdtri(df_b, df_a, tail)
-    ratio = float(b.sd) / float(a.sd)
-    return [ratio / np.sqrt(high), ratio, ratio / np.sqrt(low)]
 
 
 def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:

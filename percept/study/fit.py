@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import percept
 from percept.errors import RefusalError
 from percept.inference.checks.subjects import SubjectDensity
+from percept.inference.hierarchy.contrasts import ContrastEstimands
 from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments, Resolution
 from percept.inference.hierarchy.models import IntervalEstimands, Model, Product, Unpooled
 from percept.inference.hierarchy.priors import Priors
@@ -173,7 +174,7 @@ def fit_of(prepared: Prepared, asked: InferenceTable, run: Run) -> Fit:
 def sampled(
     model: Model,
     asked: InferenceTable,
-    estimands: IntervalEstimands | None = None,
+    estimands: IntervalEstimands | ContrastEstimands | None = None,
     *,
     progress: Callable[[Progress], None] | None = None,
     store: RunStore | None = None,

@@ -134,8 +134,8 @@ class Parts:
 
     @cached_property
     def contrast_rows(self) -> list[Row | Skipped]:
-        """Contrasts of the levels of a factor within subjects, and those there are none of."""
-        if self.sessions.factor is None:
+        """Contrasts of the model's terms, and those there are none of."""
+        if not self.scene.terms:
             return []
         from percept.study.contrasts import contrast_rows
 
@@ -144,7 +144,7 @@ class Parts:
 
     @property
     def contrasts(self) -> pd.DataFrame:
-        """Contrasts of the levels of `[study] factor`; empty without a factor.
+        """Contrasts of the terms of `[model] bias` or `[study] factor`; empty without one.
 
         A row per pair of levels (`second` against `first`), reference, parameter, `of` (bias or
         spread), kind and method. Limits are ratios under the lognormal family; of bias under the

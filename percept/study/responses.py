@@ -74,6 +74,7 @@ class Trials:
     reference: Array  # (P, J) In the units of their quantities
     scale: ResponseScale  # The way back
     skipped: tuple[Skipped, ...]  # Trials and environments that lack one of the parameters
+    rows: pd.Index[int]  # Of the sessions' table, one for each trial
 
     @cached_property
     def statistics(self) -> Statistics:
@@ -197,6 +198,7 @@ def trials(
         reference=reference,
         scale=ResponseScale.of(reference, scene.inference.family, unit),
         skipped=tuple(skipped),
+        rows=table.index,
     )
 
 

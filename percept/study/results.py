@@ -148,7 +148,7 @@ def _silent(step: str) -> None:
 
 def data_of(sessions: Sessions, scene: Scene) -> Data:
     """Say what was read: subjects, quantities, notices, and every cell's values."""
-    factor = sessions.factor
+    factors = sessions.factors
     nouns = Nouns(
         environment=scene.environment_noun, subject=scene.study.subject, user=scene.user_noun
     )
@@ -158,8 +158,8 @@ def data_of(sessions: Sessions, scene: Scene) -> Data:
         subjects=len(sessions.subjects),
         rows=len(sessions.table),
         environments=sessions.environments,
-        references=len(factor.environments if factor else sessions.environments),
-        factor=factor.name if factor else None,
+        references=len(factors.environments if factors else sessions.environments),
+        factor=factors.name if factors else None,
         parameters=sessions.parameters,
         quantities={name: sessions.quantities[name] for name in sessions.parameters},
         words=nouns,
@@ -273,7 +273,7 @@ def diagnostics_of(parts: Parts) -> Diagnostics | None:
     from percept.study.checks import spread_pull
 
     priors = dict(fit.model.priors_in_force)
-    if parts.sessions.factor is not None:
+    if parts.scene.terms:
         of_contrasts = Priors(**parts.scene.model.priors)
         priors["lambda_sd"] = of_contrasts.lambda_sd
         priors["psi_sd"] = of_contrasts.psi_sd

@@ -15,8 +15,9 @@ from percept.html import fields_html
 from percept.results import Band, Boundary, Coupling, IntervalRow, LeftOut, Results, Verdict
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.sessions.read import by_level
 from percept.study.basics import Skipped, results, select
+from percept.study.conditions import told_apart
+from percept.study.contrast_table import chosen_contrasts
 from percept.study.coupling import CouplingStudy
 from percept.study.intervals import KEYS
 from percept.study.parts import Parts
@@ -98,8 +99,7 @@ class Study:
             )
         self.scene = scene or Scene()
         sessions.options.require(self.scene)
-        factor = self.scene.study.factor
-        self.sessions = by_level(sessions, factor) if factor else sessions
+        self.sessions = told_apart(sessions, self.scene)
         #: What the study computes, part by part: also the fit, contrasts, checks and boundaries at
         #: other frequencies.
         self.parts = Parts(self.sessions, self.scene, progress, store)
@@ -113,6 +113,30 @@ class Study:
     def interpretation(self) -> pd.DataFrame:
         """What each row of `intervals` covers, in a sentence."""
         return pd.DataFrame(results(self.parts.interval_rows), columns=[*KEYS, "covers"])
+
+    def contrast(self, asked: str) -> pd.DataFrame:
+        """Contrasts of one factor, covariate or interaction, of every method.
+
+        Parameters
+        ----------
+        asked : str
+            A factor with two levels, such as "hand: left - right", or the name of a factor, a
+            covariate or an interaction, such as "hand:load", for all that there is of it.
+
+        Returns
+        -------
+        DataFrame
+            A row per pair of levels (`second` against `first`), reference, parameter, `of` (bias,
+            spread, interaction or slope), kind and method. Limits are ratios under the lognormal
+            family; of bias under the normal one they are differences in `unit`. `environment` is
+            None for the average over `references`.
+
+        Raises
+        ------
+        UsageError
+            A factor or a level that the model does not have.
+        """
+        return chosen_contrasts(self.parts.contrasts, asked)
 
     def summary(self, kind: str | None = "user") -> pd.DataFrame:
         """Lay the intervals out wide: a row per environment, parameter and kind, the methods side by side.

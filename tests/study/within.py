@@ -1,4 +1,4 @@
-"""A study of one quantity at three references, with two conditions that the same subjects went through."""
+"""Studies of one quantity at three references, with conditions, groups and a covariate."""
 
 import numpy as np
 import pandas as pd
@@ -22,6 +22,28 @@ def frame(subjects=8, trials=2, levels=("left", "right"), seed=3):
                     for y in [u + c * (0.2 + v) + w + rng.normal(0.0, 0.05)]
                 ]
     return pd.DataFrame(rows, columns=["subject", "environment", "hand", "k_ref", "trial", "k_adj"])
+
+
+def crossed(subjects=8, seed=4):
+    """Two factors within subjects, two groups and a dose, with their effects planted."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for s in range(subjects):
+        u, v = rng.normal(0.0, [0.15, 0.1])
+        group = ("novice", "expert")[s % 2]
+        for environment, reference in (("VE1", 10.0), ("VE2", 100.0), ("VE3", 1000.0)):
+            for h, hand in enumerate(("left", "right")):
+                for m, load in enumerate(("low", "high")):
+                    w = rng.normal(0.0, 0.1)
+                    for trial in (1, 2):
+                        dose = rng.normal(2.0, 1.0)
+                        y = u + w + 0.1 * dose + 0.5 * (group == "expert") + rng.normal(0.0, 0.05)
+                        # Averages over the other factor's levels are 0.3 and -0.2.
+                        y += h * (0.1 + v) - 0.4 * m + 0.4 * h * m
+                        row = [f"S{s}", environment, hand, load, group, f"{dose:.6f}", reference]
+                        rows.append([*row, trial, reference * np.exp(y)])
+    names = ["subject", "environment", "hand", "load", "group", "dose", "k_ref", "trial", "k_adj"]
+    return pd.DataFrame(rows, columns=names)
 
 
 def study(table, family="lognormal", **tables):

@@ -1,4 +1,4 @@
-"""Two conditions that the same subjects went through: difference of means, and ratio of SDs."""
+"""Two conditions or groups: difference of means, and ratio of SDs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,14 @@ from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.classical.moments import Moments, mean_and_sd, tail_of
 from percept.inference.record import Interval, Kind
 
-__all__ = ["SpreadRatio", "paired_contrast", "spread_ratio"]
+__all__ = [
+    "GroupContrast",
+    "SpreadRatio",
+    "group_contrast",
+    "group_spread_ratio",
+    "paired_contrast",
+    "spread_ratio",
+]
 
 Array = NDArray[np.float64]
 
@@ -31,6 +38,75 @@ class SpreadRatio:
     upper: float
     p_value: float  # Of equal SDs, two-sided
     n: int  # Subjects
+
+
+@dataclass(frozen=True)
+class GroupContrast:
+    """Mean of a second group less that of a first one."""
+
+    estimate: float
+    lower: float
+    upper: float
+    p_value: float  # Of equal means, two-sided
+
+
+def group_contrast(first: Moments, second: Moments, *, level: float) -> GroupContrast:
+    """Welch's interval of the difference of the means of two groups with SDs of their own.
+
+    Parameters
+    ----------
+    first, second : Moments
+        Of subjects' values.
+    level : float
+        Confidence.
+
+    Returns
+    -------
+    GroupContrast
+    """
+    variance_first = float(first.sd) ** 2 / float(first.n)
+    variance_second = float(second.sd) ** 2 / float(second.n)
+    variance = variance_first + variance_second
+    weighed = variance_first**2 / (float(first.n) - 1)
+    weighed += variance_second**2 / (float(second.n) - 1)
+    freedom = variance**2 / weighed
+    centre = float(second.mean) - float(first.mean)
+    scale = np.sqrt(variance)
+    half = -float(special.stdtrit(freedom, tail_of(level) / 2.0)) * scale
+    p_value = 2.0 * float(special.stdtr(freedom, -abs(centre) / scale))
+    return GroupContrast(centre, centre - half, centre + half, p_value)
+
+
+def group_spread_ratio(first: Moments, second: Moments, *, level: float) -> SpreadRatio:
+    """F interval of the SD of a second group over that of a first one.
+
+    Parameters
+    ----------
+    first, second : Moments
+        Of subjects' values.
+    level : float
+        Confidence.
+
+    Returns
+    -------
+    SpreadRatio
+    """
+    df_first = float(first.n) - 1
+    df_second = float(second.n) - 1
+    tail = tail_of(level) / 2.0
+    ratio = float(second.sd) / float(first.sd)
+    # The upper quantile as the reciprocal of a lower one, which keeps the digits of a small tail.
+    high = 1.0 / special.fdtri(df_first, df_second, tail)
+    low = special.fdtri(df_second, df_first, tail)
+    below = float(special.fdtr(df_second, df_first, ratio**2))
+    above = float(special.fdtr(df_first, df_second, ratio**-2))
+    return SpreadRatio(
+        estimate=ratio,
+        lower=ratio / np.sqrt(high),
+        upper=ratio / np.sqrt(low),
+        p_value=2.0 * min(below, above),
+        n=int(first.n + second.n),
+    )
 
 
 def paired_contrast(

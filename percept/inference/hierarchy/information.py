@@ -7,7 +7,7 @@ Given the scales, subject i adds to the information on beta
 
 a missing cell having no precision. Cost follows subjects times environments, and trials never. The
 difference loses digits where the subject effect dwarfs the rest or a correlation nears one; the
-pivots of the Cholesky factor tell how many, and draws that lose more than `_KEPT` allows are left
+pivots of the Cholesky factor tell how many, and draws that lose more than `LEAST_PIVOT` allows are left
 to the orthogonal form. Distances are sums of squares about the weighted means in either case.
 """
 
@@ -22,11 +22,18 @@ from percept.inference.hierarchy.blocks import Block, Vector, cholesky, gram, we
 from percept.inference.hierarchy.scales import Scales
 from percept.inference.hierarchy.statistics import Pattern
 
-__all__ = ["Information", "InformationProblem"]
+__all__ = [
+    "LEAST_PIVOT",
+    "Information",
+    "InformationProblem",
+    "lower_solve",
+    "precision_entries",
+    "upper_solve",
+]
 
 Array = NDArray[np.float64]
 #: Least part of a pivot that subtraction may leave: log determinants then err by 1e-8 at the most.
-_KEPT = 1e-7
+LEAST_PIVOT = 1e-7
 #: Draws of a pass: more cost the processor's cache, fewer cost calls.
 _MOST_DRAWS, _FEWEST_DRAWS = 128, 8
 #: Numbers in a temporary of a pass, over cells and over the matrix of the locations.
@@ -108,12 +115,12 @@ class Information:
         self._tau = np.concatenate(
             [np.broadcast_to(t, (self._environments, t.size)) for t in scales.tau]
         ).T
-        matrix, right, before = self._normal_equations(_dense(kinds.inverse()), left)
+        matrix, right, before = self._normal_equations(precision_entries(kinds.inverse()), left)
         self._factor = cholesky(matrix)
         pivots = np.einsum("wii->wi", self._factor)
         #: Whether enough digits are left, (W,).
-        self.sound = (pivots * pivots >= _KEPT * before).all(axis=1)
-        self._latents = _solve_upper(self._factor, _solve_lower(self._factor, right))
+        self.sound = (pivots * pivots >= LEAST_PIVOT * before).all(axis=1)
+        self._latents = upper_solve(self._factor, lower_solve(self._factor, right))
         self.mean: Vector = tuple(self._of_latents(self._latents))
         determinants = problem.count @ kinds.log_determinant()
         if scales.shared is not None and left is not None:
@@ -229,7 +236,7 @@ class Information:
     def draw(self, rng: np.random.Generator) -> Array:
         """Draw beta of all environments jointly, once per set of scales: (P, J, W)."""
         normal = rng.standard_normal(self._latents.shape)
-        return self._of_latents(self._latents + _solve_upper(self._factor, normal))
+        return self._of_latents(self._latents + upper_solve(self._factor, normal))
 
     def trend(self, rows: Array) -> tuple[Array, Array]:
         """Mean (R, W) and columns (Q, R, W) of rows (R, 2 P) of alpha and gamma over their prior SDs."""
@@ -246,7 +253,7 @@ def _padded(kinds: Block) -> Block:
     return Block(tuple(np.concatenate([part, end]) for part in kinds.variances), slope)
 
 
-def _dense(precision: Block) -> Array:
+def precision_entries(precision: Block) -> Array:
     """Entries (P, P, K, W) of precisions."""
     v, g = precision.variances[0], precision.slope
     if g is None:
@@ -255,7 +262,7 @@ def _dense(precision: Block) -> Array:
     return np.stack([[precision.variances[1] + cross * g, cross], [cross, v]])
 
 
-def _solve_lower(factor: Array, right: Array) -> Array:
+def lower_solve(factor: Array, right: Array) -> Array:
     """Solve L x = right for lower factors (W, Q, Q) and vectors (W, Q)."""
     x = right.copy()
     for i in range(x.shape[1]):
@@ -263,7 +270,7 @@ def _solve_lower(factor: Array, right: Array) -> Array:
     return x
 
 
-def _solve_upper(factor: Array, right: Array) -> Array:
+def upper_solve(factor: Array, right: Array) -> Array:
     """Solve L'x = right."""
     x = right.copy()
     for i in reversed(range(x.shape[1])):

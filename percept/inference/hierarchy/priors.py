@@ -52,8 +52,9 @@ MEANINGS = {
     "omega_e_scale": (
         "half-normal scale of omega_e, the SD of the log between-trial SD about its trend"
     ),
-    "lambda_sd": "SD of lambda, the contrast of two conditions within subjects (response scale)",
-    "psi_sd": "SD of psi, the contrast of log sigma between two conditions within subjects",
+    "lambda_sd": "SD of lambda, the difference of two levels of a factor (response scale)",
+    "psi_sd": "SD of psi and eta, the difference of two levels in the logarithm of an SD",
+    "covariate_sd": "SD of the slope on a covariate (response scale per SD of the covariate)",
 }
 
 
@@ -80,6 +81,7 @@ class Priors:
     omega_e_scale: float = 1.0
     lambda_sd: float = 1.0
     psi_sd: float = 0.5
+    covariate_sd: float = 0.5
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

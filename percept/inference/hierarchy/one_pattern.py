@@ -1,0 +1,208 @@
+"""Density of a linear design where all subjects have the same cells and trials: blocks by environment.
+
+Given the scales, the cell means of one subject have the covariance V = D + ZZ', with D a small block
+per cell and Z the columns of the subject's effects. Their mean over N subjects has the covariance
+
+    (D + ZZ')/N + K + XX'
+
+where K holds the environments' own deviations, within blocks of an environment, and X the columns
+of the fixed terms. D is whitened cell by cell, K is absorbed environment by environment, and the few
+columns of Z and X are left to one regression. Everything is done by modified Gram-Schmidt with the
+data carried along, so no digits are lost at scales of any size.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.inference.hierarchy.blocks import Block
+from percept.inference.hierarchy.design import Design
+from percept.inference.hierarchy.log_linear import (
+    log_diagonal,
+    lower_factor,
+    solve_lower,
+    solve_upper,
+)
+from percept.inference.hierarchy.regression import factor
+from percept.inference.hierarchy.statistics import Statistics
+
+__all__ = ["CellScales", "OnePattern", "SubjectCovariance", "absorb"]
+
+Array = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CellScales:
+    """What the locations depend on, for W draws."""
+
+    between: Block  # (C, W) Covariance between subjects within a cell
+    trial: Block | None  # (C, W) Covariance between trials
+    effects: Array  # (q, P, C, W) Columns Z of the subjects' effects
+    tau: Array  # (o, P, W) SDs of the environments' own deviations, one for each column
+
+
+class SubjectCovariance:
+    """V = D + ZZ' over the cells of a subject, never formed.
+
+    Parameters
+    ----------
+    noise : Block
+        D, entries (E, W).
+    effects : ndarray
+        Z, shape (q, P, E, W).
+    """
+
+    def __init__(self, noise: Block, effects: Array) -> None:
+        self._noise = noise
+        self._effects = effects
+        pulled = noise.inverse().apply(tuple(np.moveaxis(effects, 1, 0)))
+        self._pulled = np.stack(pulled, axis=1)  # (q, P, E, W) D⁻¹Z
+        together = np.einsum("apew,bpew->abw", effects, self._pulled)
+        index = np.arange(len(effects))
+        together[index, index] += 1.0
+        self._factor = lower_factor(together)  # of I + Z'D⁻¹Z
+
+    def log_determinant(self) -> Array:
+        """Return log det V, shape (W,)."""
+        return self._noise.log_determinant().sum(axis=0) + 2.0 * log_diagonal(self._factor)
+
+    def scatter_distance(self, rows: Array) -> Array:
+        """Sum of r'V⁻¹r over constant rows (n, P, E), as squares: shape (W,).
+
+        With b the subject's effect that fits r best, r'V⁻¹r is the distance of r - Zb by D, plus b'b.
+        """
+        count, size, cells = rows.shape
+        width = self._pulled.shape[-1]
+        pulled = self._pulled.reshape(len(self._pulled), size * cells, width)
+        towards = rows.reshape(count, -1) @ pulled  # (q, n, W)
+        factor = self._factor[:, :, None]
+        effect = solve_upper(factor, solve_lower(factor, towards))
+        left = []
+        for p in range(size):
+            part = np.repeat(rows[:, p, :, None], width, axis=2)
+            for column, multiple in zip(self._effects[:, p], effect, strict=True):
+                part -= column * multiple[:, None]
+            left.append(part)
+        squares = self._noise.distance(tuple(left)).sum(axis=0)
+        return np.asarray(squares + np.einsum("qnw,qnw->w", effect, effect))
+
+
+class OnePattern:
+    """Density of the cell means of a study with one pattern of cells and trials.
+
+    Parameters
+    ----------
+    statistics : Statistics
+        With one pattern; its environments are the design's cells.
+    design : Design
+        The columns.
+    """
+
+    def __init__(self, statistics: Statistics, design: Design) -> None:
+        (pattern,) = statistics.patterns
+        self._subjects = pattern.subjects
+        self._trials = pattern.trials[:, None]
+        self._rows = np.ascontiguousarray(pattern.rows.transpose(1, 0, 2))  # (n, P, C)
+        size, cells = design.cells.x.shape
+        self._own = np.concatenate([t.columns for t in design.own]) if design.own else None
+        fixed = []
+        for term in design.fixed:
+            for column in term.columns:
+                for p in range(size):
+                    alone = np.zeros((size, cells))
+                    alone[p] = column[p]
+                    fixed.append(alone)
+        #: (f + 1, P, C) Columns of the fixed terms, and the means.
+        self._constant = np.stack([*fixed, pattern.mean])
+        environment = design.cells.environment
+        number = len(design.cells.environments)
+        most = int(np.bincount(environment).max())
+        #: (L, J) Cells of each environment; one more than there are where it has fewer.
+        self._cells = np.full((most, number), cells)
+        for j in range(number):
+            there = np.flatnonzero(environment == j)
+            self._cells[: len(there), j] = there
+
+    def log_density(self, scales: CellScales) -> Array:
+        """Log density of all cell means, (W,), but for powers of 2 pi and counts."""
+        noise = scales.between
+        if scales.trial is not None:
+            noise = noise + scales.trial.scaled(1.0 / self._trials)
+        value = self._of_means(noise.scaled(1.0 / self._subjects), scales)
+        if self._subjects > 1:
+            covariance = SubjectCovariance(noise, scales.effects)
+            value += (self._subjects - 1.0) * covariance.log_determinant()
+            value += covariance.scatter_distance(self._rows)
+        return -0.5 * value
+
+    def _of_means(self, noise: Block, scales: CellScales) -> Array:
+        """Log determinant and distance of the subjects' mean, whose noise has covariance `noise`."""
+        width = scales.effects.shape[-1]
+        constant = np.broadcast_to(self._constant[..., None], (*self._constant.shape, width))
+        columns = [scales.effects / np.sqrt(self._subjects), constant]
+        size = self._constant.shape[1]
+        own = 0
+        if self._own is not None:
+            own = len(self._own) * size
+            columns.insert(0, self._own_columns(scales.tau))
+        whitened = noise.whiten(tuple(np.moveaxis(np.concatenate(columns), 1, 0)))
+        rows = np.stack(whitened, axis=1)  # (columns, P, C, W)
+        padded = np.concatenate([rows, np.zeros_like(rows[:, :, :1])], axis=2)
+        by_environment = padded[:, :, self._cells].reshape(
+            len(rows), -1, self._cells.shape[1], width
+        )
+        determinant = noise.log_determinant().sum(axis=0)
+        if own:
+            absorbed, by_block = absorb(by_environment, own)
+            determinant = determinant + by_block.sum(axis=0)
+            by_environment = absorbed
+        flat = by_environment.reshape(len(by_environment), -1, width)
+        solved = factor(flat[:-1], flat[-1])
+        return np.asarray(determinant + solved.log_determinant + solved.distance)
+
+    def _own_columns(self, tau: Array) -> Array:
+        """Columns of the environments' own deviations, (o P, P, C, W)."""
+        assert self._own is not None
+        count, size, cells = self._own.shape
+        columns = np.zeros((count, size, size, cells, tau.shape[-1]))
+        for p in range(size):
+            columns[:, p, p] = self._own[:, p, :, None] * tau[:, p, None]
+        return columns.reshape(count * size, size, cells, -1)
+
+
+def absorb(columns: Array, count: int) -> tuple[Array, Array]:
+    """Integrate out the standard normal coefficients of the first columns.
+
+    Parameters
+    ----------
+    columns : ndarray
+        Columns over M rows of unit noise, shape (q, M, ...).
+    count : int
+        How many of them are integrated out.
+
+    Returns
+    -------
+    rest : ndarray
+        The other columns over count + M rows, whose products are those weighed by the inverse of
+        I + AA', A the first columns; shape (q - count, count + M, ...).
+    log_determinant : ndarray
+        Of I + AA', shape (...).
+    """
+    total, rows, *draws = columns.shape
+    work = np.zeros((total, count + rows, *draws))
+    work[:, count:] = columns
+    # The identity stands upside down, so that what can be other than zero of each column is one
+    # stretch.
+    work[np.arange(count), count - 1 - np.arange(count)] = 1.0
+    log_determinant = np.zeros(draws)
+    for i in range(count):
+        column = work[i, count - 1 - i :]
+        later = work[i + 1 :, count - 1 - i :]
+        square = np.einsum("m...,m...->...", column, column)
+        log_determinant += np.log(square)
+        shares = np.einsum("m...,km...->k...", column, later) / square
+        later -= shares[:, None] * column
+    return work[count:], log_determinant

@@ -1,0 +1,263 @@
+"""Factors, groups and covariates of a study, told from its data, and what is compared between them."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from percept.errors import UsageError
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.sessions.formula import Term, terms_of
+from percept.sessions.read import by_level, refuse_gaps
+from percept.sessions.records import Factors
+from percept.study.basics import Array
+
+__all__ = [
+    "Comparison",
+    "Conditions",
+    "comparisons",
+    "conditions_of",
+    "covariate_values",
+    "told_apart",
+]
+
+#: A cell: its environment, and its level under each factor.
+CellKey = tuple[str, tuple[str, ...]]
+#: Signs of a contrast, by the levels of its factors.
+Signs = dict[tuple[str, ...], float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Conditions:
+    """What the columns of a model are."""
+
+    factors: tuple[str, ...]
+    between: frozenset[str]  # Factors of which every subject has one level only
+    covariates: tuple[str, ...]
+    terms: tuple[Term, ...]  # Of factors
+    spread: tuple[str, ...]  # Factors whose levels differ in spread
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """A contrast of cells: two levels of a factor, or how such a contrast differs.
+
+    Without weights it is the slope of a covariate.
+    """
+
+    factor: str  # Its column; of an interaction all columns, joined by ":"
+    first: str
+    second: str
+    environment: str | None  # None over all references
+    references: tuple[str, ...]  # Environments it rests on
+    weights: Mapping[CellKey, float]  # Of the cells' locations
+    within: bool  # Whether each subject has all levels
+    interaction: bool = False
+    groups: tuple[str, str] = ("", "")  # Levels of a factor between subjects that it compares
+    unit: float = 1.0  # SD of a covariate: its slope is told for one of its units
+
+    def row(self, cells: Sequence[CellKey]) -> Array:
+        """Weights of all cells (C,)."""
+        return np.array([self.weights.get(cell, 0.0) for cell in cells])
+
+
+def told_apart(sessions: Sessions, scene: Scene) -> Sessions:
+    """Tell environments apart by the levels of the scene's factors."""
+    if sessions.factors is not None or not scene.terms:
+        return sessions
+    return by_level(sessions, conditions_of(sessions, scene).factors)
+
+
+def conditions_of(sessions: Sessions, scene: Scene) -> Conditions:
+    """Tell factors from covariates, and those within subjects from those between them.
+
+    A column of numbers is a covariate, unless `[study] factor` names it.
+
+    Raises
+    ------
+    UsageError
+        A column that is not there, has gaps or a single value, or a term that the data cannot
+        carry.
+    """
+    columns = list(dict.fromkeys(name for term in scene.terms for name in term))
+    factors: list[str] = []
+    covariates: list[str] = []
+    between: set[str] = set()
+    for column in columns:
+        refuse_gaps(sessions, column)
+        values = pd.to_numeric(sessions.table[column], errors="coerce")
+        if column != scene.study.factor and values.notna().all():
+            covariates.append(column)
+            continue
+        factors.append(column)
+        levels = sessions.table.groupby("subject", sort=False)[column].nunique()
+        if (levels == 1).all():
+            between.add(column)
+    _refuse_interactions(scene.terms, covariates)
+    found = Conditions(
+        factors=tuple(factors),
+        between=frozenset(between),
+        covariates=tuple(covariates),
+        terms=tuple(term for term in scene.terms if not set(term) & set(covariates)),
+        spread=_spread(scene, factors),
+    )
+    _refuse_aliases(sessions, found)
+    return found
+
+
+def _spread(scene: Scene, factors: Sequence[str]) -> tuple[str, ...]:
+    """Return the factors whose levels differ in spread: those that the scene names, or all."""
+    formula = scene.model.spread
+    if formula is None:
+        return tuple(factors)
+    names = []
+    for term in terms_of(formula, key="model.spread"):
+        (name, *others) = term
+        if others or name not in factors:
+            hint = f"Factors of [model] bias are {', '.join(factors) or 'none'}."
+            message = "is no factor of the model."
+            raise UsageError(message, key="model.spread", value=" : ".join(term), hint=hint)
+        names.append(name)
+    return tuple(names)
+
+
+def _refuse_interactions(terms: Sequence[Term], covariates: Sequence[str]) -> None:
+    """Refuse interactions of covariates."""
+    for term in terms:
+        mixed = set(term) & set(covariates)
+        if len(term) > 1 and mixed:
+            column = sorted(mixed)[0]
+            message = f"{' : '.join(term)} holds a column of numbers, which takes no interactions."
+            hint = (
+                f'If it names conditions, write them as words, or set [study] factor = "{column}".'
+            )
+            raise UsageError(message, key="model.bias", value=column, hint=hint)
+
+
+def _refuse_aliases(sessions: Sessions, conditions: Conditions) -> None:
+    """Refuse the first term that the terms before it, and the environments, already determine."""
+    table = sessions.table
+    columns = pd.get_dummies(table["environment"], dtype=float).to_numpy()
+    if sessions.factors is not None:
+        names = [sessions.factors.cells[cell][0] for cell in table["environment"]]
+        columns = pd.get_dummies(pd.Series(names), dtype=float).to_numpy()
+    rank = np.linalg.matrix_rank(columns)
+    named = [*conditions.terms, *((name,) for name in conditions.covariates)]
+    for term in named:
+        if term[0] in conditions.covariates:
+            added = covariate_values(table, term)
+        else:
+            joint = table[list(term)].astype(str).agg(":".join, axis=1)
+            added = pd.get_dummies(joint, dtype=float).to_numpy()
+        columns = np.hstack([columns, added])
+        larger = int(np.linalg.matrix_rank(columns))
+        if larger == rank:
+            message = "says nothing that the environments and the other terms do not say."
+            hint = "Leave it out of [model] bias."
+            raise UsageError(message, key="model.bias", value=" : ".join(term), hint=hint)
+        rank = larger
+
+
+def covariate_values(table: pd.DataFrame, names: Sequence[str]) -> Array:
+    """Covariates of every row, centred and in SDs, shape (rows, M)."""
+    values = table[list(names)].apply(pd.to_numeric).to_numpy(dtype=float)
+    return np.asarray((values - values.mean(axis=0)) / values.std(axis=0))
+
+
+def comparisons(
+    conditions: Conditions, factors: Factors, cells: Sequence[CellKey]
+) -> Iterator[Comparison]:
+    """Yield every pair of levels, and every interaction of two factors, by reference and over all.
+
+    Parameters
+    ----------
+    conditions : Conditions
+        The model's columns.
+    factors : Factors
+        Levels of each column.
+    cells : sequence of (str, tuple of str)
+        Environment and levels of the cells that have data.
+    """
+    for factor in conditions.factors:
+        within = factor not in conditions.between
+        for pair in itertools.combinations(factors.levels[factor], 2):
+            corners = {pair[0]: -1.0, pair[1]: 1.0}
+            signs: Signs = {(level,): sign for level, sign in corners.items()}
+            groups = ("", "") if within else pair
+            outline = Comparison(factor, *pair, None, (), {}, within, groups=groups)
+            yield from _by_reference((factor,), outline, signs, factors, cells)
+    for term in conditions.terms:
+        if len(term) != 2:
+            continue
+        within = not conditions.between & set(term)
+        pairs = [itertools.combinations(factors.levels[factor], 2) for factor in term]
+        for (a, b), (c, d) in itertools.product(*map(list, pairs)):
+            signs_of_pairs: Signs = {(a, c): 1.0, (b, c): -1.0, (a, d): -1.0, (b, d): 1.0}
+            groups = (a, b) if term[0] in conditions.between else (c, d)
+            outline = Comparison(
+                ":".join(term),
+                f"{a}, {c}",
+                f"{b}, {d}",
+                None,
+                (),
+                {},
+                within,
+                interaction=True,
+                groups=("", "") if within else groups,
+            )
+            yield from _by_reference(term, outline, signs_of_pairs, factors, cells)
+
+
+def _by_reference(
+    term: Term,
+    outline: Comparison,
+    signs: Signs,
+    factors: Factors,
+    cells: Sequence[CellKey],
+) -> Iterator[Comparison]:
+    """Yield a contrast at each reference that has all its levels, and their average."""
+    places = [list(factors.levels).index(factor) for factor in term]
+    each: dict[str, dict[CellKey, float]] = {}
+    for environment in factors.environments:
+        weights = _weights(environment, places, signs, cells)
+        if weights:
+            each[environment] = weights
+    for environment, weights in each.items():
+        yield dataclasses.replace(
+            outline, environment=environment, references=(environment,), weights=weights
+        )
+    if len(each) < 2:
+        return
+    overall: dict[CellKey, float] = {}
+    for weights in each.values():
+        for cell, weight in weights.items():
+            overall[cell] = weight / len(each)
+    yield dataclasses.replace(outline, references=tuple(each), weights=overall)
+
+
+def _weights(
+    environment: str,
+    places: Sequence[int],
+    signs: Signs,
+    cells: Sequence[CellKey],
+) -> dict[CellKey, float]:
+    """Weights of a reference's cells: averages over the levels of all other factors."""
+    by_others: dict[tuple[str, ...], dict[CellKey, float]] = {}
+    for cell in cells:
+        name, levels = cell
+        own = tuple(levels[place] for place in places)
+        if name != environment or own not in signs:
+            continue
+        others = tuple(level for place, level in enumerate(levels) if place not in places)
+        by_others.setdefault(others, {})[cell] = signs[own]
+    whole = [weights for weights in by_others.values() if len(weights) == len(signs)]
+    joined: dict[CellKey, float] = {}
+    for weights in whole:
+        for cell, sign in weights.items():
+            joined[cell] = sign / len(whole)
+    return joined

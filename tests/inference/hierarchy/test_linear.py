@@ -1,0 +1,188 @@
+"""The posterior of linear designs against its covariance written out, trial by trial."""
+
+import numpy as np
+import pytest
+from scipy import linalg, stats
+
+from percept.inference.hierarchy.cell_information import CellLaw
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.design import contrast_columns
+from percept.inference.hierarchy.log_linear import LogLinear
+from percept.inference.hierarchy.one_pattern import absorb
+from percept.inference.hierarchy.priors import Priors
+from tests.inference.hierarchy.linear_designs import DESIGNS, dense, made
+
+
+def points_of(model, count=4, spread=0.7):
+    return np.random.default_rng(2).normal(0.0, spread, (count, len(model.names)))
+
+
+def log_normal(covariance, response):
+    lower = linalg.cholesky(covariance, lower=True)
+    white = linalg.solve_triangular(lower, response, lower=True)
+    constant = 0.5 * response.size * np.log(2.0 * np.pi)
+    return -0.5 * white @ white - np.log(np.diag(lower)).sum() - constant
+
+
+@pytest.mark.parametrize("name", DESIGNS)
+def test_the_density_is_that_of_the_trials(name):
+    """Log densities within 1e-9 of one multivariate normal over all trials."""
+    study = made(name)
+    points = points_of(study.model)
+    scales = study.model.linear_scales(points)
+    found = study.model(points) - scales.log_prior
+    for s in range(len(points)):
+        covariance, *_ = dense(study, scales.named, s)
+        expected = log_normal(covariance, study.response.T.ravel())
+        assert found[s] == pytest.approx(expected, abs=1e-9 * (1.0 + abs(expected)))
+
+
+@pytest.mark.parametrize("name", DESIGNS)
+def test_locations_and_users_have_their_conditional_law(name):
+    """Rows of cells and of slopes, by the rule for jointly normal variables."""
+    study = made(name)
+    model = study.model
+    points = points_of(model, 2)
+    named = model.linear_scales(points).named
+    size, cells = model.design.cells.x.shape
+    slopes = study.covariates.shape[1] * size
+    rng = np.random.default_rng(3)
+    rows = rng.normal(size=(3, size * cells + slopes))
+    laws = model.laws_of(rows, points)
+    variance = model.priors.covariate_sd**2
+    at = np.concatenate([p * cells + study.cell for p in range(size)])
+    quantity = np.repeat(np.arange(size), len(study.cell))
+    for s in range(len(points)):
+        covariance, prior, user = dense(study, named, s)
+        towards = np.zeros((size * cells + slopes, len(at)))
+        towards[: size * cells] = prior[:, at]
+        for m, values in enumerate(study.covariates.T):
+            for p in range(size):
+                row = size * cells + m * size + p
+                towards[row] = variance * np.tile(values, size) * (quantity == p)
+        whole = linalg.block_diag(prior, variance * np.eye(slopes))
+        gain = linalg.solve(covariance, towards.T, assume_a="pos").T
+        mean = gain @ study.response.T.ravel()
+        left = whole - gain @ towards.T
+        np.testing.assert_allclose(laws.mean[s], rows @ mean, rtol=1e-7, atol=1e-10)
+        sd = np.sqrt(np.diag(rows @ left @ rows.T))
+        np.testing.assert_allclose(laws.sd[s], sd, rtol=1e-7)
+        of_cells = rows[:, : size * cells]
+        own = np.sqrt(np.diag(of_cells @ user @ of_cells.T))
+        np.testing.assert_allclose(laws.population_sd[s], own, rtol=1e-10)
+
+
+def test_both_forms_of_the_density_agree():
+    """Blocks by environment, and the information of all patterns."""
+    model = made("two by two, spread").model
+    scales = model.linear_scales(points_of(model)).cells
+    by_blocks = model._one_pattern.log_density(scales)
+    law = CellLaw(model._problem, scales)
+    assert law.sound.all()
+    np.testing.assert_allclose(law.log_density, by_blocks, rtol=1e-11)
+
+
+def test_without_factors_it_is_the_model_of_environments():
+    """Equal scales give equal densities, up to what the coordinates are."""
+    study = made("no factor")
+    model = study.model
+    pooled = CollapsedDensity(model.statistics)
+    points = points_of(model)
+    scales = model.linear_scales(points)
+    named = scales.named
+    likelihood = model(points) - scales.log_prior
+    for s in range(len(points)):
+        value = {name: array[..., s : s + 1] for name, array in named.items()}
+        same = pooled.layout.scales(np.zeros((pooled.dimension, 1)))
+        from percept.inference.hierarchy.blocks import block
+        from percept.inference.hierarchy.scales import Scales
+
+        def pair(sd, rho):
+            return block(tuple(sd), rho, 1.0 - np.abs(rho))
+
+        own = Scales(
+            between=pair(value["sigma"], value["rho_w"]),
+            shared=pair(value["sigma_u"], value["rho_u"]),
+            trial=None,
+            tau=tuple(value["tau"]),
+            named=same.named,
+            log_prior=same.log_prior,
+        )
+        assert pooled.log_likelihood(own)[0] == pytest.approx(likelihood[s], rel=1e-9)
+
+
+@pytest.mark.parametrize("psi_sd", [0.5, 0.05])
+def test_coordinates_have_the_prior_of_the_spreads(psi_sd):
+    """Their density is that of standard normals times the Jacobian of the map, by differences."""
+    rng = np.random.default_rng(3)
+    columns = np.stack([np.ones(6), np.linspace(-1, 1, 6), psi_sd * np.tile([-0.5, 0.5], 3)])
+    weight = np.array([0.0, 3.0, 10.0, 50.0, 5.0, 0.0])
+    spread = LogLinear(np.log(0.2), columns, rng.normal(-1.5, 0.5, 6), weight)
+    omega = np.array([0.6])
+    step = 1e-6
+
+    def standard(coords, omega):
+        made = spread(coords[:3], coords[3:], omega)
+        middle = columns.T @ made.multiples
+        own = (made.log_sigma - np.log(0.2) - middle) / omega
+        return np.concatenate([made.multiples, own]), made
+
+    u = rng.normal(0.0, 0.5, (9, 1))
+    z, found = standard(u, omega)
+    ends = u + step * np.hstack([np.eye(9), -np.eye(9)])
+    moved, _ = standard(ends, np.repeat(omega, 18))
+    jacobian = (moved[:, :9] - moved[:, 9:]) / (2.0 * step)
+    expected = stats.norm.logpdf(z).sum() + np.linalg.slogdet(jacobian)[1]
+    np.testing.assert_allclose(found.log_density, expected, rtol=1e-6)
+    # Without any scatter about their trend they follow it.
+    assert np.isfinite(spread(u[:3], u[3:], np.array([1e-70])).log_density).all()
+
+
+@pytest.mark.parametrize("levels", [2, 3, 5])
+def test_every_difference_of_levels_has_the_prior_of_two(levels):
+    columns = contrast_columns(levels)
+    np.testing.assert_allclose(columns.sum(axis=0), 0.0, atol=1e-12)
+    for first in range(levels):
+        for second in range(first):
+            apart = columns[first] - columns[second]
+            assert apart @ apart == pytest.approx(1.0)
+    np.testing.assert_allclose(contrast_columns(2)[:, 0], [-0.5, 0.5])
+
+
+def test_an_interaction_has_the_prior_of_a_difference():
+    """Differences of differences have prior SD one, and so has each main effect."""
+    model = made("two by two, spread").model
+    terms = {term.name: term.columns for term in model.design.fixed}
+    corners = np.array([1.0, -1.0, -1.0, 1.0])
+    assert terms["hand:load"][:, 0, :4] @ corners == pytest.approx(1.0)
+    assert terms["hand"][:, 0, :4] @ [-0.5, -0.5, 0.5, 0.5] == pytest.approx(1.0)
+
+
+def test_absorbed_columns_are_integrated_out():
+    rng = np.random.default_rng(4)
+    columns = rng.normal(size=(5, 7, 2))
+    rest, log_determinant = absorb(columns, 2)
+    for w in range(2):
+        first = columns[:2, :, w].T
+        covariance = np.eye(7) + first @ first.T
+        assert log_determinant[w] == pytest.approx(np.linalg.slogdet(covariance)[1])
+        others = columns[2:, :, w]
+        expected = others @ np.linalg.solve(covariance, others.T)
+        np.testing.assert_allclose(rest[..., w] @ rest[..., w].T, expected, rtol=1e-10)
+
+
+def test_densities_of_extreme_scales_are_numbers_or_nothing():
+    for name in ("two by two, spread", "unequal trials", "covariates of trials"):
+        model = made(name).model
+        points = np.random.default_rng(5).normal(0.0, 12.0, (200, len(model.names)))
+        value = model(points)
+        assert not np.isnan(value).any()
+        assert np.isneginf(model(np.full((1, len(model.names)), 1e4))).all()
+
+
+def test_wrong_priors_change_the_density():
+    """The prior SD of a contrast is felt, so that the comparisons above can fail."""
+    wide = made("two levels, trials").model
+    narrow = made("two levels, trials", priors=Priors(lambda_sd=0.01)).model
+    points = points_of(wide)
+    assert (np.abs(wide(points) - narrow(points)) > 1e-3).all()
