@@ -6,9 +6,9 @@ nearest point n and the farthest f, both at that ω, the departure is
     max(ln D/Z(f), ln Z(n)/D)                          negative where the display lies inside
 
 The largest departure over the range is searched for by branch and bound. A piece of the range is
-sampled at its middle: that is what has been seen. Let a be what the bound allows above it. As no
-point is farther than the farthest, and none nearer than the nearest, f and n of the middle may
-stand for the whole piece:
+sampled at its middle. Let a be slightly more than the largest departure seen so far: what is to be
+shown of a piece is that no ω of it departs by more than a. As no point is farther than the
+farthest, and none nearer than the nearest, f and n of the middle may stand for the whole piece:
 
     D² <= e^(2a) Z(f)²  and  Z(n)² <= e^(2a) D²        on all of the piece: it is decided
 
@@ -45,11 +45,12 @@ __all__ = [
     "plane_departures",
 ]
 
-#: Nearer to a limit than this, as a logarithm, a display lies on it: rounding could decide.
+#: Nearer to a limit than this, as a logarithm, a display lies on it: rounding could decide. A
+#: departure keeps some 13 digits, which leaves three to spare.
 ON_LIMIT = 1e-10
 # The largest departure is searched to this fraction of itself: more digits than a page prints.
 _FRACTION = 1e-4
-# Pieces per decade of ω before any halving: most are decided at once.
+# Pieces per decade of ω before any halving: most are decided at once. It costs or saves time only.
 _PIECES_PER_DECADE = 1.5
 # Rounds that may halve. After 40 halvings a piece is 1.4e-12 wide in ln ω: a curve whose log slope is
 # below 70 changes by less than ON_LIMIT there. Bounds are widened instead.
@@ -58,9 +59,10 @@ _HALVINGS = 40
 # long would fill the memory.
 _MOST_PIECES = 2048
 # Guards against an endless search: 40 rounds may halve, and 12 more widen a bound tenfold each, from
-# ON_LIMIT to _LARGEST.
+# ON_LIMIT to _LARGEST. Some may do neither.
 _MOST_ROUNDS = 60
-# What a departure counts as, as a logarithm, where a curve vanishes or has a pole.
+# What a departure counts as, as a logarithm, where a curve vanishes or has a pole: twelve decades,
+# beyond any ratio of two impedances that a limit could mean.
 _LARGEST = 12.0 * float(np.log(10.0))
 # Deeper inside than a factor of 1,000 its square would leave too few digits to compare.
 _DEEPEST = -3.0 * float(np.log(10.0))
@@ -145,7 +147,11 @@ class Departures:
     bound: FloatArray  # No ω departs by more; inf where the search ended undecided
 
     def verdict(self, n: int = 0) -> Literal["inside", "marginal", "outside"]:
-        """Judge one; within rounding, or where the bound decides nothing, it is marginal."""
+        """Judge one; within rounding, or where the bound decides nothing, it is marginal.
+
+        A search `throughout` ends before any bound lies below zero: its displays are never said to
+        be inside here. Its caller compares `largest` with `ON_LIMIT`.
+        """
         if self.largest[n] > ON_LIMIT:
             return "outside"
         return "inside" if self.bound[n] < -ON_LIMIT else "marginal"
@@ -213,8 +219,10 @@ class _DepartureSearch:
             extremes = self._look(self._pairs.middle)
             few_pieces = self._pairs.item.size <= _MOST_PIECES * self._count
             halve = round_number < _HALVINGS and few_pieces
-            if not halve and not self._widened():
-                break
+            if not halve:
+                widened = self._widen()
+                if not widened:
+                    break
             self._pairs = self._pairs.select(~self._decided(extremes))
             if halve:
                 self._pairs = self._pairs.halved()
@@ -241,6 +249,7 @@ class _DepartureSearch:
             above = displayed / plane.square(extremes.farthest)
             below = plane.square(extremes.nearest) / displayed
             departure = 0.5 * np.log(np.fmax(above, below))
+        # NaN is 0/0: the display vanishes with the region's own curve, and departs from nothing.
         departure = np.where(np.isnan(departure), _DEEPEST, departure)
         self._keep(np.clip(departure, _DEEPEST, _LARGEST), omega)
         return extremes
@@ -248,6 +257,7 @@ class _DepartureSearch:
     def _keep(self, departure: FloatArray, omega: FloatArray) -> None:
         """Keep the largest departure of each item, the first of equals; departures of pairs."""
         item = self._pairs.item
+        # Sorted by item, and within an item from the largest departure down.
         order = np.lexsort((-departure, item))
         top = order[np.diff(item[order], prepend=-1) > 0]
         top = top[departure[top] > self._largest[item[top]]]
@@ -261,7 +271,7 @@ class _DepartureSearch:
         fraction = _FRACTION * np.abs(self._largest)
         return self._largest + np.maximum(self._gap, fraction)
 
-    def _widened(self) -> bool:
+    def _widen(self) -> bool:
         """Widen the bounds of undecided items tenfold; False where no bound can be given."""
         undecided = np.unique(self._pairs.item)
         gap = self._gap[undecided]
