@@ -135,7 +135,7 @@ def _deciding(judged: Sequence[Verdict], words: Words) -> list[str]:
 
 def _about(count: int) -> str:
     """Write a number with the two digits that its error leaves."""
-    return f"{int(rounded(count, 2)):,}"
+    return f"{float(f'{count:.2g}'):,.0f}"
 
 
 def _straddling(judged: Sequence[Verdict]) -> list[str]:

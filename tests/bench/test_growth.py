@@ -25,7 +25,7 @@ def test_as_many_patterns_and_environments_as_asked(size):
     assert len(patterns.patterns) == size
     assert sum(pattern.subjects for pattern in patterns.patterns) == 40
     assert patterns.repeats
-    assert len(growth_study("environments", size).parts.environments) == size
+    assert len(growth_study("environments", size).environments) == size
 
 
 def test_rows_keep_the_scatter_they_were_drawn_with():
