@@ -151,6 +151,11 @@ class Coupling(NotebookRecord):
     memberships: tuple[Membership, ...]  # Per rectangle of (k, b) and shape
     read_at: float  # Where single values are read, rad/s
 
+    @property
+    def stable(self) -> bool | None:
+        """Whether the coupling is stable, at its limit it is not; None where that is undecided."""
+        return {"stable": True, "marginal": False, "unstable": False}.get(self.verdict)
+
 
 @dataclasses.dataclass(frozen=True)
 class EnvironmentCouplings:

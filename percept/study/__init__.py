@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from percept.study.basics import Skipped
-from percept.study.coupling import CouplingStudy
 from percept.study.study import Study
 
-__all__ = ["CouplingStudy", "Skipped", "Study"]
+__all__ = ["Skipped", "Study"]

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from percept import haptics
-from percept.haptics import Coupling, TabulatedDevice
+from percept.haptics import TabulatedDevice
 from percept.haptics.containment import Boxes, departures, plane_departures
 from percept.haptics.design import CouplingDesign, EnvironmentBoundary, design_couplings
 from percept.haptics.impedance import coupling_admittance
 from percept.haptics.search import covers_range
 from percept.haptics.stability import coupling_bound
-from percept.html import NotebookRecord
-from percept.study.basics import Array, Skipped
+from percept.results import Coupling, Membership
+from percept.results.fields import Inside
+from percept.study.basics import Skipped
 from percept.study.device import BOXES, Setup
 from percept.study.regions import Region
 
 __all__ = [
-    "CouplingStudy",
     "design_by_method",
     "no_design",
     "study_coupling",
@@ -34,41 +33,13 @@ _LOWEST_OMEGA = 1.0
 _LOWEST_FRACTION = 1e-3
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class CouplingStudy(NotebookRecord):
-    """What the coupling does, with the device, over the scene's frequencies."""
-
-    stiffness: float  #: Of the coupling, N/m
-    damping: float  #: Of the coupling, N·s/m
-    verdict: str  #: Llewellyn's criterion: "stable", "marginal", "unstable" or "undecided"
-    reason: str  #: Why
-    margin: float  #: Smallest ratio of what the device has to what the coupling needs
-    binding_omega: float  #: Where it binds, rad/s
-    required_damping: float | None  #: Damping a rigid device needs, N·s/m; None for other devices
-    required_omega: float | None  #: Where that need is largest, rad/s
-    omega: Array  #: (M,) Frequencies of the criterion, rad/s
-    bound: Array  #: (M,) The criterion's bound there
-    admittance: Array  #: (M,) Real part of the coupling's admittance there
-    #: Per rectangle of (k, b) and shape, without and through the coupling: the verdict at every
-    #: omega of the range ("inside", "marginal" or "outside"), the largest departure (relative,
-    #: negative inside) with its omega, rad/s, and that of effective k and b, in widths; also
-    #: effective k and b at `read_at`.
-    memberships: pd.DataFrame
-    read_at: float  #: Where single values are read, rad/s
-
-    @property
-    def stable(self) -> bool | None:
-        """Whether the coupling is stable, at its limit it is not; None where that is undecided."""
-        return {"stable": True, "marginal": False, "unstable": False}.get(self.verdict)
-
-
 def study_coupling(
     setup: Setup,
     regions: Sequence[Region],
     within: tuple[float, float],
     *,
     read_at: float,
-) -> CouplingStudy:
+) -> Coupling:
     """Judge a coupling: Llewellyn's criterion, and membership in the boundaries over a range, rad/s."""
     device = setup.device
     coupling = setup.coupling
@@ -89,7 +60,7 @@ def study_coupling(
     else:
         lowest = min(_LOWEST_OMEGA, _LOWEST_FRACTION * nyquist)
         omega = np.geomspace(lowest, nyquist, _STABILITY_POINTS)
-    return CouplingStudy(
+    return Coupling(
         stiffness=float(coupling.stiffness),
         damping=float(coupling.damping),
         verdict=verdict.verdict,
@@ -101,18 +72,18 @@ def study_coupling(
         omega=omega,
         bound=coupling_bound(omega, device, period, hold=hold),
         admittance=coupling_admittance(omega, coupling, period).real,
-        memberships=pd.DataFrame(_memberships(setup, coupling, regions, within, read_at)),
-        read_at=read_at,
+        memberships=tuple(_memberships(setup, coupling, regions, within, read_at)),
+        read_at=float(read_at),
     )
 
 
 def _memberships(
     setup: Setup,
-    coupling: Coupling,
+    coupling: haptics.Coupling,
     regions: Sequence[Region],
     within: tuple[float, float],
     read_at: float,
-) -> Iterator[dict[str, object]]:
+) -> Iterator[Membership]:
     """Judge every reference against its rectangles, and their corners, over a range of omega, rad/s."""
     for region in regions:
         if region.limits is None or region.environment not in setup.references:
@@ -120,37 +91,52 @@ def _memberships(
         reference = setup.references[region.environment]
         effective = haptics.effective_impedance(read_at, reference, coupling, setup.period)
         for shape in BOXES:
-            row: dict[str, object] = {
-                "environment": region.environment,
-                "method": region.method,
-                "kind": region.kind,
-                "family": region.family,
-                "joint": region.joint,
-                "shape": shape,
-            }
-            row |= _departures(setup, region, shape, within, coupled=False)
-            row |= _departures(setup, region, shape, within, coupled=True)
-            row["effective_stiffness"] = float(effective.stiffness)
-            row["effective_damping"] = float(effective.damping)
-            yield row
+            uncoupled = _departure(setup, region, shape, within, coupled=False)
+            coupled = _departure(setup, region, shape, within, coupled=True)
+            yield Membership(
+                environment=region.environment,
+                method=region.method,
+                kind=region.kind,
+                family=region.family,
+                joint=region.joint,
+                shape=shape,
+                verdict_uncoupled=uncoupled.verdict,
+                departure_uncoupled=uncoupled.magnitude,
+                departure_omega_uncoupled=uncoupled.omega,
+                plane_departure_uncoupled=uncoupled.plane,
+                verdict_coupled=coupled.verdict,
+                departure_coupled=coupled.magnitude,
+                departure_omega_coupled=coupled.omega,
+                plane_departure_coupled=coupled.plane,
+                effective_stiffness=float(effective.stiffness),
+                effective_damping=float(effective.damping),
+            )
 
 
-def _departures(
+class _Departure(NamedTuple):
+    """How far a display leaves a boundary at most, as in `Membership`."""
+
+    verdict: Inside
+    magnitude: float
+    omega: float
+    plane: float
+
+
+def _departure(
     setup: Setup, region: Region, shape: str, within: tuple[float, float], *, coupled: bool
-) -> dict[str, object]:
+) -> _Departure:
     """Judge one reference against one rectangle, without or through the coupling."""
     assert region.limits is not None
     display = setup.display(region.environment, coupled=coupled)
     boxes = Boxes.of(*region.limits, corners=shape == "corner")
     departed = departures(display, boxes, *within)
     in_plane = plane_departures(display, boxes, *within)
-    side = "coupled" if coupled else "uncoupled"
-    return {
-        f"verdict_{side}": departed.verdict(),
-        f"departure_{side}": float(np.expm1(departed.largest[0])),
-        f"departure_omega_{side}": float(departed.omega[0]),
-        f"plane_departure_{side}": float(in_plane.largest[0]),
-    }
+    return _Departure(
+        verdict=departed.verdict(),
+        magnitude=float(np.expm1(departed.largest[0])),
+        omega=float(departed.omega[0]),
+        plane=float(in_plane.largest[0]),
+    )
 
 
 def no_design(setup: Setup, kinds: Sequence[str]) -> Skipped | None:

@@ -16,8 +16,7 @@ from percept.haptics.containment import ON_LIMIT, Boxes, departures
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.haptics.limits import passivity_damping
 from percept.haptics.records import AnyDevice, Display
-from percept.html import NotebookRecord
-from percept.results import Shape
+from percept.results import Sensitivity, Shape
 from percept.scene import InferenceTable, Scene
 from percept.sessions.quantities import is_impedance
 from percept.study.basics import Array, Skipped
@@ -25,7 +24,6 @@ from percept.study.regions import Region
 
 __all__ = [
     "BOXES",
-    "DeviceSensitivity",
     "Setup",
     "device_of",
     "device_sensitivity",
@@ -177,24 +175,6 @@ def read_response(path: str) -> TabulatedDevice:
         raise UsageError(f"cannot be read: {error}.", file=path) from error
 
 
-@dataclasses.dataclass(frozen=True)
-class DeviceSensitivity(NotebookRecord):
-    """Verdicts for lighter, heavier, less and better damped devices."""
-
-    mass: tuple[float, ...]  # Of the devices judged, kg
-    damping: tuple[float, ...]  # Of the devices judged, N·s/m
-    own: tuple[int, int]  # Index of the scene's device: of its damping, of its mass
-    verdict: tuple[
-        tuple[str | None, ...], ...
-    ]  # "stable", "marginal" or "unstable", [damping][mass]
-    #: By kind, [damping][mass]: for how many environments abs(Z_h) stays inside.
-    inside: Mapping[str, tuple[tuple[int, ...], ...]]
-    environments: int  # How many were judged
-    required_damping: float | None  # Damping that the coupling needs of a rigid device, N·s/m
-    method: str  # Whose limits
-    family: str
-
-
 def fixed_device(setup: Setup, method: str) -> Skipped | None:
     """Say why mass and damping are not varied; None where they are."""
     what = "sensitivity to the device's mass and damping"
@@ -207,7 +187,7 @@ def fixed_device(setup: Setup, method: str) -> Skipped | None:
 
 def device_sensitivity(
     setup: Setup, regions: Sequence[Region], asked: InferenceTable, within: tuple[float, float]
-) -> DeviceSensitivity | None:
+) -> Sensitivity | None:
     """Judge stability and realism again for 49 devices about the scene's; None without a region."""
     device = setup.device
     assert isinstance(device, Device)
@@ -229,7 +209,7 @@ def device_sensitivity(
         need = haptics.required_damping(setup.coupling, setup.period, hold=setup.hold)
         needed = float(need.damping)
     first_kind = next(iter(rectangles.values()))
-    return DeviceSensitivity(
+    return Sensitivity(
         mass=masses,
         damping=dampings,
         own=(dampings.index(float(device.damping)), masses.index(float(device.mass))),

@@ -17,7 +17,7 @@ from percept.errors import RefusalError
 from percept.haptics.design import CouplingDesign
 from percept.haptics.records import AnyDevice
 from percept.inference.record import Family
-from percept.results import Boundary, IntervalRow, Nouns, Verdict
+from percept.results import Boundary, Coupling, IntervalRow, Nouns, Sensitivity, Verdict
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import is_impedance
@@ -25,13 +25,11 @@ from percept.study.band import Banded, band_study, with_band
 from percept.study.basics import FAMILIES, Skipped, analysed_parameters, referenced, results, select
 from percept.study.boundaries import JOINTS, BoundaryDrawing, increasing, zoom_windows
 from percept.study.coupling import (
-    CouplingStudy,
     design_by_method,
     no_design,
     study_coupling,
 )
 from percept.study.device import (
-    DeviceSensitivity,
     Setup,
     device_of,
     device_sensitivity,
@@ -321,7 +319,7 @@ class Parts:
         return band_study(self.intervals, banded, self.cells, self.passed, self.scene.inference)
 
     @cached_property
-    def coupling(self) -> CouplingStudy | None:
+    def coupling(self) -> Coupling | None:
         """Stability of the coupling and memberships in boundaries; None without device and coupling."""
         setup = next(iter(results(self._setup)), None)
         if setup is None or setup.coupling is None:
@@ -389,7 +387,7 @@ class Parts:
         return fixed_device(self.setup, self.scene.inference.method)
 
     @cached_property
-    def sensitivity(self) -> DeviceSensitivity | None:
+    def sensitivity(self) -> Sensitivity | None:
         """How the verdicts move with the device's mass and damping; None without a device that has them."""
         if self.setup is None or self.fixed_device is not None:
             return None

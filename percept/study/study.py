@@ -18,7 +18,6 @@ from percept.sessions import Sessions
 from percept.study.basics import Skipped, results, select
 from percept.study.conditions import told_apart
 from percept.study.contrast_table import chosen_contrasts
-from percept.study.coupling import CouplingStudy
 from percept.study.intervals import KEYS
 from percept.study.parts import Parts
 from percept.study.results import compute, data_of, record, rows
@@ -197,7 +196,7 @@ class Study:
         return self.parts.band
 
     @property
-    def coupling(self) -> CouplingStudy | None:
+    def coupling(self) -> Coupling | None:
         """Stability of the coupling and memberships in boundaries; None without device and coupling."""
         return self.parts.coupling
 
@@ -310,7 +309,7 @@ class Study:
         """Plot the stability criterion of the coupling (Eq. 10) over omega, rad/s."""
         from percept.plots import plot_coupling
 
-        return plot_coupling(record(Coupling, self.coupling), ax=ax)
+        return plot_coupling(self.coupling, ax=ax)
 
     def plot_check(self, *, ax: Any = None) -> Any:
         """Plot how far each subject lies from what the others predict.

@@ -382,7 +382,8 @@ def test_an_undamped_mode_leaves_no_hole_in_the_numbers(points):
         if not points:
             assert np.isfinite([boundary.lower, boundary.upper]).all()
     assert found.coupling is not None
-    assert np.isfinite(found.coupling.memberships.select_dtypes(float)).all(axis=None)
+    memberships = pd.DataFrame(found.coupling.memberships)
+    assert np.isfinite(memberships.select_dtypes(float)).all(axis=None)
 
 
 def test_at_nyquist_all_curves_are_endless():

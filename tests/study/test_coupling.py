@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from percept import Study, haptics
@@ -57,7 +58,7 @@ def test_verdicts_of_envelopes_are_those_of_a_fine_grid(fitted: Study) -> None:
     assert fitted.coupling is not None
     setup, omega = fitted.parts.setup, np.geomspace(0.1, 100.0, 20_000)
     regions = {r.environment: r for r in fitted.parts.regions if _of_user(r)}
-    table = fitted.coupling.memberships
+    table = pd.DataFrame(fitted.coupling.memberships)
     verdicts = set()
     for row in table[(table["shape"] == "envelope") & table.apply(_of_user, axis=1)].to_dict(
         "records"

@@ -7,8 +7,9 @@ import pytest
 
 from percept import Scene, Study, haptics, read_sessions
 from percept.errors import UsageError
+from percept.results import Sensitivity
 from percept.sessions import Sessions
-from percept.study.device import DeviceSensitivity, device_of, read_response
+from percept.study.device import device_of, read_response
 from tests import DATASETS
 
 
@@ -101,7 +102,7 @@ def study() -> Study:
     return Study(read_sessions(DATASET), scene_of())
 
 
-def found_for(study: Study) -> DeviceSensitivity:
+def found_for(study: Study) -> Sensitivity:
     assert study.parts.sensitivity is not None
     return study.parts.sensitivity
 
