@@ -39,7 +39,8 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 Feeling: TypeAlias = Literal["feels real", "does not", "too little data"]
 
-#: Frequencies per decade before the search between them: curves of abs(Z_h) bend over some tenth.
+#: Frequencies per decade before the search between them: each a fifth above the one before. Only at
+#: a resonance abs(Z_h) bends over less.
 _PER_DECADE = 12
 #: Half-widths of a resonance at which abs(Z_h) is looked at on either side.
 _BESIDE = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])

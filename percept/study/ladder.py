@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -128,20 +129,25 @@ def _measured(fit: Fit, asked: InferenceTable) -> dict[_Cell, _Interval]:
     components = fit.run.components
     scale = fit.scale
     found = {}
-    parts = estimands_of(fit.model, asked).estimates(components.reshape(-1, components.shape[-1]))
+    flat = components.reshape(-1, components.shape[-1])
+    parts = estimands_of(fit.model, asked).estimates(flat)
     for kind, (_, influence) in zip(asked.kinds, parts, strict=True):
         lower, upper = fit.limits[str(kind)]
         pulls = influence.reshape(*components.shape[:3], 2, -1) * scale.unit
         if scale.log:
             pulls *= np.stack([lower, upper])
-        on_width = (pulls[..., 1, :] - pulls[..., 0, :]) / (upper - lower)
-        series = np.concatenate([on_width, 0.5 * (pulls[..., 0, :] + pulls[..., 1, :])], axis=-1)
-        errors = monte_carlo_error(series, autocorrelation_time(thin_walkers(series))).reshape(
-            2, -1
-        )
+        on_lower = pulls[..., 0, :]
+        on_upper = pulls[..., 1, :]
+        width = upper - lower
+        centre = 0.5 * (lower + upper)
+        on_width = (on_upper - on_lower) / width
+        on_centre = 0.5 * (on_lower + on_upper)
+        series = np.concatenate([on_width, on_centre], axis=-1)
+        time = autocorrelation_time(thin_walkers(series))
+        errors = monte_carlo_error(series, time).reshape(2, -1)
+        values = np.stack([width, centre, *errors], axis=1).tolist()
         for (parameter, environment), c in fit.column.items():
-            values = upper[c] - lower[c], 0.5 * (lower[c] + upper[c]), *errors[:, c]
-            found[environment, parameter, str(kind)] = _Interval(*map(float, values))
+            found[environment, parameter, str(kind)] = _Interval(*values[c])
     return found
 
 
@@ -156,16 +162,11 @@ def _effects(
         half = 0.5 * classical.width
         pairs = [(classical, chain[-1]), *itertools.pairwise(chain)]
         for cause, (one, other) in zip(["all", *steps], pairs, strict=True):
-            width = float(np.log(other.width / one.width))
-            errors = [float(np.hypot(one[which], other[which])) for which in (2, 3)]
-            yield (
-                *cell,
-                cause,
-                width,
-                errors[0],
-                (other.centre - one.centre) / half,
-                errors[1] / half,
-            )
+            log_width = math.log(other.width / one.width)
+            width_error = math.hypot(one.width_error, other.width_error)
+            shift = (other.centre - one.centre) / half
+            shift_error = math.hypot(one.centre_error, other.centre_error) / half
+            yield (*cell, cause, log_width, width_error, shift, shift_error)
 
 
 def _words(scene: Scene) -> dict[str, str]:

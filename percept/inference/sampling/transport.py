@@ -52,8 +52,8 @@ _LOG_SCALE_STEPS = 5
 #: Most that a coefficient of a log scale changes in one step: a sample in a few clumps would send
 #: the first step far.
 _LONGEST_STEP = 0.5
-#: Correlations that have no factor are made smaller by this, again and again. They were shrunk one
-#: by one, and need not fit together; a few per cent are mostly enough.
+#: Correlations that have no factor are multiplied by this until they have one: each was shrunk by
+#: itself, and together they may fit no joint law.
 _SHRINKAGE = 0.9
 #: Points are mapped in multiples of this number. Matrix products work in blocks, and would sum what
 #: is left over in another order: the last bits of a point would depend on how many there are.
