@@ -117,7 +117,8 @@ def subject_tables(
         }
     )
     means = statistics.cell_means
-    value = fit.scale.native(means.reshape(len(means), -1)).reshape(means.shape)
+    by_cell = means.reshape(len(means), -1)
+    value = fit.scale.native(by_cell).reshape(means.shape)
     cells = pd.DataFrame(
         {
             "subject": statistics.subjects[i],
@@ -268,7 +269,8 @@ def bias_pull(fit: Fit, *, level: float, user: str) -> tuple[str, ...]:
     weights = special.softmax(free(points) - density(points))
     sd = np.hypot(own.sd, own.mean.std(axis=0)).mean(axis=0)
     half_width = special.ndtri(0.5 * (1.0 + level)) * sd
-    moved = (own.mean.mean(axis=0) - weights @ other.mean) / half_width
+    free_mean = weights @ other.mean
+    moved = (own.mean.mean(axis=0) - free_mean) / half_width
     cells = ", ".join(
         f"{fit.quantities[p].label} in {e} ({moved[c]:+.2f})"
         for (p, e), c in fit.column.items()

@@ -170,8 +170,9 @@ def _gaps(first: Study, second: Study) -> Iterator[dict[str, object]]:
             a = np.maximum(getattr(of_a, side), _FLOOR * of_a.upper)
             b = np.maximum(getattr(of_b, side), _FLOOR * of_b.upper)
             log_ratio = np.log(b / a)
-            worst = int(np.abs(log_ratio).argmax())
-            row[f"area_{side}"] = float(np.abs(log_ratio).mean())
+            distance = np.abs(log_ratio)
+            worst = distance.argmax()
+            row[f"area_{side}"] = float(distance.mean())
             row[f"largest_{side}"] = float(log_ratio[worst])
             row[f"omega_{side}"] = float(omega[worst])
         yield row
@@ -190,8 +191,10 @@ def _envelopes(study: Study, omega: Array) -> dict[tuple[str, ...], Boundary]:
 def _same_sessions(first: Sessions, second: Sessions) -> bool:
     if first.form != second.form or first.quantities != second.quantities:
         return False
-    columns = list(trial_columns(first.quantities) if first.form == "trials" else SUMMARY_COLUMNS)
-    return first.table[columns].equals(second.table[columns])
+    columns: tuple[str, ...] = SUMMARY_COLUMNS
+    if first.form == "trials":
+        columns = trial_columns(first.quantities)
+    return first.table[[*columns]].equals(second.table[[*columns]])
 
 
 def _in_common(first: Sessions, second: Sessions) -> Iterator[str]:
@@ -264,14 +267,15 @@ def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
         column_b = fit_b.column.get(cell)
         if column_b is None:
             continue
-        a = draws_a.repeated(column_a, count)
+        a = draws_a.turned(column_a, count, np.zeros_like(turns))
         b = draws_b.turned(column_b, count, turns)
         mean = (b.mean - a.mean)[:, None]
         sd = np.hypot(a.sd, b.sd)[:, None]
         lower, _ = mixture_quantile(mean, sd, tail, upper=False)
         upper, _ = mixture_quantile(mean, sd, tail, upper=True)
         ends = [float(lower[0]), float(mean.mean()), float(upper[0])]
-        spread = np.quantile(b.spread / a.spread, [tail, 0.5, 1.0 - tail]).tolist()
+        ratio = b.spread / a.spread
+        spread = np.quantile(ratio, [tail, 0.5, 1.0 - tail]).tolist()
         above = float(special.ndtr(mean / sd).mean())
         yield _row(cell, "bayesian", asked.family, ends, above, spread)
 
@@ -283,14 +287,6 @@ class _Draws:
     mean: Array
     sd: Array  # Of the mean, given the scales
     spread: Array  # SD between users
-
-    def repeated(self, column: int, count: int) -> _Draws:
-        """Return the first draws of a cell, once per turn."""
-        return _Draws(
-            np.tile(self.mean[:count, column], _TURNS),
-            np.tile(self.sd[:count, column], _TURNS),
-            np.tile(self.spread[:count, column], _TURNS),
-        )
 
     def turned(self, column: int, count: int, turns: NDArray[np.int64]) -> _Draws:
         """Return the first draws of a cell, rolled on by each turn."""
