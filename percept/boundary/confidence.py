@@ -23,7 +23,14 @@ from percept.inference.classical.central_range import central_range_confidence
 from percept.inference.classical.fiducial import fiducial_draws
 from percept.inference.classical.moments import Moments
 
-__all__ = ["PARTS", "Confidence", "SubjectPairs", "confidence", "limits_confidence"]
+__all__ = [
+    "FEWEST_FOR_PAIR",
+    "PARTS",
+    "Confidence",
+    "SubjectPairs",
+    "confidence",
+    "limits_confidence",
+]
 
 Array = NDArray[np.float64]
 
@@ -32,7 +39,7 @@ _DRAWS = 2048
 #: Parts that may each say "does not": stiffness, damping, abs(Z_h).
 PARTS = 3
 #: Subjects that the joint law of stiffness and damping needs.
-_FEWEST_FOR_PAIR = 3
+FEWEST_FOR_PAIR = 3
 
 
 @dataclass(frozen=True)
@@ -107,7 +114,7 @@ def confidence(
     stiffness = Moments.from_values(subjects.values[:, 0])
     damping = Moments.from_values(subjects.values[:, 1])
     by_parts = limits_confidence(display, stiffness, damping, omega, level=level, log=subjects.log)
-    if len(subjects.values) < _FEWEST_FOR_PAIR:
+    if len(subjects.values) < FEWEST_FOR_PAIR:
         return by_parts
     draws = fiducial_draws(subjects.values, _DRAWS, rng)
     users = Users.of(draws.mean, draws.covariance, log=subjects.log)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
+from percept.boundary.confidence import FEWEST_FOR_PAIR, PARTS
 from percept.boundary.feels_real import judge
 from percept.inference.record import percent
 from percept.report.numbers import bare, rounded
 from percept.report.select import (
     METHOD_NAMES,
     METHODS,
+    MOST_NAMED,
     Section,
     Words,
     distinct,
@@ -33,8 +35,6 @@ _SAID = {
     "does not": ("{} does not feel real", "{} do not feel real"),
     "too little data": ("there is too little data on {}", "there is too little data on {}"),
 }
-#: More names than this are counted.
-_NAMED = 5
 _INSIDE = ("inside", "marginal", "outside")
 
 
@@ -80,7 +80,7 @@ def feeling_sentences(verdicts: Sequence[Verdict], words: Words) -> list[str]:
 
 def _said_of(names: Sequence[str], outcome: str, count: int, words: Words) -> str:
     several = len(names) > 1
-    if len(names) <= _NAMED:
+    if len(names) <= MOST_NAMED:
         named = listed(names)
     elif len(names) == count:
         named = f"all {count} {words.environments}"
@@ -91,7 +91,7 @@ def _said_of(names: Sequence[str], outcome: str, count: int, words: Words) -> st
 
 def _said_range(probabilities: Sequence[float], decision: float) -> str:
     """Write each probability, or the smallest and the largest of many."""
-    if len(probabilities) > _NAMED:
+    if len(probabilities) > MOST_NAMED:
         low = _said_probability(min(probabilities), decision)
         high = _said_probability(max(probabilities), decision)
         return low if low == high else f"{low} to {high}"
@@ -116,7 +116,7 @@ def _deciding(judged: Sequence[Verdict], words: Words) -> list[str]:
         assurance = next(verdict.more.assurance for verdict in judged if verdict.more)
         counts = [_about(count) for count in numbers.values()]
         several = words.subject if counts == ["1"] else words.subjects
-        if len(numbers) > _NAMED:
+        if len(numbers) > MOST_NAMED:
             fewest = _about(min(numbers.values()))
             largest = _about(max(numbers.values()))
             each = f"each of {len(numbers)} {words.environments}"
@@ -127,7 +127,7 @@ def _deciding(judged: Sequence[Verdict], words: Words) -> list[str]:
     if too_many:
         most = next(verdict.more.most for verdict in judged if verdict.more)
         named = f"{len(too_many)} {words.environments}"
-        if len(too_many) <= _NAMED:
+        if len(too_many) <= MOST_NAMED:
             named = listed(too_many)
         sentences.append(f"{named} would take more than {most:,} {words.subjects}.")
     return sentences
@@ -161,11 +161,11 @@ def _leaning(judged: Sequence[Verdict], words: Words) -> list[str]:
         if leaning is None:
             continue
         rows = []
-        for row in leaning.rows[:_NAMED]:
+        for row in leaning.rows[:MOST_NAMED]:
             where = "a trial" if row.row is None else f"row {row.row} of {row.file}"
             rows.append(f"{where}: {row.text}")
-        if len(leaning.rows) > _NAMED:
-            rows.append(f"{len(leaning.rows) - _NAMED} more")
+        if len(leaning.rows) > MOST_NAMED:
+            rows.append(f"{len(leaning.rows) - MOST_NAMED} more")
         without = "that row" if len(rows) == 1 else "those rows"
         said = "there is no verdict"
         other = leaning.without
@@ -217,6 +217,8 @@ class Feelings:
     classical: list[Verdict]
     rendered: dict[bool, str]  # How an environment is displayed, by whether through the coupling
     undecided: MoreSubjects | None  # Of a verdict that more subjects would decide, if there is one
+    refuted: float  # A part's confidence that says "does not"
+    fewest: int  # Subjects that abs(Z_h) needs
     paper: PaperRule | None
 
 
@@ -230,6 +232,8 @@ def feelings(results: Results) -> Section | None:
         classical=[verdict for verdict in verdicts if verdict.classical],
         rendered=RENDERED,
         undecided=next((verdict.more for verdict in verdicts if verdict.more), None),
+        refuted=(1.0 - verdicts[0].decision) / PARTS,
+        fewest=FEWEST_FOR_PAIR,
         paper=_paper_rule(results),
     )
     return Section("verdicts", "Does it feel real?", view)
@@ -256,7 +260,7 @@ def _paper_rule(results: Results) -> PaperRule | None:
         for inside in _INSIDE:
             alike = matching(preferred, **{f"verdict_{side}": inside})
             names = distinct(alike, "environment")
-            if len(names) > _NAMED:
+            if len(names) > MOST_NAMED:
                 groups.append(f"{inside} {len(names)} of {len(preferred)} {environments}")
             elif names:
                 groups.append(f"{inside} {listed(names)}")

@@ -15,7 +15,7 @@ from jinja2.sandbox import SandboxedEnvironment
 from markupsafe import Markup, escape
 
 from percept.provenance import commit_of_code
-from percept.report.numbers import digits_of, number, rounded
+from percept.report.numbers import digits_of, number, percentage, rounded
 from percept.report.sections import build_sections
 from percept.report.select import listed, makes_impedance, title_of, words_of
 from percept.results import Findings, Results
@@ -53,6 +53,7 @@ def render_page(
     environment = _environment(_PACKAGE)
     environment.filters["symbols"] = _symbols
     environment.filters["listed"] = listed
+    environment.filters["percentage"] = percentage
     return environment.get_template("page.html.j2").render(
         results=results,
         scene=results.provenance.scene,

@@ -12,10 +12,10 @@ from percept.results import Nouns, Results
 from percept.sessions.quantities import IMPEDANCE
 
 __all__ = [
-    "KINDS", "METHODS", "METHOD_NAMES", "STATISTICS", "Section", "Words", "choice_said", "chosen",
-    "compared_by_difference", "distinct", "each_by_itself", "families_of", "family_of", "first",
-    "kind_names", "listed", "makes_impedance", "matching", "ordered", "preferred_families",
-    "title_of", "words_of",
+    "KINDS", "METHODS", "METHOD_NAMES", "MOST_NAMED", "STATISTICS", "Section", "Words",
+    "choice_said", "chosen", "compared_by_difference", "distinct", "each_by_itself",
+    "families_of", "family_of", "first", "kind_names", "listed", "makes_impedance", "matching",
+    "ordered", "preferred_families", "title_of", "words_of",
 ]  # fmt: skip
 
 R = TypeVar("R")
@@ -27,6 +27,8 @@ METHODS = ("classical", "bayesian")
 #: Statistics of the predictive check, in words.
 STATISTICS = {"mean": "mean", "sd": "SD", "farthest": "farthest {subject}"}
 METHOD_NAMES = {"classical": "classical", "bayesian": "Bayesian"}
+#: More names than this are counted, not listed.
+MOST_NAMED = 5
 
 
 @dataclass(frozen=True)

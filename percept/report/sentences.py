@@ -8,14 +8,12 @@ from collections.abc import Mapping, Sequence
 
 from percept.inference.record import percent
 from percept.report.numbers import bare, rounded
-from percept.report.select import METHOD_NAMES, Words, distinct, listed, matching
+from percept.report.select import METHOD_NAMES, MOST_NAMED, Words, distinct, listed, matching
 from percept.results import OverviewRow
 from percept.sessions.quantities import Quantity
 
 __all__ = ["bias_sentences", "user_sentences"]
 
-#: More names than this are counted, not listed.
-_NAMED = 5
 #: A bias of so many references and more is written as a multiple.
 _MULTIPLE = 9.0
 #: Per cent from which on two digits would round whole per cents away.
@@ -114,15 +112,15 @@ def _disagreement(biases: Sequence[_Range], others: Sequence[_Range]) -> list[st
         if len(biases) == 1:
             sentences.append(f"The classical interval, {_ends(alike[0])}, {holds}.")
             continue
-        named = [f"{other.row.environment} ({_ends(other)})" for other in alike[:_NAMED]]
-        more = f" and {len(alike) - _NAMED} more" if len(alike) > _NAMED else ""
+        named = [f"{other.row.environment} ({_ends(other)})" for other in alike[:MOST_NAMED]]
+        more = f" and {len(alike) - MOST_NAMED} more" if len(alike) > MOST_NAMED else ""
         sentences.append(f"The classical interval {holds} in {listed(named)}{more}.")
     return sentences
 
 
 def _sized(alike: Sequence[_Range], every: int, words: Words) -> str:
     """Give each environment its bias and interval; of many, the smallest and the largest."""
-    if len(alike) <= _NAMED:
+    if len(alike) <= MOST_NAMED:
         return listed([_with_ends(bias) for bias in alike])
     count = f"all {every}" if len(alike) == every else f"{len(alike)} of {every}"
     by_size = sorted(alike, key=_size)

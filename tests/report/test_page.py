@@ -222,6 +222,28 @@ def test_a_run_that_misses_the_tolerance_says_so_in_the_methods(both):
     )
 
 
+def test_what_the_gate_asked_for_is_the_run_s_own(both):
+    shown = " ".join("".join(Reader(page_of(both)).text).split())
+    assert "below 1.01 across" in shown
+    changed = copy.deepcopy(both)
+    changed["diagnostics"]["gate"] |= {"rhat_limit": 1.02, "times_needed": 5.0}
+    page = Reader(page_of(changed))
+    text = " ".join("".join(page.text).split())
+    assert "below 1.02 across" in text
+    assert "1.01" not in text
+    cells = [cell["bare"] for cell in page.cells]
+    assert {"below 1.02", "5 or more"} <= set(cells)
+
+
+def test_the_thresholds_of_classical_verdicts_are_those_that_judge(both):
+    document = copy.deepcopy(both)
+    for row in document["verdicts"]:
+        row["decision"] = 0.9
+    text = " ".join("".join(Reader(page_of(document)).text).split())
+    assert "“does not” where one is at 3.3 % or below" in text
+    assert "is approximate and needs 3 subjects" in text
+
+
 def names_of(document):
     return [section.name for section in sections_of(document)]
 
