@@ -109,8 +109,9 @@ def predict(
         No passed Bayesian fit, a tested reference of zero, or one environment.
     """
     asked = study.scene.inference
+    parts = study.parts
     references = _references(study, stiffness=stiffness, damping=damping, at=at)
-    refuse_no_ratio(study.parts.reference, study.sessions.quantities, why=_NO_LOGARITHM)
+    refuse_no_ratio(parts.reference, study.sessions.quantities, why=_NO_LOGARITHM)
     fit = _passed_fit(study)
     place = _Place.of(study, fit, references.values)
     expected, fit, limits = _expect(study, fit, place.decades)
@@ -118,7 +119,7 @@ def predict(
     intervals = pd.DataFrame(_rows(fit, expected, scale, asked, limits))
     boundaries: tuple[Boundary, ...] = ()
     skipped: tuple[Skipped, ...] = ()
-    if study.parts.setup is not None and is_impedance(study.parts.parameters):
+    if parts.setup is not None and is_impedance(parts.parameters):
         laws: list[Law] = []
         if study.sessions.form != "summary":
             laws += _laws(fit, expected, scale, asked)
@@ -127,15 +128,15 @@ def predict(
             damping=float(references.values[1]),
             mass=references.mass,
         )
-        setup = dataclasses.replace(study.parts.setup, references={_NEW: environment})
+        setup = dataclasses.replace(parts.setup, references={_NEW: environment})
         regions = regions_of(intervals, laws, None, asked)
         drawing = BoundaryDrawing(setup, regions, laws, study.scene.frequency, asked.tolerance)
         boundaries = drawing.at(None, [_NEW], asked.kinds)
         skipped = tuple(drawing.skipped)
     return Prediction(
         environment=_NEW,
-        decades=dict(zip(study.parts.parameters, place.decades.tolist(), strict=True)),
-        beyond=dict(zip(study.parts.parameters, place.beyond.tolist(), strict=True)),
+        decades=dict(zip(parts.parameters, place.decades.tolist(), strict=True)),
+        beyond=dict(zip(parts.parameters, place.beyond.tolist(), strict=True)),
         nearest=place.nearest,
         distance=place.distance,
         intervals=intervals,
@@ -188,16 +189,19 @@ class _Place:
     @classmethod
     def of(cls, study: Study, fit: Fit, values: Array) -> Self:
         """Compare references (P,) with those of the fit's environments."""
-        rows = [
-            [study.parts.reference[p, e] for e in fit.environments] for p in study.parts.parameters
-        ]
+        reference = study.parts.reference
+        rows = []
+        for parameter in study.parts.parameters:
+            rows.append([reference[parameter, environment] for environment in fit.environments])
         tested = np.log10(rows)
         log = np.log10(values)
         above = np.maximum(log - tested.max(axis=1), 0.0)
         below = np.minimum(log - tested.min(axis=1), 0.0)
         distances = np.hypot.reduce(tested - log[:, None], axis=0)
-        nearest = fit.environments[int(distances.argmin())]
-        return cls(log - tested.mean(axis=1), above + below, nearest, float(distances.min()))
+        nearest = distances.argmin()
+        decades = log - tested.mean(axis=1)
+        distance = float(distances[nearest])
+        return cls(decades, above + below, fit.environments[nearest], distance)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -211,7 +215,8 @@ class _NewLimits:
     @classmethod
     def of(cls, lower: Array, upper: Array, errors: Array) -> Self:
         """Take standard errors (2, P) of lower and upper limit."""
-        return cls(lower, upper, errors.max(axis=0) / (0.5 * (upper - lower)))
+        half_width = 0.5 * (upper - lower)
+        return cls(lower, upper, errors.max(axis=0) / half_width)
 
 
 def _expect(
@@ -246,14 +251,15 @@ def expected_users(fit: Fit, x: Array, asked: InferenceTable) -> NewEnvironment:
 
 def _passed_fit(study: Study) -> Fit:
     """Return the study's fit; RefusalError without one that passed."""
-    if study.parts.fit is None:
+    fit = study.parts.fit
+    if fit is None:
         raise RefusalError(
             "the classical method has no model of environments nobody tested.",
             hint='Set method = "both" or "bayesian".',
         )
-    if not study.parts.fit.passed:
-        raise RefusalError(f"the posterior is withheld: {study.parts.fit.withheld}")
-    return study.parts.fit
+    if not fit.passed:
+        raise RefusalError(f"the posterior is withheld: {fit.withheld}")
+    return fit
 
 
 def _mass(study: Study, given: float | None) -> float:
@@ -288,8 +294,10 @@ def _limits(fit: Fit, expected: NewEnvironment, kind: Kind, asked: InferenceTabl
     # A draw's repeats belong together.
     repeats = limits.influence.reshape(len(batch), -1, limits.influence.shape[1])
     of_draws = repeats.mean(axis=1)
-    means = np.stack([of_draws[batch == number].mean(axis=0) for number in np.unique(batch)])
-    errors = means.std(axis=0, ddof=1) / np.sqrt(len(means))
+    means = []
+    for number in np.unique(batch):
+        means.append(of_draws[batch == number].mean(axis=0))
+    errors = np.std(means, axis=0, ddof=1) / np.sqrt(len(means))
     return _NewLimits.of(limits.lower, limits.upper, errors.reshape(2, -1))
 
 
@@ -305,7 +313,7 @@ def _rows(
     centre = expected.laws.mean.mean(axis=0)
     for kind, of_kind in limits.items():
         with np.errstate(over="ignore", under="ignore"):
-            values = scale.native(np.stack([of_kind.lower, of_kind.upper, centre], axis=0))
+            values = scale.native(np.stack([of_kind.lower, of_kind.upper, centre]))
         for index, parameter in enumerate(fit.parameters):
             lower, upper, estimate = values[:, index].tolist()
             row = bayesian_row(
