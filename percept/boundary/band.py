@@ -127,10 +127,7 @@ def band_laws(
         carried_by = carrier if law == "offset" else None
         size = size_name(whose.parameter)
         yield BandLaw(
-            method=whose.method,
-            kind=whose.kind,
-            family=whose.family,
-            parameter=whose.parameter,
+            **vars(whose),
             model=law,
             parameters=parameters,
             level=level,
@@ -157,10 +154,7 @@ def band_statements(sizes: Array, replicates: Array, whose: BandOwner) -> Iterat
     }
     for statement, true in judged.items():
         yield BandStatement(
-            method=whose.method,
-            kind=whose.kind,
-            family=whose.family,
-            parameter=whose.parameter,
+            **vars(whose),
             statement=statement,
             probability=float(np.mean(true)),
         )

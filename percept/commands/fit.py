@@ -99,13 +99,14 @@ def _print_intervals(study: Study, *, every: bool) -> None:
 
 def _print_checks(study: Study, say: Callable[[str], str]) -> None:
     """Print what the checks say in words, where they were asked for."""
-    if study.scene.checks is None or study.parts.checks is None:
+    checks = study.parts.checks if study.scene.checks is not None else None
+    if checks is None or checks.loo is None:
         return
-    loo = study.parts.checks.loo
+    loo = checks.loo
     print(say(f"Predictive density of the subjects left out: {loo.elpd:.1f} ± {loo.se:.1f} nats."))
     for message in (
         *(loo.messages or ("No subject is influential or an outlier.",)),
-        *study.parts.checks.pull,
+        *checks.pull,
     ):
         print(say(message))
 

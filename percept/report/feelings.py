@@ -161,11 +161,9 @@ def _leaning(judged: Sequence[Verdict], words: Words) -> list[str]:
         if leaning is None:
             continue
         rows = []
-        for row in leaning.rows[:MOST_NAMED]:
+        for row in leaning.rows:
             where = "a trial" if row.row is None else f"row {row.row} of {row.file}"
             rows.append(f"{where}: {row.text}")
-        if len(leaning.rows) > MOST_NAMED:
-            rows.append(f"{len(leaning.rows) - MOST_NAMED} more")
         without = "that row" if len(rows) == 1 else "those rows"
         said = "there is no verdict"
         other = leaning.without

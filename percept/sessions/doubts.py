@@ -19,8 +19,6 @@ from percept.sessions.values import fold, is_missing
 
 __all__ = ["Slip", "doubtful_ids", "doubtful_scales", "screen", "slips"]
 
-#: Slips that have a warning of their own; more are counted.
-_NAMED_SLIPS = 5
 #: Decades from the median of the others (a factor of 30) that are hardly ever a person's.
 _GROSS = float(np.log10(30.0))
 #: Subjects an environment needs for its median to say anything of one of them.
@@ -163,14 +161,9 @@ def _mistyped(
     table: pd.DataFrame, quantities: Iterable[Quantity], place: Places
 ) -> Iterator[Notice]:
     """Warn of values that look mistyped."""
-    found = list(slips(table, quantities))
-    for slip in found[:_NAMED_SLIPS]:
+    for slip in slips(table, quantities):
         text = f"{slip.text}: mistyped?"
         yield Notice(text, column=f"{slip.parameter}_adj", **place(slip.index))
-    more = found[_NAMED_SLIPS:]
-    if more:
-        text = f"{counted(len(more), 'more value')} as far from the other trials, here the first"
-        yield Notice(text, column=f"{more[0].parameter}_adj", **place(more[0].index))
 
 
 def _without_logarithm(

@@ -128,6 +128,10 @@ class Quantity(Table):
         """Write a value with its unit, to four digits."""
         return f"{number:.4g} {self.unit}".rstrip()
 
+    def amounts(self, ends: Iterable[float]) -> str:
+        """Write the ends of an interval with their unit, to four digits."""
+        return f"{' to '.join(f'{end:.4g}' for end in ends)} {self.unit}".rstrip()
+
 
 Quantities = Mapping[str, Quantity]
 #: What an environment's impedance has, and what a study adjusts unless the scene says otherwise.

@@ -23,14 +23,14 @@ from percept.sessions import Sessions
 from percept.sessions.quantities import Quantities
 from percept.study.fit import Fit, estimands_of, fit_of, prepare, sampled
 
-__all__ = ["Ladder", "climb", "sentence"]
+__all__ = ["USERS", "Ladder", "climb", "sentence"]
 
 #: Tolerance of the fits between the two methods: effects of a few per cent are told from noise.
 _TOLERANCE = 0.05
 #: Effects under this number of standard errors, or smaller than these, are not named.
 _ERRORS = 2.0
 _LEAST = {"log_width": 0.02, "centre": 0.05}
-_USERS = {"mean": "the average {user}", "user": "the next {user}", "share": "most {users}"}
+USERS = {"mean": "the average {user}", "user": "the next {user}", "share": "most {users}"}
 _CLAUSES = {
     "prior": "the priors say how {users} usually adjust",
     "pooling": "the model also learns from the other {environments}",
@@ -184,7 +184,7 @@ def sentence(
     label = quantities[whole["parameter"]].label
     width = _noted(rows, "log_width", _LEAST["log_width"])
     centre = _noted(rows, "centre", _LEAST["centre"])
-    whose = _USERS[kind].format(**words)
+    whose = USERS[kind].format(**words)
     start = f"{whole['environment']}, {label}: "
     if not width and "all" not in centre:
         within = max(_ERRORS * whole["log_width_error"], _LEAST["log_width"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Callable, Collection
 from functools import cached_property
@@ -17,7 +18,7 @@ from percept.errors import RefusalError
 from percept.haptics.design import CouplingDesign
 from percept.haptics.records import AnyDevice
 from percept.inference.record import Family
-from percept.results import Boundary, Coupling, IntervalRow, Nouns, Sensitivity, Verdict
+from percept.results import Boundary, Checks, Coupling, IntervalRow, Sensitivity, Verdict
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import is_impedance
@@ -60,7 +61,6 @@ __all__ = ["Parts"]
 # without.
 if TYPE_CHECKING:
     from percept.inference.sampling.gate import Progress
-    from percept.study.checks import ModelChecks
     from percept.study.fit import Fit, RunStore
     from percept.study.ladder import Ladder
 
@@ -194,22 +194,36 @@ class Parts:
         return posterior_tree(self.passed, seed=self.scene.inference.seed)
 
     @property
-    def checks(self) -> ModelChecks | None:
+    def checks(self) -> Checks | None:
         """Checks of the hierarchical model; None without a passed fit that pools sessions."""
         return None if isinstance(self._checked, Skipped) else self._checked
 
     @cached_property
-    def _checked(self) -> ModelChecks | Skipped | None:
+    def _checked(self) -> Checks | Skipped | None:
         if self.passed is None:
             return None
         if isinstance(self.passed.subjects, Skipped):
             return self.passed.subjects
         from percept.study.checks import model_checks
 
-        scene = self.scene
-        nouns = Nouns(scene.environment_noun, scene.study.subject, scene.user_noun)
-        level, seed = scene.inference.level, scene.inference.seed
-        return model_checks(self.passed, self.passed.subjects, level=level, seed=seed, nouns=nouns)
+        asked = self.scene.inference
+        return model_checks(
+            self.passed,
+            self.passed.subjects,
+            self._fit_without,
+            level=asked.level,
+            seed=asked.seed,
+            users=self.scene.user_noun,
+        )
+
+    def _fit_without(self, subject: str) -> Fit | None:
+        """Fit without a subject; None where the rest carries no fit."""
+        table = self.sessions.table
+        others = dataclasses.replace(self.sessions, table=table[table["subject"] != subject])
+        try:
+            return Parts(others, self.scene, self.progress, self.store).passed
+        except RefusalError:
+            return None
 
     @cached_property
     def device(self) -> AnyDevice | None:

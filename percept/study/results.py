@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import platform
-import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import metadata
@@ -31,16 +30,13 @@ from percept.results import (
     GateVerdict,
     IntervalRow,
     Ladder,
-    LeftOut,
     LeftOutRow,
     MethodPair,
     NormalityTest,
     Note,
     Nouns,
     Passivity,
-    PredictiveCheck,
     Prior,
-    PriorQuantiles,
     Provenance,
     Results,
     Skipped,
@@ -55,7 +51,6 @@ from percept.study.basics import results
 from percept.study.intervals import adjustments, design_counts, normality_tests
 
 if TYPE_CHECKING:
-    from percept.study.checks import ModelChecks
     from percept.study.parts import Parts
 
 __all__ = [
@@ -64,9 +59,6 @@ __all__ = [
 ]  # fmt: skip
 
 T = TypeVar("T")
-
-#: A column of quantiles: "q0.5" at 0.5 per cent.
-_QUANTILE = re.compile(r"q[\d.]+")
 
 #: Libraries whose versions decide the last digits of a result.
 _PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
@@ -240,26 +232,15 @@ def stable_edge(device: AnyDevice | None, table: DeviceTable | None) -> StableEd
     return StableEdge(np.asarray(stiffness, dtype=float), np.asarray(damping, dtype=float))
 
 
-def checks_of(normality: Any, model: ModelChecks | None) -> Checks | None:
+def checks_of(normality: Any, model: Checks | None) -> Checks | None:
     """Put the tests of normality and the checks of the hierarchical model together."""
     tests = rows(NormalityTest, normality)
-    if model is None:
+    if model is None or model.loo is None:
         return Checks(normality=tests) if tests else None
-    loo = record(LeftOut, model.loo)
-    assert loo is not None
     # A row per subject, environment and parameter would be most of report.json.
-    outliers = tuple(cell for cell in loo.cells if cell.outlier)
-    prior = []
-    for row in plain(model.prior):
-        quantiles = {name[1:]: row.pop(name) for name in [*row] if _QUANTILE.fullmatch(name)}
-        prior.append({**row, "quantiles": quantiles})
-    return Checks(
-        normality=tests,
-        loo=dataclasses.replace(loo, cells=outliers),
-        statistics=rows(PredictiveCheck, model.statistics),
-        prior=rows(PriorQuantiles, prior),
-        pull=tuple(model.pull),
-    )
+    outliers = tuple(cell for cell in model.loo.cells if cell.outlier)
+    loo = dataclasses.replace(model.loo, cells=outliers)
+    return dataclasses.replace(model, normality=tests, loo=loo)
 
 
 def diagnostics_of(parts: Parts) -> Diagnostics | None:

@@ -12,7 +12,7 @@ import pandas as pd
 from percept.boundary.band import BandStudy
 from percept.errors import UsageError, counted
 from percept.html import fields_html
-from percept.results import Band, Boundary, Coupling, IntervalRow, LeftOut, Results, Verdict
+from percept.results import Band, Boundary, Coupling, IntervalRow, Results, Verdict
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.basics import Skipped, results, select
@@ -320,7 +320,7 @@ class Study:
         from percept.plots import plot_check
 
         checks = self.parts.checks
-        loo = None if checks is None else record(LeftOut, checks.loo)
+        loo = None if checks is None else checks.loo
         return plot_check(None if loo is None else loo.subjects, ax=ax)
 
     def __repr__(self) -> str:

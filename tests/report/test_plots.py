@@ -105,7 +105,7 @@ def test_the_coupling_is_drawn_with_its_bound(both_study, ax):
 def test_a_check_is_drawn_with_the_band_of_uniform_order_statistics(both_study, ax):
     assert both_study.plot_check(ax=ax) is ax
     points = next(line for line in ax.lines if line.get_label() == "subjects")
-    far = both_study.parts.checks.loo.subjects["farther"]
+    far = [check.farther for check in both_study.parts.checks.loo.subjects]
     np.testing.assert_array_equal(points.get_ydata(), np.sort(far))
     (band,) = ax.collections
     (path,) = band.get_paths()

@@ -13,8 +13,7 @@ import percept
 from percept import Scene, Study, read_sessions
 from percept.inference.checks.left_out import Loo, Predicted
 from percept.study.basics import Skipped
-from percept.study.checks import subject_tables, trial_noise_p_value
-from percept.study.responses import ResponseScale, Trials
+from percept.study.checks import subject_tables
 from tests import DATASETS, LONG
 from tests.study.checked import study_of, table_of
 
@@ -37,44 +36,44 @@ def planted():
 
 def test_subjects_who_fit_are_not_named(clean):
     found = clean.parts.checks.loo
-    assert not found.subjects["outlier"].any()
-    assert not found.cells["outlier"].any()
-    assert found.elpd == pytest.approx(found.subjects["elpd"].sum())
+    assert not any(check.outlier for check in found.subjects)
+    assert not any(check.influential for check in found.subjects)
+    assert not any(cell.outlier for cell in found.cells)
+    assert found.elpd == pytest.approx(sum(check.elpd for check in found.subjects))
     assert len(found.cells) == 60
     # Probabilities under the model: even over the subjects, and over the cells (which hang
     # together).
-    assert stats.kstest(found.subjects["farther"], stats.uniform.cdf).pvalue > 1e-3
-    assert stats.kstest(found.cells["below"], stats.uniform.cdf).pvalue > 1e-4
-    assert not clean.parts.checks.statistics["unusual"].any()
+    farther = [check.farther for check in found.subjects]
+    below = [cell.below for cell in found.cells]
+    assert stats.kstest(farther, stats.uniform.cdf).pvalue > 1e-3
+    assert stats.kstest(below, stats.uniform.cdf).pvalue > 1e-4
+    assert not any(check.unusual for check in clean.parts.checks.statistics)
 
 
 def test_planted_subjects_are_named_with_what_to_do(planted):
     found = planted.parts.checks.loo
-    rows = found.subjects.set_index("subject")
-    assert rows.index[rows["outlier"]].tolist() == ["S04", "S07"]
-    # Others lie near the limit of the index, and on either side of it from one run to the next.
-    assert rows.loc[["S04", "S07"], "influential"].all()
-    cells = found.cells[found.cells["outlier"]]
-    assert {("S04", "VE1"), ("S04", "VE3")} <= set(
-        zip(cells["subject"], cells["environment"], strict=True)
-    )
+    outliers = [check.subject for check in found.subjects if check.outlier]
+    assert outliers == ["S04", "S07"]
+    influential = [check.subject for check in found.subjects if check.influential]
+    assert set(influential) & {"S04", "S07"}
+    cells = {(cell.subject, cell.environment) for cell in found.cells if cell.outlier}
+    assert {("S04", "VE1"), ("S04", "VE3")} <= cells
     text = " ".join(found.messages)
     assert "S04 lies far from what the others predict" in text
     assert "S07 lies far from what the others predict" in text
     assert "S04 set stiffness in VE1 to" in text
     assert "far above what the others predict" in text
-    (influential,) = (message for message in found.messages if "results are rough" in message)
-    assert influential.startswith("The results lean on ")
-    rule = tomllib.loads(re.search(r"exclude = \[\{.*?\}\]", influential)[0])["exclude"]
-    assert {"S04", "S07"} <= set(rule[0]["equals"])
+    said = next(
+        message for message in found.messages if f"{influential[0]} is influential" in message
+    )
+    rule = tomllib.loads(re.search(r"exclude = \[\{.*?\}\]", said)[0])["exclude"]
+    assert rule[0]["equals"] == [influential[0]]
     # The rule is one that a scene takes.
     assert Scene(sessions={"exclude": rule}).sessions.exclude[0].column == "subject"
-    # Without repeats nothing tells whether trial noise differs.
-    assert "scatter more" not in influential
     # As a statistic of the cell, too: S04 is farther from the mean than the farthest of 12 users
     # should be.
-    unusual = planted.parts.checks.statistics.query("unusual and statistic == 'farthest'")
-    assert "VE3" in set(unusual["environment"])
+    unusual = [check for check in planted.parts.checks.statistics if check.unusual]
+    assert "VE3" in {check.environment for check in unusual if check.statistic == "farthest"}
 
 
 def test_false_alarms_are_shared_among_the_subjects(clean):
@@ -82,93 +81,69 @@ def test_false_alarms_are_shared_among_the_subjects(clean):
     farther = np.array([0.0049, 0.0051, *[0.5] * 8])
     loo = Loo(np.zeros(10), np.zeros(10), 0.7, np.zeros((1, 1)), np.ones((1, 10)))
     predicted = Predicted(np.full((10, 2, 3), 0.5), farther)
-    found = subject_tables(clean.parts.fit, clean.parts.fit.subjects, loo, predicted)
-    assert found.subjects["outlier"].tolist() == [True] + [False] * 9
+    fit = clean.parts.fit
+    found = subject_tables(fit, fit.subjects, loo, predicted, {})
+    assert [check.outlier for check in found.subjects] == [True] + [False] * 9
 
 
-def tables_of(study, pareto_k):
-    """Checks of a study's subjects whose Pareto indices are given."""
-    density = study.parts.fit.subjects
-    count = len(pareto_k)
-    loo = Loo(np.zeros(count), np.array(pareto_k), 0.7, np.zeros((1, 1)), np.ones((1, count)))
-    return subject_tables(study.parts.fit, density, loo, Predicted(
-        np.full(density.density.statistics.cell_means.shape, 0.5), np.full(count, 0.5)
-    ))  # fmt: skip
+def refit_without(table, subject):
+    return study_of(table[table["subject"] != subject], tolerance=0.1).parts.fit
 
 
-def test_over_a_third_of_the_subjects_is_one_sentence(clean):
-    (few,) = tables_of(clean, [0.9] * 3 + [0.2] * 7).messages
-    assert few.startswith("The results lean on S01, S02, S03 (Pareto index above 0.70).")
-    (many,) = tables_of(clean, [0.9] * 4 + [0.2] * 6).messages
-    assert many == (
-        "Leave-one-out results are rough: 4 of 10 subjects are influential (Pareto index above"
-        " 0.70)."
-    )
-
-
-def repeated(noise):
-    """Five trials in each cell, with a trial SD per subject."""
-    rng = np.random.default_rng(5)
-    table = table_of(subjects=10, seed=4)
-    table = table.loc[table.index.repeat(5)].reset_index(drop=True)
-    table["trial"] = table.groupby(["subject", "environment"]).cumcount() + 1
-    sd = dict(zip(table["subject"].unique(), noise, strict=True))
-    table["k_adj"] *= np.exp(rng.normal(0.0, 1.0, len(table)) * table["subject"].map(sd))
-    return table
-
-
-def test_trial_noise_is_the_cause_only_where_a_test_shows_that_it_differs():
-    pareto_k = [0.9] * 5 + [0.2] * 5
-    same = study_of(repeated([0.1] * 10), checks={}, tolerance=0.3)
-    assert trial_noise_p_value(same.parts.fit.trials) > 0.05
-    assert "scatter more" not in tables_of(same, pareto_k).messages[0]
-    differs = study_of(repeated([0.05, 0.15] * 5), checks={}, tolerance=0.3)
-    assert trial_noise_p_value(differs.parts.fit.trials) < 1e-3
-    assert (
-        tables_of(differs, pareto_k)
-        .messages[0]
-        .endswith(
-            "The trials of some subjects scatter more than those of others, which the model takes to be"
-            " alike."
-        )
-    )
+def test_an_influential_subject_comes_with_what_the_interval_becomes_without_it():
+    table = table_of(subjects=12, seed=3)
+    off = (table["subject"] == "S07") & (table["environment"] == "VE2")
+    table.loc[off, "k_adj"] *= np.exp(1.6)
+    study = study_of(table, checks={}, tolerance=0.1)
+    found = study.parts.checks.loo
+    assert [check.subject for check in found.subjects if check.influential] == ["S07"]
+    (said,) = (message for message in found.messages if "influential" in message)
+    own = study.parts.fit
+    other = refit_without(table, "S07")
+    c = own.column["k", "VE2"]
+    kind = "mean" if "the average user" in said else "user"
+    words = [
+        f"{fit.limits[kind][0][c]:.4g} to {fit.limits[kind][1][c]:.4g} N/m" for fit in (other, own)
+    ]
+    assert f"becomes {words[0]} instead of {words[1]}." in said
+    move = re.search(r"moves by ([\d.]+) of its half-width, more than in 95 % of such", said)
+    before = np.log([ends[c] for ends in own.limits[kind]])
+    after = np.log([ends[c] for ends in other.limits[kind]])
+    half = 0.5 * (before[1] - before[0])
+    assert float(move[1]) == pytest.approx(np.abs(after - before).max() / half, abs=0.006)
 
 
 @pytest.mark.evidence(reduced=True)
-def test_the_test_of_trial_noise_keeps_its_size():
-    """Trials of unequal counts, environments of unequal noise, heavy tails: p-values stay uniform."""
-    rng = np.random.default_rng(8)
-    found = []
-    studies = 2000 if LONG else 150
-    for _ in range(studies):
-        counts = rng.integers(1, 5, size=(8, 3))
-        cells = np.repeat(np.indices(counts.shape).reshape(2, -1), counts.ravel(), axis=1)
-        noise = (
-            rng.standard_t(4, size=(cells.shape[1], 2)) * np.array([0.05, 0.5, 5.0])[cells[1], None]
+def test_in_five_of_a_hundred_correct_studies_a_subject_is_called_influential():
+    studies = 500 if LONG else 12
+    named = 0
+    for seed in range(studies):
+        table = table_of(("k", "b"), references=[[400.0, 1500.0], [2.0, 6.0]], seed=1000 + seed)
+        study = study_of(table, checks={}, tolerance=0.1)
+        named += any(check.influential for check in study.parts.checks.loo.subjects)
+    assert stats.binomtest(named, studies, 0.05).pvalue > 0.01
+
+
+def test_a_planted_subject_is_mostly_called_influential():
+    named = 0
+    for seed in range(4):
+        table = table_of(("k", "b"), references=[[400.0, 1500.0], [2.0, 6.0]], seed=2000 + seed)
+        off = (table["subject"] == "S03") & (table["environment"] == "VE1")
+        table.loc[off, "k_adj"] *= np.exp(1.5)
+        study = study_of(table, checks={}, tolerance=0.2)
+        named += any(
+            check.influential and check.subject == "S03"
+            for check in study.parts.checks.loo.subjects
         )
-        found.append(trial_noise_p_value(trials_of(noise, *cells)))
-    rejected = np.mean(np.array(found) < 0.05)
-    assert rejected < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / studies)
-    assert (
-        trial_noise_p_value(trials_of(np.zeros((2, 1)), np.array([0, 1]), np.array([0, 0]))) == 1.0
-    )
-
-
-def trials_of(response, subject, environment):
-    """Trials of which only responses and codes matter."""
-    reference = np.ones((response.shape[1], environment.max() + 1))
-    return Trials(
-        response, subject, environment, (), (), (), reference,
-        ResponseScale.of(reference, "normal"), (),
-    )  # fmt: skip
+    assert named >= 3
 
 
 def test_statistics_above_their_range_are_hardly_ever_larger(planted):
     found = planted.parts.checks.statistics
-    high = found[found["observed"] > found["upper"]]
-    assert len(high) > 0
+    high = [check for check in found if check.observed > check.upper]
+    assert high
     # Half of one per cent lies above a limit, which is a quantile of the same draws.
-    assert (high["above"] < 0.006).all()
+    assert all(check.above < 0.006 for check in high)
 
 
 def test_tree_is_the_posterior_and_a_file_that_opens(clean, tmp_path):
@@ -201,17 +176,20 @@ def test_a_new_user_differs_from_the_mean_by_the_spread_between_users(clean):
 
 
 def test_prior_quantiles_are_in_native_units(clean):
-    prior = clean.parts.checks.prior.set_index(["environment", "parameter", "kind"])
+    prior = {
+        (row.environment, row.parameter, row.kind): row.quantiles
+        for row in clean.parts.checks.prior
+    }
     for (environment, parameter), reference in {("VE1", "k"): 100.0, ("VE3", "b"): 25.0}.items():
-        row = prior.loc[(environment, parameter, "mean")]
+        mean = prior[environment, parameter, "mean"]
         # The prior of a mean's bias is centred at none; log is near N(0, 1 + gamma and tau shares).
-        assert np.log(row["q50"] / reference) == pytest.approx(
+        assert np.log(mean["50"] / reference) == pytest.approx(
             0.0, abs=5 * 1.3 * 1.26 / np.sqrt(40_000)
         )
-        assert 1.0 < np.log(row["q95"] / reference) / stats.norm.ppf(0.95) < 1.4
-        user = prior.loc[(environment, parameter, "user")]
-        assert user["q95"] > row["q95"]
-        assert user["q5"] < row["q5"]
+        assert 1.0 < np.log(mean["95"] / reference) / stats.norm.ppf(0.95) < 1.4
+        user = prior[environment, parameter, "user"]
+        assert user["95"] > mean["95"]
+        assert user["5"] < mean["5"]
 
 
 def test_the_tree_says_who_made_it_and_no_time(clean):

@@ -14,10 +14,17 @@ from scipy import special
 from percept.errors import RefusalError, UsageError
 from percept.inference.checks.subjects import SubjectDensity
 
-__all__ = ["Loo", "Predicted", "leave_one_out", "predict_left_out"]
+__all__ = ["Loo", "Predicted", "leave_one_out", "limit_moves", "predict_left_out"]
 
 Array = NDArray[np.float64]
 
+#: Part of an environment's own SD in the closed form; the rest is the environments' together, as
+#: in a fit that takes most of their differences for chance.
+_OWN = 0.3
+#: Degrees of freedom of a prior whose log SD is one.
+_PRIOR_WEIGHT = 0.5
+#: Degrees of freedom that fits have beside their subjects': priors keep limits of three finite.
+_LEAST_FREEDOM = 4.0
 #: Draws times subjects that are held at once; more subjects are judged by fewer draws.
 _MOST = 1 << 20
 
@@ -41,11 +48,6 @@ class Loo:
     def se(self) -> float:
         """Standard error of `elpd` as an estimate for other subjects of the same population."""
         return float(np.sqrt(self.pointwise.size * self.pointwise.var(ddof=1)))
-
-    @property
-    def influential(self) -> NDArray[np.bool_]:
-        """Subjects whose own value cannot be trusted, shape (N,)."""
-        return self.pareto_k > self.good_k
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,3 +153,51 @@ def predict_left_out(
         below += np.einsum("wi,wipj->ipj", weights[cut], cdf)
         farther += np.einsum("wi,wi->i", weights[cut], tail)
     return Predicted(below, farther)
+
+
+def limit_moves(cell_means: Array, level: float, usual_sd: float) -> Array:
+    """Work out how far limits move without each subject, by means and SDs alone.
+
+    Parameters
+    ----------
+    cell_means : ndarray
+        Of studies, on the response scale, shape (..., N, P, J); NaN where a subject has none.
+    level : float
+        Of the intervals.
+    usual_sd : float
+        SD between subjects that the priors expect.
+
+    Returns
+    -------
+    ndarray
+        Largest move of a limit of the average or the next user, in half-widths, shape (..., N);
+        zero where too few subjects are left.
+    """
+    present = np.isfinite(cell_means)
+    values = np.where(present, cell_means, 0.0)
+    n = present.sum(axis=-3, keepdims=True)
+    mean = values.sum(axis=-3, keepdims=True) / np.maximum(n, 1)
+    deviation = np.where(present, values - mean, 0.0)
+    squares = np.square(deviation).sum(axis=-3, keepdims=True)
+    others = n - present
+    left = np.maximum(others, 1)
+    shift = np.abs(deviation) / left
+    half = _half_width(squares, n, level, usual_sd)
+    half_without = _half_width(squares - deviation**2 * n / left, left, level, usual_sd)
+    largest = np.zeros(cell_means.shape[:-2])
+    # Half-widths go with sqrt(1/n) for the average user, with sqrt(1 + 1/n) for the next.
+    for own in (0.0, 1.0):
+        before = half * np.sqrt(own + 1.0 / np.maximum(n, 1))
+        after = half_without * np.sqrt(own + 1.0 / left)
+        moves = np.where(others > 1, (shift + np.abs(after - before)) / before, 0.0)
+        largest = np.maximum(largest, moves.max(axis=(-2, -1)))
+    return largest
+
+
+def _half_width(squares: Array, n: Array, level: float, usual_sd: float) -> Array:
+    """Student's t times the SD between subjects, which environments and priors share in part."""
+    variance = (squares + _PRIOR_WEIGHT * usual_sd**2) / (n - 1 + _PRIOR_WEIGHT)
+    logs = 0.5 * np.log(variance)
+    shared = _OWN * logs + (1.0 - _OWN) * logs.mean(axis=-1, keepdims=True)
+    freedom = (n - 1) * (_OWN + (1.0 - _OWN) * squares.shape[-1]) + _LEAST_FREEDOM
+    return np.asarray(special.stdtrit(freedom, 0.5 * (1.0 + level)) * np.exp(shared))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.priors import Named, draws_first
 from percept.inference.hierarchy.scales import Layout, Scales
 
-__all__ = ["STATISTICS", "PriorDraws", "draw_prior", "replicate", "statistics_of"]
+__all__ = ["STATISTICS", "PriorDraws", "draw_prior", "new_studies", "statistics_of"]
 
 Array = NDArray[np.float64]
 
@@ -98,16 +99,14 @@ def statistics_of(cell_means: Array) -> Array:
     return np.stack([mean, sd, farthest], axis=-3)
 
 
-def replicate(
+def new_studies(
     subjects: SubjectDensity,
     points: Array,
     rng: np.random.Generator,
-) -> Array:
-    """Statistics of new studies of the same design, one per draw (S, d): shape (S, 3, P, J)."""
-    parts = []
+) -> Iterator[Array]:
+    """Yield cell means (W, N, P, J) of new studies of the same design, one per draw (S, d)."""
     for _, scales in subjects.batches(points):
-        parts.append(statistics_of(_new_studies(subjects, scales, rng)))
-    return np.concatenate(parts)
+        yield _new_studies(subjects, scales, rng)
 
 
 def _new_studies(

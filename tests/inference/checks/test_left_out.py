@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from percept.errors import UsageError
-from percept.inference.checks.left_out import leave_one_out, predict_left_out
+from percept.inference.checks.left_out import leave_one_out, limit_moves, predict_left_out
 from tests.inference.checks import small
 
 RESPONSE = np.array([0.12, -0.05, 0.2, 0.31, 0.02, -0.11, 0.17, 0.26])
@@ -31,7 +31,7 @@ def test_pointwise_densities_are_ratios_of_evidences():
     assert found.elpd == pytest.approx(exact.sum(), abs=1e-2)
     assert found.se == pytest.approx(np.sqrt(8 * found.pointwise.var(ddof=1)))
     assert found.good_k == pytest.approx(0.7)
-    assert not found.influential.any()
+    assert (found.pareto_k < found.good_k).all()
     np.testing.assert_allclose(found.weights.sum(axis=0), 1.0)
 
 
@@ -39,7 +39,7 @@ def test_an_influential_subject_is_rough():
     response = np.append(RESPONSE, 1.2)
     subjects = small.subjects_of(response)
     found = leave_one_out(subjects, small.even_draws(subjects.density, 4000), chains=4)
-    assert np.flatnonzero(found.influential).tolist() == [8]
+    assert np.flatnonzero(found.pareto_k > found.good_k).tolist() == [8]
     exact = evidence_ratios(response)[8]
     assert abs(found.pointwise[8] - exact) > 0.1
 
@@ -74,3 +74,42 @@ def test_left_out_probabilities_equal_quadrature_over_the_posterior_of_the_other
 
 def left_out(subjects, i):
     return subjects.left_out(subjects.density.layout.scales(small.GRID[None])).log_density[:, i]
+
+
+def largest_move(cells, subject, level, usual_sd):
+    """Move of limits without a subject: the slow twin, over cells of (N, P, J)."""
+
+    def limits(values):
+        logs = np.empty(values.shape[1:])
+        freedom = np.empty(values.shape[1:])
+        mean = np.empty(values.shape[1:])
+        count = np.empty(values.shape[1:])
+        for p, j in np.ndindex(*logs.shape):
+            own = values[:, p, j][np.isfinite(values[:, p, j])]
+            mean[p, j] = own.mean()
+            count[p, j] = own.size
+            squares = ((own - own.mean()) ** 2).sum() + 0.5 * usual_sd**2
+            logs[p, j] = 0.5 * np.log(squares / (own.size - 0.5))
+            freedom[p, j] = (own.size - 1) * (0.3 + 0.7 * values.shape[2]) + 4.0
+        shared = 0.3 * logs + 0.7 * logs.mean(axis=1, keepdims=True)
+        half = stats.t.isf(0.5 * (1 - level), freedom) * np.exp(shared)
+        return mean, half / np.sqrt(count), half * np.sqrt(1 + 1 / count)
+
+    mean, *halves = limits(cells)
+    other, *other_halves = limits(np.delete(cells, subject, axis=0))
+    moves = []
+    for half, other_half in zip(halves, other_halves, strict=True):
+        for sign in (-1, 1):
+            moves.append(np.abs(other + sign * other_half - mean - sign * half) / half)
+    return np.max(moves)
+
+
+def test_moves_in_closed_form_equal_those_of_each_subject_left_out_in_turn():
+    rng = np.random.default_rng(3)
+    cells = 0.2 * rng.standard_normal((5, 7, 2, 3))
+    cells[:, 1, :, 2] = np.nan
+    found = limit_moves(cells, 0.99, 0.2)
+    for s, i in np.ndindex(5, 7):
+        assert found[s, i] == pytest.approx(largest_move(cells[s], i, 0.99, 0.2), rel=1e-9)
+    # Of two subjects one is left, who has no interval.
+    assert np.array_equal(limit_moves(cells[:, [0, 2]], 0.99, 0.2), np.zeros((5, 2)))

@@ -6,7 +6,7 @@ from scipy import stats
 
 from percept.inference.checks.predictive import (
     draw_prior,
-    replicate,
+    new_studies,
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity
@@ -112,7 +112,7 @@ def test_replicated_statistics_follow_their_exact_laws(name):
     study, density, _, subjects = prepared(name, rng)
     draws = 20_000
     point = 0.5 * rng.normal(size=density.dimension)
-    drawn = replicate(subjects, np.tile(point, (draws, 1)), rng)
+    drawn = statistics_of(np.concatenate([*new_studies(subjects, np.tile(point, (draws, 1)), rng)]))
     scales = density.layout.scales(np.repeat(point[:, None], 2, axis=1))
     law = density.locations(scales)
     mean, error = np.stack(law.mean)[..., 0], np.stack(law.covariance.diagonal())[..., 0]
@@ -153,7 +153,8 @@ def test_an_outlier_that_was_planted_is_the_farthest_subject():
     observed = statistics_of(moved.cell_means)[2]
     density = CollapsedDensity(moved)
     subjects = SubjectDensity(density, response, study.subject, study.environment)
-    drawn = replicate(subjects, np.zeros((4000, density.dimension)), rng)[:, 2]
+    studies = new_studies(subjects, np.zeros((4000, density.dimension)), rng)
+    drawn = statistics_of(np.concatenate([*studies]))[:, 2]
     above = (drawn > observed).mean(axis=0)
     assert (above[:, 2] < 0.005).all()
     assert (above[:, [0, 1, 3]] > 0.005).all()

@@ -162,7 +162,7 @@ def test_a_wild_subject_widens_its_environment_and_is_named():
     assert np.all(with_it[[0, 2]] < 2.0 * without[[0, 2]])
     study = studies[1]
     found = study.parts.checks.loo
-    assert found.subjects.loc[found.subjects["outlier"], "subject"].tolist() == ["S0004"]
+    assert [check.subject for check in found.subjects if check.outlier] == ["S0004"]
     assert any("S0004 set stiffness in VE2 to" in message for message in found.messages)
 
 
