@@ -62,23 +62,18 @@ class Users:
         """Number of populations, D."""
         return self.correlation.size
 
-    def select(self, which: NDArray[np.intp] | slice) -> Users:
+    def select(self, which: NDArray[np.intp] | slice | None) -> Users:
         """Return some of the populations."""
         return Users(
             log=self.log,
-            mean=self.mean[:, which],
-            sd=self.sd[:, which],
-            correlation=self.correlation[which],
+            mean=self.mean[..., which],
+            sd=self.sd[..., which],
+            correlation=self.correlation[..., which],
         )
 
     def column(self) -> Users:
         """Return the same with a last axis of one, which frequencies broadcast against."""
-        return Users(
-            log=self.log,
-            mean=self.mean[..., None],
-            sd=self.sd[..., None],
-            correlation=self.correlation[..., None],
-        )
+        return self.select(None)
 
     def native(self, score: float, quantity: int) -> Array:
         """Return the stiffness (0) or damping (1) that lies `score` SDs from the mean, (D,)."""

@@ -172,7 +172,7 @@ def _without_logarithm(
     """Count zeros and negative values, and say which way out fits them."""
     column = f"{parameter}_adj"
     reference = f"{parameter}_ref"
-    known = table[table[column].notna()]
+    known = table.dropna(subset=column)
     low = known[known[column] <= 0]
     if low.empty:
         return
@@ -234,7 +234,7 @@ def _at_a_limit(table: pd.DataFrame, parameter: str, place: Places) -> Iterator[
 def _never_moved(table: pd.DataFrame, parameter: str) -> Iterator[Notice]:
     """Name subjects who have several trials, and left the reference in all of them."""
     column = f"{parameter}_adj"
-    known = table[table[column].notna()]
+    known = table.dropna(subset=column)
     same = known[column] == known[f"{parameter}_ref"]
     by_subject = same.groupby(known["subject"], sort=False).agg(["all", "size"])
     still = by_subject.index[by_subject["all"] & (by_subject["size"] > 1)]

@@ -162,12 +162,14 @@ def classical_replicates(
 
 def posterior_replicates(fit: Fit, asked: InferenceTable) -> Replicates:
     """Return limits of the central interval given each posterior draw: of the mean, or of users."""
-    points = fit.points[:: max(1, len(fit.points) // _DRAWS)]
+    stride = max(1, len(fit.points) // _DRAWS)
+    points = fit.points[::stride]
     means, _ = fit.model.draw(points, generator(asked.seed, Stream.POSTERIOR_BANDS))
     laws = fit.model.laws(points)
     out = -special.ndtri(0.5 * (1.0 - asked.level))
     replicates: Replicates = {}
-    for kind, centre, sd in (("mean", laws.mean, laws.sd), ("user", means, laws.population_sd)):
+    spreads = {"mean": (laws.mean, laws.sd), "user": (means, laws.population_sd)}
+    for kind, (centre, sd) in spreads.items():
         if kind in asked.kinds:
             lower = fit.scale.native(centre - out * sd)
             upper = fit.scale.native(centre + out * sd)
@@ -181,21 +183,23 @@ def _redrawn(moments: Moments, rng: np.random.Generator) -> tuple[Array, Array]:
     # Over many environments a law's error would soon be less than the bias of each, about -1/(2n).
     n = int(np.asarray(moments.n))
     sd = float(moments.sd)
-    half = 0.5 * (n - 1)
+    df = n - 1
+    half = 0.5 * df
     mean = float(moments.mean) + sd / np.sqrt(n) * rng.standard_normal(_BOOTSTRAP)
-    expected = np.exp(0.5 * (special.digamma(half) - np.log(half)))
-    ratio = np.sqrt(rng.chisquare(n - 1, _BOOTSTRAP) / (n - 1))
-    return mean, sd / expected * ratio
+    log_bias = 0.5 * (special.digamma(half) - np.log(half))
+    ratio = np.sqrt(rng.chisquare(df, _BOOTSTRAP) / df)
+    return mean, sd / np.exp(log_bias) * ratio
 
 
 def _limits(
     moments: Moments, mean: Array, sd: Array, kind: Kind, family: Family, asked: InferenceTable
 ) -> tuple[Array, Array]:
     """Limits about redrawn means and SDs: an interval's half-width in SDs depends on n alone."""
-    factor = interval_of(kind, moments, Claim(**claim_of(asked), family=family)).factor
-    assert factor is not None
-    lower = mean - float(factor) * sd
-    upper = mean + float(factor) * sd
+    interval = interval_of(kind, moments, Claim(**claim_of(asked), family=family))
+    assert interval.factor is not None
+    half_width = float(interval.factor) * sd
+    lower = mean - half_width
+    upper = mean + half_width
     if family == "normal":
         return lower, upper
     with np.errstate(over="ignore"):
@@ -231,7 +235,8 @@ def band_study(
             environments = tuple(rows["environment"])
             if environments != tuple(drawn) or not determines_laws(size):
                 continue
-            redrawn = np.stack([upper - lower for lower, upper in drawn.values()], axis=1)
+            widths = [upper - lower for lower, upper in drawn.values()]
+            redrawn = np.stack(widths, axis=1)
             # Draws of a posterior have laws of their own; a bootstrap's scatter about the study's
             # bands.
             bands = None if method == "bayesian" else rows["band"].to_numpy()
@@ -276,8 +281,9 @@ def weber_trend(fit: Fit, *, level: float) -> pd.DataFrame | None:
     named = fit.model.scales(fit.points)
     if "kappa" not in named:
         return None
-    drawn = named["kappa"][1]
-    lower, upper = np.quantile(drawn, [0.5 * (1.0 - level), 0.5 * (1.0 + level)], axis=0)
+    _, drawn = named["kappa"]
+    tail = 0.5 * (1.0 - level)
+    lower, upper = np.quantile(drawn, [tail, 0.5 * (1.0 + level)], axis=0)
     return pd.DataFrame(
         {
             "parameter": fit.parameters,

@@ -104,7 +104,7 @@ def _published(table: pd.DataFrame, parameter: str, family: Family) -> Moments |
 
 def _adjusted(table: pd.DataFrame, parameter: str, family: Family) -> Moments | str:
     column = f"{parameter}_adj"
-    known = table[table[column].notna()]
+    known = table.dropna(subset=column)
     adjusted = known[column].to_numpy(dtype=float)
     if known["subject"].nunique() < 2:
         return TOO_FEW
@@ -120,7 +120,7 @@ def normality_tests(sessions: Sessions, parameters: tuple[str, ...]) -> pd.DataF
     for environment, table in tables:
         for parameter in parameters:
             column = f"{parameter}_adj"
-            known = table[table[column].notna()]
+            known = table.dropna(subset=column)
             subjects = known["subject"].to_numpy()
             for family in FAMILIES:
                 with suppress(PerceptError):
@@ -239,7 +239,7 @@ def adjustments(sessions: Sessions) -> Iterator[CellValues]:
         return
     for environment, rows in sessions.by_environment():
         for parameter in sessions.parameters:
-            known = rows[rows[f"{parameter}_adj"].notna()]
+            known = rows.dropna(subset=f"{parameter}_adj")
             adjusted = known[f"{parameter}_adj"].to_numpy(dtype=float)
             subjects = known["subject"].to_numpy()
             values = subject_means(adjusted, subjects).values.tolist() if len(known) else []

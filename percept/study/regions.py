@@ -122,7 +122,8 @@ def displayable(values: Array) -> Array:
 
     Where little is known a spread, and so a draw or a limit, may leave the range of doubles.
     """
-    return np.copysign(np.clip(np.abs(values), 1.0 / BEYOND, BEYOND), values)
+    sizes = np.clip(np.abs(values), 1.0 / BEYOND, BEYOND)
+    return np.copysign(sizes, values)
 
 
 def regions_of(
@@ -147,6 +148,8 @@ def rectangles(intervals: pd.DataFrame) -> Iterator[Region]:
     of_b = intervals.loc[intervals["parameter"] == "b", columns]
     both = of_k.merge(of_b, on=names, suffixes=("_k", "_b"))
     for row in both.to_dict("records"):
+        stiffness = _side(row["lower_k"], row["upper_k"])
+        damping = _side(row["lower_b"], row["upper_b"])
         yield Region(
             environment=row["environment"],
             kind=row["kind"],
@@ -154,7 +157,7 @@ def rectangles(intervals: pd.DataFrame) -> Iterator[Region]:
             family=row["family"],
             level=row["level"],
             joint=row["joint"],
-            limits=(_side(row["lower_k"], row["upper_k"]), _side(row["lower_b"], row["upper_b"])),
+            limits=(stiffness, damping),
         )
 
 
@@ -225,8 +228,9 @@ def subject_pairs(
 def _pairs_of_subjects(sessions: Sessions, family: Family) -> Iterator[SubjectPairs | Skipped]:
     """Yield the subjects' values of every environment that has both parameters of enough of them."""
     for environment, table in sessions.by_environment():
-        rows = table[table[["k_adj", "b_adj"]].notna().all(axis=1)]
-        adjusted = rows[["k_adj", "b_adj"]].to_numpy(dtype=float)
+        columns = ["k_adj", "b_adj"]
+        rows = table.dropna(subset=columns)
+        adjusted = rows[columns].to_numpy(dtype=float)
         count = rows["subject"].nunique()
         what = f"classical ellipses and curves through draws of {environment}"
         if count == 0 or (family == "lognormal" and not (adjusted > 0).all()):
