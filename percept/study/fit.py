@@ -155,7 +155,7 @@ def estimands_of(model: Model, asked: InferenceTable) -> IntervalEstimands:
 def simpler_models(model: Model) -> list[str]:
     """Name the settings of the scene that leave a model fewer scales to sample."""
     settings = []
-    if any(name.startswith("omega") for name in model.names):
+    if model.takes_options and any(name.startswith("omega") for name in model.names):
         settings.append("[model] common_spread = true")
     names = list(dict.fromkeys(parameter for parameter, _ in model.cells))
     if len(names) == 2:

@@ -17,6 +17,7 @@ fitted values in either case.
 
 from __future__ import annotations
 
+import dataclasses
 from functools import cached_property
 
 import numpy as np
@@ -49,6 +50,16 @@ _NUMBERS = 1 << 20
 #: Draws of a pass, whatever the design.
 _FEWEST_DRAWS = 8
 _MOST_DRAWS = 512
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Scatter:
+    """Scatter between the subjects of one pattern, as rows without a mean."""
+
+    cells: NDArray[np.intp]  # (E,)
+    kinds: NDArray[np.intp]  # (E,) Of these cells
+    rows: Array  # (n, P, E) Of responses
+    slopes: Array  # (M P, n, P, E) Of what a slope of each covariate and quantity adds to them
 
 
 class CellProblem:
@@ -101,7 +112,7 @@ class CellProblem:
         self.mean = np.where(present, mean - self.centre[..., None], 0.0)  # (P, C, G)
         self._set_covariates(covariates, present)
         self._set_latents(design, covariate_sd)
-        self._set_rows(statistics)
+        self._set_rows(statistics, covariates)
         # As if the patterns' means were what is observed, with covariances V/N.
         self.constant = 0.5 * size * float(np.log(self.subjects) @ present.sum(axis=0))
 
@@ -148,13 +159,22 @@ class CellProblem:
             sd[self._fixed : self._fixed + number.size] = tau[number, quantity]
         return sd
 
-    def _set_rows(self, statistics: Statistics) -> None:
+    def _set_rows(self, statistics: Statistics, covariates: Covariates | None) -> None:
         """Store the scatter within patterns of several subjects."""
-        self.scatter = [
-            (g, np.ascontiguousarray(pattern.rows.transpose(1, 0, 2)))
-            for g, pattern in enumerate(statistics.patterns)
-            if pattern.subjects > 1
-        ]
+        self.scatter: list[_Scatter] = []
+        for g, pattern in enumerate(statistics.patterns):
+            if pattern.subjects == 1:
+                continue
+            rows = np.ascontiguousarray(pattern.rows.transpose(1, 0, 2))
+            slopes = np.zeros((0, *rows.shape))
+            if covariates is not None:
+                of_covariates = covariates.between[g]
+                slopes = np.zeros((of_covariates.shape[1], self.size, *rows.shape))
+                for p in range(self.size):
+                    slopes[:, p, :, p] = of_covariates.swapaxes(0, 1)
+                slopes = slopes.reshape(-1, *rows.shape)
+            kinds = self.kind[pattern.environments, g]
+            self.scatter.append(_Scatter(pattern.environments, kinds, rows, slopes))
 
     def draws_per_pass(self, effects: int) -> int:
         """Draws worked on at once, for so many columns of subjects' effects."""
@@ -235,6 +255,9 @@ class CellLaw:
         taken = self._taken() * root  # (q, count + 1, G, W)
         flat = taken.transpose(3, 1, 0, 2).reshape(width, count + 1, -1)
         information -= flat @ flat.swapaxes(1, 2)
+        if slopes:
+            for scatter, covariance in zip(problem.scatter, self._scatters, strict=True):
+                self._add_between(information, scatter, covariance, per_kind)
         centre = np.concatenate([problem.centre.ravel(), np.zeros(slopes)])
         target = information[:, :-1, -1] + information[:, :-1, :-1] @ centre
         return information[:, :-1, :-1], target, before
@@ -311,6 +334,29 @@ class CellLaw:
                 added = responses[m, q] @ per_cell[p, q]
                 information[:, first + m * size + p, -1] += added
 
+    def _add_between(
+        self, information: Array, scatter: _Scatter, covariance: SubjectCovariance, per_kind: Array
+    ) -> None:
+        """Add what the scatter between subjects of one pattern says of the slopes."""
+        columns = np.concatenate([scatter.slopes, scatter.rows[None]])  # (M P + 1, n, P, E)
+        count = len(columns)
+        # Products by D⁻¹, less those that the subjects' effects explain.
+        products = np.einsum("anpe,bnqe->abpqe", columns, columns).reshape(count * count, -1)
+        precision = per_kind[:, :, scatter.kinds].reshape(products.shape[1], -1)
+        added = (products @ precision).reshape(count, count, -1)
+        towards = covariance.towards(columns.reshape(-1, *columns.shape[2:]))
+        explained = towards.reshape(len(towards), count, -1, towards.shape[-1])
+        added -= np.einsum("qanw,qbnw->abw", explained, explained)
+        information[:, -count:, -count:] += np.moveaxis(added, -1, 0)
+
+    @cached_property
+    def _scatters(self) -> list[SubjectCovariance]:
+        """Covariance of the subjects of each pattern with scatter."""
+        return [
+            SubjectCovariance(self._kinds[scatter.kinds], self._effects[:, :, scatter.cells])
+            for scatter in self._problem.scatter
+        ]
+
     def _determinant(self) -> Array:
         """Log determinants of all subjects' covariances, summed."""
         problem = self._problem
@@ -328,10 +374,11 @@ class CellLaw:
         apart = problem.mean[..., None] - (beta - problem.centre[..., None, None])
         apart = apart - np.einsum("mcg,mpw->pcgw", problem.covariate_mean, slopes)
         total = problem.subjects @ self._mean_squares(apart)
-        for g, rows in problem.scatter:
-            cells = np.flatnonzero(problem.kind[:, g] < len(problem.cell_of_kind))
-            noise = self._kinds[problem.kind[cells, g]]
-            covariance = SubjectCovariance(noise, self._effects[:, :, cells])
+        flat_slopes = slopes.reshape(-1, width)
+        for scatter, covariance in zip(problem.scatter, self._scatters, strict=True):
+            rows = scatter.rows[..., None]
+            if len(flat_slopes):
+                rows = rows - np.einsum("snpe,sw->npew", scatter.slopes, flat_slopes)
             total = total + covariance.scatter_distance(rows)
         if self._trial is not None and len(problem.covariate_rows):
             fitted = np.einsum("lmc,mpw->lpcw", problem.covariate_rows, slopes)

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.statistics import Pattern, Statistics
+from percept.inference.hierarchy.statistics import Statistics
 
 __all__ = ["Covariates", "with_covariates"]
 
@@ -20,7 +20,8 @@ class Covariates:
     """What M covariates of trials or subjects add to the sufficient statistics."""
 
     names: tuple[str, ...]
-    mean: Array  # (M, C, G) Cell means by pattern, zero where there is no cell
+    mean: Array  # (M, C, G) Means over a pattern's subjects, zero where there is no cell
+    between: tuple[Array, ...]  # (n, M, E) Rows of each pattern that go with those of responses
     rows: Array  # (M, M, C) Rows whose products sum to the covariates' scatter within a cell
     responses: Array  # (M, P, C) What the responses to these rows are
 
@@ -49,8 +50,8 @@ def with_covariates(
     Returns
     -------
     Statistics
-        Each subject is a pattern of its own, and scatter between trials leaves out what the
-        covariates explain within cells.
+        Rows of scatter between subjects go with those of the covariates, and scatter between
+        trials leaves out what the covariates explain within cells.
     Covariates
     """
     size = response.shape[1]
@@ -68,27 +69,25 @@ def with_covariates(
     trial_rows = np.zeros((size, size, cells))
     for c in range(cells):
         triangle = np.zeros((count + size, count + size))
-        factor = np.linalg.qr(apart[cell == c], mode="r")
+        factor = np.asarray(np.linalg.qr(apart[cell == c], mode="r"))
         triangle[: len(factor)] = factor
         rows[..., c] = triangle[:count, :count]
         responses[..., c] = triangle[:count, count:]
         trial_rows[..., c] = triangle[count:, count:].T
+    of_cells = means[:count].reshape(count, subjects, cells)
     patterns = []
-    mean = np.zeros((count, cells, subjects))
-    counts = counts.reshape(subjects, cells)
-    for i in range(subjects):
-        present = np.flatnonzero(counts[i])
-        own = Pattern(
-            environments=present,
-            trials=counts[i, present].astype(float),
-            members=np.array([i]),
-            mean=statistics.cell_means[i][:, present],
-            rows=np.zeros((size, 0, len(present))),
-        )
-        patterns.append(own)
-        mean[:, present, i] = means[:count].reshape(count, subjects, cells)[:, i, present]
-    constant = -0.5 * size * float(np.log(counts[counts > 0]).sum())
-    reduced = dataclasses.replace(
-        statistics, patterns=tuple(patterns), trial_rows=trial_rows, constant=constant
-    )
-    return reduced, Covariates(names, mean, rows, responses)
+    between = []
+    mean = np.zeros((count, cells, len(statistics.patterns)))
+    for g, pattern in enumerate(statistics.patterns):
+        present = pattern.environments
+        own = np.moveaxis(of_cells[:, pattern.members][:, :, present], 1, 0)
+        mean[:, present, g] = own.mean(axis=0)
+        joint = np.concatenate([own, statistics.cell_means[pattern.members][:, :, present]], axis=1)
+        flat = (joint - joint.mean(axis=0)).reshape(len(joint), -1)
+        triangle = np.asarray(np.linalg.qr(flat, mode="r"))
+        rows_of_pattern = triangle.reshape(-1, count + size, len(present))
+        between.append(rows_of_pattern[:, :count])
+        of_responses = np.ascontiguousarray(rows_of_pattern[:, count:].transpose(1, 0, 2))
+        patterns.append(dataclasses.replace(pattern, rows=of_responses))
+    reduced = dataclasses.replace(statistics, patterns=tuple(patterns), trial_rows=trial_rows)
+    return reduced, Covariates(names, mean, tuple(between), rows, responses)

@@ -83,6 +83,7 @@ class Model(ABC):
     names: list[str]  # Of the coordinates
     cells: tuple[tuple[str, str], ...]  # Parameter and environment
     priors_in_force: dict[str, float]  # By their names in `Priors`
+    takes_options: bool = True  # Whether `Options` make it simpler
 
     @abstractmethod
     def identity(self) -> tuple[object, ...]:

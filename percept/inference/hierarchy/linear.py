@@ -96,6 +96,8 @@ class LinearModel(Model):
         Covariates of trials or subjects.
     """
 
+    takes_options = False
+
     def __init__(
         self,
         statistics: Statistics,

@@ -69,20 +69,26 @@ class SubjectCovariance:
         """Return log det V, shape (W,)."""
         return self._noise.log_determinant().sum(axis=0) + 2.0 * log_diagonal(self._factor)
 
+    def towards(self, rows: Array) -> Array:
+        """L⁻¹H'r of constant rows (n, P, E), where S = LL': shape (q, n, W)."""
+        flat = self._pulled.reshape(len(self._pulled), -1, self._pulled.shape[-1])
+        return solve_lower(self._factor[:, :, None], rows.reshape(len(rows), -1) @ flat)
+
     def scatter_distance(self, rows: Array) -> Array:
-        """Sum of r'V⁻¹r over constant rows (n, P, E), as squares: shape (W,).
+        """Sum of r'V⁻¹r over rows (n, P, E, W or 1), as squares: shape (W,).
 
         With b the subject's effect that fits r best, r'V⁻¹r is the distance of r - Zb by D, plus b'b.
         """
-        count, size, cells = rows.shape
         width = self._pulled.shape[-1]
-        pulled = self._pulled.reshape(len(self._pulled), size * cells, width)
-        towards = rows.reshape(count, -1) @ pulled  # (q, n, W)
-        factor = self._factor[:, :, None]
-        effect = solve_upper(factor, solve_lower(factor, towards))
+        if rows.shape[-1] == 1:
+            whitened = self.towards(rows[..., 0])
+        else:
+            towards = np.einsum("npew,qpew->qnw", rows, self._pulled)
+            whitened = solve_lower(self._factor[:, :, None], towards)
+        effect = solve_upper(self._factor[:, :, None], whitened)  # (q, n, W)
         left = []
-        for p in range(size):
-            part = np.repeat(rows[:, p, :, None], width, axis=2)
+        for p in range(rows.shape[1]):
+            part = np.array(np.broadcast_to(rows[:, p], (*rows[:, p].shape[:-1], width)))
             for column, multiple in zip(self._effects[:, p], effect, strict=True):
                 part -= column * multiple[:, None]
             left.append(part)
@@ -105,7 +111,8 @@ class OnePattern:
         (pattern,) = statistics.patterns
         self._subjects = pattern.subjects
         self._trials = pattern.trials[:, None]
-        self._rows = np.ascontiguousarray(pattern.rows.transpose(1, 0, 2))  # (n, P, C)
+        #: (n, P, C, 1) Rows of scatter between subjects
+        self._rows = np.ascontiguousarray(pattern.rows.transpose(1, 0, 2))[..., None]
         size, cells = design.cells.x.shape
         self._own = np.concatenate([t.columns for t in design.own]) if design.own else None
         fixed = []
