@@ -1,4 +1,4 @@
-"""Sphinx's settings: Markdown pages, names from docstrings, equations as MathML. Nothing is fetched."""
+"""Sphinx's settings: Markdown pages, names from docstrings, equations as MathML, all offline."""
 
 from typing import Any
 

@@ -105,7 +105,7 @@ def subjects(figure: Figure) -> None:
 
 
 def _report() -> None:
-    """Take the overview and the boundaries from a report of the published study's simulated sessions."""
+    """Take overview and boundaries from a report of the published study's simulated sessions."""
     with TemporaryDirectory() as folder:
         data = ROOT / "datasets"
         words = ["report", str(data / "hbfd_sessions.csv"), "--scene", str(data / "hbfd.toml")]

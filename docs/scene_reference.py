@@ -53,7 +53,7 @@ def meanings(template: str) -> dict[str, str]:
 
 
 def _comment(rest: str) -> str:
-    """Return what follows a value: its comment, and of a key without one the value as an example."""
+    """Return what follows a value: its comment, or of a key without one the value itself."""
     value, _, comment = re.sub(r'"[^"]*"', lambda text: text[0].replace("#", "\0"), rest).partition(
         " #"
     )

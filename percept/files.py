@@ -1,4 +1,4 @@
-"""Files that are whole or not there, folders that one run holds, and folders of results moved into place."""
+"""Files that are whole or not there, folders that one run holds, and results moved into place."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ __all__ = [
 ]  # fmt: skip
 
 _ASIDE = ".percept-unfinished-"
-# Where locks cannot tell whether its run goes on, what lies aside for longer was left by a dead one.
+# Where locks cannot tell whether its run goes on, what lies aside for longer was left by a dead
+# one.
 _ABANDONED_AFTER = 86_400.0  # s
 # Errors of a file system without locks, such as NFS before version 4.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
@@ -92,7 +93,7 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def _remove_abandoned(folder: Path) -> None:
-    """Remove old files and folders that dead runs left aside; a living run holds a lock on its own."""
+    """Remove old files and folders of dead runs; a living run holds a lock on its own."""
     for path in folder.glob(f"{_ASIDE}*"):
         with suppress(OSError, UsageError):
             if time.time() - path.stat().st_mtime < _ABANDONED_AFTER:
@@ -151,12 +152,12 @@ def filled_folder(
     force: bool = False,
     say: Callable[[str], None] = warned,
 ) -> Iterator[Path]:
-    """Give an empty folder to write into; its files move to `out_dir` at the end, `files.last` last.
+    """Give an empty folder to fill; its files move to `out_dir` at the end, `files.last` last.
 
-    An error inside leaves `out_dir` as it was. A list of the files and their digests goes with them.
-    Only what an earlier list names is replaced, or removed where it is not written again; what
-    somebody edited since is kept beside as NAME.bak. Every other file stays. Of two runs into one
-    folder the later one wins.
+    An error inside leaves `out_dir` as it was. A list of the files and their digests goes with
+    them. Only what an earlier list names is replaced, or removed where it is not written again;
+    what somebody edited since is kept beside as NAME.bak. Every other file stays. Of two runs into
+    one folder the later one wins.
 
     Parameters
     ----------

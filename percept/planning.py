@@ -127,7 +127,7 @@ def _smallest_ratio(
 def _smallest(
     factor: Callable[[int], Any], wanted: float, sigma: float, assurance: float
 ) -> dict[str, Any]:
-    """Return the smallest n with P(factor·SD ≤ wanted) ≥ assurance, that probability, and E factor·SD."""
+    """Return the smallest n with P(factor·SD ≤ wanted) ≥ assurance, both, and E factor·SD."""
     if not 0.0 < assurance < 1.0:
         hint = "80 percent is written 0.8."
         raise UsageError("assurance must lie strictly between 0 and 1.", value=assurance, hint=hint)

@@ -363,7 +363,7 @@ class Scene(DataTables):
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """Terms of the model beside environment, trend and subject: columns, alone or interacting."""
+        """Terms beside environment, trend and subject: columns, alone or interacting."""
         return model_terms(self.study.factor, self.model.bias)
 
     @property

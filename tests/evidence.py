@@ -22,7 +22,7 @@ from percept.provenance import made_by
 
 _HEAD = """# Evidence
 
-Tests that take minutes: `make evidence` runs them all. `make test` runs some of them over fewer cases.
+Tests that take minutes: `make evidence` runs them all. `make test` runs some over fewer cases.
 
 """
 

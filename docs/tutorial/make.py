@@ -1,4 +1,4 @@
-"""Simulate the tutorial's study: python docs/tutorial/make.py writes matching.csv beside this file."""
+"""Simulate the tutorial's study: python docs/tutorial/make.py writes matching.csv beside it."""
 
 from __future__ import annotations
 

@@ -45,8 +45,8 @@ _POLYNOMIALS = np.polynomial.legendre.legvander(_NODES, _NODE_COUNT - 1)
 _HIGHEST_POLYNOMIALS = _POLYNOMIALS[:, -_ROUGHNESS_ORDERS:]
 # Weights of a table's points: for both ends of an interval, each between two rows and two columns.
 _TERMS_PER_NODE = 8
-# Balls that hold more are worked out by what they leave out, which alone has digits in the tail. The
-# jump at this content moves no limit: upper limits hold more than half, lower ones less, and a
+# Balls that hold more are worked out by what they leave out, which alone has digits in the tail.
+# The jump at this content moves no limit: upper limits hold more than half, lower ones less, and a
 # search needs only the side right.
 _LARGE_BALL = 0.5
 # Squares of magnitudes, (N·s/m)², that count as zero, and still have a logarithm.
@@ -193,7 +193,7 @@ class Balls:
         return np.argmin(roughness, axis=0)
 
     def content(self, frequency: Indices, radius: Array, inner_of: Indices) -> Content:
-        """Return what balls (Q,) hold; the inner variable is k where `inner_of` is 0, b where it is 1."""
+        """Return what balls (Q,) hold; the inner variable is k where `inner_of` is 0, b where 1."""
         content = np.zeros((len(Content._fields), frequency.size))
         for inner in (0, 1):
             (rows,) = np.nonzero(inner_of == inner)
@@ -278,7 +278,7 @@ class Balls:
         )
 
     def _by_batch(self, inner: int, frequency: Indices, radius: Array) -> Array:
-        """Do the sums of all batches as one product with a sparse matrix of interpolation weights."""
+        """Sum all batches in one product with a sparse matrix of interpolation weights."""
         slices = self._slices(inner, frequency, radius)
         table = self.law.by_batch[inner]
         rows, columns, _ = table.shape
@@ -307,7 +307,7 @@ class Balls:
 
 
 def _leg(radius: Array, other: Array) -> Array:
-    """Return sqrt(radius² - other²), or zero; by factors, since squares of extreme radii overflow."""
+    """Return sqrt(radius² - other²), or zero; factors, as squares of extreme radii overflow."""
     difference = np.maximum(radius - other, 0.0)
     total = radius + other
     return np.asarray(np.sqrt(difference) * np.sqrt(total))

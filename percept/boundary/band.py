@@ -1,4 +1,4 @@
-"""The band against the environment's impedance, or a reference of another quantity: how wide, by what law.
+"""The band against the environment's impedance, or another quantity's reference: width and law.
 
 Three laws are fitted on the log scale to many sets of bands at once. Weber: w|Z|. Offset: c + w|Z|,
 c ≥ 0. Power: w|Z|^p. Each is a model of its own: a few environments cannot tell all of c, w and p
@@ -84,7 +84,7 @@ def band_laws(
     *,
     level: float,
 ) -> Iterator[BandLaw]:
-    """Fit the three laws, each with intervals, leave-one-environment-out error and what it rests on.
+    """Fit the three laws, each with intervals, error of environments left out and what it rests on.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def band_statements(sizes: Array, replicates: Array, whose: BandOwner) -> Iterat
 
 
 def _carrier(environments: tuple[str, ...], fitted: Array, without: Array) -> str | None:
-    """Name the environment without which the typical offset is a tenth of what it was, if just one is."""
+    """Name the one environment without which the typical offset is a tenth of what it was."""
     typical = float(np.median(fitted[:, 0]))
     if typical <= 0.0:
         return None
@@ -228,7 +228,7 @@ def determines_laws(sizes: ArrayLike) -> bool:
 
 
 def fit_law(law: str, impedance: Array, bands: Array) -> Array:
-    """Fit a law to bands (S, J) over sizes (J,) that determine it, by least squares on the logarithms."""
+    """Fit a law to bands (S, J) over sizes (J,) by least squares on the logarithms."""
     x = np.log(impedance)
     y = np.log(bands)
     if law == "offset":
@@ -251,7 +251,7 @@ def law_band(law: str, parameters: Array, impedance: Array) -> Array:
 
 
 def leave_one_out(law: str, impedance: Array, bands: Array) -> tuple[Array, Array]:
-    """Predict each environment's band from the others: log errors (S, J), and the laws fitted (J, S, ...)."""
+    """Predict each band from the others: log errors (S, J), and the laws fitted (J, S, ...)."""
     fits = []
     predicted = []
     for j in range(impedance.size):
@@ -265,7 +265,7 @@ def leave_one_out(law: str, impedance: Array, bands: Array) -> tuple[Array, Arra
 
 
 def _fit_offset(impedance: Array, y: Array) -> Array:
-    """Minimise over the ratio c/w: given it, log w is a mean, so one search for all sets at once."""
+    """Minimise over the ratio c/w: given it, log w is a mean; one search for all sets."""
     lowest = np.log(impedance.min()) - _BELOW
     highest = np.log(impedance.max()) + _ABOVE
     grid = np.linspace(lowest, highest, _GRID_POINTS)
@@ -281,7 +281,7 @@ def _fit_offset(impedance: Array, y: Array) -> Array:
     every = np.arange(len(y))
 
     def misfit(log_ratio: Array, which: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Return half the squared distance, and its slope: the minimum gives half its digits only."""
+        """Return half the squared distance, and its slope, whose zero has twice the digits."""
         offset = np.exp(log_ratio)[:, None]
         off = y[which] - np.log(offset + impedance)
         off -= off.mean(axis=1, keepdims=True)

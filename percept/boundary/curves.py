@@ -72,7 +72,7 @@ def drawing_grid(
 
 
 def _turns(x: Array, rows: Array) -> Array:
-    """Return where parabolas through three neighbours of rows (C, M) turn, about where curves do."""
+    """Return where parabolas through three neighbours of rows (C, M) turn."""
     step = np.diff(x)
     change = np.diff(rows, axis=1)
     product = change[:, :-1] * change[:, 1:]

@@ -162,7 +162,7 @@ def _evidence(judged: list[Margins], inside_plane: Flags, omega: Array) -> Evide
 
 
 def search_grid(lower: float, upper: float, resonances: Array, half_widths: Array) -> Array:
-    """Choose frequencies from `lower` to `upper`, rad/s, that no dip of a margin lies unseen between.
+    """Choose frequencies from `lower` to `upper`, rad/s, so close that no dip of a margin hides.
 
     `half_widths` are relative, one per resonance.
     """

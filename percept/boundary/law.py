@@ -202,7 +202,7 @@ class PairLaw:
         return outside
 
     def standard_error(self, by_batch: Array) -> Array:
-        """Return the standard error of a mean over all draws from those of batches, the last axis."""
+        """Return the standard error of a mean over all draws, from batches on the last axis."""
         mean = by_batch @ self.shares
         weighted = (by_batch - mean[..., None]) * self.shares
         squares = np.sum(weighted**2, axis=-1)
@@ -210,7 +210,7 @@ class PairLaw:
         return np.asarray(np.sqrt(variance))
 
     def even(self, count: int) -> tuple[Array, Array, Array]:
-        """Return points that fill the plane evenly, k and b each (count,), and their probability."""
+        """Return points that fill the plane evenly, k and b (count,), and their probability."""
         k_place, b_place = np.outer(_EVEN, np.arange(0.5, count)) % 1.0
         k_axis, b_axis = self.axes
         spline = RectBivariateSpline(k_axis.places(), b_axis.places(), self.density)

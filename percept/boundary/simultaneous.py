@@ -1,4 +1,4 @@
-"""Limits between which whole curves of abs(Z_h) lie: the level that they need at single frequencies.
+"""Limits between which whole curves of abs(Z_h) lie: their level at single frequencies.
 
 A score s stands for the level 2 Phi(s) - 1 of the limits at every single frequency. Let p(s) be the
 probability that a curve leaves its limits at one frequency or more. Whole curves stay inside at a
@@ -17,7 +17,8 @@ gaps:
     gaps               |0----|  |1-----|       |2------|
 
 A table holds F(k, b), the probability density of b times that of a smaller k given b. So on a line
-a gap from k0 to k1 holds F(k1, b) - F(k0, b), and 1 - p is the integral over b of the sum over gaps.
+a gap from k0 to k1 holds F(k1, b) - F(k0, b), and 1 - p is the integral over b of the sum over
+gaps.
 
 The Monte Carlo error comes from batches of posterior draws. Batch i changes p by dp_i at the same
 s. It would need a score higher by dp_i / abs(dp/ds), and dp/ds = (1 - P) d(log p)/ds.
@@ -77,7 +78,7 @@ class _Intervals:
 
 @dataclass(frozen=True, eq=False)
 class _Gaps:
-    """What the common part of outer intervals has outside all holes, on N lines, from left to right."""
+    """What outer intervals share outside all holes, on N lines, from left to right."""
 
     size: Array  # (C, N, M + 1) probability of each gap; zero where holes overlap
     closing: Indices  # (C, N, M) frequency whose hole begins where a gap ends; not of the last gap
@@ -168,10 +169,10 @@ def _score_that_holds(
 def _batch_changes(magnitude: Magnitude, score: float, binding: Flags) -> Array:
     """Return by how much each batch of draws changes the probability that a curve leaves, (B,).
 
-    A batch has its own limits at a score, and its own table. Those limits lie `batch_shifts` farther
-    out along the curve of limits over the score, so that they need not be solved for. That curve
-    goes through the scores solved so far, of which the search has left two or more. Limits that do
-    not bind end no gap, and a small move of them changes nothing: they are left out.
+    A batch has its own limits at a score, and its own table. Those limits lie `batch_shifts`
+    farther out along the curve of limits over the score, so that they need not be solved for. That
+    curve goes through the scores solved so far, of which the search has left two or more. Limits
+    that do not bind end no gap, and a small move of them changes nothing: they are left out.
     """
     shifts = magnitude.batch_shifts(score)
     shifts = np.moveaxis(shifts, -1, 0)

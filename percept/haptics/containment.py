@@ -52,14 +52,14 @@ ON_LIMIT = 1e-10
 _FRACTION = 1e-4
 # Pieces per decade of ω before any halving: most are decided at once. It costs or saves time only.
 _PIECES_PER_DECADE = 1.5
-# Rounds that may halve. After 40 halvings a piece is 1.4e-12 wide in ln ω: a curve whose log slope is
-# below 70 changes by less than ON_LIMIT there. Bounds are widened instead.
+# Rounds that may halve. After 40 halvings a piece is 1.4e-12 wide in ln ω: a curve whose log slope
+# is below 70 changes by less than ON_LIMIT there. Bounds are widened instead.
 _HALVINGS = 40
 # Pieces per display above which bounds are widened instead: a display that follows its limit for
 # long would fill the memory.
 _MOST_PIECES = 2048
-# Guards against an endless search: 40 rounds may halve, and 12 more widen a bound tenfold each, from
-# ON_LIMIT to _LARGEST. Some may do neither.
+# Guards against an endless search: 40 rounds may halve, and 12 more widen a bound tenfold each,
+# from ON_LIMIT to _LARGEST. Some may do neither.
 _MOST_ROUNDS = 60
 # What a departure counts as, as a logarithm, where a curve vanishes or has a pole: twelve decades,
 # beyond any ratio of two impedances that a limit could mean.
@@ -188,7 +188,7 @@ def departures(
 
 
 class _DepartureSearch:
-    """The largest departure seen of each item, a box with its display, and a bound on all others."""
+    """The largest departure seen of each box with its display, and a bound on all others."""
 
     def __init__(
         self, display: Display, boxes: Boxes, lower: float, upper: float, *, throughout: bool

@@ -130,15 +130,18 @@ class ModelChecks:
 
 
 _HEADS = {
-    "elpd": "log density", "pareto_k": "Pareto index", "farther": "as far or farther", "p_value": "p",
+    "elpd": "log density",
+    "pareto_k": "Pareto index",
+    "farther": "as far or farther",
+    "p_value": "p",
     "above": "probability of more",
-}  # fmt: skip
+}
 #: What the messages above the tables say.
 _UNSHOWN = {"influential", "outlier", "unusual"}
 
 
 def checks(results: Results) -> Section | None:
-    """Return the checks of the hierarchical model as messages and tables, where they were asked for."""
+    """Return the checks of the model as messages and tables, where they were asked for."""
     record = results.checks
     if record is None:
         return None

@@ -105,8 +105,8 @@ def _active(passivity: Sequence[Passivity], words: Words) -> Iterator[str]:
     if names:
         yield (
             f"Without a coupling this device has too little damping to render {listed(names)}"
-            f" passively (Colgate and Schenkel). They may chatter, and {words.users} may then set them"
-            " wrongly."
+            f" passively (Colgate and Schenkel). They may chatter, and {words.users} may then"
+            " set them wrongly."
         )
 
 

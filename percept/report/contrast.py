@@ -1,4 +1,4 @@
-"""Factors, groups and covariates: what the first screen and their section say of their contrasts."""
+"""Factors, groups and covariates: what the first screen and their section say of contrasts."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def _overall(rows: Sequence[ContrastRow]) -> list[ContrastRow]:
 
 
 def contrast_sentences(results: Results) -> list[str]:
-    """Say how the levels of the factor differ, what that rests on, and how many contrasts more there are."""
+    """Say how the levels of the factor differ, on what grounds, and how many contrasts remain."""
     contrasts = _overall(results.contrast)
     # No one sentence says what an interaction is.
     rows = [row for row in contrasts if row.of != "interaction"]

@@ -51,7 +51,7 @@ def _said_probability(probability: float, decision: float) -> str:
 
 
 def feeling_sentences(verdicts: Sequence[Verdict], words: Words) -> list[str]:
-    """Say what feels real through the coupling, or directly without one, by which method and level."""
+    """Say what feels real, through the coupling where there is one, by which method and level."""
     coupled = bool(matching(verdicts, coupled=True))
     judged = matching(verdicts, coupled=coupled)
     if not judged:

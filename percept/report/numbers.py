@@ -27,7 +27,7 @@ _NO_NUMBER = Number("–", "")
 
 
 def rounded(value: float, digits: int = 5) -> str:
-    """Write a number to significant digits, in powers of ten where it is very large or very small."""
+    """Write a number to significant digits, as a power of ten where very large or small."""
     if math.isinf(value):
         return "∞" if value > 0 else "−∞"
     if value == 0:
@@ -49,7 +49,7 @@ def bare(text: str) -> str:
 
 
 def percentage(value: float, digits: int = 3) -> str:
-    """Write a fraction as a percentage, a multiple from ten on; what is below a tenth of one is "< 0.1 %"."""
+    """Write a fraction as a percentage, a multiple from ten on, "< 0.1 %" where it is less."""
     if 0 < abs(value) < 0.001:
         return ("< " if value > 0 else "> −") + "0.1\u202f%"
     if 10 <= abs(value) < math.inf:
@@ -101,7 +101,7 @@ def _written(value: float, digits: int, style: str) -> str:
 
 
 def digits_of(value: float | None, lower: float | None, upper: float | None) -> int:
-    """Return the significant digits worth reading: to about a hundredth of an interval's half-width."""
+    """Return the digits worth reading: to about a hundredth of an interval's half-width."""
     limits = [limit for limit in (lower, upper) if limit is not None]
     width = max(limits, default=0.0) - min(limits, default=0.0)
     size = abs(value) if value is not None else 0.0

@@ -1,4 +1,4 @@
-"""The answer first: the findings in a few sentences, a row per quantity and environment, and cautions."""
+"""The answer first: findings in sentences, a row per quantity and environment, and cautions."""
 
 from __future__ import annotations
 

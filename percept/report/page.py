@@ -38,7 +38,7 @@ def render_page(
     date: str,
     files: Collection[str] = (),
 ) -> str:
-    """Render the page of results: numbers know their place in report.json, tables link to `files`."""
+    """Render the page: numbers know their place in report.json, tables link to `files`."""
     places = Places(results, summary)
 
     def written(record: object, *steps: str | int, digits: int = 5, style: str = "plain") -> Markup:
@@ -84,7 +84,7 @@ def render_standalone(
     styles: Iterable[str] = (),
     **values: Any,
 ) -> str:
-    """Render a template of a package that may use the report's: rounded numbers, exact in `value`."""
+    """Render a package's template, which may use the report's; numbers are exact in `value`."""
 
     def written(value: float | str | None, digits: int = digits) -> Markup:
         if value is None:
@@ -100,7 +100,7 @@ def render_standalone(
 
 
 def _environment(*packages: str) -> SandboxedEnvironment:
-    """Return the templates of packages, looked for in this order; their source is percept's alone."""
+    """Return the templates of packages, looked for in this order; all are percept's own."""
 
     def load(name: str) -> str | None:
         files = (resources.files(package).joinpath("templates", name) for package in packages)

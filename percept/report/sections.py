@@ -1,4 +1,4 @@
-"""The sections of the page that give results; each takes the results and returns itself, or None."""
+"""The sections of the page that give results; each is made of the results, or is None."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class Grid(Generic[R]):
 
 
 def build_sections(results: Results, summary: Findings) -> list[Section]:
-    """Return the sections that results need, in reading order; what they have nothing for is absent."""
+    """Return the sections that results have something for, in reading order."""
     sections = (
         first_screen(results, summary),
         intervals(results),

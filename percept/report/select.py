@@ -118,7 +118,7 @@ def each_by_itself(record: Any) -> bool:
 
 
 def compared_by_difference(records: Iterable[Any]) -> set[str]:
-    """Return quantities with a reference of zero or below: a ratio to it would turn round or fail."""
+    """Return quantities with a reference of zero or below, to which there is no ratio."""
     parameters = set()
     for record in records:
         reference = record.reference

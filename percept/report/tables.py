@@ -1,4 +1,4 @@
-"""The tables of a report as CSV: every digit of a double, units in the heads, and nothing that runs."""
+"""The tables of a report as CSV: all digits, units in the heads, and nothing that runs."""
 
 from __future__ import annotations
 

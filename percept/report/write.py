@@ -25,9 +25,16 @@ __all__ = [
 
 _FORMATS = ("svg", "pdf", "png")
 _TABLES = (
-    "intervals_*", "data_*", "band_*", "band", "boundaries", "contrast", "comparison", "memberships",
+    "intervals_*",
+    "data_*",
+    "band_*",
+    "band",
+    "boundaries",
+    "contrast",
+    "comparison",
+    "memberships",
     "verdicts",
-)  # fmt: skip
+)
 _FIGURES = (
     "overview_*", "boundaries", "ratios", "boundaries_close", "stability", "design", "band",
     "band_*",

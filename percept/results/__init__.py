@@ -1,4 +1,4 @@
-"""What an analysis gives, as frozen records; report.json is these records, written and read by one schema."""
+"""What an analysis gives, as frozen records; one schema writes and reads them as report.json."""
 
 from percept.results.boundaries import (
     Band,

@@ -28,7 +28,7 @@ __all__ = [
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PosteriorEvidence:
-    """Posterior probability that what is displayed lies in the central range of users at every ω."""
+    """Posterior probability that a display lies in the central range of users at every ω."""
 
     outcome: Feeling
     probability: float  # By abs(Z_h) and by effective stiffness and damping
@@ -109,7 +109,7 @@ class Passivity:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Membership:
-    """Whether a reference, without and through the coupling, stays inside a boundary at every omega.
+    """Whether a reference, directly and through the coupling, stays inside a boundary at every ω.
 
     A departure is the largest over the range, negative inside: of abs(Z_h) as a fraction of the
     boundary's curve, of effective (k, b) in widths of their limits.

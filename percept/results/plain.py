@@ -14,7 +14,7 @@ _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 
 
 def plain(value: Any) -> Any:
-    """Turn a result into what JSON can hold, with every digit; NaN is None and infinities are text."""
+    """Turn a result into JSON values, with every digit; NaN is None, infinities are text."""
     if value is None or isinstance(value, (str, bool)):
         return value
     if isinstance(value, int):
@@ -69,7 +69,7 @@ def dumps(document: Mapping[str, Any]) -> str:
 
 
 def _indented(value: Any, indent: str) -> str:
-    """Write dicts, and lists of lists or dicts, an entry a line; `json` would give each number a line too."""
+    """Write dicts, and lists of lists or dicts, an entry a line; lists of numbers stay on one."""
     deeper = indent + " "
     if isinstance(value, dict) and value:
         entries = [

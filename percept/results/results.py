@@ -104,7 +104,8 @@ class Results:
         Raises
         ------
         UsageError
-            A file that cannot be read, is no JSON, or has another schema; the error names the entry.
+            A file that cannot be read, is no JSON, or has another schema; the error names the
+            entry.
         """
         try:
             document = json.loads(Path(path).read_bytes())

@@ -270,7 +270,7 @@ def _pooled(table: pd.DataFrame, column: str) -> Iterator[Notice]:
 
 @dataclass(frozen=True)
 class Slip:
-    """One adjustment that may be mistyped, and what the other trials of its environment are like."""
+    """One adjustment that may be mistyped, and the other trials of its environment."""
 
     index: int  # Label of its row in the table of trials
     environment: str

@@ -164,7 +164,7 @@ class Sessions:
         return tuple(doubts.slips(self.table, [self.quantities[p] for p in self.parameters]))
 
     def place(self, index: int) -> Place:
-        """File and row of an observation, by its label in `table`; neither where a hand put it together."""
+        """File and row of an observation, by its label in `table`; None of a table made by hand."""
         if index not in self.provenance.index:
             return Place()
         file, row = self.locate(index)

@@ -1,4 +1,4 @@
-"""A study: everything an analysis can give, evaluated on demand; and what can be made of one or two."""
+"""A study: everything an analysis can give, computed on demand; and comparisons of two."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ Replicates = dict[tuple[Method, Kind, Family], CellLimits]
 
 @dataclasses.dataclass(frozen=True)
 class Banded:
-    """Environments whose bands are set against one size: the impedance, or the reference of a parameter."""
+    """Environments with bands against one size: the impedance, or a parameter's reference."""
 
     parameter: str | None  # None for abs(Z_e)
     size: dict[str, float]  # By environment, N·s/m or in the parameter's unit; above zero
@@ -100,7 +100,7 @@ def with_band(
     *,
     no_share: bool,
 ) -> Iterator[Banded | Skipped]:
-    """Yield what bands can be set against: the impedance at `omega`, or the reference of each parameter."""
+    """Yield what bands are set against: the impedance at `omega`, or each parameter's reference."""
     if is_impedance(parameters):
         size = {}
         for environment in environments:
@@ -116,7 +116,7 @@ def with_band(
 
 
 def _band_of(banded: Banded, of_parameter: str, *, no_share: bool) -> Iterator[Banded | Skipped]:
-    """Yield environments whose size is positive, and say which have no band and which laws are missing."""
+    """Yield environments of positive size, and say which have no band and which laws lack."""
     name = size_name(banded.parameter)
     what = "the impedance of its reference" if banded.parameter is None else "its reference"
     positive = {environment: size for environment, size in banded.size.items() if size > 0}
@@ -249,7 +249,7 @@ def band_study(
 
 
 def _rows(intervals: pd.DataFrame, banded: Banded) -> Iterator[dict[str, object]]:
-    """Yield the band of each environment, method, kind and family with limits of every parameter."""
+    """Yield the band of each environment, method, kind and family with all its limits."""
     marginal = intervals[intervals["joint"] == "marginal"]
     for labels, rows in marginal.groupby(["environment", *_LABELS], sort=False):
         _, method, kind, family = labels

@@ -1,4 +1,4 @@
-"""What all parts of a study share: what is left out, names, choices, and streams of random numbers."""
+"""What all parts of a study share: what is left out, names, choices, random streams."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Boundaries of a study: curves around every region of (k, b), and of every law of (k, b), on one grid."""
+"""Boundaries of a study: curves around every region, and of every law, of (k, b), on one grid."""
 
 from __future__ import annotations
 

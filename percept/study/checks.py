@@ -134,11 +134,13 @@ def _influential(
                 largest = by_limit[c]
                 parameter, environment = list(other.column)[c]
                 quantity = fit.quantities[parameter]
+                who = USERS[kind].format(user=users[0], users=users[1])
                 said = (
-                    f"without {names[i]} a limit moves by {largest:.2f} of its half-width, more than"
-                    f" in 95 % of such studies ({usual:.2f}). The interval of {quantity.label} in"
-                    f" {environment} for {USERS[kind].format(user=users[0], users=users[1])} becomes"
-                    f" {quantity.amounts(ends[1, :, c])} instead of {quantity.amounts(ends[0, :, c])}."
+                    f"without {names[i]} a limit moves by {largest:.2f} of its half-width, more"
+                    f" than in 95 % of such studies ({usual:.2f}). The interval of"
+                    f" {quantity.label} in {environment} for {who} becomes"
+                    f" {quantity.amounts(ends[1, :, c])} instead of"
+                    f" {quantity.amounts(ends[0, :, c])}."
                 )
         if said:
             yield names[i], said
@@ -280,7 +282,7 @@ def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> Iterat
 
 
 def bias_pull(fit: Fit, *, level: float, user: str) -> tuple[str, ...]:
-    """Say how far the prior of the common bias moves average users from where a flat one has them."""
+    """Say how far the prior of the common bias moves average users, against a flat one."""
     ((density, points),) = fit.model.pooled_parts(_some_draws(fit))
     flat = dataclasses.replace(density.priors, alpha_sd=_FLAT * density.priors.alpha_sd)
     free = CollapsedDensity(density.statistics, flat, density.layout.options, density.resolution)
@@ -378,7 +380,7 @@ def _pull_of_model(
 def _widths(
     laws: ConditionalMoments, cells: list[int], level: float, draws: Array | None = None
 ) -> Array:
-    """Widths of the next user's intervals of cells on the response scale, by all draws or by some."""
+    """Widths of the next user's intervals on the response scale, by all draws or by some."""
     mean = laws.mean[:, cells]
     sd = np.hypot(laws.sd, laws.population_sd)[:, cells]
     if draws is not None:
@@ -391,7 +393,7 @@ def _widths(
 
 
 def _by_scatter(model: CollapsedDensity, p: int, level: float) -> tuple[Array, float]:
-    """Widths of a parameter's classical prediction intervals (J,), 0 without scatter, and its mean log SD."""
+    """Widths of classical prediction intervals (J,), 0 without scatter, and the mean log SD."""
     sd = model.statistics.sd[p]
     df = model.statistics.df[p]
     scatters = (sd > 0) & (df > 0)

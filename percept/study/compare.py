@@ -1,4 +1,4 @@
-"""Two studies, groups of subjects or devices side by side: the same intervals, and their difference."""
+"""Two studies, groups of subjects or devices: the same intervals, and their difference."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def split_by(sessions: Sessions, column: str) -> dict[str, Sessions]:
 
 
 def within_subjects(sessions: Sessions, column: str) -> bool:
-    """Whether some subjects are in more than one group, and can be paired; refuse where none can."""
+    """Whether some subjects are in several groups and can be paired; refuse where none can."""
     refuse_gaps(sessions, column)
     cells = sessions.table.groupby(["subject", "environment"], sort=False)[column].nunique()
     groups = sessions.table.groupby("subject", sort=False)[column].nunique()
@@ -198,7 +198,7 @@ def _same_sessions(first: Sessions, second: Sessions) -> bool:
 
 
 def _in_common(first: Sessions, second: Sessions) -> Iterator[str]:
-    """Note subjects named alike; refuse them where the studies share a file and they are the same people."""
+    """Note subjects named alike; refuse them where the studies share a file."""
     shared = [subject for subject in first.subjects if subject in set(second.subjects)]
     contents = {source.sha256 for source in second.sources}
     files = [source.name for source in first.sources if source.sha256 in contents]
@@ -282,7 +282,7 @@ def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
 
 @dataclasses.dataclass(frozen=True)
 class _Draws:
-    """Draws of populations, on the family's scale in their units or as logarithms, (S, C) or (S,)."""
+    """Draws of populations on the family's scale, in units or logarithms, (S, C) or (S,)."""
 
     mean: Array
     sd: Array  # Of the mean, given the scales
@@ -317,7 +317,7 @@ def _row(
     above: float | None,
     spread: Sequence[float],
 ) -> dict[str, object]:
-    """Make a row of lower, value and upper of the averages' difference and of the ratio of spreads."""
+    """Make a row: lower, value and upper of the difference of averages and the ratio of spreads."""
     lower, value, upper = np.exp(ends).tolist() if family == "lognormal" else ends
     return {
         "environment": cell[1],

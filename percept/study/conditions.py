@@ -1,4 +1,4 @@
-"""Factors, groups and covariates of a study, told from its data, and what is compared between them."""
+"""Factors, groups and covariates of a study, told from its data, and what is compared."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class ContrastTable:
         kind: str | None = None,
         p_value: float | None = None,
     ) -> Row:
-        """Make a row of lower, upper and estimate on the response scale; of spread without a kind."""
+        """Make a row of lower, upper and estimate on the response scale; without kind: spread."""
         asked = self.asked
         share = kind == "share"
         log = asked.family == "lognormal"

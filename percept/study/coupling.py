@@ -1,4 +1,4 @@
-"""The device and its virtual coupling: stability, and memberships in boundaries by the paper's rule."""
+"""The device and its virtual coupling: stability, and memberships by the paper's rule."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def study_coupling(
     *,
     read_at: float,
 ) -> Coupling:
-    """Judge a coupling: Llewellyn's criterion, and membership in the boundaries over a range, rad/s."""
+    """Judge a coupling: Llewellyn's criterion, and memberships over a range, rad/s."""
     device = setup.device
     coupling = setup.coupling
     period = setup.period
@@ -84,7 +84,7 @@ def _memberships(
     within: tuple[float, float],
     read_at: float,
 ) -> Iterator[Membership]:
-    """Judge every reference against its rectangles, and their corners, over a range of omega, rad/s."""
+    """Judge every reference against its rectangles and their corners, over a range, rad/s."""
     for region in regions:
         if region.limits is None or region.environment not in setup.references:
             continue
@@ -155,7 +155,7 @@ def no_design(setup: Setup, kinds: Sequence[str]) -> Skipped | None:
 def design_by_method(
     setup: Setup, regions: Sequence[Region], family: str, within: tuple[float, float]
 ) -> dict[str, CouplingDesign]:
-    """Map the couplings that are stable and realistic, by the limits of kind user of each method."""
+    """Map the couplings that are stable and realistic, by each method's next user."""
     designs = {}
     for method in ("classical", "bayesian"):
         boxes = {}

@@ -1,13 +1,13 @@
 """How many more subjects would decide whether a display feels real.
 
 A truth is drawn from the posterior, n more subjects of it are simulated by their mean and scatter,
-and all subjects together are judged by the classical rule. The wanted n is the smallest that decides
-with a stated probability.
+and all subjects together are judged by the classical rule. The wanted n is the smallest that
+decides with a stated probability.
 
-The rule asks for confidences, which a distance d from the mean of N subjects, in their SDs, decides:
-"feels real" up to one critical distance, "does not" from another on. Stiffness and damping follow it
-exactly. For abs(Z_h) the distance is the normal score of the share of users below what is displayed,
-and N is the number of subjects that tell a single quantity as well as N tell this score.
+The rule asks for confidences, which a distance d from the mean of N subjects, in their SDs,
+decides: "feels real" up to one critical distance, "does not" from another on. Stiffness and damping
+follow it exactly. For abs(Z_h) the distance is the normal score of the share of users below what is
+displayed, and N is the number of subjects that tell a single quantity as well as N tell this score.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ class _Truths:
         return _Sample(n, self._mean + error[..., 0], root @ np.swapaxes(root, 1, 2))
 
     def shifted(self, direction: int, sign: float) -> Users:
-        """Move populations by one standard error of a direction, with so many subjects as a step."""
+        """Move populations by one standard error of a direction, a step of so many subjects."""
         step = sign / np.sqrt(_STEP_SUBJECTS)
         mean = self._mean
         spread = np.eye(2)
@@ -211,7 +211,7 @@ class _Search:
         return np.asarray(np.minimum(scores, _LARGEST_SCORE))
 
     def _subjects_ratio(self, users: Users) -> Array:
-        """Return how many subjects of a single quantity tell a score as well as one of these, (S, M).
+        """Return how many subjects of one quantity tell a score as well as one of these, (S, M).
 
         The score of a single quantity z SDs off has the variance (1 + z²/2)/N.
         """

@@ -1,4 +1,4 @@
-"""The device with its coupling and references: what it displays, and how verdicts move with the device."""
+"""The device with its coupling and references: what it displays, and what other devices would."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Setup:
         return Display(self.device, self.references[environment], self.period, coupling, self.hold)
 
     def curve(self, environment: str, omega: Array, *, coupled: bool) -> Array:
-        """abs(Z_h) of a reference at frequencies (M,), rad/s, without or through the coupling, N·s/m."""
+        """abs(Z_h), N·s/m, of a reference at (M,) rad/s, directly or through the coupling."""
         impedance = haptics.perceived_impedance(
             omega,
             self.device,
@@ -85,7 +85,7 @@ class Setup:
         )
 
     def resonances(self, environment: str) -> Array:
-        """Frequencies, rad/s, near which curves bend most: the device's mass on the reference, its modes."""
+        """Frequencies, rad/s, where curves bend most: device mass on the reference, modes."""
         device = self.device
         if not isinstance(device, Device):
             return device.omega[:: max(1, device.omega.size // _MOST_ROWS)]
@@ -243,7 +243,7 @@ def _counts_inside(
     dampings: Sequence[float],
     within: tuple[float, float],
 ) -> NDArray[np.int64]:
-    """Count the environments whose abs(Z_h) stays inside, (dampings, masses); all devices at once."""
+    """Count environments whose abs(Z_h) stays inside, (dampings, masses), for all devices."""
     assert isinstance(setup.device, Device)
     damping, mass = np.meshgrid(dampings, masses, indexing="ij")
     devices = dataclasses.replace(setup.device, mass=mass.ravel(), damping=damping.ravel())
@@ -266,7 +266,7 @@ def _about(value: float) -> tuple[float, ...]:
 
 
 def _rectangles(setup: Setup, regions: Sequence[Region], kind: str, family: str) -> list[Region]:
-    """Return classical rectangles of a kind, one per environment, of the scene's family if it has one."""
+    """Return classical rectangles of a kind, one per environment, of the scene's family first."""
     chosen: dict[str, Region] = {}
     # The one set last stays.
     for preferred in ("normal", "lognormal", family):

@@ -1,4 +1,4 @@
-"""The hierarchical fit of a study: from sessions to a model, a sampled posterior and its intervals."""
+"""The hierarchical fit of a study: a model of sessions, its sampled posterior and intervals."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Prepared:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Fit(Prepared):
-    """A sampled posterior of C cells, a cell being a parameter in an environment, and its limits."""
+    """A sampled posterior of C cells, each a parameter in an environment, and its limits."""
 
     run: Run  #: Draws, diagnostics and the verdict of the gate
     limits: dict[str, tuple[Array, Array]]  #: Lower and upper limits (C,) by kind, in their units
@@ -101,7 +101,7 @@ class Fit(Prepared):
 
     @cached_property
     def estimate(self) -> Array:
-        """Posterior mean of each population's mean on the model's scale, in its unit, shape (C,)."""
+        """Posterior mean of each population's mean, in its unit, shape (C,)."""
         posterior_mean = self.moments.mean.mean(axis=0)
         return self.scale.native(posterior_mean)
 
@@ -122,7 +122,7 @@ class Fit(Prepared):
 
     @property
     def environments(self) -> list[str]:
-        """Environments of the model; one where some parameter was never adjusted is not among them."""
+        """Environments of the model: those in which every parameter was adjusted."""
         return list(dict.fromkeys(environment for _, environment in self.model.cells))
 
     @cached_property
@@ -253,7 +253,7 @@ def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Pr
 def modelled_together(
     parameters: tuple[str, ...], named: tuple[str, ...] | None
 ) -> list[tuple[str, ...]]:
-    """Group parameters by the models they have: one or two have one, and of more the two that are named."""
+    """Group parameters by model: one or two share one; of more, the two that are named."""
     if len(parameters) < 3:
         return [parameters]
     pair = tuple(parameter for parameter in parameters if parameter in (named or ()))
@@ -385,7 +385,7 @@ def _all_moments(sessions: Sessions, parameters: tuple[str, ...], family: Family
 
 
 def posterior_tree(fit: Fit, *, seed: int) -> Any:
-    """Collect scales, correlations, locations and new users as a DataTree, one chain per ensemble."""
+    """Collect scales, correlations, locations and new users, one chain per ensemble."""
     import xarray
 
     points = fit.points

@@ -1,4 +1,4 @@
-"""The interval table's rows, the classical ones in every kind and family; and the cells they rest on."""
+"""Rows of the interval table, the classical ones of every family; and the cells they rest on."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Cell:
 
     @classmethod
     def of(cls, quantity: Quantity, environment: str, found: Moments | str) -> Self:
-        """Make a cell of its moments, or of why there are none; without scatter there is no interval."""
+        """Make a cell of its moments, or of why there are none, such as no scatter."""
         if isinstance(found, str):
             return cls(quantity, environment, None, found)
         if np.all(found.sd == 0):
@@ -184,7 +184,7 @@ def bayesian_row(
     users: tuple[str, str] = ("user", "users"),
     **rest: Any,
 ) -> IntervalRow:
-    """Make the row of a posterior interval: lower, upper and estimate; `rest` are fields of `Interval`."""
+    """Make the row of a posterior interval; `rest` are fields of `Interval`."""
     lower, upper, estimate = map(float, limits)
     if kind == "share":
         rest |= {"share": asked.held_share, "confidence": asked.confidence}
@@ -234,7 +234,7 @@ def compare_intervals(intervals: pd.DataFrame, family: str) -> pd.DataFrame:
 
 
 def adjustments(sessions: Sessions) -> Iterator[CellValues]:
-    """Describe what was adjusted as it is, on no scale and of no model: values, mean and SD of each cell."""
+    """Describe what was adjusted, on no scale: values, mean and SD of each cell."""
     if sessions.form != "trials":
         return
     for environment, rows in sessions.by_environment():

@@ -1,4 +1,4 @@
-"""Why the Bayesian intervals differ from the classical: the effect of each step from one to the other."""
+"""Why Bayesian intervals differ from classical ones: the effect of each step between them."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def climb(
     fit: Fit,
     **how: Any,
 ) -> Ladder:
-    """Fit what lies between the classical method and a study's own fit; `how` is its progress and store."""
+    """Fit what lies between the classical method and a study's fit; `how`: progress and store."""
     asked = scene.inference
     normal = scene.with_inference(family="normal", tolerance=max(_TOLERANCE, asked.tolerance))
     pooled = scene.model.pooling == "partial"
@@ -125,7 +125,7 @@ def climb(
 
 
 def _measured(fit: Fit, asked: InferenceTable) -> dict[_Cell, _Interval]:
-    """Limits of a fit, with the errors of log width and midpoint by the influence of each draw on both."""
+    """Limits of a fit, with errors of log width and midpoint by the draws' influence on both."""
     components = fit.run.components
     scale = fit.scale
     found = {}
@@ -178,7 +178,7 @@ def _words(scene: Scene) -> dict[str, str]:
 def sentence(
     rows: pd.DataFrame, quantities: Quantities, words: dict[str, str], *, repeats: bool = False
 ) -> str:
-    """Say how two intervals differ and why, from the effects on one environment, parameter and kind."""
+    """Say how two intervals differ and why, from the effects on one of them."""
     whole = rows.iloc[0]
     kind = whole["kind"]
     label = quantities[whole["parameter"]].label

@@ -1,4 +1,4 @@
-"""The hierarchical model of a study with factors, groups or covariates, and the contrasts it estimates."""
+"""The hierarchical model of studies with factors, groups or covariates, and its contrasts."""
 
 from __future__ import annotations
 

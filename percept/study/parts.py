@@ -176,7 +176,7 @@ class Parts:
 
     @property
     def fit(self) -> Fit | None:
-        """The sampled hierarchical model; None where it is not asked for, or the data cannot carry it."""
+        """The sampled hierarchical model; None where not asked for, or beyond the data."""
         return None if isinstance(self._fit, Skipped) else self._fit
 
     @property
@@ -186,7 +186,7 @@ class Parts:
 
     @cached_property
     def posterior(self) -> Any:
-        """Posterior as an ArviZ DataTree, draws thinned to the effective size; None without a passed fit."""
+        """Posterior as an ArviZ DataTree, thinned to the effective size; None unless it passed."""
         if self.passed is None:
             return None
         from percept.study.fit import posterior_tree
@@ -258,12 +258,12 @@ class Parts:
 
     @property
     def setup(self) -> Setup | None:
-        """Device, coupling and the references that curves are drawn for; None without device or reference."""
+        """Device, coupling and references of curves; None without device or reference."""
         return next((one for one in results(self._setup) if one.references), None)
 
     @cached_property
     def boundaries(self) -> tuple[Boundary, ...]:
-        """Boundaries of abs(Z_h) over the scene's frequencies; empty without a device or one parameter."""
+        """Boundaries of abs(Z_h) over the scene's frequencies; empty without device, k or b."""
         return self.boundaries_at(None)
 
     def boundaries_at(
@@ -317,7 +317,7 @@ class Parts:
 
     @cached_property
     def _banded(self) -> list[Banded | Skipped]:
-        """What bands are set against: the impedance of environments, or references of other quantities."""
+        """What bands are set against: environments' impedance, or quantities' references."""
         names = self.with_reference if is_impedance(self.parameters) else self.environments
         read_at = self.scene.frequency.read_at
         share = "share" in self.scene.inference.kinds
@@ -326,7 +326,7 @@ class Parts:
 
     @cached_property
     def band(self) -> BandStudy | None:
-        """Band of the environment's own size and its law; None with one environment, or without a size."""
+        """Band of the environments' size and its law; None with one environment, or no size."""
         banded = results(self._banded)
         if not banded or len(self.environments) < 2:
             return None
@@ -334,7 +334,7 @@ class Parts:
 
     @cached_property
     def coupling(self) -> Coupling | None:
-        """Stability of the coupling and memberships in boundaries; None without device and coupling."""
+        """Stability of the coupling and memberships; None without device and coupling."""
         setup = next(iter(results(self._setup)), None)
         if setup is None or setup.coupling is None:
             return None
@@ -344,12 +344,12 @@ class Parts:
 
     @property
     def passivity(self) -> pd.DataFrame | None:
-        """Whether each reference, rendered without the coupling, is passive; None without a device."""
+        """Whether each reference is passive without the coupling; None without a device."""
         return None if self.setup is None else self.setup.passivity
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """Whether each environment feels real, directly and through the coupling; empty without a device."""
+        """Whether each environment feels real, directly and coupled; empty without a device."""
         if self.setup is None:
             return ()
         asked = self.scene.inference
@@ -388,7 +388,7 @@ class Parts:
 
     @cached_property
     def coupling_design(self) -> dict[str, CouplingDesign]:
-        """Couplings, by method, that are stable and realistic to the next user; empty without a device."""
+        """Couplings, by method, stable and realistic to the next user; empty without a device."""
         if self.setup is None or self.no_design is not None:
             return {}
         return design_by_method(self.setup, self.regions, self.scene.inference.family, self.within)
@@ -402,7 +402,7 @@ class Parts:
 
     @cached_property
     def sensitivity(self) -> Sensitivity | None:
-        """How the verdicts move with the device's mass and damping; None without a device that has them."""
+        """How verdicts move with the device's mass and damping; None without both."""
         if self.setup is None or self.fixed_device is not None:
             return None
         return device_sensitivity(self.setup, self.regions, self.scene.inference, self.within)
@@ -415,7 +415,7 @@ class Parts:
 
     @cached_property
     def ladder(self) -> Ladder | None:
-        """Why the methods differ, step by step; samples what lies between them. None without both methods."""
+        """Why the methods differ, by steps that are sampled; None without both methods."""
         if self.passed is None or self.scene.inference.method != "both":
             return None
         from percept.study.ladder import climb

@@ -222,7 +222,7 @@ class _NewLimits:
 def _expect(
     study: Study, fit: Fit, decades: Array
 ) -> tuple[NewEnvironment, Fit, dict[Kind, _NewLimits]]:
-    """Work out the new environment's users and limits, from more draws where the fit's are too few."""
+    """Work out the new environment's users and limits, with more draws where needed."""
     asked = study.scene.inference
     expected = expected_users(fit, decades, asked)
     limits = {kind: _limits(fit, expected, kind, asked) for kind in asked.kinds}
@@ -263,7 +263,7 @@ def _passed_fit(study: Study) -> Fit:
 
 
 def _mass(study: Study, given: float | None) -> float:
-    """Mass of the new environment, kg: the one given, or the one that all tested environments have."""
+    """Mass of the new environment, kg: the given one, or that of all tested environments."""
     tested = set(study.sessions.masses.values())
     if given is None and len(tested) > 1:
         masses = ", ".join(f"{mass:g}" for mass in sorted(tested))

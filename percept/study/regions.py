@@ -1,4 +1,4 @@
-"""Regions and laws of (k, b) that boundaries come from: of every method, kind and joint treatment."""
+"""Regions and laws of (k, b) behind boundaries: of every method, kind and joint treatment."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Law(_Claim):
 
     @property
     def region(self) -> Region | None:
-        """The ellipse as a region; None where its ends leave the range that curves are drawn for."""
+        """The ellipse as a region; None where it leaves the range of curves."""
         ellipse = self.ellipse
         if ellipse is None:
             return None
@@ -173,7 +173,7 @@ def _halved(probability: float) -> float:
 
 
 def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
-    """Yield posterior rectangles whose sides leave out half as much each: both hold at the level."""
+    """Yield posterior rectangles whose sides leave out half as much each."""
     from percept.inference.hierarchy.models import IntervalEstimands
 
     halved = IntervalEstimands(
@@ -201,7 +201,7 @@ def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
 def subject_pairs(
     sessions: Sessions, scene: Scene, parameters: Sequence[str], *, device: bool
 ) -> Iterator[SubjectPairs | Skipped]:
-    """Yield what classical ellipses and laws come from, and the ellipses and laws there are none of."""
+    """Yield what classical ellipses and laws come from, and those there are none of."""
     asked = scene.inference
     published = sessions.form == "summary"
     if published:
@@ -226,7 +226,7 @@ def subject_pairs(
 
 
 def _pairs_of_subjects(sessions: Sessions, family: Family) -> Iterator[SubjectPairs | Skipped]:
-    """Yield the subjects' values of every environment that has both parameters of enough of them."""
+    """Yield subjects' values of environments with both parameters of enough subjects."""
     for environment, table in sessions.by_environment():
         columns = ["k_adj", "b_adj"]
         rows = table.dropna(subset=columns)

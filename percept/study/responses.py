@@ -1,4 +1,4 @@
-"""From sessions to the unit-free responses of the hierarchical model, and back to their quantities."""
+"""Sessions become unit-free responses of the hierarchical model, and these quantities again."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class ResponseScale:
 
     @classmethod
     def of(cls, reference: Array, family: str, unit: Array | None = None) -> Self:
-        """Take responses to references of any shape; relative deviations are in `unit`, or in references."""
+        """Take responses to references of any shape; deviations are in `unit`, or relative."""
         if family == "lognormal":
             return cls(True, reference.ravel(), np.ones(reference.size))
         return cls(False, reference.ravel(), (reference if unit is None else unit).ravel())
@@ -111,7 +111,7 @@ def references(
 
 
 def decades(reference: Array) -> Array:
-    """log10 of references over their geometric mean, shape (P, J); zeros where one is not positive."""
+    """log10 of references over their geometric mean, (P, J); zero where one is not positive."""
     positive = (reference > 0).all(axis=1, keepdims=True)
     logs = np.log10(np.where(positive, reference, 1.0))
     return logs - logs.mean(axis=1, keepdims=True)
@@ -214,7 +214,7 @@ def _units(
     scene: Scene,
     scaled: Collection[str],
 ) -> Array:
-    """Return the unit of a response: the reference, or the scene's scale where one is not positive."""
+    """Return the unit of a response: the reference, or the scene's scale where not positive."""
     unit = reference.copy()
     scales = scene.model.scale
     for p, name in enumerate(parameters):
@@ -264,7 +264,7 @@ def refuse_no_ratio(
 def resolution_of(
     statistics: Statistics, scene: Scene, reference: Array, scale: ResponseScale
 ) -> Resolution:
-    """Step²/12 on the response scale, in cells whose scatter is less than the step shows; or refuse those."""
+    """Step²/12 on the response scale, in cells whose scatter the step hides; or refuse those."""
     from percept.inference.hierarchy.density import Resolution
 
     steps = scene.model.resolution
@@ -286,7 +286,7 @@ def resolution_of(
 def lacking_scatter(
     statistics: Statistics, steps: Collection[str], quantities: Quantities
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Find cells (P, J) whose lack of scatter between subjects, or trials, a step makes up for; or refuse."""
+    """Find cells (P, J) whose lack of scatter a step makes up for; or refuse."""
     between = (statistics.sd == 0) & (statistics.df > 0)
     trial = ((statistics.trial_rows**2).sum(axis=1) == 0) & (statistics.trial_df > 0)
     for what, still in (
@@ -333,7 +333,7 @@ def lacking_scatter(
 
 
 def _in_proportion(scatter: list[Array], df: Array) -> bool:
-    """Say whether in every environment the two rows of the scatter (2, n) are multiples of one another."""
+    """Say whether in every environment the two rows of the scatter (2, n) are multiples."""
     seen = [pair for pair, freedom in zip(scatter, df, strict=True) if freedom >= 1]
     with np.errstate(invalid="ignore"):
         r = np.array([a @ b / np.sqrt((a @ a) * (b @ b)) for a, b in seen])

@@ -138,7 +138,7 @@ class Study:
         return chosen_contrasts(self.parts.contrasts, asked)
 
     def summary(self, kind: str | None = "user") -> pd.DataFrame:
-        """Lay the intervals out wide: a row per environment, parameter and kind, the methods side by side.
+        """Lay the intervals out wide: a row per environment, parameter and kind.
 
         Parameters
         ----------
@@ -170,12 +170,12 @@ class Study:
 
     @property
     def posterior(self) -> Any:
-        """Posterior as an ArviZ DataTree, draws thinned to the effective size; None without a passed fit."""
+        """Posterior as an ArviZ DataTree, thinned to the effective size; None unless it passed."""
         return self.parts.posterior
 
     @property
     def boundaries(self) -> tuple[Boundary, ...]:
-        """Boundaries of abs(Z_h) over the scene's frequencies; empty without a device or one parameter."""
+        """Boundaries of abs(Z_h) over the scene's frequencies; empty without device, k or b."""
         return self.parts.boundaries
 
     @property
@@ -192,17 +192,17 @@ class Study:
 
     @property
     def band(self) -> BandStudy | None:
-        """Band of the environment's own size and its law; None with one environment, or without a size."""
+        """Band of the environments' size and its law; None with one environment, or no size."""
         return self.parts.band
 
     @property
     def coupling(self) -> Coupling | None:
-        """Stability of the coupling and memberships in boundaries; None without device and coupling."""
+        """Stability of the coupling and memberships; None without device and coupling."""
         return self.parts.coupling
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """Whether each environment feels real, directly and through the coupling; empty without a device."""
+        """Whether each environment feels real, directly and coupled; empty without a device."""
         return self.parts.verdicts
 
     @property
@@ -242,12 +242,12 @@ class Study:
         return compute(self.parts, curves=curves, why=why, progress=progress)
 
     def report(self, directory: str | Path, **options: Any) -> Path:
-        """Write page, JSON, tables, figures and posterior into a folder, and return the page's path.
+        """Write page, JSON, tables, figures and posterior into a folder; return the page's path.
 
         The folder is made where it does not exist. UsageError where it cannot be written, or where
         a file that no earlier run wrote has one of the report's names: before anything is computed.
-        Options are those of `percept.report.report_folder` and `percept.report.fill_report`, such as
-        ``formats=("pdf",)``, and `why` of `results`.
+        Options are those of `percept.report.report_folder` and `percept.report.fill_report`, such
+        as ``formats=("pdf",)``, and `why` of `results`.
         """
         # Matplotlib is slow to import.
         from percept.report import fill_report, report_folder
@@ -272,7 +272,7 @@ class Study:
         kinds: Collection[str] | None = None,
         ax: Any = None,
     ) -> Any:
-        """Plot intervals divided by their references: of every parameter and kind, or of those named."""
+        """Plot intervals over their references: of every parameter and kind, or those named."""
         from percept.plots import plot_intervals
 
         return plot_intervals(
@@ -285,7 +285,7 @@ class Study:
         )
 
     def plot_boundary(self, environment: str, *, kind: str | None = None, ax: Any = None) -> Any:
-        """Plot boundaries of abs(Z_h), N·s/m, over omega, rad/s, for one kind: the next user by default."""
+        """Plot boundaries of abs(Z_h), N·s/m, over rad/s, of one kind, by default the next user."""
         from percept.plots import plot_boundary
 
         kinds = self.scene.inference.kinds
@@ -298,7 +298,7 @@ class Study:
         )
 
     def plot_band(self, parameter: str | None = None, *, ax: Any = None) -> Any:
-        """Plot bands and their laws against the environment's impedance, or a parameter's reference."""
+        """Plot bands and their laws against environments' impedance, or a parameter's reference."""
         from percept.plots import plot_band
 
         band = record(Band, self.band)
@@ -329,7 +329,7 @@ class Study:
         return f"<Study of {adjusted} in {where}, {self.sessions.form}>"
 
     def _repr_html_(self) -> str:
-        """Return a card: what the study is, what it has computed, and what to call; it computes nothing."""
+        """Return a card: what the study is, has computed, and what to call; computes nothing."""
         sessions = self.sessions
         asked = self.scene.inference
         computed = [word for name, word in _KEPT.items() if name in vars(self.parts)]

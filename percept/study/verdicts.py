@@ -152,7 +152,7 @@ def posterior_users(fit: Fit, asked: InferenceTable) -> dict[str, Users]:
 
 
 def users_in_range(mean: Array, covariance: Array, *, log: bool) -> Users:
-    """Return populations; means and SDs that leave the range of impedances are brought to its end."""
+    """Return populations; means and SDs beyond the range of impedances move to its end."""
     users = Users.of(mean, covariance, log=log)
     if not log:
         return users
@@ -224,7 +224,7 @@ def study_verdicts(
     *,
     stable: bool | None,
 ) -> Iterator[Verdict]:
-    """Judge every reference, directly and through the coupling, at every frequency of a range, rad/s.
+    """Judge every reference, directly and through the coupling, at every ω of a range, rad/s.
 
     `stable` is the coupling's verdict, None where it is undecided.
     """

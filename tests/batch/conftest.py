@@ -16,7 +16,8 @@ def study_text(seed, *, subjects=3, noise=0.15):
 
 @pytest.fixture
 def studies(tmp_path):
-    """Paths of four sound studies, one with text in a number, one without a value, one that is not there."""
+    """Paths of four sound studies, one with text in a number, one without a value, one that is
+    not there."""
     folder = tmp_path / "studies"
     folder.mkdir()
     for i in range(4):

@@ -1,4 +1,5 @@
-"""Batches on real workers: this process, threads, and a scheduler and workers started by command."""
+"""Batches on real workers: this process, threads, and a scheduler and workers started by
+command."""
 
 import json
 import re

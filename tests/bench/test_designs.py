@@ -1,4 +1,5 @@
-"""Designs: the studies are those named, results are kept, and the summary says what the rows show."""
+"""Designs: the studies are those named, results are kept, and the summary says what the rows
+show."""
 
 import dataclasses
 import json

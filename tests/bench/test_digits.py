@@ -128,10 +128,15 @@ def test_formulas_in_doubles_are_right_where_nothing_is_extreme():
 
 def test_the_density_keeps_its_promise_over_every_sweep(density):
     assert {row.along for row in density} == {
-        "all variances", "variance of between, others 1e-12", "variance of shared, others 1e-12",
-        "variance of trial, others 1e-12", "variance of tau, others 1e-12", "1 − correlation", "subjects",
+        "all variances",
+        "variance of between, others 1e-12",
+        "variance of shared, others 1e-12",
+        "variance of trial, others 1e-12",
+        "variance of tau, others 1e-12",
+        "1 − correlation",
+        "subjects",
         "offset",
-    }  # fmt: skip
+    }
     worst = max(density, key=lambda row: row.over_promise)
     assert worst.over_promise <= 1.0, worst
     assert min(row.digits for row in density) > 14.0

@@ -48,7 +48,8 @@ damping = 100.0
 
 
 def subsets(count: int) -> Iterator[tuple[str, ...]]:
-    """Yield every choice of so many of the ten subjects; of four every third or fourth, 60 in all."""
+    """Yield every choice of so many of the ten subjects; of four every third or fourth, 60 in
+    all."""
     subjects = read_sessions(DATASETS / "hbfd_sessions.csv").subjects
     chosen = list(itertools.combinations(subjects, count))
     yield from chosen if count == 3 else (chosen[i * len(chosen) // 60] for i in range(60))

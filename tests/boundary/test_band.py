@@ -212,7 +212,8 @@ def test_offsets_far_above_the_impedance_are_found() -> None:
 
 
 def test_without_bands_of_the_study_the_estimate_is_the_median_of_the_draws() -> None:
-    """Bands of a posterior's draws may lie well below the study's; an estimate must lie in its interval."""
+    """Bands of a posterior's draws may lie well below the study's; an estimate must lie in its
+    interval."""
     rng = np.random.default_rng(6)
     sizes, names = Z[::6], tuple("ABCDEFG")
     draws = 0.3 * sizes * np.exp(0.2 * rng.normal(size=(500, sizes.size)))

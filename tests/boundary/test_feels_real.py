@@ -1,4 +1,5 @@
-"""Verdicts on displays: against a fine grid of frequencies, known cases, and today's easier rule."""
+"""Verdicts on displays: against a fine grid of frequencies, known cases, and today's easier
+rule."""
 
 import numpy as np
 import pytest

@@ -26,7 +26,8 @@ def margin(law: PairLaw, p: int, values: np.ndarray) -> np.ndarray:
 
 
 def mixture(count: int = 400, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Means, and covariances of SDs that scatter by a factor of two, with correlations of all sizes."""
+    """Means, and covariances of SDs that scatter by a factor of two, with correlations of all
+    sizes."""
     rng = np.random.default_rng(seed)
     mean = np.array([9.0, 2.0]) + np.array([0.05, 0.2]) * rng.standard_normal((count, 2))
     sd = np.array([0.08, 0.3]) * np.exp(0.35 * rng.standard_normal((count, 2)))

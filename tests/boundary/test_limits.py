@@ -1,4 +1,5 @@
-"""Limits of abs(Z_h) from a law of (k, b), against many draws of the law and quantiles of their curves."""
+"""Limits of abs(Z_h) from a law of (k, b), against many draws of the law and quantiles of their
+curves."""
 
 from __future__ import annotations
 
@@ -142,7 +143,8 @@ def test_limits_leave_out_their_share_near_a_resonance_too() -> None:
 
 
 def heavy_mixture(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """SDs of log b scatter: at 100 rad/s, where the mass hides b, an upper limit moves by many bands."""
+    """SDs of log b scatter: at 100 rad/s, where the mass hides b, an upper limit moves by many
+    bands."""
     rng = np.random.default_rng(seed)
     mean = np.array([2.6, -1.6]) + np.array([0.1, 0.5]) * rng.standard_normal((count, 2))
     sd = np.array([0.22, 1.6]) * np.exp(0.1 * rng.standard_normal((count, 2)))
@@ -190,7 +192,8 @@ def test_sixteen_times_the_draws_divide_the_error_by_four() -> None:
 
 
 def wide_draws(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """SDs of log k and log b, about as of an environment nobody tested: 60 times as wide once in 1,000."""
+    """SDs of log k and log b, about as of an environment nobody tested: 60 times as wide once in
+    1,000."""
     rng = np.random.default_rng(seed)
     mean = np.array([9.5, 2.8]) + 0.05 * rng.standard_normal((count, 2))
     sd = np.array([0.15, 0.5]) * np.exp(
@@ -213,7 +216,8 @@ def test_few_wide_draws_decide_a_far_tail_and_are_all_asked() -> None:
 
 
 def test_values_below_all_that_counts_are_in_every_ball() -> None:
-    """A law that reaches below 1e-40 on one side as far as above on the other: no ball loses that."""
+    """A law that reaches below 1e-40 on one side as far as above on the other: no ball loses
+    that."""
     mean, covariance = wide_draws(40_000, 1)
     law = mixture_law(mean, covariance * 16.0, np.arange(40_000) % 32, "lognormal")
     rare = Magnitude(law, DEVICE, PERIOD, OMEGA[:1])

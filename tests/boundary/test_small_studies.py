@@ -1,4 +1,5 @@
-"""Small studies get their curves and a page; `python -m tests.boundary.small_studies` does all of them."""
+"""Small studies get their curves and a page; `python -m tests.boundary.small_studies` does all
+of them."""
 
 from __future__ import annotations
 

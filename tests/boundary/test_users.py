@@ -1,4 +1,5 @@
-"""Shares of users within a disc: against draws of users, and one order of integrals by the other."""
+"""Shares of users within a disc: against draws of users, and one order of integrals by the
+other."""
 
 import numpy as np
 import pytest

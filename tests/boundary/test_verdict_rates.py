@@ -1,4 +1,5 @@
-"""How often verdicts err: classical ones in simulated studies, Bayesian ones by the committed page."""
+"""How often verdicts err: classical ones in simulated studies, Bayesian ones by the committed
+page."""
 
 import numpy as np
 import pytest

@@ -3,8 +3,8 @@
     python -m tests.boundary.verdict_rates --out reports/coverage/verdicts
 
 Classical verdicts are made of simulated studies of known users, with stiffness or damping displayed
-well inside, at the edge and well outside of the central range. Bayesian verdicts are made of studies
-whose users come from the prior. Both runs go on where they stopped.
+well inside, at the edge and well outside of the central range. Bayesian verdicts are made of
+studies whose users come from the prior. Both runs go on where they stopped.
 """
 
 from __future__ import annotations
@@ -249,16 +249,16 @@ def errors_of(lines, *, rule="outcome"):
 
 HEAD = """# Errors of verdicts
 
-Verdicts are at level {level:g} and decision {decision:g}. A verdict errs where it says that a display feels
-real that lies outside the central range of users, or that one does not that lies inside. Each may
-happen in at most {wrong:g} of studies.
+Verdicts are at level {level:g} and decision {decision:g}. A verdict errs where it says that a
+display feels real that lies outside the central range of users, or that one does not that lies
+inside. Each may happen in at most {wrong:g} of studies.
 
 """
 PARTS = """## Classical: stiffness and damping
 
-{studies:,} studies per row, whose users are known. One quantity is displayed at a place, the other at
-the middle. `wide limits` is a rule that fails: it says "feels real" where the next user's interval
-holds the display, and that interval widens with fewer subjects.
+{studies:,} studies per row, whose users are known. One quantity is displayed at a place, the other
+at the middle. `wide limits` is a rule that fails: it says "feels real" where the next
+user's interval holds the display, and that interval widens with fewer subjects.
 
 | displayed | n | said real | said does not | too little data | said real by wide limits |
 |---|---|---|---|---|---|
@@ -266,8 +266,8 @@ holds the display, and that interval widens with fewer subjects.
 MAGNITUDE = """
 ## Classical: abs(Z_h)
 
-Stiffness is displayed at the middle, where abs(Z_h) reaches the edge of its range, and at twice that
-distance. This part has no exact rate. The last columns are verdicts by all three parts.
+Stiffness is displayed at the middle, where abs(Z_h) reaches the edge of its range, and at twice
+that distance. This part has no exact rate. The last columns are verdicts by all three parts.
 
 | displayed | n | studies | said real | said does not | real by all | does not by all |
 |---|---|---|---|---|---|---|
@@ -276,10 +276,11 @@ BAYESIAN = """
 ## Bayesian: users of the prior
 
 Studies of three references whose users come from the prior, {wanted} wanted per row. A rate is that
-of errors among the verdicts which say so, ± its binomial error where it is {wrong:g} in truth. The last
-column is "real, but outside" of the rule that fails.
+of errors among the verdicts which say so, ± its binomial error where it is {wrong:g} in truth.
+The last column is "real, but outside" of the rule that fails.
 
-| n | studies | verdicts | real, but outside | ± | does not, but inside | ± | undecided | by wide limits |
+| n | studies | verdicts | real, but outside | ± | does not, but inside | ± | undecided |\
+ by wide limits |
 |---|---|---|---|---|---|---|---|---|
 """
 
@@ -340,7 +341,8 @@ def kept_fits(n, folder):
 
 
 def until(deadline, lines, study, wanted):
-    """Work on studies of a checkpoint, a few at a time, until a deadline; return those that are done."""
+    """Work on studies of a checkpoint, a few at a time, until a deadline; return those that are
+    done."""
     done = len(lines.read(wanted))
     while done < wanted and time.monotonic() < deadline:
         done = min(wanted, done + STEP)

@@ -6,7 +6,8 @@ from percept.inference.sampling.gate import Estimates, Gate, Run, Settings
 
 @pytest.fixture
 def run():
-    """A run with every kind of value a record can hold, among them infinity and the smallest double."""
+    """A run with every kind of value a record can hold, among them infinity and the smallest
+    double."""
     rng = np.random.default_rng(5)
     points = rng.standard_normal((4, 6, 8, 3))
     components = np.concatenate([points, np.full((4, 6, 8, 1), 5e-324)], axis=3)

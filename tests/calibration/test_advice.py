@@ -125,28 +125,36 @@ def covered(**held: tuple[float, float]) -> pd.DataFrame:
     [
         (
             covered(bayesian=(0.9905, 0.99), classical=(0.979, 0.99)),
-            "For damping in VE1 use the Bayesian interval of the next user: it covers 99.00 ± 0.10 % of "
-            "normal users where 99 % is stated. The classical one covers 97.90 ± 0.10 % of users of the "
+            "For damping in VE1 use the Bayesian interval of the next user: it covers 99.00 ± "
+            "0.10 % of "
+            "normal users where 99 % is stated. The classical one covers 97.90 ± 0.10 % of users "
+            "of the "
             "fitted model and is 1.40 times as wide.",
         ),
         (
             covered(bayesian=(0.98, 0.99), classical=(0.989, 0.99)),
-            "For damping in VE1 use the classical interval of the next user: it covers 98.90 ± 0.10 % of "
-            "users of the fitted model where 99 % is stated. The Bayesian one covers 98.00 ± 0.10 % of users "
+            "For damping in VE1 use the classical interval of the next user: it covers 98.90 ± "
+            "0.10 % of "
+            "users of the fitted model where 99 % is stated. The Bayesian one covers 98.00 ± "
+            "0.10 % of users "
             "of the fitted model and is 0.71 times as wide.",
         ),
         # Both keep what they state: the narrower.
         (
             covered(bayesian=(0.99, 0.991), classical=(0.99, 0.9905)),
-            "For damping in VE1 use the Bayesian interval of the next user: it covers 99.00 ± 0.10 % of "
-            "users of the fitted model where 99 % is stated. The classical one covers 99.00 ± 0.10 % of "
+            "For damping in VE1 use the Bayesian interval of the next user: it covers 99.00 ± "
+            "0.10 % of "
+            "users of the fitted model where 99 % is stated. The classical one covers 99.00 ± "
+            "0.10 % of "
             "users of the fitted model and is 1.40 times as wide.",
         ),
         # Neither does: the one that covers more.
         (
             covered(bayesian=(0.96, 0.99), classical=(0.99, 0.97)),
-            "For damping in VE1 use the classical interval of the next user: it covers 97.00 ± 0.10 % of "
-            "normal users where 99 % is stated. The Bayesian one covers 96.00 ± 0.10 % of users of the "
+            "For damping in VE1 use the classical interval of the next user: it covers 97.00 ± "
+            "0.10 % of "
+            "normal users where 99 % is stated. The Bayesian one covers 96.00 ± 0.10 % of users "
+            "of the "
             "fitted model and is 0.71 times as wide.",
         ),
     ],

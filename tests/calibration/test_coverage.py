@@ -83,7 +83,8 @@ def test_classical_coverage_is_the_stated_one_in_the_right_family(rows: pd.DataF
 
 @pytest.mark.evidence(reduced=True)
 def test_the_wrong_family_is_caught(rows: pd.DataFrame) -> None:
-    """Users with an SD of 1.5 of the logarithm are so skewed that the t-interval of their mean misses it."""
+    """Users with an SD of 1.5 of the logarithm are so skewed that the t-interval of their mean
+    misses it."""
     row = found(rows, claim="interval", kind="mean", family="normal", joint="marginal")
     assert row.held < 0.9 - 4 * row.error
 
@@ -155,7 +156,8 @@ def test_normal_users_lie_about_their_bias() -> None:
 
 @pytest.mark.parametrize(("upper", "held"), [(120.0, 0.0), (124.0, 1.0)])
 def test_limits_of_a_share_hold_where_they_contain_the_share(upper: float, held: float) -> None:
-    """Of normals at 110 with SD 10, 84 % and 92 % lie below; the confidence is of another question."""
+    """Of normals at 110 with SD 10, 84 % and 92 % lie below; the confidence is of another
+    question."""
     row = types.SimpleNamespace(
         parameter="k", kind="share", lower=0.0, upper=upper, level=0.9, share=0.9, confidence=0.95,
         family="normal",
@@ -245,7 +247,8 @@ def durations(**changes: object) -> Study:
 
 
 def test_a_single_quantity_is_simulated_as_two_are() -> None:
-    """The t-interval of normal logarithms covers what it states, whatever the quantity and its unit."""
+    """The t-interval of normal logarithms covers what it states, whatever the quantity and its
+    unit."""
     plan = plan_like(durations(level=0.9), method="classical")
     assert plan.parameters == ("duration",)
     assert plan.references == ((400.0,), (900.0,), (2000.0,))
@@ -280,8 +283,12 @@ def test_users_far_from_the_reference_are_no_slip_of_units() -> None:
     """Their median is .005 of the reference, which a file without units would be refused for."""
     plan = CoveragePlan(
         references=((1000.0, 1.0), (25000.0, 25.0)),
-        subjects=8, users_family="normal", method="classical", level=0.9, frequencies=(0.1, 100.0, 5),
-    )  # fmt: skip
+        subjects=8,
+        users_family="normal",
+        method="classical",
+        level=0.9,
+        frequencies=(0.1, 100.0, 5),
+    )
     claims = {one.labels.claim for one in judge_study(plan, 315)}
     assert {"interval", "boundary throughout"} <= claims
 

@@ -62,7 +62,8 @@ def test_right_density_stays_inside():
 
 
 class WithoutJacobian(CollapsedDensity):
-    """The prior of log sigma taken as a density of sigma squared: wrong by twice the sum of log sigma."""
+    """The prior of log sigma taken as a density of sigma squared: wrong by twice the sum of log
+    sigma."""
 
     def __call__(self, points):
         sigma = self.scales(np.clip(points, -self.layout.limits, self.layout.limits))["sigma"][1]
@@ -83,7 +84,8 @@ def test_wrong_density_is_caught(density):
 
 
 def ranks_under(moves, *, dimension=20, walkers=100, studies=30):
-    """x ~ N(0, 1), y ~ N(x, 1): ranks of x among y/2 + z/sqrt(2), z drawn by emcee from a standard normal."""
+    """x ~ N(0, 1), y ~ N(x, 1): ranks of x among y/2 + z/sqrt(2), z drawn by emcee from a
+    standard normal."""
     rng = np.random.default_rng(3)
     sampler = emcee.EnsembleSampler(
         walkers, dimension, lambda z: -0.5 * (z**2).sum(axis=1), moves=moves, vectorize=True

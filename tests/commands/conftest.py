@@ -1,4 +1,5 @@
-"""Commands share posteriors: tests/cache holds that they are the same from the cache, digit by digit."""
+"""Commands share posteriors: tests/cache holds that they are the same from the cache, digit by
+digit."""
 
 import pytest
 

@@ -251,14 +251,26 @@ def test_help_shows_every_default(command):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["repotr", SESSIONS], "there is no command 'repotr'. Did you mean report? See percept --help."),
+        (
+            ["repotr", SESSIONS],
+            "there is no command 'repotr'. Did you mean report? See percept --help.",
+        ),
         (["frobnicate"], "there is no command 'frobnicate'. See percept --help."),
-        (["fit", SESSIONS, "--sceen", "s"], "there is no option --sceen. Did you mean --scene? See"),
-        (["--versoin"], "there is no option --versoin. Did you mean --version? See percept --help."),
-        (["cache", "clear", "it"], "value 'it': there is one argument too many. See percept cache --help."),
+        (
+            ["fit", SESSIONS, "--sceen", "s"],
+            "there is no option --sceen. Did you mean --scene? See",
+        ),
+        (
+            ["--versoin"],
+            "there is no option --versoin. Did you mean --version? See percept --help.",
+        ),
+        (
+            ["cache", "clear", "it"],
+            "value 'it': there is one argument too many. See percept cache --help.",
+        ),
     ],
     ids=["command", "nothing like it", "option", "option before a command", "argument"],
-)  # fmt: skip
+)
 def test_a_slip_is_told_with_what_is_like_it(words, said, capsys):
     assert main(words) == 2
     assert capsys.readouterr().err.startswith(f"percept: {said}")

@@ -1,4 +1,5 @@
-"""Unknown column names: a mapping is proposed, written, and followed only where the user says so."""
+"""Unknown column names: a mapping is proposed, written, and followed only where the user says
+so."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Commands where only what percept always needs is installed: no extra's package can be imported."""
+"""Commands where only what percept always needs is installed: no extra's package can be
+imported."""
 
 import csv
 import os

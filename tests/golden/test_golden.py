@@ -1,4 +1,5 @@
-"""Eight studies give the numbers they gave when these were frozen; `make test` takes four of them."""
+"""Eight studies give the numbers they gave when these were frozen; `make test` takes four of
+them."""
 
 from __future__ import annotations
 

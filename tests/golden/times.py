@@ -43,7 +43,8 @@ _COMMANDS = {
 
 
 def measure(arguments: list[str], folder: str) -> tuple[float, float]:
-    """Run Python with arguments in a folder; wall and processor seconds, its children's included."""
+    """Run Python with arguments in a folder; wall and processor seconds, its children's
+    included."""
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     paths = {"PYTHONPATH": str(FOLDER.parent.parent), "PERCEPT_CACHE": "off"}
     subprocess.run(

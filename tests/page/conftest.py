@@ -1,4 +1,5 @@
-"""Page tests: run by ``pytest -m page``, skipped with the reason where there is no browser or axe-core."""
+"""Page tests: run by ``pytest -m page``, skipped with the reason where there is no browser or
+axe-core."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Text of the user's that would be a template, a tag or a script stays text, on the page and in files."""
+"""Text of the user's that would be a template, a tag or a script stays text, on the page and in
+files."""
 
 from __future__ import annotations
 

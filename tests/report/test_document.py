@@ -19,10 +19,27 @@ from .conftest import DATASETS, scene_of
 
 def test_it_has_every_part_and_only_json_values(both):
     assert list(both) == [
-        "schema", "provenance", "data", "intervals", "contrast", "boundaries", "zoom", "close",
-        "verdicts", "passivity", "coupling", "band", "design", "sensitivity", "comparison", "ladder",
-        "diagnostics", "checks", "skipped", "summary",
-    ]  # fmt: skip
+        "schema",
+        "provenance",
+        "data",
+        "intervals",
+        "contrast",
+        "boundaries",
+        "zoom",
+        "close",
+        "verdicts",
+        "passivity",
+        "coupling",
+        "band",
+        "design",
+        "sensitivity",
+        "comparison",
+        "ladder",
+        "diagnostics",
+        "checks",
+        "skipped",
+        "summary",
+    ]
     assert both["schema"] == SCHEMA
     assert json.loads(dumps(both)) == both
 

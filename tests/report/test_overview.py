@@ -23,23 +23,38 @@ from tests.documents import EMPTY, as_results
 
 
 def results(rows, *, verdicts=(), coupling=None, references=(10.0,)):
-    """Results of intervals (environment, mean lower, estimate, upper, user lower, upper) around 10."""
+    """Results of intervals (environment, mean lower, estimate, upper, user lower, upper) around
+    10."""
     intervals = [
         IntervalRow(
-            environment=name, parameter="k", unit="N/m", reference=references[index % len(references)],
-            joint="marginal", method="classical", family="lognormal", kind=kind, lower=lower,
-            upper=upper, estimate=estimate, level=0.99, share=None, confidence=None, n=10, covers="",
+            environment=name,
+            parameter="k",
+            unit="N/m",
+            reference=references[index % len(references)],
+            joint="marginal",
+            method="classical",
+            family="lognormal",
+            kind=kind,
+            lower=lower,
+            upper=upper,
+            estimate=estimate,
+            level=0.99,
+            share=None,
+            confidence=None,
+            n=10,
+            covers="",
         )
         for index, (name, low, estimate, high, user_low, user_high) in enumerate(rows)
         for kind, lower, upper in (("mean", low, high), ("user", user_low, user_high))
-    ]  # fmt: skip
+    ]
     return dataclasses.replace(
         EMPTY, intervals=tuple(intervals), verdicts=tuple(verdicts), coupling=coupling
     )
 
 
 def felt(name, probability, classical=None, *, coupled=True, decision=0.95, straddles=False):
-    """Return the verdict on an environment by a posterior probability and a classical confidence."""
+    """Return the verdict on an environment by a posterior probability and a classical
+    confidence."""
     outcome = judge(probability, decision)
     other = classical and Confidences(
         outcome=judge(classical, decision), family="lognormal", least=classical,
@@ -76,7 +91,8 @@ def test_biases_are_said_where_the_interval_leaves_the_reference_out():
     )
     assert (
         overview(results([NONE, ("D", 9, 10, 11, 8, 12)])).sentences[0]
-        == "Stiffness shows no clear bias in any of 2 environments (classical, 99 %); the largest is"
+        == "Stiffness shows no clear bias in any of 2 environments (classical, 99 %); the "
+        "largest is"
         " that of C (+1 %, −10 to +10 %)."
     )
     assert overview(results([SOFT])).sentences[0] == (

@@ -376,7 +376,8 @@ def test_why_the_methods_differ_stands_on_the_page_where_it_is_asked(both, read,
 
 
 def test_priors_in_force_are_printed_with_their_meaning(both):
-    """Values of the scene's that are not the default's would be printed too: they are the model's own."""
+    """Values of the scene's that are not the default's would be printed too: they are the
+    model's own."""
     rows = both["diagnostics"]["priors"]
     assert {row["prior"]: row["value"] for row in rows}["sigma_u_scale"] == 0.5
     text = "".join(Reader(page_of(both)).text)

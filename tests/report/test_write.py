@@ -132,10 +132,20 @@ def test_steps_are_told(quick, tmp_path):
     told = []
     quick.report(tmp_path / "out", progress=told.append)
     assert told == [
-        "intervals", "contrasts", "boundaries", "coupling", "verdicts", "band law", "admissible couplings",
-        "sensitivity to the device", "comparison of methods", "checks of the model", "tables",
-        "figures", "page",
-    ]  # fmt: skip
+        "intervals",
+        "contrasts",
+        "boundaries",
+        "coupling",
+        "verdicts",
+        "band law",
+        "admissible couplings",
+        "sensitivity to the device",
+        "comparison of methods",
+        "checks of the model",
+        "tables",
+        "figures",
+        "page",
+    ]
 
 
 def test_what_cannot_be_written_is_refused_before_anything_is_worked_out(quick, tmp_path):

@@ -33,7 +33,8 @@ def claims(written):
 
 @pytest.fixture(scope="session")
 def changed(published):
-    """Return the paper with some cells of its table replaced: {(environment, parameter, column): text}."""
+    """Return the paper with some cells of its table replaced: {(environment, parameter, column):
+    text}."""
 
     def change(cells=None, **fields):
         columns = {name: [list(row) for row in getattr(published.limits, name)] for name in COLUMNS}

@@ -1,4 +1,5 @@
-"""Every verdict against a computation of its own: plain arithmetic, dense scans, linear programs, mpmath."""
+"""Every verdict against a computation of its own: plain arithmetic, dense scans, linear
+programs, mpmath."""
 
 import math
 import pkgutil
@@ -517,12 +518,14 @@ def test_a_coupling_without_end_by_plain_arithmetic(published, claims):
 
 
 def decay(wall, steps=4000):
-    """Return the factor per sample by which device and wall, released, come to rest (Eqs 5, 7, 8)."""
+    """Return the factor per sample by which device and wall, released, come to rest (Eqs 5, 7,
+    8)."""
     mass, damping = SCENE
     position, velocity, device, rendered = 0.0, 1.0, 0.0, 0.0
     heights = []
     for _ in range(steps):
-        # F_d + (F_e + F_e of the sample before)/2 = 0, both by Tustin's rule, solved for the velocity.
+        # F_d + (F_e + F_e of the sample before)/2 = 0, both by Tustin's rule, solved for the
+        # velocity.
         inertia = 2 * mass / T
         stiff = wall.b + wall.k * T / 2
         known = -device - inertia * velocity + damping * velocity
@@ -584,7 +587,8 @@ def test_below_the_environment_by_a_dense_scan(published, claims):
 
 
 def linear_program(aim, wall, window, orders, **bounds):
-    """Return the largest m or b_d with which curves keep an order: their |Z_h|² differ linearly in both."""
+    """Return the largest m or b_d with which curves keep an order: their |Z_h|² differ linearly
+    in both."""
     ends = list(zip(wall.stiffness, wall.damping, strict=True))
     shown = {
         "low": ends[0],

@@ -110,7 +110,8 @@ def adapted(published):
 
 
 def stays_inside(published, device, row, coupling):
-    """Eqs 11 and 12 as they stand against the exact envelope, and effective k and b against their limits."""
+    """Eqs 11 and 12 as they stand against the exact envelope, and effective k and b against
+    their limits."""
     omega = published.omega(3001)
     boundary = next_user_boundaries(published)[row]
     limits = boundary.stiffness, boundary.damping

@@ -49,7 +49,8 @@ _REFERENCES = {"VE1": (15.0, 0.7), "VE2": (1000.0, 1.5), "Wände 3": (10000.0, 1
 
 
 def example(decimals: int | None = None) -> list[Trial]:
-    """Three subjects, one of them named NA, three environments, two trials, one missing adjustment."""
+    """Three subjects, one of them named NA, three environments, two trials, one missing
+    adjustment."""
     out = []
     for s, subject in enumerate(("001", "1", "NA")):
         for e, (environment, (k, b)) in enumerate(_REFERENCES.items()):
@@ -145,21 +146,58 @@ def _psychopy_appended(trials: Sequence[Trial]) -> bytes:
 
 
 def _jspsych(trials: Sequence[Trial]) -> bytes:
-    names = ["trial_type", "trial_index", "subject", "session", "environment", "trial", "k_ref", "b_ref",
-             "rt", "stimulus", "response", "slider_start"]  # fmt: skip
+    names = [
+        "trial_type",
+        "trial_index",
+        "subject",
+        "session",
+        "environment",
+        "trial",
+        "k_ref",
+        "b_ref",
+        "rt",
+        "stimulus",
+        "response",
+        "slider_start",
+    ]
     rows = [names]
     for at, t in enumerate(trials):
         rows.append(["html-keyboard-response", str(2 * at), t.subject, t.session, *[""] * 4,
                      "812", '<p class="big">Ready?</p>', '" "', ""])  # fmt: skip
         response = json.dumps({"k": t.k_adj, "b": t.b_adj})
-        rows.append(["impedance-slider", str(2 * at + 1), t.subject, t.session, t.environment, str(t.trial),
-                     repr(t.k_ref), repr(t.b_ref), "null", "null", response, "50"])  # fmt: skip
+        rows.append(
+            [
+                "impedance-slider",
+                str(2 * at + 1),
+                t.subject,
+                t.session,
+                t.environment,
+                str(t.trial),
+                repr(t.k_ref),
+                repr(t.b_ref),
+                "null",
+                "null",
+                response,
+                "50",
+            ]
+        )
     return delimited(rows, newline="\r\n", quoting=csv.QUOTE_ALL)
 
 
 def _opensesame(trials: Sequence[Trial]) -> Mapping[str, bytes]:
-    names = ["count_trial_sequence", "k_adj", "b_adj", "b_ref", "datetime", "environment", "k_ref", "note",
-             "session", "subject_nr", "trial"]  # fmt: skip
+    names = [
+        "count_trial_sequence",
+        "k_adj",
+        "b_adj",
+        "b_ref",
+        "datetime",
+        "environment",
+        "k_ref",
+        "note",
+        "session",
+        "subject_nr",
+        "trial",
+    ]
     files: dict[str, list[list[str]]] = {}
     for at, t in enumerate(trials):
         rows = files.setdefault(t.subject, [names])
@@ -178,8 +216,19 @@ def _opensesame(trials: Sequence[Trial]) -> Mapping[str, bytes]:
 
 
 def _uxf(trials: Sequence[Trial], delimiter: str = ",", mark: str = ".") -> bytes:
-    names = ["experiment", "ppid", "session_num", "trial_num", "block_num", "start_time", "environment",
-             "k_ref", "b_ref", "k_adj", "b_adj"]  # fmt: skip
+    names = [
+        "experiment",
+        "ppid",
+        "session_num",
+        "trial_num",
+        "block_num",
+        "start_time",
+        "environment",
+        "k_ref",
+        "b_ref",
+        "k_adj",
+        "b_adj",
+    ]
     rows = [names]
     for t in trials:
         numbers = [
@@ -194,8 +243,19 @@ def _uxf(trials: Sequence[Trial], delimiter: str = ",", mark: str = ".") -> byte
 
 
 def _gorilla(trials: Sequence[Trial]) -> bytes:
-    names = ["Event Index", "UTC Date", "Participant Private ID", "Session", "Environment", "Trial Number",
-             "k_ref", "b_ref", "Response Type", "k_adj", "b_adj"]  # fmt: skip
+    names = [
+        "Event Index",
+        "UTC Date",
+        "Participant Private ID",
+        "Session",
+        "Environment",
+        "Trial Number",
+        "k_ref",
+        "b_ref",
+        "Response Type",
+        "k_adj",
+        "b_adj",
+    ]
     rows = [names]
     for t in trials:
         place = [

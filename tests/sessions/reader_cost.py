@@ -16,8 +16,12 @@ from pathlib import Path
 import numpy as np
 
 _REFERENCES = {
-    "VE1": (15.0, 0.7), "VE2": (1e3, 1.5), "VE3": (1e4, 10.0), "VE4": (2.5e4, 25.0), "VE5": (5e4, 100.0),
-}  # fmt: skip
+    "VE1": (15.0, 0.7),
+    "VE2": (1e3, 1.5),
+    "VE3": (1e4, 10.0),
+    "VE4": (2.5e4, 25.0),
+    "VE5": (5e4, 100.0),
+}
 _CHILD = """
 import json, resource, sys, time
 way, path = sys.argv[1:]

@@ -1,4 +1,5 @@
-"""Files as experiments leave them: trials without numbers, ids of several columns, masses, order."""
+"""Files as experiments leave them: trials without numbers, ids of several columns, masses,
+order."""
 
 from __future__ import annotations
 

@@ -157,7 +157,8 @@ def test_broken_archives(tmp_path, data, message):
 )
 @pytest.mark.parametrize("head", [HEAD, "subject,environment,k_ref,k_adj,expName\n", ""])
 def test_time_is_linear_in_size(tmp_path, body, head):
-    """A pattern that backtracks takes minutes of the processor at this size; no count of ours sees it."""
+    """A pattern that backtracks takes minutes of the processor at this size; no count of ours
+    sees it."""
     file = tmp_path / "f.csv"
     file.write_text(head + body, newline="")
     start = time.process_time()

@@ -130,9 +130,11 @@ def test_tools(tmp_path_factory, name, trials):
         table = sessions.table.sort_values(order, ignore_index=True)
         want = frame(trials).sort_values(order, ignore_index=True)
         pd.testing.assert_frame_equal(
-            table[[*order, *NUMBERS]], want[[*order, *NUMBERS]].astype(dict.fromkeys(NUMBERS, float)),
-            check_exact=True, check_dtype=False,
-        )  # fmt: skip
+            table[[*order, *NUMBERS]],
+            want[[*order, *NUMBERS]].astype(dict.fromkeys(NUMBERS, float)),
+            check_exact=True,
+            check_dtype=False,
+        )
     else:
         same(sessions, trials)
 

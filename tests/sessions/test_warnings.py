@@ -18,8 +18,11 @@ from percept.sessions.quantities import IMPEDANCE
 from tests import DATASETS
 
 HEADER = "subject,environment,k_ref,b_ref,k_adj,b_adj"
-CLEAN = [f"{s},{e},{k},{b},{k * (1 + s / 10)},{b * (1 - s / 20)}" for s in (1, 2, 3, 4) for e, k, b in (
-    ("soft", 100.0, 1.0), ("hard", 2000.0, 10.0))]  # fmt: skip
+CLEAN = [
+    f"{s},{e},{k},{b},{k * (1 + s / 10)},{b * (1 - s / 20)}"
+    for s in (1, 2, 3, 4)
+    for e, k, b in (("soft", 100.0, 1.0), ("hard", 2000.0, 10.0))
+]
 
 
 def warnings_of(tmp_path, rows, options=None):

@@ -1,4 +1,5 @@
-"""The t-interval from exact fractions and a 40-digit quantile: no code of percept's, none of scipy's."""
+"""The t-interval from exact fractions and a 40-digit quantile: no code of percept's, none of
+scipy's."""
 
 from __future__ import annotations
 
@@ -28,7 +29,8 @@ def t_quantile(level: str, dof: int) -> mpmath.mpf:
 
 @pytest.fixture(scope="session")
 def printed_limits() -> Printer:
-    """Eqs 14-15 on the decimal text of the values, printed with the decimals of the limits given."""
+    """Eqs 14-15 on the decimal text of the values, printed with the decimals of the limits
+    given."""
 
     def print_like(values: Iterable[str], level: str, like: tuple[str, str]) -> tuple[str, str]:
         numbers = [Fraction(value) for value in values]
@@ -49,7 +51,8 @@ def printed_limits() -> Printer:
 
 
 def correlations(sessions: pd.DataFrame) -> tuple[float, float]:
-    """Average correlation of log k and log b in one environment, and of either in two, pair by pair."""
+    """Average correlation of log k and log b in one environment, and of either in two, pair by
+    pair."""
     logs = {
         (name, environment): np.log(group.sort_values("subject")[f"{name}_adj"].to_numpy())
         for environment, group in sessions.groupby("environment")

@@ -1,4 +1,5 @@
-"""The data sets that come with percept: true to print, true to their seed, true to their description."""
+"""The data sets that come with percept: true to print, true to their seed, true to their
+description."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Studies made like a published table: the limits exactly, the correlations as near as ten subjects allow."""
+"""Studies made like a published table: the limits exactly, the correlations as near as ten
+subjects allow."""
 
 from __future__ import annotations
 
@@ -148,7 +149,8 @@ def test_correlations_as_stated() -> None:
 
 
 def test_ten_subjects_are_the_nearest_of_many_draws_in_both_correlations() -> None:
-    """A correlation of ten misses by some (1 - r²)/3, 0.28 and 0.3; the nearest of 200 draws by far less."""
+    """A correlation of ten misses by some (1 - r²)/3, 0.28 and 0.3; the nearest of 200 draws by
+    far less."""
     for seed in range(5):
         within, across = correlations(simulate_like(PUBLISHED, seed=seed))
         assert abs(across - BETWEEN) < 0.1

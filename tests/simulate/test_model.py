@@ -164,7 +164,8 @@ def test_covariances_are_written_out_entry_by_entry() -> None:
 
 
 def test_moments_of_the_responses() -> None:
-    """Cell means have covariance Σ_u + Σ_w + Σ_e/r, share Σ_u across environments, scatter Σ_e within."""
+    """Cell means have covariance Σ_u + Σ_w + Σ_e/r, share Σ_u across environments, scatter Σ_e
+    within."""
     subjects, trials = 20000, 3
     design = Design.balanced(REFERENCES[:2], subjects=subjects, trials=trials)
     rng = np.random.default_rng(11)

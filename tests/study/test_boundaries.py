@@ -207,7 +207,8 @@ def test_every_curve_of_an_environment_knows_its_mass(hold: str) -> None:
 def test_posterior_draws_lie_inside_pointwise_and_simultaneous_limits_at_their_level(
     fitted: Study,
 ) -> None:
-    """Draws of another kind: each curve by itself, from draws of locations and users given the scales."""
+    """Draws of another kind: each curve by itself, from draws of locations and users given the
+    scales."""
     assert fitted.parts.fit is not None
     assert fitted.parts.setup is not None
     repeats = 8

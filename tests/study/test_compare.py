@@ -1,4 +1,5 @@
-"""Two studies side by side: their difference, what is said with it, and whom it refuses to divide."""
+"""Two studies side by side: their difference, what is said with it, and whom it refuses to
+divide."""
 
 from __future__ import annotations
 

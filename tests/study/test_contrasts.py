@@ -1,4 +1,5 @@
-"""Conditions within subjects: contrasts against SciPy on subjects' means, and what is left out of them."""
+"""Conditions within subjects: contrasts against SciPy on subjects' means, and what is left out
+of them."""
 
 import re
 
@@ -295,7 +296,8 @@ def test_the_page_has_a_section_of_the_factor():
     assert "hand: right against left" in page
     assert "Levels of hand were compared within subjects by paired t-intervals" in page
     assert re.fullmatch(
-        r"Users set stiffness 1\.\d+ times as high with right as with left: 0\.\d+ to 1\.\d+ with 95 %"
+        r"Users set stiffness 1\.\d+ times as high with right as with left: 0\.\d+ to 1\.\d+"
+        r" with 95 %"
         r" confidence, from 8 of 8 users and 3 of 3 references\.",
         document["summary"]["overview"]["sentences"][0],
     )

@@ -89,7 +89,8 @@ DATASET = str(DATASETS / "hbfd_sessions.csv")
 
 
 def scene_of(**tables: dict[str, object] | None) -> Scene:
-    """The published scene, classical, with fewer frequencies; tables replaced, or left out for None."""
+    """The published scene, classical, with fewer frequencies; tables replaced, or left out for
+    None."""
     given = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical").to_dict()
     given["frequency"]["points"] = 31
     return Scene(

@@ -137,7 +137,8 @@ def test_proportions_of_both_signs_contradict_each_other():
 
 @pytest.mark.parametrize(("subjects", "expected"), [(2, False), (3, False), (4, True)])
 def test_a_few_pairs_are_no_reason(subjects, expected):
-    """A density of (1 - rho²)^(-(f - 1)/2) per environment: three half powers are integrable, six are not."""
+    """A density of (1 - rho²)^(-(f - 1)/2) per environment: three half powers are integrable,
+    six are not."""
     cell, _, subject, environment = study(np.random.default_rng(4), subjects=subjects, trials=1)
     assert refused(cell[:, [0, 0]], subject, environment) == expected
 

@@ -25,7 +25,8 @@ def ladder_of(study: Study) -> Ladder:
 
 @pytest.fixture(scope="module")
 def outlying() -> Study:
-    """Three environments of one bias and one whose users adjust 30 % lower; a fifth met by one subject."""
+    """Three environments of one bias and one whose users adjust 30 % lower; a fifth met by one
+    subject."""
     table = table_of(
         subjects=10,
         references=[[100.0, 1e3, 1e4, 3e4, 5e4]],
@@ -40,7 +41,8 @@ def outlying() -> Study:
 
 
 def test_the_same_method_twice_makes_no_difference_beyond_its_error() -> None:
-    """Under the reference prior without pooling the posterior is Eq. 15's t, whose limits have no error."""
+    """Under the reference prior without pooling the posterior is Eq. 15's t, whose limits have
+    no error."""
     study = study_of(
         table_of(("k", "b"), subjects=6), model=REFERENCE, method="both", family="normal"
     )
@@ -136,50 +138,64 @@ def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame
         (
             effects_of("share", prior=(-0.3, 0.0), pooling=(0.2, 0.0), scale=(0.1, 0.0)),
             False,
-            "VE1, damping: the Bayesian interval of most users is as wide as the classical one: the priors "
-            "say how users usually adjust (×0.74); the model also learns from the other environments "
+            "VE1, damping: the Bayesian interval of most users is as wide as the classical one: "
+            "the priors "
+            "say how users usually adjust (×0.74); the model also learns from the other "
+            "environments "
             "(×1.22); users scatter by ratios on the log scale (×1.11).",
         ),
         (
-            effects_of("mean", prior=(0.01, 0.0), pooling=(np.log(1.1), 0.0), scale=(np.log(1.3), 0.0)),
+            effects_of(
+                "mean", prior=(0.01, 0.0), pooling=(np.log(1.1), 0.0), scale=(np.log(1.3), 0.0)
+            ),
             False,
-            "VE1, damping: the Bayesian interval of the average user is 1.44 times as wide as the classical "
-            "one, because the log scale makes the typical user the geometric mean (×1.30); the model also "
+            "VE1, damping: the Bayesian interval of the average user is 1.44 times as wide as "
+            "the classical "
+            "one, because the log scale makes the typical user the geometric mean (×1.30); the "
+            "model also "
             "learns from the other environments (×1.10).",
         ),
         (
             effects_of(scale=(np.log(20.0), 0.0)),
             False,
-            "VE1, damping: the Bayesian interval of the next user is 20 times as wide as the classical one, "
+            "VE1, damping: the Bayesian interval of the next user is 20 times as wide as the "
+            "classical one, "
             "because users scatter by ratios on the log scale (×20).",
         ),
         (
             effects_of(prior=(np.log(0.5), 0.0)),
             True,
-            "VE1, damping: the Bayesian interval of the next user is 0.50 times as wide as the classical "
-            "one, because it leaves trial noise out, and the priors say how users usually adjust (×0.50).",
+            "VE1, damping: the Bayesian interval of the next user is 0.50 times as wide as the "
+            "classical "
+            "one, because it leaves trial noise out, and the priors say how users usually adjust "
+            "(×0.50).",
         ),
         (
             effects_of("share", prior=(np.log(0.8), 0.3), pooling=(np.log(1.251), 0.0)),
             False,
-            "VE1, damping: the Bayesian interval of most users is as wide as the classical one: the model "
-            "also learns from the other environments (×1.25); the priors say how users usually adjust "
-            "(×0.80). Its centre lies 30 % of the classical half-width higher, because the priors say how "
+            "VE1, damping: the Bayesian interval of most users is as wide as the classical one: "
+            "the model "
+            "also learns from the other environments (×1.25); the priors say how users usually "
+            "adjust "
+            "(×0.80). Its centre lies 30 % of the classical half-width higher, because the "
+            "priors say how "
             "users usually adjust (+30 %).",
         ),
         (
             effects_of("mean", sampling=(np.log(1.03), 0.0)),
             False,
-            "VE1, damping: the Bayesian interval of the average user is 1.03 times as wide as the classical "
+            "VE1, damping: the Bayesian interval of the average user is 1.03 times as wide as "
+            "the classical "
             "one, because draws are random (×1.03).",
         ),
         (
             effects_of("mean", prior=(0.005, 0.01), pooling=(0.005, 0.01)),
             False,
-            "VE1, damping: both intervals of the average user have the same width and centre, to within 2 %.",
+            "VE1, damping: both intervals of the average user have the same width and centre, to "
+            "within 2 %.",
         ),
     ],
-)  # fmt: skip
+)
 def test_a_difference_in_words(effects: pd.DataFrame, repeats: bool, text: str) -> None:
     assert sentence(effects, IMPEDANCE, WORDS, repeats=repeats) == text
 

@@ -18,7 +18,8 @@ from tests import DATASETS
 
 
 def dense_trend(study: Study, point: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and covariance of alpha + gamma x + delta by conditioning one large Gaussian of all responses."""
+    """Mean and covariance of alpha + gamma x + delta by conditioning one large Gaussian of all
+    responses."""
     model = study.parts.fit.model  # type: ignore[union-attr]
     assert isinstance(model, CollapsedDensity)
     data = study.parts.fit.trials  # type: ignore[union-attr]
@@ -86,7 +87,8 @@ def test_spread_follows_its_trend_and_is_even_over_its_law(fitted: Study) -> Non
 
 @pytest.fixture(scope="module")
 def loose(fitted: Study) -> Study:
-    """The posterior of the fitted study, with few frequencies and a tolerance that it meets anywhere."""
+    """The posterior of the fitted study, with few frequencies and a tolerance that it meets
+    anywhere."""
     tables = fitted.scene.to_dict() | {"frequency": {"lower": 0.1, "upper": 100.0, "points": 9}}
     study = Study(fitted.sessions, Scene(**tables).with_inference(tolerance=0.3))
     study.parts.__dict__["_fit"] = fitted.parts.fit
@@ -116,7 +118,8 @@ def test_wider_than_at_a_tested_environment_and_flagged_outside(loose: Study) ->
 
 
 def test_an_environment_the_fit_does_not_know_has_no_say() -> None:
-    """Damping was never adjusted in VE3: it is neither fitted nor in the tested range, nor the nearest."""
+    """Damping was never adjusted in VE3: it is neither fitted nor in the tested range, nor the
+    nearest."""
     table = read_sessions(DATASETS / "hbfd_sessions.csv").table
     table = table[table["environment"].isin(["VE1", "VE2", "VE3"])].copy()
     without = table[table["environment"] != "VE3"]

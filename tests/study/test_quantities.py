@@ -1,4 +1,5 @@
-"""Quantities that are no impedance: units, intervals, band laws, words, and parts that cannot be had."""
+"""Quantities that are no impedance: units, intervals, band laws, words, and parts that cannot be
+had."""
 
 from __future__ import annotations
 

@@ -13,7 +13,8 @@ from tests.study.checked import table_of
 
 
 def test_two_shares_of_users_together_leave_out_half_as_much_each(fitted: Study) -> None:
-    """At 99 % of users with confidence 95 %, each side holds 99.5 % of them with confidence 97.5 %."""
+    """At 99 % of users with confidence 95 %, each side holds 99.5 % of them with confidence 97.5
+    %."""
     assert fitted.parts.fit is not None
     model, rng = fitted.parts.fit.model, np.random.default_rng(1)
     laws = model.laws(np.repeat(fitted.parts.fit.points, 8, axis=0))
@@ -38,7 +39,8 @@ def test_two_shares_of_users_together_leave_out_half_as_much_each(fitted: Study)
 
 
 def test_ellipses_whose_ends_no_double_holds_are_left_out() -> None:
-    """Three subjects a factor of exp(1.5) apart: an ellipse of the next user spans hundreds of decades."""
+    """Three subjects a factor of exp(1.5) apart: an ellipse of the next user spans hundreds of
+    decades."""
     scene = {
         "inference": {"method": "classical"},
         "device": {"mass": 1.0, "damping": 5.0, "period": 1e-3},

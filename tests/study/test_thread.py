@@ -66,7 +66,8 @@ def test_kinds_nest(fitted):
 
 
 def test_the_way_to_the_t_quantile_is_short(monkeypatch):
-    """A reader who follows `Study.intervals` to the quantile opens at most eight functions of percept."""
+    """A reader who follows `Study.intervals` to the quantile opens at most eight functions of
+    percept."""
     own, quantile, depths = str(Path(percept.__file__).parent), special.stdtrit, []
 
     def watched(*arguments):

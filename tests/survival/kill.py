@@ -188,11 +188,13 @@ class Survival:
         return process.returncode == -signal.SIGKILL
 
     def _moment(self) -> float:
-        """Draw a share of the time a job takes: of all of it, or of the end, where files are written."""
+        """Draw a share of the time a job takes: of all of it, or of the end, where files are
+        written."""
         return self.random.uniform(*self.random.choice([(0.0, 1.0), (_WRITING, 1.0)]))
 
     def _check_whole(self, out: Path) -> None:
-        """Read every file under its own name: each must be one that a finished run could have written."""
+        """Read every file under its own name: each must be one that a finished run could have
+        written."""
         for path in (*out.rglob("*"), *out.with_name(f"{out.name}-cache").rglob("*")):
             if path.is_file() and ".percept-unfinished-" not in path.as_posix():
                 check_whole(path)

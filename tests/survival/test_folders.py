@@ -1,4 +1,5 @@
-"""Full disks, folders that may not be written, and two runs at once: real commands, real file systems."""
+"""Full disks, folders that may not be written, and two runs at once: real commands, real file
+systems."""
 
 import contextlib
 import json
@@ -221,7 +222,8 @@ def test_a_folder_on_another_disk_or_of_a_long_name_is_filled(tmp_path):
 
 @pytest.mark.parametrize("made", [False, True])
 def test_only_what_is_old_is_removed(tmp_path, made):
-    """What a killed run left is beside a folder that it had still to make, or in one that was there."""
+    """What a killed run left is beside a folder that it had still to make, or in one that was
+    there."""
     place = tmp_path / "out" if made else tmp_path
     abandoned = place / ".percept-unfinished-dead"
     foreign = place / ".mine-unfinished-dead"

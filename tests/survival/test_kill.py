@@ -1,4 +1,5 @@
-"""A short run of `tests.survival.kill`; its own command makes long ones, of reports and the cache too."""
+"""A short run of `tests.survival.kill`; its own command makes long ones, of reports and the
+cache too."""
 
 import pytest
 

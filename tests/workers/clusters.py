@@ -43,7 +43,8 @@ def in_threads(*, processes=False):
 
 @contextlib.contextmanager
 def scheduler(folder, workers):
-    """Process and address of a scheduler on loopback, with workers that are processes of their own."""
+    """Process and address of a scheduler on loopback, with workers that are processes of their
+    own."""
     process = _start(folder / "scheduler", "scheduler", "--port", "0", *_LOOPBACK)
     running = [process]
     try:

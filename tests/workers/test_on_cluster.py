@@ -60,7 +60,8 @@ def dies(path):
 
 
 def given_up(path):
-    """Raise what dask does when several workers died with a job, as often as the file has characters."""
+    """Raise what dask does when several workers died with a job, as often as the file has
+    characters."""
     lives = Path(path).read_text()
     if lives:
         Path(path).write_text(lives[1:])

@@ -1,4 +1,5 @@
-"""Processes of this machine, without anything but the standard library: real ones, which die too."""
+"""Processes of this machine, without anything but the standard library: real ones, which die
+too."""
 
 import os
 import signal

@@ -4,8 +4,8 @@ For n subjects with P quantities, x̄ their mean and S their scatter, a draw is
 
     Σ ~ inverse Wishart with n + P − 2 degrees of freedom and scale S,   μ | Σ ~ N(x̄, Σ/n).
 
-Every linear combination then has the t and χ² laws with n − 1 degrees of freedom that the
-classical intervals have: a share of draws is the confidence of the noncentral t, computed by chance.
+Every linear combination then has the t and χ² laws with n − 1 degrees of freedom that the classical
+intervals have: a share of draws is the confidence of the noncentral t, computed by chance.
 """
 
 from __future__ import annotations

@@ -240,7 +240,7 @@ class CellLaw:
         self.log_density -= np.log(pivots).sum(axis=1)
 
     def _information(self, precision: Block) -> tuple[Array, Array, Array]:
-        """Information (W, R, R), its product with the data (W, R), and its diagonal part by cells."""
+        """Information (W, R, R), its product with the data (W, R), and its diagonal by cells."""
         problem = self._problem
         size, cells = problem.size, problem.cells
         per_kind = precision_entries(precision)  # (P, P, K, W)

@@ -105,7 +105,7 @@ class ContrastEstimands:
             yield from self._of_groups.estimates(of_groups)
 
     def limits(self, value: Array, components: Array) -> ContrastLimits:
-        """Sort the estimates of a run, and estimate the centres from its components (S, columns)."""
+        """Sort a run's estimates, and estimate the centres from its components (S, columns)."""
         users = self._users
         groups = len(self._rows.groups)
         kinds = self._claims.kinds if users else ()

@@ -7,8 +7,8 @@ Given the scales, subject i adds to the information on beta
 
 a missing cell having no precision. Cost follows subjects times environments, and trials never. The
 difference loses digits where the subject effect dwarfs the rest or a correlation nears one; the
-pivots of the Cholesky factor tell how many, and draws that lose more than `LEAST_PIVOT` allows are left
-to the orthogonal form. Distances are sums of squares about the weighted means in either case.
+pivots of the Cholesky factor tell how many, and draws that lose more than `LEAST_PIVOT` allows are
+left to the orthogonal form. Distances are sums of squares about the weighted means in either case.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _CELLS, _MATRIX = 1 << 17, 1 << 22
 
 
 class InformationProblem:
-    """What the cells of a study say of the locations, pattern by pattern, before any scale is known."""
+    """What cells say of the locations, pattern by pattern, before any scale is known."""
 
     def __init__(self, patterns: tuple[Pattern, ...], prior_columns: Array) -> None:
         size, environments = prior_columns.shape[1:]
@@ -90,7 +90,7 @@ class InformationProblem:
 def _scatter_rows(
     patterns: tuple[Pattern, ...], size: int, environments: int
 ) -> tuple[Array, NDArray[np.intp]]:
-    """Rows of scatter within patterns, (P, J, R) with zeros where nothing was measured, and their pattern."""
+    """Rows of scatter within patterns, (P, J, R), zero where unmeasured, and their pattern."""
     several = [(g, pattern) for g, pattern in enumerate(patterns) if pattern.subjects > 1]
     count = [pattern.rows.shape[1] for _, pattern in several]
     rows = np.zeros((size, environments, sum(count)))
@@ -101,7 +101,7 @@ def _scatter_rows(
 
 
 class Information:
-    """Locations at W sets of scales: the density of the cell means, and on demand the law of beta."""
+    """Locations at W sets of scales: density of the cell means, and on demand the law of beta."""
 
     def __init__(self, problem: InformationProblem, scales: Scales, kinds: Block) -> None:
         assert scales.tau is not None
@@ -132,7 +132,7 @@ class Information:
         )
 
     def _normal_equations(self, precision: Array, left: Block | None) -> tuple[Array, Array, Array]:
-        """Precision of the latents (delta, alpha, gamma), right side, and the diagonal before subtraction."""
+        """Precision of the latents (delta, alpha, gamma), right side, and the first diagonal."""
         problem, size = self._problem, self._size
         width = precision.shape[-1]
         count = size * self._environments
@@ -186,7 +186,7 @@ class Information:
         return np.asarray(beta.T.reshape(self._size, self._environments, -1))
 
     def _distance(self) -> Array:
-        """Sum of squares of means about the locations, and of the scatter within patterns, whitened."""
+        """Sum of squares of means about the locations, and of scatter within patterns, whitened."""
         problem = self._problem
         apart = tuple(
             mean[..., None] + (centre[:, None] - beta)[:, None]
@@ -200,7 +200,7 @@ class Information:
         return total
 
     def _squares(self, apart: Vector, groups: NDArray[np.intp] | slice) -> Array:
-        """r'V_g⁻¹r of vectors with entries (J, R, W) or (J, R, 1), each of its group g: shape (R, W)."""
+        """r'V_g⁻¹r of vectors (J, R, W) or (J, R, 1), each of its group g: shape (R, W)."""
         cells, precisions = self._cells[:, groups], self._precisions[:, groups]
         if self._outer is None:
             return np.asarray(
@@ -225,7 +225,7 @@ class Information:
         return gram(tuple(self.columns().transpose(1, 0, 2, 3)))
 
     def columns(self) -> Array:
-        """Columns (Q, P, J, W) whose outer products sum to the covariance of beta over all cells."""
+        """Columns (Q, P, J, W) whose outer products sum to the covariance of beta."""
         count = self._tau.shape[1]
         trend = self._problem.prior_columns.reshape(-1, count)
         columns = (
@@ -239,7 +239,7 @@ class Information:
         return self._of_latents(self._latents + upper_solve(self._factor, normal))
 
     def trend(self, rows: Array) -> tuple[Array, Array]:
-        """Mean (R, W) and columns (Q, R, W) of rows (R, 2 P) of alpha and gamma over their prior SDs."""
+        """Mean (R, W) and columns (Q, R, W) of rows (R, 2 P) of alpha and gamma over prior SDs."""
         count = self._tau.shape[1]
         return rows @ self._latents[:, count:].T, np.moveaxis(
             self._inverse[:, :, count:] @ rows.T, 0, -1
@@ -247,7 +247,7 @@ class Information:
 
 
 def _padded(kinds: Block) -> Block:
-    """Covariances of kinds of cells, and last one without end: a cell that is not there says nothing."""
+    """Covariances of kinds of cells, and last an infinite one: an absent cell says nothing."""
     end = np.full((1, kinds.variances[0].shape[1]), np.inf)
     slope = None if kinds.slope is None else np.concatenate([kinds.slope, np.zeros_like(end)])
     return Block(tuple(np.concatenate([part, end]) for part in kinds.variances), slope)

@@ -1,7 +1,8 @@
-"""The posterior of every linear design: cells, factors, groups and covariates, all locations integrated out.
+"""The posterior of every linear design: cells, factors, groups and covariates, without locations.
 
 `design` says which columns there are, `log_linear` maps coordinates to SDs of cells, and
-`cell_information` integrates the locations out. This module names the coordinates and joins the three.
+`cell_information` integrates the locations out. This module names the coordinates and joins the
+three.
 """
 
 from __future__ import annotations

@@ -1,14 +1,15 @@
-"""Density of a linear design where all subjects have the same cells and trials: blocks by environment.
+"""Density of a linear design where all subjects have equal cells and trials: blocks by environment.
 
-Given the scales, the cell means of one subject have the covariance V = D + ZZ', with D a small block
-per cell and Z the columns of the subject's effects. Their mean over N subjects has the covariance
+Given the scales, the cell means of one subject have the covariance V = D + ZZ', with D a small
+block per cell and Z the columns of the subject's effects. Their mean over N subjects has the
+covariance
 
     (D + ZZ')/N + K + XX'
 
 where K holds the environments' own deviations, within blocks of an environment, and X the columns
-of the fixed terms. D is whitened cell by cell, K is absorbed environment by environment, and the few
-columns of Z and X are left to one regression. Everything is done by modified Gram-Schmidt with the
-data carried along, so no digits are lost at scales of any size.
+of the fixed terms. D is whitened cell by cell, K is absorbed environment by environment, and the
+few columns of Z and X are left to one regression. Everything is done by modified Gram-Schmidt with
+the data carried along, so no digits are lost at scales of any size.
 """
 
 from __future__ import annotations
@@ -77,7 +78,8 @@ class SubjectCovariance:
     def scatter_distance(self, rows: Array) -> Array:
         """Sum of r'V⁻¹r over rows (n, P, E, W or 1), as squares: shape (W,).
 
-        With b the subject's effect that fits r best, r'V⁻¹r is the distance of r - Zb by D, plus b'b.
+        With b the subject's effect that fits r best, r'V⁻¹r is the distance of r - Zb by D, plus
+        b'b.
         """
         width = self._pulled.shape[-1]
         if rows.shape[-1] == 1:
@@ -146,7 +148,7 @@ class OnePattern:
         return -0.5 * value
 
     def _of_means(self, noise: Block, scales: CellScales) -> Array:
-        """Log determinant and distance of the subjects' mean, whose noise has covariance `noise`."""
+        """Log determinant and distance of the subjects' mean, of noise with covariance `noise`."""
         width = scales.effects.shape[-1]
         constant = np.broadcast_to(self._constant[..., None], (*self._constant.shape, width))
         columns = [scales.effects / np.sqrt(self._subjects), constant]

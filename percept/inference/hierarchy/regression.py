@@ -1,4 +1,4 @@
-"""Locations by orthogonal regression: for studies of one pattern of counts, and for scales of any size.
+"""Locations by orthogonal regression, for one pattern of counts and for scales of any size.
 
 Cell means of pattern g in environment j are z_gj = beta_j + ubar_g + noise with beta_j = alpha +
 gamma x_j + delta_j. With a single pattern the environments' own biases delta_j are summed out, and
@@ -120,7 +120,7 @@ class LocationProblem:
         self._trend_columns = [tuple(column[..., None]) for column in self.trend]
 
     def whitened(self, scales: Scales, cells: list[Block], *, merge: bool) -> Whitened:
-        """Whiten the pattern means and the design of the latents, level and subject effect merged or not."""
+        """Whiten pattern means and the latents' design, level and subject effect merged or not."""
         # Covariance of each pattern's mean about its mean subject effect, entries (E, W).
         noises = [
             cell.scaled(1.0 / pattern.subjects)
@@ -194,7 +194,7 @@ def _rows(pieces: list[Vector], *columns: int) -> list[Array]:
 
 
 class Regression:
-    """Locations at W sets of scales: the density of the patterns' means, and on demand the law of beta."""
+    """Locations at W sets of scales: density of patterns' means, and on demand the law of beta."""
 
     def __init__(
         self, problem: LocationProblem, scales: Scales, cells: list[Block], *, merge: bool = False
@@ -209,7 +209,7 @@ class Regression:
 
     @cached_property
     def _on_latents(self) -> tuple[list[Array], list[Array], Block | None]:
-        """Columns of beta on the latents (Q, J, W), the rest of its mean, the covariance of its own parts."""
+        """Columns of beta on the latents (Q, J, W), the rest of its mean, its own covariance."""
         problem, scales, shape = self._whitened, self._scales, self._shape
         columns = list(_stack(problem.locations, shape))
         constant = [np.zeros(shape) for _ in columns]
@@ -254,7 +254,7 @@ class Regression:
         return gram(self._spread) if own is None else gram(self._spread) + own
 
     def columns(self) -> Array:
-        """Columns (R, P, J, W) whose outer products sum to the covariance of beta over all cells."""
+        """Columns (R, P, J, W) whose outer products sum to the covariance of beta."""
         *_, own = self._on_latents
         columns = np.stack(self._spread, axis=1)
         if own is None:
@@ -277,7 +277,7 @@ class Regression:
         return beta
 
     def trend(self, rows: Array) -> tuple[Array, Array]:
-        """Mean (R, W) and columns (Q, R, W) of rows (R, 2 P) of alpha and gamma over their prior SDs."""
+        """Mean (R, W) and columns (Q, R, W) of rows (R, 2 P) of alpha and gamma over prior SDs."""
         count, width = self._solved.coefficients.shape
         padded = np.zeros((count, len(rows), width))
         padded[: rows.shape[1]] = rows.T[..., None]

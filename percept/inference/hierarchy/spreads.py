@@ -1,4 +1,4 @@
-"""Coordinates of the SDs of one level, between subjects or between trials, that follow what the data say.
+"""Coordinates that follow the data, for the SDs of one level: between subjects, or trials.
 
 A rough likelihood, normal in log sigma, places each cell's coordinate and sets its unit.
 """
@@ -36,7 +36,7 @@ Spreads = tuple[Array, Array, Array]
 
 
 class SpreadMap:
-    """Map from coordinates to the spreads of one parameter at one level, their trend integrated out.
+    """Map coordinates to the spreads of one parameter at one level, their trend integrated out.
 
     log sigma = m + U h + omega e with h (multiples of the trend's prior SDs) and e standard normal.
     With a rough likelihood N(log sigma; l, diag(1/w)), log sigma given omega is normal with some
@@ -64,7 +64,7 @@ class SpreadMap:
         self._weight = rough_weight[:, None]
 
     def __call__(self, u: Array, omega: Array, trend: Array, shift: Array | float = 0.0) -> Spreads:
-        """Map coordinates u (J, W), omega (W,) and trend (2, W), the rough means moved by a shift (J, W)."""
+        """Map u (J, W), omega (W,) and trend (2, W), the rough means moved by a shift (J, W)."""
         apart = self._apart + shift
         square = omega * omega
         swell = 1.0 + self._weight * square
@@ -156,7 +156,7 @@ class TiedSpreads:
 def rough_between(
     statistics: Statistics, loadings: Array, centre: float, own_sd: float, *, subject_effect: bool
 ) -> tuple[Array, Array]:
-    """Return a normal likelihood of log sigma, mean and weight (P, J), at the mode all cells have together.
+    """Return a normal likelihood of log sigma, mean and weight (P, J), at the cells' common mode.
 
     A scatter sd² with df degrees of freedom has the mean sigma² + noise. Where noise explains most
     of it, the mode of a cell by itself is chance.
@@ -184,7 +184,7 @@ def rough_between(
 
 
 def rough_trial(statistics: Statistics) -> tuple[Array, Array]:
-    """Return a normal likelihood of the log SD between trials, mean and weight (P, J), by their scatter."""
+    """Return a normal likelihood of the log SD between trials, mean and weight (P, J)."""
     squares = (statistics.trial_rows**2).sum(axis=1)
     df = np.broadcast_to(statistics.trial_df, squares.shape)
     scatter = np.sqrt(squares / np.maximum(df, 1))
@@ -192,7 +192,7 @@ def rough_trial(statistics: Statistics) -> tuple[Array, Array]:
 
 
 def tie_between(statistics: Statistics, *, subject_effect: bool) -> float:
-    """Correlation of the rough log SDs of k and b between subjects, by their cell means' departures."""
+    """Correlation of the rough log SDs of k and b, by departures of subjects' cell means."""
     means = statistics.cell_means
     pairs = np.asarray(np.isfinite(means).all(axis=1, keepdims=True))
     off = _centred(means, pairs, 2) if subject_effect else means
@@ -210,7 +210,7 @@ def tie_trial(statistics: Statistics) -> float:
 
 
 def _tie(off: Array, size: Array, df: float) -> float:
-    """Square of the correlation of k and b, two standard errors of its Fisher transform nearer to zero.
+    """Squared correlation of k and b, two standard errors of its Fisher transform nearer zero.
 
     Log SDs of samples of pairs with correlation rho are correlated by rho². Departures are in units
     of their size; of one parameter there is none.
@@ -226,7 +226,7 @@ def _tie(off: Array, size: Array, df: float) -> float:
 
 
 def _trial_variance(statistics: Statistics) -> Array:
-    """Variance that the scatter between trials gives to a cell's means, (P, J); zero without repeats."""
+    """Variance that trials' scatter gives to a cell's means, (P, J); zero without repeats."""
     df = statistics.trial_df
     squares = (statistics.trial_rows**2).sum(axis=1)
     # An environment without repeats takes the variance that the others have together.
@@ -247,7 +247,7 @@ def _centred(values: Array, present: NDArray[np.bool_], axis: int) -> Array:
 
 
 def _within_subjects(cell_means: Array) -> tuple[Array, Array]:
-    """SD per cell without the subjects' means, (P, J), and its degrees of freedom, of means (N, P, J)."""
+    """SD per cell without subjects' means, (P, J), and degrees of freedom, of (N, P, J)."""
     several = np.isfinite(cell_means).all(axis=1).sum(axis=1) > 1
     values = cell_means[several]
     present = np.isfinite(values)

@@ -85,7 +85,7 @@ class Estimands(Protocol):
         """Quantities kept per draw: points (W, d) to an array (W, C)."""
 
     def estimates(self, components: Array) -> Iterable[tuple[Estimates, Array]]:
-        """Estimates from the components (S, C) of S draws, and their influence functions, in groups.
+        """Estimates from components (S, C) of S draws, and their influence functions, in groups.
 
         An influence function (S, Q) is the first-order pull of each draw on each estimate. Its mean
         over draws is zero, and its standard error is the estimate's. Memory holds one group at

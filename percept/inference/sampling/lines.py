@@ -1,4 +1,4 @@
-"""Limits of a function of a target's coordinates, whose law given other coordinates has no known form.
+"""Limits of a function of a target's coordinates whose conditional law has no known form.
 
 A draw's conditional law along a line through it comes from the target's density at a few points of
 that line. The posterior of the function is the equal-weight mixture of these laws over all draws.

@@ -1,4 +1,4 @@
-"""Bands against impedance or references, with their laws: points on axes, and the figures of a report."""
+"""Bands against impedance or references, with their laws: on axes, and as figures of a report."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def band_series(
     families: Sequence[str],
     quantities: Mapping[str, Quantity],
 ) -> BandSeries:
-    """Return the bands of the first kind there is, each method in the first of the families it has."""
+    """Return the bands of the first kind there is, each method in its first family."""
     rows = matching(band.rows, parameter=parameter)
     kind = next(kind for kind in KINDS if matching(rows, kind=kind))
     sizes = np.array([_size(row) for row in rows])

@@ -62,7 +62,7 @@ _LABELS = 17.0  # mm, of the left axis and the right edge
 
 
 def boundary_drawings(results: Results) -> list[Drawing]:
-    """Return the boundaries over ω, limits over the reference, and close views that the scene asks for."""
+    """Return boundaries over ω, limits over the reference, and the scene's close views."""
     every = _by_environment(results.boundaries)
     if not every:
         return []
@@ -176,7 +176,7 @@ def _any_coupled(boundaries: _Panels) -> bool:
 
 
 def _ratios(results: Results, boundaries: _Panels) -> Drawing:
-    """Draw limits over the reference: a row of panels per environment, a column per kind, axes shared."""
+    """Draw limits over the reference: a row of panels per environment, a column per kind."""
     families = families_of(results)
     cells: dict[tuple[str, str], list[Limits]] = {}
     for kind in KINDS:

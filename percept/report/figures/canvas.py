@@ -1,4 +1,4 @@
-"""What figures are drawn on: axes placed in millimetres, in colours that everyone can tell apart."""
+"""What figures are drawn on: axes placed in millimetres, colours that everyone can tell apart."""
 
 from __future__ import annotations
 
@@ -210,7 +210,7 @@ LETTER = 1.45
 
 
 def row_labels(names: Sequence[str], *, most: float) -> list[str]:
-    """Fit the names of rows or panels into a width, mm; names that look the same then are numbered."""
+    """Fit names of rows or panels into a width, mm; those that then look alike are numbered."""
     letters = int(most / LETTER)
     labels = [_shortened(name, letters) for name in names]
     if len(set(labels)) == len(labels):

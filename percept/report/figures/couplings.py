@@ -1,4 +1,4 @@
-"""The figures of couplings: the stability criterion over ω, and the map of couplings that qualify."""
+"""Figures of couplings: the stability criterion over ω, and the map of those that qualify."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def map_ends(
 
 
 def _boxes(damping: FloatArray, intervals: Segments) -> FloatArray:
-    """Return left, right, bottom and top of a box per interval, up to half way to the next lines."""
+    """Return left, right, bottom, top of a box per interval, half way to the next lines."""
     halfway = (damping[1:] + damping[:-1]) / 2
     edges = np.concatenate([damping[:1], halfway, damping[-1:]])
     boxes: list[tuple[float, float, float, float]] = []

@@ -108,7 +108,7 @@ def draw_ratio(
     coupled: FloatArray | None,
     ends: tuple[float, float],
 ) -> None:
-    """Draw boundaries over the reference's abs(Z_h); an arrow marks what leaves the `ends` of the axis."""
+    """Draw boundaries over the reference's abs(Z_h); arrows mark what leaves the axis' `ends`."""
     ratios = [pair.over_reference for pair in limits]
     low, high = ends
     coupled_ratio = None if coupled is None else coupled / reference

@@ -1,4 +1,4 @@
-"""Intervals of what users set, against their references: bars on axes, and the figure of each quantity."""
+"""Intervals against their references: bars on axes, and the figure of each quantity."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ _BAR_HEIGHT = 1.7  # mm
 
 @dataclass(frozen=True, eq=False)
 class Bar:
-    """An interval to draw, divided by its reference, or less its reference in the quantity's unit."""
+    """An interval to draw, divided by its reference, or less it in the quantity's unit."""
 
     environment: str
     kind: str

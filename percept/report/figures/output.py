@@ -1,4 +1,4 @@
-"""From drawings to files and to the page: one style, drawn once, the same bytes from the same input."""
+"""Drawings become files and parts of the page: drawn once, equal bytes from equal input."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ _REFERENCE = re.compile(r'(?:url\(|href=")#([^)"]+)')
 def draw_all(
     drawings: Iterable[Drawing], folder: Path, *, formats: Sequence[str] = ("svg",)
 ) -> dict[str, Drawing]:
-    """Draw figures, write their files into a folder, and return them by name with their form on the page."""
+    """Draw figures, write their files, and return them by name with their form on the page."""
     plots = {}
     for drawing in drawings:
         files, svg = drawn(drawing, formats)
@@ -147,7 +147,7 @@ def _svg_file(drawing: Drawing, text: str) -> bytes:
 
 
 def _inline(drawing: Drawing, text: str) -> str:
-    """Return an ``<svg>`` for the page, with a title, the page's colours, and a line for each element."""
+    """Return an ``<svg>`` for the page: a title, the page's colours, a line for each element."""
     inside = _OWN_STYLE.sub("", _HEAD.split(text)[1], count=1)
     inside = _INDENT.sub("\n", _BREAK_INSIDE.sub(" ", inside)).strip()
     used = {match[1] for match in _REFERENCE.finditer(inside)}

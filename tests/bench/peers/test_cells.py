@@ -1,4 +1,5 @@
-"""The model nutpie samples is percept's: its locations integrated out, densities differ by one constant."""
+"""The model nutpie samples is percept's: its locations integrated out, densities differ by one
+constant."""
 
 import numpy as np
 import pytest
@@ -34,7 +35,8 @@ def statistics(request):
 
 
 def integrated(quadratic, shapes):
-    """Log of the integral of exp(quadratic) over all unknowns: a quadratic is known from its values."""
+    """Log of the integral of exp(quadratic) over all unknowns: a quadratic is known from its
+    values."""
     sizes = [int(np.prod(shape)) for shape in shapes.values()]
     total = sum(sizes)
 

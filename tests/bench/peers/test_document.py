@@ -18,11 +18,21 @@ from percept.results.plain import plain
 
 def row(name, size, warm, error, *, cold_more=10.0, steps=14.0):
     return Measured(
-        study="published", engine=name, size=size, repeats=3, warm=warm, cold=warm + cold_more,
-        warm_range=(warm, warm), processor=2.0 * warm, error=error, error_range=(error, error),
-        effective_per_second=100.0 / warm, effective_per_processor_second=50.0 / warm, agreement=1.0,
+        study="published",
+        engine=name,
+        size=size,
+        repeats=3,
+        warm=warm,
+        cold=warm + cold_more,
+        warm_range=(warm, warm),
+        processor=2.0 * warm,
+        error=error,
+        error_range=(error, error),
+        effective_per_second=100.0 / warm,
+        effective_per_processor_second=50.0 / warm,
+        agreement=1.0,
         notes={"autocorrelation_time": steps},
-    )  # fmt: skip
+    )
 
 
 OURS = [row("percept", 0.1, 1.0, 0.02, cold_more=1.0),

@@ -1,4 +1,5 @@
-"""Engines and whole commands in processes of their own, and the parts of percept bench that run them."""
+"""Engines and whole commands in processes of their own, and the parts of percept bench that run
+them."""
 
 import importlib.util
 import json

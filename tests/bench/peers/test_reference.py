@@ -1,4 +1,5 @@
-"""The stored reference: what pooling does, what it is measured by, and that a new run agrees with it."""
+"""The stored reference: what pooling does, what it is measured by, and that a new run agrees
+with it."""
 
 import json
 

@@ -1,4 +1,5 @@
-"""A study of one parameter in one environment: its posterior has one coordinate, so quadrature is exact."""
+"""A study of one parameter in one environment: its posterior has one coordinate, so quadrature
+is exact."""
 
 from __future__ import annotations
 

@@ -96,7 +96,8 @@ def without_the_first(study):
 
 
 def test_left_out_densities_chain_to_the_densities_of_all():
-    """log p(y_i | others) is the log density of all less that of the others: the collapsed density agrees."""
+    """log p(y_i | others) is the log density of all less that of the others: the collapsed
+    density agrees."""
     rng = np.random.default_rng(23)
     study, density, scales, subjects = prepared("unequal trials", rng)
     others = without_the_first(study)

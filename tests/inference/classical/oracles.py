@@ -1,4 +1,4 @@
-"""Slow twins of the tolerance factors, in 20 digits and by another order of integration than the package's.
+"""Slow twins of the tolerance factors, in 20 digits and by another order of integration.
 
 `percept` integrates the sample mean out last and sums the lower tail of chi-square. Here the sample
 SD is integrated last, against its density, and the upper form is used: with 20 digits nothing is

@@ -1,4 +1,5 @@
-"""Paired contrasts against SciPy's paired t-test, and Pitman and Morgan's against the test they invert."""
+"""Paired contrasts against SciPy's paired t-test, and Pitman and Morgan's against the test they
+invert."""
 
 import numpy as np
 import pytest
@@ -52,7 +53,8 @@ def test_limits_of_spread_are_ratios_that_the_test_just_rejects(slope):
 
 
 def test_the_interval_of_spread_covers():
-    """Correlated normal pairs with an SD ratio of 2: 90 % of intervals hold it, to 4 standard errors."""
+    """Correlated normal pairs with an SD ratio of 2: 90 % of intervals hold it, to 4 standard
+    errors."""
     rng, n, studies = np.random.default_rng(7), 5, 1500
     law = np.linalg.cholesky([[1.0, 1.2], [1.2, 4.0]])
     inside = sum(

@@ -1,4 +1,5 @@
-"""The model once more in arithmetic of 60 digits: matrices of mpmath numbers, nothing shared with percept."""
+"""The model once more in arithmetic of 60 digits: matrices of mpmath numbers, nothing shared
+with percept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Designs with factors, groups and covariates, and their covariance over every trial written out."""
+"""Designs with factors, groups and covariates, and their covariance over every trial written
+out."""
 
 from __future__ import annotations
 
@@ -137,7 +138,8 @@ def columns(levels):
 
 
 def dense(made, named, s):
-    """Covariance of all trials (quantity by quantity) for set `s` of named scales, and its parts."""
+    """Covariance of all trials (quantity by quantity) for set `s` of named scales, and its
+    parts."""
     model = made.model
     design = model.design
     priors = model.priors

@@ -1,4 +1,5 @@
-"""Block algebra against 2 x 2 matrices of 60 digits, at ratios where plain algebra loses everything."""
+"""Block algebra against 2 x 2 matrices of 60 digits, at ratios where plain algebra loses
+everything."""
 
 import numpy as np
 import pytest

@@ -179,9 +179,16 @@ def test_data_that_follow_the_model(case):
 def test_all_scales_at_one_end(sd, rest):
     both = (sd, sd)
     case = Case(
-        counts=((1, 1), (2, 1), (1, 0)), parameters=2, sd_u=both, sd_w=(both, both), sd_e=(both, both),
-        tau=both, rho=((1.0, rest), (-1.0, rest), (1.0, rest)), seed=4, from_model=False,
-    )  # fmt: skip
+        counts=((1, 1), (2, 1), (1, 0)),
+        parameters=2,
+        sd_u=both,
+        sd_w=(both, both),
+        sd_e=(both, both),
+        tau=both,
+        rho=((1.0, rest), (-1.0, rest), (1.0, rest)),
+        seed=4,
+        from_model=False,
+    )
     check(case)
 
 

@@ -1,4 +1,5 @@
-"""Truths drawn from the prior of a factor's model lie evenly in its posteriors; a wrong model is caught."""
+"""Truths drawn from the prior of a factor's model lie evenly in its posteriors; a wrong model is
+caught."""
 
 import dataclasses
 
@@ -30,7 +31,8 @@ ROW = (2.0 / 3.0) * C
 
 
 def study(rng):
-    """Return trials of a study whose truth the prior gives, and that truth: contrast and log ratio of SDs."""
+    """Return trials of a study whose truth the prior gives, and that truth: contrast and log
+    ratio of SDs."""
     p = PRIORS
 
     def half(scale):

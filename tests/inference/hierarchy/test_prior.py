@@ -30,7 +30,8 @@ OTHER = Priors(
 
 
 def log_jacobian(density, u, *, common_spread):
-    """log abs det of the map from coordinates to variables, by central differences of fourth order."""
+    """log abs det of the map from coordinates to variables, by central differences of fourth
+    order."""
 
     def variables(points):
         return dense_twin.prior_variables(

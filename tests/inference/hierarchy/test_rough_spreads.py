@@ -25,10 +25,14 @@ def layout_of(rows, environments=1, options=None):
     """Layout of the model of k for rows (subject, environment, response)."""
     subject, environment, response = (np.array(column) for column in zip(*rows, strict=True))
     statistics = from_trials(
-        response[:, None].astype(float), subject, environment, np.linspace(0.0, 1.0, environments)[None],
-        parameters=("k",), environments=tuple(f"VE{j + 1}" for j in range(environments)),
+        response[:, None].astype(float),
+        subject,
+        environment,
+        np.linspace(0.0, 1.0, environments)[None],
+        parameters=("k",),
+        environments=tuple(f"VE{j + 1}" for j in range(environments)),
         subjects=tuple(f"S{i + 1}" for i in range(subject.max() + 1)),
-    )  # fmt: skip
+    )
     return CollapsedDensity(statistics, Priors(), options).layout
 
 
@@ -48,7 +52,8 @@ def weights(layout):
 
 
 def mode(scatter, df, noise, prior):
-    """Likeliest log sigma (J,) of chi-squared scatter about sigma^2 + noise, log sigma ~ N(log .2, prior)."""
+    """Likeliest log sigma (J,) of chi-squared scatter about sigma^2 + noise, log sigma ~ N(log
+    .2, prior)."""
 
     def short(log_sigma):
         total = np.exp(2.0 * log_sigma) + noise
@@ -134,7 +139,8 @@ def test_without_repeats_all_scatter_is_between_subjects():
 
 
 def test_subjects_that_differ_less_than_their_trials_are_sampled_soon():
-    """Coordinates placed by all of the scatter need 630 steps here, with an autocorrelation time of 52."""
+    """Coordinates placed by all of the scatter need 630 steps here, with an autocorrelation time
+    of 52."""
     rng = np.random.default_rng(1)
     subject, environment, _ = (axis.ravel() for axis in np.indices((40, 6, 10)))
     response = (0.02 * rng.normal(size=(40, 6)))[subject, environment] + 0.1 * rng.normal(

@@ -131,7 +131,8 @@ def test_subjects_with_equal_counts_share_a_pattern():
 
 
 def test_summary_is_the_likelihood_of_means_and_sds():
-    """y-bar ~ N(beta, sigma²/n) and nu s²/sigma² ~ chi-square: the density of trials less a constant."""
+    """y-bar ~ N(beta, sigma²/n) and nu s²/sigma² ~ chi-square: the density of trials less a
+    constant."""
     rng = np.random.default_rng(9)
     subjects, environments = 7, 4
     response = 0.2 * rng.normal(size=(subjects, environments))

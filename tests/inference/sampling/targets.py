@@ -25,7 +25,8 @@ class Normal:
 
 
 class Correlated(Normal):
-    """Normal with correlations up to 0.95 and scales over two decades; uniform: coordinates and contrasts."""
+    """Normal with correlations up to 0.95 and scales over two decades; uniform: coordinates and
+    contrasts."""
 
     def __init__(self, dimension=6):
         super().__init__(dimension)
@@ -69,7 +70,7 @@ class SkewedHeavy(Normal):
 
 
 def deviations(uniforms):
-    """First and second moments of uniforms over ensembles, in standard errors of the ensembles' scatter.
+    """Moments of uniforms over ensembles, in standard errors of the ensembles' scatter.
 
     Parameters
     ----------
@@ -90,7 +91,8 @@ def deviations(uniforms):
 
 
 def limit(ensembles, count, error=1e-4):
-    """Bound that the largest of `count` such t variables stays within, but for probability `error`."""
+    """Bound that the largest of `count` such t variables stays within, but for probability
+    `error`."""
     return float(stats.t.isf(0.5 * error / count, ensembles - 1))
 
 

@@ -144,7 +144,8 @@ def test_autocorrelation_time_waits_for_a_small_part_that_is_slow():
 
 
 def test_monte_carlo_error_of_walkers_that_move_together_and_slowly():
-    """They remember (1 + rho)/(1 - rho) = 19 positions: batches of a few of them would see too little."""
+    """They remember (1 + rho)/(1 - rho) = 19 positions: batches of a few of them would see too
+    little."""
     rng, repeats = np.random.default_rng(4), 60
     errors = []
     for _ in range(repeats):

@@ -1,4 +1,5 @@
-"""Posteriors known in closed form or published to many digits, through the same sampler and gate."""
+"""Posteriors known in closed form or published to many digits, through the same sampler and
+gate."""
 
 import numpy as np
 import pytest
@@ -49,7 +50,8 @@ def test_reference_prior_gives_the_classical_intervals_of_the_published_study():
 
 @pytest.mark.parametrize("offset", [0.0, 1e8, 1e13])
 def test_nist_markov_chain_case(offset, tmp_path):
-    """n = 11, offset + {.2, .1, .3, .1, .3, ...}; at 1e13 the rounding of the data alone moves the answer."""
+    """n = 11, offset + {.2, .1, .3, .1, .3, ...}; at 1e13 the rounding of the data alone moves
+    the answer."""
     values = [offset + v for v in [0.2, *[0.1, 0.3] * 5]]
     path = tmp_path / "nist.csv"
     rows = [f"S{i:02d},VE1,{max(1.0, offset)!r},{value!r}" for i, value in enumerate(values)]
@@ -83,7 +85,8 @@ def test_nist_markov_chain_case(offset, tmp_path):
 
 
 class EightSchools:
-    """mu ~ N(0, 5), tau ~ half-Cauchy(0, 5), effects standardised; sampled in mu/5 and tau's score."""
+    """mu ~ N(0, 5), tau ~ half-Cauchy(0, 5), effects standardised; sampled in mu/5 and tau's
+    score."""
 
     effect = np.array([28.0, 8.0, -3.0, 7.0, -1.0, 1.0, 18.0, 12.0])
     error = np.array([15.0, 10.0, 16.0, 11.0, 9.0, 11.0, 10.0, 18.0])

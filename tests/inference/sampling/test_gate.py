@@ -74,7 +74,8 @@ def test_passes_on_a_plain_target():
 
 
 def test_separated_modes_are_withheld():
-    """The refined transport finds its way between four modes in two dimensions, not among 4096 in twelve."""
+    """The refined transport finds its way between four modes in two dimensions, not among 4096
+    in twelve."""
     means = Means(("E x[0]", "E x[1]"), lambda points: points[:, :2])
     run = sample(Modes(12, 1000.0), means, Settings(tolerance=0.05, seed=2, most_steps=600))
     assert not run.gate.passed
@@ -118,7 +119,8 @@ def test_rank_rhat_of_one_hundredth_above_one_is_too_much():
 
 
 def test_ensembles_whose_rhat_is_just_above_the_limit_are_withheld():
-    """Shifted by 0.17 SDs in turn: R-hat is 1.014 or so, which a limit of 1.02 would let through."""
+    """Shifted by 0.17 SDs in turn: R-hat is 1.014 or so, which a limit of 1.02 would let
+    through."""
     shift = 0.17 * np.array([1.0, -1.0, 1.0, -1.0])[:, None, None, None]
     values = np.random.default_rng(8).normal(size=(4, 400, 64, 1))
     gate = judged(values + shift)
@@ -261,7 +263,8 @@ def test_thinned_draws_are_nearly_independent():
 
 
 def judged(components):
-    """The gate of a run whose components are given, of shape (E, T, W, Q), one position in three steps."""
+    """The gate of a run whose components are given, of shape (E, T, W, Q), one position in three
+    steps."""
     names = tuple(f"E x[{i}]" for i in range(components.shape[-1]))
     found = measure(Means(names, first), components)
     accepted = np.full((len(components), components.shape[2]), 0.5)
@@ -284,7 +287,8 @@ def test_rare_spikes_do_not_hide_what_is_slow():
 
 
 def two_modes(rng, left):
-    """Values (4, 200, 64, 1) of walkers that stay near -1 or 1, with the modes they are in; SD 0.5."""
+    """Values (4, 200, 64, 1) of walkers that stay near -1 or 1, with the modes they are in; SD
+    0.5."""
     return np.where(left, -1.0, 1.0) + 0.5 * rng.normal(size=(4, 200, 64, 1))
 
 
@@ -315,7 +319,8 @@ def test_advised_steps_are_rounded_up(steps, rounded):
 
 
 def test_walkers_stuck_in_a_tail_are_withheld():
-    """Walkers that stay beyond the 98th percentile, in spikes' shadow, among others that never go there."""
+    """Walkers that stay beyond the 98th percentile, in spikes' shadow, among others that never
+    go there."""
     rng = np.random.default_rng(4)
     values = np.clip(rng.normal(size=(4, 200, 64, 1)), -2.0, 2.0)
     assert judged(values).passed

@@ -1,4 +1,5 @@
-"""Every move leaves known laws as they are; emcee's snooker move, put through the same check, does not."""
+"""Every move leaves known laws as they are; emcee's snooker move, put through the same check,
+does not."""
 
 import emcee
 import numpy as np
@@ -112,7 +113,8 @@ def test_independent_draws_are_weighed_several_steps_ahead():
 
 
 def test_an_interrupted_density_is_not_emcee_s_to_tell(capsys):
-    """emcee prints every walker and a traceback around an exception of the density, also at Ctrl-C."""
+    """emcee prints every walker and a traceback around an exception of the density, also at
+    Ctrl-C."""
 
     class Interrupted(Normal):
         def __call__(self, points):
@@ -133,7 +135,8 @@ def test_an_interrupted_density_is_not_emcee_s_to_tell(capsys):
 
 @pytest.mark.parametrize(("width", "wanted"), [(1.0, 0.6), (0.05, 0.1)])
 def test_a_run_chooses_the_moves_that_take_it_farther(width, wanted):
-    """Of the law itself every draw is accepted; of a target far narrower hardly any, and rotations go on."""
+    """Of the law itself every draw is accepted; of a target far narrower hardly any, and
+    rotations go on."""
 
     class Narrow(Normal):
         def __call__(self, points):
@@ -152,7 +155,8 @@ def test_a_run_chooses_the_moves_that_take_it_farther(width, wanted):
 
 
 def test_shares_are_those_of_jumps_for_the_same_cost():
-    """An independent draw costs 0.8 of a rotation; jumps are squares over coordinates, means over walkers."""
+    """An independent draw costs 0.8 of a rotation; jumps are squares over coordinates, means
+    over walkers."""
     (own, _), (rotation, _) = standard_moves(ReferenceLaw(2), generators(1))
     own.steps, own.squared_jumps = 10, 2.0
     rotation.steps, rotation.squared_jumps = 5, 1.0

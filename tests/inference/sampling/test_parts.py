@@ -31,7 +31,8 @@ class Remembered(Means):
 
 
 class Walk(Ensembles):
-    """Autoregressive chains in place of the walkers: a step remembers all but a fiftieth of the last."""
+    """Autoregressive chains in place of the walkers: a step remembers all but a fiftieth of the
+    last."""
 
     def __init__(self, target, points, seed):
         super().__init__(target, points, seed)
@@ -85,7 +86,8 @@ def test_claimed_errors_of_parts_together_are_right():
 
 
 def test_a_part_that_has_not_settled_goes_on_thinned(monkeypatch):
-    """Chains that remember a hundred steps need longer parts than there is room for at every third step."""
+    """Chains that remember a hundred steps need longer parts than there is room for at every
+    third step."""
     monkeypatch.setattr(chains, "Ensembles", Walk)
     means = Means(("E x",), lambda points: points[:, :1])
     run = sample(Normal(1), means, Settings(tolerance=0.008, seed=1), memory=Memory(draws=1 << 14))
@@ -97,7 +99,8 @@ def test_a_part_that_has_not_settled_goes_on_thinned(monkeypatch):
 
 
 def test_no_last_part_begins_that_could_not_settle(monkeypatch):
-    """A part takes 1,000 steps to settle here; the first has 3,072, and the cap leaves 700 for another."""
+    """A part takes 1,000 steps to settle here; the first has 3,072, and the cap leaves 700 for
+    another."""
     monkeypatch.setattr(chains, "Ensembles", Walk)
     means = Means(("E x",), lambda points: points[:, :1])
     settings = Settings(tolerance=1e-5, seed=1, most_steps=3800)
@@ -109,7 +112,8 @@ def test_no_last_part_begins_that_could_not_settle(monkeypatch):
 
 @pytest.mark.parametrize("most", range(420, 540, 17))
 def test_wherever_the_steps_end_the_errors_are_known(most):
-    """The last part of a run at its cap is long enough to be judged, however many steps were left for it."""
+    """The last part of a run at its cap is long enough to be judged, however many steps were
+    left for it."""
     run = sample(
         Normal(2),
         Means(("E x",), lambda points: points[:, :1]),
@@ -127,7 +131,8 @@ MEAN = Means(("E x",), lambda points: points)
 
 
 def chain(components, *, steps=120, accepted=60, progress=None):
-    """A chain at rest that has kept positions at every third step, its components (E, T, W, Q) given."""
+    """A chain at rest that has kept positions at every third step, its components (E, T, W, Q)
+    given."""
     ensembles, _, walkers, _ = components.shape
     here = Transported(Normal(1), Affine(np.zeros(1), np.eye(1)))
     points = np.random.default_rng(9).normal(size=(*components.shape[:3], 1))
@@ -165,7 +170,8 @@ def test_parts_weigh_by_their_steps():
 
 
 def test_time_left_follows_the_steps_expected(monkeypatch):
-    """Half a second a step at 120 steps; the errors ask for 1.1 (error/tolerance)² times as many."""
+    """Half a second a step at 120 steps; the errors ask for 1.1 (error/tolerance)² times as
+    many."""
     told = []
     values = np.random.default_rng(7).normal(size=(4, 40, 64, 1))
     monkeypatch.setattr(chains.time, "monotonic", lambda: 0.0)

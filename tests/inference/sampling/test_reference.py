@@ -40,7 +40,8 @@ def test_draws_and_turns_follow_the_law(turns):
 
 
 def test_turn_is_reversible():
-    """The joint law of a point and where it turns to is symmetric; a drift would show in odd moments."""
+    """The joint law of a point and where it turns to is symmetric; a drift would show in odd
+    moments."""
     law = ReferenceLaw(3)
     before = law.draw(40_000, np.random.default_rng(7))
     after = law.rotate(before, np.random.default_rng(8))

@@ -1,4 +1,5 @@
-"""Roots against closed forms; how many calls they take; what happens where steps cannot be trusted."""
+"""Roots against closed forms; how many calls they take; what happens where steps cannot be
+trusted."""
 
 import numpy as np
 import pytest
@@ -57,7 +58,8 @@ def test_without_slopes_brackets_are_halved(slope):
 
 
 def test_wrong_slopes_take_longer_and_lead_to_the_same_root():
-    """Slopes a fifth too large, as few draws may give them: the cubic is wrong by as much, and goes on."""
+    """Slopes a fifth too large, as few draws may give them: the cubic is wrong by as much, and
+    goes on."""
     exact = Counted(np.expm1, np.exp)
     wrong = Counted(np.expm1, lambda x: 1.2 * np.exp(x))
     for function in (exact, wrong):

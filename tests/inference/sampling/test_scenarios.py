@@ -77,7 +77,8 @@ def half_widths(fit):
 
 
 def test_two_thousand_subjects_meet_the_classical_intervals():
-    """What the other environments say of a spread is less than its own standard error, 1/sqrt(2 (n - 1))."""
+    """What the other environments say of a spread is less than its own standard error, 1/sqrt(2
+    (n - 1))."""
     response = responses(2000, 4, seed=1, sd=0.2)
     limits, errors = on_the_model_scale(answered(study_of(table_of(response))))
     for c, values in enumerate(response.transpose(2, 1, 0).reshape(8, -1)):

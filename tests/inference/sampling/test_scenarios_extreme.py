@@ -1,4 +1,5 @@
-"""Studies whose scatter no single cell's SD tells: effects of subjects, and variances up to 1e12."""
+"""Studies whose scatter no single cell's SD tells: effects of subjects, and variances up to
+1e12."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ from tests.inference.sampling.test_scenarios import (
 
 
 def test_a_subject_wild_everywhere_is_an_effect_of_the_subject():
-    """Adjusting a thousand times too high in every environment: sigma_u takes it up, not the sigmas."""
+    """Adjusting a thousand times too high in every environment: sigma_u takes it up, not the
+    sigmas."""
     response = responses(10, 5, seed=9)
     wild = response.copy()
     wild[3] += np.log(1000.0)
@@ -34,7 +36,8 @@ def test_a_subject_wild_everywhere_is_an_effect_of_the_subject():
 
 
 def test_spreads_below_the_subjects_effect_in_a_large_study():
-    """Cells' SDs are mostly the subjects' own: the coordinates begin fifty units from where sigma is."""
+    """Cells' SDs are mostly the subjects' own: the coordinates begin fifty units from where
+    sigma is."""
     sd = np.array([0.05, 0.1, 0.2, 0.4])
     response = responses(2000, 4, seed=1, sd=sd)
     limits, errors = on_the_model_scale(answered(study_of(table_of(response))))
@@ -48,7 +51,8 @@ def test_spreads_below_the_subjects_effect_in_a_large_study():
 
 @pytest.mark.parametrize("unit", [1e-3, 1e-6])
 def test_variances_of_a_million_million(unit):
-    """Responses in units a million times too small: the means are pinned by the prior, the spread is not."""
+    """Responses in units a million times too small: the means are pinned by the prior, the
+    spread is not."""
     values = responses(10, 3, seed=10, sd=1.0, shared=0.0)
     subject, environment = (axis.ravel() for axis in np.indices(values.shape[:2]))
     table = pd.DataFrame(

@@ -1,4 +1,5 @@
-"""The transport: an exact Jacobian, a monotone spline, and a target that comes out nearly normal."""
+"""The transport: an exact Jacobian, a monotone spline, and a target that comes out nearly
+normal."""
 
 import dataclasses
 
@@ -79,7 +80,8 @@ def test_target_comes_out_nearly_normal():
 
 
 def test_margins_of_few_normal_draws_are_straight_and_those_of_many_go_through_the_quantiles():
-    """Of 300 draws the quantile at -3 errs by half a unit in each coordinate; straight lines err far less."""
+    """Of 300 draws the quantile at -3 errs by half a unit in each coordinate; straight lines err
+    far less."""
     knots = np.tile(np.linspace(-3, 3, 13), (40, 1))
     sample = np.random.default_rng(5).standard_normal((300, 40))
     off = Transport.fit(sample).spline(knots)[0] - knots
