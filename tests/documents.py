@@ -20,8 +20,8 @@ EMPTY = Results(
         doubts=(), exclusions=(), design=None, cells=(),
     ),
     intervals=(), contrast=(), boundaries=(), zoom={}, close=(), verdicts=(), passivity=None,
-    coupling=None, band=None, design=None, sensitivity=None, comparison=None, ladder=None,
-    diagnostics=None, checks=None, skipped=(),
+    coupling=None, band=None, design=None, sensitivity=None, comparison=None,
+    band_pairs=None, ladder=None, diagnostics=None, checks=None, skipped=(),
 )  # fmt: skip
 
 

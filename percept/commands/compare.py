@@ -50,6 +50,9 @@ abs(log(B/A)) of the lower and the upper curve; largest: log(B/A) at that omega 
 _STEPS_LEGEND = """width: ratio of widths; centre: shift in classical half-widths;
 error: Monte Carlo standard error (log_width_error: of the ratio's logarithm)."""
 
+_BANDS_LEGEND = """Exact envelopes, where they differ most over omega (rad/s), and the median.
+place: Bayesian middle over the classical one, less one; width: logarithm of the ratio."""
+
 
 @dataclass(frozen=True)
 class _NamedStudy:
@@ -223,18 +226,42 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
             "comparison": table,
             "verdicts": study.verdicts,
             "ladder": ladder,
+            "band_pairs": study.parts.band_pairs,
         }
         results |= {"advice": advice}
         print_json({**_stated(study), **results})
         return
     _print(f"Intervals in pairs, {_claim(study)}:", table[_PAIRS])
     show("\n".join(["", *_feelings(study)]))
+    _bands(study)
     show("\nWhy they differ, step by step from the classical interval of the normal family:")
     sentences = [*ladder.sentences, *ladder.notes, "", *advice]
     show("\n".join(map(printable, sentences)))
     kind = study.scene.inference.kinds[0]
     effects = ladder.effects.assign(width=np.exp(ladder.effects["log_width"]))
     _print(f"The steps of kind {kind}. {_STEPS_LEGEND}", effects[effects["kind"] == kind][_STEPS])
+
+
+def _bands(study: Study) -> None:
+    """Print how the methods' boundaries differ; nothing without boundaries."""
+    import pandas as pd
+
+    from percept.report.basis import bands_sentences
+
+    pairs = study.parts.band_pairs
+    if not pairs:
+        return
+    rows = []
+    for pair in pairs:
+        row: dict[str, object] = {"environment": pair.environment, "kind": pair.kind}
+        for name, difference in (("place", pair.place), ("width", pair.width)):
+            row[name] = difference.largest
+            row[f"{name}_error"] = difference.error
+            row[f"{name}_omega"] = difference.omega
+            row[f"{name}_median"] = difference.median
+        rows.append(row)
+    _print(f"Boundaries in pairs, {_claim(study)}. {_BANDS_LEGEND}", pd.DataFrame(rows))
+    show("\n".join(bands_sentences(pairs)))
 
 
 def _calibrate_command(arguments: argparse.Namespace) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import tomllib
 from collections.abc import Iterable, Sequence
 from functools import cache
@@ -24,9 +25,18 @@ from percept.report.select import (
     ordered,
     words_of,
 )
-from percept.results import Boundary, MethodPair, Results
+from percept.results import BandPair, Boundary, MethodPair, Results
 
-__all__ = ["bibtex", "checks", "cited", "comparison", "data", "diagnostics", "methods"]
+__all__ = [
+    "bands_sentences",
+    "bibtex",
+    "checks",
+    "cited",
+    "comparison",
+    "data",
+    "diagnostics",
+    "methods",
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,6 +44,7 @@ class Comparison:
     """The section on how the methods differ."""
 
     sentence: str
+    bands: str  # How the methods' boundaries differ; empty without boundaries
     families: list[str]
     units: str
 
@@ -44,7 +55,12 @@ def comparison(results: Results) -> Section | None:
     if not pairs:
         return None
     units = [f"{q.symbol} in {q.unit or 'its own unit'}" for q in results.data.quantities.values()]
-    view = Comparison(_differences(pairs, results), distinct(pairs, "family"), listed(units))
+    view = Comparison(
+        sentence=_differences(pairs, results),
+        bands=" ".join(bands_sentences(results.band_pairs or ())),
+        families=distinct(pairs, "family"),
+        units=listed(units),
+    )
     return Section("comparison", "Classical against Bayesian", view)
 
 
@@ -72,6 +88,27 @@ def _differences(pairs: Sequence[MethodPair], results: Results) -> str:
         f"Of the same family and kind, Bayesian intervals are {widths} as wide as classical ones. "
         f"Their estimates lie at most {listed(shifts)} apart."
     )
+
+
+def bands_sentences(pairs: Sequence[BandPair]) -> list[str]:
+    """Say where the methods' boundaries lie farthest apart in place, and in width."""
+    if not pairs:
+        return []
+    place = max(pairs, key=lambda pair: abs(pair.place.largest))
+    width = max(pairs, key=lambda pair: abs(pair.width.largest))
+    sign = "higher" if place.place.largest > 0 else "lower"
+    apart = percentage(abs(place.place.largest), 2)
+    ratio = bare(rounded(math.exp(width.width.largest), 2))
+    return [
+        f"The Bayesian band of abs(Z_h) lies farthest from the classical one in {_where(place)}:"
+        f" {apart} {sign} at {bare(rounded(place.place.omega, 2))} rad/s.",
+        f"Its width differs most in {_where(width)}: {ratio} times at"
+        f" {bare(rounded(width.width.omega, 2))} rad/s.",
+    ]
+
+
+def _where(pair: BandPair) -> str:
+    return f"{pair.environment} (kind {pair.kind})"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from percept.report.select import matching
-from percept.results import Boundary, Confidences, PosteriorEvidence, Results, Verdict
+from percept.results import BandPair, Boundary, Confidences, PosteriorEvidence, Results, Verdict
 
 __all__ = ["csv_tables"]
 
@@ -60,6 +60,7 @@ def csv_tables(results: Results) -> dict[str, str]:
     tables["boundaries"] = _curves(results.boundaries)
     tables["contrast"] = _all_fields(results.contrast)
     tables["comparison"] = _all_fields(results.comparison or ())
+    tables["band_pairs"] = _band_pairs(results.band_pairs or ())
     tables["memberships"] = _all_fields(memberships)
     tables["verdicts"] = _verdicts(results.verdicts)
     return {f"{name}.csv": text for name, text in tables.items() if text}
@@ -72,12 +73,29 @@ def _all_fields(records: Sequence[object]) -> str:
     return _table(records, list(vars(records[0])))
 
 
+def _band_pairs(pairs: Sequence[BandPair]) -> str:
+    """Write a row per pair of bands, each measure in columns of its name."""
+    rows = []
+    for pair in pairs:
+        row = dict(vars(pair))
+        for measure in ("place", "width"):
+            difference = row.pop(measure)
+            for name, value in vars(difference).items():
+                row[f"{measure}_{name}"] = value
+        rows.append(row)
+    if not rows:
+        return ""
+    return _csv(list(rows[0]), [list(row.values()) for row in rows])
+
+
 def _verdicts(verdicts: Sequence[Verdict]) -> str:
     """Write a row per verdict, what each method found in columns of its name."""
     rows = []
     for verdict in verdicts:
         row = dict(vars(verdict))
         del row["leaning"]
+        more = row.pop("more")
+        row["more_subjects"] = None if more is None else more.subjects
         for method, record in (("bayesian", PosteriorEvidence), ("classical", Confidences)):
             evidence = row.pop(method)
             for field in dataclasses.fields(record):

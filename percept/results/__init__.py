@@ -55,6 +55,8 @@ from percept.results.findings import (
     ReferencesInside,
 )
 from percept.results.intervals import (
+    BandDifference,
+    BandPair,
     ContrastRow,
     IntervalRow,
     Ladder,
@@ -65,9 +67,10 @@ from percept.results.plain import dumps, plain
 from percept.results.results import SCHEMA, Results, Skipped
 
 __all__ = [
-    "SCHEMA", "AdmissibleCouplings", "Band", "BandLaw", "BandRow", "BandStatement", "Boundary",
-    "CellOutlier", "CellValues", "Checks", "Confidences", "ContrastRow", "Coupling", "CouplingMap",
-    "Data", "DesignCounts", "Diagnostics", "EnvironmentCouplings", "Estimate",
+    "SCHEMA", "AdmissibleCouplings", "Band", "BandDifference", "BandLaw", "BandPair", "BandRow",
+    "BandStatement", "Boundary", "CellOutlier", "CellValues", "Checks", "Confidences",
+    "ContrastRow", "Coupling", "CouplingMap", "Data", "DesignCounts", "Diagnostics",
+    "EnvironmentCouplings", "Estimate",
     "Findings", "GateVerdict", "IntervalRow", "Ladder", "LadderEffect", "Leaning", "LeftOut",
     "LeftOutRow", "Membership", "MethodPair", "MoreSubjects", "NormalityTest", "Note",
     "Nouns", "Overview", "OverviewRow", "Passivity", "PosteriorEvidence", "PredictiveCheck",

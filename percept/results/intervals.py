@@ -7,7 +7,15 @@ import dataclasses
 from percept.html import NotebookRecord
 from percept.results.fields import Family, Kind, Method
 
-__all__ = ["ContrastRow", "IntervalRow", "Ladder", "LadderEffect", "MethodPair"]
+__all__ = [
+    "BandDifference",
+    "BandPair",
+    "ContrastRow",
+    "IntervalRow",
+    "Ladder",
+    "LadderEffect",
+    "MethodPair",
+]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -79,6 +87,28 @@ class MethodPair(NotebookRecord):
     relative: bool  # Whether all references of the parameter are positive
     shift: float | None  # Bayesian estimate over the classical one, less one; else less the other
     overlap: float | None  # Shared over joined length, on the family's scale
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BandDifference:
+    """One measure of how two bands of abs(Z_h) differ over omega, with Monte Carlo errors."""
+
+    largest: float  # In size
+    omega: float  # Where it is largest, rad/s
+    error: float  # Standard error of `largest`
+    median: float  # Over log omega
+    median_error: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class BandPair(NotebookRecord):
+    """How the methods' bands of abs(Z_h), exact envelopes of one kind and family, differ."""
+
+    environment: str
+    kind: Kind
+    family: Family
+    place: BandDifference  # Middle of the Bayesian band over that of the classical one, less one
+    width: BandDifference  # Logarithm of the Bayesian width over the classical one
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

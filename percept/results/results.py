@@ -15,7 +15,7 @@ from percept.results.checks import Checks, Diagnostics
 from percept.results.coupling import AdmissibleCouplings, Coupling, Passivity, Sensitivity, Verdict
 from percept.results.data import Data, Provenance
 from percept.results.findings import Findings
-from percept.results.intervals import ContrastRow, IntervalRow, Ladder, MethodPair
+from percept.results.intervals import BandPair, ContrastRow, IntervalRow, Ladder, MethodPair
 from percept.results.plain import dumps, plain
 
 __all__ = ["SCHEMA", "Results", "Skipped"]
@@ -62,6 +62,7 @@ class Results:
     design: AdmissibleCouplings | None
     sensitivity: Sensitivity | None
     comparison: tuple[MethodPair, ...] | None
+    band_pairs: tuple[BandPair, ...] | None  # The methods' boundaries against each other
     ladder: Ladder | None
     diagnostics: Diagnostics | None
     checks: Checks | None

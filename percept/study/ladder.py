@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,12 +18,15 @@ from percept.inference.sampling.diagnostics import (
     monte_carlo_error,
     thin_walkers,
 )
+from percept.results import BandPair
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import Quantities
+from percept.study.boundaries import BoundaryDrawing, LimitErrors, compare_bands
 from percept.study.fit import Fit, estimands_of, fit_of, prepare, sampled
+from percept.study.regions import Region
 
-__all__ = ["USERS", "Ladder", "climb", "sentence"]
+__all__ = ["USERS", "Ladder", "band_pairs", "climb", "sentence"]
 
 #: Tolerance of the fits between the two methods: effects of a few per cent are told from noise.
 _TOLERANCE = 0.05
@@ -122,6 +125,17 @@ def climb(
     words = _words(scene)
     told = [sentence(rows, fit.quantities, words, repeats=bool(fit.repeats)) for _, rows in first]
     return Ladder(effects, tuple(told), tuple(notes))
+
+
+def band_pairs(
+    fit: Fit, drawing: BoundaryDrawing, regions: Collection[Region], asked: InferenceTable
+) -> tuple[BandPair, ...]:
+    """Compare the bands of abs(Z_h) of both methods, with the error of a fit's limits."""
+    errors = {}
+    for cell, interval in _measured(fit, asked).items():
+        half_width = 0.5 * interval.width * interval.width_error
+        errors[cell] = LimitErrors(interval.centre_error, half_width)
+    return tuple(compare_bands(drawing, regions, errors))
 
 
 def _measured(fit: Fit, asked: InferenceTable) -> dict[_Cell, _Interval]:

@@ -18,7 +18,7 @@ from percept.errors import RefusalError
 from percept.haptics.design import CouplingDesign
 from percept.haptics.records import AnyDevice
 from percept.inference.record import Family
-from percept.results import Boundary, Checks, Coupling, IntervalRow, Sensitivity, Verdict
+from percept.results import BandPair, Boundary, Checks, Coupling, IntervalRow, Sensitivity, Verdict
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import is_impedance
@@ -57,8 +57,7 @@ from percept.study.verdicts import (
 
 __all__ = ["Parts"]
 
-# What imports the hierarchical model is imported where it is needed: the classical method does
-# without.
+# What imports the hierarchical model is imported where needed: the classical method does without.
 if TYPE_CHECKING:
     from percept.inference.sampling.gate import Progress
     from percept.study.fit import Fit, RunStore
@@ -412,6 +411,15 @@ class Parts:
         """The methods' intervals in equal family and kind; a copy, None without both methods."""
         both = self.passed is not None and self.scene.inference.method == "both"
         return compare_intervals(self.intervals, self.scene.inference.family) if both else None
+
+    @cached_property
+    def band_pairs(self) -> tuple[BandPair, ...] | None:
+        """How the methods' boundaries differ; None without both methods, and without a device."""
+        if self.comparison is None or self.passed is None or self._drawing is None:
+            return None
+        from percept.study.ladder import band_pairs
+
+        return band_pairs(self.passed, self._drawing, self.regions, self.scene.inference)
 
     @cached_property
     def ladder(self) -> Ladder | None:

@@ -102,6 +102,7 @@ def compute(
     sensitivity = parts.sensitivity if curves else None
     step("comparison of methods")
     comparison = parts.comparison
+    band_pairs = parts.band_pairs if curves else None
     ladder = parts.ladder if why else None
     step("checks of the model")
     checks = None
@@ -125,6 +126,7 @@ def compute(
         design=admissible_couplings(designs, parts.with_reference, asked.family, edge),
         sensitivity=sensitivity,
         comparison=rows(MethodPair, comparison),
+        band_pairs=band_pairs,
         ladder=record(Ladder, ladder),
         diagnostics=diagnostics_of(parts),
         checks=checks,

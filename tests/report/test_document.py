@@ -34,6 +34,7 @@ def test_it_has_every_part_and_only_json_values(both):
         "design",
         "sensitivity",
         "comparison",
+        "band_pairs",
         "ladder",
         "diagnostics",
         "checks",

@@ -7,14 +7,16 @@ import dataclasses
 import pytest
 
 from percept.boundary.feels_real import judge
+from percept.report.feelings import feeling_sentences
 from percept.report.numbers import digits_of
 from percept.report.overview import overview
-from percept.report.select import first, matching
+from percept.report.select import Words, first, matching
 from percept.results import (
     Confidences,
     Coupling,
     IntervalRow,
     Leaning,
+    MoreSubjects,
     Note,
     PosteriorEvidence,
     Verdict,
@@ -291,3 +293,33 @@ def test_a_withheld_fit_leaves_the_classical_numbers(both):
 )
 def test_digits_end_near_a_hundredth_of_the_half_width(value, limits, digits):
     assert digits_of(value, *limits) == digits
+
+
+@pytest.mark.parametrize(
+    ("counts", "said"),
+    [
+        ([8], "About 8 more users would decide W0 with probability 0.8."),
+        ([137, 14], "About 140 and 14 more users would decide W0 and W1 with probability 0.8."),
+        (
+            [None, 1],
+            "About 1 more user would decide W1 with probability 0.8. W0 would take more than",
+        ),
+        ([9, 30, 4, 5, 6, 7], "About 4 to 30 more users would decide each of 6 walls with"),
+    ],
+)
+def test_an_undecided_verdict_says_how_many_more_subjects_decide(counts, said):
+    verdicts = []
+    for index, count in enumerate(counts):
+        more = MoreSubjects(
+            subjects=count,
+            lower=1,
+            upper=None,
+            probability=0.8,
+            error=0.02,
+            assurance=0.8,
+            most=1000,
+        )
+        undecided = felt(f"W{index}", 0.5, 0.5)
+        verdicts.append(dataclasses.replace(undecided, more=more))
+    words = Words("wall", "walls", "user", "users", "user", "users")
+    assert said in " ".join(feeling_sentences(verdicts, words))

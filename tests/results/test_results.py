@@ -46,7 +46,7 @@ RESULTS = Results(
     ),
     intervals=(INTERVAL,), contrast=(), boundaries=(BOUNDARY,), zoom={"wäll/1~": (9.0, 11.0)},
     close=(), verdicts=(), passivity=None, coupling=None, band=None, design=None, sensitivity=None,
-    comparison=None, ladder=None, diagnostics=None, checks=None,
+    comparison=None, band_pairs=None, ladder=None, diagnostics=None, checks=None,
     skipped=(Skipped("band law", "one environment"),),
 )  # fmt: skip
 SUMMARY = Findings(Overview((), ("one",)), (), ())

@@ -21,6 +21,7 @@ from percept.study.coupling import study_coupling
 from percept.study.device import Setup
 from percept.study.regions import SubjectPairs, laws_of
 from tests import DATASETS, LONG
+from tests.study.checked import table_of
 
 SHOWN = {"reference": False, "coupled": True}
 
@@ -394,3 +395,31 @@ def test_at_nyquist_all_curves_are_endless():
     for boundary in found.parts.boundaries_at(omega, ("VE1",)):
         assert np.isinf([boundary.lower[-1], boundary.upper[-1], boundary.reference[-1]]).all()
         assert np.isfinite([boundary.lower[:-1], boundary.upper[:-1]]).all()
+
+
+def compared(*, method="both", **inference):
+    """How the methods' bands differ in a study of eight subjects with a device."""
+    tables = {"device": {"mass": 1.0, "damping": 5.0, "period": 0.001}}
+    if inference.get("family") == "normal":
+        tables["model"] = {"pooling": "none", "prior": "reference"}
+    asked = {"method": method, "tolerance": 0.05, "seed": 7, **inference}
+    table = table_of(("k", "b"), subjects=8)
+    return Study(Sessions.from_frame(table), Scene(inference=asked, **tables)).parts.band_pairs
+
+
+def test_identical_methods_have_one_band_within_its_error() -> None:
+    """Under the reference prior without pooling the posterior is Eq. 15's t."""
+    pairs = compared(family="normal")
+    assert {pair.kind for pair in pairs} == {"mean", "user", "share"}
+    for pair in pairs:
+        for difference in (pair.place, pair.width):
+            assert abs(difference.largest) <= 5.0 * difference.error + 1e-9
+            assert abs(difference.median) <= 5.0 * difference.median_error + 1e-9
+            assert difference.error < 0.05
+
+
+def test_bands_of_the_hierarchical_model_differ() -> None:
+    pairs = compared()
+    assert {pair.family for pair in pairs} == {"lognormal"}
+    assert any(abs(pair.width.largest) > 5.0 * pair.width.error for pair in pairs)
+    assert compared(method="classical") is None
