@@ -6,6 +6,7 @@ import argparse
 import inspect
 from collections.abc import Callable
 from pathlib import Path
+from sys import stderr
 from typing import TYPE_CHECKING
 
 from percept.commands import JSON, Command, argument, flag, folder, number
@@ -80,7 +81,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     """Write DIR/coverage.md and coverage.csv; an interrupted run goes on from judged.jsonl."""
     import pandas as pd
 
-    from percept.calibration.advice import ADVICE_FILE, gather
+    from percept.calibration.advice import ADVICE_FILE, expected_minutes, gather
     from percept.calibration.coverage import coverage, coverage_markdown
     from percept.provenance import made_by
 
@@ -96,6 +97,11 @@ def _calibrate(arguments: argparse.Namespace) -> None:
             working.show(f"{done} of {total} studies", done, total)
 
         if arguments.advice:
+            if not arguments.quiet:
+                print(
+                    f"This takes about {expected_minutes(plans):.0f} minutes of one core.",
+                    file=stderr,
+                )
             table = gather(tuple(plans), checkpoint, mapper=mapper, progress=told)
             table.to_csv(out / ADVICE_FILE, index=False)
             print(out / ADVICE_FILE)

@@ -134,7 +134,8 @@ def screen(
     family: str,
 ) -> Iterator[Notice]:
     """Warn of what is seldom meant. Nothing is left out: that is for the analyst to declare."""
-    yield from _mistyped(table, quantities, place)
+    for slip in slips(table, quantities):
+        yield Notice(f"{slip.text}: mistyped?", column=f"{slip.parameter}_adj", **place(slip.index))
     yield from _single_trials(table)
     for quantity in quantities:
         yield from _without_logarithm(table, quantity.name, place, family)
@@ -155,15 +156,6 @@ def _empty_cells(table: pd.DataFrame) -> Iterator[Notice]:
     if lacking:
         has = "has" if len(lacking) == 1 else "have"
         yield Notice(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")
-
-
-def _mistyped(
-    table: pd.DataFrame, quantities: Iterable[Quantity], place: Places
-) -> Iterator[Notice]:
-    """Warn of values that look mistyped."""
-    for slip in slips(table, quantities):
-        text = f"{slip.text}: mistyped?"
-        yield Notice(text, column=f"{slip.parameter}_adj", **place(slip.index))
 
 
 def _without_logarithm(

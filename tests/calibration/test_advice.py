@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pandas as pd
@@ -151,6 +152,7 @@ def covered(**held: tuple[float, float]) -> pd.DataFrame:
         # Neither does: the one that covers more.
         (
             covered(bayesian=(0.96, 0.99), classical=(0.99, 0.97)),
+            "Neither method keeps its level for damping in VE1. "
             "For damping in VE1 use the classical interval of the next user: it covers 97.00 ± "
             "0.10 % of "
             "normal users where 99 % is stated. The Bayesian one covers 96.00 ± 0.10 % of users "
@@ -168,8 +170,23 @@ def test_the_truth_a_method_covers_least_decides(table: pd.DataFrame, text: str)
     intervals = pd.DataFrame(rows, columns=["method", "family", "lower", "upper"]).assign(
         environment="VE1", parameter="b", kind="user", joint="marginal"
     )
-    assert list(_sentences(table, intervals, IMPEDANCE)) == [text]
+    assert " ".join(_sentences(table, intervals, IMPEDANCE)) == text
     assert not list(_sentences(table[table["method"] == "classical"], intervals, IMPEDANCE))
+
+
+def test_a_noisier_estimate_is_not_forgiven_more() -> None:
+    """The Bayesian one covers less than the classical one, and only its error is larger."""
+    table = covered(bayesian=(0.985, 0.99), classical=(0.986, 0.99))
+    table.loc[table["method"] == "bayesian", "error"] = 0.003
+    rows = [("bayesian", "lognormal", 0.0, 2.0), ("classical", "normal", 0.0, 1.0)]
+    intervals = pd.DataFrame(rows, columns=["method", "family", "lower", "upper"]).assign(
+        environment="VE1", parameter="b", kind="user", joint="marginal"
+    )
+    (text,) = _sentences(table, intervals, IMPEDANCE)
+    assert text.startswith("For damping in VE1 use the classical interval")
+    # Both have errors so small that neither keeps its level.
+    text, _ = _sentences(table.assign(error=1e-4), intervals, IMPEDANCE)
+    assert text == "Neither method keeps its level for damping in VE1."
 
 
 def test_a_study_that_cannot_be_simulated_has_theory_alone() -> None:
@@ -212,6 +229,11 @@ def test_calibrate_writes_what_compare_recommends_by(
             ]  # fmt: skip
             lines += [json.dumps({"plan": key, "index": i, "judged": judged}) for i in range(count)]
     (out / "judged.jsonl").write_text("\n".join(lines) + "\n")
+    loud = [word for word in words if word != "--quiet"]
+    assert main(["calibrate", *loud, "--advice", "--workers", "1", "--out", str(out)]) == 0
+    said = capsys.readouterr()
+    assert re.search(r"This takes about \d+ minutes of one core\.", said.err)
+    assert said.out.strip() == str(out / ADVICE_FILE)
     assert main(["calibrate", *words, "--advice", "--workers", "1", "--out", str(out)]) == 0
     assert capsys.readouterr().out.strip() == str(out / ADVICE_FILE)
     assert main(["compare", *words, "--coverage", str(out)]) == 0
