@@ -10,12 +10,21 @@ from sys import stderr
 from typing import TYPE_CHECKING
 
 from percept.commands import JSON, Command, argument, flag, folder, number
-from percept.commands.analysis import STUDY, WORKERS, Working, open_mapper, open_study, print_json
-from percept.errors import UsageError
+from percept.commands.analysis import (
+    STUDY,
+    WORKERS,
+    Working,
+    open_mapper,
+    open_study,
+    print_json,
+    show,
+)
+from percept.errors import RefusalError, UsageError
 
 if TYPE_CHECKING:
     from percept.calibration.judge import CoveragePlan
     from percept.planning import Plan
+    from percept.results import Verdict
 
 __all__ = ["CALIBRATE", "PLAN", "SBC"]
 
@@ -23,6 +32,8 @@ _KINDS = ("mean", "user", "share")
 # Options that not every kind has.
 _OF_SOME_KINDS = ("half_width", "sd", "family", "ratio", "level", "share", "confidence")
 
+# Arguments of a study that plans have in a form of their own.
+_OF_PLANS = ("sessions", "--level", "--family")
 _SOURCES = {"fit": "the values fitted to it", "prior": "the prior"}
 _REFITTED = {
     "classical": "the classical method",
@@ -47,6 +58,11 @@ _CURVES = """ Curves belong to a device of {mass:g} kg and {damping:g} N·s/m at
 
 def _plan(arguments: argparse.Namespace) -> None:
     """Print the smallest number of subjects and what it promises."""
+    if arguments.decide:
+        _decide(arguments)
+        return
+    if arguments.sessions:
+        raise UsageError("sessions are for --decide.", hint="Add --decide, or leave them out.")
     from percept.planning import plan_mean, plan_share, plan_user
     from percept.results.plain import plain
 
@@ -68,6 +84,46 @@ def _plan(arguments: argparse.Namespace) -> None:
         print_json({**plain(plan), "covers": plan.covers})
     else:
         print(plan.covers)
+
+
+def _decide(arguments: argparse.Namespace) -> None:
+    """Print how many more subjects would decide each verdict of a study."""
+    if not arguments.sessions:
+        raise UsageError("--decide needs the sessions of a study.")
+    with Working("judging", shown=not arguments.quiet) as progress:
+        study = open_study(arguments, progress)
+        verdicts = study.verdicts
+        progress.stop()
+    if not verdicts:
+        raise RefusalError(
+            "there is no verdict to decide.", hint="A scene with a device lets percept judge."
+        )
+    if arguments.json:
+        print_json({"verdicts": verdicts})
+        return
+    subjects = study.scene.study.subject[1]
+    for verdict in verdicts:
+        rendered = "through the coupling" if verdict.coupled else "directly"
+        show(f"{verdict.environment}, {rendered}: {_needed(verdict, subjects)}")
+
+
+def _needed(verdict: Verdict, subjects: str) -> str:
+    """Say how many more subjects would decide a verdict, or why there is no number."""
+    more = verdict.more
+    if verdict.outcome != "too little data":
+        return verdict.outcome
+    classical = verdict.classical
+    if classical is not None and classical.outcome != "too little data":
+        return f"too little data; the classical method decides already: {classical.outcome}"
+    if more is None:
+        return f"too little data; the {subjects}' values have no joint law to plan by"
+    if more.subjects is None:
+        return f"too little data; more than {more.most:,} more {subjects} would be needed"
+    error = f"{more.lower:,} to {more.upper:,}" if more.upper else f"{more.lower:,} or more"
+    return (
+        f"too little data; {more.subjects:,} more {subjects} ({error} within the Monte Carlo error)"
+        f" would decide with probability {more.probability:.2f} ± {more.error:.2f}"
+    )
 
 
 def _refuse(kind: str, what: str, names: list[str]) -> None:
@@ -210,7 +266,7 @@ def _sbc(arguments: argparse.Namespace) -> None:
 
 
 PLAN = Command(
-    "How many subjects the next study needs for an interval of a wanted width.",
+    "How many subjects the next study needs for an interval of a wanted width, or for verdicts.",
     "percept plan --kind mean --half-width 0.1 --sd 0.2 --family lognormal",
     (
         argument("--kind", None, "what the interval covers (mean)", choices=_KINDS, default="mean"),
@@ -227,6 +283,9 @@ PLAN = Command(
         number("--share", "X", "kind share: share of users held (0.99)"),
         number("--confidence", "X", "kind share: confidence (0.95)"),
         number("--assurance", "X", "probability of the width (0.8)", default=0.8),
+        flag("--decide", "how many more subjects would decide what is undecided in the sessions"),
+        argument("sessions", "PATH", "with --decide: session files or folders", nargs="*"),
+        *(option for option in STUDY if option.name not in _OF_PLANS),
         JSON,
     ),
     _plan,

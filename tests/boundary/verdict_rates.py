@@ -72,7 +72,7 @@ class Rates:
 
 def rates_of(outcomes):
     """Shares of outcomes in a list."""
-    count = len(outcomes)
+    count = max(1, len(outcomes))
     return Rates(count, outcomes.count("feels real") / count, outcomes.count("does not") / count)
 
 

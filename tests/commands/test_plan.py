@@ -28,6 +28,32 @@ def test_options_reach_the_plan_of_their_kind(words, plan, capsys):
     assert (printed["n"], printed["share"], printed["covers"]) == (plan.n, plan.share, plan.covers)
 
 
+def test_undecided_verdicts_come_with_the_subjects_that_decide_them(tmp_path, capsys):
+    rows = ["510,1.9", "470,2.4", "560,1.7", "520,2.6", "450,2.1"]
+    lines = [f"S{i},soft,500,2,{row}" for i, row in enumerate(rows)]
+    head = "subject,environment,k_ref,b_ref,k_adj,b_adj"
+    data = tmp_path / "walls.csv"
+    data.write_text("\n".join([head, *lines, ""]))
+    scene = tmp_path / "scene.toml"
+    device = "[device]\nmass = 0.5\ndamping = 5.0\nperiod = 0.001\n"
+    scene.write_text(f"coupling = {{ stiffness = 3e3, damping = 20.0 }}\n{device}")
+    words = ["plan", str(data), "--scene", str(scene), "--method", "classical", "--decide"]
+    assert main([*words, "--quiet", "--json"]) == 0
+    (direct, coupled) = json.loads(capsys.readouterr().out)["verdicts"]
+    assert main([*words, "--quiet"]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0].startswith("soft, directly: ")
+    assert coupled["outcome"] == "too little data"
+    more = coupled["more"]["subjects"]
+    assert printed[1].startswith(
+        f"soft, through the coupling: too little data; {more} more subject"
+    )
+    assert direct["outcome"] in printed[0]
+    scene.write_text("")
+    assert main([*words, "--quiet"]) == 1
+    assert "there is no verdict to decide" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -37,6 +63,8 @@ def test_options_reach_the_plan_of_their_kind(words, plan, capsys):
         ("--kind user --ratio 1.1 --sd 3", "kind user has no use for --sd."),
         ("--kind share --ratio 1.1 --level 0.9", "kind share has no use for --level."),
         ("--kind share --ratio 0.9", "ratio must be above 1"),
+        ("--decide", "--decide needs the sessions of a study."),
+        ("walls.csv --kind user --ratio 1.1", "sessions are for --decide."),
     ],
 )
 def test_options_of_another_kind_are_refused(words, message, capsys):
