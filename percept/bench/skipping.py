@@ -59,11 +59,11 @@ STAGES = (
     "regions",
     "curve_laws",
     "boundaries",
-    "sensitivity",
+    "device_map",
     "coupling",
     "users",
     "verdicts",
-    "coupling_design",
+    "coupling_map",
     "band",
 )
 

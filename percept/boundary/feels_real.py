@@ -8,7 +8,7 @@ draws hold the display and others not.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import dataclasses
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -16,20 +16,30 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import elementwise
 
-from percept.boundary.users import DiscIntegral, Users, choose_integral, share_within
-from percept.haptics.containment import plane_departures
+from percept.boundary.users import (
+    DiscIntegral,
+    MagnitudeRanges,
+    Users,
+    by_integral,
+    choose_integral,
+    magnitude_ranges,
+    share_within,
+)
+from percept.haptics.containment import Range, plane_departures
 from percept.haptics.impedance import warp
 from percept.haptics.perceived import DistancePlane, Point, shown_element
-from percept.haptics.records import Display
+from percept.haptics.records import Coupling, Display
 from percept.html import NotebookRecord
 
 __all__ = [
+    "CouplingJudge",
     "Evidence",
     "Feeling",
     "Margins",
     "MarginsAt",
     "feels_real",
     "judge",
+    "rough_probability",
     "search_grid",
     "search_margins",
 ]
@@ -64,11 +74,9 @@ _UNSURE_BELOW = 0.1
 _CLEAR = 2.0
 #: Values of (draws, frequencies, nodes) computed at once: their temporaries fit into 8 MB each.
 _PASS = 1 << 20
-#: Populations that show how the integral is best taken: it depends on the frequency far more.
-_TRIED = 8
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Evidence(NotebookRecord):
     """Posterior probability that a display feels real at every omega of a range."""
 
@@ -134,6 +142,36 @@ def feels_real(
         stop = min(2 * stop, users.size)
 
 
+def rough_probability(display: Display, users: Users, omega: Array, *, level: float) -> float:
+    """Return the share of draws under which a display feels real, without a search between omega.
+
+    Parameters
+    ----------
+    display : Display
+        One environment, directly or through a coupling.
+    users : Users
+        D populations.
+    omega : ndarray, shape (M,)
+        rad/s, dense where margins dip.
+    level : float
+        Share of all users that a central range holds.
+
+    Returns
+    -------
+    float
+        For maps: shares of users are known to some ten-thousandths.
+    """
+    ranges = users.central_ranges(level)
+    departures = plane_departures(display, ranges, omega[0], omega[-1])
+    (inside,) = np.nonzero(departures.largest <= 0.0)
+    if not inside.size:
+        return 0.0
+    some = users.select(inside)
+    margins = MarginsAt(display, some, omega, level, _FIRST_ACCURACY).of(some)
+    least = margins.min(axis=1)
+    return np.count_nonzero(least >= 0.0) / users.size
+
+
 def _evidence(judged: list[Margins], inside_plane: Flags, omega: Array) -> Evidence:
     """Count the draws under which a display feels real."""
     least = np.concatenate([margins.least for margins in judged])
@@ -175,7 +213,7 @@ def search_grid(lower: float, upper: float, resonances: Array, half_widths: Arra
     return np.unique(np.concatenate([even, inside]))
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class _Disc:
     """Around where abs(Z_h) vanishes, through what is displayed, at frequencies (M,)."""
 
@@ -225,9 +263,9 @@ class MarginsAt:
         self._disc = _Disc.of(display, omega)
         self._level = level
         # The difference that settled is the error of half the nodes.
-        chosen = choose_integral(_few(like), self._disc.plane, self._disc.radius, accuracy)
+        chosen = choose_integral(like.few(), self._disc.plane, self._disc.radius, accuracy)
         halved = [integral._replace(nodes=integral.nodes // 2) for integral in chosen]
-        self._integrals = _frequencies_of(halved)
+        self._integrals = by_integral(halved)
 
     def of(self, users: Users) -> Array:
         """Return the margins (D, M) of populations."""
@@ -242,15 +280,10 @@ class MarginsAt:
         return margins
 
 
-def _few(users: Users) -> Users:
-    step = max(1, users.size // _TRIED)
-    return users.select(slice(None, None, step)).column()
-
-
 def search_margins(display: Display, users: Users, omega: Array, level: float) -> Margins:
     """Look at every frequency of `omega` (M,), and between those where a margin dips."""
     disc = _Disc.of(display, omega)
-    exact = _frequencies_of(choose_integral(_few(users), disc.plane, disc.radius))
+    exact = by_integral(choose_integral(users.few(), disc.plane, disc.radius))
     margins = MarginsAt(display, users, omega, level, _FIRST_ACCURACY).of(users)
     unsure = np.abs(margins) < _UNSURE_BELOW
     for integral, frequencies in exact.items():
@@ -268,14 +301,6 @@ def search_margins(display: Display, users: Users, omega: Array, level: float) -
             # A flat dip, which the next integral would not show, has no bracket and no result.
             np.fmin.at(least, draw, found)
     return Margins(margins, least)
-
-
-def _frequencies_of(integrals: list[DiscIntegral]) -> dict[DiscIntegral, Flags]:
-    """Say for each integral at which frequencies (M,) it is taken."""
-    return {
-        integral: np.array([other == integral for other in integrals])
-        for integral in set(integrals)
-    }
 
 
 def _dips(margins: Array) -> Flags:
@@ -313,3 +338,92 @@ def _search_dips(
             tolerances={"xatol": _DIP_PLACE, "fatol": _DIP_MARGIN, "xrtol": 0.0, "frtol": 0.0},
         )
     return np.asarray(lowest.f_x)
+
+
+class CouplingJudge:
+    """Judges many couplings of one environment under the same draws of its users.
+
+    Central ranges of abs(Z_h) are worked out once; then each coupling is a matter of comparisons.
+    Dips between the frequencies are not searched: `feels_real` does so for single couplings.
+
+    Parameters
+    ----------
+    display : Display
+        The environment and the device; a coupling of its own is passed over.
+    users : Users
+        D populations.
+    omega : ndarray, shape (M,)
+        rad/s, increasing, from `percept.boundary.feels_real.search_grid`.
+    level : float
+        Share of all users that a central range holds.
+    """
+
+    def __init__(self, display: Display, users: Users, omega: Array, *, level: float) -> None:
+        self._display = display
+        self._users = users
+        self._omega = omega
+        self._level = level
+        self._boxes = users.central_ranges(level)
+        grid = warp(omega, display.period)
+        mass = display.environment.mass
+        self._plane = DistancePlane.of(grid, display.device, display.hold, mass).flat()
+        # Ranges of abs(Z_h), the most work, are for draws that k and b do not rule out.
+        self._ranged = np.zeros(users.size, dtype=bool)
+        lower = np.empty((users.size, omega.size))
+        upper = np.empty_like(lower)
+        self._ranges = MagnitudeRanges(lower, upper)
+
+    def probabilities(self, couplings: Coupling) -> Array:
+        """Return the share of draws under which each coupling feels real.
+
+        Parameters
+        ----------
+        couplings : Coupling
+            Of C stiffnesses, N/m, and dampings, N·s/m.
+
+        Returns
+        -------
+        ndarray, shape (C,)
+        """
+        display = dataclasses.replace(self._display, coupling=couplings)
+        grid = warp(self._omega[:, None], display.period)
+        shown = shown_element(grid, display)
+        stiffness, damping = np.broadcast_arrays(shown.stiffness, shown.damping)
+        inside = self._inside_plane(stiffness, damping)
+        (rows,) = np.nonzero(inside.any(axis=1))
+        (draws,) = np.nonzero(inside.any(axis=0))
+        known = self._ranged[draws]
+        self._work_out(draws[~known])
+        cells = np.ix_(rows, draws)
+        kept = inside[cells]
+        for index in range(self._omega.size):
+            there = self._plane.select(np.array([index]))
+            displayed = Point(stiffness[index, rows], damping[index, rows])
+            radius = there.distance(displayed)[:, None]
+            kept &= radius >= self._ranges.lower[draws, index]
+            kept &= radius <= self._ranges.upper[draws, index]
+        counts = kept.sum(axis=1)
+        probabilities = np.zeros(len(inside))
+        probabilities[rows] = counts / self._users.size
+        return probabilities
+
+    def _inside_plane(self, stiffness: Array, damping: Array) -> Flags:
+        """Say under which draws what is shown, (M, C), lies in the ranges of k and b, (C, D)."""
+        by_stiffness = _stays_in(stiffness, self._boxes.stiffness)
+        by_damping = _stays_in(damping, self._boxes.damping)
+        return by_stiffness & by_damping
+
+    def _work_out(self, draws: Indices) -> None:
+        """Work out the ranges of abs(Z_h) of some draws."""
+        if draws.size:
+            found = magnitude_ranges(self._users.select(draws), self._plane, self._level)
+            self._ranges.lower[draws] = found.lower
+            self._ranges.upper[draws] = found.upper
+            self._ranged[draws] = True
+
+
+def _stays_in(shown: Array, limits: Range) -> Flags:
+    """Say which columns of (M, C) stay in each of D ranges, (C, D)."""
+    least = shown.min(axis=0)[:, None]
+    most = shown.max(axis=0)[:, None]
+    return (least >= limits.low) & (most <= limits.high)

@@ -1,4 +1,4 @@
-"""Populations of users, and the share of them whose abs(Z_h) is at most what a display shows.
+"""Populations of users: the share of them below some abs(Z_h), and central ranges of abs(Z_h).
 
 A population is a normal law of (k, b), or of their logarithms. abs(Z_h) is a distance in the plane
 of (b, k/Omega), so the users with at most a given abs(Z_h) lie in a disc. The share is an integral
@@ -14,13 +14,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
+from scipy.optimize import elementwise
 
-from percept.haptics.containment import Boxes
+from percept.haptics.containment import Boxes, Range
 from percept.haptics.perceived import DistancePlane
 
-__all__ = ["DiscIntegral", "Users", "choose_integral", "share_within"]
+__all__ = [
+    "DiscIntegral", "MagnitudeRanges", "Users", "by_integral", "choose_integral",
+    "magnitude_ranges", "share_within",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 #: Beyond so many SDs lies less than 1e-12 of a population.
 _FARTHEST = 7.2
@@ -32,6 +37,19 @@ _ACCURACY = 1e-7
 #: Logarithms of a stiffness or damping of zero, and below: no user is there.
 _LEAST = np.finfo(np.float64).tiny
 _SQRT_2PI = float(np.sqrt(2.0 * np.pi))
+#: Accuracy of shares of users: most limits move by less than a hundredth of an SD.
+_SHARE_ACCURACY = 3e-4
+#: Accuracy of the logarithm of a limit, and of its normal score; a map shows no finer step.
+_LIMIT_ACCURACY = 1e-4
+_SCORE_ACCURACY = 1e-3
+#: Shares nearer to 0 or 1 than this count as this much: a normal score stays finite.
+_LEAST_SHARE = 1e-9
+#: Of the largest abs(Z_h) of users: below it lie next to none, also where abs(Z_h) can vanish.
+_LEAST_FRACTION = 1e-4
+#: Values of (limits, nodes) computed at once.
+_PASS = 1 << 20
+#: Populations that show how the integral is best taken: it depends on the frequency far more.
+_TRIED = 8
 #: Rows of a population's mean and SD.
 _STIFFNESS = 0
 _DAMPING = 1
@@ -74,6 +92,11 @@ class Users:
     def column(self) -> Users:
         """Return the same with a last axis of one, which frequencies broadcast against."""
         return self.select(None)
+
+    def few(self) -> Users:
+        """Return some of the populations, (n, 1), which show how the integral is best taken."""
+        step = max(1, self.size // _TRIED)
+        return self.select(slice(None, None, step)).column()
 
     def native(self, score: float, quantity: int) -> Array:
         """Return the stiffness (0) or damping (1) that lies `score` SDs from the mean, (D,)."""
@@ -231,3 +254,125 @@ def choose_integral(
             shares = finer[:, ~settled]
     pairs = zip(inner.tolist(), fewest.tolist(), strict=True)
     return [DiscIntegral(quantity, nodes) for quantity, nodes in pairs]
+
+
+def by_integral(integrals: list[DiscIntegral]) -> dict[DiscIntegral, NDArray[np.bool_]]:
+    """Say for each integral at which frequencies (M,) it is taken."""
+    return {
+        integral: np.array([other == integral for other in integrals])
+        for integral in set(integrals)
+    }
+
+
+class MagnitudeRanges(NamedTuple):
+    """Central ranges of abs(Z_h), N·s/m, of D populations at M frequencies."""
+
+    lower: Array  # (D, M)
+    upper: Array  # (D, M)
+
+
+def magnitude_ranges(users: Users, plane: DistancePlane, level: float) -> MagnitudeRanges:
+    """Return between which abs(Z_h) the central `level` of each population's users lie.
+
+    Parameters
+    ----------
+    users : Users
+        D populations.
+    plane : DistancePlane
+        Flat, of M frequencies.
+    level : float
+        Share of all users that a range holds.
+
+    Returns
+    -------
+    MagnitudeRanges
+        N·s/m, to about a ten-thousandth.
+    """
+    tail = 0.5 * (1.0 - level)
+    # Outside one of four such limits lie fewer users than in one tail of abs(Z_h).
+    boxes = users.central_ranges(1.0 - 0.5 * tail)
+    brackets = _brackets(boxes, plane)
+    edge = -float(special.ndtri(tail))
+    return MagnitudeRanges(
+        lower=_limit(users, plane, brackets, -edge),
+        upper=_limit(users, plane, brackets, edge),
+    )
+
+
+class _Brackets(NamedTuple):
+    """Logarithms of abs(Z_h) between which both limits lie, (D, M)."""
+
+    low: Array
+    high: Array
+
+
+def _brackets(boxes: Boxes, plane: DistancePlane) -> _Brackets:
+    """Return the smallest and the largest abs(Z_h) over the box of each population."""
+    column = Boxes(_column(boxes.stiffness), _column(boxes.damping))
+    extremes = column.extremes(plane)
+    farthest = plane.distance(extremes.farthest)
+    nearest = plane.distance(extremes.nearest)
+    least = _LEAST_FRACTION * farthest
+    low = np.log(np.maximum(nearest, least))
+    high = np.log(farthest)
+    return _Brackets(low, high)
+
+
+def _column(limits: Range) -> Range:
+    """Return limits with a last axis of one, which frequencies broadcast against."""
+    return Range(limits.low[:, None], limits.high[:, None])
+
+
+def _limit(users: Users, plane: DistancePlane, brackets: _Brackets, score: float) -> Array:
+    """Return the abs(Z_h) below which lie as many users as below a normal score, (D, M)."""
+    spans = brackets.low + brackets.high
+    log_middle = 0.5 * np.median(spans, axis=0)
+    middle = np.exp(log_middle)
+    chosen = choose_integral(users.few(), plane, middle, _SHARE_ACCURACY)
+    limit = np.empty_like(brackets.low)
+    for integral, frequencies in by_integral(chosen).items():
+        (columns,) = np.nonzero(frequencies)
+        step = max(1, _PASS // (columns.size * integral.nodes))
+        for start in range(0, users.size, step):
+            stop = min(start + step, users.size)
+            draws = np.arange(start, stop)
+            cells = np.ix_(draws, columns)
+            limit[cells] = _solve(users, plane, brackets, score, integral, cells)
+    return limit
+
+
+def _solve(
+    users: Users,
+    plane: DistancePlane,
+    brackets: _Brackets,
+    score: float,
+    integral: DiscIntegral,
+    cells: tuple[Indices, ...],
+) -> Array:
+    """Return the limits of some draws at some frequencies."""
+
+    def excess(log_radius: Array, draw: Array, column: Array) -> Array:
+        some = users.select(draw.astype(np.intp))
+        there = plane.select(column.astype(np.intp))
+        radius = np.exp(log_radius)
+        shares = share_within(some, there, radius, integral)
+        most = 1.0 - _LEAST_SHARE
+        bounded = np.clip(shares, _LEAST_SHARE, most)
+        return np.asarray(special.ndtri(bounded) - score)
+
+    low = brackets.low[cells]
+    draw, column = np.broadcast_arrays(*cells)
+    root = elementwise.find_root(
+        excess,
+        (low, brackets.high[cells]),
+        args=(draw.astype(float), column.astype(float)),
+        tolerances={
+            "xatol": _LIMIT_ACCURACY,
+            "fatol": _SCORE_ACCURACY,
+            "xrtol": 0.0,
+            "frtol": 0.0,
+        },
+    )
+    # Without a change of sign next to no user lies between the low end and the limit.
+    found = np.where(root.success, root.x, low)
+    return np.exp(found)

@@ -4,45 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.haptics.arrays import BoolArray, FloatArray, complex_from, ratio
+from percept.haptics.arrays import BoolArray, FloatArray, complex_from
 from percept.haptics.containment import (
     ON_LIMIT,
     Boxes,
-    Departures,
-    PlaneDepartures,
     departures,
     plane_departures,
 )
 from percept.haptics.envelope import magnitude_envelope
-from percept.haptics.impedance import device_impedance, device_parts, environment_impedance, warp
+from percept.haptics.impedance import device_impedance, environment_impedance, warp
 from percept.haptics.impedance import hold as zero_order_hold
-from percept.haptics.limits import stable_stiffness
+from percept.haptics.limits import largest_coupling_damping, stable_stiffness
 from percept.haptics.records import AnyDevice, Coupling, Display, Environment
-from percept.haptics.search import Intervals, search_grid, section_minimum, where_positive
-from percept.haptics.stability import demands
+from percept.haptics.search import Intervals, section_minimum, where_positive
 from percept.html import NotebookRecord
 
 __all__ = [
-    "BINDING_STEP",
-    "MAP_ACCURACY",
     "CouplingDesign",
     "EnvironmentBoundary",
-    "QualifyingCoupling",
     "QualifyingRegion",
     "design_couplings",
 ]
 
-#: An edge of the map is pulled inside by this fraction of k_c, and then checked.
-MAP_ACCURACY = 1e-3
+# An edge of the map is pulled inside by this fraction of k_c, and then checked.
+_OUTLINE = 1e-3
 # A single coupling is pulled inside by less, and then checked.
 _INSIDE = 1e-4
-#: Beyond the edge by this fraction of k_c a coupling shows what binds.
-BINDING_STEP = 2e-3
 # Of an interval of k_c both ends and the middle are checked.
 _FRACTIONS = np.array([0.0, 0.5, 1.0])
 # Below a lower limit a difference from it is negative, beyond an upper limit positive.
@@ -64,23 +55,6 @@ class EnvironmentBoundary:
     damping: tuple[float, float]  # Of b, N·s/m
 
 
-@dataclass(frozen=True)
-class QualifyingCoupling(NotebookRecord):
-    """A coupling that was checked at every ω of the range.
-
-    Departures are the largest over the range and all boundaries, negative inside.
-    """
-
-    stiffness: float  # k_c, N/m
-    damping: float  # b_c, N·s/m
-    magnitude: float  # Departure of abs(Z_h_vc), the logarithm of a ratio
-    magnitude_omega: float  # Where, rad/s
-    plane: float  # Departure of effective stiffness and damping, in widths of their limits
-    plane_omega: float
-    # What fails `BINDING_STEP` beyond it: "stability", "magnitude", "plane".
-    binds: tuple[str, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class QualifyingRegion(NotebookRecord):
     """Every (k_c, b_c) that is stable and inside, one line of b_c at a time."""
@@ -88,8 +62,8 @@ class QualifyingRegion(NotebookRecord):
     damping: FloatArray = field(repr=False)  # (n,) b_c of each line, N·s/m
     intervals: tuple[FloatArray, ...] = field(repr=False)  # Per line (m, 2), low and high k_c, N/m
     # By k_c, searched between the lines too; None where nothing qualifies.
-    largest: QualifyingCoupling | None
-    softest: QualifyingCoupling | None
+    largest: Coupling | None
+    softest: Coupling | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,13 +133,9 @@ def design_couplings(
 
 def _usual_lines(device: AnyDevice, period: float, hold: str) -> FloatArray:
     """Return b_c from 0 to the largest that is stable at all."""
-    grid = warp(search_grid(device, period), period)
-    available, _ = device_parts(grid, device)
-    viscous, _ = demands(grid, hold)
-    limits = ratio(available, viscous, empty=np.inf)
     even = np.linspace(0, 1, _LINES)
     by_logarithm = np.geomspace(1e-4, 1, _LINES)
-    largest = max(float(limits.min()), 0.0)
+    largest = largest_coupling_damping(device, period, hold)
     return largest * np.concatenate([even, by_logarithm])
 
 
@@ -181,7 +151,7 @@ class _CouplingSearch:
     def region(self, lines: FloatArray) -> QualifyingRegion:
         """Return what is left on lines of b_c, with the ends of all."""
         for _ in range(_ROUNDS):
-            intervals = self._intervals(lines).inset(MAP_ACCURACY)
+            intervals = self._intervals(lines).inset(_OUTLINE)
             line, column = np.nonzero(intervals.kept)
             if not line.size:
                 break
@@ -207,14 +177,15 @@ class _CouplingSearch:
     def _passing(self, couplings: Coupling) -> BoolArray:
         return np.logical_and.reduce([wall.passes(couplings) for wall in self.walls])
 
-    def _end(self, lines: FloatArray, *, softest: bool) -> QualifyingCoupling | None:
+    def _end(self, lines: FloatArray, *, softest: bool) -> Coupling | None:
         """Return the coupling with the largest k_c, or the softest, that passes."""
         for _ in range(_ROUNDS):
             best = self._extreme(lines, softest=softest)
             if best is None:
                 return None
             if self._passing(best)[0]:
-                return self._described(best, softest=softest)
+                stiffness = np.asarray(best.stiffness).item()
+                return Coupling(stiffness, np.asarray(best.damping).item())
         return None
 
     def _extreme(self, lines: FloatArray, *, softest: bool) -> Coupling | None:
@@ -237,40 +208,6 @@ class _CouplingSearch:
         damping = candidates[int(cost(candidates).argmin())]
         intervals = self._intervals(damping).inset(_INSIDE)
         return Coupling(intervals.smallest() if softest else intervals.largest(), damping)
-
-    def _described(self, best: Coupling, *, softest: bool) -> QualifyingCoupling:
-        """Say how deep inside a coupling is, and what binds it."""
-        stiffness = np.asarray(best.stiffness)
-        damping = np.asarray(best.damping)
-        beyond = stiffness * (1.0 - BINDING_STEP if softest else 1.0 + BINDING_STEP)
-        pair = Coupling(np.append(stiffness, beyond), np.append(damping, damping))
-        by_wall = [wall.departures(pair) for wall in self.walls]
-        stable = stable_stiffness(self.device, damping, self.period, self.hold)
-        binds = []
-        if beyond[0] > stable[0]:
-            binds.append("stability")
-        if any(wall.magnitude.largest[1] > ON_LIMIT for wall in by_wall):
-            binds.append("magnitude")
-        if any(wall.plane.largest[1] > ON_LIMIT for wall in by_wall):
-            binds.append("plane")
-        magnitude = max(by_wall, key=lambda wall: wall.magnitude.largest[0]).magnitude
-        plane = max(by_wall, key=lambda wall: wall.plane.largest[0]).plane
-        return QualifyingCoupling(
-            stiffness=float(stiffness[0]),
-            damping=float(damping[0]),
-            magnitude=float(magnitude.largest[0]),
-            magnitude_omega=float(magnitude.omega[0]),
-            plane=float(plane.largest[0]),
-            plane_omega=float(plane.omega[0]),
-            binds=tuple(binds),
-        )
-
-
-class _WallDepartures(NamedTuple):
-    """How far couplings leave one boundary."""
-
-    magnitude: Departures
-    plane: PlaneDepartures
 
 
 class _Wall:
@@ -295,22 +232,18 @@ class _Wall:
         # Without a mass effective stiffness and damping are monotone in ω: both ends tell all.
         self._plane_omega = np.array(frequencies)
 
-    def departures(self, couplings: Coupling, *, throughout: bool = False) -> _WallDepartures:
-        """Return the largest departures of couplings (n,)."""
+    def passes(self, couplings: Coupling) -> BoolArray:
+        """Say which couplings stay inside at all ω; where others leave is cut from now on."""
         limits = self._boundary.stiffness, self._boundary.damping
         boxes = Boxes.of(*limits, count=np.size(couplings.stiffness))
         display = replace(self._display, coupling=couplings)
-        magnitude = departures(display, boxes, *self._frequencies, throughout=throughout)
-        return _WallDepartures(magnitude, plane_departures(display, boxes, *self._frequencies))
-
-    def passes(self, couplings: Coupling) -> BoolArray:
-        """Say which couplings stay inside at all ω; where others leave is cut from now on."""
-        departed = self.departures(couplings, throughout=True)
-        leaves_magnitude = departed.magnitude.largest > ON_LIMIT
-        leaves_plane = departed.plane.largest > 0.0
-        omega = _thinned(departed.magnitude.omega[leaves_magnitude])
+        magnitude = departures(display, boxes, *self._frequencies, throughout=True)
+        plane = plane_departures(display, boxes, *self._frequencies)
+        leaves_magnitude = magnitude.largest > ON_LIMIT
+        leaves_plane = plane.largest > 0.0
+        omega = _thinned(magnitude.omega[leaves_magnitude])
         self._magnitude_omega = np.union1d(self._magnitude_omega, omega)
-        omega = _thinned(departed.plane.omega[leaves_plane])
+        omega = _thinned(plane.omega[leaves_plane])
         self._plane_omega = np.union1d(self._plane_omega, omega)
         return ~(leaves_magnitude | leaves_plane)
 

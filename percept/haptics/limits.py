@@ -30,6 +30,7 @@ __all__ = [
     "PassivityDamping",
     "StableRegion",
     "best_coupling_damping",
+    "largest_coupling_damping",
     "max_coupling_stiffness",
     "passivity_damping",
     "stable_region",
@@ -174,6 +175,35 @@ def stable_stiffness(device: AnyDevice, b_c: FloatArray, period: float, hold: st
 
     least = lowest(limits, search_grid(device, period), lines.size)
     return least.value.reshape(b_c.shape)
+
+
+def largest_coupling_damping(device: AnyDevice, period: float, hold: str) -> float:
+    """Return the largest b_c, N·s/m, with which any coupling is stable; 0 where none is.
+
+    Parameters
+    ----------
+    device : Device or TabulatedDevice
+        Known from DC to Nyquist.
+    period : float
+        Sampling period T, s.
+    hold : {"average", "true"}
+        Eq. 8, or the true zero-order hold.
+
+    Returns
+    -------
+    float
+        By a search over frequencies.
+
+    Raises
+    ------
+    UsageError
+        T not positive, an unknown hold.
+    """
+    grid = warp(search_grid(device, period), period)
+    available, _ = device_parts(grid, device)
+    viscous, _ = demands(grid, hold)
+    limits = ratio(available, viscous, empty=np.inf)
+    return max(float(limits.min()), 0.0)
 
 
 def stiffness_limits(

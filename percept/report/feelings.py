@@ -11,21 +11,17 @@ from percept.inference.record import percent
 from percept.report.numbers import bare, rounded
 from percept.report.select import (
     METHOD_NAMES,
-    METHODS,
     MOST_NAMED,
     Section,
     Words,
     distinct,
-    each_by_itself,
-    families_of,
-    first,
     listed,
     matching,
     words_of,
 )
-from percept.results import Membership, MoreSubjects, Results, Verdict
+from percept.results import MoreSubjects, Results, Verdict
 
-__all__ = ["RENDERED", "feeling_sentences", "feelings"]
+__all__ = ["RENDERED", "coupling_sentences", "feeling_sentences", "feelings", "probability_said"]
 
 #: How an environment is displayed, by whether it is through the coupling.
 RENDERED = {False: "directly", True: "through the coupling"}
@@ -35,7 +31,19 @@ _SAID = {
     "does not": ("{} does not feel real", "{} do not feel real"),
     "too little data": ("there is too little data on {}", "there is too little data on {}"),
 }
+#: From here on a probability in whole per cents would be 100.
+_ALMOST_CERTAIN = 0.995
+_KILO = 1e3  # N/m in kN/m
 _INSIDE = ("inside", "marginal", "outside")
+
+
+def probability_said(probability: float) -> str:
+    """Write a probability in whole per cents."""
+    if probability > _ALMOST_CERTAIN:
+        return "> 99 %"
+    if probability < 1.0 - _ALMOST_CERTAIN:
+        return "< 1 %"
+    return f"{100.0 * probability:.0f} %"
 
 
 def _said_probability(probability: float, decision: float) -> str:
@@ -198,6 +206,33 @@ def _disagreeing(judged: Sequence[Verdict], words: Words) -> list[str]:
     return [f"The classical method says otherwise: {'; '.join(parts)}."] if parts else []
 
 
+def coupling_sentences(results: Results) -> list[str]:
+    """Say between which stiffnesses couplings that are stable feel real, and where none does."""
+    design = results.design
+    if design is None:
+        return []
+    environments = words_of(results).environments
+    measure = "probability" if design.method == "bayesian" else "confidence"
+    sure = f"with {percent(design.decision)} {measure} or more"
+    spans = []
+    none = []
+    for row in design.environments:
+        if row.name is None:
+            continue
+        if row.softest is None or row.stiffest is None:
+            none.append(row.name)
+            continue
+        low = bare(rounded(row.softest.stiffness / _KILO, 2))
+        high = bare(rounded(row.stiffest.stiffness / _KILO, 2))
+        spans.append(f"{row.name} ({low} to {high} kN/m)")
+    others = listed(none) if len(none) <= MOST_NAMED else f"{len(none)} {environments}"
+    if not spans:
+        return [f"No stable coupling feels real in {others} {sure}."]
+    more = f" and {len(spans) - MOST_NAMED} more" if len(spans) > MOST_NAMED else ""
+    said = f"Stable couplings feel real in {listed(spans[:MOST_NAMED])}{more} {sure}"
+    return [f"{said}; none does in {others}." if none else f"{said}."]
+
+
 @dataclasses.dataclass(frozen=True)
 class PaperRule:
     """What the rule "curve between curves" says, and by which limits."""
@@ -241,14 +276,7 @@ def _paper_rule(results: Results) -> PaperRule | None:
     """Return what the rule "curve between curves" says, by the next user's exact envelope."""
     if results.coupling is None:
         return None
-    envelopes = matching(results.coupling.memberships, kind="user", shape="envelope")
-    main = [row for row in envelopes if each_by_itself(row)]
-    preferred: list[Membership] = []
-    for name in distinct(main, "environment"):
-        alike = matching(main, environment=name)
-        row = first(alike, method=METHODS[::-1], family=families_of(results))
-        if row is not None:
-            preferred.append(row)
+    preferred = matching(results.coupling.memberships, kind="user")
     if not preferred:
         return None
     environments = words_of(results).environments

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 
 from percept.report.cautions import cautions
 from percept.report.contrast import contrast_sentences
-from percept.report.feelings import RENDERED, feeling_sentences
+from percept.report.feelings import RENDERED, coupling_sentences, feeling_sentences
 from percept.report.select import (
     METHODS,
     Section,
@@ -57,7 +57,8 @@ def overview(results: Results) -> Overview:
     sentences += bias_sentences(rows, classical, results.data.quantities, words)
     if feelings := feeling_sentences(results.verdicts, words):
         sentences.append(" ".join(feelings))
-    sentences += _stability(results)
+    if about_coupling := [*_stability(results), *coupling_sentences(results)]:
+        sentences.append(" ".join(about_coupling))
     sentences += user_sentences(rows, results.data.quantities, words)
     # The next user's ranges answer where no device lets percept judge what feels real.
     most = contrasts + max(3, len(distinct(rows, "parameter")) + 2)

@@ -8,10 +8,9 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Generic, TypeVar
 
 from percept.boundary.band import size_name
-from percept.haptics.design import BINDING_STEP
 from percept.report.basis import checks, comparison, data, diagnostics, methods
 from percept.report.contrast import contrast
-from percept.report.feelings import feelings
+from percept.report.feelings import feelings, probability_said
 from percept.report.overview import first_screen
 from percept.report.select import (
     KINDS,
@@ -19,11 +18,13 @@ from percept.report.select import (
     Section,
     choice_said,
     chosen,
+    device_ranges,
     distinct,
     each_by_itself,
     families_of,
     family_of,
     first,
+    listed,
     matching,
     ordered,
     words_of,
@@ -103,9 +104,9 @@ def build_sections(results: Results, summary: Findings) -> list[Section]:
         boundaries(results),
         feelings(results),
         _part(results.passivity, "direct", "Passivity without a coupling"),
-        coupling(results),
-        design(results),
-        _part(results.sensitivity, "device", "Sensitivity to device mass and damping"),
+        _part(results.coupling, "coupling", "The virtual coupling"),
+        _part(results.design, "design", "Which couplings feel real"),
+        device(results),
         band(results),
         comparison(results),
         diagnostics(results),
@@ -300,31 +301,27 @@ def _short(values: Array) -> list[float | None]:
 
 
 @dataclasses.dataclass(frozen=True)
-class CouplingView:
-    """The section of the coupling."""
+class Devices:
+    """The section of other devices."""
 
-    memberships: Grid[Membership]  # By the exact envelope in the study's family
-    effective: list[Membership]  # One per environment
+    same: str  # Environments whose probability hardly moves, with its range
+    varying: list[str]
+    stable: bool  # Whether the coupling is stable with any of them
 
 
-def coupling(results: Results) -> Section | None:
-    """Return memberships in boundaries by the paper's rule, and what references become."""
-    if results.coupling is None:
+def device(results: Results) -> Section | None:
+    """Return what another mass or damping of the device would change."""
+    if results.sensitivity is None:
         return None
-    memberships = results.coupling.memberships
-    family = family_of(results)
-    envelopes = matching(memberships, shape="envelope", family=family)
-    main = [row for row in envelopes if each_by_itself(row)]
-    effective = list({row.environment: row for row in memberships}.values())
-    view = CouplingView(_grid(main, [family]), effective)
-    return Section("coupling", "The virtual coupling", view)
-
-
-def design(results: Results) -> Section | None:
-    """Return how far beyond a coupling shows what binds; the template reads the rest."""
-    if results.design is None:
-        return None
-    return Section("design", "Admissible couplings by the paper’s rule", BINDING_STEP)
+    ranges = device_ranges(results.sensitivity)
+    same = []
+    for found in ranges:
+        if not found.varies:
+            ends = [probability_said(end) for end in (found.low, found.high)]
+            same.append(f"{found.name} ({' to '.join(dict.fromkeys(ends))})")
+    varying = [found.name for found in ranges if found.varies]
+    view = Devices(same=listed(same), varying=varying, stable=bool(ranges))
+    return Section("device", "Another mass or damping of the device", view)
 
 
 @dataclasses.dataclass(frozen=True)

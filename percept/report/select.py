@@ -8,14 +8,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from percept.results import Nouns, Results
+from percept.results import DeviceMap, Nouns, Results
 from percept.sessions.quantities import IMPEDANCE
 
 __all__ = [
-    "KINDS", "METHODS", "METHOD_NAMES", "MOST_NAMED", "STATISTICS", "Section", "Words",
-    "choice_said", "chosen", "compared_by_difference", "distinct", "each_by_itself",
-    "families_of", "family_of", "first", "kind_names", "listed", "makes_impedance", "matching",
-    "ordered", "preferred_families", "title_of", "words_of",
+    "KINDS", "METHODS", "METHOD_NAMES", "MOST_NAMED", "STATISTICS", "DeviceRange", "Section",
+    "Words", "choice_said", "chosen", "compared_by_difference", "device_ranges", "distinct",
+    "each_by_itself", "families_of", "family_of", "first", "kind_names", "listed",
+    "makes_impedance", "matching", "ordered", "preferred_families", "title_of", "words_of",
 ]  # fmt: skip
 
 R = TypeVar("R")
@@ -24,6 +24,8 @@ R = TypeVar("R")
 _EACH_BY_ITSELF = ("marginal", "joint")
 KINDS = ("mean", "user", "share")
 METHODS = ("classical", "bayesian")
+#: A probability that moves by no more than this over all devices is not drawn.
+_VARIES = 0.05
 #: Statistics of the predictive check, in words.
 STATISTICS = {"mean": "mean", "sd": "SD", "farthest": "farthest {subject}"}
 METHOD_NAMES = {"classical": "classical", "bayesian": "Bayesian"}
@@ -156,6 +158,31 @@ def choice_said(names: Sequence[str], environments: str) -> str:
         f" {MOST_DRAWN} of {len(names)} {environments} are drawn, evenly spaced in their order. The"
         " tables hold all."
     )
+
+
+@dataclass(frozen=True)
+class DeviceRange:
+    """Between which probabilities an environment feels real, over the devices that are stable."""
+
+    name: str
+    low: float
+    high: float
+
+    @property
+    def varies(self) -> bool:
+        """Whether the device decides anything."""
+        return self.high - self.low > _VARIES
+
+
+def device_ranges(devices: DeviceMap) -> list[DeviceRange]:
+    """Return the range of each environment; none where the coupling is stable with no device."""
+    stable = np.array(devices.stable, dtype=bool)
+    ranges = []
+    if stable.any():
+        for environment in devices.environments:
+            kept = environment.probability[stable]
+            ranges.append(DeviceRange(environment.name, float(kept.min()), float(kept.max())))
+    return ranges
 
 
 def ordered(names: Iterable[str], records: Iterable[Any], field: str) -> list[str]:

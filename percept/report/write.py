@@ -36,8 +36,8 @@ _TABLES = (
     "verdicts",
 )
 _FIGURES = (
-    "overview_*", "boundaries", "ratios", "boundaries_close", "stability", "design", "band",
-    "band_*",
+    "overview_*", "boundaries", "ratios", "boundaries_close", "stability", "design", "device",
+    "band", "band_*",
 )  # fmt: skip
 #: What a report may write and replace.
 REPORT_FILES = FolderFiles(

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 
 from percept.haptics import Coupling, Device, corner_curves, required_damping
 from percept.haptics.impedance import coupling_admittance
 from percept.haptics.limits import stable_region
 from percept.haptics.stability import coupling_bound
 from percept.report.figures.canvas import COLOURS, Drawing, Frame, legend, log_scale, panels
-from percept.report.figures.couplings import CouplingMarks, draw_design
 from percept.report.figures.curves import Limits, draw_magnitude, draw_stability
 from percept.reproduce import devices
 from percept.reproduce.devices import (
@@ -24,8 +28,14 @@ from percept.reproduce.devices import (
 )
 from percept.reproduce.published import THEORETICAL, Array, Published, Wall
 
-__all__ = ["drawings"]
+__all__ = ["CouplingMarks", "draw_design", "drawings"]
 
+Segments = Sequence[Array]  # Per line of coupling damping: (n, 2) intervals of stiffness, N/m
+
+#: The axes of a map show at most this many times what qualifies.
+_BEYOND = 4.0
+_ROOM = 1.05  # factor on what an axis has to show
+_KILO = 1e3  # N/m in kN/m
 _PAIR = (86.0, 72.0)  # mm, width and height: two figures stand side by side
 # rad/s; the paper's axes reach past the device's resonances at 300
 _WIDE = np.geomspace(0.1, 1000.0, 241)
@@ -249,3 +259,109 @@ def _design(published: Published, adapted: Adapted) -> Drawing:
         (175.0, 16.0 + 52.0 * rows),
         draw,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class CouplingMarks:
+    """What a map shows beside the couplings that qualify."""
+
+    stable: tuple[Array, Array] | None = None  # Edge: stiffness, N/m, and damping, N·s/m
+    coupling: tuple[float, float] | None = None  # In use: stiffness, N/m, and damping, N·s/m
+
+
+def draw_design(
+    ax: Axes,
+    damping: Array,
+    intervals: Segments,
+    marks: CouplingMarks,
+) -> None:
+    """Draw the couplings that are stable and stay inside a boundary, by stiffness and damping.
+
+    Parameters
+    ----------
+    ax : Axes
+        To draw on.
+    damping : ndarray, shape (n,)
+        Coupling damping of each line, N·s/m.
+    intervals : sequence of ndarray, shape (m, 2)
+        Per line, the intervals of stiffness that qualify, N/m.
+    marks : CouplingMarks
+        What else is drawn.
+    """
+    if marks.stable is not None:
+        stiffness, edge_damping = marks.stable
+        ax.plot(
+            np.append(stiffness, stiffness[0]) / _KILO,
+            np.append(edge_damping, edge_damping[0]),
+            color=COLOURS["quiet"],
+            linewidth=0.8,
+            label="edge of the stable region",
+        )
+    boxes = _boxes(damping, intervals)
+    if len(boxes):
+        # left, right, bottom and top make the five corners of a closed box
+        corners = boxes[:, [[0, 2], [1, 2], [1, 3], [0, 3], [0, 2]]]
+        shade = PathPatch(
+            Path.make_compound_path_from_polys(corners),
+            color=COLOURS["coupled"],
+            alpha=0.35,
+            linewidth=0,
+            antialiased=False,  # smoothed edges would leave a light line where boxes touch
+            label="stable and inside the boundary",
+        )
+        # add_patch would look for the extent segment by segment; the ends are known.
+        ax.add_artist(shade)
+    else:
+        quiet = COLOURS["quiet"]
+        ax.text(0.5, 0.5, "none qualifies", ha="center", color=quiet, transform=ax.transAxes)
+    right, top = _map_ends(boxes, marks)
+    if marks.coupling is not None:
+        _draw_coupling(ax, *marks.coupling, right=right, top=top)
+    ax.set_xlim(0, right)
+    ax.set_ylim(0, top)
+    ax.set_xlabel("coupling stiffness (kN/m)")
+
+
+def _draw_coupling(ax: Axes, stiffness: float, damping: float, *, right: float, top: float) -> None:
+    """Mark the coupling in use; at the edge with its numbers where it lies beyond."""
+    own = (stiffness / _KILO, damping)
+    shown = (min(own[0], right), min(own[1], top))
+    ax.plot(
+        [shown[0]], [shown[1]], "X", markersize=5, color=COLOURS["warn"], label="coupling in use",
+        clip_on=False,
+    )  # fmt: skip
+    if shown != own:
+        text = f"at {own[0]:.4g} kN/m,\n{own[1]:.4g} N·s/m"
+        ax.annotate(
+            text, shown, xytext=(-6, -4), textcoords="offset points", ha="right", va="top",
+            fontsize=6,
+        )  # fmt: skip
+
+
+def _map_ends(boxes: Array, marks: CouplingMarks) -> tuple[float, float]:
+    """Return the ends of a map's axes: behind what qualifies, and behind marks that are near.
+
+    Stiffness is in kN/m, damping in N·s/m.
+    """
+    qualifying = boxes[:, [1, 3]].max(axis=0, initial=0.0)
+    marked = np.zeros(2)
+    if marks.coupling is not None:
+        marked = np.array([marks.coupling[0] / _KILO, marks.coupling[1]])
+    if marks.stable is not None:
+        stiffness, edge_damping = marks.stable
+        marked = np.maximum(marked, [stiffness.max() / _KILO, edge_damping.max()])
+    if qualifying.all():
+        marked = np.minimum(marked, _BEYOND * qualifying)
+    right, top = _ROOM * np.maximum(qualifying, marked)
+    return float(right or 1.0), float(top or 1.0)
+
+
+def _boxes(damping: Array, intervals: Segments) -> Array:
+    """Return left, right, bottom, top of a box per interval, half way to the next lines."""
+    halfway = (damping[1:] + damping[:-1]) / 2
+    edges = np.concatenate([damping[:1], halfway, damping[-1:]])
+    boxes: list[tuple[float, float, float, float]] = []
+    for line, segments in enumerate(intervals):
+        for low, high in segments:
+            boxes.append((low / _KILO, high / _KILO, edges[line], edges[line + 1]))
+    return np.array(boxes, dtype=float).reshape(-1, 4)

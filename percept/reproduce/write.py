@@ -14,8 +14,7 @@ import pandas as pd
 from markupsafe import Markup, escape
 
 from percept.files import FolderFiles, filled_folder, warned
-from percept.haptics import Device
-from percept.haptics.design import QualifyingCoupling
+from percept.haptics import Coupling, Device
 from percept.inference import prediction_interval, tolerance_interval
 from percept.provenance import made_by
 from percept.reproduce.claims_table import limits_printed
@@ -69,8 +68,8 @@ class _Suited:
     """The couplings that qualify for one environment, or for all of them."""
 
     environment: str
-    softest: QualifyingCoupling | None
-    stiffest: QualifyingCoupling | None
+    softest: Coupling | None
+    stiffest: Coupling | None
     tuned_qualifies: bool
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Literal
 
-from percept.haptics.design import QualifyingCoupling
 from percept.html import NotebookRecord
 from percept.results.data import Note
 from percept.results.fields import Array, Family, Feeling, Inside, Kind, Method
@@ -12,16 +12,16 @@ from percept.results.fields import Array, Family, Feeling, Inside, Kind, Method
 __all__ = [
     "AdmissibleCouplings",
     "Confidences",
+    "ConfirmedCoupling",
     "Coupling",
-    "CouplingMap",
+    "DeviceMap",
+    "DeviceProbabilities",
     "EnvironmentCouplings",
     "Leaning",
     "Membership",
     "MoreSubjects",
     "Passivity",
     "PosteriorEvidence",
-    "Sensitivity",
-    "StableEdge",
     "Verdict",
 ]
 
@@ -109,18 +109,16 @@ class Passivity:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Membership:
-    """Whether a reference, directly and through the coupling, stays inside a boundary at every ω.
+    """The paper's rule: whether a reference stays inside a boundary, directly and coupled.
 
     A departure is the largest over the range, negative inside: of abs(Z_h) as a fraction of the
-    boundary's curve, of effective (k, b) in widths of their limits.
+    exact envelope, of effective (k, b) in widths of their limits.
     """
 
     environment: str
     method: Method
-    kind: Kind
+    kind: Kind  # The next user where such intervals were asked for
     family: Family
-    joint: str
-    shape: str
     verdict_uncoupled: Inside
     departure_uncoupled: float
     departure_omega_uncoupled: float  # rad/s
@@ -148,7 +146,7 @@ class Coupling(NotebookRecord):
     omega: Array  # (M,) Frequencies of the criterion, rad/s
     bound: Array  # (M,) The criterion's bound there
     admittance: Array  # (M,) Real part of the coupling's admittance there
-    memberships: tuple[Membership, ...]  # Per rectangle of (k, b) and shape
+    memberships: tuple[Membership, ...]  # By the paper's rule, one per environment
     read_at: float  # Where single values are read, rad/s
 
     @property
@@ -157,55 +155,61 @@ class Coupling(NotebookRecord):
         return {"stable": True, "marginal": False, "unstable": False}.get(self.verdict)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ConfirmedCoupling(NotebookRecord):
+    """A coupling that is stable and was found to feel real at every omega of the range."""
+
+    stiffness: float  # k_c, N/m
+    damping: float  # b_c, N·s/m
+    probability: float  # That it feels real; of all together, where it is least probable
+    error: float  # Its Monte Carlo standard error
+    draws: int
+    #: What a coupling beyond breaks first: the criterion, or the less probable of two parts.
+    bound: Literal["stability", "magnitude", "plane"]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class EnvironmentCouplings:
-    """The couplings that are stable and realistic for one environment, or for all together."""
+    """How probably stable couplings feel real in one environment, or in all together."""
 
-    name: str | None  # None for all together
-    intervals: tuple[
-        tuple[tuple[float, float], ...], ...
-    ]  # Per line of damping: low, high k_c, N/m
-    largest: QualifyingCoupling | None  # By stiffness; None where nothing qualifies
-    softest: QualifyingCoupling | None
+    name: str | None  # None for all together: the smallest of the environments' probabilities
+    stiffness: Array  # (B, K) k_c on each line of damping, up to the stable limit, N/m
+    probability: Array  # (B, K)
+    stiffest: ConfirmedCoupling | None  # None where no coupling reaches the decision
+    softest: ConfirmedCoupling | None
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class CouplingMap:
-    """The admissible couplings by the limits of one method."""
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class AdmissibleCouplings(NotebookRecord):
+    """Couplings that are stable, with the probability that they feel real."""
 
-    method: Method
-    damping: Array  # (n,) b_c of each line, N·s/m
+    method: Method  # Whose draws of the users these are
+    family: Family
+    level: float  # Share of all users that a central range holds
+    decision: float  # A coupling is admissible from this probability on
+    draws: int  # Behind the map; its ends are confirmed by more
+    damping: Array  # (B,) b_c of each line, N·s/m
     environments: tuple[EnvironmentCouplings, ...]
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class StableEdge:
-    """The edge of what is stable in the plane of couplings."""
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class DeviceProbabilities:
+    """How probably one environment feels real, and is stable, by damping and mass of the device."""
 
-    stiffness: Array  # (n,) k_c, N/m
-    damping: Array  # (n,) b_c, N·s/m
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class AdmissibleCouplings(NotebookRecord):
-    """Couplings that are stable and keep every environment inside a boundary."""
-
-    kind: Kind
-    family: Family
-    stable: StableEdge | None  # None but for a rigid device
-    maps: tuple[CouplingMap, ...]
+    name: str
+    probability: Array  # (I, J)
 
 
-@dataclasses.dataclass(frozen=True)
-class Sensitivity(NotebookRecord):
-    """Verdicts for lighter, heavier, less and better damped devices."""
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class DeviceMap(NotebookRecord):
+    """What lighter, heavier, less and better damped devices would do."""
 
-    mass: tuple[float, ...]  # Of the devices judged, kg
-    damping: tuple[float, ...]  # Of the devices judged, N·s/m
+    mass: tuple[float, ...]  # (J,) Of the devices judged, kg
+    damping: tuple[float, ...]  # (I,) Of the devices judged, N·s/m
     own: tuple[int, int]  # Index of the scene's device: of its damping, of its mass
-    verdict: tuple[tuple[str | None, ...], ...]  # By damping and mass; None without a coupling
-    inside: dict[str, tuple[tuple[int, ...], ...]]  # By kind: environments that stay inside
-    environments: int  # How many were judged
+    coupled: bool  # Whether displays go through the scene's coupling
     required_damping: float | None  # Damping that the coupling needs of a rigid device, N·s/m
-    method: str  # Whose limits
-    family: str
+    stable: tuple[tuple[bool, ...], ...]  # (I, J) Whether the coupling is; true without one
+    environments: tuple[DeviceProbabilities, ...]
+    method: Method  # Whose draws of the users these are
+    draws: int

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from percept.errors import UsageError
 from percept.results.boundaries import Band, Boundary
 from percept.results.checks import Checks, Diagnostics
-from percept.results.coupling import AdmissibleCouplings, Coupling, Passivity, Sensitivity, Verdict
+from percept.results.coupling import AdmissibleCouplings, Coupling, DeviceMap, Passivity, Verdict
 from percept.results.data import Data, Provenance
 from percept.results.findings import Findings
 from percept.results.intervals import BandPair, ContrastRow, IntervalRow, Ladder, MethodPair
@@ -21,7 +21,7 @@ from percept.results.plain import dumps, plain
 __all__ = ["SCHEMA", "Results", "Skipped"]
 
 #: Of report.json and fit.json: the name, and the version of its fields.
-SCHEMA = "percept-report/2"
+SCHEMA = "percept-report/3"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Results:
     coupling: Coupling | None
     band: Band | None
     design: AdmissibleCouplings | None
-    sensitivity: Sensitivity | None
+    sensitivity: DeviceMap | None
     comparison: tuple[MethodPair, ...] | None
     band_pairs: tuple[BandPair, ...] | None  # The methods' boundaries against each other
     ladder: Ladder | None

@@ -1,23 +1,27 @@
-"""The device with its coupling and references: what it displays, and what other devices would."""
+"""The device with its coupling and references: what it displays, and its stability."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from percept import haptics
+from percept.boundary.users import Users
 from percept.errors import UsageError
 from percept.haptics import Coupling, Device, Environment, TabulatedDevice
-from percept.haptics.containment import ON_LIMIT, Boxes, departures
+from percept.haptics.containment import Boxes, departures, plane_departures
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
+from percept.haptics.impedance import coupling_admittance
 from percept.haptics.limits import passivity_damping
 from percept.haptics.records import AnyDevice, Display
-from percept.results import Sensitivity, Shape
-from percept.scene import InferenceTable, Scene
+from percept.haptics.stability import coupling_bound
+from percept.results import Coupling as JudgedCoupling
+from percept.results import Membership, Shape
+from percept.scene import Scene
 from percept.sessions.quantities import is_impedance
 from percept.study.basics import Array, Skipped
 from percept.study.regions import Region
@@ -25,11 +29,13 @@ from percept.study.regions import Region
 __all__ = [
     "BOXES",
     "Setup",
+    "StiffnessSpan",
     "device_of",
-    "device_sensitivity",
-    "fixed_device",
+    "map_frequencies",
     "read_response",
     "setup_of",
+    "stiffness_span",
+    "study_coupling",
 ]
 
 #: Curves around a rectangle of (k, b), by shape.
@@ -38,8 +44,18 @@ _NO_DEVICE = "the scene has no [device]"
 _RESPONSE = ("omega", "real", "imaginary")
 # Rows of a measured device that a grid starts from, at most twice as many.
 _MOST_ROWS = 128
-# Of the scene's mass and damping, for the devices that verdicts are given for.
-_TIMES = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+#: Frequencies of a map: per decade, and about each resonance, where margins dip.
+_PER_DECADE = 8
+_ABOUT_RESONANCE = 25
+#: Of the draws' ranges of stiffness, those that resonances are looked for in.
+_COMMON = (0.05, 0.95)
+#: Resonances are looked for down to this fraction of the reference's stiffness.
+_SOFTEST_RESONANCE = 0.01
+# Frequencies that Llewellyn's criterion is drawn at: enough for a line without corners.
+_STABILITY_POINTS = 400
+# The criterion is drawn from here on, rad/s, or from this fraction of Nyquist if that is less.
+_LOWEST_OMEGA = 1.0
+_LOWEST_FRACTION = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -105,6 +121,42 @@ class Setup:
                 rows.append((name, colgate, tustin, damping, bool(damping > colgate)))
         columns = ["environment", "needed_colgate", "needed_paper", "device_damping", "passive"]
         return pd.DataFrame(rows, columns=columns)
+
+
+class StiffnessSpan(NamedTuple):
+    """Stiffnesses that users of one environment take for it under most draws, N/m."""
+
+    low: float
+    high: float
+
+
+def stiffness_span(setup: Setup, environment: str, users: Users, level: float) -> StiffnessSpan:
+    """Return the span of the draws' central ranges of stiffness; above zero."""
+    ranges = users.central_ranges(level).stiffness
+    reference = float(setup.references[environment].stiffness)
+    low = float(np.quantile(ranges.low, _COMMON[0]))
+    high = float(np.quantile(ranges.high, _COMMON[1]))
+    least = max(low, _SOFTEST_RESONANCE * reference)
+    return StiffnessSpan(least, max(high, least))
+
+
+def map_frequencies(
+    setup: Setup, environment: str, span: StiffnessSpan, within: tuple[float, float]
+) -> Array:
+    """Return the frequencies, rad/s, of a map: even ones, and those at which a span resonates.
+
+    Dips between them are not searched, so they are denser about resonances than `frequencies`.
+    """
+    count = max(3, int(np.ceil(_PER_DECADE * np.log10(within[1] / within[0]))) + 1)
+    resonances = setup.resonances(environment)
+    if not isinstance(setup.device, TabulatedDevice):
+        # A table's rows are all there is to see; a mass resonates by the root of the stiffness.
+        stiffness = float(setup.references[environment].stiffness)
+        lowest, highest = np.sqrt(np.array(span) / stiffness).tolist()
+        about = np.geomspace(lowest, highest, _ABOUT_RESONANCE)
+        resonances = np.multiply.outer(resonances, about).ravel()
+    omega = np.concatenate([np.geomspace(*within, count), resonances])
+    return np.unique(omega[(omega >= within[0]) & (omega <= within[1])])
 
 
 def setup_of(
@@ -175,103 +227,100 @@ def read_response(path: str) -> TabulatedDevice:
         raise UsageError(f"cannot be read: {error}.", file=path) from error
 
 
-def fixed_device(setup: Setup, method: str) -> Skipped | None:
-    """Say why mass and damping are not varied; None where they are."""
-    what = "sensitivity to the device's mass and damping"
-    if not isinstance(setup.device, Device):
-        return Skipped(what, "a measured response has neither")
-    if method == "bayesian":
-        return Skipped(what, "it is worked out for classical intervals")
-    return None
-
-
-def device_sensitivity(
-    setup: Setup, regions: Sequence[Region], asked: InferenceTable, within: tuple[float, float]
-) -> Sensitivity | None:
-    """Judge stability and realism again for 49 devices about the scene's; None without a region."""
+def study_coupling(
+    setup: Setup,
+    regions: Sequence[Region],
+    within: tuple[float, float],
+    *,
+    family: str,
+    read_at: float,
+) -> JudgedCoupling:
+    """Judge a coupling: Llewellyn's criterion, and the paper's rule over a range, rad/s."""
     device = setup.device
-    assert isinstance(device, Device)
-    rectangles: dict[str, list[Region]] = {}
-    for kind in asked.kinds:
-        of_kind = _rectangles(setup, regions, kind, asked.family)
-        if of_kind:
-            rectangles[str(kind)] = of_kind
-    if not rectangles:
-        return None
-    masses = _about(float(device.mass))
-    dampings = _about(float(device.damping))
-    inside: dict[str, tuple[tuple[int, ...], ...]] = {}
-    for name, of_kind in rectangles.items():
-        counts = _counts_inside(setup, of_kind, masses, dampings, within)
-        inside[name] = tuple(tuple(row) for row in counts.tolist())
-    needed = None
-    if setup.coupling is not None:
-        need = haptics.required_damping(setup.coupling, setup.period, hold=setup.hold)
-        needed = float(need.damping)
-    first_kind = next(iter(rectangles.values()))
-    return Sensitivity(
-        mass=masses,
-        damping=dampings,
-        own=(dampings.index(float(device.damping)), masses.index(float(device.mass))),
-        verdict=tuple(tuple(_stability(setup, masses, damping)) for damping in dampings),
-        inside=inside,
-        environments=len(first_kind),
-        required_damping=needed,
-        method="classical",
-        family=" or ".join(dict.fromkeys(region.family for region in first_kind)),
+    coupling = setup.coupling
+    period = setup.period
+    hold = setup.hold
+    assert coupling is not None
+    verdict = haptics.absolute_stability(device, coupling, period, hold=hold)
+    reason = verdict.reason
+    need = None
+    if isinstance(device, haptics.Device):
+        need = haptics.required_damping(coupling, period, hold=hold)
+    memberships = []
+    for region in _best_regions(setup, regions, family):
+        memberships.append(_membership(setup, region, within, read_at))
+    nyquist = np.pi / period
+    if isinstance(device, TabulatedDevice):
+        omega = device.omega[device.omega <= nyquist]
+        if verdict.verdict in ("stable", "marginal"):
+            # Eqs 9 and 10 look at real parts, and a table shows no more.
+            reason = f"The device is measured, so its poles cannot be checked. {reason}"
+    else:
+        lowest = min(_LOWEST_OMEGA, _LOWEST_FRACTION * nyquist)
+        omega = np.geomspace(lowest, nyquist, _STABILITY_POINTS)
+    return JudgedCoupling(
+        stiffness=float(coupling.stiffness),
+        damping=float(coupling.damping),
+        verdict=verdict.verdict,
+        reason=reason,
+        margin=float(verdict.smallest_margin),
+        binding_omega=float(verdict.binding_omega),
+        required_damping=float(need.damping) if need else None,
+        required_omega=float(need.omega) if need else None,
+        omega=omega,
+        bound=coupling_bound(omega, device, period, hold=hold),
+        admittance=coupling_admittance(omega, coupling, period).real,
+        memberships=tuple(memberships),
+        read_at=read_at,
     )
 
 
-def _stability(setup: Setup, masses: Sequence[float], damping: float) -> Iterator[str | None]:
-    """Yield Llewellyn's verdict for every mass, kg, at one damping; None without a coupling."""
-    assert isinstance(setup.device, Device)
-    for mass in masses:
-        if setup.coupling is None:
-            yield None
+def _membership(
+    setup: Setup, region: Region, within: tuple[float, float], read_at: float
+) -> Membership:
+    """Judge one reference by the paper's rule over a range of omega, rad/s."""
+    assert region.limits is not None
+    assert setup.coupling is not None
+    reference = setup.references[region.environment]
+    shown = haptics.effective_impedance(read_at, reference, setup.coupling, setup.period)
+    boxes = Boxes.of(*region.limits)
+    direct = setup.display(region.environment, coupled=False)
+    coupled = setup.display(region.environment, coupled=True)
+    uncoupled_departures = departures(direct, boxes, *within)
+    coupled_departures = departures(coupled, boxes, *within)
+    uncoupled_plane = plane_departures(direct, boxes, *within)
+    coupled_plane = plane_departures(coupled, boxes, *within)
+    return Membership(
+        environment=region.environment,
+        method=region.method,
+        kind=region.kind,
+        family=region.family,
+        verdict_uncoupled=uncoupled_departures.verdict(),
+        departure_uncoupled=float(np.expm1(uncoupled_departures.largest[0])),
+        departure_omega_uncoupled=float(uncoupled_departures.omega[0]),
+        plane_departure_uncoupled=float(uncoupled_plane.largest[0]),
+        verdict_coupled=coupled_departures.verdict(),
+        departure_coupled=float(np.expm1(coupled_departures.largest[0])),
+        departure_omega_coupled=float(coupled_departures.omega[0]),
+        plane_departure_coupled=float(coupled_plane.largest[0]),
+        effective_stiffness=float(shown.stiffness),
+        effective_damping=float(shown.damping),
+    )
+
+
+def _best_regions(setup: Setup, regions: Sequence[Region], family: str) -> list[Region]:
+    """Return a rectangle per environment: the next user's and Bayesian where there is one."""
+    best: dict[str, Region] = {}
+    for region in regions:
+        if region.limits is None or region.joint != "marginal":
             continue
-        device = dataclasses.replace(setup.device, mass=mass, damping=damping)
-        stability = haptics.absolute_stability(
-            device, setup.coupling, setup.period, hold=setup.hold
-        )
-        yield str(stability.verdict)
+        if region.environment not in setup.references:
+            continue
+        kept = best.setdefault(region.environment, region)
+        if _rank(region, family) > _rank(kept, family):
+            best[region.environment] = region
+    return list(best.values())
 
 
-def _counts_inside(
-    setup: Setup,
-    rectangles: Sequence[Region],
-    masses: Sequence[float],
-    dampings: Sequence[float],
-    within: tuple[float, float],
-) -> NDArray[np.int64]:
-    """Count environments whose abs(Z_h) stays inside, (dampings, masses), for all devices."""
-    assert isinstance(setup.device, Device)
-    damping, mass = np.meshgrid(dampings, masses, indexing="ij")
-    devices = dataclasses.replace(setup.device, mass=mass.ravel(), damping=damping.ravel())
-    of_devices = dataclasses.replace(setup, device=devices)
-    counts = np.zeros(mass.size, dtype=np.int64)
-    for region in rectangles:
-        assert region.limits is not None
-        boxes = Boxes.of(*region.limits, count=mass.size)
-        display = of_devices.display(region.environment, coupled=setup.coupling is not None)
-        departed = departures(display, boxes, *within, throughout=True)
-        counts += departed.largest <= ON_LIMIT
-    return counts.reshape(mass.shape)
-
-
-def _about(value: float) -> tuple[float, ...]:
-    """Return values about the scene's; multiples of one where the scene's is zero."""
-    if value:
-        return tuple(value * times for times in _TIMES)
-    return (0.0, *_TIMES[1:])
-
-
-def _rectangles(setup: Setup, regions: Sequence[Region], kind: str, family: str) -> list[Region]:
-    """Return classical rectangles of a kind, one per environment, of the scene's family first."""
-    chosen: dict[str, Region] = {}
-    # The one set last stays.
-    for preferred in ("normal", "lognormal", family):
-        for region in regions:
-            labels = region.method, region.kind, region.joint, region.family
-            if labels == ("classical", kind, "marginal", preferred):
-                chosen[region.environment] = region
-    return [chosen[environment] for environment in setup.references if environment in chosen]
+def _rank(region: Region, family: str) -> tuple[bool, bool, bool]:
+    return region.kind == "user", region.method == "bayesian", region.family == family

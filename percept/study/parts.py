@@ -15,28 +15,26 @@ from percept import haptics
 from percept.boundary.band import BandStudy
 from percept.boundary.users import Users
 from percept.errors import RefusalError
-from percept.haptics.design import CouplingDesign
 from percept.haptics.records import AnyDevice
 from percept.inference.record import Family
-from percept.results import BandPair, Boundary, Checks, Coupling, IntervalRow, Sensitivity, Verdict
+from percept.results import (
+    AdmissibleCouplings,
+    BandPair,
+    Boundary,
+    Checks,
+    Coupling,
+    DeviceMap,
+    IntervalRow,
+    Verdict,
+)
+from percept.results.fields import Method
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import is_impedance
 from percept.study.band import Banded, band_study, with_band
 from percept.study.basics import FAMILIES, Skipped, analysed_parameters, referenced, results, select
 from percept.study.boundaries import JOINTS, BoundaryDrawing, increasing, zoom_windows
-from percept.study.coupling import (
-    design_by_method,
-    no_design,
-    study_coupling,
-)
-from percept.study.device import (
-    Setup,
-    device_of,
-    device_sensitivity,
-    fixed_device,
-    setup_of,
-)
+from percept.study.device import Setup, device_of, setup_of, study_coupling
 from percept.study.intervals import (
     COLUMNS,
     Cell,
@@ -45,11 +43,13 @@ from percept.study.intervals import (
     classical_rows,
     compare_intervals,
 )
+from percept.study.maps import coupling_map, device_map, no_maps
 from percept.study.regions import Law, Region, SubjectPairs, laws_of, regions_of, subject_pairs
 from percept.study.responses import references, refuse_lone_subject
 from percept.study.verdicts import (
     Subjects,
     leaning_on_slips,
+    likely_users,
     posterior_users,
     study_verdicts,
     subjects_of,
@@ -333,13 +333,13 @@ class Parts:
 
     @cached_property
     def coupling(self) -> Coupling | None:
-        """Stability of the coupling and memberships; None without device and coupling."""
+        """Stability of the coupling, and the paper's rule; None without device and coupling."""
         setup = next(iter(results(self._setup)), None)
         if setup is None or setup.coupling is None:
             return None
         read_at = self.scene.frequency.read_at
-        within = self.within
-        return study_coupling(setup, self.regions, within, read_at=read_at)
+        family = self.scene.inference.family
+        return study_coupling(setup, self.regions, self.within, family=family, read_at=read_at)
 
     @property
     def passivity(self) -> pd.DataFrame | None:
@@ -379,32 +379,32 @@ class Parts:
         return subjects_of(self.cells, results(self._pairs), self.scene.inference)
 
     @cached_property
-    def no_design(self) -> Skipped | None:
-        """Why there are no admissible couplings; None where there are, and without a device."""
+    def map_users(self) -> dict[str, Users]:
+        """Draws of users behind maps: posterior ones, else fiducial ones of subjects."""
+        if self.users or self.setup is None:
+            return self.users
+        return likely_users(self.subjects, self.setup, self.scene.inference)
+
+    @property
+    def map_method(self) -> Method:
+        """Whose draws the maps are made from."""
+        return "bayesian" if self.users else "classical"
+
+    @cached_property
+    def coupling_map(self) -> AdmissibleCouplings | None:
+        """How probably stable couplings feel real, and the ends of those that do."""
         if self.setup is None:
             return None
-        return no_design(self.setup, self.scene.inference.kinds)
+        whose = self.map_users, self.map_method
+        return coupling_map(self.setup, *whose, self.scene.inference, self.within)
 
     @cached_property
-    def coupling_design(self) -> dict[str, CouplingDesign]:
-        """Couplings, by method, stable and realistic to the next user; empty without a device."""
-        if self.setup is None or self.no_design is not None:
-            return {}
-        return design_by_method(self.setup, self.regions, self.scene.inference.family, self.within)
-
-    @cached_property
-    def fixed_device(self) -> Skipped | None:
-        """Why the device is not varied; None where it is, and without a device."""
-        if self.setup is None:
-            return None
-        return fixed_device(self.setup, self.scene.inference.method)
-
-    @cached_property
-    def sensitivity(self) -> Sensitivity | None:
+    def device_map(self) -> DeviceMap | None:
         """How verdicts move with the device's mass and damping; None without both."""
-        if self.setup is None or self.fixed_device is not None:
+        if self.setup is None:
             return None
-        return device_sensitivity(self.setup, self.regions, self.scene.inference, self.within)
+        whose = self.map_users, self.map_method
+        return device_map(self.setup, *whose, self.scene.inference, self.within)
 
     @property
     def comparison(self) -> pd.DataFrame | None:
@@ -442,9 +442,8 @@ class Parts:
         """What was not computed, and why, curves of laws not counted: they take time to draw."""
         skipped: list[Any] = [*self.interval_rows, *self._with_reference, *self._setup, *self._zoom]
         skipped += [*self.contrast_rows, *self._banded, *self._pairs]
-        skipped.append(self.fixed_device)
-        if self.setup is not None and self.setup.coupling:
-            skipped.append(self.no_design)
+        if self.setup is not None:
+            skipped += no_maps(self.setup, self.map_users)
         if self.scene.checks is not None:
             skipped.append(self._checked)
         return tuple(dict.fromkeys(part for part in skipped if isinstance(part, Skipped)))

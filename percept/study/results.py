@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import platform
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from functools import cache
 from importlib import metadata
 from pathlib import PurePath
@@ -13,18 +13,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from pydantic import TypeAdapter
 
-from percept.haptics import Device
-from percept.haptics.design import CouplingDesign
-from percept.haptics.limits import stable_region
-from percept.haptics.records import AnyDevice
 from percept.results import (
-    AdmissibleCouplings,
     Band,
     Boundary,
     CellValues,
     Checks,
     ContrastRow,
-    CouplingMap,
     Data,
     Diagnostics,
     GateVerdict,
@@ -41,11 +35,9 @@ from percept.results import (
     Results,
     Skipped,
     SourceFile,
-    StableEdge,
     plain,
 )
-from percept.results.fields import Family
-from percept.scene import DeviceTable, Scene
+from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.basics import results
 from percept.study.intervals import adjustments, design_counts, normality_tests
@@ -54,8 +46,7 @@ if TYPE_CHECKING:
     from percept.study.parts import Parts
 
 __all__ = [
-    "admissible_couplings", "checks_of", "compute", "data_of", "diagnostics_of",
-    "provenance_of", "record", "rows", "stable_edge",
+    "checks_of", "compute", "data_of", "diagnostics_of", "provenance_of", "record", "rows",
 ]  # fmt: skip
 
 T = TypeVar("T")
@@ -66,8 +57,6 @@ _PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
 _CLOSE_JOINTS = ("marginal", "joint")
 #: Frequencies of a close view; its window is narrow, and its curves are smooth.
 _CLOSE_POINTS = 61
-#: Points of the edge of the stable region: a line without corners on the page.
-_EDGE_POINTS = 65
 
 
 def compute(
@@ -96,10 +85,9 @@ def compute(
     step("band law")
     band = parts.band if curves else None
     step("admissible couplings")
-    designs = parts.coupling_design if boundaries and parts.scene.coupling else {}
-    edge = stable_edge(parts.device, parts.scene.device) if designs else None
+    design = parts.coupling_map if boundaries and parts.scene.coupling else None
     step("sensitivity to the device")
-    sensitivity = parts.sensitivity if curves else None
+    sensitivity = parts.device_map if curves else None
     step("comparison of methods")
     comparison = parts.comparison
     band_pairs = parts.band_pairs if curves else None
@@ -123,7 +111,7 @@ def compute(
         passivity=rows(Passivity, parts.passivity) if curves else None,
         coupling=coupling,
         band=record(Band, band),
-        design=admissible_couplings(designs, parts.with_reference, asked.family, edge),
+        design=design,
         sensitivity=sensitivity,
         comparison=rows(MethodPair, comparison),
         band_pairs=band_pairs,
@@ -191,47 +179,6 @@ def _sources(sessions: Sessions) -> tuple[SourceFile, ...]:
         SourceFile(PurePath(source.name).name, source.sha256, source.rows)
         for source in sessions.sources
     )
-
-
-def admissible_couplings(
-    designs: Mapping[str, CouplingDesign],
-    environments: Sequence[str],
-    family: Family,
-    stable: StableEdge | None,
-) -> AdmissibleCouplings | None:
-    """Put together the couplings that qualify, by method, per environment and for all together."""
-    maps: list[dict[str, Any]] = []
-    for method, design in designs.items():
-        names = (*environments, None)
-        regions = (*design.each, design.common)
-        couplings = [
-            {
-                "name": name,
-                "intervals": region.intervals,
-                "largest": region.largest,
-                "softest": region.softest,
-            }
-            for name, region in zip(names, regions, strict=True)
-        ]
-        maps.append({"method": method, "damping": design.common.damping, "environments": couplings})
-    if not maps:
-        return None
-    return AdmissibleCouplings(
-        kind="user",
-        family=family,
-        stable=stable,
-        maps=rows(CouplingMap, maps),
-    )
-
-
-def stable_edge(device: AnyDevice | None, table: DeviceTable | None) -> StableEdge | None:
-    """Return the edge of what is stable; None but for a rigid device."""
-    if table is None or not isinstance(device, Device) or device.modes:
-        return None
-    stiffness, damping = stable_region(
-        float(device.damping), table.period, hold=table.hold, points=_EDGE_POINTS
-    )
-    return StableEdge(np.asarray(stiffness, dtype=float), np.asarray(damping, dtype=float))
 
 
 def checks_of(normality: Any, model: Checks | None) -> Checks | None:

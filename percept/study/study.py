@@ -45,8 +45,8 @@ _KEPT = {
     "boundaries": "boundaries",
     "band": "band",
     "coupling": "coupling",
-    "coupling_design": "coupling_design",
-    "sensitivity": "sensitivity",
+    "coupling_map": "coupling_map",
+    "device_map": "device_map",
     "ladder": "ladder",
 }
 _CALLS = {
@@ -197,7 +197,7 @@ class Study:
 
     @property
     def coupling(self) -> Coupling | None:
-        """Stability of the coupling and memberships; None without device and coupling."""
+        """Stability of the coupling, and the paper's rule; None without device and coupling."""
         return self.parts.coupling
 
     @property

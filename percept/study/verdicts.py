@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from percept.study.fit import Fit
 
 __all__ = [
-    "Subjects", "fiducial_users", "frequencies", "leaning_on_slips", "posterior_users",
+    "Subjects", "frequencies", "leaning_on_slips", "likely_users", "posterior_users",
     "relative_sd", "study_verdicts", "subjects_of",
 ]  # fmt: skip
 
@@ -194,6 +194,19 @@ def fiducial_users(subjects: Subjects, asked: InferenceTable) -> Users | None:
     except RefusalError:
         return None
     return users_in_range(draws.mean, draws.covariance, log=subjects.pairs.log)
+
+
+def likely_users(
+    subjects: Mapping[str, Subjects], setup: Setup, asked: InferenceTable
+) -> dict[str, Users]:
+    """Draw the populations of every environment whose subjects have a joint law."""
+    likely = {}
+    for environment in setup.references:
+        known = subjects.get(environment)
+        users = fiducial_users(known, asked) if known else None
+        if users is not None:
+            likely[environment] = users
+    return likely
 
 
 def frequencies(

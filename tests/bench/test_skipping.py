@@ -16,7 +16,7 @@ from tests.documents import build_document
 SAMPLER = {"emcee", "h5netcdf", "xarray"}
 PAGE = {"jinja2", "matplotlib.figure", "percept.report.figures"}
 OURS = {"percept.inference.hierarchy", "percept.inference.sampling", "percept.boundary"}
-CURVES = {"curve_laws", "boundaries", "verdicts", "sensitivity", "coupling_design"}
+CURVES = {"curve_laws", "boundaries", "verdicts", "device_map", "coupling_map"}
 BAYESIAN = {"fit", "posterior", "users"}
 
 
@@ -24,7 +24,7 @@ BAYESIAN = {"fit", "posterior", "users"}
     ("scene", "left_out"),
     [
         ("nothing", set()),
-        ("coupling", {"coupling", "coupling_design"}),
+        ("coupling", {"coupling", "coupling_map"}),
         ("device", CURVES | {"coupling", "regions"}),
         # Its own band law stays: the band against its reference.
         ("one parameter", CURVES | {"regions"}),

@@ -1,7 +1,8 @@
 """The eight studies, and what is frozen of each: numbers of report.json, and classical curves.
 
-Only what users see makes them: `percept.Study` and report.json's fields. Files that are not
-in `datasets/` stand in `data/`:
+What users see makes them, `percept.Study` and report.json's fields; the paper's rule, of which the
+report keeps one line, is worked out from `percept.haptics`. Files that are not in `datasets/` stand
+in `data/`:
 
 * `stiffness.csv`, `one_environment.csv` and `three_environments.csv` are subsets of the published
 sessions.
@@ -28,6 +29,7 @@ import numpy as np
 import percept
 from tests import DATASETS
 from tests.documents import build_document
+from tests.golden.paper_rule import by_the_paper_s_rule
 
 __all__ = ["FOLDER", "SEED", "STUDIES", "TOLERANCE", "Golden", "frozen_part"]
 
@@ -82,7 +84,7 @@ def frozen_part(golden: Golden, document: Document) -> dict[str, Any]:
         **_intervals(document),
         **_coupling(document),
         **_band(document),
-        **_design(document),
+        **by_the_paper_s_rule(golden.study(method="classical")),
     }
     return {
         "exact": exact,
@@ -131,13 +133,6 @@ def _coupling(document: Document) -> dict[str, Any]:
     for at in range(0, len(coupling["omega"]), _EVERY):
         for name in ("omega", "bound", "admittance"):
             found[f"coupling {name} {at}"] = coupling[name][at]
-    for row in _classical(coupling["memberships"]):
-        name = _named(row, "realism", "environment", "kind", "family", "joint", "shape")
-        found[f"{name} verdict"] = [row["verdict_uncoupled"], row["verdict_coupled"]]
-        # Held to 1: a departure near zero keeps its absolute digits only.
-        departures = [row["plane_departure_uncoupled"], row["plane_departure_coupled"], 1.0]
-        found[f"{name} plane_departure"] = departures
-        found[f"{name} effective"] = [[row["effective_stiffness"]], [row["effective_damping"]]]
     return found
 
 
@@ -155,30 +150,6 @@ def _band(document: Document) -> dict[str, Any]:
             found[f"{name} {parameter}"] = value["value"]
         found[f"{name} left_out_error"] = row["left_out_error"]
         found[f"{name} carried_by"] = row["carried_by"]
-    return found
-
-
-def _design(document: Document) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    design, sensitivity = document["design"], document["sensitivity"]
-    if design is not None:
-        # A measured device has no closed region.
-        stable = design["stable"] or {"stiffness": [], "damping": []}
-        for at in range(0, len(stable["stiffness"]), 8):
-            found[f"design stable {at}"] = [[stable["stiffness"][at]], [stable["damping"][at]]]
-        for region in _classical(design["maps"]):
-            for row in region["environments"]:
-                name = _named(row, "design", "name")
-                for field in ("largest", "softest"):
-                    # Their damping is where a smooth curve turns, of which rounding leaves half the
-                    # digits.
-                    found[f"{name} {field}"] = row[field] and row[field]["stiffness"]
-                for at in range(0, len(region["damping"]), _EVERY):
-                    found[f"{name} {at}"] = [[region["damping"][at]], *row["intervals"][at]]
-    if sensitivity is not None and sensitivity["method"] == "classical":
-        found["sensitivity required_damping"] = sensitivity["required_damping"]
-        found["sensitivity verdict"] = sensitivity["verdict"]
-        found["sensitivity inside"] = sensitivity["inside"]
     return found
 
 

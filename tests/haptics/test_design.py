@@ -80,9 +80,6 @@ def test_extremes_qualify_and_nothing_beyond_does():
         for coupling in (region.largest, region.softest):
             one = Coupling(np.array([coupling.stiffness]), coupling.damping)
             assert qualifies(one, boundaries).all()
-            assert coupling.magnitude < 0
-            assert coupling.plane < 0
-            assert coupling.binds
         damping = rng.uniform(0, 170, 500)
         beyond = Coupling(region.largest.stiffness * rng.uniform(1.001, 3, 500), damping)
         below = Coupling(region.softest.stiffness * rng.uniform(0.3, 0.999, 500), damping)
@@ -91,24 +88,20 @@ def test_extremes_qualify_and_nothing_beyond_does():
     # Wide boundaries do not stop the stiffest coupling there is.
     stiffest = 20.0 / best_coupling_damping(1.0, T)[1]
     assert design.common.largest.stiffness == pytest.approx(stiffest, rel=1.1e-4)
-    assert design.common.largest.binds == ("stability",)
     assert (
         design.common.softest.stiffness
         >= max(region.softest.stiffness for region in design.each) * 0.999
     )
 
 
-def test_what_binds_is_what_breaks_beyond():
-    """A lower limit of damping alone is broken by effective damping, not by abs(Z_h)."""
+def test_a_limit_of_damping_alone_bars_every_coupling():
+    """It is broken by effective damping, not by abs(Z_h)."""
     boundary = EnvironmentBoundary(Environment(46000.0, 60.0), (20000.0, 60000.0), (58.0, 165.0))
     design = design_couplings(DEVICE, [boundary], RANGE, T)
     assert design.common.largest is None
     # Without that limit the coupling rendered here, of 112 N·s/m, would do by magnitude.
     loose = EnvironmentBoundary(Environment(46000.0, 60.0), (20000.0, 60000.0), (1.0, 165.0))
-    assert design_couplings(DEVICE, [loose], RANGE, T).common.largest.binds == ("stability",)
-    soft = design_couplings(DEVICE, BOUNDARIES[:1], RANGE, T).common.softest
-    for name, departs in (("magnitude", soft.magnitude), ("plane", soft.plane)):
-        assert (name in soft.binds) == (departs > -1e-3)
+    assert design_couplings(DEVICE, [loose], RANGE, T).common.largest is not None
 
 
 def test_a_coupling_that_halves_the_damping_is_not_admissible():

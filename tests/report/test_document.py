@@ -167,59 +167,23 @@ def box_of(document, environment, kind):
     return *limits, haptics.Environment(k["reference"], b["reference"])
 
 
-def test_every_coupling_of_the_map_is_stable_and_inside(classical):
-    (design,) = classical["design"]["maps"]
-    device = haptics.Device(1.0, 5.0)
-    omega = np.geomspace(0.1, 100, 41)
-    checked = 0
-    for one in design["environments"][:-1]:
-        k, b, reference = box_of(classical, one["name"], "user")
-        low, high = haptics.magnitude_envelope(omega, device, k, b, PERIOD)
-        for place in ("largest", "softest"):
-            if one[place] is None:
-                continue
-            coupling = haptics.Coupling(one[place]["stiffness"], one[place]["damping"])
-            felt = abs(
-                haptics.perceived_impedance(omega, device, reference, PERIOD, coupling=coupling)
-            )
-            assert ((low * (1 - 1e-9) <= felt) & (felt <= high * (1 + 1e-9))).all()
-            assert haptics.absolute_stability(device, coupling, PERIOD).verdict != "unstable"
-            checked += 1
-    assert checked >= 4
-
-
-def test_no_coupling_qualifies_where_the_map_says_none(classical):
-    (design,) = classical["design"]["maps"]
-    device = haptics.Device(1.0, 5.0)
-    omega = np.geomspace(0.1, 100, 41)
-    barred = [one["name"] for one in design["environments"][:-1] if one["largest"] is None]
-    assert barred
-    for name in barred:
-        k, b, reference = box_of(classical, name, "user")
-        low, high = haptics.magnitude_envelope(omega, device, k, b, PERIOD)
-        for damping in np.linspace(0, 40, 9):
-            top = haptics.max_coupling_stiffness(5.0, damping, PERIOD)
-            for stiffness in np.linspace(0.01, 1, 8) * top:
-                coupling = haptics.Coupling(stiffness, damping)
-                felt = abs(
-                    haptics.perceived_impedance(omega, device, reference, PERIOD, coupling=coupling)
-                )
-                assert not ((low <= felt) & (felt <= high)).all()
-
-
-def test_the_map_has_an_edge_for_a_rigid_device_only(classical, classical_study):
-    assert max(classical["design"]["stable"]["stiffness"]) == pytest.approx(
-        5 / 0.10695 / PERIOD, rel=1e-4
-    )
+def test_the_map_reaches_to_the_stable_edge_of_any_device(classical, classical_study):
+    environments = classical["design"]["environments"]
+    assert [one["name"] for one in environments] == ["VE1", "VE2", "VE3", "VE4", "VE5", None]
+    for one in environments:
+        edge = max(line[-1] for line in one["stiffness"])
+        # Within the lines' spacing.
+        assert edge == pytest.approx(5 / 0.10695 / PERIOD, rel=2e-3)
     tables = classical_study.scene.to_dict()
     tables["device"]["modes"] = [{"mass": 0.01, "stiffness": 1e4, "damping": 1.0}]
     tables["frequency"]["points"] = 5
     table = classical_study.sessions.table
     alone = type(classical_study.sessions).from_frame(table[table["environment"] == "VE1"])
     modal = Study(alone, type(classical_study.scene)(**tables))
-    design = build_document(modal)["design"]
-    assert design["stable"] is None
-    assert [one["name"] for one in design["maps"][0]["environments"]][-1] is None
+    # One environment is all there is.
+    (one,) = build_document(modal)["design"]["environments"]
+    assert one["name"] == "VE1"
+    assert np.shape(one["stiffness"]) == np.shape(one["probability"])
 
 
 def test_checks_of_normality_are_scipy_s_and_speak_where_they_reject():
@@ -243,11 +207,12 @@ def test_checks_of_normality_are_scipy_s_and_speak_where_they_reject():
     assert document["checks"]["loo"] is None
 
 
-def test_a_published_table_that_lacks_a_row_has_a_design(tmp_path):
+def test_a_published_table_that_lacks_a_row_has_a_reason_for_no_maps(tmp_path):
     rows = (DATASETS / "hbfd_table1.csv").read_text().splitlines()
     path = tmp_path / "table.csv"
     path.write_text("\n".join(row for row in rows if not row.startswith("VE2,b")) + "\n")
     scene = scene_of(method="classical")
-    found = build_document(Study(read_sessions(path, scene=scene), scene))["design"]
-    names = [environment["name"] for environment in found["maps"][0]["environments"]]
-    assert names == ["VE1", "VE3", "VE4", "VE5", None]
+    document = build_document(Study(read_sessions(path, scene=scene), scene))
+    assert document["design"] is document["sensitivity"] is None
+    said = {row["what"]: row["why"] for row in document["skipped"]}
+    assert said["admissible couplings"] == "they need a joint law of stiffness and damping"

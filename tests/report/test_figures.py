@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import re
 import xml.etree.ElementTree as ET
 
@@ -17,7 +18,7 @@ from percept.report.figures import drawings
 from percept.report.figures.band import BandSeries, Widths, draw_band
 from percept.report.figures.boundaries import boundary_drawings
 from percept.report.figures.canvas import COLOURS, Drawing, Frame, common_range, log_scale, panels
-from percept.report.figures.couplings import CouplingMarks, design_drawings, draw_design
+from percept.report.figures.couplings import design_drawings, device_drawings, draw_couplings
 from percept.report.figures.curves import (
     Limits,
     draw_magnitude,
@@ -27,6 +28,7 @@ from percept.report.figures.curves import (
 )
 from percept.report.figures.intervals import Bar, BarAxis, draw_intervals, interval_drawings
 from percept.report.figures.output import STYLE, draw_all, drawn
+from percept.results import ConfirmedCoupling, EnvironmentCouplings
 from tests.documents import as_results
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -51,7 +53,7 @@ def file(drawing, form="svg"):
 
 
 def test_there_is_a_figure_of_everything_with_data(found):
-    curves = {"boundaries", "boundaries_close", "ratios", "stability", "design"}
+    curves = {"boundaries", "boundaries_close", "ratios", "stability", "design", "device"}
     assert found.keys() == curves | {"overview_k", "overview_b", "band"}
 
 
@@ -396,17 +398,6 @@ def test_both_methods_are_drawn_in_one_family_and_one_shape(both):
     assert not [label for label in labels if "corner" in label or "(normal" in label]
 
 
-def test_the_map_shades_every_interval_of_every_line():
-    ax = axes()
-    intervals = [np.array([[0.0, 1e3]]), np.array([[0.0, 1e3], [2e3, 3e3]]), np.empty((0, 2))]
-    draw_design(ax, np.array([0.0, 1.0, 2.0]), intervals, CouplingMarks(coupling=(5e3, 4.0)))
-    (shade,) = ax.patches
-    boxes = [(*box.min(axis=0), *box.max(axis=0)) for box in shade.get_path().to_polygons()]
-    assert boxes == [(0.0, 0.0, 1.0, 0.5), (0.0, 0.5, 1.0, 1.5), (2.0, 0.5, 3.0, 1.5)]
-    (mark,) = [line for line in ax.get_lines() if line.get_marker() == "X"]
-    assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (5.0, 4.0)
-
-
 def contrast(one, other):
     """WCAG contrast ratio of two colours."""
 
@@ -444,41 +435,95 @@ def test_methods_stay_apart_in_colour_blindness():
         assert np.linalg.norm(classical - bayesian) > 0.25
 
 
-def test_a_map_of_couplings_shows_what_qualifies_however_far_the_one_in_use():
-    ax = axes()
-    intervals = [np.array([[0.0, 1e3]]), np.array([[0.0, 2e3]])]
-    draw_design(ax, np.array([0.0, 1.0]), intervals, CouplingMarks(coupling=(5e5, 900.0)))
-    assert ax.get_xlim() == pytest.approx((0.0, 1.05 * 4.0 * 2.0))
-    assert ax.get_ylim() == pytest.approx((0.0, 1.05 * 4.0 * 1.0))
-    (mark,) = [line for line in ax.get_lines() if line.get_marker() == "X"]
-    assert (mark.get_xdata()[0], mark.get_ydata()[0]) == pytest.approx((8.4, 4.2))
-    assert not mark.get_clip_on()
-    assert [text.get_text() for text in ax.texts] == ["at 500 kN/m,\n900 N·s/m"]
-    empty = axes()
-    draw_design(
-        empty, np.array([0.0, 1.0]), [np.empty((0, 2))] * 2, CouplingMarks(coupling=(5e3, 4.0))
+def a_map(*, largest=0.99):
+    """Couplings the more probable the stiffer, up to 2 kN/m."""
+    stiffness = np.tile(np.geomspace(20.0, 2e3, 11), (5, 1))
+    return EnvironmentCouplings(
+        name="E",
+        stiffness=stiffness,
+        probability=np.broadcast_to(largest * np.linspace(0.0, 1.0, 11), (5, 11)),
+        stiffest=None,
+        softest=None,
     )
-    assert [text.get_text() for text in empty.texts] == ["none qualifies"]
-    assert empty.get_xlim()[1] > 5.0
 
 
-def test_the_map_s_caption_names_what_is_drawn(classical):
-    maps = [{"method": "classical", "environments": [], "damping": []}]
-    scene = {"coupling": {"stiffness": 1.0, "damping": 1.0}}
-    said = {}
-    for edge in (None, {"stiffness": [1.0], "damping": [1.0]}):
-        for used in ({}, scene):
-            document = copy.deepcopy(classical)
-            document["design"] = classical["design"] | {"maps": maps, "stable": edge}
-            document["provenance"]["scene"] = used
-            (found,) = design_drawings(as_results(document))
-            said[bool(edge), bool(used)] = found.description.partition("at every ω, to 0.1 %.")[2]
-    assert said == {
-        (False, False): "",
-        (True, False): " The line is the edge of what is stable.",
-        (False, True): " The cross is the coupling in use.",
-        (True, True): " The line is the edge of what is stable. The cross is the coupling in use.",
-    }
+def test_a_map_has_shades_lines_and_the_edge_of_what_is_stable():
+    damping = np.linspace(0.0, 40.0, 5)
+    end = ConfirmedCoupling(
+        stiffness=1900.0, damping=10.0, probability=0.96, error=0.01, draws=512, bound="magnitude"
+    )
+    ax = axes()
+    draw_couplings(ax, damping, dataclasses.replace(a_map(), stiffest=end), decision=0.95)
+    edge = ax.get_lines()[0]
+    np.testing.assert_allclose(edge.get_xdata(), 2.0)
+    np.testing.assert_allclose(edge.get_ydata(), damping)
+    # Four shades and that of the decision, and two lines.
+    assert len(ax.collections) == 7
+    dot = next(line for line in ax.get_lines() if line.get_marker() == "o")
+    assert (dot.get_xdata()[0], dot.get_ydata()[0]) == (1.9, 10.0)
+    assert not ax.texts
+
+
+def test_a_map_that_never_reaches_the_decision_says_how_far_it_comes():
+    ax = axes()
+    draw_couplings(ax, np.linspace(0.0, 40.0, 5), a_map(largest=0.3), decision=0.95)
+    assert [text.get_text() for text in ax.texts] == ["at most 30 %"]
+    assert len(ax.collections) == 2
+    nothing = axes()
+    draw_couplings(nothing, np.linspace(0.0, 40.0, 5), a_map(largest=0.0), decision=0.95)
+    assert not nothing.collections
+
+
+def test_the_coupling_in_use_stands_at_the_edge_where_it_lies_beyond(classical):
+    document = copy.deepcopy(classical)
+    for stiffness, damping, inside in ((50e3, 900.0, False), (1e3, 10.0, True)):
+        document["provenance"]["scene"]["coupling"] = {"stiffness": stiffness, "damping": damping}
+        (found,) = design_drawings(as_results(document))
+        assert found.description.endswith("The cross is the coupling in use.")
+        figure = Figure(figsize=(7.0, 3.0))
+        found.draw(figure)
+        ax = figure.axes[0]
+        (mark,) = [line for line in ax.get_lines() if line.get_marker() == "X"]
+        place = mark.get_xdata()[0], mark.get_ydata()[0]
+        edge = ax.get_xlim()[1], ax.get_ylim()[1]
+        assert place == ((1.0, 10.0) if inside else edge)
+        assert mark.get_label() == (
+            f"coupling in use ({stiffness / 1e3:.4g} kN/m, {damping:.4g} N·s/m)"
+        )
+        assert not mark.get_clip_on()
+    document["provenance"]["scene"].pop("coupling")
+    (found,) = design_drawings(as_results(document))
+    assert "in use" not in found.description
+
+
+def devices(*rows, stable=True):
+    """Two environments on two by two devices; the coupling is stable with the better damped."""
+    environments = [{"name": name, "probability": probability} for name, probability in rows]
+    return {
+        "mass": [1.0, 2.0], "damping": [5.0, 10.0], "own": [0, 1], "coupled": True,
+        "required_damping": 7.0, "stable": [[False, False], [stable, stable]],
+        "environments": environments, "method": "bayesian", "draws": 128,
+    }  # fmt: skip
+
+
+def test_devices_are_drawn_only_where_the_probability_moves(classical):
+    document = copy.deepcopy(classical)
+    still = ("E1", [[0.0, 0.0], [0.90, 0.92]])
+    moving = ("E2", [[0.0, 0.0], [0.25, 0.75]])
+    document["sensitivity"] = devices(still, moving)
+    (found,) = device_drawings(as_results(document))
+    figure = Figure(figsize=(7.0, 3.0))
+    found.draw(figure)
+    (ax,) = figure.axes
+    assert ax.get_title(loc="left") == "E2"
+    assert [text.get_text() for text in ax.texts] == ["–", "–", "25", "75"]
+    own = ax.patches[-1]
+    assert (own.get_x(), own.get_y(), own.get_fill()) == (0.5, -0.5, False)
+    assert "A dash: the coupling is not stable." in found.description
+    document["sensitivity"] = devices(still)
+    assert device_drawings(as_results(document)) == []
+    document["sensitivity"] = devices(moving, stable=False)
+    assert device_drawings(as_results(document)) == []
 
 
 T = 1e-3

@@ -11,7 +11,9 @@ from matplotlib.figure import Figure
 
 from percept import Scene
 from percept.report.basis import bibtex, checks, cited, methods
+from percept.report.feelings import coupling_sentences
 from percept.report.figures import drawings
+from percept.report.overview import findings
 from percept.results import IntervalRow
 from percept.sessions.quantities import IMPEDANCE
 from tests.documents import EMPTY, as_results, build_document, page_of, sections_of
@@ -45,14 +47,53 @@ def test_laws_and_statements_of_the_band_stand_under_their_kind_and_method(docum
         assert {row.statement for row in statements} == {sentence}
 
 
-def test_memberships_stand_under_their_kind_and_method(document):
-    memberships = section(document, "coupling").memberships
-    assert memberships.lines
-    for line in memberships.lines:
-        for column, cell in zip(memberships.columns, line.cells, strict=True):
-            wanted = (line.environment, column.kind, column.method, memberships.family, "envelope")
-            found = (cell.environment, cell.kind, cell.method, cell.family, cell.shape)
-            assert found == wanted
+END = {
+    "stiffness": 9e3, "damping": 2.0, "probability": 0.97, "error": 0.01, "draws": 512,
+    "bound": "plane",
+}  # fmt: skip
+
+
+def test_couplings_that_feel_real_are_named_with_their_span(both):
+    changed = copy.deepcopy(both)
+    environments = changed["design"]["environments"] = [
+        both["design"]["environments"][0] | {"name": name, "stiffest": None, "softest": None}
+        for name in ("VE1", "VE2", "VE3", "VE4", None)
+    ]
+    (none,) = coupling_sentences(as_results(changed))
+    assert none == (
+        "No stable coupling feels real in VE1, VE2, VE3 and VE4 with 95 % probability or more."
+    )
+    environments[1] |= {"stiffest": END, "softest": END | {"stiffness": 700.0}}
+    (some,) = coupling_sentences(as_results(changed))
+    assert some == (
+        "Stable couplings feel real in VE2 (0.7 to 9 kN/m) with 95 % probability or more; none does"
+        " in VE1, VE3 and VE4."
+    )
+    sentences = findings(as_results(changed)).overview.sentences
+    assert any(sentence.endswith(some) for sentence in sentences)
+    for row in environments:
+        row |= {"stiffest": END, "softest": END}
+    (every,) = coupling_sentences(as_results(changed))
+    assert every.endswith("VE3 (9 to 9 kN/m) and VE4 (9 to 9 kN/m) with 95 % probability or more.")
+    changed["design"] = None
+    assert coupling_sentences(as_results(changed)) == []
+
+
+def test_devices_that_change_nothing_are_a_sentence(both):
+    changed = copy.deepcopy(both)
+    changed["sensitivity"]["stable"] = [[False, False], [True, True]]
+    changed["sensitivity"]["environments"] = [
+        {"name": "VE1", "probability": [[0.0, 0.0], [0.90, 0.93]]},
+        {"name": "VE2", "probability": [[0.0, 0.0], [0.2, 0.8]]},
+        {"name": "VE3", "probability": [[0.0, 0.0], [0.0, 0.001]]},
+        {"name": "VE4", "probability": [[0.0, 0.0], [0.999, 1.0]]},
+    ]
+    view = section(changed, "device")
+    assert view.same == "VE1 (90 % to 93 %), VE3 (< 1 %) and VE4 (> 99 %)"
+    assert view.varying == ["VE2"]
+    changed["sensitivity"]["stable"] = [[False, False], [False, False]]
+    view = section(changed, "device")
+    assert (view.stable, view.same, view.varying) == (False, "", [])
 
 
 def test_verdicts_of_both_methods_are_those_of_all_environments(both):
@@ -63,8 +104,8 @@ def test_verdicts_of_both_methods_are_those_of_all_environments(both):
 
 
 def test_every_environment_has_its_effective_impedance(classical):
-    effective = section(classical, "coupling").effective
-    assert [row.environment for row in effective] == classical["data"]["environments"]
+    memberships = classical["coupling"]["memberships"]
+    assert [row["environment"] for row in memberships] == classical["data"]["environments"]
 
 
 def test_environments_are_told_apart_where_their_intervals_say_different_things(classical):
@@ -199,9 +240,9 @@ def test_of_many_environments_some_are_drawn_and_the_page_says_so(classical):
         for cell in document["data"]["cells"]
         if cell["environment"] == "VE1"
     ]
-    everywhere = document["design"]["maps"][0]["environments"]
+    everywhere = document["design"]["environments"]
     regions = [everywhere[0] | {"name": name} for name in names]
-    document["design"]["maps"][0]["environments"] = [*regions, everywhere[-1]]
+    document["design"]["environments"] = [*regions, everywhere[-1]]
     said = "24 of 60 environments are drawn, evenly spaced in their order. The tables hold all."
     by_name = {drawing.name: drawing for drawing in drawings(as_results(document))}
     for name in ("overview_k", "overview_b", "boundaries", "ratios", "design"):

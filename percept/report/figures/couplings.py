@@ -1,223 +1,181 @@
-"""Figures of couplings: the stability criterion over ω, and the map of those that qualify."""
+"""The figures of couplings and devices: the stability criterion, and maps of what feels real."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path
-from numpy.typing import NDArray
+from matplotlib.patches import Rectangle
 
-from percept.haptics.design import MAP_ACCURACY
+from percept.inference.record import percent
 from percept.report.figures.canvas import (
     COLOURS,
     WIDE,
     Drawing,
     Frame,
+    brief,
     legend,
+    log_scale,
     outer_labels,
     panels,
     row_labels,
 )
 from percept.report.figures.curves import draw_stability
-from percept.report.select import METHOD_NAMES, METHODS, choice_said, chosen, first, words_of
-from percept.results import AdmissibleCouplings, Coupling, Results
+from percept.report.select import METHOD_NAMES, choice_said, chosen, device_ranges, words_of
+from percept.results import (
+    AdmissibleCouplings,
+    Coupling,
+    DeviceMap,
+    DeviceProbabilities,
+    EnvironmentCouplings,
+    Results,
+)
+from percept.results.fields import Array
 
-__all__ = ["CouplingMarks", "design_drawings", "draw_design", "map_ends", "stability_drawings"]
+__all__ = [
+    "design_drawings", "device_drawings", "draw_couplings", "draw_devices", "stability_drawings",
+]  # fmt: skip
 
-FloatArray = NDArray[np.float64]
-Segments = Sequence[FloatArray]  # Per line of coupling damping: (n, 2) intervals of stiffness, N/m
-
-#: The axes of a map show at most this many times what qualifies.
-_BEYOND = 4.0
-_ROOM = 1.05  # factor on what an axis has to show
+#: Probabilities from which on the map is a shade darker; the decision is one more.
+SHADES = (0.05, 0.25, 0.5, 0.75)
+#: Opacity of one shade: they add up where one lies on another.
+SHADE_ALPHA = 0.16
+_LIKELY = 0.5  # the probability of the dashed line
 _KILO = 1e3  # N/m in kN/m
+_ROOM = 1.05  # factor on what an axis has to show
 _MOST_COLUMNS = 6  # panels side by side
 _FEWEST_COLUMNS = 3
 _TITLE_WIDTH = 24.0  # mm
 _PANEL_HEIGHT = 42.0  # mm, with its labels
 _LEGEND_HEIGHT = 15.0  # mm
+_DEVICE_COLUMNS = 4  # panels side by side
+_DEVICE_TITLE_WIDTH = 34.0  # mm
+_DEVICE_HEIGHT = 46.0  # mm, with its labels
+_DEVICE_LABELS = 12.0  # mm, of the lowest panels
+_CELL_ALPHA = 0.6  # opacity of a certain cell: its number stays readable
 _STABILITY_SIZE = (120.0, 50.0)  # mm
 
 
-@dataclass(frozen=True, eq=False)
-class CouplingMarks:
-    """What a map shows beside the couplings that qualify."""
-
-    stable: tuple[FloatArray, FloatArray] | None = None  # Edge: stiffness, N/m, and damping, N·s/m
-    coupling: tuple[float, float] | None = None  # In use: stiffness, N/m, and damping, N·s/m
-
-
-def draw_design(
-    ax: Axes,
-    damping: FloatArray,
-    intervals: Segments,
-    marks: CouplingMarks,
-    *,
-    ends: tuple[float, float] | None = None,
+def draw_couplings(
+    ax: Axes, damping: Array, couplings: EnvironmentCouplings, *, decision: float
 ) -> None:
-    """Draw the couplings that are stable and stay inside a boundary, by stiffness and damping.
+    """Draw how probably stable couplings feel real, by their stiffness and damping.
 
     Parameters
     ----------
     ax : Axes
-        To draw on.
-    damping : ndarray, shape (n,)
-        Coupling damping of each line, N·s/m.
-    intervals : sequence of ndarray, shape (m, 2)
-        Per line, the intervals of stiffness that qualify, N/m.
-    marks : CouplingMarks
-        What else is drawn.
-    ends : tuple of float, optional
-        Ends of the axes, kN/m and N·s/m; behind what is drawn by default.
+        To draw on; its stiffness becomes logarithmic.
+    damping : ndarray, shape (B,)
+        Of each line of the map, N·s/m.
+    couplings : EnvironmentCouplings
+        The map, and its ends.
+    decision : float
+        Probability from which a coupling feels real.
     """
-    if marks.stable is not None:
-        stiffness, edge_damping = marks.stable
-        ax.plot(
-            np.append(stiffness, stiffness[0]) / _KILO,
-            np.append(edge_damping, edge_damping[0]),
-            color=COLOURS["quiet"],
-            linewidth=0.8,
-            label="edge of the stable region",
-        )
-    boxes = _boxes(damping, intervals)
-    if len(boxes):
-        # left, right, bottom and top make the five corners of a closed box
-        corners = boxes[:, [[0, 2], [1, 2], [1, 3], [0, 3], [0, 2]]]
-        shade = PathPatch(
-            Path.make_compound_path_from_polys(corners),
-            color=COLOURS["coupled"],
-            alpha=0.35,
-            linewidth=0,
-            antialiased=False,  # smoothed edges would leave a light line where boxes touch
-            label="stable and inside the boundary",
-        )
-        # add_patch would look for the extent segment by segment; the ends are known.
-        ax.add_artist(shade)
-    else:
-        quiet = COLOURS["quiet"]
-        ax.text(0.5, 0.5, "none qualifies", ha="center", color=quiet, transform=ax.transAxes)
-    right, top = ends or map_ends(damping, [intervals], marks)
-    if marks.coupling is not None:
-        _draw_coupling(ax, *marks.coupling, right=right, top=top)
-    ax.set_xlim(0, right)
-    ax.set_ylim(0, top)
-    ax.set_xlabel("coupling stiffness (kN/m)")
-
-
-def _draw_coupling(ax: Axes, stiffness: float, damping: float, *, right: float, top: float) -> None:
-    """Mark the coupling in use; at the edge with its numbers where it lies beyond."""
-    own = (stiffness / _KILO, damping)
-    shown = (min(own[0], right), min(own[1], top))
+    stiffness = couplings.stiffness / _KILO
+    lines = np.broadcast_to(damping[:, None], stiffness.shape)
+    probability = couplings.probability
     ax.plot(
-        [shown[0]], [shown[1]], "X", markersize=5, color=COLOURS["warn"], label="coupling in use",
-        clip_on=False,
+        stiffness[:, -1], damping, color=COLOURS["quiet"], linewidth=0.8,
+        label="edge of the stable region",
     )  # fmt: skip
-    if shown != own:
-        text = f"at {own[0]:.4g} kN/m,\n{own[1]:.4g} N·s/m"
-        ax.annotate(
-            text, shown, xytext=(-6, -4), textcoords="offset points", ha="right", va="top",
-            fontsize=6,
+    for least in (*SHADES, decision):
+        if probability.max() > least:
+            ax.contourf(
+                stiffness, lines, probability, levels=[least, 1.1], colors=[COLOURS["coupled"]],
+                alpha=SHADE_ALPHA,
+            )  # fmt: skip
+    for least, dashes in ((_LIKELY, (0, (3, 2))), (decision, "solid")):
+        # A line of the legend also where this map has none.
+        ax.plot(
+            [], [], label=f"{percent(least)} probability", color=COLOURS["coupled"],
+            linestyle=dashes, linewidth=0.9,
         )  # fmt: skip
+        if probability.min() < least < probability.max():
+            ax.contour(
+                stiffness, lines, probability, levels=[least], colors=[COLOURS["coupled"]],
+                linestyles=[dashes], linewidths=0.9,
+            )  # fmt: skip
+    for end in (couplings.stiffest, couplings.softest):
+        if end is not None:
+            ax.plot(
+                [end.stiffness / _KILO], [end.damping], "o", markersize=3.5, clip_on=False,
+                color=COLOURS["coupled"], label="stiffest and softest that feel real",
+            )  # fmt: skip
+    largest = float(probability.max())
+    if largest < decision:
+        text = f"at most {100.0 * largest:.0f} %"
+        ax.text(0.05, 0.05, text, color=COLOURS["quiet"], transform=ax.transAxes)
+    log_scale(ax, "x", plain=True)
 
 
-def map_ends(
-    damping: FloatArray, maps: Sequence[Segments], marks: CouplingMarks
-) -> tuple[float, float]:
-    """Return the ends of maps' axes: behind what qualifies, and behind marks that are near.
-
-    Stiffness is in kN/m, damping in N·s/m.
-    """
-    boxes = np.concatenate([np.zeros((1, 4)), *(_boxes(damping, intervals) for intervals in maps)])
-    qualifying = boxes[:, [1, 3]].max(axis=0)
-    marked = np.zeros(2)
-    if marks.coupling is not None:
-        marked = np.array([marks.coupling[0] / _KILO, marks.coupling[1]])
-    if marks.stable is not None:
-        stiffness, edge_damping = marks.stable
-        marked = np.maximum(marked, [stiffness.max() / _KILO, edge_damping.max()])
-    if qualifying.all():
-        marked = np.minimum(marked, _BEYOND * qualifying)
-    right, top = _ROOM * np.maximum(qualifying, marked)
-    return float(right or 1.0), float(top or 1.0)
-
-
-def _boxes(damping: FloatArray, intervals: Segments) -> FloatArray:
-    """Return left, right, bottom, top of a box per interval, half way to the next lines."""
-    halfway = (damping[1:] + damping[:-1]) / 2
-    edges = np.concatenate([damping[:1], halfway, damping[-1:]])
-    boxes: list[tuple[float, float, float, float]] = []
-    for line, segments in enumerate(intervals):
-        for low, high in segments:
-            boxes.append((low / _KILO, high / _KILO, edges[line], edges[line + 1]))
-    return np.array(boxes, dtype=float).reshape(-1, 4)
+def _draw_used(ax: Axes, stiffness: float, damping: float) -> None:
+    """Mark the coupling in use, its numbers in the legend; at the edge where it lies beyond."""
+    own = stiffness / _KILO
+    ax.plot(
+        [min(own, ax.get_xlim()[1])], [min(damping, ax.get_ylim()[1])], "X", markersize=5,
+        color=COLOURS["warn"], clip_on=False,
+        label=f"coupling in use ({own:.4g} kN/m, {damping:.4g} N·s/m)",
+    )  # fmt: skip
 
 
 def design_drawings(results: Results) -> list[Drawing]:
-    """Return the map of couplings that qualify, by the Bayesian limits where there are any."""
+    """Return the map of couplings by the probability that they feel real."""
     design = results.design
     if design is None:
         return []
-    best = first(design.maps, method=METHODS[::-1])
-    assert best is not None
-    names = [region.name for region in best.environments if region.name is not None]
+    names = [region.name for region in design.environments if region.name is not None]
     drawn = {*chosen(names), None}
-    regions = [region for region in best.environments if region.name in drawn]
-    marks = _marks(results, design)
+    regions = [region for region in design.environments if region.name in drawn]
     columns = min(max(len(regions), _FEWEST_COLUMNS), _MOST_COLUMNS)
+    used = results.provenance.scene.get("coupling")
 
     def draw(figure: Figure) -> None:
         axes = panels(figure, len(regions), columns=columns, frame=Frame(bottom=17, gap=3, line=8))
         titles = row_labels(
             [region.name or "all together" for region in regions], most=_TITLE_WIDTH
         )
-        maps = [
-            [np.array(segments, dtype=float).reshape(-1, 2) for segments in region.intervals]
-            for region in regions
-        ]
-        ends = map_ends(best.damping, maps, marks)
-        for ax, segments, title in zip(axes, maps, titles, strict=True):
-            draw_design(ax, best.damping, segments, marks, ends=ends)
+        left = min(float(region.stiffness[0, 0]) for region in regions) / _KILO
+        right = max(float(region.stiffness.max()) for region in regions) / _KILO
+        for ax, region, title in zip(axes, regions, titles, strict=True):
+            draw_couplings(ax, design.damping, region, decision=design.decision)
+            ax.set_xlim(left / _ROOM, _ROOM * right)
+            ax.set_ylim(0.0, _ROOM * float(design.damping[-1]))
+            if used is not None:
+                _draw_used(ax, used["stiffness"], used["damping"])
             ax.set_title(title, loc="left")
             ax.set_xlabel("stiffness (kN/m)")
             ax.set_ylabel("damping (N·s/m)")
         outer_labels(axes, columns)
         legend(max(axes, key=lambda ax: len(ax.get_legend_handles_labels()[0])), ncols=3)
 
-    said = (
-        "Shaded: stable with this device, and by the paper’s rule inside the next"
-        f" {words_of(results).user}’s boundary"
-        f" ({METHOD_NAMES[best.method]}, {design.family}), by |Z_h| and by effective"
-        f" stiffness and damping, at every ω, to {100 * MAP_ACCURACY:g} %."
-    )
-    if marks.stable is not None:
-        said += " The line is the edge of what is stable."
-    if marks.coupling is not None:
-        said += " The cross is the coupling in use."
     rows = -(-len(regions) // columns)
     return [
         Drawing(
             name="design",
-            title="Couplings that qualify, by stiffness and damping of the coupling",
-            description=said + choice_said(names, words_of(results).environments),
+            title="Probability that stable couplings feel real, by stiffness and damping",
+            description=_said(results, design) + choice_said(names, words_of(results).environments),
             size=(WIDE, _LEGEND_HEIGHT + _PANEL_HEIGHT * rows),
             draw=draw,
         )
     ]
 
 
-def _marks(results: Results, design: AdmissibleCouplings) -> CouplingMarks:
-    """Return the edge of what is stable, and the scene's coupling."""
-    edge = design.stable
-    used = results.provenance.scene.get("coupling")
-    return CouplingMarks(
-        stable=None if edge is None else (edge.stiffness, edge.damping),
-        coupling=None if used is None else (used["stiffness"], used["damping"]),
+def _said(results: Results, design: AdmissibleCouplings) -> str:
+    """Say what the map shows."""
+    shades = ", ".join(f"{100 * shade:.0f}" for shade in SHADES)
+    words = words_of(results)
+    said = (
+        "Left of the edge couplings are stable with this device. The darker, the more probably"
+        f" displays through the coupling feel real ({METHOD_NAMES[design.method]},"
+        f" {design.draws} draws of the {words.users}): shades begin at {shades} and"
+        f" {percent(design.decision)}."
     )
+    if len(design.environments) > 1:
+        said += f" “All together” shows the least probable of the {words.environments}."
+    if results.provenance.scene.get("coupling") is not None:
+        said += " The cross is the coupling in use."
+    return said
 
 
 def stability_drawings(coupling: Coupling | None) -> list[Drawing]:
@@ -237,6 +195,82 @@ def stability_drawings(coupling: Coupling | None) -> list[Drawing]:
             description="The real part of the coupling’s admittance 1/Z_c has to stay above the"
             " lower bound.",
             size=_STABILITY_SIZE,
+            draw=draw,
+        )
+    ]
+
+
+def draw_devices(ax: Axes, devices: DeviceMap, of_environment: DeviceProbabilities) -> None:
+    """Draw a cell per device, damping upwards and mass to the right, with its probability.
+
+    Parameters
+    ----------
+    ax : Axes
+        To draw on.
+    devices : DeviceMap
+        The devices.
+    of_environment : DeviceProbabilities
+        Probabilities of one environment.
+    """
+    for (row, column), probability in np.ndenumerate(of_environment.probability):
+        stable = devices.stable[row][column]
+        ax.add_patch(
+            Rectangle(
+                (column - 0.5, row - 0.5), 1.0, 1.0, linewidth=0.4, edgecolor=COLOURS["rule"],
+                facecolor=COLOURS["coupled"], alpha=_CELL_ALPHA * float(probability),
+            )
+        )  # fmt: skip
+        # An unstable coupling has no number: its display was not judged.
+        text = f"{100.0 * probability:.0f}" if stable else "–"
+        ax.text(column, row, text, ha="center", va="center", fontsize=6)
+    own = Rectangle(
+        (devices.own[1] - 0.5, devices.own[0] - 0.5), 1.0, 1.0, fill=False, linewidth=1.2,
+        edgecolor=COLOURS["ink"],
+    )  # fmt: skip
+    ax.add_patch(own)
+    ax.set_xlim(-0.5, len(devices.mass) - 0.5)
+    ax.set_ylim(-0.5, len(devices.damping) - 0.5)
+    ax.set_xticks(range(len(devices.mass)), [brief(mass) for mass in devices.mass])
+    ax.set_yticks(range(len(devices.damping)), [brief(value) for value in devices.damping])
+    ax.grid(visible=False)
+    ax.set_xlabel("mass (kg)")
+    ax.set_ylabel("damping (N·s/m)")
+
+
+def device_drawings(results: Results) -> list[Drawing]:
+    """Return the map of each environment whose probability moves with the device."""
+    devices = results.sensitivity
+    if devices is None:
+        return []
+    names = [found.name for found in device_ranges(devices) if found.varies]
+    drawn = [one for one in devices.environments if one.name in names]
+    if not drawn:
+        return []
+    columns = min(len(drawn), _DEVICE_COLUMNS)
+
+    def draw(figure: Figure) -> None:
+        frame = Frame(gap=4, line=9)
+        axes = panels(figure, len(drawn), columns=_DEVICE_COLUMNS, frame=frame)
+        titles = row_labels([one.name for one in drawn], most=_DEVICE_TITLE_WIDTH)
+        for ax, of_environment, title in zip(axes, drawn, titles, strict=True):
+            draw_devices(ax, devices, of_environment)
+            ax.set_title(title, loc="left")
+        outer_labels(axes, columns)
+
+    rows = -(-len(drawn) // _DEVICE_COLUMNS)
+    through = "through the coupling" if devices.coupled else "directly"
+    said = (
+        f"Probability in per cent that it feels real {through}, at every ω"
+        f" ({METHOD_NAMES[devices.method]}, {devices.draws} draws)."
+    )
+    if devices.coupled:
+        said += " A dash: the coupling is not stable."
+    return [
+        Drawing(
+            name="device",
+            title="Probability of feeling real, by mass and damping of the device",
+            description=said + " The frame is the scene’s device.",
+            size=(WIDE, _DEVICE_LABELS + _DEVICE_HEIGHT * rows),
             draw=draw,
         )
     ]

@@ -1,0 +1,449 @@
+"""How probably other couplings and other devices feel real, and are stable.
+
+The map of couplings is over stiffness and damping, up to the edge of what is stable. Its ends, the
+stiffest and the softest coupling that feel real with the scene's `decision`, are found on it and
+confirmed by `percept.boundary.feels_real`, which also searches between frequencies. Mass and
+damping of a device are seldom known well: the map of devices judges every environment again.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from percept import haptics
+from percept.boundary.feels_real import CouplingJudge, Evidence, feels_real, rough_probability
+from percept.boundary.users import Users
+from percept.haptics import Coupling, Device, TabulatedDevice
+from percept.haptics.limits import largest_coupling_damping, stable_stiffness
+from percept.haptics.search import covers_range
+from percept.results import (
+    AdmissibleCouplings,
+    ConfirmedCoupling,
+    DeviceMap,
+    DeviceProbabilities,
+    EnvironmentCouplings,
+)
+from percept.results.fields import Method
+from percept.scene import InferenceTable
+from percept.study.basics import Array, Skipped
+from percept.study.device import Setup, StiffnessSpan, map_frequencies, stiffness_span
+from percept.study.verdicts import frequencies, relative_sd
+
+__all__ = ["coupling_map", "device_map", "no_maps"]
+
+#: Draws of the users behind a map: a probability of 0.95 is known to 0.014 by them.
+_MAP_DRAWS = 256
+#: Draws that confirm an end: on a line of equal probability no number of draws is ever clear of it.
+_END_DRAWS = 512
+#: Lines of damping of a map, and stiffnesses on each.
+_LINES = 33
+_STIFFNESSES = 41
+#: The last line is a hair's breadth below the largest stable damping, where nothing is left.
+_LAST_LINE = 0.98
+#: A coupling at the edge of what is stable is pulled inside by this fraction of its stiffness.
+_INSIDE = 1e-4
+#: The softest coupling of a map, against the softest stiffness in users' ranges.
+_SOFTER = 0.5
+#: A line of a map spans this factor of stiffness at least, also where little is stable.
+_LEAST_SPAN = 10.0
+#: An end is searched again about the best line so often, on so many lines between its neighbours.
+_REFINEMENTS = 2
+_LINES_BETWEEN = 9
+#: Halvings of the step of a map that holds an end: the stiffness is known to a ten-thousandth.
+_HALVINGS = 10
+#: Ends that are tried before a search gives up.
+_TRIALS = 5
+#: Draws of the users behind a map: a probability is known to 0.04 by them, differences better.
+_DEVICE_DRAWS = 128
+#: Environments judged: some 35 devices are judged for each.
+_MOST_ENVIRONMENTS = 12
+#: Of the scene's damping, which decides on stability, and of its mass.
+_DAMPING_TIMES = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+_MASS_TIMES = (0.125, 0.35, 1.0, 2.8, 8.0)
+
+End = Literal["stiffest", "softest"]
+
+
+def no_maps(setup: Setup, users: Mapping[str, Users]) -> list[Skipped | None]:
+    """Say why there is no map of devices, or of couplings; None for a map that there is."""
+    skipped = [_no_device_map(setup, users)]
+    if setup.coupling is not None:
+        skipped.append(_no_coupling_map(setup, users))
+    return skipped
+
+
+def _no_coupling_map(setup: Setup, users: Mapping[str, Users]) -> Skipped | None:
+    """Say why there is no map of couplings; None where there is one."""
+    device = setup.device
+    what = "admissible couplings"
+    if isinstance(device, TabulatedDevice) and not covers_range(device, setup.period):
+        covered = f"{device.omega[0]:g} to {device.omega[-1]:g} rad/s"
+        needed = f"all of 0 to {np.pi / setup.period:g}"
+        return Skipped(what, f"the device's table covers {covered}, and stability needs {needed}")
+    if not largest_coupling_damping(device, setup.period, setup.hold):
+        return Skipped(what, "no coupling is stable with this device")
+    if not users:
+        return Skipped(what, "they need a joint law of stiffness and damping")
+    return None
+
+
+def coupling_map(
+    setup: Setup,
+    users: Mapping[str, Users],
+    method: Method,
+    asked: InferenceTable,
+    within: tuple[float, float],
+) -> AdmissibleCouplings | None:
+    """Map the probability that stable couplings feel real, per environment and for all together.
+
+    Parameters
+    ----------
+    setup : Setup
+        Device and references.
+    users : mapping of str to Users
+        Draws of the population, in random order, by environment.
+    method : {"bayesian", "classical"}
+        Whose draws these are.
+    asked : InferenceTable
+        Level and decision.
+    within : tuple of float
+        Ends of the frequencies that couplings are judged over, rad/s.
+
+    Returns
+    -------
+    AdmissibleCouplings or None
+        None where `no_maps` says why. "All together" has the smallest probability.
+    """
+    if _no_coupling_map(setup, users) is not None:
+        return None
+    judges = []
+    for environment, population in users.items():
+        judges.append(_Environment.of(setup, environment, population, asked, within))
+    damping = _lines(setup)
+    maps = [_map_of(environment.name, [environment], damping) for environment in judges]
+    if len(judges) > 1:
+        maps.append(_map_of(None, judges, damping))
+    return AdmissibleCouplings(
+        method=method,
+        family=asked.family,
+        level=asked.level,
+        decision=asked.decision,
+        draws=min(_MAP_DRAWS, *(population.size for population in users.values())),
+        damping=damping,
+        environments=tuple(maps),
+    )
+
+
+def _lines(setup: Setup) -> Array:
+    """Return dampings from 0 to the largest that is stable, dense at both ends."""
+    largest = largest_coupling_damping(setup.device, setup.period, setup.hold)
+    angle = np.linspace(0.0, _LAST_LINE * 0.5 * np.pi, _LINES)
+    return largest * np.sin(angle) ** 2
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Environment:
+    """One environment with all that judges its couplings."""
+
+    name: str
+    setup: Setup
+    judge: CouplingJudge
+    users: Users
+    omega: Array  # rad/s, where `feels_real` looks first
+    asked: InferenceTable
+    softest: float  # N/m: a softer coupling is too soft under every draw
+
+    @classmethod
+    def of(
+        cls,
+        setup: Setup,
+        name: str,
+        users: Users,
+        asked: InferenceTable,
+        within: tuple[float, float],
+    ) -> _Environment:
+        """Prepare an environment."""
+        some = users.select(slice(0, _MAP_DRAWS))
+        span = stiffness_span(setup, name, some, asked.level)
+        display = setup.display(name, coupled=False)
+        omega = map_frequencies(setup, name, span, within)
+        judge = CouplingJudge(display, some, omega, level=asked.level)
+        searched = frequencies(setup, name, relative_sd(users), within)
+        return cls(name, setup, judge, users, searched, asked, _SOFTER * span.low)
+
+    def confirm(self, coupling: Coupling) -> Evidence:
+        """Judge one coupling by `feels_real`."""
+        setup = dataclasses.replace(self.setup, coupling=coupling)
+        display = setup.display(self.name, coupled=True)
+        some = self.users.select(slice(0, _END_DRAWS))
+        level = self.asked.level
+        return feels_real(display, some, self.omega, level=level, decision=self.asked.decision)
+
+
+class _Grid(NamedTuple):
+    """Couplings on B lines of damping, N·s/m, K stiffnesses each, N/m."""
+
+    damping: Array  # (B,)
+    stiffness: Array  # (B, K), increasing to the stable limit
+
+
+def _stable_grid(setup: Setup, damping: Array, softest: float) -> _Grid:
+    """Return stable couplings from `softest`, N/m, on."""
+    limit = stable_stiffness(setup.device, damping, setup.period, setup.hold)
+    limit = (1.0 - _INSIDE) * np.maximum(limit, np.finfo(float).tiny)
+    low = np.minimum(softest, limit / _LEAST_SPAN)
+    return _Grid(damping, np.geomspace(low, limit, _STIFFNESSES).T)
+
+
+def _map_of(
+    name: str | None, environments: Sequence[_Environment], damping: Array
+) -> EnvironmentCouplings:
+    """Map one environment, or several together."""
+    setup = environments[0].setup
+    softest = max(environment.softest for environment in environments)
+    grid = _stable_grid(setup, damping, softest)
+    probability = _probabilities(environments, grid)
+    ends: dict[End, ConfirmedCoupling | None] = {}
+    for end in ("stiffest", "softest"):
+        ends[end] = _confirmed_end(environments, grid, probability, end)
+    return EnvironmentCouplings(
+        name=name,
+        stiffness=grid.stiffness,
+        probability=probability,
+        stiffest=ends["stiffest"],
+        softest=ends["softest"],
+    )
+
+
+def _probabilities(environments: Sequence[_Environment], grid: _Grid) -> Array:
+    """Return the smallest of the environments' probabilities for each coupling, (B, K)."""
+    stiffness = grid.stiffness.ravel()
+    damping = np.repeat(grid.damping, grid.stiffness.shape[1])
+    least = np.ones(stiffness.size)
+    for environment in environments:
+        maybe = np.flatnonzero(least > 0.0)
+        if maybe.size:
+            couplings = Coupling(stiffness[maybe], damping[maybe])
+            found = environment.judge.probabilities(couplings)
+            least[maybe] = np.minimum(least[maybe], found)
+    return least.reshape(grid.stiffness.shape)
+
+
+def _confirmed_end(
+    environments: Sequence[_Environment], grid: _Grid, probability: Array, end: End
+) -> ConfirmedCoupling | None:
+    """Return the stiffest or the softest coupling that `feels_real` confirms; None without one."""
+    decision = environments[0].asked.decision
+    wanted = decision
+    for _ in range(_TRIALS):
+        coupling = _refined_end(environments, grid, probability, wanted, end)
+        if coupling is None:
+            return None
+        confirmed = _confirmed(environments, coupling)
+        if confirmed.probability >= decision and _is_stable(environments[0].setup, coupling):
+            return confirmed
+        # What lies between the map's frequencies, and its fewer draws, is asked for on top.
+        wanted += max(decision - confirmed.probability, 1.0 / _END_DRAWS)
+    return None
+
+
+def _confirmed(environments: Sequence[_Environment], coupling: Coupling) -> ConfirmedCoupling:
+    """Say how probably a coupling feels real where it is least probable, and what bounds it."""
+    found = [environment.confirm(coupling) for environment in environments]
+    least = min(found, key=lambda evidence: evidence.probability)
+    setup = environments[0].setup
+    damping = np.array([float(coupling.damping)])
+    limit = stable_stiffness(setup.device, damping, setup.period, setup.hold)
+    bound: Literal["stability", "magnitude", "plane"] = "magnitude"
+    if float(coupling.stiffness) >= (1.0 - 2.0 * _INSIDE) * limit[0]:
+        bound = "stability"
+    elif least.plane < least.magnitude:
+        bound = "plane"
+    return ConfirmedCoupling(
+        stiffness=float(coupling.stiffness),
+        damping=float(coupling.damping),
+        probability=least.probability,
+        error=least.error,
+        draws=least.draws,
+        bound=bound,
+    )
+
+
+def _refined_end(
+    environments: Sequence[_Environment],
+    grid: _Grid,
+    probability: Array,
+    wanted: float,
+    end: End,
+) -> Coupling | None:
+    """Return the end of what is as probable as wanted, on the lines of a map and between them."""
+    best = None
+    for refinement in range(_REFINEMENTS + 1):
+        ends = _ends_on_lines(environments, grid, probability, wanted, end)
+        if not np.isfinite(ends).any():
+            break
+        line = int(np.nanargmin(ends) if end == "softest" else np.nanargmax(ends))
+        best = Coupling(float(ends[line]), float(grid.damping[line]))
+        if refinement < _REFINEMENTS:
+            neighbours = grid.damping[max(line - 1, 0) : line + 2]
+            between = np.linspace(neighbours[0], neighbours[-1], _LINES_BETWEEN)
+            grid = _stable_grid(environments[0].setup, between, float(grid.stiffness.min()))
+            probability = _probabilities(environments, grid)
+    return best
+
+
+def _ends_on_lines(
+    environments: Sequence[_Environment],
+    grid: _Grid,
+    probability: Array,
+    wanted: float,
+    end: End,
+) -> Array:
+    """Return the end on each line of what is as probable as wanted, N/m; NaN without one."""
+    enough = probability >= wanted
+    ends = np.full(grid.damping.size, np.nan)
+    (lines,) = np.nonzero(enough.any(axis=1))
+    if not lines.size:
+        return ends
+    last = grid.stiffness.shape[1] - 1
+    if end == "stiffest":
+        inner = last - enough[lines, ::-1].argmax(axis=1)
+        outer = np.minimum(inner + 1, last)
+    else:
+        inner = enough[lines].argmax(axis=1)
+        outer = np.maximum(inner - 1, 0)
+    inside = grid.stiffness[lines, inner]
+    outside = grid.stiffness[lines, outer]
+    for _ in range(_HALVINGS):
+        middle = np.sqrt(inside * outside)
+        found = _probabilities(environments, _Grid(grid.damping[lines], middle[:, None]))[:, 0]
+        inside = np.where(found >= wanted, middle, inside)
+        outside = np.where(found >= wanted, outside, middle)
+    ends[lines] = inside
+    return ends
+
+
+def _no_device_map(setup: Setup, users: Mapping[str, Users]) -> Skipped | None:
+    """Say why mass and damping are not varied; None where they are."""
+    what = "sensitivity to the device's mass and damping"
+    if not isinstance(setup.device, Device):
+        return Skipped(what, "a measured response has neither")
+    if not users:
+        return Skipped(what, "it needs a joint law of stiffness and damping")
+    return None
+
+
+def device_map(
+    setup: Setup,
+    users: Mapping[str, Users],
+    method: Method,
+    asked: InferenceTable,
+    within: tuple[float, float],
+) -> DeviceMap | None:
+    """Map the probability that environments feel real, and are stable, over mass and damping.
+
+    Parameters
+    ----------
+    setup : Setup
+        Device, coupling and references.
+    users : mapping of str to Users
+        Draws of the population, in random order, by environment.
+    method : {"bayesian", "classical"}
+        Whose draws these are.
+    asked : InferenceTable
+        Level of the central ranges.
+    within : tuple of float
+        Ends of the frequencies that displays are judged over, rad/s.
+
+    Returns
+    -------
+    DeviceMap or None
+        None where `no_maps` says why. Through the coupling where the scene has one, else directly.
+    """
+    if _no_device_map(setup, users) is not None:
+        return None
+    device = setup.device
+    assert isinstance(device, Device)
+    masses = _about(float(device.mass), _MASS_TIMES)
+    dampings = _about(float(device.damping), _DAMPING_TIMES)
+    stable = _stability(setup, masses, dampings)
+    maps = []
+    for environment in _spaced(list(users)):
+        population = users[environment]
+        some = population.select(slice(0, _DEVICE_DRAWS))
+        span = stiffness_span(setup, environment, some, asked.level)
+        probability = np.zeros(stable.shape)
+        for i, j in np.argwhere(stable):
+            varied = _with_device(setup, masses[j], dampings[i])
+            probability[i, j] = _probability(varied, environment, some, span, asked.level, within)
+        maps.append(DeviceProbabilities(name=environment, probability=probability))
+    needed = None
+    if setup.coupling is not None:
+        need = haptics.required_damping(setup.coupling, setup.period, hold=setup.hold)
+        needed = float(need.damping)
+    return DeviceMap(
+        mass=masses,
+        damping=dampings,
+        own=(dampings.index(float(device.damping)), masses.index(float(device.mass))),
+        coupled=setup.coupling is not None,
+        required_damping=needed,
+        stable=tuple(tuple(row) for row in stable.tolist()),
+        environments=tuple(maps),
+        method=method,
+        draws=min(_DEVICE_DRAWS, *(population.size for population in users.values())),
+    )
+
+
+def _spaced(names: list[str]) -> list[str]:
+    """Return all environments, or some evenly spaced in their order."""
+    if len(names) <= _MOST_ENVIRONMENTS:
+        return names
+    places = np.linspace(0, len(names) - 1, _MOST_ENVIRONMENTS).round().astype(int)
+    return [names[place] for place in places]
+
+
+def _about(value: float, times: tuple[float, ...]) -> tuple[float, ...]:
+    """Return values about the scene's; zero and multiples of one where the scene's is zero."""
+    if value:
+        return tuple(value * factor for factor in times)
+    return (0.0, *times[1:])
+
+
+def _with_device(setup: Setup, mass: float, damping: float) -> Setup:
+    assert isinstance(setup.device, Device)
+    device = dataclasses.replace(setup.device, mass=mass, damping=damping)
+    return dataclasses.replace(setup, device=device)
+
+
+def _is_stable(setup: Setup, coupling: Coupling) -> bool:
+    stability = haptics.absolute_stability(setup.device, coupling, setup.period, hold=setup.hold)
+    return stability.verdict == "stable"
+
+
+def _stability(setup: Setup, masses: tuple[float, ...], dampings: tuple[float, ...]) -> Array:
+    """Say with which devices the coupling is stable, (dampings, masses); all without one."""
+    stable = np.ones((len(dampings), len(masses)), dtype=bool)
+    if setup.coupling is not None:
+        for i, damping in enumerate(dampings):
+            for j, mass in enumerate(masses):
+                varied = _with_device(setup, mass, damping)
+                stable[i, j] = _is_stable(varied, setup.coupling)
+    return stable
+
+
+def _probability(
+    setup: Setup,
+    environment: str,
+    users: Users,
+    span: StiffnessSpan,
+    level: float,
+    within: tuple[float, float],
+) -> float:
+    """Judge one environment on one device."""
+    display = setup.display(environment, coupled=setup.coupling is not None)
+    omega = map_frequencies(setup, environment, span, within)
+    return rough_probability(display, users, omega, level=level)

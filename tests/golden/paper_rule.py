@@ -1,0 +1,143 @@
+"""What the paper's rule says by a study's classical limits."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from percept import Study, haptics
+from percept.haptics.containment import ON_LIMIT, Boxes, departures, plane_departures
+from percept.haptics.design import EnvironmentBoundary, design_couplings
+from percept.haptics.limits import stable_region
+from percept.haptics.search import covers_range
+from percept.study.device import Setup
+
+__all__ = ["by_the_paper_s_rule"]
+
+#: Of the scene's mass and damping, for the devices that verdicts are given for.
+_TIMES = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+#: Of lines of a map every so manieth is frozen.
+_EVERY = 40
+
+
+def by_the_paper_s_rule(study: Study) -> dict[str, Any]:
+    """Take what is frozen of the rule "curve between curves"."""
+    setup = study.parts.setup
+    if setup is None:
+        return {}
+    found = {}
+    if setup.coupling is not None:
+        found |= _memberships(study, setup)
+        found |= _design(study, setup)
+    if isinstance(setup.device, haptics.Device):
+        found |= _devices(study, setup)
+    return found
+
+
+def _memberships(study: Study, setup: Setup) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    read_at = study.scene.frequency.read_at
+    for region in study.parts.regions:
+        if region.method != "classical" or region.limits is None:
+            continue
+        if region.environment not in setup.references:
+            continue
+        labels = region.environment, region.kind, region.family, region.joint
+        reference = setup.references[region.environment]
+        shown = haptics.effective_impedance(read_at, reference, setup.coupling, setup.period)
+        for shape in ("corner", "envelope"):
+            boxes = Boxes.of(*region.limits, corners=shape == "corner")
+            verdicts, planes = [], []
+            for coupled in (False, True):
+                display = setup.display(region.environment, coupled=coupled)
+                verdicts.append(departures(display, boxes, *study.parts.within).verdict())
+                plane = plane_departures(display, boxes, *study.parts.within)
+                planes.append(float(plane.largest[0]))
+            name = " ".join(("realism", *labels, shape))
+            found[f"{name} verdict"] = verdicts
+            # Held to 1: a departure near zero keeps its absolute digits only.
+            found[f"{name} plane_departure"] = [*planes, 1.0]
+            found[f"{name} effective"] = [[float(shown.stiffness)], [float(shown.damping)]]
+    return found
+
+
+def _limits(study: Study, kind: str) -> dict[str, Any]:
+    """Rectangles of a kind, in the scene's family, by environment."""
+    family = study.scene.inference.family
+    wanted = ("classical", kind, "marginal", family)
+    return {
+        region.environment: region.limits
+        for region in study.parts.regions
+        if (region.method, region.kind, region.joint, region.family) == wanted
+        and region.limits is not None
+    }
+
+
+def _design(study: Study, setup: Setup) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    limits = _limits(study, "user")
+    if not covers_range(setup.device, setup.period) or limits.keys() != setup.references.keys():
+        return found
+    boundaries = [
+        EnvironmentBoundary(reference, *limits[name])
+        for name, reference in setup.references.items()
+    ]
+    within = study.parts.within
+    design = design_couplings(setup.device, boundaries, within, setup.period, hold=setup.hold)
+    if isinstance(setup.device, haptics.Device) and not setup.device.modes:
+        damping = float(setup.device.damping)
+        edge = stable_region(damping, setup.period, hold=setup.hold, points=65)
+        for at in range(0, len(edge.stiffness), 8):
+            found[f"design stable {at}"] = [[float(edge.stiffness[at])], [float(edge.damping[at])]]
+    regions = (*design.each, design.common)
+    for name, region in zip((*setup.references, None), regions, strict=True):
+        # Damping of an end is where a smooth curve turns, of which rounding leaves half the digits.
+        for field, end in (("largest", region.largest), ("softest", region.softest)):
+            found[f"design {name} {field}"] = end and end.stiffness
+        for at in range(0, len(region.damping), _EVERY):
+            lines = region.intervals[at].tolist()
+            found[f"design {name} {at}"] = [[float(region.damping[at])], *lines]
+    return found
+
+
+def _devices(study: Study, setup: Setup) -> dict[str, Any]:
+    """Judge 49 devices about the scene's."""
+    masses, dampings = (
+        [value * times for times in _TIMES] if value else [0.0, *_TIMES[1:]]
+        for value in (float(setup.device.mass), float(setup.device.damping))
+    )
+    inside = {}
+    for kind in study.scene.inference.kinds:
+        counts = np.zeros((len(dampings), len(masses)), dtype=int)
+        for environment, limits in _limits(study, kind).items():
+            for place in np.ndindex(counts.shape):
+                device = _varied(setup, masses[place[1]], dampings[place[0]])
+                display = device.display(environment, coupled=setup.coupling is not None)
+                departed = departures(
+                    display, Boxes.of(*limits), *study.parts.within, throughout=True
+                )
+                counts[place] += bool(departed.largest[0] <= ON_LIMIT)
+        inside[str(kind)] = counts.tolist()
+    needed = None
+    verdicts: list[list[str | None]] = [[None] * len(masses) for _ in dampings]
+    if setup.coupling is not None:
+        need = haptics.required_damping(setup.coupling, setup.period, hold=setup.hold)
+        needed = float(need.damping)
+        for i, j in np.ndindex(len(dampings), len(masses)):
+            device = _varied(setup, masses[j], dampings[i]).device
+            stability = haptics.absolute_stability(
+                device, setup.coupling, setup.period, hold=setup.hold
+            )
+            verdicts[i][j] = stability.verdict
+    return {
+        "sensitivity required_damping": needed,
+        "sensitivity verdict": verdicts,
+        "sensitivity inside": inside,
+    }
+
+
+def _varied(setup: Setup, mass: float, damping: float) -> Setup:
+    device = dataclasses.replace(setup.device, mass=mass, damping=damping)
+    return dataclasses.replace(setup, device=device)

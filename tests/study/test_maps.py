@@ -1,0 +1,207 @@
+"""Maps of couplings and of devices say what `feels_real` says of each, and ends are confirmed."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from percept import Scene, Study, haptics, read_sessions
+from percept.boundary.feels_real import feels_real
+from percept.haptics import Coupling
+from percept.sessions import Sessions
+from percept.study.verdicts import frequencies, relative_sd
+from tests import DATASETS
+
+PERIOD = 0.001
+RANGE = (0.1, 100.0)  # rad/s
+
+
+def evidence(study, environment, coupling, *, draws, device=None):
+    """What `feels_real` says of an environment through a coupling."""
+    setup = dataclasses.replace(study.parts.setup, coupling=coupling)
+    if device is not None:
+        setup = dataclasses.replace(setup, device=device)
+    users = study.parts.map_users[environment]
+    omega = frequencies(setup, environment, relative_sd(users), RANGE)
+    display = setup.display(environment, coupled=coupling is not None)
+    return feels_real(display, users.select(slice(0, draws)), omega, level=0.99, decision=0.95)
+
+
+def test_the_map_is_that_of_a_search_at_every_coupling(fitted: Study) -> None:
+    design = fitted.parts.coupling_map
+    assert design is not None
+    rng = np.random.default_rng(5)
+    compared = []
+    for environment in design.environments[:3]:
+        likely = np.argwhere(environment.probability > 0.02)
+        for line, column in rng.permutation(likely)[:7]:
+            stiffness = environment.stiffness[line, column]
+            coupling = Coupling(float(stiffness), float(design.damping[line]))
+            found = evidence(fitted, environment.name, coupling, draws=design.draws)
+            compared.append((environment.probability[line, column], found.probability))
+    assert len(compared) > 20
+    mapped, searched = np.array(compared).T
+    # The map looks between fewer frequencies: it misses some dips, and no draw is worse there.
+    np.testing.assert_allclose(mapped, searched, atol=0.04)
+    assert np.mean(mapped - searched) < 0.01
+
+
+def test_no_coupling_of_the_map_is_unstable(fitted: Study) -> None:
+    design = fitted.parts.coupling_map
+    assert design is not None
+    device = fitted.parts.setup.device
+    for environment in design.environments:
+        edge = environment.stiffness[:, -1]
+        for stiffness, damping in zip(edge[::4], design.damping[::4], strict=True):
+            inside = haptics.absolute_stability(device, Coupling(stiffness, damping), PERIOD)
+            beyond = haptics.absolute_stability(device, Coupling(1.01 * stiffness, damping), PERIOD)
+            assert (inside.verdict, beyond.verdict) == ("stable", "unstable")
+
+
+def test_ends_are_confirmed_and_nothing_beyond_is_as_probable(fitted: Study) -> None:
+    design = fitted.parts.coupling_map
+    assert design is not None
+    device = fitted.parts.setup.device
+    ends = 0
+    for environment in design.environments[:-1]:
+        for end, beyond in ((environment.stiffest, 1.02), (environment.softest, 0.98)):
+            if end is None:
+                # No coupling of the map reaches the decision by more than its error.
+                assert environment.probability.max() < 0.97
+                continue
+            ends += 1
+            coupling = Coupling(end.stiffness, end.damping)
+            assert haptics.absolute_stability(device, coupling, PERIOD).verdict == "stable"
+            # Four times the draws: the end's own are a part of them.
+            found = evidence(fitted, environment.name, coupling, draws=2048)
+            assert end.probability >= 0.95
+            assert found.probability >= 0.95 - 3.0 * end.error
+            farther = Coupling(beyond * end.stiffness, end.damping)
+            if end.bound == "stability":
+                judged = haptics.absolute_stability(device, farther, PERIOD)
+                assert judged.verdict == "unstable"
+            else:
+                less = evidence(fitted, environment.name, farther, draws=design.draws)
+                assert less.probability <= end.probability
+    assert ends >= 2
+
+
+def test_all_together_is_the_least_probable(fitted: Study) -> None:
+    design = fitted.parts.coupling_map
+    assert design is not None
+    together = design.environments[-1]
+    assert together.name is None
+    largest = [environment.probability.max() for environment in design.environments[:-1]]
+    assert together.probability.max() <= min(largest)
+    # No coupling of this device shows the stiffest walls.
+    assert together.stiffest is together.softest is None
+
+
+def scene_of(**tables) -> Scene:
+    """The published scene, classical; tables replaced, or left out for None."""
+    given = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical").to_dict()
+    chosen = {name: table for name, table in {**given, **tables}.items() if table is not None}
+    return Scene(**chosen)
+
+
+@pytest.fixture(scope="module")
+def sessions() -> Sessions:
+    return read_sessions(DATASETS / "hbfd_sessions.csv")
+
+
+@pytest.mark.parametrize("subjects", [2, 3, 4])
+def test_the_smallest_studies_have_maps_or_a_reason(sessions, subjects) -> None:
+    kept = sessions.table["subject"].isin(sorted(sessions.subjects)[:subjects])
+    study = Study(Sessions.from_frame(sessions.table[kept]), scene_of())
+    results = study.results()
+    if subjects == 2:
+        said = {row.what: row.why for row in results.skipped}
+        assert said["admissible couplings"] == "they need a joint law of stiffness and damping"
+        assert results.design is results.sensitivity is None
+        return
+    assert results.design.method == "classical"
+    assert len(results.design.environments) == 6
+    largest = max(environment.probability.max() for environment in results.design.environments)
+    assert 0.0 < largest < 1.0
+    assert {one.name for one in results.sensitivity.environments} == set(
+        study.sessions.environments
+    )
+
+
+def test_published_limits_have_no_joint_law_for_classical_maps() -> None:
+    study = Study(read_sessions(DATASETS / "hbfd_table1.csv"), scene_of())
+    said = {row.what: row.why for row in study.skipped}
+    assert said["sensitivity to the device's mass and damping"].endswith("stiffness and damping")
+
+
+@pytest.mark.parametrize("coupled", [True, False])
+def test_devices_are_judged_as_the_scene_s_own_is(fitted: Study, coupled) -> None:
+    scene = fitted.scene if coupled else fitted.scene.with_tables(coupling=None)
+    study = fitted if coupled else Study(fitted.sessions, scene)
+    if not coupled:
+        # The same fit: the coupling has no part in it.
+        study.parts._fit = fitted.parts._fit
+    found = study.parts.device_map
+    assert found is not None
+    assert (found.damping[found.own[0]], found.mass[found.own[1]]) == (5.0, 1.0)
+    stable = np.array(found.stable)
+    if coupled:
+        # Derived for 50 kN/m and 100 N·s/m at 1 ms.
+        assert found.required_damping == pytest.approx(15.8384, abs=5e-5)
+        np.testing.assert_array_equal(stable.all(axis=1), np.array(found.damping) > 15.84)
+    else:
+        assert found.required_damping is None
+        assert stable.all()
+    for environment in found.environments:
+        assert not environment.probability[~stable].any()
+        for row, column in ((5, 0), (6, 2), (6, 4)):
+            device = haptics.Device(found.mass[column], found.damping[row])
+            coupling = study.parts.setup.coupling
+            searched = evidence(study, environment.name, coupling, draws=found.draws, device=device)
+            assert environment.probability[row, column] == pytest.approx(
+                searched.probability, abs=0.04
+            )
+
+
+def test_a_device_without_damping_starts_at_zero_and_carries_no_coupling(sessions) -> None:
+    study = Study(sessions, scene_of(device={"mass": 1.0, "damping": 0.0, "period": PERIOD}))
+    found = study.parts.device_map
+    assert found is not None
+    assert (found.damping[found.own[0]], found.mass[found.own[1]]) == (0.0, 1.0)
+    said = {row.what: row.why for row in study.skipped}
+    assert said["admissible couplings"] == "no coupling is stable with this device"
+
+
+def test_modes_count_and_a_measured_device_is_left_alone(sessions, tmp_path) -> None:
+    table = sessions.table
+    alone = Sessions.from_frame(table[table["environment"] == "VE1"])
+    rigid = Study(alone, scene_of())
+    # A mode so light and stiff that it adds its mass and nothing else below 100 rad/s.
+    mode = {"mass": 1e-6, "stiffness": 1e4, "damping": 1.0}
+    modal = Study(
+        alone, scene_of(device={"mass": 1.0, "damping": 5.0, "period": PERIOD, "modes": [mode]})
+    )
+    (mine,) = modal.parts.device_map.environments
+    (other,) = rigid.parts.device_map.environments
+    np.testing.assert_allclose(mine.probability, other.probability, atol=0.03)
+    (mine,) = modal.parts.coupling_map.environments
+    (other,) = rigid.parts.coupling_map.environments
+    np.testing.assert_allclose(mine.probability, other.probability, atol=0.05)
+    np.testing.assert_allclose(mine.stiffness[:, -1], other.stiffness[:, -1], rtol=0.02)
+    response = tmp_path / "zd.csv"
+    omega = np.geomspace(0.05, 1000.0, 50)
+    impedance = haptics.device_impedance(omega, haptics.Device(1.0, 5.0), PERIOD)
+    rows = zip(omega.tolist(), impedance.tolist(), strict=True)
+    lines = [f"{w!r},{z.real!r},{z.imag!r}" for w, z in rows]
+    response.write_text("omega,real,imaginary\n" + "\n".join(lines) + "\n")
+    measured = Study(alone, scene_of(device={"response": str(response), "period": PERIOD}))
+    assert measured.parts.device_map is measured.parts.coupling_map is None
+    said = {row.what: row.why for row in measured.skipped}
+    assert said["admissible couplings"].endswith("stability needs all of 0 to 3141.59")
+
+
+def test_nothing_to_map_without_a_device(sessions) -> None:
+    study = Study(sessions, scene_of(device=None, coupling=None))
+    assert study.parts.device_map is study.parts.coupling_map is None
