@@ -16,6 +16,8 @@ __all__ = ["bias_sentences", "user_sentences"]
 
 #: A bias of so many references and more is written as a multiple.
 _MULTIPLE = 9.0
+#: An interval from below a hundredth to above a hundred references says nothing.
+_NOTHING = 100.0
 #: Per cent from which on two digits would round whole per cents away.
 _LEAST_WHOLE = 99.5
 #: Most digits of a range whose ends lie close together.
@@ -37,6 +39,12 @@ class _Range:
         if self.lower > 0:
             return 1
         return -1 if self.upper < 0 else 0
+
+    @property
+    def says_nothing(self) -> bool:
+        """Whether the interval is so wide that its numbers are of no use."""
+        wide = self.lower + 1.0 < 1.0 / _NOTHING and self.upper + 1.0 > _NOTHING
+        return self.row.relative and wide
 
 
 def bias_sentences(
@@ -77,6 +85,8 @@ def _biases(rows: Sequence[OverviewRow]) -> list[_Range]:
 def _bias_sentence(biases: Sequence[_Range], name: str, words: Words) -> str:
     row = biases[0].row
     claim = f"{METHOD_NAMES[row.method]}, {percent(row.level)}"
+    if all(bias.says_nothing for bias in biases):
+        return f"{name}: these {words.subjects} are too few to say anything ({claim})."
     if len(biases) == 1:
         return f"{name} in {row.environment}: {_signed(biases[0])} ({claim}: {_ends(biases[0])})."
     parts = []
@@ -104,6 +114,8 @@ def _disagreement(biases: Sequence[_Range], others: Sequence[_Range]) -> list[st
     for bias in biases:
         other = classical.get(bias.row.environment)
         if other is None or bias.row.method == "classical" or other.sign == bias.sign:
+            continue
+        if other.says_nothing:
             continue
         holds = "holds zero" if other.sign == 0 else "excludes zero"
         groups.setdefault(holds, []).append(other)

@@ -323,3 +323,10 @@ def test_an_undecided_verdict_says_how_many_more_subjects_decide(counts, said):
         verdicts.append(dataclasses.replace(undecided, more=more))
     words = Words("wall", "walls", "user", "users", "user", "users")
     assert said in " ".join(feeling_sentences(verdicts, words))
+
+
+def test_intervals_too_wide_to_read_are_not_written_out():
+    useless = overview(results([("A", 1e-6, 12.0, 1e12, 1e-9, 1e15)])).sentences[0]
+    assert useless == ("Stiffness: these subjects are too few to say anything (classical, 99 %).")
+    readable = overview(results([("A", 1.0, 12.0, 900.0, 0.5, 1e3)])).sentences[0]
+    assert readable.startswith("Stiffness in A: +20 %")
