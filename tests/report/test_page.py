@@ -227,7 +227,7 @@ def test_what_the_gate_asked_for_is_the_run_s_own(both):
     page = Reader(page_of(changed))
     text = " ".join("".join(page.text).split())
     assert "below 1.02 across" in text
-    assert "1.01" not in text
+    assert "below 1.01" not in text
     cells = [cell["bare"] for cell in page.cells]
     assert {"below 1.02", "5 or more"} <= set(cells)
 
@@ -496,3 +496,16 @@ def test_the_policy_names_the_script_by_its_digest(classical):
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     assert f"script-src 'sha256-{digest}';" in policy
     assert "default-src 'none'" in policy
+
+
+def test_the_band_s_question_is_answered_first_and_other_kinds_are_folded(both):
+    page = page_of(both)
+    section = page[page.index('<section id="band"') :]
+    answer = section.index("Relative to impedance, ")
+    assert answer < section.index("How wide is the band of impedances")
+    text = section[answer : section.index("</p>", answer)]
+    assert "discrimination is" in text
+    assert "the probability that it is narrower in VE1 is" in text
+    before, _, folded = section.partition("Widths of other intervals: of the average user")
+    assert '<tr data-kind="mean"' not in before
+    assert '<tr data-kind="mean"' in folded

@@ -150,9 +150,9 @@ def band_series(
     families: Sequence[str],
     quantities: Mapping[str, Quantity],
 ) -> BandSeries:
-    """Return the bands of the first kind there is, each method in its first family."""
+    """Return bands of the next user, or else the first kind, in the first family of each method."""
     rows = matching(band.rows, parameter=parameter)
-    kind = next(kind for kind in KINDS if matching(rows, kind=kind))
+    kind = next(kind for kind in ("user", *KINDS) if matching(rows, kind=kind))
     sizes = np.array([_size(row) for row in rows])
     grid = np.geomspace(sizes.min() / _BEYOND, sizes.max() * _BEYOND, _LAW_POINTS)
     widths: list[Widths] = []
