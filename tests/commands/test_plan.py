@@ -49,6 +49,16 @@ def test_undecided_verdicts_come_with_the_subjects_that_decide_them(tmp_path, ca
         f"soft, through the coupling: too little data; {more} more subject"
     )
     assert direct["outcome"] in printed[0]
+    words[words.index("classical")] = "both"
+    checked = [*words, "--quiet", "--tolerance", "0.2", "--no-cache", "--studies"]
+    assert main([*checked, "2", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    numbers = [row["more"]["subjects"] for row in found["verdicts"] if row["more"]]
+    assert found["checked"]["more"] == numbers[0]
+    assert found["checked"]["studies"] == 2
+    assert found["checked"]["bayesian"] in (0.0, 0.5, 1.0)
+    assert main([*checked, "1"]) == 2
+    assert "a standard error needs at least two studies" in capsys.readouterr().err
     scene.write_text("")
     assert main([*words, "--quiet"]) == 1
     assert "there is no verdict to decide" in capsys.readouterr().err
