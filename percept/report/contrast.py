@@ -52,7 +52,7 @@ def contrast(results: Results) -> Section | None:
         of_pair = matching(rows, factor=factor, first=first, second=second)
         for parameter in distinct(rows, "parameter"):
             quantity = results.data.quantities[parameter]
-            for of in ("bias", "spread", "interaction", "slope"):
+            for of in ("level", "bias", "spread", "interaction", "slope"):
                 alike = matching(of_pair, parameter=parameter, of=of)
                 if alike:
                     tables.append(ContrastTable(factor, first, second, quantity, of, alike))
@@ -65,7 +65,10 @@ def contrast(results: Results) -> Section | None:
         tables=tables,
     )
     factors = listed(distinct(rows, "factor"))
-    versus = f"{pairs[0][2]} against {pairs[0][1]}" if len(pairs) == 1 else "levels two by two"
+    compared = [row for row in rows if row.of != "level"] or rows
+    versus = "levels two by two"
+    if len({(row.factor, row.first, row.second) for row in compared}) == 1:
+        versus = f"{compared[0].second} against {compared[0].first}"
     return Section("contrast", f"{factors}: {versus}", view)
 
 
@@ -74,7 +77,7 @@ def _overall(rows: Sequence[ContrastRow]) -> list[ContrastRow]:
 
     Without any such contrast it is those of single references.
     """
-    means = matching(rows, kind="mean")
+    means = [row for row in matching(rows, kind="mean") if row.of != "level"]
     best = []
     for factor, parameter in dict.fromkeys((row.factor, row.parameter) for row in means):
         alike = matching(means, factor=factor, parameter=parameter)

@@ -50,7 +50,7 @@ class ContrastRow(NotebookRecord):
     environment: str | None  # None over all references
     references: tuple[str, ...]  # Environments it rests on
     parameter: str
-    of: str  # "bias", "spread", "interaction" or "slope"
+    of: str  # "bias", "spread", "interaction", "slope", or "level" for its mean
     kind: Kind | None  # None for spread
     method: Method
     family: Family

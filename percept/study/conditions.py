@@ -23,6 +23,7 @@ __all__ = [
     "comparisons",
     "conditions_of",
     "covariate_values",
+    "level_means",
     "told_apart",
 ]
 
@@ -47,7 +48,7 @@ class Conditions:
 class Comparison:
     """A contrast of cells: two levels of a factor, or how such a contrast differs.
 
-    Without weights it is the slope of a covariate.
+    Without weights it is the slope of a covariate; with positive ones alone, the mean of a level.
     """
 
     factor: str  # Its column; of an interaction all columns, joined by ":"
@@ -60,6 +61,20 @@ class Comparison:
     interaction: bool = False
     groups: tuple[str, str] = ("", "")  # Levels of a factor between subjects that it compares
     unit: float = 1.0  # SD of a covariate: its slope is told for one of its units
+
+    @property
+    def of_users(self) -> bool:
+        """Whether each user has it too."""
+        return bool(self.weights) and (self.within or self.of == "level")
+
+    @property
+    def of(self) -> str:
+        """What it is: a contrast of bias, an interaction, the mean of a level, or a slope."""
+        if self.interaction:
+            return "interaction"
+        if not self.weights:
+            return "slope"
+        return "level" if min(self.weights.values()) > 0.0 else "bias"
 
     def row(self, cells: Sequence[CellKey]) -> Array:
         """Weights of all cells (C,)."""
@@ -172,7 +187,7 @@ def covariate_values(table: pd.DataFrame, names: Sequence[str]) -> Array:
 def comparisons(
     conditions: Conditions, factors: Factors, cells: Sequence[CellKey]
 ) -> Iterator[Comparison]:
-    """Yield every pair of levels, and every interaction of two factors, by reference and over all.
+    """Yield every pair of levels and every interaction of two factors, by reference and over all.
 
     Parameters
     ----------
@@ -211,6 +226,19 @@ def comparisons(
                 groups=("", "") if within else groups,
             )
             yield from _by_reference(term, outline, signs_of_pairs, factors, cells)
+
+
+def level_means(
+    conditions: Conditions, factors: Factors, cells: Sequence[CellKey]
+) -> Iterator[Comparison]:
+    """Yield the mean of every level over all references, which is compared with these."""
+    for factor in conditions.factors:
+        within = factor not in conditions.between
+        for level in factors.levels[factor]:
+            outline = Comparison(factor, "the reference", level, None, (), {}, within)
+            means = list(_by_reference((factor,), outline, {(level,): 1.0}, factors, cells))
+            # Of several references the last is their average.
+            yield from means[-1:]
 
 
 def _by_reference(

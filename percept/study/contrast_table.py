@@ -59,7 +59,7 @@ class ContrastTable:
             "environment": comparison.environment,
             "references": list(comparison.references),
             "parameter": self.quantity.name,
-            "of": _of(comparison, kind),
+            "of": comparison.of if kind else "spread",
             "kind": kind,
             "method": method,
             "family": asked.family,
@@ -87,7 +87,8 @@ class ContrastTable:
         """Say which subjects and references a contrast rests on."""
         users = f"from {n} of {counted(self.subjects, *self.users)}"
         if comparison.within:
-            users += ", with all levels" if comparison.interaction else ", with both levels"
+            basis = {"interaction": ", with all levels", "bias": ", with both levels"}
+            users += basis.get(comparison.of, "")
         if comparison.environment is not None:
             return users
         references = comparison.references
@@ -126,15 +127,6 @@ class ContrastTable:
         if method == "classical" and not self.alone:
             covers += " Each quantity is compared by itself, without correlations."
         return covers
-
-
-def _of(comparison: Comparison, kind: str | None) -> str:
-    """Say what a row is of."""
-    if kind is None:
-        return "spread"
-    if comparison.interaction:
-        return "interaction"
-    return "bias" if comparison.weights else "slope"
 
 
 def chosen_contrasts(contrasts: pd.DataFrame, asked: str) -> pd.DataFrame:

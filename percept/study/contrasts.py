@@ -24,7 +24,14 @@ from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.records import Factors
 from percept.study.basics import Skipped, claim_of
-from percept.study.conditions import CellKey, Comparison, Conditions, comparisons, conditions_of
+from percept.study.conditions import (
+    CellKey,
+    Comparison,
+    Conditions,
+    comparisons,
+    conditions_of,
+    level_means,
+)
 from percept.study.contrast_table import ContrastTable
 from percept.study.intervals import Row
 from percept.study.responses import Trials, by_difference, trials
@@ -88,14 +95,16 @@ def _classical(
     of_subjects = comparisons(reduced, Factors(levels, cells), _keys(own))
     for _, family in itertools.groupby(of_subjects, _told_together):
         yield from _of_subjects(own, list(family), told)
+    cells_of_all = list(factors.cells.values())
+    for comparison in level_means(conditions, factors, cells_of_all):
+        yield from _of_level(own, data, conditions, factors, comparison, told)
     if len(conditions.between) > 1:
         what = f"classical contrasts of groups in {told.quantity.label}"
         yield Skipped(what, "two columns of groups are more than Welch's test takes")
         return
-    group = _groups(data, factors, conditions.between)
-    for comparison in comparisons(conditions, factors, list(factors.cells.values())):
+    for comparison in comparisons(conditions, factors, cells_of_all):
         if not comparison.within:
-            yield from _of_groups(own, group, conditions, factors, comparison, told)
+            yield from _of_groups(own, data, conditions, factors, comparison, told)
 
 
 def _told_together(comparison: Comparison) -> tuple[str, str, str]:
@@ -120,15 +129,20 @@ def _subject_means(data: Trials, factors: Factors, without: frozenset[str]) -> p
     return table
 
 
-def _groups(data: Trials, factors: Factors, between: frozenset[str]) -> pd.Series[str]:
-    """Group of every subject; empty without a column of groups."""
+def _groups(data: Trials, factors: Factors, column: str) -> pd.Series[str]:
+    """Return the group of every subject in a column."""
     groups: dict[int, str] = {}
-    for column in between:
-        for code, cell in enumerate(data.environments):
-            level = factors.level(cell, column)
-            for subject in np.unique(data.subject[data.environment == code]).tolist():
-                groups[subject] = level
+    for code, cell in enumerate(data.environments):
+        level = factors.level(cell, column)
+        for subject in np.unique(data.subject[data.environment == code]).tolist():
+            groups[subject] = level
     return pd.Series(groups, dtype=object)
+
+
+def _complete(values: pd.DataFrame, weights: Mapping[CellKey, float]) -> pd.DataFrame:
+    """Subjects who have every cell that is weighed."""
+    keys = pd.Index(list(weights), tupleize_cols=False)
+    return values.reindex(columns=keys).dropna()
 
 
 def _of_subjects(
@@ -210,7 +224,7 @@ def _paired(
                 kind=kind,
                 p_value=p_value if kind == "mean" else None,
             )
-        if comparison.interaction:
+        if comparison.of != "bias":
             return
         ratio = spread_ratio(first, second, level=asked.level)
     except RefusalError as refused:
@@ -220,9 +234,32 @@ def _paired(
     yield told.row(comparison, limits, ratio.n, method="classical", p_value=ratio.p_value)
 
 
+def _of_level(
+    values: pd.DataFrame,
+    data: Trials,
+    conditions: Conditions,
+    factors: Factors,
+    comparison: Comparison,
+    told: ContrastTable,
+) -> Iterator[Row | Skipped]:
+    """Yield intervals of subjects' means at one level, over all references."""
+    kept = [number for number, name in enumerate(factors.levels) if name not in conditions.between]
+    weights: dict[CellKey, float] = {}
+    for (environment, levels), weight in comparison.weights.items():
+        key = (environment, tuple(levels[number] for number in kept))
+        weights[key] = weights.get(key, 0.0) + weight
+    table = _complete(values, weights)
+    if comparison.factor in conditions.between:
+        group = _groups(data, factors, comparison.factor)
+        table = table[(group[table.index] == comparison.second).to_numpy()]
+    own = dataclasses.replace(comparison, weights=weights)
+    what = f"{told.quantity.label}, {comparison.second} against {comparison.first}"
+    yield from _paired(table, own, told, what)
+
+
 def _of_groups(
     values: pd.DataFrame,
-    group: pd.Series[str],
+    data: Trials,
     conditions: Conditions,
     factors: Factors,
     comparison: Comparison,
@@ -237,7 +274,8 @@ def _of_groups(
     for (environment, levels), weight in comparison.weights.items():
         if levels[place] == second:
             weights[environment, (*levels[:place], *levels[place + 1 :])] = weight
-    table = values[list(weights)].dropna()
+    table = _complete(values, weights)
+    group = _groups(data, factors, column)
     weighed = table.to_numpy(dtype=float) @ np.array(list(weights.values()))
     own = group[table.index]
     samples = [weighed[(own == level).to_numpy()] for level in (first, second)]

@@ -26,6 +26,7 @@ from percept.study.conditions import (
     Conditions,
     comparisons,
     covariate_values,
+    level_means,
 )
 from percept.study.responses import Trials, by_difference, lacking_scatter, trials
 
@@ -80,7 +81,8 @@ class LinearStudy:
         complete = np.ones(len(present), dtype=bool)
         for sign in (-1.0, 1.0):
             side = [cell in own and comparison.weights[cell] * sign > 0 for cell in self.cells]
-            complete &= present[:, side].any(axis=1)
+            if any(side):
+                complete &= present[:, side].any(axis=1)
         return complete
 
 
@@ -122,17 +124,19 @@ def linear_study(
     found: list[Comparison] = []
     if sessions.factors is not None:
         found = list(comparisons(conditions, sessions.factors, keys))
+        found += level_means(conditions, sessions.factors, keys)
     slopes = [
         Comparison(
             name, "the same", "1 more", None, tuple(_environments(keys)), {}, True, unit=size
         )
         for name, size in zip(conditions.covariates, sizes, strict=True)
     ]
-    users = [(p, own) for p in parameters for own in found if own.within]
-    groups = [(p, own) for p in parameters for own in found if not own.within]
+    users = [(p, own) for p in parameters for own in found if own.of_users]
+    groups = [(p, own) for p in parameters for own in found if not own.of_users]
     groups += [(p, own) for p in parameters for own in slopes]
+    contrasts = [own for own in found if own.of == "bias"]
     # Where the spread of subjects' effects is one for all levels, a ratio would be falsely certain.
-    spreads = [(p, own) for p in parameters for own in found if own.factor in conditions.spread]
+    spreads = [(p, own) for p in parameters for own in contrasts if own.factor in conditions.spread]
     rows = ContrastRows(
         users=_stacked(users, parameters, keys, conditions),
         groups=_stacked(groups, parameters, keys, conditions),

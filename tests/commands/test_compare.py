@@ -162,8 +162,10 @@ def test_conditions_of_the_same_subjects_are_paired(tmp_path, capsys):
     assert [row["lower"] for row in found["contrast"]] == made["lower"].tolist()
     text = printed(words, capsys)
     assert "Bias, right against left, ratio:" in text
-    overall = made[made["environment"].isna() & (made["kind"] == "mean")].iloc[0]
-    (line,) = [line for line in text.splitlines() if "overall" in line and "mean" in line]
+    bias = made[(made["of"] == "bias") & (made["kind"] == "mean")]
+    overall = bias[bias["environment"].isna()].iloc[0]
+    own = text.partition("Bias, right against left, ratio:")[2]
+    line = next(line for line in own.splitlines() if "overall" in line and "mean" in line)
     assert f"{overall['lower']:.4g}" in line
     assert "Spread, right against left, ratio of SDs between users:" in text
     zero = frame().assign(k_adj=0.0)

@@ -23,10 +23,10 @@ __all__ = ["LineLimits", "line_limits"]
 
 Array = NDArray[np.float64]
 
-#: Points of a line where the density is computed, in SDs along it: a normal law has 2e-9 beyond.
-_NODES = np.linspace(-6.0, 6.0, 11)
+#: Points of a line where the density is computed, in SDs along it: a normal law has 2e-6 beyond.
+_NODES = np.linspace(-4.8, 4.8, 9)
 #: Points that its logarithm is interpolated at, for the law between these.
-_FINE = np.linspace(-6.0, 6.0, 241)
+_FINE = np.linspace(-4.8, 4.8, 193)
 #: Draws whose lines are taken first; their number doubles until the tolerance is met, or to the
 #: most: more lines than this take longer than the sampling did.
 _FIRST_LINES = 256
