@@ -154,6 +154,8 @@ class Places:
     """
 
     def __init__(self, results: Results, summary: Findings) -> None:
+        # While these are kept, no other record can be given the identity of one of theirs.
+        self._kept = results, summary
         self._pointers = dict(_pointers(results, ""))
         self._pointers |= _pointers(summary, "/summary")
 
