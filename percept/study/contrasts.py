@@ -19,7 +19,6 @@ from percept.inference.classical.contrasts import (
 )
 from percept.inference.classical.moments import Moments
 from percept.inference.classical.trials import subject_means
-from percept.inference.record import percent
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.records import Factors
@@ -361,5 +360,6 @@ def _spread_rows(
         if limits.error > own.asked.tolerance:
             where = comparison.environment or "overall"
             what = f"{own.quantity.label}, {comparison.second} against {comparison.first}, {where}"
-            why = f"the Monte Carlo error of its limits is {percent(limits.error)} of a half-width"
+            error = f"{100.0 * limits.error:.2g} %"
+            why = f"the Monte Carlo error of its limits is {error} of a half-width"
             yield Skipped(f"the tolerance in the ratio of SDs of {what}", why)

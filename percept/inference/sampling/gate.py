@@ -186,15 +186,18 @@ class Run:
         thinned = self.points[:, self._independent_positions()]
         return thinned.reshape(len(thinned), -1, thinned.shape[-1])
 
-    def batches(self) -> NDArray[np.intp]:
-        """Return the batch of each of the `independent` positions, ensemble after ensemble.
+    def batches(self, *, every: bool = False) -> NDArray[np.intp]:
+        """Return the batch of each of the `independent` positions, or of every one that is kept.
+
+        They stand ensemble after ensemble, steps before walkers.
 
         A batch holds some walkers of an ensemble at all their steps: what a walker remembers stays
         in it.
         """
-        ensembles, _, walkers, _ = self.points.shape
+        ensembles, length, walkers, _ = self.points.shape
+        positions = length if every else self._independent_positions().size
         batch = np.arange(walkers) * _BATCHES // walkers
-        batches = np.tile(batch, self._independent_positions().size)
+        batches = np.tile(batch, positions)
         first = np.arange(ensembles)[:, None] * _BATCHES
         return (first + batches).ravel()
 

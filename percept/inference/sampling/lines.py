@@ -10,6 +10,7 @@ own values.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -27,6 +28,8 @@ Array = NDArray[np.float64]
 _NODES = np.linspace(-4.8, 4.8, 9)
 #: Points that its logarithm is interpolated at, for the law between these.
 _FINE = np.linspace(-4.8, 4.8, 193)
+#: Multiples of the golden ratio fill an interval evenly.
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 #: Draws whose lines are taken first; their number doubles until the tolerance is met, or to the
 #: most: more lines than this take longer than the sampling did.
 _FIRST_LINES = 256
@@ -63,9 +66,8 @@ def line_limits(
     -------
     LineLimits
     """
-    kept = run.independent()
-    points = kept.reshape(-1, kept.shape[-1])
-    batch = run.batches()
+    points = run.points.reshape(-1, run.points.shape[-1])
+    batch = run.batches(every=True)
     # Every batch has its share of the first lines.
     order = np.random.default_rng(run.settings.seed).permutation(len(points))
     points = points[order]
@@ -124,7 +126,11 @@ def _laws(
     fine = CubicSpline(_NODES, log_density, axis=1)(_FINE)
     weights = np.exp(fine - fine.max(axis=1, keepdims=True))
     weights /= weights.sum(axis=1, keepdims=True)
-    return CubicSpline(_NODES, values, axis=1)(_FINE), weights
+    fine_values = CubicSpline(_NODES, values, axis=1)(_FINE)
+    # Lines of a straight function have the same values: spread evenly over the steps between these,
+    # each line's own part of a step apart.
+    part = (np.arange(len(points)) * _GOLDEN) % 1.0 - 0.5
+    return fine_values + part[:, None] * np.gradient(fine_values, axis=1), weights
 
 
 def _limits(values: Array, weights: Array, batch: NDArray[np.intp], tails: Array) -> LineLimits:
