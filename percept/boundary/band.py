@@ -7,6 +7,7 @@ apart.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -32,6 +33,7 @@ __all__ = [
     "fit_law",
     "law_band",
     "leave_one_out",
+    "overtaken_without",
     "size_name",
 ]
 
@@ -50,6 +52,10 @@ _GONE = 0.1
 _OF_NO_USE = math.log(10.0)
 # Laws within this factor in leave-one-out error are called equal.
 _ALIKE = 1.25
+# Whether a law stays ahead is a matter of medians, for which so many replicates are enough.
+_REPLICATES = 200
+# More environments would take seconds, and one of so many hardly decides.
+_MOST_ENVIRONMENTS = 16
 # Impedances within this share of each other leave an exponent to rounding.
 _EQUAL = 1e-9
 
@@ -113,6 +119,10 @@ def band_laws(
         errors.append(np.sqrt(squares))
     medians = np.median(errors, axis=1).tolist()
     typical = dict(zip(LAWS, medians, strict=True))
+    clearly_ahead = _clearly_ahead(typical)
+    overtaken = None
+    if clearly_ahead:
+        overtaken = overtaken_without(clearly_ahead, environments, sizes, replicates)
     winners = np.argmin(errors, axis=0)
     _, offsets_without = left_out["offset"]
     carrier = _carrier(environments, drawn["offset"], offsets_without)
@@ -126,15 +136,18 @@ def band_laws(
         parameters = {name: Estimate(*row) for name, row in zip(names, limits, strict=True)}
         carried_by = carrier if law == "offset" else None
         size = size_name(whose.parameter)
+        judged = overtaken if law == clearly_ahead else None
+        left_out_sentence = _error_sentence(law, typical, judged)
         yield BandLaw(
             **vars(whose),
             model=law,
             parameters=parameters,
             level=level,
-            sentence=_sentence(law, parameters, typical, carried_by, size),
+            sentence=_sentence(law, parameters, left_out_sentence, carried_by, size),
             left_out_error=typical[law],
             best=float(np.mean(winners == index)),
             carried_by=carried_by,
+            overtaken_without=judged,
         )
 
 
@@ -175,12 +188,11 @@ def _carrier(environments: tuple[str, ...], fitted: Array, without: Array) -> st
 def _sentence(
     law: str,
     parameters: dict[str, Estimate],
-    errors: dict[str, float],
+    error: str,
     carried_by: str | None,
     size: str,
 ) -> str:
     """Say what a law found, and how well it predicts the environment left out."""
-    error = _error_sentence(law, errors)
     if law == "weber":
         return f"The band is {parameters['w'].value:.3g} times the {size}. {error}"
     if law == "offset":
@@ -199,15 +211,60 @@ def _sentence(
     return f"{grows}: the exponent's interval does not hold 1. {error}"
 
 
-def _error_sentence(law: str, errors: dict[str, float]) -> str:
+def _error_sentence(law: str, errors: dict[str, float], overtaken: tuple[str, ...] | None) -> str:
     smallest = min(errors.values())
     if not smallest < _OF_NO_USE:
         return "With one reference left out, no law predicts the band to within a factor of ten."
     rank = "another law does better"
     if errors[law] <= _ALIKE * smallest:
         rank = "no law of the three does clearly better"
+    if law == _clearly_ahead(errors):
+        rank = "it is ahead of both other laws"
+        if overtaken:
+            rank = f"it is ahead, but not without {' or '.join(overtaken)}"
+        elif overtaken is not None:
+            rank = "it is the best of the three, and stays so without any one reference"
     off = f"{_NAMES[law]} is typically off by a factor {math.exp(errors[law]):.3g}"
     return f"With one reference left out, {off}; {rank}."
+
+
+def _clearly_ahead(errors: dict[str, float]) -> str | None:
+    """Name the law that predicts to some use, and clearly better than both others."""
+    ahead = min(LAWS, key=errors.__getitem__)
+    if not errors[ahead] < _OF_NO_USE:
+        return None
+    clear = _ALIKE * errors[ahead]
+    rivals = [law for law in LAWS if law != ahead and errors[law] <= clear]
+    return None if rivals else ahead
+
+
+def overtaken_without(
+    law: str, environments: tuple[str, ...], sizes: Array, replicates: Array
+) -> tuple[str, ...] | None:
+    """Name the environments without which another law has the smallest leave-one-out error.
+
+    None where too few are left to fit the laws, or where there are too many to try.
+    """
+    count = len(environments)
+    if count > _MOST_ENVIRONMENTS:
+        return None
+    if not all(determines_laws(np.delete(sizes, j)) for j in range(count)):
+        return None
+    bands = replicates[:: 1 + len(replicates) // _REPLICATES]
+    typical = []
+    for one_law in LAWS:
+        squares = np.zeros((len(bands), count))  # Summed over the others, by environment left out
+        for pair in itertools.combinations(range(count), 2):
+            others = np.delete(sizes, pair)
+            fitted = fit_law(one_law, others, np.delete(bands, pair, axis=1))
+            predicted = law_band(one_law, fitted, sizes[list(pair)])
+            error = np.log(predicted / bands[:, pair])
+            # Each of the pair is predicted while the other is the one left out.
+            squares[:, pair] += error[:, ::-1] ** 2
+        typical.append(np.median(squares, axis=0))
+    ahead = np.argmin(typical, axis=0)
+    index = list(LAWS).index(law)
+    return tuple(name for name, winner in zip(environments, ahead, strict=True) if winner != index)
 
 
 def size_name(parameter: str | None) -> str:
@@ -216,7 +273,7 @@ def size_name(parameter: str | None) -> str:
 
 
 def determines_laws(sizes: ArrayLike) -> bool:
-    """Whether environments of these sizes determine every law without any one of them."""
+    """Whether environments of these sizes determine every law without any one reference."""
     values = np.asarray(sizes, dtype=float)
     if values.size < 3:
         return False

@@ -3,7 +3,7 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, minimize_scalar
 
 from percept.boundary.band import (
     BandOwner,
@@ -12,6 +12,7 @@ from percept.boundary.band import (
     fit_law,
     law_band,
     leave_one_out,
+    overtaken_without,
 )
 from percept.results import BandLaw
 
@@ -230,3 +231,96 @@ def test_statements_of_absolute_and_relative_width() -> None:
     draws = np.array([[100.0, 0.5], [100.0, 0.05], [0.4, 0.5], [100.0, 0.2]])
     found = band_statements(z, draws, WHOSE)
     assert [one.probability for one in found] == [0.75, 0.25, 0.75]
+
+
+def noisy(law: str, impedance: np.ndarray, count: int = 40) -> np.ndarray:
+    rng = np.random.default_rng(5)
+    true = law_band(law, np.array([TRUE[law]]), impedance)
+    return true * np.exp(0.05 * rng.standard_normal((count, impedance.size)))
+
+
+def test_a_law_is_called_best_if_it_stays_so_without_each_environment() -> None:
+    laws = laws_of(Z4, noisy("power", Z4))
+    assert laws["power"].overtaken_without == ()
+    assert laws["power"].sentence.endswith(
+        "; it is the best of the three, and stays so without any one reference."
+    )
+    for behind in (laws["weber"], laws["offset"]):
+        assert behind.overtaken_without is None
+        assert behind.sentence.endswith("; another law does better.")
+
+
+def ahead_by_the_first() -> tuple[np.ndarray, np.ndarray]:
+    """Bands that follow a power law over all references; over the last four, Weber's."""
+    sizes = np.array([1.0, 10.0, 100.0, 1000.0, 5000.0])
+    bands = np.array([0.21, 1.45, 5.5, 76.47, 166.77])
+    return sizes, bands * np.exp(0.02 * np.random.default_rng(5).standard_normal((40, 5)))
+
+
+def test_a_law_that_one_environment_puts_ahead_is_not_called_best() -> None:
+    laws = laws_of(*ahead_by_the_first())
+    power = laws["power"]
+    assert power.left_out_error < 0.5 * min(
+        laws[name].left_out_error for name in ("weber", "offset")
+    )
+    assert power.overtaken_without == ("A",)
+    assert power.sentence.endswith("; it is ahead, but not without A.")
+
+
+def test_three_environments_cannot_call_a_law_best() -> None:
+    laws = laws_of(Z4[:3], noisy("power", Z4)[:, :3])
+    assert laws["power"].overtaken_without is None
+    assert laws["power"].sentence.endswith("; it is ahead of both other laws.")
+
+
+def test_more_environments_than_are_tried_leave_a_law_ahead() -> None:
+    sizes = np.geomspace(1.0, 5000.0, 17)
+    assert (
+        overtaken_without("power", tuple("ABCDEFGHIJKLMNOPQ"), sizes, noisy("power", sizes)) is None
+    )
+
+
+def predicted_slowly(law: str, sizes: np.ndarray, bands: np.ndarray, at: float) -> float:
+    """Log of a law's band, fitted by another way to one set."""
+    x, y = np.log(sizes), np.log(bands)
+    if law == "power":
+        return float(np.polyval(np.polyfit(x, y, 1), np.log(at)))
+    if law == "weber":
+        return float(np.mean(y - x) + np.log(at))
+
+    def misfit(log_ratio: float) -> float:
+        return float(np.var(y - np.log(np.exp(log_ratio) + sizes)))
+
+    starts = np.linspace(x.min() - 12.0, x.max() + 16.0, 400)
+    start = min(starts, key=misfit)
+    best = minimize_scalar(misfit, bounds=(start - 0.2, start + 0.2), options={"xatol": 1e-10}).x
+    ratio = 0.0 if np.var(y - x) <= misfit(best) else np.exp(best)
+    return float(np.mean(y - np.log(ratio + sizes)) + np.log(ratio + at))
+
+
+@pytest.mark.parametrize("count", [4, 5])
+@pytest.mark.parametrize("true", ["power", "offset", "neither"])
+def test_what_overtakes_a_law_equals_fits_one_by_one(true: str, count: int) -> None:
+    sizes, bands = ahead_by_the_first()
+    if true != "neither":
+        bands = noisy(true, sizes)
+    sizes, bands = sizes[:count], bands[:3, :count]
+    names = tuple("ABCDE"[:count])
+    ahead = []
+    for j in range(count):
+        errors = {}
+        for law in TRUE:
+            typical = []
+            for row in np.delete(bands, j, axis=1):
+                others = np.delete(sizes, j)
+                off = [
+                    predicted_slowly(law, np.delete(others, i), np.delete(row, i), others[i])
+                    - np.log(row[i])
+                    for i in range(count - 1)
+                ]
+                typical.append(np.mean(np.square(off)))
+            errors[law] = np.median(typical)
+        ahead.append(min(errors, key=errors.__getitem__))
+    for law in TRUE:
+        expected = tuple(name for name, winner in zip(names, ahead, strict=True) if winner != law)
+        assert overtaken_without(law, names, sizes, bands) == expected
