@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import sys
 from collections.abc import Callable
 from pathlib import Path
-from sys import stderr
 from typing import TYPE_CHECKING
 
 from percept.commands import JSON, Command, argument, flag, folder, number
@@ -185,7 +185,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
             if not arguments.quiet:
                 print(
                     f"This takes about {expected_minutes(plans):.0f} minutes of one core.",
-                    file=stderr,
+                    file=sys.stderr,
                 )
             table = gather(tuple(plans), checkpoint, mapper=mapper, progress=told)
             table.to_csv(out / ADVICE_FILE, index=False)

@@ -201,7 +201,7 @@ class _DepartureSearch:
         cuts = _first_cuts(display, lower, upper)
         self._pairs = _Pairs.start(cuts, self._count, shared=one_display)
         self._largest = np.full(self._count, -np.inf)
-        self._omega = np.full(self._count, lower)
+        self._omega = np.full(self._count, float(lower))
         # How much more than the largest seen a bound allows; widened where halving does not decide.
         self._gap = np.full(self._count, ON_LIMIT)
 
@@ -384,7 +384,7 @@ def plane_departures(display: Display, boxes: Boxes, lower: float, upper: float)
     turns = [_turning_points(single, lower, upper) for single in displays]
     most = max(points.size for points in turns)
     # Columns with fewer turning points are padded with the upper end.
-    omega = np.full((most, len(turns)), upper)
+    omega = np.full((most, len(turns)), float(upper))
     for column, points in zip(omega.T, turns, strict=True):
         column[: points.size] = points
     shown = shown_element(warp(omega, display.period), display)

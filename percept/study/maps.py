@@ -35,7 +35,7 @@ from percept.study.verdicts import frequencies, relative_sd
 
 __all__ = ["coupling_map", "device_map", "no_maps"]
 
-#: Draws of the users behind a map: a probability of 0.95 is known to 0.014 by them.
+#: Draws of the users behind a map of couplings: 0.95 is known to 0.014 by them.
 _MAP_DRAWS = 256
 #: Draws that confirm an end: on a line of equal probability no number of draws is ever clear of it.
 _END_DRAWS = 512
@@ -57,7 +57,7 @@ _LINES_BETWEEN = 9
 _HALVINGS = 10
 #: Ends that are tried before a search gives up.
 _TRIALS = 5
-#: Draws of the users behind a map: a probability is known to 0.04 by them, differences better.
+#: Draws behind a map of devices: a probability is known to 0.04 by them, differences better.
 _DEVICE_DRAWS = 128
 #: Environments judged: some 35 devices are judged for each.
 _MOST_ENVIRONMENTS = 12
@@ -291,6 +291,7 @@ def _refined_end(
         if refinement < _REFINEMENTS:
             neighbours = grid.damping[max(line - 1, 0) : line + 2]
             between = np.linspace(neighbours[0], neighbours[-1], _LINES_BETWEEN)
+            between = np.union1d(between, best.damping)  # so that no refined end is worse
             grid = _stable_grid(environments[0].setup, between, float(grid.stiffness.min()))
             probability = _probabilities(environments, grid)
     return best

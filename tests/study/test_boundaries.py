@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -17,7 +15,7 @@ from percept.scene import FrequencyTable, InferenceTable
 from percept.sessions import Sessions
 from percept.study.basics import Skipped, results
 from percept.study.boundaries import BoundaryDrawing, zoom_windows
-from percept.study.device import Setup, study_coupling
+from percept.study.device import Setup
 from percept.study.regions import SubjectPairs, laws_of
 from tests import DATASETS, LONG
 from tests.study.checked import table_of
@@ -282,28 +280,6 @@ def test_a_number_of_points_asked_for_is_an_even_grid(fitted: Study) -> None:
     few = Study(fitted.sessions, Scene(**tables))
     for boundary in few.boundaries:
         np.testing.assert_array_equal(boundary.omega, np.geomspace(0.1, 100.0, 7))
-
-
-def test_designed_couplings_keep_the_next_user_inside(fitted: Study) -> None:
-    design = fitted.parts.coupling_design["bayesian"]
-    assert fitted.parts.setup is not None
-    coupling = design.each[1].largest
-    assert coupling is not None
-    setup = dataclasses.replace(fitted.parts.setup, coupling=coupling)
-    region = next(
-        r
-        for r in fitted.parts.regions
-        if (r.environment, r.method, r.kind, r.joint) == ("VE2", "bayesian", "user", "marginal")
-    )
-    omega = np.geomspace(0.1, 100.0, 81)
-    lower, upper = setup.outline(region, "envelope", omega)
-    shown = setup.curve("VE2", omega, coupled=True)
-    assert (shown >= lower * (1 - 1e-9)).all()
-    assert (shown <= upper * (1 + 1e-9)).all()
-    assert study_coupling(setup, (), RANGE, family="lognormal", read_at=10.0).verdict in (
-        "stable",
-        "marginal",
-    )
 
 
 def test_own_frequencies_are_taken_as_they_come(fitted):

@@ -176,9 +176,11 @@ class Run:
     def _independent_positions(self) -> NDArray[np.intp]:
         """Kept positions about an autocorrelation time apart."""
         length = self.points.shape[1]
-        gap = max(1, round(self.gate.autocorrelation_time / self.stride))
-        if length < gap:
+        gap = self.gate.autocorrelation_time / self.stride
+        # Negated, so that a time that is not known leaves one position too.
+        if not gap <= length:
             return np.array([length - 1])
+        gap = max(1, round(gap))
         return np.arange(gap - 1, length, gap)
 
     def independent(self) -> Array:
@@ -254,10 +256,11 @@ def _measure_estimates(estimates: Estimates, series: Array) -> Measured:
     scores = normal_scores(thin_walkers(series, _RANKED))
     tail = (np.abs(scores) > _TAIL).astype(float)
     times = np.maximum(autocorrelation_time(scores), autocorrelation_time(tail))
-    # R-hat at about every independent position.
+    # R-hat at about every independent position, but at no fewer than can be compared. The time of
+    # values that never move is NaN, which fmin passes over.
     ensembles, length, _, count = scores.shape
-    longest = min(float(times.max()), length / _FEWEST_COMPARED)
-    gap = max(1, round(longest))
+    longest = np.fmin(times.max(), length / _FEWEST_COMPARED)
+    gap = max(1, round(float(longest)))
     ranked = scores[:, ::gap].reshape(ensembles, -1, count)
     tails = tail[:, ::gap].reshape(ensembles, -1, count)
     rhats = np.maximum(rank_rhat(ranked), split_rhat(tails))
