@@ -44,9 +44,11 @@ __all__ = [
     "bayesian_rows",
     "estimands_of",
     "fit_of",
+    "modelled_together",
     "pooled",
     "posterior_tree",
     "prepare",
+    "prepare_apart",
     "sampled",
 ]
 
@@ -248,6 +250,11 @@ def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Pr
     studied = [trials(sessions, scene, group, partial=partial) for group in groups]
     models = [pooled(data.statistics, scene, data.reference, data.scale, data) for data in studied]
     return models[0] if len(models) == 1 else _side_by_side(models)
+
+
+def prepare_apart(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+    """Build a model in which no parameter learns from another."""
+    return _side_by_side([prepare(sessions, scene, (parameter,)) for parameter in parameters])
 
 
 def modelled_together(

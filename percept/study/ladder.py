@@ -23,7 +23,15 @@ from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import Quantities
 from percept.study.boundaries import BoundaryDrawing, LimitErrors, compare_bands
-from percept.study.fit import Fit, estimands_of, fit_of, prepare, sampled
+from percept.study.fit import (
+    Fit,
+    estimands_of,
+    fit_of,
+    modelled_together,
+    prepare,
+    prepare_apart,
+    sampled,
+)
 from percept.study.regions import Region
 
 __all__ = ["USERS", "Ladder", "band_pairs", "climb", "sentence"]
@@ -36,11 +44,24 @@ _LEAST = {"log_width": 0.02, "centre": 0.05}
 USERS = {"mean": "the average {user}", "user": "the next {user}", "share": "most {users}"}
 _CLAUSES = {
     "prior": "the priors say how {users} usually adjust",
+    "trials": "the model tells trial noise from differences between {users}",
     "pooling": "the model also learns from the other {environments}",
+    "correlation": "the model also learns from the other quantity",
     "scale": "the log scale makes the typical {user} the geometric mean",
     "sampling": "draws are random",
 }
-_OF_USERS = {"scale": "{users} scatter by ratios on the log scale"}
+_OF_USERS = {
+    "trials": "the model leaves trial noise out",
+    "scale": "{users} scatter by ratios on the log scale",
+}
+#: Steps that model each environment by itself.
+_BY_ENVIRONMENT = ("prior", "trials")
+_STEPS = {
+    "prior": "the prior",
+    "trials": "trial noise",
+    "pooling": "pooling",
+    "correlation": "correlation",
+}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -51,9 +72,9 @@ class Ladder(NotebookRecord):
     #: is the log ratio of widths, `centre` the shift of the midpoint in classical half-widths;
     #: errors are Monte Carlo's.
     effects: pd.DataFrame
-    sentences: tuple[
-        str, ...
-    ]  # The difference in words, per environment and parameter, of the first kind
+    #: The difference in words, per environment and parameter: of the first kind, and with repeats
+    #: of the next user too.
+    sentences: tuple[str, ...]
     notes: tuple[str, ...] = ()  # Environments without a ladder, and why
 
 
@@ -83,9 +104,13 @@ def climb(
     asked = scene.inference
     normal = scene.with_inference(family="normal", tolerance=max(_TOLERANCE, asked.tolerance))
     pooled = scene.model.pooling == "partial"
+    groups = modelled_together(parameters, asked.together)
+    pair = sessions.form != "summary" and any(len(group) > 1 for group in groups)
     climbed = {
         "prior": pooled,
+        "trials": pooled and bool(fit.repeats),
         "pooling": pooled and len(fit.environments) > 1,
+        "correlation": pooled and pair,
         "scale": asked.family == "lognormal",
     }
     *before, last = [cause for cause, needed in climbed.items() if needed] or ["sampling"]
@@ -93,21 +118,26 @@ def climb(
     steps: dict[str, dict[_Cell, _Interval]] = {}
     for cause in before:
         steps[cause] = {}
-        tables = [sessions.table]
-        if cause == "prior":
-            by_environment = sessions.table.groupby("environment", sort=False)
-            tables = [rows for _, rows in by_environment]
+        table = sessions.table
+        if cause == "prior" and climbed["trials"]:
+            table = _subject_means(table, parameters)
+        tables = [table]
+        if cause in _BY_ENVIRONMENT:
+            tables = [rows for _, rows in table.groupby("environment", sort=False)]
+        build = prepare
+        if climbed["correlation"] and cause != "correlation":
+            build = prepare_apart
         for table in tables:
             part = dataclasses.replace(sessions, table=table)
             try:
-                model = prepare(part, normal, parameters)
+                model = build(part, normal, parameters)
                 one = fit_of(model, normal.inference, sampled(model.model, normal.inference, **how))
                 why = " ".join(one.run.gate.reasons)
             except RefusalError as error:
                 why = error.message
             if why:
                 names = ", ".join(part.environments)
-                notes.append(f"{names}: the step of the {cause} is missing: {why}")
+                notes.append(f"{names}: the step of {_STEPS[cause]} is missing: {why}")
             else:
                 steps[cause] |= _measured(one, normal.inference)
     steps[last] = _measured(fit, asked)
@@ -119,12 +149,21 @@ def climb(
         for e, p, kind, lower, upper in classical[[*_CELL, "lower", "upper"]].to_numpy().tolist()
     }
     effects = pd.DataFrame(_effects(start, steps), columns=_COLUMNS)
-    first = effects[effects["kind"] == asked.kinds[0]].groupby(
-        ["environment", "parameter"], sort=False
-    )
+    kinds = [asked.kinds[0]]
+    if climbed["trials"] and "user" in asked.kinds[1:]:
+        kinds.append("user")  # Trial noise is in no interval of users
+    first = effects[effects["kind"].isin(kinds)].groupby(_CELL, sort=False)
     words = _words(scene)
-    told = [sentence(rows, fit.quantities, words, repeats=bool(fit.repeats)) for _, rows in first]
+    told = [sentence(rows, fit.quantities, words) for _, rows in first]
     return Ladder(effects, tuple(told), tuple(notes))
+
+
+def _subject_means(table: pd.DataFrame, parameters: tuple[str, ...]) -> pd.DataFrame:
+    """Keep one row per subject and environment, with the mean over trials: classical data."""
+    cell = ["environment", "subject"]
+    columns = [f"{parameter}_adj" for parameter in parameters]
+    means = table.groupby(cell, sort=False)[columns].transform("mean")
+    return table.assign(**means).drop_duplicates(cell)
 
 
 def band_pairs(
@@ -189,9 +228,7 @@ def _words(scene: Scene) -> dict[str, str]:
     return {"user": user, "users": users, "environments": scene.environment_noun[1]}
 
 
-def sentence(
-    rows: pd.DataFrame, quantities: Quantities, words: dict[str, str], *, repeats: bool = False
-) -> str:
+def sentence(rows: pd.DataFrame, quantities: Quantities, words: dict[str, str]) -> str:
     """Say how two intervals differ and why, from the effects on one of them."""
     whole = rows.iloc[0]
     kind = whole["kind"]
@@ -206,8 +243,6 @@ def sentence(
         return f"{start}{same}, to within {100.0 * within:.0f} %."
     clauses = _CLAUSES | ({} if kind == "mean" else _OF_USERS)
     clauses = {cause: clause.format(**words) for cause, clause in clauses.items()}
-    if repeats and kind != "mean":
-        clauses["prior"] = f"it leaves trial noise out, and {clauses['prior']}"
     size = f"{_ratio(width['all'])} times as wide" if "all" in width else "as wide"
     why = _reasons(width, lambda value: f"×{_ratio(value)}", clauses)
     text = f"{start}the Bayesian interval of {whose} is {size} as the classical one{why}."

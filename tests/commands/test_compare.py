@@ -182,15 +182,15 @@ def test_methods_are_printed_with_their_reasons(folder, capsys, monkeypatch, tmp
     assert len(found["comparison"]) == 2 * 2 * 3
     kept = set(tmp_path.iterdir())
     text = printed(words, capsys)
-    # The study's own posterior, each environment's, and the one of the normal family: no other was
-    # sampled.
-    assert len(kept) == len(set(tmp_path.iterdir())) == 4
+    # The study's own posterior, each environment's, and two of the normal family, with quantities
+    # apart and together: no other was sampled.
+    assert len(kept) == len(set(tmp_path.iterdir())) == 5
     assert text.startswith("\nIntervals in pairs, lognormal family, level 99 %:")
     assert len(found["ladder"]["sentences"]) == 2 * 2
     for told in found["ladder"]["sentences"]:
         assert told in text.split("Why they differ")[1]
     steps = [row for row in found["ladder"]["effects"] if row["kind"] == "mean"]
-    assert len(steps) == 2 * 2 * 4
+    assert len(steps) == 2 * 2 * 5
     for row in steps:
         assert f"{row['centre']:.4g}" in text.split("The steps of kind mean")[1]
     told = [*found["ladder"]["sentences"], *found["advice"]]

@@ -122,6 +122,79 @@ def test_skewed_data_are_explained_by_the_log_scale() -> None:
     )
 
 
+def study_of_noise(scatter: float, noise: float) -> Study:
+    """Twenty users of one environment, four trials each, with SDs between users and trials."""
+    users = np.repeat(np.arange(20), 4)
+    rng = np.random.default_rng(3)
+    deviation = scatter * rng.standard_normal(20)[users] + noise * rng.standard_normal(80)
+    table = pd.DataFrame(
+        {
+            "subject": [f"S{user:02d}" for user in users],
+            "environment": "VE1",
+            "trial": np.tile(np.arange(1, 5), 20),
+            "k_ref": 1e3,
+            "k_adj": 1e3 * (1.0 + deviation),
+        }
+    )
+    return study_of(table, method="both", family="normal")
+
+
+def test_trial_noise_is_named_where_users_scatter_by_nothing_else() -> None:
+    ladder = ladder_of(study_of_noise(scatter=0.0, noise=0.2))
+    assert list(ladder.effects["cause"].unique()) == ["all", "prior", "trials"]
+    widths = ladder.effects.query("kind == 'user'").set_index("cause")["log_width"]
+    assert widths["trials"] < np.log(0.7)
+    assert abs(widths["prior"]) < 0.1
+    _, of_user = ladder.sentences
+    assert "as the classical one, because the model leaves trial noise out (×" in of_user
+
+
+def test_trial_noise_is_not_named_where_there_is_hardly_any() -> None:
+    ladder = ladder_of(study_of_noise(scatter=0.2, noise=0.01))
+    widths = ladder.effects.query("kind == 'user'").set_index("cause")["log_width"]
+    assert abs(widths["trials"]) < 0.05
+    assert not any("trial noise" in text for text in ladder.sentences)
+
+
+def study_of_pair(correlation: float) -> Study:
+    """Stiffness set without bias, damping far off what its prior holds possible."""
+    rng = np.random.default_rng(4)
+    scores = rng.standard_normal((12, 2))
+    scores -= scores.mean(axis=0)
+    vectors, _, _ = np.linalg.svd(scores, full_matrices=False)
+    k = vectors[:, 0]
+    b = correlation * vectors[:, 0] + np.sqrt(1.0 - correlation**2) * vectors[:, 1]
+    table = pd.DataFrame(
+        {
+            "subject": [f"S{user:02d}" for user in range(12)],
+            "environment": "VE1",
+            "k_ref": 1e3,
+            "b_ref": 5.0,
+            "k_adj": 1e3 * (1.0 + 0.6 * k),
+            "b_adj": 5.0 * (1.4 + 0.6 * b),
+        }
+    )
+    tight = {"priors": {"alpha_sd": 0.05, "tau_scale": 0.05}}
+    return study_of(table, model=tight, method="both", family="normal")
+
+
+@pytest.mark.parametrize(("correlation", "named"), [(0.95, True), (0.0, False)])
+def test_correlation_is_named_where_nothing_else_moves_an_interval(
+    correlation: float, named: bool
+) -> None:
+    """Only what damping's prior does, through the correlation, can move stiffness."""
+    ladder = ladder_of(study_of_pair(correlation))
+    assert list(ladder.effects["cause"].unique()) == ["all", "prior", "correlation"]
+    centres = ladder.effects.query("kind == 'mean' and parameter == 'k'").set_index("cause")[
+        "centre"
+    ]
+    assert abs(centres["prior"]) < 0.05
+    assert (centres["correlation"] < -0.2) == named
+    (of_stiffness, _) = ladder.sentences
+    because = ", because the model also learns from the other quantity (-"
+    assert (f"half-width lower{because}" in of_stiffness) == named
+
+
 def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame:
     """Effects on log width and centre, with errors of .01 each."""
     rows = {"all": tuple(np.sum(list(steps.values()), axis=0)), **steps}
@@ -133,11 +206,10 @@ def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame
 
 
 @pytest.mark.parametrize(
-    ("effects", "repeats", "text"),
+    ("effects", "text"),
     [
         (
             effects_of("share", prior=(-0.3, 0.0), pooling=(0.2, 0.0), scale=(0.1, 0.0)),
-            False,
             "VE1, damping: the Bayesian interval of most users is as wide as the classical one: "
             "the priors "
             "say how users usually adjust (×0.74); the model also learns from the other "
@@ -148,7 +220,6 @@ def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame
             effects_of(
                 "mean", prior=(0.01, 0.0), pooling=(np.log(1.1), 0.0), scale=(np.log(1.3), 0.0)
             ),
-            False,
             "VE1, damping: the Bayesian interval of the average user is 1.44 times as wide as "
             "the classical "
             "one, because the log scale makes the typical user the geometric mean (×1.30); the "
@@ -157,22 +228,18 @@ def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame
         ),
         (
             effects_of(scale=(np.log(20.0), 0.0)),
-            False,
             "VE1, damping: the Bayesian interval of the next user is 20 times as wide as the "
             "classical one, "
             "because users scatter by ratios on the log scale (×20).",
         ),
         (
-            effects_of(prior=(np.log(0.5), 0.0)),
-            True,
+            effects_of(prior=(0.0, 0.0), trials=(np.log(0.5), 0.0)),
             "VE1, damping: the Bayesian interval of the next user is 0.50 times as wide as the "
             "classical "
-            "one, because it leaves trial noise out, and the priors say how users usually adjust "
-            "(×0.50).",
+            "one, because the model leaves trial noise out (×0.50).",
         ),
         (
             effects_of("share", prior=(np.log(0.8), 0.3), pooling=(np.log(1.251), 0.0)),
-            False,
             "VE1, damping: the Bayesian interval of most users is as wide as the classical one: "
             "the model "
             "also learns from the other environments (×1.25); the priors say how users usually "
@@ -183,21 +250,19 @@ def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame
         ),
         (
             effects_of("mean", sampling=(np.log(1.03), 0.0)),
-            False,
             "VE1, damping: the Bayesian interval of the average user is 1.03 times as wide as "
             "the classical "
             "one, because draws are random (×1.03).",
         ),
         (
             effects_of("mean", prior=(0.005, 0.01), pooling=(0.005, 0.01)),
-            False,
             "VE1, damping: both intervals of the average user have the same width and centre, to "
             "within 2 %.",
         ),
     ],
 )
-def test_a_difference_in_words(effects: pd.DataFrame, repeats: bool, text: str) -> None:
-    assert sentence(effects, IMPEDANCE, WORDS, repeats=repeats) == text
+def test_a_difference_in_words(effects: pd.DataFrame, text: str) -> None:
+    assert sentence(effects, IMPEDANCE, WORDS) == text
 
 
 def test_intervals_apart_do_not_overlap(fitted: Study) -> None:
