@@ -12,7 +12,7 @@ from percept.boundary.feels_real import feels_real
 from percept.haptics import Coupling
 from percept.sessions import Sessions
 from percept.study.verdicts import frequencies, relative_sd
-from tests import DATASETS
+from tests import DATASETS, LONG
 
 PERIOD = 0.001
 RANGE = (0.1, 100.0)  # rad/s
@@ -111,7 +111,8 @@ def sessions() -> Sessions:
     return read_sessions(DATASETS / "hbfd_sessions.csv")
 
 
-@pytest.mark.parametrize("subjects", [2, 3, 4])
+@pytest.mark.evidence(reduced=True)
+@pytest.mark.parametrize("subjects", [2, 3, 4] if LONG else [2, 3])
 def test_the_smallest_studies_have_maps_or_a_reason(sessions, subjects) -> None:
     kept = sessions.table["subject"].isin(sorted(sessions.subjects)[:subjects])
     study = Study(Sessions.from_frame(sessions.table[kept]), scene_of())

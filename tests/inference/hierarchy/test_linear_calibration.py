@@ -108,12 +108,12 @@ def too_far(found):
 
 @pytest.mark.evidence(reduced=True)
 def test_truths_lie_evenly_in_their_posteriors():
-    found = places(300 if LONG else 30)
+    found = places(300 if LONG else 8)
     for of_quantity in found.T:
         assert stats.kstest(of_quantity, "uniform").pvalue > 1e-3
     assert too_far(found) > 1e-3
 
 
-@pytest.mark.evidence(reduced=True)
+@pytest.mark.evidence
 def test_a_model_without_subjects_own_contrasts_is_caught():
-    assert too_far(places(100 if LONG else 30, varied=False)) < 1e-3
+    assert too_far(places(100, varied=False)) < 1e-3
