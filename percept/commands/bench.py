@@ -67,7 +67,7 @@ def _measured(part: str, arguments: _Arguments) -> _Rows:
         rows = _PARTS[part](arguments)
     except ModuleNotFoundError as error:
         message = f"{part} needs {error.name}, which is not installed."
-        hint = "Install percept with its extra: percept[bench]."
+        hint = "Install percept with its extra: percept-haptics[bench]."
         raise UsageError(message, hint=hint) from error
     if arguments.out:
         document = measurement(

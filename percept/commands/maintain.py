@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 
 __all__ = ["CACHE", "COMPLETION", "DOCTOR"]
 
+#: The name that pip installs percept by.
+_DISTRIBUTION = "percept-haptics"
+#: The name that the package index gave to another project, with a package `percept` of its own.
+_STRANGER = "percept"
+
 _CACHE = """Show what posteriors are kept for next time, or clear them.
 
 PERCEPT_CACHE names another folder, or turns the cache off with the word "off". Beyond a gigabyte
@@ -25,7 +30,7 @@ the posteriors not used for longest go.
 
 
 def _doctor(_: argparse.Namespace) -> int:
-    """Print the environment; 1 where a needed package is missing or of another version."""
+    """Print the environment; 1 where a package is missing, of another version or a stranger's."""
     from packaging.requirements import Requirement
 
     from percept.cache import cache_folder
@@ -33,7 +38,7 @@ def _doctor(_: argparse.Namespace) -> int:
     needed = 0
     broken: list[str] = []
     extras: dict[str, list[str]] = {}  # What each extra lacks
-    for line in metadata.requires("percept") or ():
+    for line in metadata.requires(_DISTRIBUTION) or ():
         requirement = Requirement(line)
         extra = re.search(r"extra == .([\w-]+)", str(requirement.marker or ""))
         if extra is None:
@@ -53,9 +58,25 @@ def _doctor(_: argparse.Namespace) -> int:
     print(f"cache: {cache_folder() or 'off'}")
     for package in broken:
         print(f'Install {package}: python -m pip install "{package}"')
-    if not broken:
+    stranger = _is_installed(_STRANGER)
+    if stranger:
+        print(
+            f"Another project's package '{_STRANGER}' is installed here, and its files replace those "
+            f"of {_DISTRIBUTION}. Remove it: python -m pip uninstall {_STRANGER}. "
+            f"Then run: python -m pip install --force-reinstall {_DISTRIBUTION}"
+        )
+    if not broken and not stranger:
         print("Everything percept needs is here.")
-    return int(bool(broken))
+    return int(bool(broken) or stranger)
+
+
+def _is_installed(distribution: str) -> bool:
+    """Whether a distribution of exactly this name is here."""
+    try:
+        metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return False
+    return True
 
 
 def _is_met(requirement: Requirement) -> bool:

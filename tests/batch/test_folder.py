@@ -18,7 +18,7 @@ def file_of(folder, key):
 
 
 def test_the_table_has_the_studies_in_the_order_asked_for(tmp_path):
-    pq = pytest.importorskip("pyarrow.parquet", reason="needs the extra percept[tables]")
+    pq = pytest.importorskip("pyarrow.parquet", reason="needs the extra percept-haptics[tables]")
     with BatchFolder.opened(tmp_path / "out") as folder:
         for key in KEYS:
             saved(folder, key)

@@ -52,7 +52,7 @@ def test_a_study_that_misses_its_tolerance_is_done_and_says_its_error(tmp_path):
 
 
 def test_a_parquet_table_has_the_same_numbers_nulls_and_names(tmp_path):
-    pq = pytest.importorskip("pyarrow.parquet", reason="needs the extra percept[tables]")
+    pq = pytest.importorskip("pyarrow.parquet", reason="needs the extra percept-haptics[tables]")
     frame = pd.DataFrame(
         {
             "lower": [-np.inf, 0.1 + 0.2, 5e-324],

@@ -26,7 +26,7 @@ def batch(studies, out, mapper, changes=CLASSICAL, **options):
 
 
 def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path):
-    pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+    pytest.importorskip("distributed", reason="needs the extra percept-haptics[cluster]")
     told = []
     with in_threads() as client:
         mapper = on_cluster(client)
@@ -54,7 +54,7 @@ def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path):
 
 
 def test_processes_of_this_machine_and_threads_of_dask_give_the_same_bytes(studies, tmp_path):
-    pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+    pytest.importorskip("distributed", reason="needs the extra percept-haptics[cluster]")
     few = studies[1:3]
     first = batch(few, tmp_path / "here", in_process, SAMPLED).table
     assert set(pd.read_csv(first)["method"].dropna()) == {"classical", "bayesian"}
@@ -67,7 +67,7 @@ def test_processes_of_this_machine_and_threads_of_dask_give_the_same_bytes(studi
 
 @pytest.mark.evidence
 def test_workers_far_away_give_the_same_bytes(studies, tmp_path, capsys):
-    pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+    pytest.importorskip("distributed", reason="needs the extra percept-haptics[cluster]")
     few = studies[1:3]
     first = batch(few, tmp_path / "here", in_process, SAMPLED).table
     words = ["batch", *few, "--tolerance", "0.3", "--seed", "3", "--out", str(tmp_path / "remote")]
@@ -130,7 +130,7 @@ def test_parquet_is_refused_before_anything_is_computed_without_its_package(
     monkeypatch.delitem(sys.modules, "pyarrow.parquet", raising=False)
     words = ["batch", studies[0], "--format", "parquet", "--workers", "1"]
     assert main([*words, "--out", str(tmp_path / "out")]) == 2
-    assert "percept[tables], or leave --format out" in capsys.readouterr().err
+    assert "percept-haptics[tables], or leave --format out" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

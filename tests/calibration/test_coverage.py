@@ -109,7 +109,7 @@ def test_runs_go_on_where_they_stopped_and_do_not_depend_on_workers(tmp_path: Pa
     with path.open("a") as file:
         file.write('{"plan": "' + plan.key + '", "index": 2, "jud')  # cut short
     done: list[tuple[int, int]] = []
-    pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+    pytest.importorskip("distributed", reason="needs the extra percept-haptics[cluster]")
 
     def told(count: int, of: int) -> None:
         done.append((count, of))

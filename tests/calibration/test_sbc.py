@@ -231,7 +231,7 @@ def test_study_is_the_same_however_it_is_run(tmp_path):
 
 @QUIET
 def test_fits_are_the_same_on_two_workers(tmp_path):
-    pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+    pytest.importorskip("distributed", reason="needs the extra percept-haptics[cluster]")
     found = []
     for workers in ("1", "2"):
         out = tmp_path / workers

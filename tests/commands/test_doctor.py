@@ -27,7 +27,7 @@ def test_five_lines_say_what_is_here(capsys, monkeypatch):
 
 def test_what_is_installed_here_is_enough(capsys):
     assert main(["doctor"]) == 0
-    count = sum("extra ==" not in line for line in metadata.requires("percept"))
+    count = sum("extra ==" not in line for line in metadata.requires("percept-haptics"))
     assert f"needed: {count} of {count} packages are here" in capsys.readouterr().out
 
 
@@ -51,3 +51,16 @@ def test_what_is_missing_or_too_old_is_told(line, broken, monkeypatch, capsys):
         assert f'Install {broken}: python -m pip install "{broken}"' in printed
     else:
         assert "Install" not in printed
+
+
+def test_the_stranger_of_the_same_name_is_recognised(tmp_path, monkeypatch, capsys):
+    """The package index has a project `percept` of its own: its files replace ours."""
+    info = tmp_path / "percept-0.14.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: percept\nVersion: 0.14\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert main(["doctor"]) == 1
+    printed = capsys.readouterr().out
+    assert "Another project's package 'percept' is installed here" in printed
+    assert "python -m pip uninstall percept." in printed
+    assert "Everything percept needs is here." not in printed

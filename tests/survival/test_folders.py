@@ -116,7 +116,7 @@ def test_a_write_that_stops_half_way_is_said_and_leaves_nothing(tmp_path, comman
 
 
 def test_a_batch_that_finds_no_room_keeps_what_it_had_and_goes_on_later(tmp_path, capsys):
-    pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+    pytest.importorskip("distributed", reason="needs the extra percept-haptics[cluster]")
     arguments = [
         "batch",
         STUDY,
@@ -139,7 +139,7 @@ def test_a_batch_that_finds_no_room_keeps_what_it_had_and_goes_on_later(tmp_path
 @pytest.mark.parametrize("command", ["fit", "batch"])
 def test_a_folder_that_may_not_be_written_is_said(tmp_path, command):
     if command == "batch":
-        pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+        pytest.importorskip("distributed", reason="needs the extra percept-haptics[cluster]")
     with small_disk(tmp_path / "disk", _SIZE) as disk:
         (disk / "out").mkdir()
         subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-distributed = pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+distributed = pytest.importorskip("distributed", reason="needs the extra percept-haptics[cluster]")
 
 from percept.cluster import connected, on_cluster, require_same_code  # noqa: E402
 from percept.errors import RefusalError  # noqa: E402 - only where distributed is installed

@@ -74,7 +74,7 @@ def test_without_dask_a_scheduler_names_the_extra(monkeypatch):
 
 
 def test_no_scheduler_at_the_address_is_said():
-    pytest.importorskip("distributed", reason="needs the extra percept[cluster]")
+    pytest.importorskip("distributed", reason="needs the extra percept-haptics[cluster]")
     with pytest.raises(
         UsageError, match=r"tcp://127.0.0.1:1.*no scheduler answers.*dask worker ADDRESS"
     ):

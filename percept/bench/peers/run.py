@@ -36,7 +36,7 @@ __all__ = ["PAGE", "Plan", "run_benchmark", "write_benchmark"]
 
 PAGE = "index.html"
 _FILES = FolderFiles(PAGE, (PAGE, "benchmark.json", "figures/time-*.svg"))
-_EXTRA = "pip install 'percept[peers]'"
+_EXTRA = "pip install 'percept-haptics[peers]'"
 _COLOURS = ("bayesian", "ink", "classical", "warn", "coupled")
 
 

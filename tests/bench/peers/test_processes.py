@@ -40,7 +40,8 @@ def test_an_engine_nobody_knows_is_wrong_usage(tmp_path, capsys):
 
 
 without_peers = pytest.mark.skipif(
-    importlib.util.find_spec("pymc") is not None, reason="the extra percept[peers] is installed"
+    importlib.util.find_spec("pymc") is not None,
+    reason="the extra percept-haptics[peers] is installed",
 )
 
 
@@ -50,7 +51,7 @@ def test_what_is_not_installed_is_left_out_and_its_extra_named(tmp_path, capsys)
     assert main(["bench", "peers", *words, "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().err
     assert "nutpie, written plainly: left out, nutpie, pymc" in said
-    assert "pip install 'percept[peers]'" in said
+    assert "pip install 'percept-haptics[peers]'" in said
     found = json.loads((tmp_path / "benchmark.json").read_text(encoding="utf-8"))
     assert [one["name"] for one in found["engines"]] == ["percept"]
     assert [one["name"] for one in found["left_out"]] == ["nutpie, written plainly"]
@@ -79,7 +80,7 @@ def test_a_whole_quick_benchmark_of_what_is_installed(tmp_path, capsys):
     assert main(words) == 0
     said = capsys.readouterr().err
     assert "nutpie, written plainly: left out, nutpie, pymc" in said
-    assert "pip install 'percept[peers]'" in said
+    assert "pip install 'percept-haptics[peers]'" in said
     found = json.loads((out / "benchmark.json").read_text(encoding="utf-8"))
     assert [one["name"] for one in found["engines"]] == ["percept", "emcee"]
     assert [one["name"] for one in found["left_out"]] == ["nutpie, written plainly", "import pymc"]
