@@ -273,5 +273,5 @@ def _require_pyarrow() -> None:
             "a Parquet table needs pyarrow, which is not installed.",
             key="--format",
             value="parquet",
-            hint="Install percept with its extra, percept-haptics[tables], or leave --format out.",
+            hint="Install the extra, percept-haptics[tables], or leave --format out.",
         ) from None

@@ -51,7 +51,7 @@ def connected(scheduler: str, patience: float = _PATIENCE) -> Iterator[Client]:
     except ImportError:
         raise UsageError(
             "a scheduler needs dask.distributed, which is not installed.",
-            hint="Install percept with its extra, percept-haptics[cluster], or leave --scheduler out.",
+            hint="Install the extra, percept-haptics[cluster], or leave --scheduler out.",
         ) from None
     try:
         client = Client(scheduler, timeout=patience, set_as_default=False)

@@ -61,8 +61,8 @@ def _doctor(_: argparse.Namespace) -> int:
     stranger = _is_installed(_STRANGER)
     if stranger:
         print(
-            f"Another project's package '{_STRANGER}' is installed here, and its files replace those "
-            f"of {_DISTRIBUTION}. Remove it: python -m pip uninstall {_STRANGER}. "
+            f"Another project's package '{_STRANGER}' is installed here, and its files replace "
+            f"those of {_DISTRIBUTION}. Remove it: python -m pip uninstall {_STRANGER}. "
             f"Then run: python -m pip install --force-reinstall {_DISTRIBUTION}"
         )
     if not broken and not stranger:
