@@ -231,11 +231,9 @@ def _error_sentence(law: str, errors: dict[str, float], overtaken: tuple[str, ..
 def _clearly_ahead(errors: dict[str, float]) -> str | None:
     """Name the law that predicts to some use, and clearly better than both others."""
     ahead = min(LAWS, key=errors.__getitem__)
-    if not errors[ahead] < _OF_NO_USE:
-        return None
-    clear = _ALIKE * errors[ahead]
-    rivals = [law for law in LAWS if law != ahead and errors[law] <= clear]
-    return None if rivals else ahead
+    smallest, second, _ = sorted(errors.values())
+    clear = smallest < _OF_NO_USE and second > _ALIKE * smallest
+    return ahead if clear else None
 
 
 def overtaken_without(
@@ -246,9 +244,8 @@ def overtaken_without(
     None where too few are left to fit the laws, or where there are too many to try.
     """
     count = len(environments)
-    if count > _MOST_ENVIRONMENTS:
-        return None
-    if not all(determines_laws(np.delete(sizes, j)) for j in range(count)):
+    determined = all(determines_laws(np.delete(sizes, j)) for j in range(count))
+    if count > _MOST_ENVIRONMENTS or not determined:
         return None
     bands = replicates[:: 1 + len(replicates) // _REPLICATES]
     typical = []
@@ -262,9 +259,8 @@ def overtaken_without(
             # Each of the pair is predicted while the other is the one left out.
             squares[:, pair] += error[:, ::-1] ** 2
         typical.append(np.median(squares, axis=0))
-    ahead = np.argmin(typical, axis=0)
-    index = list(LAWS).index(law)
-    return tuple(name for name, winner in zip(environments, ahead, strict=True) if winner != index)
+    behind = np.argmin(typical, axis=0) != list(LAWS).index(law)
+    return tuple(environments[j] for j in np.flatnonzero(behind))
 
 
 def size_name(parameter: str | None) -> str:

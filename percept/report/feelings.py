@@ -19,7 +19,8 @@ from percept.report.select import (
     matching,
     words_of,
 )
-from percept.results import MoreSubjects, Results, Verdict
+from percept.report.sentences import cause_sentences
+from percept.results import LadderEffect, MoreSubjects, Results, Verdict
 
 __all__ = ["RENDERED", "coupling_sentences", "feeling_sentences", "feelings", "probability_said"]
 
@@ -58,8 +59,13 @@ def _said_probability(probability: float, decision: float) -> str:
     return f"{100.0 * shown:.6g} %" if shown > 0.0 else "< 1 %"
 
 
-def feeling_sentences(verdicts: Sequence[Verdict], words: Words) -> list[str]:
-    """Say what feels real, through the coupling where there is one, by which method and level."""
+def feeling_sentences(
+    verdicts: Sequence[Verdict], words: Words, effects: Sequence[LadderEffect] = ()
+) -> list[str]:
+    """Say what feels real, through the coupling where there is one, by which method and level.
+
+    Where the methods disagree, `effects` of the ladder name the cause.
+    """
     coupled = bool(matching(verdicts, coupled=True))
     judged = matching(verdicts, coupled=coupled)
     if not judged:
@@ -81,7 +87,7 @@ def feeling_sentences(verdicts: Sequence[Verdict], words: Words) -> list[str]:
         f"Judged against the central {level} of {words.users}: {measure}, decision at {decision}.",
         *_straddling(judged),
         *_leaning(judged, words),
-        *_disagreeing(judged, words),
+        *_disagreeing(judged, words, effects),
         *_deciding(judged, words),
     ]
 
@@ -185,9 +191,12 @@ def _leaning(judged: Sequence[Verdict], words: Words) -> list[str]:
     return sentences
 
 
-def _disagreeing(judged: Sequence[Verdict], words: Words) -> list[str]:
-    """Say where the classical method comes to another outcome than the Bayesian one."""
+def _disagreeing(
+    judged: Sequence[Verdict], words: Words, effects: Sequence[LadderEffect]
+) -> list[str]:
+    """Say where the classical method comes to another outcome than the Bayesian one, and why."""
     parts = []
+    apart: list[str] = []
     for outcome in _SAID:
         names = []
         least = []
@@ -200,10 +209,14 @@ def _disagreeing(judged: Sequence[Verdict], words: Words) -> list[str]:
                 names.append(verdict.environment)
                 least.append(classical.least)
         if names:
+            apart += names
             said = _said_of(names, outcome, len(judged), words)
             # Classical confidences have a threshold of their own for "does not".
             parts.append(f"{said} ({_said_range(least, judged[0].decision)})")
-    return [f"The classical method says otherwise: {'; '.join(parts)}."] if parts else []
+    if not parts:
+        return []
+    why = cause_sentences(effects, apart, "user", words)
+    return [f"The classical method says otherwise: {'; '.join(parts)}.", *why]
 
 
 def coupling_sentences(results: Results) -> list[str]:

@@ -54,8 +54,9 @@ def overview(results: Results) -> Overview:
     words = words_of(results)
     sentences = contrast_sentences(results)
     contrasts = len(sentences)
-    sentences += bias_sentences(rows, classical, results.data.quantities, words)
-    if feelings := feeling_sentences(results.verdicts, words):
+    effects = results.ladder.effects if results.ladder else ()
+    sentences += bias_sentences(rows, classical, results.data.quantities, words, effects)
+    if feelings := feeling_sentences(results.verdicts, words, effects):
         sentences.append(" ".join(feelings))
     if about_coupling := [*_stability(results), *coupling_sentences(results)]:
         sentences.append(" ".join(about_coupling))

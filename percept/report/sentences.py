@@ -9,10 +9,10 @@ from collections.abc import Mapping, Sequence
 from percept.inference.record import percent
 from percept.report.numbers import bare, rounded
 from percept.report.select import METHOD_NAMES, MOST_NAMED, Words, distinct, listed, matching
-from percept.results import OverviewRow
+from percept.results import LadderEffect, OverviewRow
 from percept.sessions.quantities import Quantity
 
-__all__ = ["bias_sentences", "user_sentences"]
+__all__ = ["bias_sentences", "cause_sentences", "user_sentences"]
 
 #: A bias of so many references and more is written as a multiple.
 _MULTIPLE = 9.0
@@ -20,6 +20,15 @@ _MULTIPLE = 9.0
 _NOTHING = 100.0
 #: Per cent from which on two digits would round whole per cents away.
 _LEAST_WHOLE = 99.5
+#: Steps of the ladder that set the methods apart. Both are compared on one scale.
+_CAUSES = {
+    "prior": "the prior",
+    "trials": "trial noise, which the model tells from differences between people",
+    "pooling": "what the model learns from the other {}",
+    "correlation": "what the model learns from the other quantity",
+}
+#: Shift over the classical half-width, or log ratio of widths: twice the most error of a step.
+_LEAST_MOVED = 0.1
 #: Most digits of a range whose ends lie close together.
 _MOST_DIGITS = 6
 
@@ -52,10 +61,12 @@ def bias_sentences(
     others: Sequence[OverviewRow],
     quantities: Mapping[str, Quantity],
     words: Words,
+    effects: Sequence[LadderEffect] = (),
 ) -> list[str]:
     """Say for every quantity how far users set it off, with interval, method and level.
 
-    `others` are the rows of the classical method; where they see another sign, that is said too.
+    `others` are the rows of the classical method; where they see another sign, that is said too,
+    with the cause that `effects` of the ladder name.
     """
     sentences = []
     for parameter in distinct(rows, "parameter"):
@@ -65,7 +76,8 @@ def bias_sentences(
         label = quantities[parameter].label
         sentence = _bias_sentence(biases, label[:1].upper() + label[1:], words)
         classical = _biases(matching(others, parameter=parameter))
-        sentences.append(" ".join([sentence, *_disagreement(biases, classical)]))
+        apart = _disagreement(biases, classical, words, matching(effects, parameter=parameter))
+        sentences.append(" ".join([sentence, *apart]))
     return sentences
 
 
@@ -107,8 +119,34 @@ def _size(bias: _Range) -> float:
     return abs(bias.bias)
 
 
-def _disagreement(biases: Sequence[_Range], others: Sequence[_Range]) -> list[str]:
-    """Say where the classical interval sees another sign than the Bayesian one."""
+def cause_sentences(
+    effects: Sequence[LadderEffect], environments: Sequence[str], kind: str, words: Words
+) -> list[str]:
+    """Name the step of the ladder that moves the intervals of each environment most."""
+    by_cause: dict[str, list[str]] = {}
+    for environment in environments:
+        alike = matching(effects, environment=environment, kind=kind)
+        steps = [row for row in alike if row.cause in _CAUSES and _moved(row) > _LEAST_MOVED]
+        if steps:
+            largest = max(steps, key=_moved)
+            by_cause.setdefault(_CAUSES[largest.cause], []).append(environment)
+    return [
+        f"The main cause in {listed(names)} is {cause.format(words.environments)}."
+        for cause, names in by_cause.items()
+    ]
+
+
+def _moved(step: LadderEffect) -> float:
+    return max(abs(step.log_width), abs(step.centre))
+
+
+def _disagreement(
+    biases: Sequence[_Range],
+    others: Sequence[_Range],
+    words: Words,
+    effects: Sequence[LadderEffect],
+) -> list[str]:
+    """Say where the classical interval sees another sign than the Bayesian one, and why."""
     classical = {other.row.environment: other for other in others}
     groups: dict[str, list[_Range]] = {}
     for bias in biases:
@@ -120,14 +158,16 @@ def _disagreement(biases: Sequence[_Range], others: Sequence[_Range]) -> list[st
         holds = "holds zero" if other.sign == 0 else "excludes zero"
         groups.setdefault(holds, []).append(other)
     sentences = []
+    environments = []
     for holds, alike in groups.items():
+        environments += [other.row.environment for other in alike]
         if len(biases) == 1:
             sentences.append(f"The classical interval, {_ends(alike[0])}, {holds}.")
             continue
         named = [f"{other.row.environment} ({_ends(other)})" for other in alike[:MOST_NAMED]]
         more = f" and {len(alike) - MOST_NAMED} more" if len(alike) > MOST_NAMED else ""
         sentences.append(f"The classical interval {holds} in {listed(named)}{more}.")
-    return sentences
+    return sentences + cause_sentences(effects, environments, "mean", words)
 
 
 def _sized(alike: Sequence[_Range], every: int, words: Words) -> str:

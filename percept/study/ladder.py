@@ -56,12 +56,6 @@ _OF_USERS = {
 }
 #: Steps that model each environment by itself.
 _BY_ENVIRONMENT = ("prior", "trials")
-_STEPS = {
-    "prior": "the prior",
-    "trials": "trial noise",
-    "pooling": "pooling",
-    "correlation": "correlation",
-}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -137,7 +131,7 @@ def climb(
                 why = error.message
             if why:
                 names = ", ".join(part.environments)
-                notes.append(f"{names}: the step of {_STEPS[cause]} is missing: {why}")
+                notes.append(f"{names}: the step of the {cause} is missing: {why}")
             else:
                 steps[cause] |= _measured(one, normal.inference)
     steps[last] = _measured(fit, asked)
@@ -149,9 +143,9 @@ def climb(
         for e, p, kind, lower, upper in classical[[*_CELL, "lower", "upper"]].to_numpy().tolist()
     }
     effects = pd.DataFrame(_effects(start, steps), columns=_COLUMNS)
-    kinds = [asked.kinds[0]]
-    if climbed["trials"] and "user" in asked.kinds[1:]:
-        kinds.append("user")  # Trial noise is in no interval of users
+    kinds = {asked.kinds[0]}
+    if climbed["trials"]:
+        kinds.add("user")  # The mean's interval holds trial noise by both methods
     first = effects[effects["kind"].isin(kinds)].groupby(_CELL, sort=False)
     words = _words(scene)
     told = [sentence(rows, fit.quantities, words) for _, rows in first]

@@ -15,6 +15,8 @@ from percept.results import (
     Confidences,
     Coupling,
     IntervalRow,
+    Ladder,
+    LadderEffect,
     Leaning,
     MoreSubjects,
     Note,
@@ -187,6 +189,57 @@ def test_another_verdict_of_the_classical_method_is_said():
         "The classical method says otherwise: there is too little data on A (90 %)."
     )
     assert "otherwise" not in feeling(felt("B", 0.99, 0.99))
+
+
+def climbed(environment, kind="user", **steps):
+    """Effects of a ladder: how far each step moves the logarithm of a width and a centre."""
+    return [
+        LadderEffect(
+            environment=environment, parameter="k", kind=kind, cause=cause, log_width=width,
+            log_width_error=0.01, centre=centre, centre_error=0.01,
+        )
+        for cause, (width, centre) in {"all": (1.0, 1.0), **steps}.items()
+    ]  # fmt: skip
+
+
+def test_the_cause_of_another_verdict_is_said_where_the_ladder_knows_it():
+    effects = [
+        *climbed("A", prior=(0.1, 0.0), trials=(-0.6, 0.0), scale=(0.9, 0.0)),
+        *climbed("B", pooling=(0.0, -0.3), prior=(0.2, 0.0)),
+        *climbed("C", prior=(0.06, 0.0)),
+        *climbed("D", prior=(0.9, 0.0)),
+    ]
+    verdicts = [felt(name, 0.97, 0.9) for name in "ABC"] + [felt("D", 0.99, 0.99)]
+    made = results([SOFT], verdicts=verdicts)
+    said = overview(dataclasses.replace(made, ladder=Ladder(tuple(effects), ()))).sentences[1]
+    assert said.endswith(
+        "there is too little data on A, B and C (90 %). The main cause in A is trial"
+        " noise, which the model tells from differences between people. The main cause in B is"
+        " what the model learns from the other environments."
+    )
+    assert "main cause" not in overview(made).sentences[1]
+    alike = dataclasses.replace(made, verdicts=verdicts[3:], ladder=Ladder(tuple(effects), ()))
+    assert "main cause" not in overview(alike).sentences[1]
+
+
+def test_the_cause_of_another_sign_is_said_where_the_ladder_knows_it():
+    made = results([("soft", 10.04, 11.7, 13.6, 5, 40)])
+    mean, user = (dataclasses.replace(row, method="bayesian") for row in made.intervals)
+    effects = climbed("soft", "user", prior=(9.0, 0.0)) + climbed(
+        "soft", "mean", pooling=(0.0, -0.4)
+    )
+    ladder = Ladder(tuple(effects), ())
+
+    def said(lower):
+        bayesian = (dataclasses.replace(mean, lower=lower, upper=13.7), user)
+        both = dataclasses.replace(made, intervals=made.intervals + bayesian, ladder=ladder)
+        return overview(both).sentences[0]
+
+    assert said(9.9).endswith(
+        "excludes zero. The main cause in soft is what the model learns from the other"
+        " environments."
+    )
+    assert "main cause" not in said(10.1)
 
 
 def test_the_stability_of_the_coupling_is_said():
