@@ -29,8 +29,8 @@ _FLAGS = (
     "--remote-debugging-pipe",
 )
 _PATIENCE = 60.0
-# Of a picture kept: a page has few.
-_COLOURS = 40
+# Of a picture kept. With 40 two colours of lines would become one.
+_COLOURS = 128
 _NAMES = (
     "chromium",
     "chromium-browser",

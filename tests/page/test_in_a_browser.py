@@ -39,7 +39,7 @@ def test_nothing_overflows_and_the_console_is_silent(open_tab, view):
     # Kept on request, to be looked at: PERCEPT_SHOTS=folder make test-page.
     if folder := os.environ.get("PERCEPT_SHOTS"):
         Path(folder).mkdir(parents=True, exist_ok=True)
-        tab.screenshot(Path(folder) / f"{view}.png", height=None if view == "print" else 6000)
+        tab.screenshot(Path(folder) / f"{view}.png", height=None if view == "print" else 5000)
 
 
 def test_tables_fit_a_printed_page(open_tab):
