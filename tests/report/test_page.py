@@ -356,19 +356,25 @@ def test_why_the_methods_differ_stands_on_the_page_where_it_is_asked(both, read,
     assert "percept report --why and percept compare name the causes" in " ".join(
         "".join(read.text).split()
     )
-    table = table_of(subjects=5, references=[[100.0, 1e3]])
+    once = table_of(("k", "b"), subjects=5, references=[[100.0, 1e3], [1.0, 5.0]])
+    again = table_of(("k", "b"), subjects=5, references=[[100.0, 1e3], [1.0, 5.0]], seed=2)
+    again["trial"] = 2
+    table = pd.concat([once, again])
     table.drop(columns="source").to_csv(tmp_path / "sessions.csv", index=False)
     words = ["report", str(tmp_path / "sessions.csv"), "--why", "--tolerance", "0.2", "--quiet"]
     assert main([*words, "--out", str(tmp_path / "out")]) == 0
     document = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
     page = Reader((tmp_path / "out" / "report.html").read_text(encoding="utf-8"))
-    assert len(document["ladder"]["sentences"]) == 2
+    # Of the average user and of the next one, who leaves trial noise out.
+    assert len(document["ladder"]["sentences"]) == 2 * 2 * 2
+    causes = {row["cause"] for row in document["ladder"]["effects"]}
+    assert causes == {"all", "prior", "trials", "pooling", "correlation", "scale"}
     for told in document["ladder"]["sentences"]:
         assert told in "".join(page.text)
     shown = {place for place, *_ in page.numbers if place.startswith("/ladder/")}
     columns = ("log_width", "log_width_error", "centre", "centre_error")
     assert shown == {
-        f"/ladder/effects/{row}/{name}" for row in range(2 * 3 * 4) for name in columns
+        f"/ladder/effects/{row}/{name}" for row in range(4 * 3 * 6) for name in columns
     }
 
 
