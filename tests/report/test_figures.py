@@ -17,7 +17,15 @@ from percept.haptics.stability import coupling_bound
 from percept.report.figures import drawings
 from percept.report.figures.band import BandSeries, Widths, draw_band
 from percept.report.figures.boundaries import boundary_drawings
-from percept.report.figures.canvas import COLOURS, Drawing, Frame, common_range, log_scale, panels
+from percept.report.figures.canvas import (
+    COLOURS,
+    Drawing,
+    Frame,
+    brief,
+    common_range,
+    log_scale,
+    panels,
+)
 from percept.report.figures.couplings import design_drawings, device_drawings, draw_couplings
 from percept.report.figures.curves import (
     Limits,
@@ -574,3 +582,11 @@ def test_binding_frequency_is_marked_and_named():
             text == f"{label}: {verdict.smallest_margin:.3g} × bound at {verdict.binding_omega:.4g}"
             " rad/s"
         )
+
+
+@pytest.mark.parametrize(
+    ("value", "written"),
+    [(0.0123, "0.012"), (19.4, "19"), (899.4, "899"), (49046.0, "49046"), (1.55e52, "1.6e+52")],
+)
+def test_values_beyond_an_axis_are_brief(value, written):
+    assert brief(value) == written

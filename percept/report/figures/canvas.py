@@ -163,10 +163,12 @@ def mark(ax: Axes, artists: Iterable[Artist], method: str, kind: str = "") -> No
 
 
 def brief(value: float) -> str:
-    """Write what lies beyond an axis: two digits, or a whole number."""
+    """Write what lies beyond an axis: two digits, or a whole number of at most five."""
     if not np.isfinite(value):
         return "∞"
-    return f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
+    if 100 <= abs(value) < 1e5:
+        return f"{value:.0f}"
+    return f"{value:.2g}"
 
 
 def log_scale(ax: Axes, axes: str = "xy", *, plain: bool = False) -> None:
