@@ -586,7 +586,7 @@ def test_binding_frequency_is_marked_and_named():
 
 @pytest.mark.parametrize(
     ("value", "written"),
-    [(0.0123, "0.012"), (19.4, "19"), (899.4, "899"), (49046.0, "49046"), (1.55e52, "1.6e+52")],
+    [(0.0123, "0.012"), (19.4, "19"), (899.4, "899"), (49046.0, "49046"), (1.64e52, "1.6e+52")],
 )
 def test_values_beyond_an_axis_are_brief(value, written):
     assert brief(value) == written
