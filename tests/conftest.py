@@ -2,6 +2,10 @@
 
 import os
 
+# A worker runs per core: threads of BLAS would only wait for one another. percept's command sets
+# the same. NumPy reads it when it is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 from hypothesis import settings
 

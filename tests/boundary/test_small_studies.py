@@ -14,4 +14,4 @@ def test_curves_of_three_subjects_are_drawn_or_said_to_be_missing() -> None:
 
 
 def test_a_random_small_study_gets_its_page(tmp_path: Path) -> None:
-    pages_of(2, tmp_path)
+    pages_of(1, tmp_path)

@@ -23,7 +23,7 @@ for name in {names!r}:
 
 def of_extras_only():
     """Names that the packages of extras are imported by."""
-    requirements = [Requirement(line) for line in metadata.requires("percept")]
+    requirements = [Requirement(line) for line in metadata.requires("percept-haptics")]
     needed = {r.name for r in requirements if not r.marker}
     extras = {r.name for r in requirements if r.marker} - needed
     assert {"dask", "pyarrow", "openpyxl"} <= extras

@@ -68,7 +68,7 @@ def test_wrong_usage(words, message):
 def test_without_dask_a_scheduler_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(
-        UsageError, match=r"not installed.*percept\[cluster\], or leave --scheduler out"
+        UsageError, match=r"not installed.*percept-haptics\[cluster\], or leave --scheduler out"
     ):
         opened("--scheduler", "tcp://127.0.0.1:1").__enter__()
 
