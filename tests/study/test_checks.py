@@ -115,7 +115,7 @@ def test_an_influential_subject_comes_with_what_the_interval_becomes_without_it(
 
 @pytest.mark.evidence(reduced=True)
 def test_in_five_of_a_hundred_correct_studies_a_subject_is_called_influential():
-    studies = 500 if LONG else 4
+    studies = 500 if LONG else 2
     named = 0
     for seed in range(studies):
         table = table_of(("k", "b"), references=[[400.0, 1500.0], [2.0, 6.0]], seed=1000 + seed)

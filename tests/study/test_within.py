@@ -135,7 +135,7 @@ def planted():
         inference={"tolerance": 0.05 if LONG else 0.3, "level": 0.95, "parameters": ["k"]},
     )
     options = ReadOptions.from_mapping(dict(scene))
-    return Study(Sessions.from_frame(crossed(subjects=16), scene=options), scene)
+    return Study(Sessions.from_frame(crossed(subjects=16 if LONG else 8), scene=options), scene)
 
 
 @pytest.mark.evidence(reduced=True)
@@ -150,7 +150,7 @@ def test_planted_effects_are_recovered(planted):
             "records"
         )
         assert np.log(row["lower"]) < effect < np.log(row["upper"]), factor
-        assert np.log(row["upper"] / row["lower"]) < 0.6, factor
+        assert np.log(row["upper"] / row["lower"]) < (0.6 if LONG else 1.2), factor
     assert set(found["of"]) == {"level", "bias", "spread", "interaction", "slope"}
     within = found.groupby("factor")["within"].first()
     assert not within["group"]
