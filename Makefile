@@ -29,6 +29,7 @@ test: lint  ## lint, types and the whole test suite
 evidence: $(STAMP)  ## tests that take minutes: refits, kills, sweeps; their page in reports/evidence
 	@$(BIN)/python -m tests.evidence --workers $(JOBS) --out reports/evidence
 	@$(BIN)/python -m tests.boundary.throughout --out reports/evidence
+	@$(BIN)/python -m tests.haptics.sampled --out reports/evidence
 
 test-page: $(STAMP) build/node_modules/axe-core  ## the report's page in a headless Chromium
 	@$(BIN)/python -m pytest -m page tests/page -q -rs
@@ -89,6 +90,7 @@ coverage: $(STAMP)  ## real coverage of every interval in reports/coverage (hour
 	@$(BIN)/percept calibrate datasets/hbfd_sessions.csv --scene datasets/hbfd.toml --subjects 10 3 30 \
 	    --truth lognormal normal --studies 300 --classical 1000 --workers $(JOBS) --out reports/coverage --quiet
 	@$(BIN)/python -m tests.boundary.verdict_rates --out reports/coverage/verdicts
+	@$(BIN)/python -m tests.inference.classical.equivalence_rates --out reports/equivalence
 
 calibrate: $(STAMP)  ## simulation-based calibration, 300 fits of each design (hours); it resumes
 	@$(BIN)/percept sbc --fits 300 --workers $(JOBS) --out reports/calibration

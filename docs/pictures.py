@@ -104,15 +104,32 @@ def subjects(figure: Figure) -> None:
     ax.legend(frameon=False)
 
 
-def _report() -> None:
-    """Take overview and boundaries from a report of the published study's simulated sessions."""
+#: Figures of reports, by the study they are of: their names there, and their names here.
+_REPORTED = {
+    "hbfd_sessions": {
+        "overview_k": "overview_k",
+        "boundaries": "boundaries",
+        "boundaries_close": "boundaries_close",
+        "band": "band",
+        "stability": "stability",
+        "design": "design",
+        "device": "device",
+        "zwidth": "zwidth",
+    },
+    "sleep": {"levels_gain_1": "levels"},
+}
+
+
+def _report(study: str, figures: dict[str, str]) -> None:
+    """Take figures from the report of a shipped study."""
+    data = ROOT / "datasets"
+    scene = data / f"{study.removesuffix('_sessions')}.toml"
     with TemporaryDirectory() as folder:
-        data = ROOT / "datasets"
-        words = ["report", str(data / "hbfd_sessions.csv"), "--scene", str(data / "hbfd.toml")]
+        words = ["report", str(data / f"{study}.csv"), "--scene", str(scene), "--formats", "svg"]
         if main([*words, "--no-checks", "--quiet", "--seed", "1", "--out", folder]):
             raise SystemExit("the report failed")
-        for name in ("overview_k", "boundaries"):
-            shutil.copy(Path(folder) / "figures" / f"{name}.svg", PICTURES)
+        for name, picture in figures.items():
+            shutil.copy(Path(folder) / "figures" / f"{name}.svg", PICTURES / f"{picture}.svg")
 
 
 def draw() -> None:
@@ -125,7 +142,8 @@ def draw() -> None:
         figure = Figure(figsize=size, layout="constrained", facecolor="white")
         picture(figure)
         figure.savefig(PICTURES / f"{picture.__name__}.svg", metadata={"Date": None})
-    _report()
+    for study, figures in _REPORTED.items():
+        _report(study, figures)
     sys.stdout.write(f"{PICTURES}\n")
 
 

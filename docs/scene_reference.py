@@ -28,7 +28,9 @@ _FIELDS = re.compile(r"^(\w+(?:, \w+)*) : .*\n((?:    .*(?:\n|$))+)", re.MULTILI
 
 #: Heads of the tables inside tables.
 _TITLES = {
+    "DevicePosteriorTable": "A posterior of the device",
     "ModeTable": "A mode",
+    "VelocityFilterTable": "A velocity filter",
     "Quantity": "A quantity",
     "ColumnRule": "A column",
     "ExcludeRule": "A rule of exclude",

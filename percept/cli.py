@@ -9,6 +9,7 @@ import os
 import shlex
 import sys
 from collections.abc import Collection, Sequence
+from pathlib import Path
 from typing import NoReturn
 
 from percept import __version__
@@ -29,8 +30,10 @@ GROUPS = {
     "design": {
         "plan": ("design", "plan the number of subjects"),
         "calibrate": ("design", "simulate, refit and report real coverage"),
+        "zwidth": ("zwidth", "largest impedances that a device renders stably"),
     },
     "data": {
+        "identify": ("identify", "estimate a device from a log of force and motion"),
         "new": ("data", "write a commented scene file"),
         "validate": ("data", "check session files and say what they hold"),
         "simulate": ("data", "simulate sessions like a published table"),
@@ -54,7 +57,7 @@ _UNREAD = 141
 _EXAMPLE = """example:
   percept report sessions/ --scene scene.toml --out results
 
-percept COMMAND --help says more about a command.
+percept help COMMAND says more about a command.
 """
 
 
@@ -96,7 +99,7 @@ def build_parser(only: Collection[str] | None = None) -> argparse.ArgumentParser
         epilog=_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"percept {__version__}")
+    parser.add_argument("-V", "--version", action="version", version=f"percept {__version__}")
     parser.add_argument("--debug", action="store_true", help="show a traceback with an error")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     for name, (module, line) in COMMANDS.items():
@@ -125,7 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments : sequence of str, optional
-        The words behind ``percept``, those of the process by default.
+        The words after ``percept``; by default the process's own arguments.
 
     Returns
     -------
@@ -140,6 +143,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # The matrices are a few tens wide: a second BLAS thread costs more than it brings.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     words = list(sys.argv[1:] if arguments is None else arguments)
+    if words[:1] == ["help"]:
+        words = [*words[1:], "--help"]
     try:
         return _reported(words)
     except BrokenPipeError:
@@ -219,10 +224,11 @@ def _command_among(words: Sequence[str]) -> str | None:
 def _parsed(words: Sequence[str], command: str | None) -> argparse.Namespace:
     """Parse the words; refuse what percept does not know, and name what is like it."""
     if command is not None and command not in COMMANDS:
-        raise UsageError(
-            f"there is no command {command!r}.{did_you_mean(command, COMMANDS)}",
-            hint="See percept --help.",
-        )
+        hint = "See percept --help."
+        if Path(command).exists():
+            hint = f"To analyse it, run percept report {shlex.quote(command)}."
+        message = f"there is no command {command!r}.{did_you_mean(command, COMMANDS)}"
+        raise UsageError(message, hint=hint)
     hint = f"See percept {command} --help." if command else "See percept --help."
     parser = build_parser([command] if command else [])
     # Options of percept itself, for what is typed without a command.

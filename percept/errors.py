@@ -11,6 +11,7 @@ __all__ = [
     "PerceptError",
     "RefusalError",
     "UsageError",
+    "capitalised",
     "counted",
     "did_you_mean",
     "printable",
@@ -18,6 +19,11 @@ __all__ = [
 
 #: Characters of a value that a message shows.
 _LONGEST = 200
+
+
+def capitalised(text: str) -> str:
+    """Make the first letter a capital, and leave the others as they are."""
+    return text[:1].upper() + text[1:]
 
 
 def counted(number: int, one: str, many: str | None = None) -> str:
@@ -32,8 +38,8 @@ def printable(text: str) -> str:
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return a question that names the known word most like a wrong one, if there is one."""
-    alike = difflib.get_close_matches(word, list(known), n=1)
-    return f" Did you mean {alike[0]}?" if alike else ""
+    matches = difflib.get_close_matches(word, list(known), n=1)
+    return f" Did you mean {matches[0]}?" if matches else ""
 
 
 def _shown(value: object) -> str:

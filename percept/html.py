@@ -14,7 +14,22 @@ _MOST = 6
 
 
 class NotebookRecord:
-    """Gives a dataclass `_repr_html_`: its fields, and a sentence of its own as the caption."""
+    """Gives a dataclass `_repr_html_`: its fields, and a sentence of its own as the caption.
+
+    One that is made with ``repr=False`` prints a line per field, and leaves arrays out.
+    """
+
+    def __repr__(self) -> str:
+        lines = [type(self).__name__]
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]  # always one
+            value = getattr(self, field.name)
+            if hasattr(value, "shape") or _is_left_out(field, value):
+                continue
+            text = _brief(value)
+            if isinstance(value, tuple) and value and dataclasses.is_dataclass(value[0]):
+                text = f"{len(value)} records {type(value[0]).__name__}"
+            lines.append(f"  {field.name}: {text}")
+        return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         names = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]  # always one
@@ -35,6 +50,11 @@ def fields_html(values: Mapping[str, Any], *, caption: str = "") -> str:
     return f"<table>{above}{rows}</table>"
 
 
+def _is_left_out(field: dataclasses.Field[Any], value: object) -> bool:
+    """Whether an optional field was not given: it says nothing to a reader."""
+    return value is None and field.default is None
+
+
 def _html(value: object) -> str:
     # A table gives None where the notebook is set to show tables as text.
     shown = value._repr_html_() if hasattr(value, "_repr_html_") else None
@@ -47,10 +67,12 @@ def _brief(value: object) -> str:
     if isinstance(value, bool | str):
         return str(value)
     if dataclasses.is_dataclass(value):
-        named = (
-            f"{field.name} {_brief(getattr(value, field.name))}"
-            for field in dataclasses.fields(value)
-        )
+        fields = [(field, getattr(value, field.name)) for field in dataclasses.fields(value)]
+        named = [
+            f"{field.name} {_brief(given)}"
+            for field, given in fields
+            if not _is_left_out(field, given)
+        ]
         return f"{type(value).__name__}: {', '.join(named)}"
     shape = getattr(value, "shape", ())
     if isinstance(shape, tuple) and shape and (len(shape) > 1 or shape[0] > _MOST):

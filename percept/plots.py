@@ -12,8 +12,9 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib import rc_context
+from matplotlib import rc_context, rcParams
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from scipy import stats
 
 from percept.errors import RefusalError, UsageError
@@ -26,9 +27,8 @@ from percept.report.figures.intervals import (
     BarAxis,
     bars_of,
     draw_intervals,
-    draw_subjects,
-    subjects_of,
 )
+from percept.report.figures.people import draw_subjects, subjects_of
 from percept.report.select import (
     compared_by_difference,
     distinct,
@@ -43,6 +43,8 @@ __all__ = ["plot_band", "plot_boundary", "plot_check", "plot_coupling", "plot_in
 
 # Names are the user's: a dollar sign among them begins no formula.
 _STYLE: dict[Any, Any] = {"text.parse_math": False, "axes.formatter.use_mathtext": False}
+#: In widths of the axes: counts of subjects beyond the axis stand between.
+_BESIDE_COUNTS = 1.06
 #: Probability that each ordered probability of independent subjects lies in the band of a check.
 _LEVEL = 0.99
 
@@ -115,7 +117,7 @@ def plot_intervals(
         for tick in ax.get_yticklabels():
             tick.set_parse_math(False)  # of axes that were there before, the ticks were too
         # Rows fill the axes: there is no room for a legend inside.
-        return _legend(ax, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        return _legend(ax, loc="upper left", bbox_to_anchor=(_BESIDE_COUNTS, 1.0))
 
 
 def plot_boundary(
@@ -223,6 +225,7 @@ def plot_coupling(coupling: Coupling | None, *, ax: Axes | None = None) -> Axes:
         lines = {"this coupling": (coupling.admittance, coupling.binding_omega)}
         draw_stability(ax, coupling.omega, coupling.bound, lines)
         ax.set_title(f"{coupling.verdict}, margin {coupling.margin:.3g}")
+        _restyle(ax)
         return ax
 
 
@@ -264,8 +267,29 @@ def _axes(ax: Axes | None) -> Axes:
 
 
 def _legend(ax: Axes, **place: Any) -> Axes:
-    """Add a legend that has each label once."""
+    """Take on the style's colours, and add a legend that has each label once."""
+    _restyle(ax)
     handles, labels = ax.get_legend_handles_labels()
     named = dict(zip(labels, handles, strict=True))
     ax.legend(named.values(), named.keys(), frameon=False, fontsize="small", **place)
     return ax
+
+
+def _restyle(ax: Axes) -> None:
+    """Draw what is ink, quiet or paper in a report in the colours of the reader's style."""
+    paper = rcParams["axes.facecolor"]
+    colours = {
+        COLOURS["ink"]: rcParams["text.color"],
+        COLOURS["quiet"]: rcParams["axes.labelcolor"],
+        COLOURS["paper"]: paper,
+    }
+    for line in ax.get_lines():
+        line.set_color(colours.get(to_hex(line.get_color()), line.get_color()))
+        face = line.get_markerfacecolor()
+        # An automatic face follows the line's colour; it is no colour of its own.
+        if face in colours:
+            line.set_markerfacecolor(colours[face])
+    for text in ax.texts:
+        ground = text.get_bbox_patch()
+        if ground is not None:
+            ground.set_facecolor(paper)

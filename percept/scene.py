@@ -23,9 +23,10 @@ from pydantic import (
 from percept.errors import UsageError
 from percept.html import fields_html
 from percept.inference.hierarchy.priors import Priors
+from percept.scene_device import CouplingTable, DeviceTable, ModeTable, Positive
 from percept.sessions.formula import Term, model_terms, terms_of
-from percept.sessions.options import DataTables, in_range, said
-from percept.sessions.quantities import Table, is_impedance, known_key
+from percept.sessions.options import DataTables, said
+from percept.sessions.quantities import Table, amount_in, is_impedance, known_key
 
 __all__ = [
     "ChecksTable",
@@ -48,11 +49,6 @@ def _probability(value: float) -> float:
     return value
 
 
-# Strict: a quoted number, or true for 1, is a slip.
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True), AfterValidator(in_range)]
-NonNegative = Annotated[
-    float, Field(ge=0, allow_inf_nan=False, strict=True), AfterValidator(in_range)
-]
 _BETWEEN: dict[str, Any] = {"exclusiveMinimum": 0, "exclusiveMaximum": 1}
 Probability = Annotated[
     float, Field(strict=True, json_schema_extra=_BETWEEN), AfterValidator(_probability)
@@ -82,54 +78,6 @@ _NYQUIST_ANGLE = math.pi - 1e-9
 _LEAST_OMEGA = 1e-9
 #: JSON readers take whole numbers up to here.
 _LARGEST_SEED = 2**53
-
-
-class ModeTable(Table):
-    """A flexible mode of the device: a mass on a spring and a damper.
-
-    Attributes
-    ----------
-    mass, stiffness, damping : float
-        In kg, N/m and N·s/m.
-    """
-
-    mass: Positive
-    stiffness: NonNegative
-    damping: NonNegative = 0.0
-
-
-class DeviceTable(Table):
-    """The haptic device: mass (kg) and damping (N·s/m) with flexible modes, or a measured response.
-
-    `response` names a CSV with columns omega (rad/s), real and imaginary (N·s/m), from the folder
-    of the scene's file; `period` is in s.
-    """
-
-    mass: NonNegative | None = None
-    damping: NonNegative | None = None
-    modes: tuple[ModeTable, ...] = ()
-    response: str | None = None
-    period: Positive
-    hold: Literal["average", "true"] = "average"
-
-    @model_validator(mode="after")
-    def _one_description(self) -> Self:
-        if self.response is None and (self.mass is None or self.damping is None):
-            raise ValueError("give mass and damping, or response")
-        if self.response is not None and not (
-            self.mass is None and self.damping is None and not self.modes
-        ):
-            raise ValueError(
-                "a measured response holds mass, damping and modes: give one or the other"
-            )
-        return self
-
-
-class CouplingTable(Table):
-    """The virtual coupling: stiffness (N/m) and damping (N·s/m)."""
-
-    stiffness: Positive
-    damping: NonNegative
 
 
 class FrequencyTable(Table):
@@ -203,6 +151,9 @@ class ModelTable(Table):
     `bias` says which columns of the sessions move the bias, such as "hand * load + start": columns
     of words are factors, and columns of numbers covariates. The levels of the factors named in
     `spread` differ in how far subjects lie apart; all factors, by default.
+    `subjects_trial_sd` gives subjects trial SDs of their own: "auto" where half of at most 60
+    subjects have eight trials or more beyond the first of each cell.
+    `subjects_slope` lets the bias of each subject grow with the reference in a way of their own.
     `resolution` is the step of the adjustment. Its variance, step²/12, stands in for scatter in
     cells that show none or whose parameters move in proportion. percept adds it nowhere else.
     """
@@ -213,6 +164,8 @@ class ModelTable(Table):
     subject_effect: StrictBool = True
     weber: StrictBool = False
     common_spread: StrictBool = False
+    subjects_trial_sd: StrictBool | Literal["auto"] = "auto"
+    subjects_slope: StrictBool = False
     bias: Annotated[str, Field(min_length=1)] | None = None
     spread: Annotated[str, Field(min_length=1)] | None = None
     scale: dict[str, Positive] = Field(default_factory=dict)
@@ -266,17 +219,30 @@ Noun = Annotated[tuple[str, str], BeforeValidator(_noun)]
 _SUBJECT = ("subject", "subjects")
 
 
+def _jnd(value: Any) -> Any:
+    """Take a positive number, or text, which the scene holds to its quantity."""
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if isinstance(value, str) or (number and 0.0 < value < math.inf):
+        return value
+    raise ValueError('must be a positive fraction of the reference, a value with unit, or "trials"')
+
+
+Jnd = Annotated[float | str, BeforeValidator(_jnd)]
+
+
 class StudyTable(Table):
     """What the study calls its environments and subjects, as a noun or as singular and plural.
 
     Without a word environments are "conditions" where the quantities adjusted make no impedance.
     `factor` is a column of conditions or groups, whose levels are compared two by two: the short
-    form of `[model] bias`.
+    form of `[model] bias`. `jnd` is the just noticeable difference that each bias is held against:
+    a fraction of the reference, a value with its unit, or "trials" for the SD of adjustment.
     """
 
     environment: Noun | None = None
     subject: Noun = _SUBJECT
     factor: Annotated[str, Field(min_length=1)] | None = None
+    jnd: dict[str, Jnd] = Field(default_factory=dict)
 
 
 def _window(value: tuple[float, float]) -> tuple[float, float]:
@@ -331,6 +297,7 @@ class Scene(DataTables):
             ("inference.together", asked.together),
             ("model.scale", model.scale),
             ("model.resolution", model.resolution),
+            ("study.jnd", self.study.jnd),
         ):
             for name in names or ():
                 if name not in self.quantities:
@@ -341,6 +308,9 @@ class Scene(DataTables):
         for key in ("parameters", "together"):
             if (names := getattr(asked, key)) is not None:
                 object.__setattr__(asked, key, tuple(q for q in self.quantities if q in names))
+        for name, jnd in self.study.jnd.items():
+            if isinstance(jnd, str) and jnd != "trials":
+                amount_in(self.quantities[name], jnd, key=f"study.jnd.{name}")
         if asked.together is not None and len(asked.together) != 2:
             raise UsageError("two quantities have a model together.", key="inference.together")
         return self

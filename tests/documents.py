@@ -2,8 +2,6 @@
 
 import json
 
-from pydantic import TypeAdapter
-
 from percept.report.overview import findings
 from percept.report.page import render_page
 from percept.report.sections import build_sections
@@ -33,7 +31,7 @@ def build_document(study, **options):
 
 def as_results(document):
     """The records that a document holds, as `Results.load` reads them."""
-    return TypeAdapter(Results).validate_python(document)
+    return Results.from_plain(document)
 
 
 def page_of(document, plots=None, *, date="2026-01-01"):

@@ -10,7 +10,14 @@ from percept.inference import (
     tolerance_factor,
     tolerance_interval,
 )
-from percept.planning import plan_mean, plan_share, plan_user
+from percept.planning import (
+    plan_contrast,
+    plan_equivalent,
+    plan_from_pilot,
+    plan_mean,
+    plan_share,
+    plan_user,
+)
 from tests import LONG
 
 
@@ -88,6 +95,95 @@ def test_the_planned_width_is_that_of_the_interval():
     assert plan.expected == pytest.approx(t_interval(Moments(0.0, c4, plan.n)).upper, rel=1e-13)
 
 
+#: Of 5 % tests with both sides: G*Power 3.1, "Means: difference between two dependent means" and
+#: "between two independent means"; the first column of n is of pairs, the second of each group.
+PUBLISHED = [
+    (0.2, 0.8, 199, 394),
+    (0.5, 0.8, 34, 64),
+    (0.8, 0.8, 15, 26),
+    (0.5, 0.9, 44, 86),
+    (0.8, 0.9, 19, 34),
+]
+
+
+@pytest.mark.parametrize(("size", "power", "pairs", "each"), PUBLISHED)
+def test_contrasts_need_the_published_numbers(size, power, pairs, each):
+    options = {"level": 0.95, "power": power}
+    assert plan_contrast(size, sd=1.0, **options).n == pairs
+    assert plan_contrast(3.0 * size, sd=3.0, other_sd=3.0, **options).n == each
+
+
+def test_power_is_that_of_the_noncentral_t():
+    plan = plan_contrast(0.4, sd=0.7, level=0.9)
+    limit = stats.t.isf(0.05, plan.n - 1)
+    shift = 0.4 / 0.7 * np.sqrt(plan.n)
+    tails = stats.nct.sf(limit, plan.n - 1, shift), stats.nct.cdf(-limit, plan.n - 1, shift)
+    assert plan.power == pytest.approx(sum(tails), rel=1e-9)
+
+
+@pytest.mark.parametrize("size", [1e-4, 0.01, 5.0, 1e4])
+def test_power_grows_with_subjects_whatever_the_size(size):
+    plan = plan_contrast(size, sd=0.05, level=0.95)
+    assert 2 <= plan.n < 10_000_000
+    assert plan.power >= 0.8
+
+
+@pytest.mark.evidence(reduced=True)
+@pytest.mark.parametrize("other_sd", [None, 1.0, 2.0])
+def test_simulated_contrasts_show_the_difference_as_often_as_planned(other_sd):
+    random = np.random.default_rng(7)
+    studies = 40_000 if LONG else 4_000
+    plan = plan_contrast(0.9, sd=1.0, other_sd=other_sd, level=0.95)
+    first = random.normal(size=(studies, plan.n))
+    if other_sd is None:
+        interval = stats.ttest_1samp(first + 0.9, 0.0, axis=1).confidence_interval(0.95)
+    else:
+        second = 0.9 + other_sd * random.normal(size=(studies, plan.n))
+        test = stats.ttest_ind(second, first, axis=1, equal_var=False)
+        interval = test.confidence_interval(0.95)
+    shows = np.mean((interval.low > 0.0) | (interval.high < 0.0))
+    error = np.sqrt(plan.power * (1.0 - plan.power) / studies)
+    # Satterthwaite's degrees of freedom are estimated by each study, which costs .005 at most here.
+    assert abs(shows - plan.power) <= 4.0 * error + (0.005 if other_sd else 0.0)
+    half = (interval.high - interval.low) / 2.0
+    allowed = 4.0 * half.std() / np.sqrt(studies) + (0.005 if other_sd else 0.0)
+    assert abs(half.mean() - plan.expected) <= allowed
+
+
+def test_a_lognormal_contrast_is_one_of_logarithms():
+    plan = plan_contrast(0.1, sd=0.2, family="lognormal")
+    log = plan_contrast(np.log1p(0.1), sd=np.sqrt(np.log1p(0.04)))
+    assert (plan.n, plan.power) == (log.n, pytest.approx(log.power, rel=1e-12))
+    assert np.log1p(plan.expected) == pytest.approx(log.expected, rel=1e-12)
+    assert plan.covers == (
+        f"With {plan.n} subjects, a difference of 10 % is shown by the 99 % interval in"
+        f" {100 * plan.power:.4g} % of studies. The interval is within a factor"
+        f" {1 + plan.expected:.3g} of the estimate either way on average."
+    )
+
+
+def test_a_pilot_gives_the_sd_of_its_subjects_contrasts():
+    left = [1.0, 1.3, 0.8, 1.1, np.nan]
+    right = [1.2, 1.4, 1.0, 1.1, 2.0]
+    pilot = plan_from_pilot(left, right, 0.1, within=True, level=0.95, family="lognormal")
+    sd = np.log(np.array(right[:4]) / left[:4]).std(ddof=1)
+    assert pilot.plan.n == plan_contrast(np.log1p(0.1), sd=sd, level=0.95).n
+    upper = sd * np.sqrt(3.0 / stats.chi2.ppf(0.2, 3))
+    assert pilot.cautious.n == plan_contrast(np.log1p(0.1), sd=upper, level=0.95).n
+    assert pilot.subjects == 4
+
+
+def test_a_pilot_of_groups_gives_an_sd_for_each():
+    novice = [3.0, 4.0, np.nan, 8.0, np.nan]
+    expert = [np.nan, np.nan, 1.0, np.nan, 2.0]
+    pilot = plan_from_pilot(novice, expert, 2.0, within=False)
+    sds = {"sd": np.std([3.0, 4.0, 8.0], ddof=1), "other_sd": np.std([1.0, 2.0], ddof=1)}
+    assert pilot.plan == plan_contrast(2.0, **sds)
+    assert pilot.plan.covers.startswith(f"With {pilot.plan.n} subjects in each group, a diff")
+    assert plan_from_pilot([1.0, np.nan], [np.nan, 2.0], 2.0, within=False) is None
+    assert plan_from_pilot([1.0, 2.0, 0.1], [2.0, 3.0, 1.1], 2.0, within=True) is None
+
+
 @pytest.mark.parametrize(
     ("plan", "said"),
     [
@@ -132,6 +228,10 @@ def test_sentence(plan, said):
         (lambda: plan_mean(1.0, sd=1.0, level=0.0), UsageError, "level must lie strictly"),
         (lambda: plan_mean(1.0, sd=1.0, family="free"), UsageError, '"normal", "lognormal"'),
         (lambda: plan_mean(1e-5, sd=1.0), RefusalError, "More than 10000000 subjects"),
+        (lambda: plan_contrast(0.0, sd=1.0), UsageError, "difference must be a positive"),
+        (lambda: plan_contrast(1.0, sd=1.0, other_sd=-1.0), UsageError, "other_sd must be"),
+        (lambda: plan_contrast(1.0, sd=1.0, power=80.0), UsageError, "power must lie strictly"),
+        (lambda: plan_contrast(1e-4, sd=1.0), RefusalError, "More than 10000000 subjects"),
         (lambda: plan_user(1.0), UsageError, "ratio must be above 1"),
         (lambda: plan_share(0.9), UsageError, "ratio must be above 1"),
     ],
@@ -139,3 +239,39 @@ def test_sentence(plan, said):
 def test_what_is_wrong_is_said(call, error, message):
     with pytest.raises(error, match=message):
         call()
+
+
+@pytest.mark.parametrize(("family", "bias"), [("normal", 0.05), ("lognormal", -0.05)])
+def test_subjects_of_an_equivalence_are_the_fewest_that_do(family, bias):
+    plan = plan_equivalent(0.2, sd=0.25, bias=bias, power=0.7, decision=0.9, family=family)
+    log = family == "lognormal"
+    sigma = np.sqrt(np.log1p(0.25**2)) if log else 0.25
+    limits = np.log([0.8, 1.2]) if log else np.array([-0.2, 0.2])
+    centre = np.log1p(bias) if log else bias
+    rng = np.random.default_rng(7)
+    studies = 40_000
+    shares = []
+    for n in (plan.n - 1, plan.n):
+        mean = centre + sigma / np.sqrt(n) * rng.standard_normal(studies)
+        error = sigma * np.sqrt(rng.chisquare(n - 1, studies) / (n - 1) / n)
+        reach = stats.t.isf(0.1, n - 1) * error
+        shares.append(np.mean((mean - reach > limits[0]) & (mean + reach < limits[1])))
+    noise = 4.0 * np.sqrt(0.7 * 0.3 / studies)
+    assert abs(shares[1] - plan.power) < noise
+    assert shares[0] < 0.7 + noise
+    assert plan.power >= 0.7
+    assert f"With {plan.n} subjects, a true bias of" in plan.covers
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"bias": 0.3}, "bias must be smaller than one JND"),
+        ({"sd": 0.0}, "sd must be a positive number"),
+        ({"decision": 0.4}, "decision must lie strictly between 0.5 and 1"),
+        ({"power": 1.0}, "power must lie strictly between 0 and 1"),
+    ],
+)
+def test_an_equivalence_that_no_study_shows(options, message):
+    with pytest.raises(UsageError, match=message):
+        plan_equivalent(0.2, **{"sd": 0.1} | options)

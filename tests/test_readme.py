@@ -16,12 +16,16 @@ from percept.scene import Scene
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
 PAGES = [README, *sorted((ROOT / "docs").glob("*.md"))]
+#: Run by `make evidence` alone: its examples fit some ten models.
+LONG_PAGE = "tasks.md"
+RUN_PAGES = [
+    pytest.param(page, marks=pytest.mark.evidence if page.name == LONG_PAGE else ())
+    for page in PAGES
+]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 #: What the line before a block says of a file.
 FILE = re.compile(r"(Save this as|Add to) `([\w.]+)`[^`]*\Z")
 STATED = re.compile(r"^(.*\S)  # ([\d.]+)( k?)(?:N|SDs)", re.MULTILINE)
-#: A proposal of columns is written for the reader to check: nothing is analysed.
-STOPS = {"--write-scene": 2}
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +62,7 @@ def run_line(line, capsys):
         )
     elif words[0] == "percept":
         code = main(words[1:])
-        assert code == next((code for option, code in STOPS.items() if option in words), 0), line
+        assert code == 0, line
     elif words[0] != "source":
         print(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
     return "".join(capsys.readouterr())
@@ -72,7 +76,7 @@ def hold_comments(source, names):
         assert f"{value:.{after_point}f}" == number, expression
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", RUN_PAGES, ids=lambda page: page.name)
 @pytest.mark.usefixtures("cache", "in_a_copy")
 def test_every_block_runs(page, capsys):
     names, printed = {}, ""
@@ -147,7 +151,7 @@ def test_commands_named_in_sentences_exist(page):
     text = BLOCK.sub("", page.read_text(encoding="utf-8"))
     for words in re.findall(r"`percept ([^`]+)`", text):
         command, *rest = words.replace("\n", " ").split()
-        if command == "COMMAND":
+        if command in ("COMMAND", "help", "-V"):
             continue
         assert command in COMMANDS, words
         assert {word for word in rest if word.startswith("--")} <= options_of(command), words
@@ -169,7 +173,7 @@ def test_extras_named_in_the_readme_exist():
 
 
 def test_the_readme_is_short():
-    assert len(README.read_text(encoding="utf-8").splitlines()) <= 120
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= 140
 
 
 def test_the_scene_reference_follows_the_schema(monkeypatch):

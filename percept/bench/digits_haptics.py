@@ -28,7 +28,9 @@ from percept.haptics import (
     stability_margin,
 )
 from percept.haptics.arrays import complex_from
-from percept.haptics.impedance import coupling_admittance, warp
+from percept.haptics.axis import warp
+from percept.haptics.impedance import coupling_admittance
+from percept.haptics.loop import Hold
 from percept.haptics.perceived import perceived_magnitude
 
 __all__ = ["PROMISE", "QUANTITIES", "Inputs", "haptics_digits"]
@@ -40,6 +42,7 @@ _WIDE = 15  # Decades on either side of 1 that parameters are drawn from
 _USUAL = 2  # The same for sizes met in practice, whose terms meet and cancel
 _ABSENT = 0.03  # Probability that a parameter is zero
 _AT_NYQUIST = 0.02  # Probability that ωT is π
+_LONGEST_DELAY = 8.0  # Samples; half of the delays are whole
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,17 @@ class Inputs:
     m_i: float
     b_i: float
     k_i: float
+    delay: float = 0.0  # Samples
+
+    @property
+    def late(self) -> Hold:
+        """The averaging hold, delayed."""
+        return Hold("average", self.delay)
+
+    @property
+    def late_true(self) -> Hold:
+        """The true hold, delayed."""
+        return Hold("true", self.delay)
 
     @property
     def device(self) -> Device:
@@ -116,7 +130,9 @@ def haptics_digits(
         A row for each quantity and decade.
     """
     errors: dict[tuple[str, int], list[float]] = {}
-    for inputs in _cases(cases, np.random.default_rng(seed)):
+    # Delays have a stream of their own: all else is drawn as without them.
+    delays = np.random.default_rng([seed, 1])
+    for inputs in _cases(cases, np.random.default_rng(seed), delays):
         decade = int(np.floor(np.log10(inputs.omega * inputs.period)))
         if inputs.at_nyquist:
             decade = 1
@@ -129,9 +145,9 @@ def haptics_digits(
     return rows
 
 
-def _cases(count: int, rng: np.random.Generator) -> Iterator[Inputs]:
+def _cases(count: int, rng: np.random.Generator, delays: np.random.Generator) -> Iterator[Inputs]:
     """Yield sets of parameters, all drawn on the log scale."""
-    names = [field.name for field in fields(Inputs)[2:]]
+    names = [field.name for field in fields(Inputs)[2:] if field.name != "delay"]
     for _ in range(count):
         period = 10 ** rng.uniform(-6, 0)
         nyquist = np.pi / period
@@ -149,7 +165,10 @@ def _cases(count: int, rng: np.random.Generator) -> Iterator[Inputs]:
         for name in names:
             if rng.uniform() < _ABSENT:
                 values[name] = 0.0
-        yield Inputs(max(omega, _SLOWEST), period, **values)
+        delay = delays.uniform(0, _LONGEST_DELAY)
+        if delays.uniform() < 0.5:
+            delay = float(np.round(delay))
+        yield Inputs(max(omega, _SLOWEST), period, **values, delay=delay)
 
 
 def _coupled(v: Inputs, discretization: str) -> Any:
@@ -194,6 +213,7 @@ def _compare(name: str, ours: Computed, exact: twin.Formula, inputs: Sequence[st
 
 
 _W = ("omega", "period")
+_LATE = (*_W, "delay")
 _SHOWN = ("k_e", "b_e", "m_e")
 _VC = ("k_c", "b_c")
 _RIGID = (*_W, "m", "b_d")
@@ -258,6 +278,34 @@ _compare(
     twin.magnitude,
     _DIRECT,
 )
+_compare(
+    "ZOH, delayed",
+    lambda v: hold(v.omega, v.period, kind=v.late),
+    twin.late(twin.hold_average),
+    _LATE,
+)
+_compare(
+    "Z_h, flexible, delayed",
+    lambda v: perceived_impedance(v.omega, v.flexible, v.environment, v.period, hold=v.late),
+    twin.direct_late,
+    (*_FLEXIBLE, *_SHOWN, "delay"),
+)
+_compare(
+    "Z_h_vc, true hold, delayed",
+    lambda v: perceived_impedance(
+        v.omega, v.device, v.environment, v.period, coupling=v.coupling, hold=v.late_true
+    ),
+    twin.coupled_late_true,
+    (*_ALL, "delay"),
+)
+_compare(
+    "abs(Z_h), k and b negative, delayed",
+    lambda v: perceived_magnitude(
+        v.omega, v.device, -v.k_e, -v.b_e, v.period, mass=v.m_e, hold=v.late
+    ),
+    twin.magnitude_late,
+    (*_DIRECT, "delay"),
+)
 _compare("box, upper", lambda v: _box(v)[1], twin.box_upper, _ALL)
 _compare("box, lower", lambda v: _box(v)[0], twin.box_lower, _ALL)
 _compare(
@@ -271,6 +319,18 @@ _compare(
     _required_at_true,
     twin.required_at(twin.coupling_tustin, twin.hold_true),
     _COUPLING,
+)
+_compare(
+    "required damping at ω, delayed",
+    lambda v: required_damping_at(v.omega, v.coupling, v.period, hold=v.late),
+    twin.required_at(twin.coupling_backward, twin.late(twin.hold_average)),
+    (*_COUPLING, "delay"),
+)
+_compare(
+    "required damping at ω, true hold, delayed",
+    lambda v: required_damping_at(v.omega, v.coupling, v.period, hold=v.late_true),
+    twin.required_at(twin.coupling_backward, twin.late(twin.hold_true)),
+    (*_COUPLING, "delay"),
 )
 _compare(
     "stability margin",

@@ -72,7 +72,7 @@ def simulated(design: StudyDesign, seed: int) -> Statistics:
     from percept.scene import Scene
     from percept.sessions import Sessions
     from percept.simulate.model import Design, Hyperparameters, draw_environments, simulate
-    from percept.study.fit import prepare
+    from percept.study.prepare import prepare
 
     shape = design.subjects, design.environments
     rng = np.random.default_rng([seed, *shape])

@@ -22,10 +22,12 @@ __all__ = [
     "box_upper",
     "coupled",
     "coupled_backward",
+    "coupled_late_true",
     "coupling_backward",
     "coupling_tustin",
     "direct",
     "direct_flexible_true",
+    "direct_late",
     "effective",
     "effective_damping",
     "environment",
@@ -35,8 +37,10 @@ __all__ = [
     "hold_average",
     "hold_true",
     "is_nyquist",
+    "late",
     "limit_error_over_condition",
     "magnitude",
+    "magnitude_late",
     "margin",
     "required",
     "required_at",
@@ -284,6 +288,11 @@ def hold_true(p: Point) -> Number:
     return (1 - 1 / p.z) / (p.mp.j * p.theta)
 
 
+def late(zoh: Formula) -> Formula:
+    """Delay a hold by p.delay samples."""
+    return lambda p: zoh(p) * p.mp.expj(-p.delay * p.theta)
+
+
 def effective(p: Point) -> Number:
     """Environment seen through its coupling."""
     return _series(environment(p), coupling_tustin(p))
@@ -307,12 +316,23 @@ direct = _perceived(rigid, hold_average, environment)
 direct_flexible_true = _perceived(flexible, hold_true, environment)
 coupled = _perceived(rigid, hold_average, effective)
 coupled_backward = _perceived(rigid, hold_average, _effective_backward)
+direct_late = _perceived(flexible, late(hold_average), environment)
+coupled_late_true = _perceived(rigid, late(hold_true), effective)
 
 
 def magnitude(p: Point) -> Number:
     """abs(Z_h) with a negative stiffness and a negative damping, as limits may be."""
+    return _magnitude(p, hold_average)
+
+
+def magnitude_late(p: Point) -> Number:
+    """Return the same with a delay."""
+    return _magnitude(p, late(hold_average))
+
+
+def _magnitude(p: Point, zoh: Formula) -> Number:
     z_e = p.m_e * p.s - p.b_e - p.k_e / p.s
-    return abs(rigid(p) + hold_average(p) * z_e)
+    return abs(rigid(p) + zoh(p) * z_e)
 
 
 def box_lower(p: Point) -> Number:

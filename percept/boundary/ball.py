@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from scipy import integrate, sparse
 
 from percept.boundary.law import BEYOND, Axis, PairLaw, between, cell_and_fraction
-from percept.haptics.impedance import warp
+from percept.haptics.axis import warp
+from percept.haptics.loop import AnyHold
 from percept.haptics.perceived import DistancePlane
 from percept.haptics.records import AnyDevice
 
@@ -150,7 +151,7 @@ class Balls:
         omega: Array,
         *,
         mass: float,
-        hold: str,
+        hold: AnyHold,
     ) -> None:
         grid = warp(omega, period)
         plane = DistancePlane.of(grid, device, hold, mass)

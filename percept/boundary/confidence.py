@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from percept.boundary.feels_real import Feeling, feels_real
 from percept.boundary.users import Users
-from percept.haptics.impedance import warp
+from percept.haptics.axis import warp
 from percept.haptics.perceived import shown_element
 from percept.haptics.records import Display
 from percept.html import NotebookRecord

@@ -25,8 +25,8 @@ from percept.boundary.users import (
     magnitude_ranges,
     share_within,
 )
+from percept.haptics.axis import warp
 from percept.haptics.containment import Range, plane_departures
-from percept.haptics.impedance import warp
 from percept.haptics.perceived import DistancePlane, Point, shown_element
 from percept.haptics.records import Coupling, Display
 from percept.html import NotebookRecord

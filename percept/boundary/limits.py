@@ -24,6 +24,7 @@ from scipy import special
 from percept.boundary.ball import Balls
 from percept.boundary.law import BEYOND, PairLaw
 from percept.errors import RefusalError
+from percept.haptics.loop import AnyHold
 from percept.haptics.records import AnyDevice
 from percept.inference.sampling.roots import root
 
@@ -108,7 +109,7 @@ class Magnitude:
         Frequencies, rad/s.
     mass : float, optional
         Mass of the environment, kg.
-    hold : str, optional
+    hold : {"average", "true"} or Hold, optional
         "average" (Eq. 8) or "true".
     """
 
@@ -120,7 +121,7 @@ class Magnitude:
         omega: Array,
         *,
         mass: float = 0.0,
-        hold: str = "average",
+        hold: AnyHold = "average",
     ) -> None:
         self.law = law
         self.balls = Balls(law, device, period, omega, mass=mass, hold=hold)

@@ -6,14 +6,13 @@ import argparse
 import math
 import sys
 import threading
-import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from percept.commands import QUIET, Argument, argument, flag, number
-from percept.errors import RefusalError, UsageError, printable
+from percept.commands.mapping import with_mapping
+from percept.errors import RefusalError, UsageError, did_you_mean, printable
 
 if TYPE_CHECKING:
     import rich.progress
@@ -41,7 +40,7 @@ __all__ = [
     "show",
     "tell_error",
     "verdict",
-    "write_new",
+    "with_factor",
 ]
 
 # Keys of [inference] that have a flag.
@@ -78,7 +77,7 @@ STUDY = (
     SESSIONS,
     *SETTINGS,
     flag("--accept", "go on with the mapping proposed for unknown column names"),
-    argument("--write-scene", "FILE", "write that mapping as a scene"),
+    argument("--write-scene", "FILE", "go on with that mapping, and write it as a scene"),
     flag("--no-cache", "sample again, and keep no posterior (see percept cache)"),
 )
 #: As `open_mapper` takes them.
@@ -129,7 +128,7 @@ def open_study(
         # Row 1 is the header: of cells no mapping makes anything else.
         if error.row != 1:
             raise
-        scene = _with_mapping(arguments, scene, options, error)
+        scene = with_mapping(arguments, scene, options, error)
         options = ReadOptions.of(scene)
         sessions = read_sessions(*arguments.sessions, scene=options.with_groups(groups))
     if not arguments.quiet:
@@ -141,64 +140,33 @@ def open_study(
                 f"and {len(notices) - _NOTICES} more notices: see percept validate", file=sys.stderr
             )
     study = Study(sessions, scene, progress=progress, store=_store(arguments, scene))
+    _require_zoomed(scene, study.sessions.environments)
     if scene.device is not None and scene.device.response:
         _ = study.parts.device  # a table that cannot be read is refused before anything is sampled
     return study
 
 
-def _with_mapping(
-    arguments: argparse.Namespace, scene: Scene, options: ReadOptions, error: UsageError
-) -> Scene:
-    """Propose a mapping of unknown columns; use or write it only where an option says so."""
-    from percept.scene import Scene
-    from percept.sessions import propose_columns
+def with_factor(study: Study, column: str) -> Study:
+    """Return a study whose model has a column, beside what its scene names."""
+    from percept.study import Study
 
-    proposal = propose_columns(*arguments.sessions, options=options)
-    if not proposal.guessed:
-        raise error
-    if proposal.refused is not None:
-        first = getattr(proposal.refused, "problems", (proposal.refused,))[0]
-        hint = f"{error.hint} percept tried a mapping of its own. Under it: {first}"
-        raise UsageError(
-            error.message, file=error.file, row=error.row, column=error.column, hint=hint
-        ) from error
-    if arguments.accept and not proposal.missing:
-        print(f"notice: columns are read as follows\n{proposal.text}", file=sys.stderr)
-        tables = scene.model_dump(exclude_none=True)
-        proposed = tomllib.loads(proposal.text)
-        if scene.quantities == Scene().quantities:
-            # Stiffness and damping are what a scene without quantities means, not a part of this
-            # one.
-            del tables["quantities"]
-        return scene.with_tables(
-            **{name: tables.get(name, {}) | table for name, table in proposed.items()}
-        )
-    lacking = f" It lacks {', '.join(proposal.missing)}." if proposal.missing else ""
-    hint = f"Add --write-scene scene.toml to write it, or --accept to go on with it.{lacking}"
-    if arguments.write_scene:
-        write_new(arguments.write_scene, proposal.text)
-        hint = (
-            f"It is written: look through it, then give --scene {arguments.write_scene}.{lacking}"
-        )
-        if arguments.scene:
-            hint += f" Copy your own tables from {arguments.scene} into it."
-    message = (
-        f"the columns have other names. This is what percept would make of them:\n\n{proposal.text}"
-    )
-    raise UsageError(message, file=str(arguments.sessions[0]), hint=hint) from error
+    if any(column in term for term in study.scene.terms):
+        return study
+    words = study.scene.study.model_dump(exclude_none=True)
+    scene = study.scene.with_tables(study=words | {"factor": column})
+    return Study(study.sessions, scene, progress=study.parts.progress, store=study.parts.store)
 
 
-def write_new(path: str, text: str) -> None:
-    """Write a file that is not there yet."""
-    hint = "Give another name, or remove it first."
-    try:
-        with Path(path).open("x", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-    except FileExistsError as error:
-        raise UsageError("is already there and stays as it is.", file=path, hint=hint) from error
-    except OSError as error:
-        hint = "Name a folder that is there."
-        raise UsageError(f"cannot be written: {error.strerror}.", file=path, hint=hint) from error
+def _require_zoomed(scene: Scene, environments: Collection[str]) -> None:
+    """Refuse a zoom window of an environment that the sessions do not have."""
+    for name in scene.report.zoom:
+        if name not in environments:
+            raise UsageError(
+                f"no {scene.environment_noun[0]} has this name.{did_you_mean(name, environments)}",
+                key="report.zoom",
+                value=name,
+                hint=f"There are {', '.join(environments)}.",
+            )
 
 
 def _store(arguments: argparse.Namespace, scene: Scene) -> RunStore | None:
@@ -315,7 +283,7 @@ class Working:
     def __call__(self, state: Progress) -> None:
         """Show the sampler's steps and its worst error, of a half-width, with what is asked."""
         total = max(state.expected_steps, state.steps)
-        words = f"{state.steps}/{total} steps"
+        words = f"sampling: {state.steps}/{total} steps"
         if math.isfinite(state.worst_error):
             words += f", error {state.worst_error:.2%}, asked {state.tolerance:.2%}"
         self.show(words, state.steps, total)

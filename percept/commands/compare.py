@@ -16,8 +16,9 @@ from percept.commands.analysis import (
     settings,
     show,
     tell_error,
+    with_factor,
 )
-from percept.errors import RefusalError, UsageError, printable
+from percept.errors import RefusalError, UsageError, capitalised, printable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,6 +44,18 @@ _CONTRAST = [
     "p_value",
     "n",
 ]
+_ANOVA = [
+    "factor",
+    "parameter",
+    "f",
+    "df_corrected",
+    "df_error_corrected",
+    "epsilon",
+    "p_corrected",
+    "partial_eta2",
+    "generalised_eta2",
+    "n",
+]
 # Boundaries printed: what a terminal shows at once.
 _MOST_CURVES = 10
 _CURVES_LEGEND = """area: mean over log omega of
@@ -50,6 +63,8 @@ abs(log(B/A)) of the lower and the upper curve; largest: log(B/A) at that omega 
 _STEPS_LEGEND = """width: ratio of widths; centre: shift in classical half-widths;
 error: Monte Carlo standard error (log_width_error: of the ratio's logarithm)."""
 
+_ANOVA_LEGEND = """epsilon: Greenhouse and Geisser's, by which the degrees of
+freedom (df) are multiplied; eta2: share of the variance that the term explains."""
 _BANDS_LEGEND = """Exact envelopes, where they differ most over omega (rad/s), and the median.
 place: Bayesian middle over the classical one, less one; width: logarithm of the ratio."""
 
@@ -75,22 +90,15 @@ def _run(arguments: argparse.Namespace) -> None:
 
 def _by_column(arguments: argparse.Namespace, progress: Working) -> None:
     """Compare conditions where subjects went through several, and groups of subjects otherwise."""
-    from percept.study import Study
     from percept.study.compare import split_by, within_subjects
 
     column = arguments.by
     if arguments.other_scene:
         raise UsageError("--by compares groups under one scene; leave --other-scene out.")
     study = open_study(arguments, progress, groups=[column])
-    if any(column in term for term in study.scene.terms):
-        _contrasts(study, column, arguments, progress)
-        return
-    if within_subjects(study.sessions, column):
-        words = study.scene.study.model_dump(exclude_none=True)
-        scene = study.scene.with_tables(study=words | {"factor": column})
-        parts = study.parts
-        under = Study(study.sessions, scene, progress=parts.progress, store=parts.store)
-        _contrasts(under, column, arguments, progress)
+    in_model = any(column in term for term in study.scene.terms)
+    if in_model or within_subjects(study.sessions, column):
+        _contrasts(with_factor(study, column), column, arguments, progress)
         return
     groups = split_by(study.sessions, column)
     if len(groups) > 2:
@@ -168,11 +176,16 @@ def _differences(
 
 def _contrasts(study: Study, column: str, arguments: argparse.Namespace, progress: Working) -> None:
     """Print the contrasts of a column of the model."""
-    from percept.study.basics import Skipped
+    import pandas as pd
+
+    from percept.study.basics import Skipped, results
 
     table = study.parts.contrasts
     rows = study.parts.contrast_rows
-    notes = [f"{row.what}: {row.why}" for row in rows if isinstance(row, Skipped)]
+    tests = results(study.parts.by_level.tests)
+    tests = [row for row in tests if column in row.factor.split(":")]
+    not_computed = [*rows, *study.parts.by_level.tests]
+    notes = [f"{row.what}: {row.why}" for row in not_computed if isinstance(row, Skipped)]
     progress.stop()
     if not table.empty:
         table = table[[column in factor.split(":") for factor in table["factor"]]]
@@ -182,21 +195,25 @@ def _contrasts(study: Study, column: str, arguments: argparse.Namespace, progres
     levels = factors.levels.get(column, ()) if factors else ()
     if arguments.json:
         stated = {"factor": column, "levels": levels, **_stated(study), "notes": notes}
-        print_json({**stated, "contrast": table})
+        print_json({**stated, "contrast": table, "anova": tests})
         return
     if levels:
         who = "the same subjects" if table["within"].all() else "different subjects"
         notes.insert(0, f"{column}: {who} at {', '.join(levels)}.")
     show("\n".join(notes))
     claim = _claim(study)
-    show(f"{claim[:1].upper()}{claim[1:]}.")
+    show(f"{capitalised(claim)}.")
     table = table.assign(environment=table["environment"].fillna("overall"))
-    for names, alike in table.groupby(["first", "second", "of", "unit"], sort=False):
+    for names, comparison in table.groupby(["first", "second", "of", "unit"], sort=False):
         first, second, of, unit = map(str, names)
         measure = "ratio of SDs between users" if of == "spread" else "ratio"
         if unit:
             measure = f"difference, in {unit}"
-        _print(f"{of.capitalize()}, {second} against {first}, {measure}:", alike[_CONTRAST])
+        _print(f"{of.capitalize()}, {second} against {first}, {measure}:", comparison[_CONTRAST])
+    if tests:
+        _print(f"Analysis of variance. {_ANOVA_LEGEND}", pd.DataFrame(tests)[_ANOVA])
+        assumptions = dict.fromkeys(row.assumes for row in tests)
+        show("\n".join(["It assumes:", *assumptions]))
 
 
 def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
-from importlib import resources
+import sys
 from pathlib import Path
 
 from percept.commands import FORCE, JSON, QUIET, Command, argument, folder, number
-from percept.commands.analysis import SESSIONS, Working, notice, read_scene, write_new
+from percept.commands.analysis import SESSIONS, Working, notice, read_scene
+from percept.commands.mapping import lacks, template, whole_scene, write_new
 from percept.errors import printable
 
 __all__ = ["NEW", "REPRODUCE", "SIMULATE", "VALIDATE"]
@@ -29,9 +30,19 @@ def _validate(arguments: argparse.Namespace) -> int:
 
 def _new(arguments: argparse.Namespace) -> None:
     """Write the file and print its path; a file that is there stays as it is."""
-    scene = resources.files("percept.commands").joinpath("scene.toml").read_text(encoding="utf-8")
-    write_new(arguments.path, scene)
+    if arguments.data is None:
+        write_new(arguments.path, template())
+        print(arguments.path)
+        return
+    from percept.sessions import propose_columns
+
+    _, options = read_scene(arguments)
+    proposal = propose_columns(*arguments.data, options=options)
+    write_new(arguments.path, whole_scene(proposal, arguments.scene))
+    print(proposal.text, file=sys.stderr)
     print(arguments.path)
+    if open_point := lacks(proposal):
+        print(f"percept: {open_point}", file=sys.stderr)
 
 
 def _reproduce(arguments: argparse.Namespace) -> None:
@@ -69,9 +80,16 @@ def _simulate(arguments: argparse.Namespace) -> None:
 _READING = argument("--scene", "FILE", "TOML file with [columns], [sessions], [environments]")
 
 NEW = Command(
-    "Write a commented scene file that has every key, to be cut down to what a study needs.",
-    "percept new scene.toml",
-    (argument("path", "FILE", "file to write (scene.toml)", nargs="?", default="scene.toml"),),
+    "Write a commented scene file that has every key, to be cut down to what a study needs."
+    " With --from it holds how percept would read your files, tried on all of them.",
+    "percept new scene.toml --from sessions/",
+    (
+        argument("path", "FILE", "file to write (scene.toml)", nargs="?", default="scene.toml"),
+        argument(
+            "--from", "PATH", "session files or folders to read", action="append", dest="data"
+        ),
+        argument("--scene", "FILE", "scene of your own, whose keys stay"),
+    ),
     _new,
 )
 VALIDATE = Command(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import itertools
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -18,21 +19,35 @@ from percept.commands.analysis import (
     open_study,
     print_json,
     show,
+    with_factor,
 )
 from percept.errors import RefusalError, UsageError
 
 if TYPE_CHECKING:
     from percept.calibration.coverage import DecidedShares
     from percept.calibration.judge import CoveragePlan
-    from percept.planning import Plan
+    from percept.planning import ContrastPlan, EquivalencePlan, Plan
     from percept.results import Verdict
     from percept.study import Study
 
 __all__ = ["CALIBRATE", "PLAN", "SBC"]
 
-_KINDS = ("mean", "user", "share")
+_KINDS = ("mean", "user", "share", "contrast", "equivalent")
 # Options that not every kind has.
-_OF_SOME_KINDS = ("half_width", "sd", "family", "ratio", "level", "share", "confidence")
+_OF_SOME_KINDS = (
+    "half_width",
+    "jnd",
+    "bias",
+    "decision",
+    "difference",
+    "sd",
+    "other_sd",
+    "family",
+    "ratio",
+    "level",
+    "share",
+    "confidence",
+)
 
 # Arguments of a study that plans have in a form of their own.
 _OF_PLANS = ("sessions", "--level", "--family")
@@ -63,16 +78,22 @@ def _plan(arguments: argparse.Namespace) -> None:
     if arguments.decide:
         _decide(arguments)
         return
+    if arguments.by:
+        _pilot(arguments)
+        return
     if arguments.sessions:
-        raise UsageError("sessions are for --decide.", hint="Add --decide, or leave them out.")
-    from percept.planning import plan_mean, plan_share, plan_user
+        hint = "Add one of them, or leave the sessions out."
+        raise UsageError("sessions are for --decide and --by.", hint=hint)
+    from percept import planning
     from percept.results.plain import plain
 
-    kind = arguments.kind
-    planners: dict[str, Callable[..., Plan]] = {
-        "mean": plan_mean,
-        "user": plan_user,
-        "share": plan_share,
+    kind = "equivalent" if arguments.equivalent else arguments.kind
+    planners: dict[str, Callable[..., Plan | ContrastPlan | EquivalencePlan]] = {
+        "mean": planning.plan_mean,
+        "user": planning.plan_user,
+        "share": planning.plan_share,
+        "contrast": planning.plan_contrast,
+        "equivalent": planning.plan_equivalent,
     }
     planner = planners[kind]
     options = {name: getattr(arguments, name) for name in _OF_SOME_KINDS}
@@ -81,11 +102,59 @@ def _plan(arguments: argparse.Namespace) -> None:
     needed = [name for name, parameter in taken.items() if parameter.default is parameter.empty]
     _refuse(kind, "needs", [name for name in needed if name not in given])
     _refuse(kind, "has no use for", [name for name in given if name not in taken])
-    plan = planner(**given, assurance=arguments.assurance)
+    probability = "power" if "power" in taken else "assurance"
+    plan = planner(**given, **{probability: arguments.assurance})
     if arguments.json:
         print_json({**plain(plan), "covers": plan.covers})
     else:
         print(plan.covers)
+
+
+def _pilot(arguments: argparse.Namespace) -> None:
+    """Print how many subjects show a difference between the levels of a column of a pilot study."""
+    import numpy as np
+
+    from percept.planning import plan_from_pilot
+    from percept.results.plain import plain
+
+    if not arguments.sessions or arguments.difference is None:
+        raise UsageError("--by needs the sessions of a pilot study and --difference.")
+    column = arguments.by
+    arguments.method = "classical"
+    with Working("reading", shown=not arguments.quiet) as progress:
+        study = with_factor(open_study(arguments, progress, groups=[column]), column)
+        levels = [row for row in study.parts.by_level.levels if row.factor == column]
+    inference = study.scene.inference
+    subjects = study.scene.study.subject[1]
+    planned: list[dict[str, object]] = []
+    for first, second in itertools.combinations(levels, 2):
+        if first.parameter != second.parameter:
+            continue
+        pilot = plan_from_pilot(
+            np.array(first.values, dtype=float),
+            np.array(second.values, dtype=float),
+            arguments.difference,
+            within=first.within,
+            level=inference.level,
+            power=arguments.assurance,
+            family=inference.family,
+        )
+        if pilot is None:
+            continue
+        names = {"parameter": first.parameter, "first": first.level, "second": second.level}
+        planned.append(names | plain(pilot))
+        if not arguments.json:
+            label = study.sessions.quantities[first.parameter].label
+            show(f"{label}, {second.level} against {first.level}: {pilot.plan.covers}")
+            show(
+                f"  The pilot has {pilot.subjects} {subjects}. If the true SDs are at their upper"
+                f" 80 % limits, it takes {pilot.cautious.n}."
+            )
+    if not planned:
+        hint = "Two subjects or more must have both levels at all references."
+        raise RefusalError("the pilot gives no SD of a contrast.", column=column, hint=hint)
+    if arguments.json:
+        print_json({"plans": planned})
 
 
 def _decide(arguments: argparse.Namespace) -> None:
@@ -295,26 +364,43 @@ def _sbc(arguments: argparse.Namespace) -> None:
 
 
 PLAN = Command(
-    "How many subjects the next study needs for an interval of a wanted width, or for verdicts.",
+    "How many subjects the next study needs for an interval, a difference of levels, or verdicts.",
     "percept plan --kind mean --half-width 0.1 --sd 0.2 --family lognormal",
     (
         argument("--kind", None, "what the interval covers (mean)", choices=_KINDS, default="mean"),
         number("--half-width", "X", "kind mean: in the unit of --sd, or as a fraction"),
-        number("--sd", "X", "kind mean: SD between users, or their coefficient of variation"),
+        number("--difference", "X", "kind contrast: in the unit of --sd, or as a fraction"),
+        number(
+            "--sd",
+            "X",
+            "kinds mean, contrast and equivalent: SD between users (of their differences), or their"
+            " coefficient of variation",
+        ),
+        number("--other-sd", "X", "kind contrast: SD of a second group, whose people are others"),
         argument(
             "--family",
             None,
-            "kind mean: distribution between users (normal)",
+            "kinds mean, contrast and equivalent: distribution between users (normal)",
             choices=("normal", "lognormal"),
         ),
         number("--ratio", "X", "kinds user and share: width over that of all users, above 1"),
-        number("--level", "X", "kinds mean and user: level (0.99)"),
+        number("--level", "X", "kinds mean, user and contrast: level (0.99)"),
         number("--share", "X", "kind share: share of users held (0.99)"),
         number("--confidence", "X", "kind share: confidence (0.95)"),
-        number("--assurance", "X", "probability of the width (0.8)", default=0.8),
+        number(
+            "--assurance",
+            "X",
+            "probability of the width, or of showing what is to be shown (0.8)",
+            default=0.8,
+        ),
+        flag("--equivalent", "short for --kind equivalent: show a bias to be smaller than one JND"),
+        number("--jnd", "X", "kind equivalent: one JND, in the unit of --sd, or as a fraction"),
+        number("--bias", "X", "kind equivalent: the true bias, in the terms of --jnd (0)"),
+        number("--decision", "X", "kind equivalent: confidence that decides (0.95)"),
         flag("--decide", "how many more subjects would decide what is undecided in the sessions"),
         number("--studies", "N", "with --decide: check one number by so many Bayesian fits"),
-        argument("sessions", "PATH", "with --decide: session files or folders", nargs="*"),
+        argument("--by", "COLUMN", "take the SDs of a contrast from the sessions of a pilot study"),
+        argument("sessions", "PATH", "with --decide and --by: session files", nargs="*"),
         *(option for option in STUDY if option.name not in _OF_PLANS),
         JSON,
     ),

@@ -184,7 +184,10 @@ def _predict(arguments: argparse.Namespace) -> None:
         return
     say = printable
     print(say(prediction.sentence))
-    show(prediction.intervals[_PREDICTED].to_string(index=False, float_format="{:.6g}".format))
+    columns = list(_PREDICTED)
+    if prediction.intervals["environment"].nunique() > 1:
+        columns.insert(0, "environment")
+    show(prediction.intervals[columns].to_string(index=False, float_format="{:.6g}".format))
     for row in prediction.intervals.drop_duplicates("kind").to_dict("records"):
         print(say(f"{row['kind']}: {row['covers'].replace(', in ' + row['unit'], '')}"))
     worst = float(prediction.intervals["monte_carlo"].max())
@@ -287,9 +290,9 @@ REPORT = Command(
         argument(
             "--formats",
             "FORM",
-            "files of the figures: svg, pdf, png (svg)",
+            "files of the figures (svg pdf png)",
             nargs="+",
-            default=["svg"],
+            default=["svg", "pdf", "png"],
         ),
         FORCE,
     ),

@@ -153,7 +153,8 @@ COMPLETION = Command(
     "Print a completion script for a shell, to be evaluated or saved where the shell looks for it.",
     """eval "$(percept completion bash)"                         # bash, in ~/.bashrc
   eval "$(percept completion zsh)"                          # zsh, in ~/.zshrc after compinit
+  percept completion fish > ~/.config/fish/completions/percept.fish
   percept completion tcsh > ~/.percept.csh                  # tcsh, then source it in ~/.tcshrc""",
-    (argument("shell", None, "for which shell", choices=("bash", "zsh", "tcsh")),),
+    (argument("shell", None, "for which shell", choices=("bash", "zsh", "fish", "tcsh")),),
     _completion,
 )

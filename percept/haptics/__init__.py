@@ -15,6 +15,7 @@ from percept.haptics.impedance import (
     hold,
 )
 from percept.haptics.limits import max_coupling_stiffness
+from percept.haptics.loop import Hold
 from percept.haptics.perceived import effective_impedance, perceived_impedance
 from percept.haptics.records import Coupling, Device, Environment, Mode, TabulatedDevice
 from percept.haptics.stability import (
@@ -28,6 +29,7 @@ __all__ = [
     "Coupling",
     "Device",
     "Environment",
+    "Hold",
     "Mode",
     "TabulatedDevice",
     "absolute_stability",

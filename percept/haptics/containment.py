@@ -30,10 +30,11 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
 from percept.haptics.arrays import BoolArray, FloatArray, IntArray, Scalars
-from percept.haptics.forms import Squares, shown_through
-from percept.haptics.impedance import omega_of_rate, warp
+from percept.haptics.axis import omega_of_rate, warp
+from percept.haptics.forms import Squares
 from percept.haptics.perceived import DistancePlane, Extremes, Point, shown_element
 from percept.haptics.records import Display, TabulatedDevice
+from percept.haptics.shown import shown_by
 
 __all__ = [
     "ON_LIMIT",
@@ -379,7 +380,7 @@ def plane_departures(display: Display, boxes: Boxes, lower: float, upper: float)
         The range passes Nyquist; T not positive.
     """
     displays = [display]
-    if display.count is not None and display.environment.mass:
+    if display.count is not None and _turns(display):
         displays = [display.select(np.array(n)) for n in range(display.count)]
     turns = [_turning_points(single, lower, upper) for single in displays]
     most = max(points.size for points in turns)
@@ -397,18 +398,28 @@ def plane_departures(display: Display, boxes: Boxes, lower: float, upper: float)
     return PlaneDepartures(largest[0], where[0])
 
 
+def _turns(display: Display) -> bool:
+    """Say whether the stiffness or damping shown may turn within the range."""
+    if display.environment.velocity_filter is not None:
+        return True
+    coupling = display.coupling
+    if coupling is None:
+        return False
+    return coupling.velocity_filter is not None or bool(display.environment.mass)
+
+
 def _turning_points(display: Display, lower: float, upper: float) -> FloatArray:
     """Return both ends of a range of ω, rad/s, and where stiffness or damping turns between.
 
-    Without a mass both are monotone in Ω².
+    Without a mass and a filter both are monotone in Ω².
     """
-    if display.coupling is None or not display.environment.mass:
+    if not _turns(display):
         return np.array([lower, upper])
     half = display.period / 2
     # In units of the range's middle the coefficients are of one size.
     unit = np.tan(lower * half) * np.tan(upper * half) / half**2
     square = Polynomial([0.0, unit])
-    stiffness, damping, bottom = shown_through(display.coupling, display.environment, square)
+    stiffness, damping, bottom = shown_by(display, square)
     roots = []
     for top in (damping, stiffness):
         slope = top.deriv() * bottom - top * bottom.deriv()

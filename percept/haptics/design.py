@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.haptics.arrays import BoolArray, FloatArray, complex_from
+from percept.haptics.axis import warp
 from percept.haptics.containment import (
     ON_LIMIT,
     Boxes,
@@ -16,9 +17,10 @@ from percept.haptics.containment import (
     plane_departures,
 )
 from percept.haptics.envelope import magnitude_envelope
-from percept.haptics.impedance import device_impedance, environment_impedance, warp
+from percept.haptics.impedance import device_impedance, environment_impedance
 from percept.haptics.impedance import hold as zero_order_hold
 from percept.haptics.limits import largest_coupling_damping, stable_stiffness
+from percept.haptics.loop import AnyHold
 from percept.haptics.records import AnyDevice, Coupling, Display, Environment
 from percept.haptics.search import Intervals, section_minimum, where_positive
 from percept.html import NotebookRecord
@@ -80,7 +82,7 @@ def design_couplings(
     frequencies: tuple[float, float],
     period: float,
     *,
-    hold: str = "average",
+    hold: AnyHold = "average",
     damping: ArrayLike | None = None,
 ) -> CouplingDesign:
     """Return the couplings that are stable (Eq. 6) and keep environments inside (Eq. 12).
@@ -98,8 +100,8 @@ def design_couplings(
         Ends of the range of ω, rad/s.
     period : float
         Sampling period T, s.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
+    hold : {"average", "true"} or Hold
+        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
     damping : array_like, optional
         Lines of b_c, N·s/m; by default some 160 of them up to the largest that is stable.
 
@@ -131,7 +133,7 @@ def design_couplings(
     return CouplingDesign(each, common)
 
 
-def _usual_lines(device: AnyDevice, period: float, hold: str) -> FloatArray:
+def _usual_lines(device: AnyDevice, period: float, hold: AnyHold) -> FloatArray:
     """Return b_c from 0 to the largest that is stable at all."""
     even = np.linspace(0, 1, _LINES)
     by_logarithm = np.geomspace(1e-4, 1, _LINES)
@@ -146,7 +148,7 @@ class _CouplingSearch:
     device: AnyDevice
     walls: Sequence[_Wall]
     period: float
-    hold: str
+    hold: AnyHold
 
     def region(self, lines: FloatArray) -> QualifyingRegion:
         """Return what is left on lines of b_c, with the ends of all."""
@@ -222,7 +224,7 @@ class _Wall:
         boundary: EnvironmentBoundary,
         frequencies: tuple[float, float],
         period: float,
-        hold: str,
+        hold: AnyHold,
     ) -> None:
         self._display = Display(device, boundary.environment, period, None, hold)
         self._boundary = boundary

@@ -23,7 +23,8 @@ from percept.haptics.arrays import (
     real_array,
     times,
 )
-from percept.haptics.impedance import omega_of_rate, warp
+from percept.haptics.axis import omega_of_rate, warp
+from percept.haptics.loop import AnyHold
 from percept.haptics.perceived import DistancePlane, Point, perceived_magnitude
 from percept.haptics.records import AnyDevice, Device
 from percept.haptics.search import rising_root
@@ -72,7 +73,7 @@ def corner_curves(
     period: float,
     *,
     mass: ArrayLike = 0.0,
-    hold: str = "average",
+    hold: AnyHold = "average",
 ) -> CornerCurves:
     """Return abs(Z_h) at both lower and at both upper limits: the paper's boundary (Eqs 16, 17).
 
@@ -104,7 +105,7 @@ def magnitude_envelope(
     period: float,
     *,
     mass: ArrayLike = 0.0,
-    hold: str = "average",
+    hold: AnyHold = "average",
 ) -> Envelope:
     """Return the exact lowest and highest abs(Z_h) over a box of (k, b).
 
@@ -207,7 +208,7 @@ def magnitude_envelope_ellipse(
     period: float,
     *,
     mass: float = 0.0,
-    hold: str = "average",
+    hold: AnyHold = "average",
 ) -> Envelope:
     """Return the lowest and highest abs(Z_h) over an ellipse of (k, b), or of their logarithms.
 

@@ -1,98 +1,27 @@
-"""Polynomials on pieces of a range of ω, and abs(Z_h)² written as such polynomials.
+"""abs(Z_h)² as polynomials on pieces of a range of ω, whose signs decide verdicts.
 
-On a piece a polynomial of degree n is the form Σ cᵢ(1 − t)^(n−i)tⁱ, with t from 0 to 1 along the
-piece. Its Bernstein coefficients are cᵢ/binom(n, i), and the least of them is a lower bound: where
-all are positive, so is the polynomial on the whole piece. The variable that is linear in t is Ω²,
-or Ω itself for a device known by a table.
+The variable that is linear along a piece is Ω², or Ω itself for a device known by a table.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
-from math import comb
-from typing import Generic, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import Polynomial
 
-from percept.haptics.arrays import BoolArray, FloatArray, IntArray, Scalars
-from percept.haptics.impedance import Warp, omega_of_rate, warp
+from percept.haptics.arrays import BoolArray, FloatArray, IntArray
+from percept.haptics.axis import Warp, omega_of_rate, warp
+from percept.haptics.loop import Hold, hold_of
 from percept.haptics.perceived import Extremes, Point
-from percept.haptics.records import Coupling, Device, Display, Environment, Mode, TabulatedDevice
+from percept.haptics.polynomials import Form, as_form
+from percept.haptics.records import Device, Display, Mode, TabulatedDevice
+from percept.haptics.shown import Shown, shown_by
 
-__all__ = ["Form", "Shown", "Squares", "shown_through"]
+__all__ = ["Squares"]
 
 # Rounding of a coefficient, as a fraction of the sizes of its terms.
 _ROUNDING = 64 * float(np.finfo(np.float64).eps)
-
-
-class Form:
-    """A polynomial on each of many pieces; a number, or one per piece, acts as a constant."""
-
-    # An array to the left of an operator leaves the operation to this class.
-    __array_ufunc__ = None
-
-    def __init__(self, coefficients: FloatArray) -> None:
-        #: (degree + 1, pieces), or (degree + 1, 1) where all pieces have the same.
-        self.coefficients = coefficients
-
-    @property
-    def size(self) -> int:
-        """Number of coefficients, one more than the degree."""
-        return len(self.coefficients)
-
-    def __add__(self, other: Form | Scalars) -> Form:
-        other = _as_form(other)
-        size = max(self.size, other.size)
-        return Form(self.elevated(size) + other.elevated(size))
-
-    def __mul__(self, other: Form | Scalars) -> Form:
-        if not isinstance(other, Form):
-            return Form(self.coefficients * other)
-        if self.size < other.size:
-            return other * self
-        pieces = max(self.coefficients.shape[1], other.coefficients.shape[1])
-        product = np.zeros((self.size + other.size - 1, pieces))
-        for i, coefficient in enumerate(other.coefficients):
-            product[i : i + self.size] += coefficient * self.coefficients
-        return Form(product)
-
-    def __sub__(self, other: Form | Scalars) -> Form:
-        return self + -1.0 * other
-
-    def __rsub__(self, other: Scalars) -> Form:
-        return -1.0 * self + other
-
-    def __truediv__(self, divisor: FloatArray) -> Form:
-        return Form(self.coefficients / divisor)
-
-    __radd__ = __add__
-    __rmul__ = __mul__
-
-    def elevated(self, size: int) -> FloatArray:
-        """Return the same polynomial in `size` coefficients: a factor (1 − t) + t is one."""
-        if size == self.size:
-            return self.coefficients
-        unit = Form(_binomials(size - self.size))
-        return (self * unit).coefficients
-
-    def bernstein(self, size: int) -> FloatArray:
-        """Return `size` Bernstein coefficients."""
-        return self.elevated(size) / _binomials(size - 1)
-
-
-def _as_form(value: Form | Scalars) -> Form:
-    if isinstance(value, Form):
-        return value
-    return Form(np.atleast_1d(value)[None])
-
-
-@cache
-def _binomials(degree: int) -> FloatArray:
-    """Return binom(degree, i) as a column."""
-    row = [float(comb(degree, i)) for i in range(degree + 1)]
-    return np.array(row)[:, None]
 
 
 class _Impedance(NamedTuple):
@@ -104,17 +33,22 @@ class _Impedance(NamedTuple):
 
 
 def _device_ends(display: Display, grid: Warp, square: Form) -> list[_Impedance]:
-    """Return Z_d·e^{jh}/g + jΩm_e, or several between which it lies; `square` is Ω².
+    """Return Z_d·e^{j(h + ψ)}/g + jΩm_e, or several between which it lies; `square` is Ω².
 
-    g is the hold's gain, m_e the environment's mass. All have one denominator.
+    g is the hold's gain, ψ the angle of its delay, m_e the environment's mass. All have one
+    denominator.
     """
     device = display.device
     if isinstance(device, TabulatedDevice):
         ends = _tabulated(grid, device)
     else:
         ends = [_modal(square, device, grid.period / 2)]
+    hold = hold_of(display.hold)
+    if hold.delay:
+        turns = _delay_ends(grid, square, hold.delay)
+        ends = [_turned(end, turn, square) for end in ends for turn in turns]
     gains = [1.0]
-    if display.hold == "true":
+    if hold.kind == "true":
         # h·cot h is the averaging hold's gain over the true one's, and falls with ω.
         gains = list(grid.half * grid.cos / grid.sin)
     mass = display.environment.mass
@@ -126,14 +60,60 @@ def _device_ends(display: Display, grid: Warp, square: Form) -> list[_Impedance]
     return scaled
 
 
+class _Turn(NamedTuple):
+    """e^{jψ} as cosine + jΩ·sine, ψ = dωT."""
+
+    cosine: Form
+    sine: Form  # sin ψ/Ω, s/rad
+
+
+def _delay_ends(grid: Warp, square: Form, delay: float) -> list[_Turn]:
+    """Return four between which e^{jψ} of a delay lies, ψ = dωT.
+
+    Its cosine and its sine over Ω are smooth in x = Ω². Each is within its chord over x and
+    (x₁ − x₀)²/8 times a bound of its second derivative. With A = h/tan h = ∫du/(1 + u²xT²/4) over u
+    from 0 to 1, and sin ψ/Ω = dT·A·∫cos(sψ)ds over s from 0 to 1, bounds by T and d alone follow.
+    """
+    lag = grid.lag(Hold(delay=delay))
+    assert lag is not None
+    slowest, fastest = grid.rate
+    # (x − x₀)/(x₁ − x₀); for a table x is the square of the variable.
+    along = np.array([np.zeros_like(slowest), np.ones_like(slowest)])
+    if square.size == 3:
+        along = np.insert(along, 1, 2 * slowest / (slowest + fastest), axis=0)
+    weight = Form(along)
+    period = grid.period
+    quartic = period**4 * (delay**2 / 6 + delay**4 / 12)
+    quintic = delay * period**5 * (1 / 40 + delay**2 / 12 + delay**4 / 60)
+    sagitta = ((fastest - slowest) * (fastest + slowest)) ** 2 / 8
+    sine = lag.sin_per_sin * grid.cos * (period / 2)
+    cosines = _within(lag.cos, weight, quartic * sagitta)
+    sines = _within(sine, weight, quintic * sagitta)
+    return [_Turn(first, second) for first in cosines for second in sines]
+
+
+def _within(values: FloatArray, weight: Form, farthest: FloatArray) -> list[Form]:
+    """Return a chord between values at both ends of each piece, less and plus a distance."""
+    first, last = values
+    chord = first * (1.0 - weight) + last * weight
+    return [chord - farthest, chord + farthest]
+
+
+def _turned(end: _Impedance, turn: _Turn, square: Form) -> _Impedance:
+    """Return the product of both."""
+    real = end.real * turn.cosine - square * (end.imaginary * turn.sine)
+    imaginary = end.imaginary * turn.cosine + end.real * turn.sine
+    return _Impedance(real, imaginary, end.denominator)
+
+
 def _modal(square: Form, device: Device, half: float) -> _Impedance:
     """Return Z_d·e^{jh}/cos h of a rigid device with its modes; `half` is T/2.
 
     e^{jh}/cos h is 1 + jΩT/2.
     """
     real = device.damping - np.multiply(device.mass, half) * square
-    imaginary = _as_form(device.mass + np.multiply(device.damping, half))
-    denominator = _as_form(1.0)
+    imaginary = as_form(device.mass + np.multiply(device.damping, half))
+    denominator = as_form(1.0)
     for mode in device.modes:
         if not mode.mass or not (mode.stiffness or mode.damping):
             continue
@@ -189,60 +169,13 @@ def _tabulated(grid: Warp, device: TabulatedDevice) -> list[_Impedance]:
     return ends
 
 
-# A polynomial in Ω², of either kind.
-Curve = TypeVar("Curve", Form, Polynomial)
-
-
-class Shown(NamedTuple, Generic[Curve]):
-    """Stiffness and damping that a display shows, both over one positive denominator."""
-
-    stiffness: Curve
-    damping: Curve
-    denominator: Curve
-
-
-def shown_through(coupling: Coupling, environment: Environment, square: Curve) -> Shown[Curve]:
-    """Return what an environment shows through a coupling, as polynomials in Ω².
-
-    Parameters
-    ----------
-    coupling : Coupling
-        In Tustin's form; with a `Form` for Ω² its parameters may hold one number per piece.
-    environment : Environment
-        Its mass counts with the device, and is not shown.
-    square : Form or Polynomial
-        Ω², rad²/s².
-
-    Returns
-    -------
-    Shown
-        Of the type of `square`.
-    """
-    k = environment.stiffness
-    b = environment.damping
-    m = environment.mass
-    k_c = coupling.stiffness
-    b_c = coupling.damping
-    # Without a mass the spring stays a number, which keeps all degrees low.
-    spring: Curve | Scalars = k - m * square if m else k
-    # Ω²·abs(Z)² of environment, coupling and their sum.
-    of_environment = b**2 * square + spring * spring
-    of_coupling = b_c**2 * square + np.square(k_c)
-    joined = spring + k_c
-    of_sum = (b + b_c) ** 2 * square + joined * joined
-    stiffness = k_c * of_environment + of_coupling * spring
-    if m:
-        stiffness = stiffness + m * square * of_sum
-    return Shown(stiffness, b_c * of_environment + b * of_coupling, of_sum)
-
-
 def _shown(display: Display, square: Form) -> Shown[Form]:
     """Return what a display shows, over a denominator of size one."""
     environment = display.environment
-    if display.coupling is None:
-        stiffness = _as_form(environment.stiffness)
-        return Shown(stiffness, _as_form(environment.damping), _as_form(1.0))
-    stiffness, damping, denominator = shown_through(display.coupling, environment, square)
+    if display.coupling is None and environment.velocity_filter is None:
+        stiffness = as_form(environment.stiffness)
+        return Shown(stiffness, as_form(environment.damping), as_form(1.0))
+    stiffness, damping, denominator = shown_by(display, square)
     largest = np.abs(denominator.coefficients).max(axis=0)
     return Shown(stiffness / largest, damping / largest, denominator / largest)
 

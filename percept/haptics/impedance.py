@@ -1,159 +1,43 @@
-"""Tustin's frequency axis; impedances of device, environment, coupling and hold (Eqs 5 to 8)."""
+"""Impedances of device, environment, coupling and hold (Eqs 5 to 8)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from percept.errors import UsageError
 from percept.haptics.arrays import (
     ComplexArray,
     FloatArray,
     Scalars,
-    checked_period,
     complex_from,
     one_of,
     ratio,
-    real_array,
     times,
 )
+from percept.haptics.axis import Warp, warp
+from percept.haptics.loop import AnyHold
 from percept.haptics.records import AnyDevice, Coupling, Device, Environment, TabulatedDevice
+from percept.haptics.velocity import VelocityFilter, filtered_damper
 
 __all__ = [
     "DISCRETIZATIONS",
-    "HOLDS",
     "Element",
-    "Held",
-    "Warp",
     "coupling_admittance",
+    "coupling_element",
     "coupling_impedance",
     "device_impedance",
     "device_parts",
+    "environment_element",
     "environment_impedance",
     "hold",
-    "omega_of_rate",
     "rotated_device",
     "series",
     "tustin_damping",
-    "warp",
 ]
 
-HOLDS = ("average", "true")
 DISCRETIZATIONS = ("tustin", "backward")
-
-# π is _PI + _PI_LOW to 107 bits, so that π − ωT keeps its digits next to Nyquist.
-_PI = float(np.pi)
-_PI_LOW = 1.2246467991473532e-16
-# A smaller ωT counts as zero: nothing below then overflows on its way to the limit.
-_DC_SLACK = 1e-100
-# ωT this near to π is Nyquist: as a product of two doubles it is not known better.
-_NYQUIST_SLACK = 4 * float(np.spacing(np.pi))
-
-
-class Held(NamedTuple):
-    """The hold's gain g and its products with Ω, each with its limit at DC and Nyquist."""
-
-    gain: FloatArray  # g = abs(ZOH), cos h for the averaging hold (Eq. 8)
-    rate: FloatArray  # g·Ω, rad/s
-    per_rate: FloatArray  # g/Ω, s/rad
-
-
-@dataclass(frozen=True)
-class Warp:
-    """Angles of a set of ω under sampling with period T, h = ωT/2, accurate from DC to Nyquist."""
-
-    omega: FloatArray  # rad/s
-    period: float  # T, s
-    half: FloatArray  # h, rad
-    sin: FloatArray  # sin h
-    cos: FloatArray  # cos h
-
-    @property
-    def rate(self) -> FloatArray:
-        """Ω = (2/T)·tan h, so that Tustin's s is jΩ; infinite at Nyquist."""
-        with np.errstate(divide="ignore"):
-            return (2 / self.period) * self.sin / self.cos
-
-    @property
-    def inverse_rate(self) -> FloatArray:
-        """1/Ω = (T/2)·cot h; infinite at DC."""
-        with np.errstate(divide="ignore"):
-            return (self.period / 2) * self.cos / self.sin
-
-    @property
-    def one_minus_cos(self) -> FloatArray:
-        """1 − cos h, without the cancellation."""
-        return 2 * np.sin(self.half / 2) ** 2
-
-    def spring(self, stiffness: ArrayLike) -> FloatArray:
-        """Return Im(k/s) = −k/Ω."""
-        return -times(stiffness, self.inverse_rate)
-
-    def held(self, hold: str) -> Held:
-        """Return the gain of `hold` ("average", Eq. 8, or "true") and its products with Ω."""
-        one_of(hold, "hold", HOLDS)
-        with np.errstate(divide="ignore"):
-            if hold == "average":
-                per_rate = (self.period / 2) * self.cos**2 / self.sin
-                return Held(self.cos, (2 / self.period) * self.sin, per_rate)
-            gain = np.sinc(self.half / np.pi)
-            return Held(gain, gain * self.rate, gain * self.inverse_rate)
-
-
-def warp(omega: ArrayLike, period: float) -> Warp:
-    """Check ω and T and return their angles.
-
-    Parameters
-    ----------
-    omega : array_like
-        rad/s, up to π/T in magnitude.
-    period : float
-        Sampling period T, s.
-
-    Returns
-    -------
-    Warp
-        Of ω's shape; ωT within 4 ulp of π is Nyquist.
-
-    Raises
-    ------
-    UsageError
-        ω above Nyquist, T not positive, a value that is not finite.
-    """
-    period = checked_period(period)
-    omega = real_array(omega, "omega", "rad/s")
-    theta = omega * period
-    size = np.abs(theta)
-    above = size > _PI + _NYQUIST_SLACK
-    if above.any():
-        raise UsageError(
-            f"omega is above the Nyquist frequency, {_PI / period:.17g} rad/s at a period of"
-            f" {period:g} s.",
-            value=float(omega[above][0]),
-            hint="Lower omega, or shorten the period.",
-        )
-    theta = np.where(size < _DC_SLACK, 0.0 * theta, theta)
-    half = theta / 2
-    # π − θ is exact where θ is near π, and its sine then keeps every digit that ωT has.
-    below_nyquist = (_PI - size) + _PI_LOW
-    cos = np.where(size > np.pi / 2, np.sin(below_nyquist / 2), np.cos(half))
-    at_nyquist = size >= _PI - _NYQUIST_SLACK
-    return Warp(
-        omega=omega,
-        period=period,
-        half=half,
-        sin=np.where(at_nyquist, np.sign(theta), np.sin(half)),
-        cos=np.where(at_nyquist, 0.0, cos),
-    )
-
-
-def omega_of_rate(rate: ArrayLike, period: float) -> FloatArray:
-    """Return the ω, rad/s, at which Tustin's Ω is a given rate, rad/s."""
-    half = np.arctan(np.multiply(rate, period / 2))
-    return np.asarray((2 / period) * half)
 
 
 class Element(NamedTuple):
@@ -297,8 +181,18 @@ def device_parts(grid: Warp, device: AnyDevice) -> tuple[FloatArray, FloatArray]
     return np.add(device.damping, damping), inertia + flexible
 
 
-def rotated_device(grid: Warp, device: AnyDevice) -> tuple[FloatArray, FloatArray]:
-    """Return the parts of Z_d·e^{jh}, the device as seen from behind the hold's delay, N·s/m."""
+def rotated_device(grid: Warp, device: AnyDevice, hold: AnyHold) -> tuple[FloatArray, FloatArray]:
+    """Return the parts of Z_d·e^{j(h + ψ)}, the device from behind hold and delay, N·s/m."""
+    real, imaginary = _device_behind_hold(grid, device)
+    lag = grid.lag(hold)
+    if lag is None:
+        return real, imaginary
+    turned_real = times(lag.cos, real) - times(lag.sin, imaginary)
+    return turned_real, times(lag.cos, imaginary) + times(lag.sin, real)
+
+
+def _device_behind_hold(grid: Warp, device: AnyDevice) -> tuple[FloatArray, FloatArray]:
+    """Return the parts of Z_d·e^{jh}, N·s/m."""
     if isinstance(device, TabulatedDevice):
         value = device.at(grid.omega)
         rigid_real = rigid_imag = np.zeros_like(value.real)
@@ -346,8 +240,39 @@ def environment_impedance(
         As `device_impedance`.
     """
     grid = warp(omega, period)
-    reactive = times(environment.mass, grid.rate) + grid.spring(environment.stiffness)
-    return complex_from(np.asarray(environment.damping), reactive)
+    element = environment_element(grid, environment)
+    reactive = times(element.mass, grid.rate) + grid.spring(element.stiffness)
+    return complex_from(np.asarray(element.damping), reactive)
+
+
+def environment_element(grid: Warp, environment: Environment) -> Element:
+    """Return an environment at each ω: a filter makes a part of its damper a spring."""
+    if environment.velocity_filter is None:
+        return Element(environment.stiffness, environment.damping, environment.mass)
+    undamped = Element(environment.stiffness, 0.0, environment.mass)
+    return _with_damper(grid, undamped, environment.damping, environment.velocity_filter)
+
+
+def coupling_element(grid: Warp, coupling: Coupling, discretization: str) -> Element:
+    """Return a coupling at each ω in Tustin's form, its damper filtered likewise."""
+    damping = tustin_damping(coupling, grid.period, discretization)
+    if coupling.velocity_filter is None:
+        return Element(coupling.stiffness, damping)
+    spring = Coupling(coupling.stiffness, 0.0)
+    undamped = Element(spring.stiffness, tustin_damping(spring, grid.period, discretization))
+    return _with_damper(grid, undamped, coupling.damping, coupling.velocity_filter)
+
+
+def _with_damper(
+    grid: Warp, element: Element, damping: Scalars, velocity_filter: VelocityFilter
+) -> Element:
+    """Add a damper that acts on the filtered velocity."""
+    shown = filtered_damper(grid, velocity_filter)
+    return Element(
+        stiffness=element.stiffness + np.multiply(damping, shown.stiffness),
+        damping=element.damping + np.multiply(damping, shown.damping),
+        mass=element.mass,
+    )
 
 
 def coupling_impedance(
@@ -369,9 +294,8 @@ def coupling_impedance(
         As `device_impedance`, and for an unknown discretization.
     """
     grid = warp(omega, period)
-    return complex_from(
-        tustin_damping(coupling, grid.period, discretization), grid.spring(coupling.stiffness)
-    )
+    element = coupling_element(grid, coupling, discretization)
+    return complex_from(element.damping, grid.spring(element.stiffness))
 
 
 def coupling_admittance(
@@ -408,11 +332,11 @@ def tustin_damping(coupling: Coupling, period: float, discretization: str) -> Fl
     return np.add(coupling.damping, np.multiply(coupling.stiffness, period / 2))
 
 
-def hold(omega: ArrayLike, period: float, *, kind: str = "average") -> ComplexArray:
+def hold(omega: ArrayLike, period: float, *, kind: AnyHold = "average") -> ComplexArray:
     """Return ZOH(jω): the averaging hold of Eq. 8 or the true zero-order hold.
 
     ω and T as in `device_impedance`. With h = ωT/2 the hold is cos h·e^{−jh} for the kind "average"
-    (Eq. 8), and (sin h/h)·e^{−jh} for "true".
+    (Eq. 8), and (sin h/h)·e^{−jh} for "true". A `Hold` may add a delay of d samples, e^{−2jdh}.
 
     Returns
     -------
@@ -426,4 +350,9 @@ def hold(omega: ArrayLike, period: float, *, kind: str = "average") -> ComplexAr
     """
     grid = warp(omega, period)
     gain = grid.held(kind).gain
-    return complex_from(gain * grid.cos, -gain * grid.sin)
+    real = gain * grid.cos
+    imaginary = -gain * grid.sin
+    lag = grid.lag(kind)
+    if lag is None:
+        return complex_from(real, imaginary)
+    return complex_from(real * lag.cos + imaginary * lag.sin, imaginary * lag.cos - real * lag.sin)

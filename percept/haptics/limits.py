@@ -1,8 +1,9 @@
-"""What a device can carry: stiffest couplings, all stable ones, passive rendering (Eq. 10).
+"""What a device can carry: stiffest couplings, all stable ones (Eq. 10).
 
 With b the device's damping, β the coupling's in Tustin's form, K = k_c·T and ρ = b/β, Eq. 10 over
 all ω reads K ≤ 2βκ(ρ), where κ² = (8ρ − 1)(1 + ρ)²/(27ρ²) for 1/8 ≤ ρ ≤ 1/5 and κ² = 4ρ above;
-below 1/8 nothing is stable. Under the true hold it is K² ≤ 16bβ and β ≤ πb.
+below 1/8 nothing is stable. Under the true hold it is K² ≤ 16bβ and β ≤ πb. A delay leaves no such
+forms: limits are then searched over ω.
 """
 
 from __future__ import annotations
@@ -20,19 +21,20 @@ from percept.haptics.arrays import (
     one_of,
     ratio,
 )
-from percept.haptics.impedance import DISCRETIZATIONS, HOLDS, device_parts, warp
-from percept.haptics.records import AnyDevice, Device, Environment
+from percept.haptics.axis import warp
+from percept.haptics.impedance import DISCRETIZATIONS, device_parts
+from percept.haptics.loop import AnyHold, hold_of
+from percept.haptics.records import AnyDevice, Device
 from percept.haptics.search import lowest, rising_root, search_grid
 from percept.haptics.stability import demands
+from percept.haptics.velocity import VelocityFilter, filtered_damper
 
 __all__ = [
     "CheapestCoupling",
-    "PassivityDamping",
     "StableRegion",
     "best_coupling_damping",
     "largest_coupling_damping",
     "max_coupling_stiffness",
-    "passivity_damping",
     "stable_region",
     "stable_stiffness",
     "stiffness_limits",
@@ -50,7 +52,7 @@ def max_coupling_stiffness(
     period: float,
     *,
     discretization: str = "backward",
-    hold: str = "average",
+    hold: AnyHold = "average",
 ) -> FloatArray:
     """Return the largest k_c with which a rigid device is stable.
 
@@ -64,8 +66,8 @@ def max_coupling_stiffness(
         Sampling period T, s.
     discretization : {"backward", "tustin"}
         Eq. 6 (default), or Eq. 12's form.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
+    hold : {"average", "true"} or Hold
+        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
 
     Returns
     -------
@@ -80,15 +82,17 @@ def max_coupling_stiffness(
     """
     period = checked_period(period)
     one_of(discretization, "discretization", DISCRETIZATIONS)
-    one_of(hold, "hold", HOLDS)
+    hold = hold_of(hold)
     b = nonnegative_array(device_damping, "device damping", "N·s/m")
     b_c = nonnegative_array(coupling_damping, "coupling damping", "N·s/m")
     b, b_c = np.broadcast_arrays(b, b_c)
+    if hold.delay:
+        return _searched_stiffness(b, b_c, period, discretization, hold)[()]
     if discretization == "tustin":
         return (_stretch(b, b_c, hold) / period)[()]
     root_b = np.sqrt(b)
     at_dc = 4 * root_b * (root_b + np.sqrt(b + b_c))
-    if hold == "true":
+    if hold_of(hold).kind == "true":
         at_nyquist = np.maximum(0.0, 2 * (np.pi * b - b_c))
         stretch = np.minimum(at_dc, at_nyquist)
     else:
@@ -102,10 +106,32 @@ def max_coupling_stiffness(
     return (stretch / period)[()]
 
 
-def _stretch(b: FloatArray, beta: FloatArray, hold: str) -> FloatArray:
+def _searched_stiffness(
+    b: FloatArray, b_c: FloatArray, period: float, discretization: str, hold: AnyHold
+) -> FloatArray:
+    """Return the largest k_c of rigid devices, N/m, by a search over ω."""
+    of_devices = b.ravel()
+    of_couplings = b_c.ravel()
+
+    def limits(omega: FloatArray, which: IntArray) -> FloatArray:
+        device = Device(0.0, of_devices[which])
+        damping = of_couplings[which]
+        if discretization == "backward":
+            return stiffness_limits(omega, device, damping, period, hold)
+        # Eq. 10 is viscous·β² + elastic·K² ≤ b·β.
+        viscous, elastic = demands(warp(omega, period), hold)
+        spare = of_devices[which] - viscous * damping
+        square = ratio(np.maximum(spare, 0.0) * damping, elastic, empty=np.inf)
+        return np.where(spare < 0, 0.0, np.sqrt(square)) / period
+
+    least = lowest(limits, search_grid(Device(0.0, 0.0), period, hold), of_devices.size)
+    return least.value.reshape(b.shape)
+
+
+def _stretch(b: FloatArray, beta: FloatArray, hold: AnyHold) -> FloatArray:
     """Return the largest K = k_c·T, N·s/m, at a damping β in Tustin's form; 0 where none is."""
     at_dc = 4 * np.sqrt(b) * np.sqrt(beta)
-    if hold == "true":
+    if hold_of(hold).kind == "true":
         return np.where(beta <= np.pi * b, at_dc, 0.0)
     rho = ratio(b, beta, empty=0.0)
     inner = np.clip(rho, 0.125, 0.2)
@@ -141,7 +167,13 @@ def _interior_root(c: FloatArray, room: FloatArray) -> FloatArray:
     return rising_root(excess, room, np.zeros_like(room), room).reshape(shape)
 
 
-def stable_stiffness(device: AnyDevice, b_c: FloatArray, period: float, hold: str) -> FloatArray:
+def stable_stiffness(
+    device: AnyDevice,
+    b_c: FloatArray,
+    period: float,
+    hold: AnyHold,
+    velocity_filter: VelocityFilter | None = None,
+) -> FloatArray:
     """Return the largest stable k_c (Eq. 6), in closed form for a rigid device, else by a search.
 
     Parameters
@@ -152,33 +184,41 @@ def stable_stiffness(device: AnyDevice, b_c: FloatArray, period: float, hold: st
         Damping of the coupling, N·s/m.
     period : float
         Sampling period T, s.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
+    hold : {"average", "true"} or Hold
+        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
+    velocity_filter : VelocityFilter, optional
+        Of the velocity that b_c acts on.
 
     Returns
     -------
     ndarray
-        N/m, of b_c's shape; 0 where no positive stiffness is stable.
+        N/m, of b_c's shape; 0 where b_c alone is not stable. From the second order on a filter
+        makes every damper active: then it is 0 but for b_c = 0.
 
     Raises
     ------
     UsageError
         T not positive, a table that begins above Nyquist, an unknown hold.
     """
-    if isinstance(device, Device) and not device.modes:
+    if isinstance(device, Device) and not device.modes and velocity_filter is None:
         return np.asarray(max_coupling_stiffness(device.damping, b_c, period, hold=hold))
 
     lines = np.atleast_1d(b_c)
 
     def limits(omega: FloatArray, which: IntArray) -> FloatArray:
-        return stiffness_limits(omega, device, lines[which], period, hold)
+        return stiffness_limits(omega, device, lines[which], period, hold, velocity_filter)
 
-    least = lowest(limits, search_grid(device, period), lines.size)
+    least = lowest(limits, search_grid(device, period, hold), lines.size)
     return least.value.reshape(b_c.shape)
 
 
-def largest_coupling_damping(device: AnyDevice, period: float, hold: str) -> float:
-    """Return the largest b_c, N·s/m, with which any coupling is stable; 0 where none is.
+def largest_coupling_damping(
+    device: AnyDevice,
+    period: float,
+    hold: AnyHold,
+    velocity_filter: VelocityFilter | None = None,
+) -> float:
+    """Return the largest b_c, N·s/m, that is stable without a spring; 0 where none is.
 
     Parameters
     ----------
@@ -186,8 +226,10 @@ def largest_coupling_damping(device: AnyDevice, period: float, hold: str) -> flo
         Known from DC to Nyquist.
     period : float
         Sampling period T, s.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
+    hold : {"average", "true"} or Hold
+        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
+    velocity_filter : VelocityFilter, optional
+        Of the velocity that b_c acts on.
 
     Returns
     -------
@@ -199,15 +241,27 @@ def largest_coupling_damping(device: AnyDevice, period: float, hold: str) -> flo
     UsageError
         T not positive, an unknown hold.
     """
-    grid = warp(search_grid(device, period), period)
+    grid = warp(search_grid(device, period, hold), period)
     available, _ = device_parts(grid, device)
-    viscous, _ = demands(grid, hold)
+    viscous, elastic = demands(grid, hold)
+    if velocity_filter is not None:
+        damper = filtered_damper(grid, velocity_filter)
+        stretch = damper.stiffness * period
+        # At Nyquist Re F vanishes with what it is to balance: its neighbours decide.
+        below = grid.cos > 0
+        viscous = (viscous * damper.damping**2 + elastic * stretch**2)[below]
+        available = (available * damper.damping)[below]
     limits = ratio(available, viscous, empty=np.inf)
     return max(float(limits.min()), 0.0)
 
 
 def stiffness_limits(
-    omega: ArrayLike, device: AnyDevice, b_c: FloatArray, period: float, hold: str
+    omega: ArrayLike,
+    device: AnyDevice,
+    b_c: FloatArray,
+    period: float,
+    hold: AnyHold,
+    velocity_filter: VelocityFilter | None = None,
 ) -> FloatArray:
     """Return the largest k_c that Eq. 10 allows at each ω; 0 where none is, inf where all are."""
     grid = warp(omega, period)
@@ -216,8 +270,16 @@ def stiffness_limits(
     viscous, elastic = demands(grid, hold)
     needed = viscous * b_c
     spare = available - needed
-    a = viscous / 4 + elastic
     half_b = (needed - available / 2) / 2
+    if velocity_filter is not None:
+        # β is K/2 + b_c·Re F, and beside K stands what the filter makes of b_c.
+        damper = filtered_damper(grid, velocity_filter)
+        stretch = damper.stiffness * grid.period
+        mixed = viscous * damper.damping + 2 * elastic * stretch
+        half_b = (mixed * b_c - available / 2) / 2
+        needed = (viscous * damper.damping**2 + elastic * stretch**2) * b_c
+        spare = available * damper.damping - needed
+    a = viscous / 4 + elastic
     # a·K² + 2·half_b·K − b_c·spare = 0, in the form that adds terms of one sign.
     spare_root = np.sqrt(np.maximum(spare, 0.0))
     root = np.hypot(half_b, np.sqrt(a) * np.sqrt(b_c) * spare_root)
@@ -266,7 +328,7 @@ class StableRegion(NamedTuple):
 
 
 def stable_region(
-    device_damping: float, period: float, *, hold: str = "average", points: int = 257
+    device_damping: float, period: float, *, hold: AnyHold = "average", points: int = 257
 ) -> StableRegion:
     """Return the edge of all couplings (Eq. 6) that Eq. 10 allows a rigid device.
 
@@ -276,8 +338,8 @@ def stable_region(
         b_d, N·s/m.
     period : float
         Sampling period T, s.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
+    hold : {"average", "true"} or Hold
+        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
     points : int
         Vertices on the curved edge.
 
@@ -286,10 +348,16 @@ def stable_region(
     StableRegion
         The vertices on the edge, and the corner at the origin.
     """
+    hold = hold_of(hold)
     # Half-cosine spacing: the edge leaves both ends like a square root.
     angle = np.linspace(0, np.pi / 2, points)
     fraction = np.sin(angle) ** 2
-    if hold == "true":
+    if hold.delay:
+        largest = largest_coupling_damping(Device(0.0, device_damping), period, hold)
+        damping = largest * fraction
+        limit = max_coupling_stiffness(device_damping, damping, period, hold=hold)
+        stretch = limit * period
+    elif hold.kind == "true":
         # The DC limit meets the axis b_c = 0 at β = 4b, beyond β = πb: the Nyquist limit is the
         # whole edge.
         damping = np.pi * device_damping * fraction
@@ -300,39 +368,3 @@ def stable_region(
         damping = np.maximum(beta - stretch / 2, 0.0)
     stiffness = np.append(stretch, 0.0) / period
     return StableRegion(stiffness, np.append(damping, 0.0))
-
-
-class PassivityDamping(NamedTuple):
-    """Device damping above which an environment rendered without coupling is passive, N·s/m."""
-
-    colgate: FloatArray  # By Colgate & Schenkel: true zero-order hold, backward differences
-    paper: FloatArray  # In the paper's own model (Eqs 7, 8)
-
-
-def passivity_damping(environment: Environment, period: float) -> PassivityDamping:
-    """Return the device damping above which an environment rendered without coupling is passive.
-
-    Parameters
-    ----------
-    environment : Environment
-        Its parameters may be arrays.
-    period : float
-        Sampling period T, s.
-
-    Returns
-    -------
-    PassivityDamping
-        Of the broadcast shape of the environment's parameters.
-
-    Notes
-    -----
-    Colgate & Schenkel ask b_d > T/(2(1 − cos θ))·Re[(1 − e^{−jθ})·H(e^{jθ})] for all θ = ωT. With
-    u = sin²(θ/2) the right-hand side is k·T/2 − b(1 − 2u) − (2m/T)(3u − 4u²): convex in u, so
-    largest at DC, k·T/2 − b, or at Nyquist, k·T/2 + b + 2m/T. Without mass that is k·T/2 + abs(b).
-    In the paper's model it is k·T/2 − b: there Re Z_h = b_d + cos²(θ/2)(b − k·T/2) +
-    (2m/T)·sin²(θ/2), smallest at DC where it can be negative at all.
-    """
-    elastic = np.multiply(environment.stiffness, period / 2)
-    colgate = elastic + environment.damping + np.multiply(environment.mass, 2 / period)
-    paper = elastic - environment.damping + np.multiply(environment.mass, 0.0)
-    return PassivityDamping(np.asarray(colgate)[()], np.asarray(paper)[()])

@@ -18,16 +18,16 @@ from percept.haptics.arrays import (
     real_array,
     times,
 )
+from percept.haptics.axis import Warp, warp
 from percept.haptics.impedance import (
     Element,
-    Held,
-    Warp,
+    coupling_element,
     device_parts,
+    environment_element,
     rotated_device,
     series,
-    tustin_damping,
-    warp,
 )
+from percept.haptics.loop import AnyHold
 from percept.haptics.records import AnyDevice, Coupling, Display, Environment
 
 __all__ = [
@@ -84,11 +84,10 @@ def _coupled(
     grid: Warp, environment: Environment, coupling: Coupling | None, discretization: str
 ) -> Element:
     """Return the environment, or environment and coupling in series, at each ω."""
-    element = Element(environment.stiffness, environment.damping, environment.mass)
+    element = environment_element(grid, environment)
     if coupling is None:
         return element
-    damping = tustin_damping(coupling, grid.period, discretization)
-    return series(grid, element, Element(coupling.stiffness, damping))
+    return series(grid, element, coupling_element(grid, coupling, discretization))
 
 
 def shown_element(grid: Warp, display: Display) -> Element:
@@ -120,7 +119,7 @@ def perceived_impedance(
     period: float,
     *,
     coupling: Coupling | None = None,
-    hold: str = "average",
+    hold: AnyHold = "average",
     discretization: str = "tustin",
 ) -> ComplexArray:
     """Return Z_h(jω), Eq. 13, or with a coupling Z_h_vc(jω), Eq. 11.
@@ -137,8 +136,8 @@ def perceived_impedance(
         Sampling period T, s.
     coupling : Coupling, optional
         Z_c between device and environment; none means rigidly joined.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
+    hold : {"average", "true"} or Hold
+        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
     discretization : {"tustin", "backward"}
         Of the coupling: Eq. 12's form (default) or Eq. 6's.
 
@@ -157,16 +156,17 @@ def perceived_impedance(
     grid = warp(omega, period)
     element = _coupled(grid, environment, coupling, discretization)
     real, imaginary = device_parts(grid, device)
-    held_real, held_imaginary = _held_parts(grid, grid.held(hold), element)
+    held_real, held_imaginary = _held_parts(grid, hold, element)
     return complex_from(real + held_real, imaginary + held_imaginary)
 
 
-def _held_parts(grid: Warp, held: Held, element: Element) -> tuple[FloatArray, FloatArray]:
+def _held_parts(grid: Warp, hold: AnyHold, element: Element) -> tuple[FloatArray, FloatArray]:
     """Return the parts of ZOH·(m·s + b + k/s), N·s/m.
 
     Each product of gain, Ω^±1 and sin h or cos h is written out so that no factor overflows beside
     one that vanishes; only k at DC and m at Nyquist (true hold) are left with an infinite factor.
     """
+    held = grid.held(hold)
     gain_cos = held.gain * grid.cos
     gain_sin = held.gain * grid.sin
     real = (
@@ -174,12 +174,21 @@ def _held_parts(grid: Warp, held: Held, element: Element) -> tuple[FloatArray, F
         + times(element.mass, held.rate * grid.sin)
         - np.multiply(element.stiffness, gain_cos * (grid.period / 2))
     )
-    imaginary = (
-        np.multiply(element.mass, gain_sin * (2 / grid.period))
-        - np.multiply(element.damping, gain_sin)
-        - times(element.stiffness, held.per_rate * grid.cos)
+    inertial_and_viscous = np.multiply(element.mass, gain_sin * (2 / grid.period)) - np.multiply(
+        element.damping, gain_sin
     )
-    return real, imaginary
+    imaginary = inertial_and_viscous - times(element.stiffness, held.per_rate * grid.cos)
+    lag = grid.lag(hold)
+    if lag is None:
+        return real, imaginary
+    # The spring's own part of the imaginary one, times sin ψ, is finite at DC.
+    elastic_lag = gain_cos * grid.cos * lag.sin_per_sin * (grid.period / 2)
+    late_real = (
+        times(lag.cos, real)
+        + lag.sin * inertial_and_viscous
+        - np.multiply(element.stiffness, elastic_lag)
+    )
+    return late_real, times(lag.cos, imaginary) - times(lag.sin, real)
 
 
 def perceived_magnitude(
@@ -190,7 +199,7 @@ def perceived_magnitude(
     period: float,
     *,
     mass: ArrayLike = 0.0,
-    hold: str = "average",
+    hold: AnyHold = "average",
 ) -> FloatArray:
     """Return abs(Z_h) as a distance (see `DistancePlane`), for any real k and b.
 
@@ -223,20 +232,20 @@ class Extremes(NamedTuple):
 class DistancePlane(NamedTuple):
     """The plane of (g·b, g·k/Ω), in which abs(Z_h) is the distance from one point.
 
-    The device sets that point. With g the hold's gain and h = ωT/2,
-    abs(Z_h) = abs(Z_d·e^{jh} + g·b + j·g·(m·Ω − k/Ω)).
+    The device sets that point. With g the hold's gain, h = ωT/2 and a delay of d samples,
+    abs(Z_h) = abs(Z_d·e^{j(1 + 2d)h} + g·b + j·g·(m·Ω − k/Ω)).
     """
 
     gain: FloatArray  # g
     per_rate: FloatArray  # g/Ω, s/rad
-    real: FloatArray  # Real part of Z_d·e^{jh} + j·g·m·Ω, N·s/m
+    real: FloatArray  # Real part of Z_d·e^{j(1 + 2d)h} + j·g·m·Ω, N·s/m
     imaginary: FloatArray  # Its imaginary part, N·s/m
 
     @classmethod
-    def of(cls, grid: Warp, device: AnyDevice, hold: str, mass: Scalars = 0.0) -> DistancePlane:
+    def of(cls, grid: Warp, device: AnyDevice, hold: AnyHold, mass: Scalars = 0.0) -> DistancePlane:
         """Take a device with the environment's mass, kg, at each ω."""
         held = grid.held(hold)
-        real, imaginary = rotated_device(grid, device)
+        real, imaginary = rotated_device(grid, device, hold)
         return cls(held.gain, held.per_rate, real, imaginary + times(mass, held.rate))
 
     def flat(self) -> DistancePlane:
@@ -248,7 +257,7 @@ class DistancePlane(NamedTuple):
         return DistancePlane(*(field[which] for field in self))
 
     def offsets(self, point: Point) -> tuple[FloatArray, FloatArray]:
-        """Return real and imaginary part of Z_h·e^{jh}, N·s/m."""
+        """Return real and imaginary part of Z_h·e^{j(1 + 2d)h}, N·s/m."""
         k, b = point
         return self.gain * b + self.real, self.imaginary - times(k, self.per_rate)
 

@@ -18,6 +18,8 @@ from percept.haptics.arrays import (
     nonnegative_array,
     stored,
 )
+from percept.haptics.loop import AnyHold
+from percept.haptics.velocity import VelocityFilter
 
 __all__ = [
     "AnyDevice",
@@ -58,6 +60,8 @@ class Environment(_Parameters):
         b, N·s/m, zero or more.
     mass : float or array_like, optional
         m, kg, zero or more.
+    velocity_filter : VelocityFilter, optional
+        Of the velocity that b acts on; none by default.
 
     Raises
     ------
@@ -73,6 +77,7 @@ class Environment(_Parameters):
     stiffness: Scalars
     damping: Scalars
     mass: Scalars = 0.0
+    velocity_filter: VelocityFilter | None = None
 
 
 @dataclass(frozen=True)
@@ -85,6 +90,8 @@ class Coupling(_Parameters):
         k_c, N/m, zero or more.
     damping : float or array_like
         b_c, N·s/m, zero or more.
+    velocity_filter : VelocityFilter, optional
+        Of the velocity that b_c acts on; none by default.
 
     Raises
     ------
@@ -94,6 +101,7 @@ class Coupling(_Parameters):
 
     stiffness: Scalars
     damping: Scalars
+    velocity_filter: VelocityFilter | None = None
 
 
 @dataclass(frozen=True)
@@ -251,15 +259,15 @@ class Display:
         Sampling period T, s.
     coupling : Coupling, optional
         Z_c in Tustin's form (Eq. 12); None where environment and device are joined directly.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
+    hold : {"average", "true"} or Hold
+        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
     """
 
     device: AnyDevice
     environment: Environment
     period: float
     coupling: Coupling | None = None
-    hold: str = "average"
+    hold: AnyHold = "average"
 
     @property
     def count(self) -> int | None:
@@ -284,7 +292,8 @@ class Display:
             device = replace(device, mass=mass, damping=selected(device.damping))
         coupling = self.coupling
         if coupling is not None:
-            coupling = Coupling(selected(coupling.stiffness), selected(coupling.damping))
+            stiffness = selected(coupling.stiffness)
+            coupling = replace(coupling, stiffness=stiffness, damping=selected(coupling.damping))
         return replace(self, device=device, coupling=coupling)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from percept.errors import UsageError
 from percept.haptics.arrays import BoolArray, FloatArray, IntArray, ratio
-from percept.haptics.impedance import omega_of_rate
+from percept.haptics.axis import omega_of_rate
+from percept.haptics.loop import AnyHold, hold_of
 from percept.haptics.records import AnyDevice, Device, Mode, TabulatedDevice
 
 __all__ = [
@@ -27,6 +28,8 @@ __all__ = [
 _COVERED = 1e-3
 # Points of a search between DC and Nyquist, evenly spaced and as many evenly in the logarithm.
 _SPACED = 600
+# Points to a sample of delay: what it asks for rises and falls once in two samples.
+_SPACED_PER_SAMPLE = 40
 # Where a mode is looked at, in its widths to either side of its resonance.
 _OFFSETS = np.geomspace(1e-2, 1e3, 60)
 # A mode without damping counts as this wide, as a fraction of its resonance.
@@ -65,8 +68,8 @@ def covers_range(device: AnyDevice, period: float) -> bool:
     return bool(from_dc and to_nyquist)
 
 
-def search_grid(device: AnyDevice, period: float) -> FloatArray:
-    """Return ω at which no feature of a device is missed.
+def search_grid(device: AnyDevice, period: float, hold: AnyHold = "average") -> FloatArray:
+    """Return ω at which no feature of a device or of a delay is missed.
 
     Parameters
     ----------
@@ -74,6 +77,8 @@ def search_grid(device: AnyDevice, period: float) -> FloatArray:
         Its modes, or the rows of its table, add to an even grid.
     period : float
         Sampling period T, s.
+    hold : {"average", "true"} or Hold
+        A long delay adds to the even grid.
 
     Returns
     -------
@@ -86,10 +91,11 @@ def search_grid(device: AnyDevice, period: float) -> FloatArray:
         The table begins above Nyquist.
     """
     nyquist = np.pi / period
+    for_delay = int(np.ceil(_SPACED_PER_SAMPLE * hold_of(hold).delay))
     parts = [
         np.array([0.0]),
         np.geomspace(1e-6, 1, _SPACED) * nyquist,
-        np.linspace(0, 1, _SPACED) * nyquist,
+        np.linspace(0, 1, max(_SPACED, for_delay)) * nyquist,
     ]
     first = 0.0
     last = nyquist

@@ -13,16 +13,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.haptics.arrays import (
+    LARGEST,
     FloatArray,
     IntArray,
     Scalars,
     checked_period,
-    one_of,
     ratio,
     stored,
     times,
 )
-from percept.haptics.impedance import HOLDS, Warp, device_parts, tustin_damping, warp
+from percept.haptics.axis import Warp, warp
+from percept.haptics.impedance import coupling_element, device_parts, tustin_damping
+from percept.haptics.loop import AnyHold, Hold, hold_of
 from percept.haptics.records import AnyDevice, Coupling, Device, TabulatedDevice, refuse_arrays
 from percept.haptics.search import covers_range, lowest, search_grid
 from percept.html import NotebookRecord
@@ -61,12 +63,14 @@ def required_damping_at(
     period: float,
     *,
     discretization: str = "backward",
-    hold: str = "average",
+    hold: AnyHold = "average",
 ) -> FloatArray:
     """Return the Re Z_d(jω) that Eq. 10 asks for at each ω.
 
     g·[β(1 − y)/2 + K²y²/(8β(1 + y))] with y = cos(ωT/2), g the hold's gain (y for Eq. 8), K = k_c·T
-    and β the coupling's damping in Tustin's form (b_c + K/2 for the backward difference).
+    and β the coupling's damping in Tustin's form (b_c + K/2 for the backward difference). With a
+    delay of d samples it is g·[1 − cos((d + ½)ωT)]/2·[β + K²/(4β·tan²(ωT/2))]. A velocity filter F
+    puts Re Z_c in place of β, and −Ω·T·Im Z_c in place of K.
 
     Parameters
     ----------
@@ -78,8 +82,8 @@ def required_damping_at(
         Sampling period T, s.
     discretization : {"backward", "tustin"}
         Eq. 6 (default), or Eq. 12's form.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
+    hold : {"average", "true"} or Hold
+        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
 
     Returns
     -------
@@ -94,10 +98,14 @@ def required_damping_at(
     """
     grid = warp(omega, period)
     viscous, elastic = demands(grid, hold)
-    beta = tustin_damping(coupling, grid.period, discretization)
-    stretch = np.multiply(coupling.stiffness, grid.period)
+    element = coupling_element(grid, coupling, discretization)
+    beta = element.damping
+    stretch = np.multiply(element.stiffness, grid.period)
     # Only positive terms, and K²/β as K·(K/β): K² alone may leave the range of a double.
     load = stretch * ratio(stretch, beta, empty=0.0)
+    if coupling.velocity_filter is not None:
+        # A filter may make the coupling active: no device then suffices.
+        load = np.where(np.less(beta, 0), np.inf, load)
     needed = np.multiply(beta, viscous) + times(elastic, load)
     # A spring without a damper asks for infinitely much right up to Nyquist, so also there.
     return np.where(np.isinf(load), np.inf, needed)[()]
@@ -110,15 +118,15 @@ class Demands(NamedTuple):
     elastic: FloatArray
 
 
-def demands(grid: Warp, hold: str) -> Demands:
+def demands(grid: Warp, hold: AnyHold) -> Demands:
     """Return what Eq. 10 asks for at each ω.
 
     Parameters
     ----------
     grid : Warp
         Angles of ω.
-    hold : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
+    hold : {"average", "true"} or Hold
+        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
 
     Returns
     -------
@@ -131,6 +139,12 @@ def demands(grid: Warp, hold: str) -> Demands:
         For an unknown hold.
     """
     gain = grid.held(hold).gain
+    delay = hold_of(hold).delay
+    if delay:
+        # 1 − cos((1 + 2d)h) is 2 sin²((½ + d)h); its ratio to sin² h is finite at DC.
+        sine = np.sin((0.5 + delay) * grid.half)
+        per_sine = ratio(sine, grid.sin, empty=0.5 + delay)
+        return Demands(viscous=gain * sine**2, elastic=gain * (per_sine * grid.cos / 2) ** 2)
     return Demands(
         viscous=gain * grid.one_minus_cos / 2,
         elastic=gain * grid.cos**2 / (8 * (1 + grid.cos)),
@@ -138,11 +152,16 @@ def demands(grid: Warp, hold: str) -> Demands:
 
 
 def required_damping(
-    coupling: Coupling, period: float, *, discretization: str = "backward", hold: str = "average"
+    coupling: Coupling,
+    period: float,
+    *,
+    discretization: str = "backward",
+    hold: AnyHold = "average",
 ) -> RequiredDamping:
-    """Return the damping a rigid device needs for a coupling, in closed form (Eq. 10 over all ω).
+    """Return the damping a rigid device needs for a coupling (Eq. 10 over all ω).
 
-    Parameters as in `stability_margin`; the coupling's may be arrays.
+    It is a closed form without delay and filter, and searched over ω with one. Parameters as in
+    `stability_margin`; the coupling's may be arrays.
 
     Returns
     -------
@@ -162,12 +181,14 @@ def required_damping(
     hold the maximum is at one end: β/π at Nyquist, or K²/16β at DC.
     """
     period = checked_period(period)
-    one_of(hold, "hold", HOLDS)
+    hold = hold_of(hold)
+    if hold.delay or coupling.velocity_filter is not None:
+        return _searched_damping(coupling, period, discretization, hold)
     beta = np.asarray(tustin_damping(coupling, period, discretization))
     stretch = np.multiply(coupling.stiffness, period)
     kappa = ratio(stretch, 2 * beta, empty=0.0)
     at_dc = np.where(kappa == 0, 0.0, stretch * (kappa / 8))
-    if hold == "true":
+    if hold.kind == "true":
         at_nyquist = beta / np.pi
         damping = np.maximum(at_dc, at_nyquist)
         omega = np.where(at_dc > at_nyquist, 0.0, np.pi / period)
@@ -188,6 +209,26 @@ def required_damping(
     return RequiredDamping(stored(damping), stored(omega))
 
 
+def _searched_damping(
+    coupling: Coupling, period: float, discretization: str, hold: Hold
+) -> RequiredDamping:
+    """Return what `required_damping` does, by a search over ω."""
+    k_c, b_c = np.broadcast_arrays(coupling.stiffness, coupling.damping)
+    stiffness = k_c.ravel()
+    damping = b_c.ravel()
+
+    def spare(omega: FloatArray, which: IntArray) -> FloatArray:
+        each = Coupling(stiffness[which], damping[which], coupling.velocity_filter)
+        needed = required_damping_at(omega, each, period, discretization=discretization, hold=hold)
+        # Differences of infinities would hide a dip from the search.
+        return np.where(np.isinf(needed), -LARGEST, -needed)
+
+    grid = search_grid(Device(0.0, 0.0), period, hold)
+    least = lowest(spare, grid, stiffness.size)
+    needed = np.where(least.value == -LARGEST, np.inf, -least.value)
+    return RequiredDamping(stored(needed.reshape(k_c.shape)), stored(least.x.reshape(k_c.shape)))
+
+
 def stability_margin(
     omega: ArrayLike,
     device: AnyDevice,
@@ -195,7 +236,7 @@ def stability_margin(
     period: float,
     *,
     discretization: str = "backward",
-    hold: str = "average",
+    hold: AnyHold = "average",
 ) -> FloatArray:
     """Return Re Z_d(jω) over what Eq. 10 asks for at each ω: at least 1 everywhere means stable.
 
@@ -223,7 +264,7 @@ def stability_margin(
 
 
 def coupling_bound(
-    omega: ArrayLike, device: AnyDevice, period: float, *, hold: str = "average"
+    omega: ArrayLike, device: AnyDevice, period: float, *, hold: AnyHold = "average"
 ) -> FloatArray:
     """Return the lower bound of Re 1/Z_c in Eq. 10 and Fig. 4.
 
@@ -267,13 +308,13 @@ def absolute_stability(
     period: float,
     *,
     discretization: str = "backward",
-    hold: str = "average",
+    hold: AnyHold = "average",
 ) -> AbsoluteStability:
     """Judge a device with a coupling at every ω from DC to Nyquist (Eqs 9, 10).
 
-    A rigid device is judged in closed form. With modes the smallest margin is searched on a grid
-    that resolves each mode, and refined; a table is searched over the range it covers, and cannot
-    show stability where that is not all of it.
+    A rigid device is judged in closed form, with a delay by a search. With modes the smallest
+    margin is searched on a grid that resolves each mode, and refined; a table is searched over the
+    range it covers, and cannot show stability where that is not all of it.
 
     Parameters as in `stability_margin`, for one device and one coupling.
 
@@ -293,7 +334,7 @@ def absolute_stability(
     Llewellyn's criterion also asks that no pole of Eq. 4's matrix lies outside the unit circle.
     None does: records refuse negative masses, stiffnesses and dampings, and Tustin's method keeps
     the left half plane inside the circle. The coupling's pole, (2β − K)/(2β + K) with K = k_c·T,
-    lies inside it too.
+    lies inside it too. A delay multiplies the hold: whole samples add poles at zero.
     """
     period = checked_period(period)
     refuse_arrays(device, coupling)
@@ -310,14 +351,17 @@ def absolute_stability(
                 )
             )
 
-        least = lowest(margin, search_grid(device, period), 1)
+        least = lowest(margin, search_grid(device, period, hold), 1)
         smallest = float(least.value[0])
         binding = float(least.x[0])
     verdict: Verdict = "stable" if smallest > 1 + _ROUNDING else "marginal"
     reason = f"The smallest margin is {smallest:.6g}, at {binding:.6g} rad/s."
     if smallest < 1 - _ROUNDING:
         verdict = "unstable"
-        if smallest < 0:
+        active = coupling_element(warp(binding, period), coupling, discretization).damping
+        if np.less(active, 0):
+            reason = f"The velocity filter makes the coupling active at {binding:.6g} rad/s."
+        elif smallest < 0:
             reason = f"A port is active: its real part is negative at {binding:.6g} rad/s."
     elif isinstance(device, TabulatedDevice) and not covers_range(device, period):
         verdict = "undecided"

@@ -7,7 +7,6 @@ from percept.inference.classical.intervals import (
     prediction_interval,
     t_interval,
     tolerance_interval,
-    weber_fraction,
 )
 from percept.inference.classical.moments import Moments
 from percept.inference.classical.tolerance import tolerance_factor
@@ -23,5 +22,4 @@ __all__ = [
     "t_interval",
     "tolerance_factor",
     "tolerance_interval",
-    "weber_fraction",
 ]

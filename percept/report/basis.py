@@ -12,6 +12,7 @@ from typing import Any
 
 from percept import __version__
 from percept.report.cautions import misfits
+from percept.report.contrast import Design, design_words
 from percept.report.numbers import bare, percentage, rounded
 from percept.report.select import (
     KINDS,
@@ -22,6 +23,7 @@ from percept.report.select import (
     family_of,
     listed,
     makes_impedance,
+    matching,
     ordered,
     words_of,
 )
@@ -167,14 +169,11 @@ class ModelChecks:
 
 
 _HEADS = {
-    "elpd": "log density",
-    "pareto_k": "Pareto index",
-    "farther": "as far or farther",
     "p_value": "p",
     "above": "probability of more",
 }
 #: What the messages above the tables say.
-_UNSHOWN = {"influential", "outlier", "unusual"}
+_UNSHOWN = {"unusual"}
 
 
 def checks(results: Results) -> Section | None:
@@ -189,12 +188,6 @@ def checks(results: Results) -> Section | None:
             " (lognormal): what the classical intervals of each family assume. With ten {subjects}"
             " only gross misfit shows.",
             record.normality,
-            words,
-        ),
-        _check_table(
-            "Each {subject} left out: log predictive density given the others, Pareto index of "
-            "leaving it out, and the probability of lying as far off or farther.",
-            record.loo.subjects if record.loo else (),
             words,
         ),
         _check_table(
@@ -265,10 +258,13 @@ class Methods:
     family: str
     kinds: list[str]
     classical: str  # The classical intervals, in words; empty without any
+    classical_families: list[str]
     bayesian: bool
     subjects: int
+    design: Design
     deviation: str
     model: str
+    priors: str  # What the scene changed of them; empty without a fit
     worst: Boundary | None
     references: list[Reference]
     numbers: dict[str, int]  # Of the references, by key
@@ -281,20 +277,41 @@ def methods(results: Results) -> Section:
     kinds = ordered(KINDS, results.intervals, "kind")
     classical = [_CLASSICAL[kind].format(words_of(results).user) for kind in kinds]
     references = cited(results)
+    rows = matching(results.intervals, method="classical")
+    # Lognormal limits of what has references of zero are in the tables alone.
+    differences = compared_by_difference(rows)
+    families = {row.family for row in rows if row.parameter not in differences} | {"normal"}
     view = Methods(
         family=family_of(results),
         kinds=kinds,
         classical=listed(classical) if "classical" in used else "",
+        classical_families=sorted(families, reverse=True),
         bayesian="bayesian" in used,
         subjects=max((row.n for row in results.intervals), default=0),
+        design=design_words(results),
         deviation=_deviation(results),
         model=_model(results),
+        priors=_priors(results) if "bayesian" in used else "",
         worst=worst_curve(results.boundaries),
         references=references,
         numbers={reference.key: rank for rank, reference in enumerate(references, start=1)},
         bibtex=bibtex(results),
     )
-    return Section("methods", "Methods, ready to paste", view)
+    return Section("methods", "Results and methods, ready to paste", view)
+
+
+def _priors(results: Results) -> str:
+    """Say which priors the scene changed, each with its value."""
+    changed = results.provenance.scene["model"].get("priors", {})
+    in_force = results.diagnostics.priors if results.diagnostics else ()
+    said = [
+        f"the {prior.meaning} was {bare(rounded(prior.value, 4))}"
+        for prior in in_force
+        if prior.prior in changed
+    ]
+    if not said:
+        return "All priors are percept’s defaults." if in_force else ""
+    return f"Of the priors, {listed(said)}; all others are percept’s defaults."
 
 
 def _deviation(results: Results) -> str:
@@ -331,10 +348,7 @@ def _model(results: Results) -> str:
     several = len(results.data.environments) > 1
     parts = ["a bias"]
     if several:
-        parts = [
-            "a regression of bias on the logarithm of the reference with a deviation for each"
-            f" {words.environment}"
-        ]
+        parts = [f"{_trend(results)} with a deviation for each {words.environment}"]
     if sessions and several and model["subject_effect"]:
         both = f" and correlated between {' and '.join(names)}" if pair else ""
         parts.append(f"{words.subject} effects shared by all {words.environments}{both}")
@@ -350,6 +364,20 @@ def _model(results: Results) -> str:
         )
     by_itself = f" ({' and '.join(names)} each by itself)" if pair and not sessions else ""
     return f"{', '.join(parts)}, and {scatter}{by_itself}"
+
+
+def _trend(results: Results) -> str:
+    """Say what joins the biases: no reference of zero or below has a logarithm."""
+    differences = compared_by_difference(results.intervals)
+    trend = "a regression of bias on the logarithm of the reference"
+    if not differences:
+        return trend
+    common = "a common bias"
+    relative = [name for name in results.data.quantities if name not in differences]
+    if not relative:
+        return common
+    labels = [results.data.quantities[name].label for name in relative]
+    return f"{trend} ({' and '.join(labels)}) or {common}"
 
 
 @cache
@@ -370,6 +398,8 @@ def cited(results: Results) -> list[Reference]:
         needed.add("meeker2017")
     if "bayesian" in methods:
         needed |= {"emcee", "cotter2013", "vehtari2021"}
+    if results.anova:
+        needed.add("greenhouse1959")
     if results.provenance.scene.get("coupling") and makes_impedance(results):
         needed.add("adams1999")
     return [reference for reference in _references() if reference.key in needed]

@@ -54,8 +54,12 @@ def _levels(contrast: Sequence[ContrastRow], words: Words) -> Iterator[str]:
     if contrast:
         factors = distinct(contrast, "factor")
         its = "its" if len(factors) == 1 else "their"
+        alone = "Outside"
+        if matching(contrast, method="bayesian"):
+            of_all = "One model of all levels gives every Bayesian result."
+            alone = f"{of_all} In classical results, outside"
         yield (
-            f"Outside the section on {listed(factors)} each of {its} levels stands by itself. "
+            f"{alone} the section on {listed(factors)} each of {its} levels stands by itself. "
             f"Only that section compares levels within {words.subjects}."
         )
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
-from percept.errors import counted
+from percept.errors import capitalised, counted
 from percept.inference.record import percent
 from percept.report.numbers import bare, digits_of, rounded
 from percept.report.select import METHODS, Section, distinct, listed, matching, ordered, words_of
-from percept.results import ContrastRow, Results
+from percept.results import AnovaRow, ContrastRow, Results
 from percept.sessions.quantities import Quantity
 
-__all__ = ["contrast", "contrast_sentences"]
+__all__ = ["Design", "LevelPanel", "contrast", "contrast_sentences", "design_words", "level_panels"]
 
 _SAID = 3  # more contrasts than this are counted on the first screen, not said
 
@@ -30,6 +30,14 @@ class ContrastTable:
 
 
 @dataclasses.dataclass(frozen=True)
+class AnovaTable:
+    """The analysis of variance of one quantity."""
+
+    quantity: Quantity
+    rows: list[AnovaRow]
+
+
+@dataclasses.dataclass(frozen=True)
 class Contrasts:
     """The section of factors, groups and covariates."""
 
@@ -39,6 +47,7 @@ class Contrasts:
     bayesian: bool
     overall: list[ContrastRow]  # Of the average user, over all references
     tables: list[ContrastTable]
+    anova: list[AnovaTable]
 
 
 def contrast(results: Results) -> Section | None:
@@ -63,6 +72,10 @@ def contrast(results: Results) -> Section | None:
         bayesian="bayesian" in distinct(rows, "method"),
         overall=_overall(rows),
         tables=tables,
+        anova=[
+            AnovaTable(results.data.quantities[name], matching(results.anova, parameter=name))
+            for name in distinct(results.anova, "parameter")
+        ],
     )
     factors = listed(distinct(rows, "factor"))
     compared = [row for row in rows if row.of != "level"] or rows
@@ -70,6 +83,57 @@ def contrast(results: Results) -> Section | None:
     if len({(row.factor, row.first, row.second) for row in compared}) == 1:
         versus = f"{compared[0].second} against {compared[0].first}"
     return Section("contrast", f"{factors}: {versus}", view)
+
+
+@dataclasses.dataclass(frozen=True)
+class LevelPanel:
+    """A figure of one quantity over the levels of one factor."""
+
+    name: str  # Of its file, without ending
+    parameter: str
+    factor: str
+    means: list[ContrastRow]  # The average user at every level, by both methods
+
+
+def level_panels(results: Results) -> list[LevelPanel]:
+    """Return a panel per quantity and factor whose levels have means."""
+    found = []
+    pairs = dict.fromkeys((row.parameter, row.factor) for row in results.levels)
+    for number, (parameter, factor) in enumerate(pairs, start=1):
+        of_factor = matching(results.contrast, parameter=parameter, factor=factor)
+        means = matching(of_factor, of="level", kind="mean")
+        if means:
+            found.append(LevelPanel(f"levels_{parameter}_{number}", parameter, factor, means))
+    return found
+
+
+@dataclasses.dataclass(frozen=True)
+class Design:
+    """Factors, groups and covariates of a study, as the methods paragraph names them."""
+
+    within: str  # "2 levels of hand and 3 levels of load"; empty without
+    groups: list[str]  # "12 novice and 11 expert (group)"
+    covariates: str
+
+
+def design_words(results: Results) -> Design:
+    """Name the levels of factors, the sizes of groups, and the covariates."""
+    # Of several quantities the first has the same levels.
+    levels = matching(results.levels, parameter=results.data.parameters[0])
+    within = []
+    groups = []
+    for factor in distinct(levels, "factor"):
+        of_factor = matching(levels, factor=factor)
+        if of_factor[0].within:
+            within.append(f"{len(of_factor)} levels of {factor}")
+            continue
+        sizes = []
+        for row in of_factor:
+            size = sum(value is not None for value in row.values)
+            sizes.append(f"{size} {row.level}")
+        groups.append(f"{listed(sizes)} ({factor})")
+    covariates = listed(distinct(matching(results.contrast, of="slope"), "factor"))
+    return Design(listed(within), groups, covariates)
 
 
 def _overall(rows: Sequence[ContrastRow]) -> list[ContrastRow]:
@@ -92,7 +156,7 @@ def contrast_sentences(results: Results) -> list[str]:
     # No one sentence says what an interaction is.
     rows = [row for row in contrasts if row.of != "interaction"]
     words = words_of(results)
-    users = f"{words.users[:1].upper()}{words.users[1:]}"
+    users = capitalised(words.users)
     sentences = []
     for row in rows[:_SAID]:
         label = results.data.quantities[row.parameter].label

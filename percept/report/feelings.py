@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from percept.boundary.confidence import FEWEST_FOR_PAIR, PARTS
 from percept.boundary.feels_real import judge
+from percept.errors import capitalised
 from percept.inference.record import percent
 from percept.report.numbers import bare, rounded
 from percept.report.select import (
@@ -157,7 +158,7 @@ def _straddling(judged: Sequence[Verdict]) -> list[str]:
     sentences = []
     for verdict in judged:
         evidence = verdict.bayesian
-        if evidence and evidence.straddles:
+        if evidence and evidence.straddles and verdict.by_device is None:
             probability = bare(rounded(100.0 * evidence.probability, 3))
             error = bare(rounded(100.0 * evidence.error, 2))
             sentences.append(
@@ -303,6 +304,6 @@ def _paper_rule(results: Results) -> PaperRule | None:
                 groups.append(f"{inside} {len(names)} of {len(preferred)} {environments}")
             elif names:
                 groups.append(f"{inside} {listed(names)}")
-        sentences.append(f"{rendered[:1].upper()}{rendered[1:]}, {'; '.join(groups)}")
+        sentences.append(f"{capitalised(rendered)}, {'; '.join(groups)}")
     best = preferred[0]
     return PaperRule(". ".join(sentences), METHOD_NAMES[best.method], best.family)

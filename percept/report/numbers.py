@@ -61,9 +61,12 @@ def _bias(value: float) -> str:
     """Write how far something lies from its reference: +38 %, −7.1 %, or 254 × the reference."""
     if value >= 9:
         return f"{bare(rounded(1 + value, 3))}\u202f×"
+    sign = "+" if value > 0 else ""
+    if abs(value) < 0.001:
+        # The sign may decide, so that no bias is written as less than something.
+        return f"{sign}{bare(rounded(100 * value, 2))}\u202f%"
     # Whole percents at least, as the sentences on the first screen.
-    digits = 2 if abs(value) < 0.995 else 3
-    return ("+" if value > 0 and abs(value) >= 0.001 else "") + percentage(value, digits)
+    return sign + percentage(value, 2 if abs(value) < 0.995 else 3)
 
 
 def number(value: object, *, digits: int = 5, style: str = "plain") -> Number:

@@ -7,11 +7,16 @@ import math
 from collections.abc import Iterator, Sequence
 
 from percept.report.cautions import cautions
-from percept.report.contrast import contrast_sentences
+from percept.report.contrast import contrast_sentences, level_panels
 from percept.report.feelings import RENDERED, coupling_sentences, feeling_sentences
+from percept.report.numbers import percentage
+from percept.report.paragraph import results_paragraph
+from percept.report.people import NamedSubject, named_subjects
 from percept.report.select import (
     METHODS,
+    MOST_OPEN,
     Section,
+    clearest,
     compared_by_difference,
     distinct,
     families_of,
@@ -39,18 +44,14 @@ _KIND = "user"  # whose range stands beside the average's interval
 def findings(results: Results) -> Findings:
     """Work out what the first screen says from the results."""
     references = tuple(_references(results.intervals))
-    return Findings(overview(results), references, tuple(cautions(results)))
+    rows, classical = _both_rows(results)
+    paragraph = results_paragraph(results, rows, classical)
+    return Findings(overview(results), references, tuple(cautions(results)), paragraph)
 
 
 def overview(results: Results) -> Overview:
     """Return the rows of the first table, and the sentences above them."""
-    intervals = matching(results.intervals, joint="marginal")
-    differences = compared_by_difference(intervals)
-    preferred = families_of(results)
-    rows = _rows(intervals, METHODS[::-1], preferred, differences)
-    # Paired as the methods are compared: in equal families.
-    families = [row.family for row in rows] or preferred
-    classical = _rows(intervals, ["classical"], families, differences)
+    rows, classical = _both_rows(results)
     words = words_of(results)
     sentences = contrast_sentences(results)
     contrasts = len(sentences)
@@ -64,6 +65,17 @@ def overview(results: Results) -> Overview:
     # The next user's ranges answer where no device lets percept judge what feels real.
     most = contrasts + max(3, len(distinct(rows, "parameter")) + 2)
     return Overview(tuple(rows), tuple(sentences[:most]))
+
+
+def _both_rows(results: Results) -> tuple[list[OverviewRow], list[OverviewRow]]:
+    """Return the rows of the first table, and those of the classical method."""
+    intervals = matching(results.intervals, joint="marginal")
+    differences = compared_by_difference(intervals)
+    preferred = families_of(results)
+    rows = _rows(intervals, METHODS[::-1], preferred, differences)
+    # Paired as the methods are compared: in equal families.
+    families = [row.family for row in rows] or preferred
+    return rows, _rows(intervals, ["classical"], families, differences)
 
 
 def _rows(
@@ -135,6 +147,11 @@ def _stability(results: Results) -> list[str]:
     sentence = (
         f"The coupling is {coupling.verdict}: the device has {has} the damping the coupling needs."
     )
+    if coupling.by_device is not None:
+        probability = percentage(coupling.by_device.probability, 3)
+        sentence += (
+            f" Over the device's posterior it is stable with a probability of {probability}."
+        )
     if "poles cannot" in coupling.reason:
         sentence += " The device is measured, so its poles cannot be checked."
     return [sentence]
@@ -154,22 +171,53 @@ class FirstScreen:
     """The first screen."""
 
     lines: list[Line]
+    folded: list[Line]  # Of many environments those whose bias is less clear
+    levels: list[str]  # Figures of factors, by quantity
     panels: list[str]  # Figures, by quantity
+    every: list[str]  # Figures of all environments, where `panels` leave some out
     rendered: list[str]  # How environments are displayed, in words
+    named: list[NamedSubject]  # By a warning
 
 
 def first_screen(results: Results, summary: Findings) -> Section:
     """Return the first screen: sentences, the table of environments, and warnings."""
     rows = summary.overview.rows
     rendered = distinct(results.verdicts, "coupled")
-    lines = []
+    foremost = _foremost(rows)
+    lines: list[Line] = []
+    folded: list[Line] = []
     for row in rows:
         felt = matching(results.verdicts, environment=row.environment)
         verdicts = [first(matching(felt, coupled=coupled)) for coupled in rendered]
-        lines.append(Line(row, len(matching(rows, environment=row.environment)), verdicts))
-    panels = [f"overview_{name}" for name in distinct(rows, "parameter")]
-    view = FirstScreen(lines, panels, [RENDERED[coupled] for coupled in rendered])
+        line = Line(row, len(matching(rows, environment=row.environment)), verdicts)
+        (lines if row.environment in foremost else folded).append(line)
+    parameters = distinct(rows, "parameter")
+    panels = [f"overview_{name}" for name in parameters]
+    every = [f"overview_all_{name}" for name in parameters] if folded else []
+    view = FirstScreen(
+        lines=lines,
+        folded=folded,
+        levels=[panel.name for panel in level_panels(results)],
+        panels=panels,
+        every=every,
+        rendered=[RENDERED[coupled] for coupled in rendered],
+        named=named_subjects(results),
+    )
     return Section("summary", "Summary", view)
+
+
+def _foremost(rows: Sequence[OverviewRow]) -> set[str]:
+    """Return the environments that stand open: of many those with the clearest bias."""
+    names = distinct(rows, "environment")
+    if len(names) <= MOST_OPEN:
+        return set(names)
+    clarities = dict.fromkeys(names, 0.0)
+    for row in rows:
+        if row.bias is None or row.bias_lower is None or row.bias_upper is None:
+            continue
+        clarity = abs(row.bias) / (row.bias_upper - row.bias_lower)
+        clarities[row.environment] = max(clarity, clarities[row.environment])
+    return clearest(clarities, max(1, MOST_OPEN // len(distinct(rows, "parameter"))))
 
 
 def _references(intervals: Sequence[IntervalRow]) -> Iterator[ReferencesInside]:

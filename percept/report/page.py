@@ -14,6 +14,7 @@ from jinja2 import FunctionLoader, StrictUndefined
 from jinja2.sandbox import SandboxedEnvironment
 from markupsafe import Markup, escape
 
+from percept.errors import capitalised
 from percept.provenance import commit_of_code
 from percept.report.numbers import digits_of, number, percentage, rounded
 from percept.report.sections import build_sections
@@ -113,7 +114,7 @@ def _environment(*packages: str) -> SandboxedEnvironment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["initial"] = _initial
+    environment.filters["initial"] = capitalised
     environment.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "separators": (",", ":")}
     return environment
 
@@ -130,11 +131,6 @@ def _policy(*scripts: str) -> str:
         f"default-src 'none'; script-src {' '.join(allowed)}; style-src 'unsafe-inline'; "
         "img-src data:; base-uri 'none'; form-action 'none'"
     )
-
-
-def _initial(text: str) -> str:
-    """Capitalise the first letter, and leave the others as they are."""
-    return text[:1].upper() + text[1:]
 
 
 def _asset(package: str, name: str) -> Markup:

@@ -12,6 +12,8 @@ from percept.report.basis import checks, comparison, data, diagnostics, methods
 from percept.report.contrast import contrast
 from percept.report.feelings import feelings, probability_said
 from percept.report.overview import first_screen
+from percept.report.people import people
+from percept.report.psychophysics import psychophysics
 from percept.report.select import (
     KINDS,
     METHODS,
@@ -44,7 +46,7 @@ from percept.results import (
 from percept.results.fields import Array
 from percept.sessions.quantities import Quantity
 
-__all__ = ["build_sections"]
+__all__ = ["Intervals", "Matrix", "build_sections", "intervals"]
 
 R = TypeVar("R", IntervalRow, Membership)
 
@@ -100,6 +102,7 @@ def build_sections(results: Results, summary: Findings) -> list[Section]:
     sections = (
         first_screen(results, summary),
         intervals(results),
+        psychophysics(results),
         contrast(results),
         boundaries(results),
         feelings(results),
@@ -111,6 +114,7 @@ def build_sections(results: Results, summary: Findings) -> list[Section]:
         comparison(results),
         diagnostics(results),
         checks(results),
+        people(results),
         data(results),
         methods(results),
         _part(results.provenance, "provenance", "Provenance"),

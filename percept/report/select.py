@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -12,10 +12,11 @@ from percept.results import DeviceMap, Nouns, Results
 from percept.sessions.quantities import IMPEDANCE
 
 __all__ = [
-    "KINDS", "METHODS", "METHOD_NAMES", "MOST_NAMED", "STATISTICS", "DeviceRange", "Section",
-    "Words", "choice_said", "chosen", "compared_by_difference", "device_ranges", "distinct",
-    "each_by_itself", "families_of", "family_of", "first", "kind_names", "listed",
-    "makes_impedance", "matching", "ordered", "preferred_families", "title_of", "words_of",
+    "KINDS", "METHODS", "METHOD_NAMES", "MOST_NAMED", "MOST_OPEN", "STATISTICS", "DeviceRange",
+    "Section", "Words", "choice_said", "chosen", "clearest", "compared_by_difference",
+    "device_ranges", "distinct", "each_by_itself", "families_of", "family_of", "first",
+    "kind_names", "listed", "makes_impedance", "matching", "ordered", "preferred_families",
+    "title_of", "words_of",
 ]  # fmt: skip
 
 R = TypeVar("R")
@@ -31,6 +32,8 @@ STATISTICS = {"mean": "mean", "sd": "SD", "farthest": "farthest {subject}"}
 METHOD_NAMES = {"classical": "classical", "bayesian": "Bayesian"}
 #: More names than this are counted, not listed.
 MOST_NAMED = 5
+#: Of more environments the first screen has the clearest; all of them are a click away.
+MOST_OPEN = 10
 
 
 @dataclass(frozen=True)
@@ -136,6 +139,11 @@ def matching(records: Iterable[R], **wanted: object) -> list[R]:
         for record in records
         if all(getattr(record, name) == value for name, value in wanted.items())
     ]
+
+
+def clearest(clarities: Mapping[str, float], most: int) -> set[str]:
+    """Return the environments with the largest bias, each over its interval's length."""
+    return set(sorted(clarities, key=lambda name: -clarities[name])[:most])
 
 
 #: Most environments of a figure: more are strips that nobody reads, on a page of many megabytes.

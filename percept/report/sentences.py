@@ -6,13 +6,24 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 
+from percept.errors import capitalised
 from percept.inference.record import percent
-from percept.report.numbers import bare, rounded
-from percept.report.select import METHOD_NAMES, MOST_NAMED, Words, distinct, listed, matching
+from percept.report.numbers import bare, digits_of, rounded
+from percept.report.select import (
+    METHOD_NAMES,
+    MOST_NAMED,
+    MOST_OPEN,
+    Words,
+    distinct,
+    listed,
+    matching,
+)
 from percept.results import LadderEffect, OverviewRow
 from percept.sessions.quantities import Quantity
 
-__all__ = ["bias_sentences", "cause_sentences", "user_sentences"]
+__all__ = [
+    "Bias", "bias_sentences", "biases_of", "cause_sentences", "ends", "size_said", "user_sentences",
+]  # fmt: skip
 
 #: A bias of so many references and more is written as a multiple.
 _MULTIPLE = 9.0
@@ -34,7 +45,7 @@ _MOST_DIGITS = 6
 
 
 @dataclasses.dataclass(frozen=True)
-class _Range:
+class Bias:
     """A bias with its interval, or the next user's range, of one quantity of one environment."""
 
     row: OverviewRow
@@ -70,18 +81,18 @@ def bias_sentences(
     """
     sentences = []
     for parameter in distinct(rows, "parameter"):
-        biases = _biases(matching(rows, parameter=parameter))
+        biases = biases_of(matching(rows, parameter=parameter))
         if not biases:
             continue
         label = quantities[parameter].label
-        sentence = _bias_sentence(biases, label[:1].upper() + label[1:], words)
-        classical = _biases(matching(others, parameter=parameter))
+        sentence = _bias_sentence(biases, capitalised(label), words)
+        classical = biases_of(matching(others, parameter=parameter))
         apart = _disagreement(biases, classical, words, matching(effects, parameter=parameter))
         sentences.append(" ".join([sentence, *apart]))
     return sentences
 
 
-def _biases(rows: Sequence[OverviewRow]) -> list[_Range]:
+def biases_of(rows: Sequence[OverviewRow]) -> list[Bias]:
     """Return the biases that have an interval; an end without limit is infinite."""
     biases = []
     for row in rows:
@@ -90,17 +101,17 @@ def _biases(rows: Sequence[OverviewRow]) -> list[_Range]:
             continue
         lower = -math.inf if row.bias_lower is None else row.bias_lower
         upper = math.inf if row.bias_upper is None else row.bias_upper
-        biases.append(_Range(row, lower, upper, row.bias))
+        biases.append(Bias(row, lower, upper, row.bias))
     return biases
 
 
-def _bias_sentence(biases: Sequence[_Range], name: str, words: Words) -> str:
+def _bias_sentence(biases: Sequence[Bias], name: str, words: Words) -> str:
     row = biases[0].row
     claim = f"{METHOD_NAMES[row.method]}, {percent(row.level)}"
     if all(bias.says_nothing for bias in biases):
         return f"{name}: these {words.subjects} are too few to say anything ({claim})."
     if len(biases) == 1:
-        return f"{name} in {row.environment}: {_signed(biases[0])} ({claim}: {_ends(biases[0])})."
+        return f"{name} in {row.environment}: {_signed(biases[0])} ({claim}: {ends(biases[0])})."
     parts = []
     for sign, word in ((1, "high"), (-1, "low")):
         alike = matching(biases, sign=sign)
@@ -115,7 +126,7 @@ def _bias_sentence(biases: Sequence[_Range], name: str, words: Words) -> str:
     )
 
 
-def _size(bias: _Range) -> float:
+def _size(bias: Bias) -> float:
     return abs(bias.bias)
 
 
@@ -141,14 +152,14 @@ def _moved(step: LadderEffect) -> float:
 
 
 def _disagreement(
-    biases: Sequence[_Range],
-    others: Sequence[_Range],
+    biases: Sequence[Bias],
+    others: Sequence[Bias],
     words: Words,
     effects: Sequence[LadderEffect],
 ) -> list[str]:
     """Say where the classical interval sees another sign than the Bayesian one, and why."""
     classical = {other.row.environment: other for other in others}
-    groups: dict[str, list[_Range]] = {}
+    groups: dict[str, list[Bias]] = {}
     for bias in biases:
         other = classical.get(bias.row.environment)
         if other is None or bias.row.method == "classical" or other.sign == bias.sign:
@@ -162,34 +173,43 @@ def _disagreement(
     for holds, alike in groups.items():
         environments += [other.row.environment for other in alike]
         if len(biases) == 1:
-            sentences.append(f"The classical interval, {_ends(alike[0])}, {holds}.")
+            sentences.append(f"The classical interval, {ends(alike[0])}, {holds}.")
             continue
-        named = [f"{other.row.environment} ({_ends(other)})" for other in alike[:MOST_NAMED]]
+        named = [f"{other.row.environment} ({ends(other)})" for other in alike[:MOST_NAMED]]
         more = f" and {len(alike) - MOST_NAMED} more" if len(alike) > MOST_NAMED else ""
         sentences.append(f"The classical interval {holds} in {listed(named)}{more}.")
     return sentences + cause_sentences(effects, environments, "mean", words)
 
 
-def _sized(alike: Sequence[_Range], every: int, words: Words) -> str:
+def _sized(alike: Sequence[Bias], every: int, words: Words) -> str:
     """Give each environment its bias and interval; of many, the smallest and the largest."""
     if len(alike) <= MOST_NAMED:
         return listed([_with_ends(bias) for bias in alike])
     count = f"all {every}" if len(alike) == every else f"{len(alike)} of {every}"
     by_size = sorted(alike, key=_size)
-    ends = f"{_with_ends(by_size[0])} to {_with_ends(by_size[-1])}"
-    return f"{count} {words.environments}, from {ends}"
+    extremes = f"{_with_ends(by_size[0])} to {_with_ends(by_size[-1])}"
+    if len(alike) == every:
+        return f"{count} {words.environments}, from {extremes}"
+    names = [bias.row.environment for bias in alike[:MOST_OPEN]]
+    more = ", …" if len(alike) > MOST_OPEN else ""
+    return f"{count} {words.environments}: {', '.join(names)}{more}, from {extremes}"
 
 
-def _with_ends(bias: _Range) -> str:
-    return f"{bias.row.environment} ({_signed(bias)}, {_ends(bias)})"
+def _with_ends(bias: Bias) -> str:
+    return f"{bias.row.environment} ({_signed(bias)}, {ends(bias)})"
 
 
-def _signed(bias: _Range) -> str:
+def _signed(bias: Bias) -> str:
     """Write the bias with its sign and unit."""
     return f"{_number(bias.bias, bias.row)}{_unit_of(bias.bias, bias.row)}"
 
 
-def _ends(bias: _Range) -> str:
+def size_said(bias: Bias) -> str:
+    """Write how large a bias is, with its unit; the sign is said beside it."""
+    return _signed(bias).lstrip("+−")
+
+
+def ends(bias: Bias) -> str:
     """Write the interval of the bias."""
     lower_unit = _unit_of(bias.lower, bias.row)
     upper_unit = _unit_of(bias.upper, bias.row)
@@ -204,7 +224,9 @@ def _number(value: float, row: OverviewRow) -> str:
     if row.relative and _MULTIPLE <= value < math.inf:
         return bare(rounded(1.0 + value, 3))
     size = abs(100.0 * value if row.relative else value)
-    text = bare(rounded(size, 2))
+    # Differences have the digits of the estimate beside them in the table.
+    digits = 2 if row.relative else digits_of(row.estimate, row.user_lower, row.user_upper)
+    text = bare(rounded(size, digits))
     if row.relative and _LEAST_WHOLE <= size < math.inf:
         text = f"{size:.0f}"
     sign = "−" if value < 0 else "+"
@@ -244,14 +266,14 @@ def user_sentences(
     return sentences
 
 
-def _user_ranges(rows: Sequence[OverviewRow]) -> list[_Range]:
+def _user_ranges(rows: Sequence[OverviewRow]) -> list[Bias]:
     """Return the next user's ranges, over the reference or less the reference."""
     ranges = []
     for row in rows:
         lower = row.user_lower_ratio if row.relative else row.user_bias_lower
         upper = row.user_upper_ratio if row.relative else row.user_bias_upper
         if lower is not None and upper is not None:
-            ranges.append(_Range(row, lower, upper))
+            ranges.append(Bias(row, lower, upper))
     return ranges
 
 
@@ -265,14 +287,14 @@ def _digits_between(lower: float, upper: float) -> int:
     return 2 if decades < 1.0 else min(2 + math.ceil(decades), _MOST_DIGITS)
 
 
-def _written(user: _Range) -> str:
+def _written(user: Bias) -> str:
     """Write the next user's range against the reference."""
     if user.row.relative:
         digits = _digits_between(user.lower, user.upper)
         ends = [bare(rounded(end, digits)) for end in (user.lower, user.upper)]
         return f"{' to '.join(ends)} times the reference"
-    lower = bare(rounded(abs(user.lower), 2))
-    upper = bare(rounded(abs(user.upper), 2))
+    lower = bare(rounded(abs(user.lower), digits_of(user.lower, user.lower, user.upper)))
+    upper = bare(rounded(abs(user.upper), digits_of(user.upper, user.lower, user.upper)))
     unit = f" {user.row.unit}" if user.row.unit else ""
     if user.lower >= 0:
         return f"{lower} to {upper}{unit} above the reference"

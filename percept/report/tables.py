@@ -57,8 +57,12 @@ def csv_tables(results: Results) -> dict[str, str]:
         tables[f"band_{name}"] = _table(widths, _REFERENCE_BAND, unit)
     impedances = matching(bands, parameter=None)
     tables["band"] = _table(impedances, _IMPEDANCE_BAND, _IMPEDANCE_UNIT)
+    tables["subjects"] = _all_fields(results.data.people)
     tables["boundaries"] = _curves(results.boundaries)
+    tables["psychophysics"] = _all_fields(results.psychophysics)
+    tables["equivalence"] = _all_fields(results.equivalence)
     tables["contrast"] = _all_fields(results.contrast)
+    tables["anova"] = _all_fields(results.anova)
     tables["comparison"] = _all_fields(results.comparison or ())
     tables["band_pairs"] = _band_pairs(results.band_pairs or ())
     tables["memberships"] = _all_fields(memberships)
@@ -120,18 +124,24 @@ def _curves(boundaries: Sequence[Boundary]) -> str:
     """Write a row per curve and frequency; empty without boundaries."""
     if not boundaries:
         return ""
-    rows: list[list[object]] = []
-    for boundary in boundaries:
-        labels = [getattr(boundary, name) for name in _CURVE]
-        coupled = boundary.coupled
-        if coupled is None:
-            coupled = np.full_like(boundary.omega, np.nan)
-        limits = [boundary.lower, boundary.upper]
-        columns = [boundary.omega, *limits, boundary.reference, coupled]
-        for point in np.column_stack(columns).tolist():
-            rows.append([*labels, *point])
     heads = _heads(("lower", "upper", "reference", "coupled"), _IMPEDANCE_UNIT)
-    return _csv([*_CURVE, "omega (rad/s)", *heads], rows)
+    lines = [_csv([*_CURVE, "omega (rad/s)", *heads], [])]
+    for boundary in boundaries:
+        labels = _csv([_cell(getattr(boundary, name)) for name in _CURVE], []).rstrip("\n")
+        columns = [boundary.omega, boundary.lower, boundary.upper, boundary.reference]
+        if boundary.coupled is None:
+            columns.append(np.full_like(boundary.omega, np.nan))
+        else:
+            columns.append(boundary.coupled)
+        for point in np.column_stack(columns).tolist():
+            numbers = ",".join(map(_number, point))
+            lines.append(f"{labels},{numbers}\n")
+    return "".join(lines)
+
+
+def _number(value: float) -> str:
+    """Write a double with every digit; nothing for NaN."""
+    return "" if math.isnan(value) else repr(value)
 
 
 def _heads(names: Sequence[str], unit: str) -> list[str]:
@@ -139,7 +149,7 @@ def _heads(names: Sequence[str], unit: str) -> list[str]:
     return [f"{name} ({unit})" if unit and name in _IN_UNIT else name for name in names]
 
 
-def _csv(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+def _csv(heads: Sequence[object], rows: Iterable[Sequence[object]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(heads)

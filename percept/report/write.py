@@ -30,14 +30,19 @@ _TABLES = (
     "band_*",
     "band",
     "boundaries",
+    "psychophysics",
+    "equivalence",
     "contrast",
+    "anova",
     "comparison",
     "memberships",
+    "subjects",
+    "overview",
     "verdicts",
 )
 _FIGURES = (
-    "overview_*", "boundaries", "ratios", "boundaries_close", "stability", "design", "device",
-    "band", "band_*",
+    "levels_*", "overview_*", "boundaries", "ratios", "boundaries_close", "zwidth", "stability",
+    "design", "device", "band", "band_*",
 )  # fmt: skip
 #: What a report may write and replace.
 REPORT_FILES = FolderFiles(
@@ -47,7 +52,7 @@ REPORT_FILES = FolderFiles(
         "report.json",
         "references.bib",
         "posterior.nc",
-        *(f"tables/{name}.csv" for name in _TABLES),
+        *(f"tables/{name}.{form}" for name in _TABLES for form in ("csv", "tex", "html")),
         *(f"figures/{name}.{form}" for name in _FIGURES for form in _FORMATS),
     ),
 )
@@ -124,21 +129,23 @@ def fill_report(
     from percept.report.figures import drawings
     from percept.report.figures.output import draw_all
     from percept.report.page import render_page
+    from percept.report.paste import paste_tables
 
     step = progress or (lambda _: None)
-    step("tables")
+    step("writing tables")
     summary = findings(results)
     (folder / "report.json").write_text(results.to_json(summary), encoding="utf-8")
     (folder / "tables").mkdir()
-    for name, text in csv_tables(results).items():
+    tables = csv_tables(results) | paste_tables(results, summary.overview.rows)
+    for name, text in tables.items():
         (folder / "tables" / name).write_text(text, encoding="utf-8")
     (folder / "references.bib").write_text(bibtex(results), encoding="utf-8")
     if posterior is not None:
-        step("posterior")
+        step("writing the posterior")
         write_posterior(posterior, folder / "posterior.nc")
-    step("figures")
+    step("drawing figures")
     plots = draw_all(drawings(results), folder / "figures", formats=formats)
-    step("page")
+    step("writing the page")
     files = {path.name for path in (*folder.iterdir(), *(folder / "tables").iterdir())}
     today = datetime.date.today().isoformat()
     page = render_page(results, summary, plots, date=date or today, files=files)

@@ -17,7 +17,8 @@ from percept.haptics import (
     perceived_impedance,
     required_damping,
 )
-from percept.haptics.limits import best_coupling_damping, passivity_damping
+from percept.haptics.limits import best_coupling_damping
+from percept.haptics.rendering import passivity_damping
 from percept.reproduce.devices import (
     DAMPINGS,
     MASSES,

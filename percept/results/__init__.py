@@ -27,15 +27,20 @@ from percept.results.coupling import (
     Confidences,
     ConfirmedCoupling,
     Coupling,
+    DeviceAverage,
     DeviceMap,
     DeviceProbabilities,
+    DeviceStability,
     EnvironmentCouplings,
     Leaning,
     Membership,
     MoreSubjects,
     Passivity,
     PosteriorEvidence,
+    RenderedEdge,
+    RenderedWall,
     Verdict,
+    ZWidth,
 )
 from percept.results.data import (
     CellValues,
@@ -46,6 +51,7 @@ from percept.results.data import (
     Nouns,
     Provenance,
     SourceFile,
+    SubjectRow,
 )
 from percept.results.findings import (
     Findings,
@@ -55,25 +61,30 @@ from percept.results.findings import (
     ReferencesInside,
 )
 from percept.results.intervals import (
+    AnovaRow,
     BandDifference,
     BandPair,
     ContrastRow,
     IntervalRow,
     Ladder,
     LadderEffect,
+    LevelValues,
     MethodPair,
 )
 from percept.results.plain import dumps, plain
+from percept.results.psychophysics import EquivalenceRow, PsychophysicsRow
 from percept.results.results import SCHEMA, Results, Skipped
 
 __all__ = [
-    "SCHEMA", "AdmissibleCouplings", "Band", "BandDifference", "BandLaw", "BandPair", "BandRow",
-    "BandStatement", "Boundary", "CellOutlier", "CellValues", "Checks", "Confidences",
-    "ConfirmedCoupling", "ContrastRow", "Coupling", "Data", "DesignCounts", "DeviceMap",
-    "DeviceProbabilities", "Diagnostics", "EnvironmentCouplings", "Estimate", "Findings",
-    "GateVerdict", "IntervalRow", "Ladder", "LadderEffect", "Leaning", "LeftOut", "LeftOutRow",
-    "Membership", "MethodPair", "MoreSubjects", "NormalityTest", "Note", "Nouns", "Overview",
-    "OverviewRow", "Passivity", "PosteriorEvidence", "PredictiveCheck", "Prior", "PriorQuantiles",
-    "Provenance", "ReferenceName", "ReferencesInside", "Results", "Shape", "Skipped", "SourceFile",
-    "SubjectCheck", "Verdict", "WeberTrend", "dumps", "plain",
+    "SCHEMA", "AdmissibleCouplings", "AnovaRow", "Band", "BandDifference", "BandLaw", "BandPair",
+    "BandRow", "BandStatement", "Boundary", "CellOutlier", "CellValues", "Checks", "Confidences",
+    "ConfirmedCoupling", "ContrastRow", "Coupling", "Data", "DesignCounts", "DeviceAverage",
+    "DeviceMap", "DeviceProbabilities", "DeviceStability", "Diagnostics", "EnvironmentCouplings",
+    "EquivalenceRow", "Estimate", "Findings", "GateVerdict", "IntervalRow", "Ladder",
+    "LadderEffect", "Leaning", "LeftOut", "LeftOutRow", "LevelValues", "Membership", "MethodPair",
+    "MoreSubjects", "NormalityTest", "Note", "Nouns", "Overview", "OverviewRow", "Passivity",
+    "PosteriorEvidence", "PredictiveCheck", "Prior", "PriorQuantiles", "Provenance",
+    "PsychophysicsRow", "ReferenceName", "ReferencesInside", "RenderedEdge", "RenderedWall",
+    "Results", "Shape", "Skipped", "SourceFile", "SubjectCheck", "SubjectRow", "Verdict",
+    "WeberTrend", "ZWidth", "dumps", "plain",
 ]  # fmt: skip

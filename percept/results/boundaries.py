@@ -15,7 +15,7 @@ __all__ = [
 Shape: TypeAlias = Literal["corner", "envelope", "pointwise", "simultaneous"]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Boundary(NotebookRecord):
     """Lower and upper curve of abs(Z_h) over omega that feel like one environment.
 

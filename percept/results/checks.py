@@ -54,7 +54,7 @@ class Diagnostics(NotebookRecord):
     dimension: int  # Coordinates sampled
     tolerance: float  # Monte Carlo error asked for, of every limit, in half-widths
     priors: tuple[Prior, ...]
-    pull: tuple[str, ...] = ()  # How far the prior of spread moves the next user, where it does
+    pull: tuple[str, ...] = ()  # How far priors move users, where they do and no check says so
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,15 +14,20 @@ __all__ = [
     "Confidences",
     "ConfirmedCoupling",
     "Coupling",
+    "DeviceAverage",
     "DeviceMap",
     "DeviceProbabilities",
+    "DeviceStability",
     "EnvironmentCouplings",
     "Leaning",
     "Membership",
     "MoreSubjects",
     "Passivity",
     "PosteriorEvidence",
+    "RenderedEdge",
+    "RenderedWall",
     "Verdict",
+    "ZWidth",
 ]
 
 
@@ -78,6 +83,16 @@ class Leaning:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class DeviceAverage:
+    """A posterior probability of feeling real, averaged over the posterior of the device."""
+
+    probability: float
+    error: float  # Its Monte Carlo standard error
+    devices: int
+    share: float  # Of the variance of the answer, the part that knowing the device would remove
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Verdict(NotebookRecord):
     """Whether one environment, as it is displayed, feels real."""
 
@@ -88,12 +103,13 @@ class Verdict(NotebookRecord):
     outcome: Feeling  # Of `method`
     method: Method  # Bayesian where there is a posterior
     probability: float  # Posterior probability, or the classical method's least confidence
-    bayesian: PosteriorEvidence | None
+    bayesian: PosteriorEvidence | None  # With the device at its point
     classical: Confidences | None
     stable_and_real: float | None  # None directly, where stability is undecided, and without draws
     # None where either method decides, and without a joint law of the subjects' values.
     more: MoreSubjects | None = None
     leaning: Leaning | None = None  # None where no row of the environment looks mistyped
+    by_device: DeviceAverage | None = None  # None where the scene's device has no posterior
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,6 +121,40 @@ class Passivity:
     needed_paper: float  # Under the paper's Eqs 7 and 8
     device_damping: float
     passive: bool  # By Colgate and Schenkel
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class RenderedEdge:
+    """Edge of the stiffness and damping that a device renders stably."""
+
+    stiffness: Array  # (M,) Largest stiffness beside each damping, N/m
+    damping: Array  # (M,) From zero to the largest, N·s/m
+    stiffest: float  # Largest stiffness of all, N/m
+    stiffest_damping: float  # Beside which it is reached, N·s/m
+    most_damping: float  # Largest damping, N·s/m
+
+
+@dataclasses.dataclass(frozen=True)
+class RenderedWall:
+    """An environment beside the edges."""
+
+    environment: str
+    stiffness: float  # N/m
+    damping: float  # N·s/m
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class ZWidth(NotebookRecord):
+    """What a device renders stably with every passive hand, directly and through a coupling."""
+
+    direct: RenderedEdge | None  # Passive by Colgate and Schenkel; None for a measured device
+    # Couplings that Llewellyn's criterion allows; None where a device's table is too short.
+    coupled: RenderedEdge | None
+    references: tuple[RenderedWall, ...]
+    # Where the device has a posterior: what 95 % of its devices render. With flexible modes the
+    # edge of couplings is not known.
+    likely_direct: RenderedEdge | None = None
+    likely_coupled: RenderedEdge | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -131,7 +181,19 @@ class Membership:
     effective_damping: float  # N·s/m
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class DeviceStability(NotebookRecord):
+    """How probably the coupling is stable: all of the uncertainty is the device's."""
+
+    probability: float
+    error: float  # Its Monte Carlo standard error, as of independent draws
+    draws: int  # Devices from the posterior of the scene
+    level: float  # Of the range of the margin
+    margin_lower: float  # Smallest ratio of what the device has to what the coupling needs
+    margin_upper: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Coupling(NotebookRecord):
     """What the coupling does, with the device, over the scene's frequencies."""
 
@@ -148,6 +210,7 @@ class Coupling(NotebookRecord):
     admittance: Array  # (M,) Real part of the coupling's admittance there
     memberships: tuple[Membership, ...]  # By the paper's rule, one per environment
     read_at: float  # Where single values are read, rad/s
+    by_device: DeviceStability | None = None  # None where the scene's device has no posterior
 
     @property
     def stable(self) -> bool | None:
@@ -181,7 +244,11 @@ class EnvironmentCouplings:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class AdmissibleCouplings(NotebookRecord):
-    """Couplings that are stable, with the probability that they feel real."""
+    """Couplings that are stable, with the probability that they feel real.
+
+    Where the device has a posterior, with the probability that they are stable and, with the device
+    at its point, feel real.
+    """
 
     method: Method  # Whose draws of the users these are
     family: Family
@@ -190,6 +257,7 @@ class AdmissibleCouplings(NotebookRecord):
     draws: int  # Behind the map; its ends are confirmed by more
     damping: Array  # (B,) b_c of each line, N·s/m
     environments: tuple[EnvironmentCouplings, ...]
+    devices: int | None = None  # Behind P(stable); None where the device has no posterior
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)

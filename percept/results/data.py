@@ -10,6 +10,7 @@ from percept.sessions.quantities import Quantity
 
 __all__ = [
     "CellValues", "Data", "DesignCounts", "LeftOutRow", "Note", "Nouns", "Provenance", "SourceFile",
+    "SubjectRow",
 ]  # fmt: skip
 
 
@@ -56,7 +57,7 @@ class LeftOutRow:
 class DesignCounts:
     """How many cells, trials and sessions the study has."""
 
-    cells: int  # Subjects times environments
+    cells: int  # Subjects times environments, those of other groups not counted
     missing: int  # Cells without a trial
     trials: tuple[int, int]  # Fewest and most in a cell
     sessions: tuple[int, int]  # Fewest and most of a subject
@@ -73,6 +74,22 @@ class CellValues:
     mean: float | None  # None without subjects
     sd: float | None  # None with fewer than two
     values: tuple[float, ...]  # One per subject
+    unit: str
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SubjectRow:
+    """What one subject adjusted of one quantity, over all environments."""
+
+    subject: str
+    parameter: str
+    n: int  # Environments with an adjustment
+    trials: int
+    relative: bool  # Whether deviations are fractions of the reference; else they are in `unit`
+    log: bool  # Whether `mean` is geometric, and `sd` one of logarithms
+    mean: float  # Deviation from the reference
+    sd: float | None  # Between environments; None with fewer than two
+    distance: float | None  # From the others' mean in their SDs; None with fewer than two others
     unit: str
 
 
@@ -105,3 +122,4 @@ class Data:
     exclusions: tuple[LeftOutRow, ...]
     design: DesignCounts | None  # None for published limits
     cells: tuple[CellValues, ...]
+    people: tuple[SubjectRow, ...] = ()

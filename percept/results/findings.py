@@ -66,3 +66,4 @@ class Findings:
     overview: Overview
     references: tuple[ReferencesInside, ...]
     cautions: tuple[str, ...]
+    paragraph: str  # Of results, to paste into a paper; empty without intervals

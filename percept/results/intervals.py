@@ -8,12 +8,14 @@ from percept.html import NotebookRecord
 from percept.results.fields import Family, Kind, Method
 
 __all__ = [
+    "AnovaRow",
     "BandDifference",
     "BandPair",
     "ContrastRow",
     "IntervalRow",
     "Ladder",
     "LadderEffect",
+    "LevelValues",
     "MethodPair",
 ]
 
@@ -60,6 +62,9 @@ class ContrastRow(NotebookRecord):
     lower: float  # A ratio (lognormal, or spread), or a difference in `unit`
     upper: float
     estimate: float
+    #: Limits between which all contrasts of the factor in this quantity and kind lie together.
+    lower_together: float | None
+    upper_together: float | None
     unit: str  # Of differences: "references", or the quantity's where one of these is not positive
     p_value: float | None
     within: bool  # Whether each subject has all levels
@@ -67,6 +72,41 @@ class ContrastRow(NotebookRecord):
     of_subjects: int  # Subjects in the study
     of_references: int  # References that the factor has
     covers: str
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LevelValues:
+    """What the subjects set at one level of a factor, over all references: of no model."""
+
+    factor: str
+    level: str
+    parameter: str
+    within: bool  # Whether each subject has all levels
+    #: One per subject, in the same order at all levels: a ratio to the reference (lognormal), or a
+    #: difference in the unit of the contrasts. None without some cell of the level.
+    values: tuple[float | None, ...]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AnovaRow(NotebookRecord):
+    """The test of a term by analysis of variance of subjects' means on the family's scale."""
+
+    factor: str  # Columns joined by ":"; the references are the column "environment"
+    parameter: str
+    family: Family
+    f: float
+    df: float  # Uncorrected, as `df_error` and `p_value`
+    df_error: float
+    p_value: float
+    epsilon: float  # Greenhouse and Geisser's; 1 with one contrast, and between subjects
+    huynh_feldt: float  # Huynh and Feldt's, at most 1
+    df_corrected: float  # Times `epsilon`, as is that of the error
+    df_error_corrected: float
+    p_corrected: float
+    partial_eta2: float
+    generalised_eta2: float
+    n: int  # Subjects
+    assumes: str  # What the test takes for granted, in a sentence
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["dumps", "plain"]
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["JsonObject", "dumps", "plain"]
+
+#: A record or a mapping as JSON holds it.
+JsonObject = dict[str, Any]
 
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 
@@ -31,11 +37,18 @@ def plain(value: Any) -> Any:
         }
     if hasattr(value, "model_dump"):
         return plain(value.model_dump())
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
+    if isinstance(value, (np.ndarray, np.generic)):
+        return _plain_array(np.asarray(value))
     if hasattr(value, "to_dict"):
         return plain(value.to_dict("records"))
     raise TypeError(f"{type(value).__name__} has no plain form.")
+
+
+def _plain_array(values: NDArray[Any]) -> Any:
+    """Turn an array into lists; only where a number is not finite does each need a look."""
+    if values.dtype.kind == "f" and np.isfinite(values).all():
+        return values.tolist()
+    return plain(values.tolist())
 
 
 def _number(value: float) -> float | str | None:
@@ -47,7 +60,7 @@ def _number(value: float) -> float | str | None:
     return "inf" if value > 0 else "-inf"
 
 
-def dumps(document: Mapping[str, Any]) -> str:
+def dumps(document: JsonObject) -> str:
     """Write a plain document as JSON: full precision, stable order, readable, one final newline.
 
     Parameters

@@ -12,16 +12,36 @@ from pydantic import TypeAdapter, ValidationError
 from percept.errors import UsageError
 from percept.results.boundaries import Band, Boundary
 from percept.results.checks import Checks, Diagnostics
-from percept.results.coupling import AdmissibleCouplings, Coupling, DeviceMap, Passivity, Verdict
+from percept.results.coupling import (
+    AdmissibleCouplings,
+    Coupling,
+    DeviceMap,
+    Passivity,
+    Verdict,
+    ZWidth,
+)
 from percept.results.data import Data, Provenance
 from percept.results.findings import Findings
-from percept.results.intervals import BandPair, ContrastRow, IntervalRow, Ladder, MethodPair
-from percept.results.plain import dumps, plain
+from percept.results.intervals import (
+    AnovaRow,
+    BandPair,
+    ContrastRow,
+    IntervalRow,
+    Ladder,
+    LevelValues,
+    MethodPair,
+)
+from percept.results.plain import JsonObject, dumps, plain
+from percept.results.psychophysics import EquivalenceRow, PsychophysicsRow
+from percept.results.shared import share_curves, with_shared_curves
 
 __all__ = ["SCHEMA", "Results", "Skipped"]
 
+#: Where boundaries stand in report.json, and where the curves do that those share.
+_CURVES = {"boundaries": "impedances", "close": "close_impedances"}
+
 #: Of report.json and fit.json: the name, and the version of its fields.
-SCHEMA = "percept-report/3"
+SCHEMA = "percept-report/4"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,6 +77,7 @@ class Results:
     close: tuple[Boundary, ...]  # The boundaries drawn in those windows
     verdicts: tuple[Verdict, ...]  # Empty without a device
     passivity: tuple[Passivity, ...] | None
+    zwidth: ZWidth | None = None  # None without a device
     coupling: Coupling | None
     band: Band | None
     design: AdmissibleCouplings | None
@@ -67,6 +88,10 @@ class Results:
     diagnostics: Diagnostics | None
     checks: Checks | None
     skipped: tuple[Skipped, ...]
+    anova: tuple[AnovaRow, ...] = ()  # Tests of the terms of `contrast`; empty without factors
+    levels: tuple[LevelValues, ...] = ()  # Subjects' means at the levels of every factor
+    psychophysics: tuple[PsychophysicsRow, ...] = ()
+    equivalence: tuple[EquivalenceRow, ...] = ()  # Empty without `[study] jnd`
 
     def to_json(self, summary: Findings | None = None) -> str:
         """Write the results as report.json holds them.
@@ -79,11 +104,14 @@ class Results:
         Returns
         -------
         str
-            Every digit of every number; "inf" and "-inf" for infinities, null for NaN.
+            Every digit of every number; "inf" and "-inf" for infinities, null for NaN. Curves that
+            all boundaries of an environment share stand once, under "impedances".
         """
-        document = {"schema": SCHEMA}
+        document: JsonObject = {"schema": SCHEMA}
         for field in dataclasses.fields(self):
             document[field.name] = plain(getattr(self, field.name))
+        for boundaries, shared in _CURVES.items():
+            document[shared] = share_curves(document[boundaries])
         if summary is not None:
             document["summary"] = plain(summary)
         return dumps(document)
@@ -124,11 +152,20 @@ class Results:
                 hint="Make the report again from its data.",
             )
         try:
-            return _schema().validate_python(document)
+            return cls.from_plain(document)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             place = "/".join(str(step) for step in first["loc"])
             raise UsageError(f"{first['msg']}.", file=str(path), key=place) from None
+
+    @classmethod
+    def from_plain(cls, document: JsonObject) -> Results:
+        """Make results of report.json's values; pydantic's ValidationError names what is wrong."""
+        complete = dict(document)
+        for boundaries, shared in _CURVES.items():
+            curves = complete.pop(shared, {})
+            complete[boundaries] = with_shared_curves(complete.get(boundaries), curves)
+        return _schema().validate_python(complete)
 
 
 @cache

@@ -16,11 +16,11 @@ from percept.sessions.records import IDS, MASS, Notice, Places, Problems, shown
 
 __all__ = [
     "TRIAL",
-    "check_duplicates",
     "check_plausible",
     "check_summary",
     "count_grid",
     "in_order",
+    "refuse_repeats",
     "repeats_over_sessions",
     "settle_references",
 ]
@@ -51,7 +51,7 @@ def settle_references(
     firsts = groups[columns].first()
     for column in columns:
         given = {e: own[column] for e, own in declared.items() if column in own}
-        of_environment = pd.Series(given).reindex(firsts.index).fillna(firsts[column])
+        of_environment = pd.Series(given, dtype=float).reindex(firsts.index).fillna(firsts[column])
         expected = of_environment.to_numpy(dtype=float)[codes]
         values = table[column].to_numpy(dtype=float)
         wrong = np.flatnonzero(~np.isnan(values) & (values != expected))
@@ -96,22 +96,21 @@ def in_order(references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...]
     return tuple(str(name) for name in ranked.sort_values(by, kind="stable").index)
 
 
-def check_duplicates(
+def refuse_repeats(
     table: pd.DataFrame,
+    cell: list[str],
     place: Places,
     problems: Problems,
     *,
     numbered: bool,
-    split: Sequence[str] = (),
+    telling: Sequence[str],
 ) -> None:
-    """Find rows that repeat a subject, session, environment, trial and group told apart.
+    """Refuse rows that repeat what tells trials apart; there are some.
 
-    `numbered` is whether a column numbers the trials.
+    `numbered` is whether a column numbers the trials; `telling` are further columns of which each
+    would tell all of them apart.
     """
-    cell = list(dict.fromkeys((*TRIAL, *split)))
     again = np.flatnonzero(table.duplicated(cell).to_numpy()).tolist()
-    if not again:
-        return
     count = len(again)
     first = table.iloc[again[0]]
     origin = place(int(np.argmax((table[cell] == first[cell]).all(axis=1))))
@@ -127,11 +126,21 @@ def check_duplicates(
     hints = [
         'Number the trials by the order of their rows: [sessions] trial = "order".',
         f'If rows are events of a trial, [sessions] keep = "last" would {event}.',
-        'If they are conditions of one subject, name their column: [study] factor = "…".',
+        _conditions(telling),
     ]
     if numbered:
         hints.insert(0, "Remove one row, or name the column of trial numbers in [columns].")
     problems.add(text, hint=" ".join(hints), **place(again[0]))
+
+
+def _conditions(telling: Sequence[str]) -> str:
+    """Say how rows become conditions, by a column that tells them apart where there is one."""
+    if not telling:
+        return 'If they are conditions of one subject, name their column: [study] factor = "…".'
+    columns = f"column {shown(telling)} tells"
+    if len(telling) > 1:
+        columns = f"each of the columns {shown(telling)} tells"
+    return f'For conditions of one subject, {columns} them apart: [study] factor = "{telling[0]}".'
 
 
 def repeats_over_sessions(table: pd.DataFrame) -> list[Notice]:

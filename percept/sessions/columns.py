@@ -96,13 +96,14 @@ def resolve(header: Header, options: ReadOptions) -> Resolution:
         wanted = tuple(column for column in wanted if column != "trial")
     found: dict[str, ColumnRule] = {}
     wide: dict[str, ColumnRule] = {}
+    kind = _kind_of_error(header, options)
     for column, rule in options.columns.items():
         if column not in wanted:
             continue
         if "{environment}" in rule.name:
             wide[column] = rule
         else:
-            found[column] = _declared(column, rule, header)
+            found[column] = _declared(column, rule, header, kind)
     claimed = {rule.name for rule in found.values()}
     aliases = _aliases(options.quantities)
     announced: list[str] = []
@@ -116,12 +117,16 @@ def resolve(header: Header, options: ReadOptions) -> Resolution:
         if alias is not None:
             announced.append(f"column {alias!r} is taken as {column}")
             found[column] = ColumnRule(name=alias)
+    if not summary and not {*found, *wide} & {"environment"}:
+        announced += _named_by_reference(found, options)
     slots = tuple(_slots(header, found, wide, options.environments))
     form = "summary" if summary else "trials"
     return Resolution(form, slots, {**found, **wide}, tuple(announced))
 
 
-def _declared(canonical: str, rule: ColumnRule, header: Header) -> ColumnRule:
+def _declared(
+    canonical: str, rule: ColumnRule, header: Header, kind: type[UsageError]
+) -> ColumnRule:
     """Find the column that the scene names; a dotted name leads into its JSON cells."""
     for name in rule.also:
         header.position(name)
@@ -134,7 +139,24 @@ def _declared(canonical: str, rule: ColumnRule, header: Header) -> ColumnRule:
             return rule.model_copy(update={"name": stem, "path": rule.name[len(stem) + 1 :]})
     message = f"[columns] names {rule.name!r} for {canonical}, and no column has that name."
     hint = header.listed + did_you_mean(rule.name, header.names)
-    raise header.error(message, rule.name, hint)
+    raise header.error(message, rule.name, hint, kind)
+
+
+def _named_by_reference(found: dict[str, ColumnRule], options: ReadOptions) -> list[str]:
+    """Let the values of the first reference name environments that have no column."""
+    references = [column for column in found if column.endswith("_ref")]
+    if not references or "{environment}" in (options.sessions.filename or ""):
+        return []
+    found["environment"] = found[references[0]]
+    return [f"environments are named by the values of column {found['environment'].name!r}"]
+
+
+def _kind_of_error(header: Header, options: ReadOptions) -> type[UsageError]:
+    """Say what a missing column makes of a file: without declared adjustments it is no table."""
+    stems = {name.partition(".")[0] for name in header.names}
+    adjusted = [rule.name for column, rule in options.columns.items() if column.endswith("_adj")]
+    there = [name for name in adjusted if name.partition(".")[0] in stems or "{" in name]
+    return NoDataError if adjusted and not there else UsageError
 
 
 def _aliases(quantities: Quantities) -> dict[str, frozenset[str]]:
@@ -171,7 +193,9 @@ def _slots(
     """Give the one slot of a long table, or those that the names of a wide one hold."""
     common = {canonical: header.position(rule.name) for canonical, rule in found.items()}
     if not wide:
-        yield Slot(common)
+        # The one environment that a scene declares needs no column.
+        alone = next(iter(declared)) if len(declared) == 1 else None
+        yield Slot(common, None if "environment" in found else alone)
         return
     places: dict[tuple[str, str | None], dict[str, int]] = {}
     taken = {rule.name for rule in found.values()}
@@ -201,6 +225,8 @@ def check_columns(
     present = {*found.rules, *ids}
     if found.wide:
         present.add("environment")
+    if options.sessions.subject == "row":
+        present.add("subject")
     missing = [column for column in ("subject", "environment") if column not in present]
     missing += _missing_numbers(present, options)
     if not missing:

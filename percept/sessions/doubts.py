@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -13,11 +13,12 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import counted
+from percept.sessions.ends import by_environment
 from percept.sessions.quantities import Quantity
-from percept.sessions.records import IDS, Notice, Places, clip, shown
+from percept.sessions.records import IDS, Factors, Notice, Places, clip, shown
 from percept.sessions.values import fold, is_missing
 
-__all__ = ["Slip", "doubtful_ids", "doubtful_scales", "screen", "slips"]
+__all__ = ["Slip", "doubtful_ids", "doubtful_scales", "empty_cells", "screen", "slips"]
 
 #: Decades from the median of the others (a factor of 30) that are hardly ever a person's.
 _GROSS = float(np.log10(30.0))
@@ -132,6 +133,7 @@ def screen(
     place: Places,
     pooled: Iterable[str],
     family: str,
+    factors: Factors | None,
 ) -> Iterator[Notice]:
     """Warn of what is seldom meant. Nothing is left out: that is for the analyst to declare."""
     for slip in slips(table, quantities):
@@ -141,18 +143,47 @@ def screen(
         yield from _without_logarithm(table, quantity.name, place, family)
         yield from _at_a_limit(table, quantity.name, place)
         yield from _never_moved(table, quantity.name)
-    yield from _empty_cells(table)
+    yield from _empty_cells(table, factors)
     for column in pooled:
         yield from _pooled(table, column)
 
 
-def _empty_cells(table: pd.DataFrame) -> Iterator[Notice]:
-    """Name the subjects that lack an environment."""
+def empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[tuple[str, str]]:
+    """Yield the subjects and environments without a trial; those of other groups are not meant.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Trials, with the columns of the factors.
+    factors : Factors or None
+        Columns whose levels tell environments apart.
+
+    Yields
+    ------
+    tuple of str
+        Subject and environment.
+    """
     tried = set(table.groupby(["subject", "environment"], sort=False).groups)
-    lacking = []
-    for subject, environment in product(table["subject"].unique(), table["environment"].unique()):
-        if (subject, environment) not in tried:
-            lacking.append(f"{subject} at {environment}")
+    group_of: list[Mapping[Hashable, str]] = []
+    group_at: list[Mapping[Hashable, str]] = []
+    for column in factors.levels if factors else ():
+        own = table.groupby("subject", sort=False)[column]
+        if (own.nunique() == 1).all():
+            group_of.append(own.first().astype(str).to_dict())
+            cells = table.drop_duplicates("environment").set_index("environment")[column]
+            group_at.append(cells.astype(str).to_dict())
+    for subject, name in product(table["subject"].unique(), table["environment"].unique()):
+        meant = all(
+            of_subject[subject] == at[name]
+            for of_subject, at in zip(group_of, group_at, strict=True)
+        )
+        if meant and (subject, name) not in tried:
+            yield subject, name
+
+
+def _empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[Notice]:
+    """Name the subjects that lack an environment."""
+    lacking = [f"{subject} at {name}" for subject, name in empty_cells(table, factors)]
     if lacking:
         has = "has" if len(lacking) == 1 else "have"
         yield Notice(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")
@@ -189,6 +220,8 @@ def _without_logarithm(
     else:
         way = 'To leave out this many biases the rest: set family = "normal" in [inference].'
     text = f"{_share(len(low), len(known), parameter)} zero or negative, here the first. {way}"
+    if not no_ratio:
+        text += f" There are {by_environment(known, (known[column] <= 0).to_numpy())}."
     yield Notice(text, column=column, **place(low.index[0]))
 
 
@@ -212,12 +245,13 @@ def _at_a_limit(table: pd.DataFrame, parameter: str, place: Places) -> Iterator[
         # Zeros have a warning of their own.
         if not many or value <= 0:
             continue
-        limit = float(counts.index[beside])
-        rule = f'{{ column = "{column}", {way} = {limit!r}, why = "limit of the control" }}'
+        limits = f"[-inf, {value:g}]" if way == "above" else f"[{value:g}, inf]"
+        there = by_environment(table, (table[column] == value).to_numpy())
         text = (
             f"{_share(count, total, parameter)} the {which} of all, {value:g}: the limit of the"
-            f" control? Such a value says only that the adjustment lies {way} it, and makes the"
-            f" spread too small. [sessions] exclude = [{rule}] leaves them out and logs them."
+            f" control? There are {there}. Such a value says only that the adjustment lies {way}"
+            f" it, and makes the spread too small. [quantities.{parameter}] limits ="
+            f" {limits} leaves them out, counts them and logs them."
         )
         first = table.index[table[column] == value][0]
         yield Notice(text, column=column, **place(first))

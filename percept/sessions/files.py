@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bz2
 import codecs
 import gzip
 import hashlib
@@ -15,17 +16,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePath
-from typing import IO, BinaryIO, TextIO
+from typing import Any, BinaryIO, TextIO
 
 from percept.errors import UsageError
 from percept.sessions.options import FileLimits
-from percept.sessions.paths import PACKED, is_hidden
+from percept.sessions.paths import PACKED, is_hidden, named_part
 from percept.sessions.records import NoDataError
 
 __all__ = ["BLOCK", "Input", "is_workbook", "line_ends", "load", "open_text"]
 
-#: R's files; their compression may hide what is in them.
-_R_SUFFIXES = (".rda", ".rdata", ".rds")
 #: What broken and locked archives raise.
 _BROKEN = (
     zipfile.BadZipFile,
@@ -42,6 +41,7 @@ BLOCK = 8 << 20
 #: Files of experiment software show early what they are; the bound keeps the search short.
 _EARLY = 20_000
 _GZIP = b"\x1f\x8b"
+_BZIP2 = b"BZh"
 _ZIP = b"PK\x03\x04"
 #: What a zip archive holds that is an Excel workbook.
 _WORKBOOK = "xl/workbook.xml"
@@ -53,14 +53,12 @@ _MARKS = (
 )
 _CSV = "Export the data as CSV in UTF-8."
 _TRIALS = "Use the trial-by-trial .csv that PsychoPy writes next to it."
-_R = ("an R data file, which only R opens", "In R: write.csv(table, 'trials.csv').")
 #: How files begin that are no tables of text, as bytes (each a character here) or as text.
 _NO_TABLES = (
     (r"\x80[\x02-\x05]", "a Python pickle (PsychoPy's .psydat), which is never opened", _TRIALS),
     (r"\xd0\xcf\x11\xe0", "an old Office or E-Prime binary file", _CSV),
-    (r"RD[AX][23]\n|[XA]\n\0\0\0", *_R),
-    (r"MATLAB 5|\x89HDF|\$FL[23]|<stata_dta>|%PDF|SQLite format 3",
-     "another program's binary file", _CSV),
+    (r"RDA[23]\n|A\n", "an R data file in ASCII", "In R: saveRDS(table, 'trials.rds')."),
+    (r"\x89HDF|\$FL[23]|<stata_dta>|%PDF", "another program's binary file", _CSV),
     (r"PK\x03\x04|\x1f\x8b|Rar!|7z\xbc\xaf|BZh|\xfd7zXZ|\x28\xb5\x2f\xfd",
      "an archive inside an archive, or in a format not read here",
      "Unpack it, or pack it as .zip or .gz."),
@@ -71,8 +69,7 @@ _NO_TABLES = (
     # Means and raw values of conditions, or a block of extraInfo below them.
     (r"(?=[^\r\n]*_raw\b)[^\r\n]*_(mean|std)\b|(?ms:(?=.*?^[\t,; ]*extraInfo[\t,; ]*\r?$))",
      "PsychoPy's summary of conditions, not a table of trials", _TRIALS),
-    (r"\s*(<!doctype|<html|<\?xml|\{\s*[\"}]|\[\s*[\[{])", "a web page, XML or JSON, not a table",
-     "Export it as CSV (jsPsych: jsPsych.data.get().csv())."),
+    (r"\s*(<!doctype|<html|<\?xml)", "a web page or XML, not a table", _CSV),
 )  # fmt: skip
 
 
@@ -83,6 +80,14 @@ class Input:
     name: str
     path: str
     data: bytes | None = None  # None: a large file, read from `path` in blocks
+    part: str | None = None  # The sheet, table or variable that is named behind "::"
+
+    def read(self, limits: FileLimits) -> bytes:
+        """Give all its bytes, which are no more than the limit."""
+        with self.open() as stream:
+            data = stream.read(limits.size + 1)
+        limits.hold_size(len(data), self.name)
+        return data
 
     def open(self) -> io.BufferedReader | io.BytesIO:
         """Give its bytes from the start."""
@@ -96,33 +101,35 @@ class Input:
 
 def load(name: str, limits: FileLimits) -> Iterator[Input]:
     """Read one path; an archive gives its members, in memory only."""
-    if name.lower().endswith(_R_SUFFIXES):
-        raise UsageError(f"this is {_R[0]}.", file=name, hint=_R[1])
+    place, part = named_part(name)
     try:
-        with Path(name).open("rb") as stream:
+        with Path(place).open("rb") as stream:
             status = os.fstat(stream.fileno())
             if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):
                 raise UsageError("this is a device, not a file.", file=name, hint="Check the path.")
             data = stream.read(4)
-            if not data.startswith((_GZIP, _ZIP, b"PAR1")) and status.st_size > BLOCK // 16:
-                yield Input(name, name)
+            packed = data.startswith((_GZIP, _ZIP, _BZIP2, b"PAR1"))
+            if not packed and status.st_size > BLOCK // 16:
+                yield Input(name, place, part=part)
                 return
             limits.hold_size(status.st_size, name)
             data += stream.read(limits.size)
             limits.hold_size(len(data), name)
     except OSError as error:
         raise UsageError(f"cannot be read: {error.strerror}.", file=name) from None
-    if data.startswith(_GZIP):
-        yield Input(name, name, _unpacked(partial(gzip.open, io.BytesIO(data)), name, limits))
+    if data.startswith((_GZIP, _BZIP2)):
+        unpack: Callable[..., Any] = gzip.open if data.startswith(_GZIP) else bz2.open
+        content = _unpacked(partial(unpack, io.BytesIO(data)), name, limits)
+        yield Input(name, place, content, part)
     elif data.startswith(_ZIP):
         with _archive(data, name) as archive:
             limits.hold_size(sum(member.file_size for member in archive.infolist()), name)
             if _WORKBOOK in archive.namelist():
-                yield Input(name, name, data)
+                yield Input(name, place, data, part)
             else:
                 yield from _members(archive, name, limits)
     else:
-        yield Input(name, name, data)
+        yield Input(name, place, data, part)
 
 
 def is_workbook(data: bytes, name: str) -> bool:
@@ -154,9 +161,7 @@ def _members(archive: zipfile.ZipFile, name: str, limits: FileLimits) -> Iterato
         yield Input(f"{name}!{member}", member.replace("\\", "/"), content)
 
 
-def _unpacked(
-    packed: Callable[[], IO[bytes] | gzip.GzipFile], name: str, limits: FileLimits
-) -> bytes:
+def _unpacked(packed: Callable[[], Any], name: str, limits: FileLimits) -> bytes:
     """Unpack one table, and no more of it than the limit."""
     content = io.BytesIO()
     try:

@@ -23,19 +23,18 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, TextIO
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import files
+from percept.sessions.plain import are_plain, is_rectangular
 from percept.sessions.records import NoDataError, Place, clip
-from percept.sessions.values import LARGEST, LEAST
 
 __all__ = ["Block", "Dialect", "Grid", "Records", "text_blocks"]
 
 Quoting = Literal["doubled", "backslash", "wrapped"]
 
-_DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar"}
+_DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
 _SEP_LINE = re.compile(r'"?sep=(.)"?[ ]*(?:\r\n|\n|\r)', re.IGNORECASE)
 _BYTE_ORDER_MARK = "\ufeff"
 #: A header of more cells is no session table's; the bound keeps hostile lines cheap.
@@ -181,7 +180,7 @@ class Block:
         lowered = body.lower()
         if b"true" in lowered or b"false" in lowered:
             return None
-        if not _is_rectangular(body, delimiter, self.dialect.width):
+        if not is_rectangular(body, delimiter, self.dialect.width):
             return None
         kinds: Any = dict.fromkeys(texts, "str") | dict.fromkeys(numbers, np.float64)
         blank: Any = {column: [""] for column in numbers}
@@ -202,32 +201,10 @@ class Block:
             )
         except (ValueError, OverflowError):
             return None
-        if not _are_plain(parsed[numbers].to_numpy(), exponents=b"e-" in lowered):
+        if not are_plain(parsed[numbers].to_numpy(), exponents=b"e-" in lowered):
             return None
         parsed.index = pd.RangeIndex(self.first_row, self.first_row + len(parsed))
         return parsed
-
-
-def _is_rectangular(body: bytes, delimiter: str, width: int) -> bool:
-    """Whether every line has the same number of cells."""
-    characters = np.frombuffer(body, dtype=np.uint8)
-    ends_line = characters == ord("\n")
-    ends_cell = ends_line | (characters == ord(delimiter))
-    ends = ends_line[ends_cell]
-    lines = int(ends.sum())
-    return lines * width == len(ends) and bool(ends[width - 1 :: width].all())
-
-
-def _are_plain(numbers: npt.NDArray[np.float64], *, exponents: bool) -> bool:
-    """Whether numbers are in range, and no line is without any."""
-    if np.isnan(numbers).all(axis=1).any():
-        return False
-    sizes = np.abs(numbers)
-    # A blank cell is NaN: no comparison holds for it.
-    if (sizes > LARGEST).any() or ((sizes > 0) & (sizes < LEAST)).any():
-        return False
-    # A zero may have been a number below the least double.
-    return not (exponents and (numbers == 0).any())
 
 
 def text_blocks(
@@ -289,6 +266,9 @@ def text_blocks(
 def _stretch(stream: TextIO, file: str, size: int) -> str:
     """Read about `size` characters up to the end of a record."""
     lines = [stream.read(size), stream.readline(size)]
+    if lines[1].endswith("\r"):
+        # Some programs end a line with two carriage returns and a line feed.
+        lines.append(stream.readline(size))
     if len(lines[1]) >= size:
         hint = "This is no session table, or its line ends are lost."
         raise UsageError(f"a line of more than {size} characters.", file=file, hint=hint)
@@ -304,7 +284,7 @@ def _stretch(stream: TextIO, file: str, size: int) -> str:
         quotes += line.count('"')
         escaped += line.count('\\"')
         length += len(line)
-    return "".join(lines)
+    return "".join(lines).replace("\r\r\n", "\r\n")
 
 
 def _without_marks(text: str, head: str) -> str:
@@ -321,7 +301,7 @@ def _find_dialect(
     file = block.dialect.file
     text = block.text
     head = next((line for line in text.splitlines() if line.strip()), "")
-    candidates = [delimiter] if delimiter else [sign for sign in _DELIMITERS if sign in text]
+    candidates = [delimiter] if delimiter else _delimiters(head, text)
     fits: list[tuple[Dialect, Grid]] = []
     misfits: list[tuple[int, int, UsageError]] = []
     for candidate in candidates:
@@ -342,9 +322,17 @@ def _find_dialect(
         raise UsageError(f"{names} can each split the lines.", file=file, hint=hint)
     if misfits:
         raise max(misfits, key=lambda misfit: misfit[:2])[2]
-    message = "this is not a table: no comma, semicolon, tab or bar separates its columns."
+    message = "this is not a table: no comma, semicolon, tab, bar or space separates its columns."
     hint = "Export it as CSV, or declare [sessions] delimiter."
     raise UsageError(message, file=file, row=block.first_row, hint=hint)
+
+
+def _delimiters(head: str, text: str) -> list[str]:
+    """List delimiters to try: spaces only where the header has no other, for names have spaces."""
+    *others, space = _DELIMITERS
+    if space in head and not any(sign in head for sign in others):
+        return [space]
+    return [sign for sign in others if sign in text]
 
 
 def _quotings(text: str) -> tuple[Quoting, ...]:

@@ -126,6 +126,12 @@ class ColumnRule(Table):
         Further columns of an id made of several: their texts follow, joined by hyphens.
     offset : float
         Added to the file's numbers, in their unit: for a scale whose zero is arbitrary.
+    scale : float
+        Then multiplies the numbers: for a unit without a name.
+    response : {"ratio", "difference", "log"}, optional
+        What the numbers are, if not the quantity itself: of an adjustment, its ratio to the
+        reference or its difference from it; of any column, its logarithm to base ten. With
+        `scale = 0.05`, "log" reads decibels of an amplitude.
     """
 
     name: Text
@@ -133,6 +139,16 @@ class ColumnRule(Table):
     path: str | None = None
     also: Texts = ()
     offset: Number = 0.0
+    scale: Number = 1.0
+    response: Literal["ratio", "difference", "log"] | None = None
+
+    @model_validator(mode="after")
+    def _units_of_the_quantity(self) -> Self:
+        if self.response in ("ratio", "log") and self.unit is not None:
+            raise ValueError(f'numbers of response = "{self.response}" have no unit')
+        if self.scale == 0:
+            raise ValueError("scale must not be zero")
+        return self
 
 
 class ExcludeRule(Table):
@@ -255,6 +271,7 @@ class SessionsTable(Table):
     encoding: Text | None = None
     keep: Literal["last"] | None = None
     trial: Literal["order"] | None = None
+    subject: Literal["row"] | None = None
     filename: Annotated[str, AfterValidator(_pattern)] | None = None
     groups: Texts = ()
     only: dict[str, Texts] = Field(default_factory=dict)
@@ -291,6 +308,9 @@ class DataTables(Table):
             known_key(columns, name, f"columns.{name}")
             if rule.also and name not in IDS:
                 raise UsageError("only an id is made of several columns.", key=f"columns.{name}")
+            if rule.response in ("ratio", "difference") and not name.endswith("_adj"):
+                message = "only an adjustment is a ratio or a difference to its reference."
+                raise UsageError(message, key=f"columns.{name}.response")
             if (quantity := quantities.get(quantity_of(name))) is not None:
                 try:
                     factor(rule.unit, quantity)

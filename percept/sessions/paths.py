@@ -19,13 +19,31 @@ __all__ = [
     "is_hidden",
     "is_pattern",
     "may_be_study",
+    "named_part",
+    "pattern_of_names",
 ]
 
 #: What tells a folder of results from one of sessions.
 _RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "batch.sha256", "batch.parquet")
 #: Ends of the names of tables in archives.
-PACKED = (".csv", ".tsv", ".tab", ".txt")
-_SUFFIXES = (*PACKED, ".gz", ".zip", ".parquet", ".xlsx")
+PACKED = (".csv", ".tsv", ".tab", ".txt", ".json", ".jsonl")
+_SUFFIXES = (
+    *PACKED,
+    ".gz",
+    ".zip",
+    ".parquet",
+    ".xlsx",
+    ".mat",
+    ".rds",
+    ".rda",
+    ".rdata",
+    ".db",
+    ".sqlite",
+)
+#: An id in an escaped pattern.
+_ID = re.compile(r"\\\{(\w+)\\\}")
+#: What separates the pieces of a file's name; they stay pieces of their own.
+_SEPARATORS = re.compile(r"([_\-. ]+)")
 
 
 def expand(
@@ -67,7 +85,7 @@ def expand(
 
 def _named(text: str) -> list[str]:
     """Return a file, or the files that a pattern fits."""
-    if Path(text).exists():
+    if Path(named_part(text)[0]).exists():
         return [text]
     if not is_pattern(text):
         raise UsageError("there is no such file.", file=text, hint="Check the path.")
@@ -76,6 +94,14 @@ def _named(text: str) -> list[str]:
         hint = "Check it, and quote it in a shell."
         raise UsageError("no file fits the pattern.", file=text, hint=hint)
     return names
+
+
+def named_part(text: str) -> tuple[str, str | None]:
+    """Split "file.db::table" into the file and its part; None where no part is named."""
+    place, separator, part = text.rpartition("::")
+    if separator and not Path(text).exists() and Path(place).exists():
+        return place, part
+    return text, None
 
 
 def is_pattern(text: str) -> bool:
@@ -123,20 +149,59 @@ def is_hidden(path: PurePath) -> bool:
 
 
 def ids_from_name(path: str, pattern: str | None, *, file: str) -> dict[str, str]:
-    """Ids in a file's name, by the scene's pattern."""
+    """Ids in a file's name and folders, by the scene's pattern.
+
+    A pattern with "/" goes over as many folders. "*" stands for anything; an id then ends where
+    what follows it in the pattern first stands.
+    """
     if pattern is None:
         return {}
-    stem = PurePath(path).name
-    while (lower := stem.lower()).endswith(_SUFFIXES):
-        stem = stem[: lower.rindex(".")]
-    text = re.escape(pattern)
-    longest = re.fullmatch(re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>.+)", text), stem)
-    shortest = re.fullmatch(re.sub(r"\\\{(\w+)\\\}", r"(?P<\1>.+?)", text), stem)
+    depth = pattern.count("/") + 1
+    parts = [*PurePath(path).parts[-depth:]]
+    parts[-1] = _stem(parts[-1])
+    name = "/".join(parts)
+    text = re.escape(pattern).replace(r"\*", "[^/]*")
+    greedy = _ID.sub(r"(?P<\1>[^/]+)", text)
+    lazy = _ID.sub(r"(?P<\1>[^/]+?)", text)
+    longest = re.fullmatch(greedy, name)
+    shortest = re.fullmatch(lazy, name)
     if longest is None or shortest is None:
         hint = "Correct [sessions] filename."
         raise UsageError(f"the name does not fit the pattern {pattern!r}.", file=file, hint=hint)
-    if longest.groupdict() != shortest.groupdict():
+    if "*" not in pattern and longest.groupdict() != shortest.groupdict():
         message = f"the name fits the pattern {pattern!r} in more than one way."
         hint = "Put separators into [sessions] filename that do not occur in the ids."
         raise UsageError(message, file=file, hint=hint)
-    return longest.groupdict()
+    return shortest.groupdict()
+
+
+def _stem(name: str) -> str:
+    """Take the ends of known formats off a file's name."""
+    while (lower := name.lower()).endswith(_SUFFIXES):
+        name = name[: lower.rindex(".")]
+    return name
+
+
+def pattern_of_names(paths: Sequence[str]) -> str | None:
+    """Find the pattern of file names that tells subjects apart; None where none does.
+
+    Folders that differ are subjects. Else names are cut at separators, and the first piece that
+    differs, of names with as many pieces, is the subject.
+    """
+    if len(paths) < 2:
+        return None
+    folders = {PurePath(path).parent.name for path in paths}
+    if len(folders) > 1:
+        return "{subject}/*"
+    pieces = [_SEPARATORS.split(_stem(PurePath(path).name)) for path in paths]
+    if len({len(own) for own in pieces}) > 1:
+        return None
+    pattern = ""
+    for alternatives in zip(*pieces, strict=True):
+        if len(set(alternatives)) == 1:
+            pattern += alternatives[0]
+        elif "{subject}" in pattern:
+            pattern += "*"
+        else:
+            pattern += "{subject}"
+    return pattern if "{subject}" in pattern else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
@@ -12,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, model_validator
 
-from percept.errors import UsageError, did_you_mean
+from percept.errors import UsageError, capitalised, did_you_mean
 from percept.sessions.records import IDS, MASS
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "Quantities",
     "Quantity",
     "Table",
+    "amount_in",
     "convert",
     "factor",
     "is_impedance",
@@ -80,6 +82,8 @@ class Quantity(Table):
         Symbol in figures and the heads of tables; by default the name.
     unit : str
         Unit of all its numbers in tables and figures; empty for a pure number.
+    limits : tuple of float, optional
+        Ends of the control, in the unit: adjustments at them or beyond are left out and counted.
 
     Raises
     ------
@@ -91,6 +95,7 @@ class Quantity(Table):
     label: str = ""
     symbol: str = ""
     unit: str = ""
+    limits: tuple[float, float] | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -111,6 +116,8 @@ class Quantity(Table):
         if usual is not None and self.unit != usual["unit"]:
             text = f"{self.name} is {usual['label']} in {usual['unit']}"
             raise ValueError(f"{text}: name another quantity apart")
+        if self.limits is not None and not self.limits[0] < self.limits[1]:
+            raise ValueError("the lower of the two limits comes first")
         return self
 
     @property
@@ -122,7 +129,7 @@ class Quantity(Table):
     @property
     def head(self) -> str:
         """Label and symbol for the head of a table, such as "Stiffness k"."""
-        return self.words[:1].upper() + self.words[1:]
+        return capitalised(self.words)
 
     def amount(self, number: float) -> str:
         """Write a value with its unit, to four digits."""
@@ -192,6 +199,29 @@ def factor(unit: str | None, quantity: Quantity) -> Fraction:
         message = f"not a unit of {quantity.label}."
         hint = f"Declare one that converts to {quantity.unit or 'a pure number'}."
         raise UsageError(message, key="unit", value=unit, hint=hint) from None
+
+
+def amount_in(quantity: Quantity, text: str, *, key: str | None = None) -> float:
+    """Read a positive number with its unit, such as "0.5 N/mm", in the quantity's unit.
+
+    Raises
+    ------
+    UsageError
+        No positive number, or a unit that does not convert.
+    """
+    number, _, unit = text.strip().partition(" ")
+    unit = unit.strip()
+    try:
+        value = float(number)
+    except ValueError:
+        value = math.nan
+    # A number alone could be a fraction that somebody put in quotes.
+    has_unit = bool(unit) or not quantity.unit
+    if not (has_unit and 0.0 < value < math.inf):
+        hint = f'Write it as "{f"150 {quantity.unit}".strip()}".'
+        message = f"no positive amount of {quantity.label} with its unit."
+        raise UsageError(message, key=key, value=text, hint=hint)
+    return value * float(factor(unit or None, quantity))
 
 
 def _quantity(number: int, unit: str) -> Any:

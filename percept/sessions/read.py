@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
@@ -16,6 +16,8 @@ import pandas as pd
 
 from percept.errors import UsageError, counted
 from percept.sessions import checks, doubts
+from percept.sessions.columns import unused_columns
+from percept.sessions.ends import without_ends
 from percept.sessions.options import DataTables, ReadOptions
 from percept.sessions.quantities import Quantities, trial_columns
 from percept.sessions.reading import Reading
@@ -28,10 +30,16 @@ from percept.sessions.records import (
     Notice,
     Place,
     Source,
+    once_per_kind,
 )
 from percept.sessions.table import FileTable
 
 __all__ = ["Sessions", "by_level", "read_sessions", "refuse_gaps"]
+
+#: Opens the input, once for each reading.
+_Opened = Callable[[Reading], Generator[FileTable]]
+#: A column of more values than this counts or times trials, and names no condition.
+_MOST_LEVELS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +96,8 @@ class Sessions:
         if not isinstance(frame, pd.DataFrame):
             hint = "read_sessions reads files."
             raise UsageError(f"a DataFrame is needed, not {type(frame).__name__}.", hint=hint)
-        reading = Reading(ReadOptions.of(scene))
-        return _merged(reading, reading.frame(frame))
+        options = ReadOptions.of(scene)
+        return _merged(options, lambda reading: reading.frame(frame))
 
     @property
     def quantities(self) -> Quantities:
@@ -153,7 +161,8 @@ class Sessions:
         if self.form != "trials":
             return tuple(scales)
         pooled = self.options.pooled(self.table.columns)
-        seldom = doubts.screen(self.table, quantities, self.place, pooled, self.options.family)
+        family = self.options.family
+        seldom = doubts.screen(self.table, quantities, self.place, pooled, family, self.factors)
         return (*scales, *seldom)
 
     @cached_property
@@ -224,16 +233,16 @@ def read_sessions(
         else:
             hint = "Put all rows into one: pandas.concat."
             raise UsageError("a DataFrame is read alone.", hint=hint)
-    reading = Reading(options)
-    return _merged(reading, reading.tables(files))
+    return _merged(options, lambda reading: reading.tables(files))
 
 
-def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
+def _merged(options: ReadOptions, opened: _Opened) -> Sessions:
     """Merge the files by column name and check them together."""
+    reading = Reading(options)
     frames: list[pd.DataFrame] = []
     first_of_form: dict[str, str] = {}
     present: set[str] = set()
-    with closing(tables):
+    with closing(opened(reading)) as tables:
         for table in tables:
             with reading.problems.collecting():
                 first_of_form.setdefault(table.form, table.name)
@@ -251,17 +260,51 @@ def _merged(reading: Reading, tables: Generator[FileTable]) -> Sessions:
         tidy = _checked_summary(reading, merged)
     else:
         parameters = [p for p in reading.options.quantities if p in present]
-        tidy = _checked_trials(reading, merged, parameters)
+        place = reading.places(merged)
+        declared = reading.options.environments
+        checks.settle_references(merged, declared, parameters, place, reading.problems)
+        _complete_responses(merged, reading.options, parameters)
+        merged = _without_ends(reading, merged, parameters)
+        tidy = _checked_trials(reading, merged, parameters, opened)
     return Sessions(
         table=tidy,
         form="summary" if summary else "trials",
         sources=tuple(reading.sources),
-        notices=tuple(dict.fromkeys(reading.notices)),
+        notices=once_per_kind(reading.notices),
         exclusions=tuple(reading.exclusions),
         counts=dict(reading.counts),
         provenance=merged[["file", "row"]].astype(np.int64),
         options=reading.options,
     )
+
+
+def _complete_responses(
+    merged: pd.DataFrame, options: ReadOptions, parameters: Sequence[str]
+) -> None:
+    """Make adjustments of ratios to their references, and of differences from them."""
+    for p in parameters:
+        rule = options.columns.get(f"{p}_adj")
+        if rule is None:
+            continue
+        if rule.response == "ratio":
+            merged[f"{p}_adj"] *= merged[f"{p}_ref"]
+        elif rule.response == "difference":
+            merged[f"{p}_adj"] += merged[f"{p}_ref"]
+
+
+def _without_ends(
+    reading: Reading, merged: pd.DataFrame, parameters: Sequence[str]
+) -> pd.DataFrame:
+    """Leave out what lies at the ends of a control, and take up what is said of it."""
+    quantities = [reading.options.quantities[p] for p in parameters]
+    ends = without_ends(merged, quantities, reading.places(merged))
+    reading.exclusions += ends.exclusions
+    reading.notices += ends.notices
+    reading.counts.update(ends.counts)
+    if ends.table.empty:
+        hint = "Correct limits in [quantities]."
+        raise UsageError("every adjustment lies at a limit of its control.", hint=hint)
+    return ends.table
 
 
 def _checked_summary(reading: Reading, merged: pd.DataFrame) -> pd.DataFrame:
@@ -273,7 +316,7 @@ def _checked_summary(reading: Reading, merged: pd.DataFrame) -> pd.DataFrame:
 
 
 def _checked_trials(
-    reading: Reading, merged: pd.DataFrame, parameters: Sequence[str]
+    reading: Reading, merged: pd.DataFrame, parameters: Sequence[str], opened: _Opened
 ) -> pd.DataFrame:
     """Check the trials of all files as a whole, and lay them out."""
     options = reading.options
@@ -281,9 +324,13 @@ def _checked_trials(
     place = reading.places(merged)
     if options.sessions.trial == "order":
         merged["trial"] = merged.groupby(list(IDS), sort=False).cumcount() + 1
-    checks.settle_references(merged, options.environments, parameters, place, problems)
     split = [name for name in options.split if name in merged]
-    checks.check_duplicates(merged, place, problems, numbered=reading.numbered, split=split)
+    cell = list(dict.fromkeys((*checks.TRIAL, *split)))
+    if merged.duplicated(cell).any():
+        telling = _telling_columns(options, opened)
+        checks.refuse_repeats(
+            merged, cell, place, problems, numbered=reading.numbered, telling=telling
+        )
     reading.check(merged, parameters)
     for p in parameters:
         reading.counts[f"rows without {p}"] = int(merged[f"{p}_adj"].isna().sum())
@@ -296,6 +343,23 @@ def _checked_trials(
         # A file that lacks a group column leaves blanks, never the text "nan".
         tidy[group] = merged[group].fillna("").astype("str")
     return tidy
+
+
+def _telling_columns(options: ReadOptions, opened: _Opened) -> list[str]:
+    """Name unused columns of which each tells all trials apart, those of fewest levels first."""
+    telling: dict[str, int] = {}
+    # What is wrong with the files is told by the first reading.
+    with suppress(UsageError):
+        with closing(opened(Reading(options))) as tables:
+            first = next(tables)
+        unused = unused_columns(first.file.header, first.found, options)
+        with closing(opened(Reading(options.with_groups(unused)))) as tables:
+            merged = pd.concat([frame for table in tables for frame in table.frames()])
+        for name in merged.columns.intersection(unused):
+            levels = merged[name].nunique()
+            if levels <= _MOST_LEVELS and not merged.duplicated([*checks.TRIAL, name]).any():
+                telling[name] = levels
+    return sorted(telling, key=lambda name: telling[name])
 
 
 def refuse_gaps(sessions: Sessions, column: str) -> None:

@@ -14,9 +14,9 @@ from percept.errors import UsageError
 from percept.sessions import checks
 from percept.sessions.columns import Header, resolve
 from percept.sessions.doubts import doubtful_ids
-from percept.sessions.files import Input, is_workbook, load, open_text
+from percept.sessions.files import Input, load, open_text
 from percept.sessions.grids import Block, text_blocks
-from percept.sessions.options import ReadOptions
+from percept.sessions.options import ExcludeRule, ReadOptions
 from percept.sessions.paths import expand, ids_from_name
 from percept.sessions.records import (
     Exclusion,
@@ -30,7 +30,7 @@ from percept.sessions.records import (
 from percept.sessions.summary import SummaryTable
 from percept.sessions.table import FileTable, OpenFile
 from percept.sessions.trials import LongTable, WideTable
-from percept.sessions.typed import PARQUET, typed_block, typed_rows
+from percept.sessions.typed import is_typed, typed_block, typed_rows
 from percept.sessions.values import Names
 
 __all__ = ["Reading", "open_blocks"]
@@ -51,6 +51,7 @@ class Reading:
         for environment in options.environments:
             self.names.add("environment", environment)
         self.numbered = False  # Whether a column of any file numbers the trials
+        self.applied: set[ExcludeRule] = set()  # Rules on texts that some row met
         self.declared_units = {name for own in options.environments.values() for name in own}
 
     def tables(self, paths: Sequence[str | Path]) -> Generator[FileTable]:
@@ -61,7 +62,7 @@ class Reading:
         for file, named in files.items():
             with self.problems.collecting():
                 for entry in load(file, self.options.files):
-                    is_file = entry.path == file
+                    is_file = entry.name == file
                     if is_file or wants(entry.path):
                         with self.problems.collecting():
                             yield from self._table(entry, named=named and is_file)
@@ -80,7 +81,7 @@ class Reading:
                 return
             sha256 = entry.sha256()
             for source in self.sources:
-                if source.sha256 == sha256:
+                if source.sha256 == sha256 and entry.part is None:
                     message = f"byte for byte the same file as {source.name}."
                     raise UsageError(message, file=entry.name, hint="Leave one of them out.")
             yield table
@@ -118,17 +119,22 @@ class Reading:
         self.notices += table.notices
         self.numbered |= table.numbered
         self.exclusions += table.exclusions
+        self.applied |= table.applied
         self.counts.update(table.counts)
         self.declared_units |= table.declared_units
 
     def refuse_nothing(self, frames: Sequence[pd.DataFrame]) -> None:
-        """Raise the problems found, or that no row is left; notice environments that no row has."""
+        """Raise the problems found, a rule that no row met, or that no row is left.
+
+        Notice environments that no row has.
+        """
         if not self.sources:
             for error in self.without_trials:
                 self.problems.extend(error)
         self.problems.raise_if_any()
         for error in self.without_trials:
             self.notices.append(Notice(f"left out: {error.message}", error.file))
+        self._refuse_idle_rules()
         if not any(len(frame) for frame in frames):
             rows = ", ".join(f"{number} {reason}" for reason, number in self.counts.items())
             message = "no row has an adjustment."
@@ -138,6 +144,17 @@ class Reading:
             if name not in present:
                 self.notices.append(
                     Notice("[environments] names it, but no row has it", column=name)
+                )
+
+    def _refuse_idle_rules(self) -> None:
+        """Refuse a rule on texts that no row met; limits may well be kept by all rows."""
+        for rule in self.options.sessions.exclude:
+            if rule.equals and rule not in self.applied:
+                raise UsageError(
+                    f"no row has {' or '.join(map(repr, rule.equals))} in this column.",
+                    key="sessions.exclude",
+                    column=rule.column,
+                    hint="Correct the text, or take the rule out.",
                 )
 
     def places(self, table: pd.DataFrame) -> Places:
@@ -164,9 +181,9 @@ class Reading:
 def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Generator[Block]:
     """Give the cells of one input, whatever its format, in blocks."""
     file = entry.name
-    data = entry.data or b""
-    if data.startswith(PARQUET) or is_workbook(data, file):
-        rows = typed_rows(data, file, options.sessions.sheet, options.files)
+    if is_typed(entry):
+        part = entry.part or options.sessions.sheet
+        rows = typed_rows(entry.read(options.files), file, part, options.files)
         yield typed_block(rows, file)
         return
     text, encoding = open_text(entry, options.sessions.encoding)

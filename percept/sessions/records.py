@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypedDict, Unpack
 
 from percept.errors import Concerned, PerceptError, UsageError
@@ -24,6 +25,7 @@ __all__ = [
     "ReadError",
     "Source",
     "clip",
+    "once_per_kind",
     "shown",
     "summarised",
 ]
@@ -53,20 +55,35 @@ class CellPlace(Place, total=False):
     column: str
 
 
+_NUMBERS = re.compile(r"[0-9][0-9.,]*")
 #: From a row's position in a table to its `file` and `row`.
 Places = Callable[[int], Place]
 
 
-def clip(value: str, length: int = 60) -> str:
+#: Characters of a text from a file that a message shows.
+_CLIPPED = 60
+
+
+def clip(value: str, length: int = _CLIPPED) -> str:
     """Shorten a text from a file to at most `length` characters, for a message."""
     return value if len(value) <= length else value[: length - 1] + "…"
 
 
 def shown(names: Sequence[str], limit: int = 12) -> str:
     """List names from a file in a message: quoted, control characters escaped, clipped."""
-    listed = ", ".join(repr(clip(name)) for name in names[:limit])
+    labels = [clip(name) for name in names[:limit]]
+    if len(set(labels)) < len(set(names[:limit])):
+        # Names of a series differ at their ends.
+        labels = [_without_middle(name) for name in names[:limit]]
+    listed = ", ".join(repr(label) for label in labels)
     more = len(names) - limit
     return f"{listed} and {more} more" if more > 0 else listed
+
+
+def _without_middle(name: str) -> str:
+    """Shorten a name by its middle."""
+    half = _CLIPPED // 2
+    return name if len(name) <= _CLIPPED else f"{name[:half]}…{name[1 - half :]}"
 
 
 @dataclass(frozen=True)
@@ -90,6 +107,21 @@ class Notice:
     def __str__(self) -> str:
         parts = [str(part) for part in (self.file, self.row, self.column) if part is not None]
         return ": ".join([":".join(parts), self.text]) if parts else self.text
+
+
+def once_per_kind(notices: Sequence[Notice]) -> tuple[Notice, ...]:
+    """Merge notices on whole files that differ in numbers only: the first, with their count."""
+    kinds: dict[Notice, list[Notice]] = {}
+    for notice in dict.fromkeys(notices):
+        kind = notice
+        if notice.file is not None and notice.row is None:
+            kind = replace(notice, file="", text=_NUMBERS.sub("#", notice.text))
+        kinds.setdefault(kind, []).append(notice)
+    merged = []
+    for first, *others in kinds.values():
+        more = f" (and {len(others)} more like this)" if others else ""
+        merged.append(replace(first, text=first.text + more))
+    return tuple(merged)
 
 
 @dataclass(frozen=True)

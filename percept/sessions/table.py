@@ -12,7 +12,7 @@ import pandas as pd
 
 from percept.sessions.columns import Header, Resolution, unused_columns
 from percept.sessions.grids import Block, Grid
-from percept.sessions.options import ReadOptions
+from percept.sessions.options import ExcludeRule, ReadOptions
 from percept.sessions.records import CellPlace, Exclusion, Notice, Problems, shown
 from percept.sessions.values import Names
 
@@ -51,6 +51,8 @@ class FileTable(ABC):
         Canonical columns whose unit is declared.
     parameters : set of str
         Quantities that have a column of adjustments.
+    applied : set of ExcludeRule
+        Rules on texts that some row met.
     """
 
     form: ClassVar[Literal["trials", "summary"]]
@@ -67,6 +69,7 @@ class FileTable(ABC):
         self.numbered = False
         self.declared_units = {c for c, rule in found.rules.items() if rule.unit is not None}
         self.parameters: set[str] = set()
+        self.applied: set[ExcludeRule] = set()
         for text in found.announced:
             self._notice(text)
         for column in sorted(file.ids.keys() & found.rules.keys()):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
+from pathlib import PurePath
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -45,7 +46,9 @@ class TrialTable(FileTable):
         self.numbered = "trial" in found.rules or any(slot.trial for slot in found.slots)
         self.parameters = {p for p in file.options.quantities if f"{p}_adj" in found.rules}
         self._groups = [name for name in KEPT_COLUMNS if name in file.header.names]
-        self._groups += [name for name in self._selection.groups if name not in self._groups]
+        for name in self._selection.groups:
+            if name not in self._groups:
+                self._groups.append(name)
         self._own = self._own_columns()
         self._number_columns = set(numbers_of(file.options.quantities))
         self._number_columns |= {name for name in self._own if name.startswith(_LIMIT)}
@@ -115,19 +118,27 @@ class TrialTable(FileTable):
 
     def _with_ids(self, data: pd.DataFrame) -> pd.DataFrame:
         """Join ids of several columns, and write ids and groups in one spelling."""
+        if self._selection.subject == "row":
+            stem = PurePath(self.name).stem
+            data = data.assign(subject=[f"{stem} {row}" for row in data.index])
         for canonical, rule in self._rules.items():
             if rule.also:
-                data = data.assign(**{canonical: self._joined(data, canonical, rule.also)})
-        for column in (*IDS, *(f"{_OWN}{name}" for name in self._groups)):
-            if column in data:
-                name = column.removeprefix(_OWN)
-                settled = self.file.names.settle(name, data[column], self.name)
-                data = data.assign(**{column: settled})
+                joined = self._joined(data, canonical, rule.also)
+                data = data.assign(**{canonical: joined})
+        groups = [f"{_OWN}{name}" for name in self._groups]
+        for column in (*IDS, *groups):
+            if column not in data:
+                continue
+            name = column.removeprefix(_OWN)
+            settled = self.file.names.settle(name, data[column], self.name)
+            data = data.assign(**{column: settled})
         return data
 
     def _joined(self, data: pd.DataFrame, canonical: str, also: tuple[str, ...]) -> list[str]:
         """Join ids of several columns; one that lacks a part is blank, and so missing."""
-        columns = [data[canonical], *(data[f"{_OWN}{name}"] for name in also)]
+        columns = [data[canonical]]
+        for name in also:
+            columns.append(data[f"{_OWN}{name}"])
         records = list(zip(*columns, strict=True))
         ids: dict[tuple[str, ...], str] = {}
         for parts in records:
@@ -156,7 +167,10 @@ class TrialTable(FileTable):
                 column = rule.column
             if column not in data:
                 self.file.header.position(rule.column)
-            data = self._exclude(data, _among(data[column], rule.equals), rule.why)
+            excluded = _among(data[column], rule.equals)
+            if excluded.any():
+                self.applied.add(rule)
+            data = self._exclude(data, excluded, rule.why)
         return data
 
     def _keep(self, data: pd.DataFrame, kept: _Mask, reason: str) -> pd.DataFrame:
@@ -251,10 +265,12 @@ class TrialTable(FileTable):
         quantities = with_mass(self.quantities)
         for name in names:
             rule = self._rules.get(name)
-            if name == "trial" or rule is None or (rule.unit is None and not rule.offset):
+            if name == "trial" or rule is None:
                 continue
-            column = numbers.get(name, data[name].to_numpy())
-            numbers[name] = convert(column + rule.offset, rule.unit, quantities[quantity_of(name)])
+            column = (numbers.get(name, data[name].to_numpy()) + rule.offset) * rule.scale
+            if rule.response == "log":
+                column = np.power(10.0, column)
+            numbers[name] = convert(column, rule.unit, quantities[quantity_of(name)])
         if "trial" in data:
             trials = numbers.get("trial", data["trial"].to_numpy())
             numbers["trial"] = self._whole(trials, rows)
@@ -311,8 +327,9 @@ class TrialTable(FileTable):
         if MASS in data or any(MASS in own for own in options.environments.values()):
             defaults[MASS] = np.nan
         columns = {column: data.get(column, value) for column, value in defaults.items()}
-        columns |= {name: data[f"{_OWN}{name}"] for name in self._groups}
-        frame = pd.DataFrame(columns | {"row": data.index}, index=data.index)
+        for name in self._groups:
+            columns[name] = data[f"{_OWN}{name}"]
+        frame = pd.DataFrame(columns, index=data.index).assign(row=data.index)
         return frame.astype(dict.fromkeys(IDS, "str"))
 
 
@@ -354,8 +371,12 @@ class WideTable(TrialTable):
         for slot in self.found.slots:
             columns = {**self._own, **slot.columns}
             part = cells[list(columns.values())].set_axis(list(columns), axis=1)
-            fixed = {"environment": slot.environment, "trial": slot.trial, **self.file.ids}
-            parts.append(part.assign(**{c: text for c, text in fixed.items() if text is not None}))
+            fixed = dict(self.file.ids)
+            if slot.environment is not None:
+                fixed.setdefault("environment", slot.environment)
+            if slot.trial is not None:
+                fixed["trial"] = slot.trial
+            parts.append(part.assign(**fixed))
         # Columns of other slots are blank in this one.
         return pd.concat(parts).fillna("").sort_index(kind="stable")
 

@@ -1,69 +1,85 @@
-"""Parquet files and Excel sheets to cells of text, within limits."""
+"""Files of typed values to cells of text, within limits; Parquet and Excel are read here."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Iterator, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import pandas as pd
 
 from percept.errors import UsageError
+from percept.sessions.files import Input, is_workbook
 from percept.sessions.grids import Block, Dialect, Grid, Records
 from percept.sessions.options import FileLimits
 from percept.sessions.records import NoDataError
+from percept.sessions.stores import database_rows, json_rows, matlab_rows, r_rows
 
-__all__ = ["PARQUET", "typed_block", "typed_rows"]
+__all__ = ["is_typed", "typed_block", "typed_rows"]
 
-#: How a Parquet file begins.
-PARQUET = b"PAR1"
+_Reader = Callable[[bytes, str, str | None, FileLimits], list[Sequence[Any]]]
+#: How JSON begins that holds records or lists.
+_JSON = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:\{\s*[\"}]|\[\s*[\[{])")
+#: Bytes that tell a format.
+_BEGINNING = 256
 
 
-def typed_rows(
-    data: bytes, file: str, sheet: str | None, limits: FileLimits
-) -> list[Sequence[Any]]:
-    """Give the header and rows of a Parquet file, or of a sheet with the values Excel stored.
+def _reader(beginning: bytes) -> _Reader | None:
+    """Return what reads a file that begins so; None for plain text."""
+    for signature, reader in _READERS.items():
+        if beginning.startswith(signature):
+            return reader
+    return json_rows if _JSON.match(beginning) else None
+
+
+def is_typed(entry: Input) -> bool:
+    """Whether a file holds typed values instead of delimited text."""
+    with entry.open() as stream:
+        beginning = stream.read(_BEGINNING)
+    return _reader(beginning) is not None or is_workbook(entry.data or b"", entry.name)
+
+
+def typed_rows(data: bytes, file: str, part: str | None, limits: FileLimits) -> list[Sequence[Any]]:
+    """Give the header and rows of a table, with the values that the file stores.
 
     Parameters
     ----------
     data : bytes
-        The file.
+        The file: Parquet, Excel, JSON, SQLite, MATLAB or R.
     file : str
         Its name for messages.
-    sheet : str or None
-        The sheet of a workbook; None for its first.
+    part : str or None
+        The sheet, table or variable; None for the first sheet or the only table.
     limits : FileLimits
         Most rows and cells.
 
     Raises
     ------
     UsageError
-        The file is broken, lacks the sheet, passes a limit, or needs a package that is missing.
+        The file is broken, lacks the part, passes a limit, or needs a package that is missing.
     """
-    package = "pyarrow" if data.startswith(PARQUET) else "openpyxl"
+    reader = _reader(data[:_BEGINNING]) or _sheet_rows
     try:
-        if package == "pyarrow":
-            return _parquet_rows(data, file, limits)
-        rows = list(_sheet_rows(data, file, sheet, limits))
+        rows = reader(data, file, part, limits)
     except UsageError:
         raise
-    except ImportError:
-        message = f"this file needs {package}."
-        hint = f"Install it: pip install {package}."
+    except ImportError as error:
+        message = f"this file needs {error.name}."
+        hint = f"Install it: pip install {error.name}."
         raise UsageError(message, file=file, hint=hint) from None
-    # What the XML reader meets escapes: KeyError, zlib.error and others.
+    # What the readers meet in a broken file escapes: KeyError, zlib.error and others.
     except Exception as error:  # noqa: BLE001
         message = f"a broken file: {str(error).rstrip('.')}."
         raise UsageError(message, file=file, hint="Write it again, or as CSV.") from None
-    if not rows:
-        hint = "Name another with [sessions] sheet."
-        raise UsageError("the sheet is empty.", file=file, hint=hint)
-    # Cells right of the last column name hold notes.
-    width = len(rows[0])
-    return [row[:width] + [""] * (width - len(row)) for row in rows]
+    if not rows or not rows[0]:
+        raise NoDataError("the table is empty.", file=file, hint="Leave it out, or name another.")
+    return rows
 
 
-def _parquet_rows(data: bytes, file: str, limits: FileLimits) -> list[Sequence[Any]]:
+def _parquet_rows(
+    data: bytes, file: str, part: str | None, limits: FileLimits
+) -> list[Sequence[Any]]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -76,6 +92,19 @@ def _parquet_rows(data: bytes, file: str, limits: FileLimits) -> list[Sequence[A
 
 
 def _sheet_rows(
+    data: bytes, file: str, part: str | None, limits: FileLimits
+) -> list[Sequence[Any]]:
+    """Give the rows of a sheet, each as wide as its header."""
+    rows = list(_ragged_rows(data, file, part, limits))
+    if not rows:
+        hint = "Name another with [sessions] sheet."
+        raise UsageError("the sheet is empty.", file=file, hint=hint)
+    # Cells right of the last column name hold notes.
+    width = len(rows[0])
+    return [row[:width] + [""] * (width - len(row)) for row in rows]
+
+
+def _ragged_rows(
     data: bytes, file: str, sheet: str | None, limits: FileLimits
 ) -> Iterator[list[Any]]:
     """Give the rows of a sheet without their trailing blank cells."""
@@ -103,6 +132,18 @@ def _sheet_rows(
         yield from ([] for _ in range(blank_rows))
         blank_rows = 0
         yield values
+
+
+#: How files begin, and what reads them.
+_READERS: dict[bytes, _Reader] = {
+    b"PAR1": _parquet_rows,
+    b"SQLite format 3": database_rows,
+    b"MATLAB 5": matlab_rows,
+    b"MATLAB 7": matlab_rows,
+    b"RDX2\n": r_rows,
+    b"RDX3\n": r_rows,
+    b"X\n\0\0\0": r_rows,
+}
 
 
 def _sheet_value(cell: Any) -> Any:

@@ -26,6 +26,7 @@ __all__ = [
     "is_missing",
     "parse_numbers",
     "pick",
+    "unique_keys",
 ]
 
 Mark = Literal[".", ","]
@@ -170,7 +171,7 @@ def pick(cell: str, path: str) -> str | None:
     text = _NUMPY.sub(r"\1", cell)
     try:
         value = json.loads(
-            text, parse_float=str, parse_int=str, parse_constant=str, object_pairs_hook=_unique
+            text, parse_float=str, parse_int=str, parse_constant=str, object_pairs_hook=unique_keys
         )
     except (json.JSONDecodeError, RecursionError):
         raise CellError("not a JSON record or list") from None
@@ -188,7 +189,8 @@ def pick(cell: str, path: str) -> str | None:
     return value or ""
 
 
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Make a JSON record, and refuse one that has a key twice."""
     record = dict(pairs)
     if len(record) < len(pairs):
         raise CellError("the record has a key twice")

@@ -114,8 +114,11 @@ class Stream(enum.IntEnum):
     PAIRS = 110
     FIDUCIAL = 111
     MORE_SUBJECTS = 112
+    PSYCHOPHYSICS = 113
+    CONTRASTS = 114
     CHECKED_STATISTICS = 127
     PRIOR = 131
+    DEVICES = 137
 
 
 def generator(seed: int, stream: Stream) -> np.random.Generator:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
@@ -19,12 +18,12 @@ from percept.inference.checks.left_out import (
 )
 from percept.inference.checks.predictive import (
     STATISTICS,
-    draw_prior,
     new_studies,
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
+from percept.inference.hierarchy.laws import ConditionalMoments
+from percept.inference.hierarchy.model import Pooled
 from percept.inference.record import Kind
 from percept.inference.sampling.endpoints import mixture_quantile
 from percept.results import (
@@ -40,7 +39,7 @@ from percept.study.basics import Array, Skipped, Stream, generator
 from percept.study.fit import Fit
 from percept.study.ladder import USERS
 
-__all__ = ["model_checks", "spread_pull", "subject_tables"]
+__all__ = ["bias_pull", "model_checks", "spread_pull", "subject_tables"]
 
 #: Chance of naming any outlier at all in a study the model holds for; shared over all that is
 #: looked at.
@@ -263,7 +262,7 @@ def _statistics(
 
 def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> Iterator[PriorQuantiles]:
     """Yield quantiles of the average and the next user before any data."""
-    prior = draw_prior(subjects.density, _PRIOR_DRAWS, generator(seed, Stream.PRIOR))
+    prior = subjects.density.draw_prior(_PRIOR_DRAWS, generator(seed, Stream.PRIOR))
     kinds: dict[Kind, Array] = {"mean": prior.means, "user": prior.users}
     for kind, drawn in kinds.items():
         # The map to the quantity is increasing, so quantiles pass through it; far tails may be
@@ -283,31 +282,56 @@ def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> Iterat
 
 def bias_pull(fit: Fit, *, level: float, user: str) -> tuple[str, ...]:
     """Say how far the prior of the common bias moves average users, against a flat one."""
-    ((density, points),) = fit.model.pooled_parts(_some_draws(fit))
-    flat = dataclasses.replace(density.priors, alpha_sd=_FLAT * density.priors.alpha_sd)
-    free = CollapsedDensity(density.statistics, flat, density.layout.options, density.resolution)
-    own = density.laws(points)
+    said = []
+    for model, points in fit.model.pooled_parts(_some_draws(fit)):
+        moved = _moved_by_bias_prior(model, points, level)
+        cells = []
+        parameters: dict[str, None] = {}
+        for (parameter, environment), half_widths in zip(model.cells, moved.tolist(), strict=True):
+            if abs(half_widths) > _MOVED:
+                label = fit.quantities[parameter].label
+                cells.append(f"{label} in {environment} ({half_widths:+.2f})")
+                parameters[parameter] = None
+        if cells:
+            said.append(
+                f"The prior of the common bias, N(0, {model.priors.alpha_sd:g}²), moves the"
+                f" estimate of the average {user}, in half-widths of the interval:"
+                f" {', '.join(cells)}. It expects settings near their references."
+                f" {_remedy(fit, list(parameters))}"
+            )
+    return tuple(said)
+
+
+def _moved_by_bias_prior(model: Pooled, points: Array, level: float) -> Array:
+    """How far the prior moves each cell's mean, in half-widths of its interval, (C,)."""
+    free = model.with_bias_prior(_FLAT * model.priors.alpha_sd)
+    own = model.laws(points)
     other = free.laws(points)
     # Locations are integrated out of both densities, whose ratio tells how likely draws are under
     # the other.
-    weights = special.softmax(free(points) - density(points))
+    weights = special.softmax(free(points) - model(points))
     sd = np.hypot(own.sd, own.mean.std(axis=0)).mean(axis=0)
     half_width = special.ndtri(0.5 * (1.0 + level)) * sd
     free_mean = weights @ other.mean
-    moved = (own.mean.mean(axis=0) - free_mean) / half_width
-    cells = ", ".join(
-        f"{fit.quantities[p].label} in {e} ({moved[c]:+.2f})"
-        for (p, e), c in fit.column.items()
-        if abs(moved[c]) > _MOVED
-    )
-    if not cells:
-        return ()
-    return (
-        f"The prior of the common bias, N(0, {density.priors.alpha_sd:g}²), moves the estimate"
-        f" of the average {user}, in half-widths of the interval: {cells}. It expects settings"
-        " near their references. Where these or their unit are arbitrary, set a larger"
-        " alpha_sd in [model.priors].",
-    )
+    return np.asarray((own.mean.mean(axis=0) - free_mean) / half_width)
+
+
+def _remedy(fit: Fit, parameters: list[str]) -> str:
+    """Name what to set: the scale of a quantity whose responses it divides, or the prior."""
+    scales = []
+    for parameter in parameters:
+        cells = [c for (name, _), c in fit.column.items() if name == parameter]
+        # A reference that is not positive takes the scene's scale, and so do its neighbours.
+        if not fit.scale.log and min(fit.scale.origin[cells]) <= 0.0:
+            scale = float(fit.scale.unit[cells[0]])
+            unit = fit.quantities[parameter].unit
+            scales.append(f"scale.{parameter} = {scale:g}{f' ({unit})' if unit else ''}")
+    if scales:
+        return (
+            f"Its unit is [model] {' and '.join(scales)}. Set a scale about as large as the"
+            " differences from the reference, or a larger alpha_sd in [model.priors]."
+        )
+    return "Where these or their unit are arbitrary, set a larger alpha_sd in [model.priors]."
 
 
 def spread_pull(fit: Fit, *, level: float, users: tuple[str, str]) -> tuple[str, ...]:
@@ -327,7 +351,7 @@ def _some_draws(fit: Fit) -> Array:
 
 
 def _pull_of_model(
-    fit: Fit, model: CollapsedDensity, points: Array, level: float, users: tuple[str, str]
+    fit: Fit, model: Pooled, points: Array, level: float, users: tuple[str, str]
 ) -> Iterator[str]:
     """Yield a sentence per parameter whose spread the prior moves."""
     priors = model.priors
@@ -392,7 +416,7 @@ def _widths(
     return upper - lower
 
 
-def _by_scatter(model: CollapsedDensity, p: int, level: float) -> tuple[Array, float]:
+def _by_scatter(model: Pooled, p: int, level: float) -> tuple[Array, float]:
     """Widths of classical prediction intervals (J,), 0 without scatter, and the mean log SD."""
     sd = model.statistics.sd[p]
     df = model.statistics.df[p]

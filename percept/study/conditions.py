@@ -181,13 +181,14 @@ def _refuse_aliases(sessions: Sessions, conditions: Conditions) -> None:
 def covariate_values(table: pd.DataFrame, names: Sequence[str]) -> Array:
     """Covariates of every row, centred and in SDs, shape (rows, M)."""
     values = table[list(names)].apply(pd.to_numeric).to_numpy(dtype=float)
-    return np.asarray((values - values.mean(axis=0)) / values.std(axis=0))
+    centred = values - values.mean(axis=0)
+    return np.asarray(centred / values.std(axis=0))
 
 
 def comparisons(
     conditions: Conditions, factors: Factors, cells: Sequence[CellKey]
 ) -> Iterator[Comparison]:
-    """Yield every pair of levels and every interaction of two factors, by reference and over all.
+    """Yield every pair of levels and every interaction of factors, by reference and over all.
 
     Parameters
     ----------
@@ -207,25 +208,41 @@ def comparisons(
             outline = Comparison(factor, *pair, None, (), {}, within, groups=groups)
             yield from _by_reference((factor,), outline, signs, factors, cells)
     for term in conditions.terms:
-        if len(term) != 2:
+        if len(term) == 1:
             continue
-        within = not conditions.between & set(term)
-        pairs = [itertools.combinations(factors.levels[factor], 2) for factor in term]
-        for (a, b), (c, d) in itertools.product(*map(list, pairs)):
-            signs_of_pairs: Signs = {(a, c): 1.0, (b, c): -1.0, (a, d): -1.0, (b, d): 1.0}
-            groups = (a, b) if term[0] in conditions.between else (c, d)
+        between = [factor for factor in term if factor in conditions.between]
+        of_factors = []
+        for factor in term:
+            pairs_of_factor = itertools.combinations(factors.levels[factor], 2)
+            of_factors.append(list(pairs_of_factor))
+        for pairs in itertools.product(*of_factors):
+            first = ", ".join(pair[0] for pair in pairs)
+            second = ", ".join(pair[1] for pair in pairs)
+            groups = pairs[term.index(between[0])] if between else ("", "")
             outline = Comparison(
                 ":".join(term),
-                f"{a}, {c}",
-                f"{b}, {d}",
+                first,
+                second,
                 None,
                 (),
                 {},
-                within,
+                within=not between,
                 interaction=True,
-                groups=("", "") if within else groups,
+                groups=groups,
             )
-            yield from _by_reference(term, outline, signs_of_pairs, factors, cells)
+            yield from _by_reference(term, outline, _signs(pairs), factors, cells)
+
+
+def _signs(pairs: Sequence[tuple[str, str]]) -> Signs:
+    """Signs of a difference of differences: that of both second levels is positive."""
+    signs: Signs = {}
+    for corner in itertools.product(*pairs):
+        sign = 1.0
+        for level, (first, _) in zip(corner, pairs, strict=True):
+            if level == first:
+                sign = -sign
+        signs[corner] = sign
+    return signs
 
 
 def level_means(
@@ -236,7 +253,8 @@ def level_means(
         within = factor not in conditions.between
         for level in factors.levels[factor]:
             outline = Comparison(factor, "the reference", level, None, (), {}, within)
-            means = list(_by_reference((factor,), outline, {(level,): 1.0}, factors, cells))
+            signs: Signs = {(level,): 1.0}
+            means = list(_by_reference((factor,), outline, signs, factors, cells))
             # Of several references the last is their average.
             yield from means[-1:]
 

@@ -24,7 +24,7 @@ class ContrastTable:
     """How the contrasts of one quantity become rows."""
 
     quantity: Quantity
-    asked: InferenceTable
+    inference: InferenceTable
     alone: bool  # Whether it is the only quantity analysed
     scale: float | None  # Of differences in the quantity's unit; None for ratios and for references
     subjects: int  # In the study
@@ -40,18 +40,14 @@ class ContrastTable:
         method: str,
         kind: str | None = None,
         p_value: float | None = None,
+        together: Sequence[float] | None = None,
     ) -> Row:
         """Make a row of lower, upper and estimate on the response scale; without kind: spread."""
-        asked = self.asked
+        inference = self.inference
         share = kind == "share"
-        log = asked.family == "lognormal"
-        limits = np.asarray(ends, dtype=float)
-        if kind and log:
-            with np.errstate(over="ignore"):
-                limits = np.exp(limits)
-        elif kind and self.scale is not None:
-            limits = limits * self.scale
-        lower, upper, estimate = limits.tolist()
+        log = inference.family == "lognormal"
+        lower, upper, estimate = self._native(ends) if kind else np.asarray(ends).tolist()
+        lower_together, upper_together = self._native(together) if together else (None, None)
         return {
             "factor": comparison.factor,
             "first": comparison.first,
@@ -62,13 +58,15 @@ class ContrastTable:
             "of": comparison.of if kind else "spread",
             "kind": kind,
             "method": method,
-            "family": asked.family,
-            "level": asked.level,
-            "share": asked.held_share if share else None,
-            "confidence": asked.confidence if share else None,
+            "family": inference.family,
+            "level": inference.level,
+            "share": inference.held_share if share else None,
+            "confidence": inference.confidence if share else None,
             "lower": lower,
             "upper": upper,
             "estimate": estimate,
+            "lower_together": lower_together,
+            "upper_together": upper_together,
             "unit": "" if log or not kind else self.unit,
             "p_value": p_value,
             "within": comparison.within,
@@ -77,6 +75,16 @@ class ContrastTable:
             "of_references": self.references,
             "covers": self._covers(comparison, kind, method, n),
         }
+
+    def _native(self, responses: Sequence[float] | Array) -> list[float]:
+        """Differences on the response scale as ratios, or in the quantity's unit."""
+        values = np.asarray(responses, dtype=float)
+        if self.inference.family == "lognormal":
+            with np.errstate(over="ignore"):
+                values = np.exp(values)
+        elif self.scale is not None:
+            values = values * self.scale
+        return [float(value) for value in values]
 
     @property
     def unit(self) -> str:
@@ -102,12 +110,12 @@ class ContrastTable:
         """Say in a sentence what a contrast's limits hold."""
         first = comparison.first
         second = comparison.second
-        log = self.asked.family == "lognormal"
+        log = self.inference.family == "lognormal"
         user, users = self.users
         how = f"{second} over {first}"
         if not log and kind:
             how = f"{second} less {first}, in {self.unit}"
-        sure = percent(self.asked.confidence if kind == "share" else self.asked.level)
+        sure = percent(self.inference.confidence if kind == "share" else self.inference.level)
         if method == "classical":
             sure += " confidence"
         else:
@@ -118,7 +126,7 @@ class ContrastTable:
         if not kind:
             start = f"The ratio of SDs between {users} of {self.quantity.label} ({how})"
         elif kind == "share":
-            start = f"For at least {percent(self.asked.held_share)} of all {users} the {what}"
+            start = f"For at least {percent(self.inference.held_share)} of all {users} the {what}"
         else:
             who = "next" if kind == "user" else "typical" if log else "average"
             start = f"The {who} {user}'s {what}"
@@ -156,8 +164,17 @@ def _turned(rows: pd.DataFrame) -> pd.DataFrame:
     """Contrasts of the first level against the second."""
     ratio = rows["unit"] == ""
     changed = rows.assign(first=rows["second"], second=rows["first"])
-    for name, other in (("lower", "upper"), ("estimate", "estimate"), ("upper", "lower")):
-        changed[name] = np.where(ratio, 1.0 / rows[other], -rows[other])
+    ends = (
+        ("lower", "upper"),
+        ("estimate", "estimate"),
+        ("upper", "lower"),
+        ("lower_together", "upper_together"),
+        ("upper_together", "lower_together"),
+    )
+    for name, other in ends:
+        # Where there are no limits together, the column holds None or NaN.
+        values = rows[other].astype(float)
+        changed[name] = np.where(ratio, 1.0 / values, -values)
     covers = []
     for row in rows.itertuples():
         said = str(row.covers)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, cast
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,6 @@ from percept.inference.classical.contrasts import (
     spread_ratio,
 )
 from percept.inference.classical.moments import Moments
-from percept.inference.classical.trials import subject_means
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.records import Factors
@@ -33,56 +32,54 @@ from percept.study.conditions import (
 )
 from percept.study.contrast_table import ContrastTable
 from percept.study.intervals import Row
-from percept.study.responses import Trials, by_difference, trials
+from percept.study.responses import by_difference, trials
+from percept.study.subject_cells import SubjectCells, subject_cells
 
 # The classical contrasts do without the model.
 if TYPE_CHECKING:
-    from percept.inference.hierarchy.contrasts import ContrastLimits
-    from percept.inference.sampling.gate import Run
-    from percept.study.linear import LinearStudy
+    from percept.study.fit import Fit
 
 __all__ = ["contrast_rows"]
 
 
 def contrast_rows(
-    sessions: Sessions, parameters: tuple[str, ...], scene: Scene, **how: Any
+    sessions: Sessions, parameters: tuple[str, ...], scene: Scene, fit: Fit | None
 ) -> Iterator[Row | Skipped]:
-    """Yield the contrasts of every method asked for; `how` is the sampler's progress and store."""
-    asked = scene.inference
+    """Yield the contrasts of every method that was asked for; of the Bayesian one from its fit."""
+    inference = scene.inference
     conditions = conditions_of(sessions, scene)
     factors = sessions.factors
-    told: dict[str, ContrastTable] = {}
+    tables: dict[str, ContrastTable] = {}
     for p in parameters:
-        told[p] = ContrastTable(
+        tables[p] = ContrastTable(
             quantity=sessions.quantities[p],
-            asked=asked,
+            inference=inference,
             alone=len(parameters) == 1,
             scale=scene.model.scale.get(p) if by_difference(sessions, p) else None,
             subjects=len(sessions.subjects),
             references=len(factors.environments if factors else sessions.environments),
             users=scene.user_noun,
         )
-    if asked.method != "bayesian" and factors is not None:
+    if inference.method != "bayesian" and factors is not None:
         for p in parameters:
             try:
                 data = trials(sessions, scene, (p,))
             except RefusalError as refused:
                 yield Skipped(f"contrasts of {sessions.quantities[p].label}", str(refused))
                 continue
-            yield from _classical(data, conditions, factors, told[p])
-    if asked.method != "classical":
+            own = subject_cells(data, factors, conditions.between)
+            yield from _classical(own, conditions, factors, tables[p])
+    if fit is not None:
         # The classical method does without the model.
-        from percept.study.fit import modelled_together
+        from percept.study.posterior_contrasts import posterior_contrasts
 
-        for group in modelled_together(parameters, asked.together):
-            yield from _bayesian(sessions, scene, conditions, group, told, **how)
+        yield from posterior_contrasts(fit, tables)
 
 
 def _classical(
-    data: Trials, conditions: Conditions, factors: Factors, told: ContrastTable
+    own: SubjectCells, conditions: Conditions, factors: Factors, table: ContrastTable
 ) -> Iterator[Row | Skipped]:
     """Yield intervals of subjects' own contrasts, and of groups of subjects."""
-    own = _subject_means(data, factors, conditions.between)
     within = [factor for factor in conditions.factors if factor not in conditions.between]
     reduced = dataclasses.replace(
         conditions,
@@ -90,20 +87,20 @@ def _classical(
         terms=tuple(term for term in conditions.terms if set(term) <= set(within)),
     )
     levels = {factor: factors.levels[factor] for factor in within}
-    cells = {str(cell): cell for cell in _keys(own)}
-    of_subjects = comparisons(reduced, Factors(levels, cells), _keys(own))
+    cells = {str(cell): cell for cell in own.cells}
+    of_subjects = comparisons(reduced, Factors(levels, cells), own.cells)
     for _, family in itertools.groupby(of_subjects, _told_together):
-        yield from _of_subjects(own, list(family), told)
+        yield from _of_subjects(own, list(family), table)
     cells_of_all = list(factors.cells.values())
     for comparison in level_means(conditions, factors, cells_of_all):
-        yield from _of_level(own, data, conditions, factors, comparison, told)
+        yield from _of_level(own, comparison, table)
     if len(conditions.between) > 1:
-        what = f"classical contrasts of groups in {told.quantity.label}"
+        what = f"classical contrasts of groups in {table.quantity.label}"
         yield Skipped(what, "two columns of groups are more than Welch's test takes")
         return
     for comparison in comparisons(conditions, factors, cells_of_all):
         if not comparison.within:
-            yield from _of_groups(own, data, conditions, factors, comparison, told)
+            yield from _of_groups(own, factors, comparison, table)
 
 
 def _told_together(comparison: Comparison) -> tuple[str, str, str]:
@@ -111,44 +108,12 @@ def _told_together(comparison: Comparison) -> tuple[str, str, str]:
     return comparison.factor, comparison.first, comparison.second
 
 
-def _subject_means(data: Trials, factors: Factors, without: frozenset[str]) -> pd.DataFrame:
-    """Subjects' means on the model's scale, a column per cell; levels of some factors left out."""
-    kept = [number for number, name in enumerate(factors.levels) if name not in without]
-    means: dict[CellKey, list[pd.Series[float]]] = {}
-    for code, cell in enumerate(data.environments):
-        environment, levels = factors.cells[cell]
-        rows = data.environment == code
-        subjects = data.subject[rows]
-        values = subject_means(data.response[rows, 0], subjects).values
-        series = pd.Series(values, index=list(dict.fromkeys(subjects.tolist())))
-        key = (environment, tuple(levels[number] for number in kept))
-        means.setdefault(key, []).append(series)
-    table = pd.DataFrame({number: pd.concat(parts) for number, parts in enumerate(means.values())})
-    table.columns = pd.Index(list(means), tupleize_cols=False)
-    return table
-
-
-def _groups(data: Trials, factors: Factors, column: str) -> pd.Series[str]:
-    """Return the group of every subject in a column."""
-    groups: dict[int, str] = {}
-    for code, cell in enumerate(data.environments):
-        level = factors.level(cell, column)
-        for subject in np.unique(data.subject[data.environment == code]).tolist():
-            groups[subject] = level
-    return pd.Series(groups, dtype=object)
-
-
-def _complete(values: pd.DataFrame, weights: Mapping[CellKey, float]) -> pd.DataFrame:
-    """Subjects who have every cell that is weighed."""
-    keys = pd.Index(list(weights), tupleize_cols=False)
-    return values.reindex(columns=keys).dropna()
-
-
 def _of_subjects(
-    values: pd.DataFrame, family: Sequence[Comparison], told: ContrastTable
+    cells: SubjectCells, family: Sequence[Comparison], table: ContrastTable
 ) -> Iterator[Row | Skipped]:
     """Yield paired intervals and ratios of SDs, of each reference and of subjects' averages."""
-    label = f"{told.quantity.label}, {family[0].second} against {family[0].first}"
+    values = cells.values
+    label = f"{table.quantity.label}, {family[0].second} against {family[0].first}"
     each = [comparison for comparison in family if comparison.environment is not None]
     complete = pd.DataFrame(
         {
@@ -164,15 +129,15 @@ def _of_subjects(
     for comparison in each:
         own = values[complete[comparison.environment]]
         what = f"{label}, in {comparison.environment}"
-        yield from _paired(own, comparison, told, what)
-    if len(_references_of(values)) == 1:
+        yield from _paired(own, comparison, table, what)
+    if len(cells.references) == 1:
         return
     shared = [str(name) for name in complete.columns[complete[paired].all(axis=0)]]
     if not shared or not paired.any():
         why = "no reference has both levels for every subject"
         yield Skipped(f"overall contrast of {label}", why)
         return
-    left = [name for name in _references_of(values) if name not in shared]
+    left = [name for name in cells.references if name not in shared]
     if left:
         what = f"{', '.join(left)} in the overall contrast of {label}"
         yield Skipped(what, "some subjects lack a level there")
@@ -184,38 +149,28 @@ def _of_subjects(
     overall = dataclasses.replace(
         each[0], environment=None, references=tuple(shared), weights=weights
     )
-    yield from _paired(values[paired], overall, told, f"{label}, overall")
-
-
-def _keys(values: pd.DataFrame) -> list[CellKey]:
-    """Return the cells of a table."""
-    return cast(list[CellKey], list(values.columns))
-
-
-def _references_of(values: pd.DataFrame) -> list[str]:
-    """Return the references that a table of cells has."""
-    return list(dict.fromkeys(environment for environment, _ in _keys(values)))
+    yield from _paired(values[paired], overall, table, f"{label}, overall")
 
 
 def _paired(
-    values: pd.DataFrame, comparison: Comparison, told: ContrastTable, what: str
+    values: pd.DataFrame, comparison: Comparison, table: ContrastTable, what: str
 ) -> Iterator[Row | Skipped]:
     """Yield the rows of subjects who have every cell of a contrast."""
-    asked = told.asked
+    inference = table.inference
     n = len(values)
     if n < 2:
         yield Skipped(f"contrast of {what}", "fewer than two subjects have both levels")
         return
     cells = list(comparison.weights)
     weights = np.array([comparison.weights[cell] for cell in cells])
-    table = values[cells].to_numpy(dtype=float)
-    second = table @ np.maximum(weights, 0.0)
-    first = table @ np.maximum(-weights, 0.0)
+    subject_values = values[cells].to_numpy(dtype=float)
+    second = subject_values @ np.maximum(weights, 0.0)
+    first = subject_values @ np.maximum(-weights, 0.0)
     try:
-        for kind in asked.kinds:
-            interval, p_value = paired_contrast(second - first, kind, **claim_of(asked))
+        for kind in inference.kinds:
+            interval, p_value = paired_contrast(second - first, kind, **claim_of(inference))
             limits = np.array([interval.lower, interval.upper, interval.estimate], dtype=float)
-            yield told.row(
+            yield table.row(
                 comparison,
                 limits,
                 n,
@@ -225,62 +180,41 @@ def _paired(
             )
         if comparison.of != "bias":
             return
-        ratio = spread_ratio(first, second, level=asked.level)
+        ratio = spread_ratio(first, second, level=inference.level)
     except RefusalError as refused:
         yield Skipped(f"contrast of {what}", str(refused))
         return
     limits = np.array([ratio.lower, ratio.upper, ratio.estimate])
-    yield told.row(comparison, limits, ratio.n, method="classical", p_value=ratio.p_value)
+    yield table.row(comparison, limits, ratio.n, method="classical", p_value=ratio.p_value)
 
 
 def _of_level(
-    values: pd.DataFrame,
-    data: Trials,
-    conditions: Conditions,
-    factors: Factors,
-    comparison: Comparison,
-    told: ContrastTable,
+    cells: SubjectCells, comparison: Comparison, table: ContrastTable
 ) -> Iterator[Row | Skipped]:
     """Yield intervals of subjects' means at one level, over all references."""
-    kept = [number for number, name in enumerate(factors.levels) if name not in conditions.between]
-    weights: dict[CellKey, float] = {}
-    for (environment, levels), weight in comparison.weights.items():
-        key = (environment, tuple(levels[number] for number in kept))
-        weights[key] = weights.get(key, 0.0) + weight
-    table = _complete(values, weights)
-    if comparison.factor in conditions.between:
-        group = _groups(data, factors, comparison.factor)
-        table = table[(group[table.index] == comparison.second).to_numpy()]
-    own = dataclasses.replace(comparison, weights=weights)
-    what = f"{told.quantity.label}, {comparison.second} against {comparison.first}"
-    yield from _paired(table, own, told, what)
+    subject_values = cells.values[cells.at_level(comparison).notna()]
+    own = dataclasses.replace(comparison, weights=cells.weights(comparison.weights))
+    what = f"{table.quantity.label}, {comparison.second} against {comparison.first}"
+    yield from _paired(subject_values, own, table, what)
 
 
 def _of_groups(
-    values: pd.DataFrame,
-    data: Trials,
-    conditions: Conditions,
-    factors: Factors,
-    comparison: Comparison,
-    told: ContrastTable,
+    cells: SubjectCells, factors: Factors, comparison: Comparison, table: ContrastTable
 ) -> Iterator[Row | Skipped]:
     """Yield Welch's interval and the F interval of subjects' values in two groups."""
-    (column,) = conditions.between
+    (column,) = map(str, cells.groups)
     place = list(factors.levels).index(column)
     first, second = comparison.groups
     # Both groups' values weigh the same cells, which the second one's part of the contrast tells.
-    weights: dict[CellKey, float] = {}
-    for (environment, levels), weight in comparison.weights.items():
-        if levels[place] == second:
-            weights[environment, (*levels[:place], *levels[place + 1 :])] = weight
-    table = _complete(values, weights)
-    group = _groups(data, factors, column)
-    weighed = table.to_numpy(dtype=float) @ np.array(list(weights.values()))
-    own = group[table.index]
-    samples = [weighed[(own == level).to_numpy()] for level in (first, second)]
+    of_second = {
+        cell: weight for cell, weight in comparison.weights.items() if cell[1][place] == second
+    }
+    weighed = cells.weighed(cells.weights(of_second)).dropna()
+    own = cells.groups[column][weighed.index]
+    samples = [weighed[own == level].to_numpy() for level in (first, second)]
     n = sum(len(sample) for sample in samples)
     where = comparison.environment or "overall"
-    what = f"contrast of {told.quantity.label}, {comparison.second} against {comparison.first}"
+    what = f"contrast of {table.quantity.label}, {comparison.second} against {comparison.first}"
     if min(len(sample) for sample in samples) < 2:
         yield Skipped(f"{what}, {where}", "a group has fewer than two subjects with all cells")
         return
@@ -288,78 +222,12 @@ def _of_groups(
     if min(float(part.sd) for part in moments) == 0.0:
         yield Skipped(f"{what}, {where}", "all subjects of a group have one value")
         return
-    level = told.asked.level
+    level = table.inference.level
     means = group_contrast(*moments, level=level)
     ends = [means.lower, means.upper, means.estimate]
-    yield told.row(comparison, ends, n, method="classical", kind="mean", p_value=means.p_value)
+    yield table.row(comparison, ends, n, method="classical", kind="mean", p_value=means.p_value)
     if comparison.interaction:
         return
     ratio = group_spread_ratio(*moments, level=level)
     ends = [ratio.lower, ratio.upper, ratio.estimate]
-    yield told.row(comparison, ends, n, method="classical", p_value=ratio.p_value)
-
-
-def _bayesian(
-    sessions: Sessions,
-    scene: Scene,
-    conditions: Conditions,
-    parameters: tuple[str, ...],
-    told: Mapping[str, ContrastTable],
-    **how: Any,
-) -> Iterator[Row | Skipped]:
-    """Yield every contrast from one posterior of all cells."""
-    from percept.study.fit import sampled
-    from percept.study.linear import linear_study
-
-    what = " and ".join(sessions.quantities[p].label for p in parameters)
-    try:
-        study = linear_study(sessions, scene, parameters, conditions)
-    except RefusalError as refused:
-        yield Skipped(f"Bayesian contrasts of {what}", str(refused))
-        return
-    run = sampled(study.model, scene.inference, study.estimands, **how)
-    if not run.gate.passed:
-        yield Skipped(f"Bayesian contrasts of {what}", " ".join(run.gate.reasons))
-        return
-    components = run.components.reshape(-1, run.components.shape[-1])
-    limits = study.estimands.limits(run.estimates.value, components)
-    yield from _rows_of(study, limits, told)
-    yield from _spread_rows(study, run, told)
-    if run.gate.error_reached:
-        yield Skipped(f"the tolerance in Bayesian contrasts of {what}", run.gate.error_reached)
-
-
-def _rows_of(
-    study: LinearStudy, limits: ContrastLimits, told: Mapping[str, ContrastTable]
-) -> Iterator[Row]:
-    """Yield the rows of a finished posterior."""
-    method = "bayesian"
-    for number, (p, comparison) in enumerate(study.users):
-        n = study.subjects_of(comparison, p)
-        for kind, (lower, upper) in limits.users.items():
-            ends = [lower[number], upper[number], limits.users_estimate[number]]
-            yield told[p].row(comparison, ends, n, method=method, kind=kind)
-    for number, (p, comparison) in enumerate(study.groups):
-        lower, upper = limits.groups[:, number] / comparison.unit
-        ends = [lower, upper, limits.groups_estimate[number] / comparison.unit]
-        n = study.subjects_of(comparison, p)
-        yield told[p].row(comparison, ends, n, method=method, kind="mean")
-
-
-def _spread_rows(
-    study: LinearStudy, run: Run, told: Mapping[str, ContrastTable]
-) -> Iterator[Row | Skipped]:
-    """Yield the ratios of SDs between users of a finished posterior."""
-    from percept.inference.sampling.lines import line_limits
-
-    for number, (p, comparison) in enumerate(study.spreads):
-        own = told[p]
-        limits = line_limits(study.model, run, study.log_ratio(number), own.asked.level)
-        ends = np.exp([limits.lower, limits.upper, limits.median])
-        yield own.row(comparison, ends, study.subjects_of(comparison, p), method="bayesian")
-        if limits.error > own.asked.tolerance:
-            where = comparison.environment or "overall"
-            what = f"{own.quantity.label}, {comparison.second} against {comparison.first}, {where}"
-            error = f"{100.0 * limits.error:.2g} %"
-            why = f"the Monte Carlo error of its limits is {error} of a half-width"
-            yield Skipped(f"the tolerance in the ratio of SDs of {what}", why)
+    yield table.row(comparison, ends, n, method="classical", p_value=ratio.p_value)

@@ -25,7 +25,7 @@ from scipy.optimize import elementwise
 from percept.boundary.confidence import PARTS, SubjectPairs
 from percept.boundary.feels_real import MarginsAt
 from percept.boundary.users import Users
-from percept.haptics.impedance import warp
+from percept.haptics.axis import warp
 from percept.haptics.perceived import shown_element
 from percept.haptics.records import Display
 from percept.inference.classical.central_range import central_range_confidence

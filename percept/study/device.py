@@ -13,24 +13,31 @@ from percept import haptics
 from percept.boundary.users import Users
 from percept.errors import UsageError
 from percept.haptics import Coupling, Device, Environment, TabulatedDevice
+from percept.haptics.arrays import Scalars
 from percept.haptics.containment import Boxes, departures, plane_departures
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.haptics.impedance import coupling_admittance
-from percept.haptics.limits import passivity_damping
+from percept.haptics.limits import largest_coupling_damping
+from percept.haptics.loop import Hold, hold_of
 from percept.haptics.records import AnyDevice, Display
+from percept.haptics.rendering import passivity_damping
 from percept.haptics.stability import coupling_bound
+from percept.haptics.velocity import VelocityFilter
 from percept.results import Coupling as JudgedCoupling
 from percept.results import Membership, Shape
-from percept.scene import Scene
+from percept.scene import DeviceTable, Scene
 from percept.sessions.quantities import is_impedance
 from percept.study.basics import Array, Skipped
+from percept.study.device_draws import DeviceDraws, device_draws, device_stability
 from percept.study.regions import Region
 
 __all__ = [
     "BOXES",
+    "Loop",
     "Setup",
     "StiffnessSpan",
     "device_of",
+    "loop_of",
     "map_frequencies",
     "read_response",
     "setup_of",
@@ -58,29 +65,43 @@ _LOWEST_OMEGA = 1.0
 _LOWEST_FRACTION = 1e-3
 
 
+class Loop(NamedTuple):
+    """How the scene's control loop holds its forces and filters velocities."""
+
+    hold: Hold
+    velocity_filter: VelocityFilter | None
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Setup:
     """Device, coupling and the references that curves are drawn for."""
 
     device: AnyDevice
     period: float  # Sampling period, s
-    hold: str  # "average" (Eq. 8) or "true"
+    hold: Hold  # Its kind, and the delay of the loop
     references: Mapping[str, Environment]  # By environment
     coupling: Coupling | None = None
+    draws: DeviceDraws | None = None  # Where the scene's device has a posterior
+    velocity_filter: VelocityFilter | None = None  # Of the velocity that dampers act on
 
     def display(self, environment: str, *, coupled: bool) -> Display:
         """Return a reference as it is displayed, without or through the coupling."""
         coupling = self.coupling if coupled else None
-        return Display(self.device, self.references[environment], self.period, coupling, self.hold)
+        shown = self.references[environment]
+        if not coupled:
+            # The loop filters the velocity of the device: only what joins it is a filtered damper.
+            shown = dataclasses.replace(shown, velocity_filter=self.velocity_filter)
+        return Display(self.device, shown, self.period, coupling, self.hold)
 
     def curve(self, environment: str, omega: Array, *, coupled: bool) -> Array:
         """abs(Z_h), N·s/m, of a reference at (M,) rad/s, directly or through the coupling."""
+        display = self.display(environment, coupled=coupled)
         impedance = haptics.perceived_impedance(
             omega,
             self.device,
-            self.references[environment],
+            display.environment,
             self.period,
-            coupling=self.coupling if coupled else None,
+            coupling=display.coupling,
             hold=self.hold,
         )
         return np.abs(impedance)
@@ -110,6 +131,22 @@ class Setup:
         pairs.append((reference.stiffness, device.mass + reference.mass))
         return np.array([float(np.sqrt(k / m)) for k, m in pairs if m])
 
+    def coupling_of(self, stiffness: Scalars, damping: Scalars) -> Coupling:
+        """Return couplings whose damper acts on the velocity as the loop filters it."""
+        return Coupling(stiffness, damping, self.velocity_filter)
+
+    def largest_coupling_damping(self) -> float:
+        """Largest b_c of a stable coupling, N·s/m; 0 where none is known."""
+        hold = self.hold
+        return largest_coupling_damping(self.device, self.period, hold, self.velocity_filter)
+
+    @property
+    def why_no_coupling(self) -> str:
+        """Why no stable coupling is known."""
+        if self.velocity_filter is not None and self.velocity_filter.order > 1:
+            return "the edge of stable couplings is known for velocity filters of order 1 alone"
+        return "no coupling is stable with this device"
+
     @property
     def passivity(self) -> pd.DataFrame:
         """One-port passivity of every reference, rendered without the coupling."""
@@ -117,8 +154,12 @@ class Setup:
         if isinstance(self.device, Device):
             damping = self.device.damping
             for name, reference in self.references.items():
-                colgate, tustin = map(float, passivity_damping(reference, self.period))
-                rows.append((name, colgate, tustin, damping, bool(damping > colgate)))
+                wall = dataclasses.replace(reference, velocity_filter=self.velocity_filter)
+                delay = hold_of(self.hold).delay
+                needed = passivity_damping(wall, self.period, delay=delay)
+                colgate = float(needed.colgate)
+                paper = float(needed.paper)
+                rows.append((name, colgate, paper, damping, bool(damping > colgate)))
         columns = ["environment", "needed_colgate", "needed_paper", "device_damping", "passive"]
         return pd.DataFrame(rows, columns=columns)
 
@@ -168,9 +209,15 @@ def setup_of(
             yield Skipped("device and coupling", "the quantities make no impedance")
         return
     table = scene.coupling
-    coupling = None if table is None else Coupling(stiffness=table.stiffness, damping=table.damping)
-    if scene.device is not None and device is not None:
-        yield Setup(device, scene.device.period, scene.device.hold, references, coupling)
+    loop = None if scene.device is None else loop_of(scene.device)
+    velocity_filter = None if loop is None else loop.velocity_filter
+    coupling = None
+    if table is not None:
+        coupling = Coupling(table.stiffness, table.damping, velocity_filter)
+    if scene.device is not None and device is not None and loop is not None:
+        draws = device_draws(scene)
+        period = scene.device.period
+        yield Setup(device, period, loop.hold, references, coupling, draws, velocity_filter)
     elif references:
         yield Skipped("boundaries of Z_h", _NO_DEVICE)
     if coupling is None:
@@ -179,6 +226,15 @@ def setup_of(
         )
     elif device is None:
         yield Skipped("coupling: Z_h_vc and stability", _NO_DEVICE)
+
+
+def loop_of(table: DeviceTable) -> Loop:
+    """Return the loop that a scene's device has."""
+    velocity_filter = None
+    if table.velocity_filter is not None:
+        wanted = table.velocity_filter
+        velocity_filter = VelocityFilter(wanted.cutoff, wanted.order)
+    return Loop(Hold(table.hold, table.delay_in_samples), velocity_filter)
 
 
 def device_of(scene: Scene) -> AnyDevice | None:
@@ -246,6 +302,9 @@ def study_coupling(
     need = None
     if isinstance(device, haptics.Device):
         need = haptics.required_damping(coupling, period, hold=hold)
+    by_device = None
+    if setup.draws is not None:
+        by_device = device_stability(setup.draws, coupling, period, hold)
     memberships = []
     for region in _best_regions(setup, regions, family):
         memberships.append(_membership(setup, region, within, read_at))
@@ -272,6 +331,7 @@ def study_coupling(
         admittance=coupling_admittance(omega, coupling, period).real,
         memberships=tuple(memberships),
         read_at=read_at,
+        by_device=by_device,
     )
 
 

@@ -1,70 +1,33 @@
-"""The hierarchical fit of a study: a model of sessions, its sampled posterior and intervals."""
+"""The hierarchical fit of a study: its sampled posterior, and the intervals of its cells."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-import percept
-from percept.errors import RefusalError
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.contrasts import ContrastEstimands
-from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments, Resolution
-from percept.inference.hierarchy.models import IntervalEstimands, Model, Product, Unpooled
-from percept.inference.hierarchy.priors import Priors
-from percept.inference.hierarchy.scales import Options
-from percept.inference.hierarchy.statistics import Statistics, from_summary
-from percept.inference.record import Family
-from percept.inference.sampling.gate import Progress, Run, Settings
+from percept.inference.hierarchy.laws import ConditionalMoments
+from percept.inference.hierarchy.models import IntervalEstimands, Model
+from percept.inference.sampling.gate import Estimands, Progress, Run, Settings
 from percept.results import IntervalRow
-from percept.scene import InferenceTable, Scene
-from percept.sessions import Sessions
-from percept.sessions.quantities import IMPEDANCE, Quantities
-from percept.study.basics import Array, References, Skipped, Stream, claim_of, generator
-from percept.study.intervals import bayesian_row, cell_moments, known_moments
-from percept.study.responses import (
-    ResponseScale,
-    Trials,
-    decades,
-    references,
-    refuse_no_ratio,
-    resolution_of,
-    trials,
-)
+from percept.scene import InferenceTable
+from percept.study.basics import Array, References, Skipped, claim_of
+from percept.study.intervals import bayesian_row
+from percept.study.prepare import Prepared
 
 __all__ = [
     "Fit",
-    "Prepared",
     "RunStore",
     "bayesian_rows",
     "estimands_of",
     "fit_of",
-    "modelled_together",
-    "pooled",
-    "posterior_tree",
-    "prepare",
-    "prepare_apart",
+    "fitted",
     "sampled",
 ]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Prepared:
-    """A model of a study, not yet sampled."""
-
-    model: Model  # The posterior
-    scale: ResponseScale  # The way from responses to the units of the quantities
-    counts: NDArray[np.int64]  # (C,) Subjects behind each cell
-    repeats: bool | None  # Whether any cell holds more than one trial; None where it is not known
-    trials: Trials | None = None  # None for published limits and without pooling
-    approximate: bool = False  # Whether moments of logarithms were matched to published limits
-    quantities: Quantities = dataclasses.field(default_factory=lambda: IMPEDANCE)
-    skipped: tuple[Skipped, ...] = ()  # Trials and environments that are not in the model
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -97,9 +60,19 @@ class Fit(Prepared):
     @cached_property
     def moments(self) -> ConditionalMoments:
         """Moments per kept draw and cell, on the response scale."""
-        components = self.run.components
-        flat = components.reshape(-1, components.shape[-1])
+        columns = self.components.shape[-1]
+        flat = self.components.reshape(-1, columns)
         return ConditionalMoments.unpack(flat)
+
+    @cached_property
+    def components(self) -> Array:
+        """What the run kept of the cells, `ConditionalMoments` packed, (E, T, W, 3 C)."""
+        kept = self.run.components
+        draws = kept.shape[:-1]
+        columns = 3 * self.user_rows
+        of_users = kept[..., :columns].reshape(*draws, 3, -1)
+        of_cells = of_users[..., : len(self.model.cells)]
+        return of_cells.reshape(*draws, -1)
 
     @cached_property
     def estimate(self) -> Array:
@@ -114,8 +87,12 @@ class Fit(Prepared):
 
     def pairs(self, values: Array) -> dict[str, tuple[Array, Array]]:
         """Stiffness and damping of each environment, from values (..., C)."""
-        of = {cell: values[..., c] for cell, c in self.column.items()}
-        return {e: (of["k", e], of["b", e]) for e in self.environments}
+        of_environments = {}
+        for environment in self.environments:
+            stiffness = values[..., self.column["k", environment]]
+            damping = values[..., self.column["b", environment]]
+            of_environments[environment] = (stiffness, damping)
+        return of_environments
 
     @property
     def parameters(self) -> list[str]:
@@ -136,7 +113,16 @@ class Fit(Prepared):
             return Skipped("checks of the model", needed)
         data = self.trials
         ((density, _),) = parts
+        if self.contrasts is not None and self.contrasts.slopes:
+            return Skipped("checks of the model", "they do not follow covariates")
         return SubjectDensity(density, data.response, data.subject, data.environment)
+
+
+class ModelEstimands(Estimands, Protocol):
+    """Reported quantities of a model."""
+
+    def identity(self) -> tuple[object, ...]:
+        """Return what beside the model decides the limits."""
 
 
 class RunStore(Protocol):
@@ -167,16 +153,29 @@ def simpler_models(model: Model) -> list[str]:
 
 def fit_of(prepared: Prepared, asked: InferenceTable, run: Run) -> Fit:
     """Put a model and its finished run together, with the limits that the scene asks for."""
-    responses = run.estimates.value.reshape(len(asked.kinds), 2, -1)
+    of_users = run.estimates.value[: 2 * len(asked.kinds) * prepared.user_rows]
+    cells = len(prepared.model.cells)
+    by_kind = of_users.reshape(len(asked.kinds), 2, -1)
+    responses = by_kind[..., :cells]
     native = prepared.scale.native(responses)
-    limits = {str(kind): (native[i, 0], native[i, 1]) for i, kind in enumerate(asked.kinds)}
+    limits = {}
+    for index, kind in enumerate(asked.kinds):
+        lower, upper = native[index]
+        limits[str(kind)] = (lower, upper)
     return Fit(**vars(prepared), run=run, limits=limits)
+
+
+def fitted(prepared: Prepared, asked: InferenceTable, **how: Any) -> Fit:
+    """Sample the cells and contrasts of a model; `how` is the sampler's progress and store."""
+    plan = prepared.contrasts
+    estimands = plan.estimands(asked) if plan else None
+    return fit_of(prepared, asked, sampled(prepared.model, asked, estimands, **how))
 
 
 def sampled(
     model: Model,
     asked: InferenceTable,
-    estimands: IntervalEstimands | ContrastEstimands | None = None,
+    estimands: ModelEstimands | None = None,
     *,
     progress: Callable[[Progress], None] | None = None,
     store: RunStore | None = None,
@@ -237,200 +236,3 @@ def bayesian_rows(
             }
             unit = fit.quantities[cell[0]].unit
             yield bayesian_row(asked, kind, cell, limits, reference[cell], unit, **rest)
-
-
-def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
-    """Build the model that the data and the scene ask for."""
-    if scene.model.pooling == "none":
-        return _unpooled(sessions, scene, parameters)
-    if sessions.form == "summary":
-        return _from_limits(sessions, scene, parameters)
-    groups = modelled_together(parameters, scene.inference.together)
-    partial = scene.inference.method == "both"
-    studied = [trials(sessions, scene, group, partial=partial) for group in groups]
-    models = [pooled(data.statistics, scene, data.reference, data.scale, data) for data in studied]
-    return models[0] if len(models) == 1 else _side_by_side(models)
-
-
-def prepare_apart(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
-    """Build a model in which no parameter learns from another."""
-    return _side_by_side([prepare(sessions, scene, (parameter,)) for parameter in parameters])
-
-
-def modelled_together(
-    parameters: tuple[str, ...], named: tuple[str, ...] | None
-) -> list[tuple[str, ...]]:
-    """Group parameters by model: one or two share one; of more, the two that are named."""
-    if len(parameters) < 3:
-        return [parameters]
-    pair = tuple(parameter for parameter in parameters if parameter in (named or ()))
-    groups = []
-    for parameter in parameters:
-        with_other = parameter in pair and len(pair) == 2
-        groups.append(pair if with_other else (parameter,))
-    return list(dict.fromkeys(groups))
-
-
-def _side_by_side(models: list[Prepared]) -> Prepared:
-    """Put models of different parameters together, the cells of each in a row."""
-    origin = np.concatenate([m.scale.origin for m in models])
-    unit = np.concatenate([m.scale.unit for m in models])
-    why = "two are modelled together at most; [inference] together names them"
-    skipped = [Skipped("correlations of more than two parameters", why)]
-    skipped += dict.fromkeys(part for m in models for part in m.skipped)
-    return Prepared(
-        Product([m.model for m in models]),
-        ResponseScale(models[0].scale.log, origin, unit),
-        np.concatenate([m.counts for m in models]),
-        any(m.repeats for m in models),
-        quantities=models[0].quantities,
-        skipped=tuple(skipped),
-    )
-
-
-def pooled(
-    statistics: Statistics,
-    scene: Scene,
-    reference: Array,
-    scale: ResponseScale,
-    data: Trials | None = None,
-) -> Prepared:
-    """Build the hierarchical model of subjects' trials from their statistics."""
-    resolution = resolution_of(statistics, scene, reference, scale)
-    counts = np.isfinite(statistics.cell_means).sum(axis=0).ravel()
-    return Prepared(
-        _model(statistics, scene, resolution),
-        scale,
-        counts,
-        statistics.repeats,
-        data,
-        quantities=scene.quantities,
-        skipped=data.skipped if data else (),
-    )
-
-
-def _model(
-    statistics: Statistics, scene: Scene, resolution: Resolution | None = None
-) -> CollapsedDensity:
-    table = scene.model
-    options = Options(
-        subject_effect=table.subject_effect, weber=table.weber, common_spread=table.common_spread
-    )
-    return CollapsedDensity(statistics, Priors(**table.priors), options, resolution)
-
-
-def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
-    """Model each parameter of published limits by itself: limits hold no correlation."""
-    environments = sessions.environments
-    family = scene.inference.family
-    reference = references(sessions, parameters, environments)
-    quantities = sessions.quantities
-    moments = _all_moments(sessions, parameters, family)
-    by_cell = dict(zip(moments.cells, reference.ravel().tolist(), strict=True))
-    refuse_no_ratio(by_cell, quantities)
-    mean = moments.mean.reshape(reference.shape)
-    sd = moments.sd.reshape(reference.shape)
-    if family == "lognormal":
-        mean = mean - np.log(reference)
-    else:
-        mean = (mean - reference) / reference
-        sd = sd / reference
-    n = moments.counts.reshape(reference.shape)
-    rows = zip(parameters, mean, sd, n, decades(reference), strict=True)
-    models = []
-    for parameter, *row in rows:
-        statistics = from_summary(*row, parameter=parameter, environments=environments)
-        models.append(_model(statistics, scene))
-    return Prepared(
-        Product(models),
-        ResponseScale.of(reference, family),
-        moments.counts,
-        repeats=None,
-        approximate=family == "lognormal",
-        quantities=quantities,
-    )
-
-
-def _unpooled(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
-    """Each cell by itself, standardised by its own exact mean and SD."""
-    moments = _all_moments(sessions, parameters, scene.inference.family)
-    log = scene.inference.family == "lognormal"
-    origin = np.exp(moments.mean) if log else moments.mean
-    scale = ResponseScale(log, origin, moments.sd)
-    model = Unpooled(moments.cells, moments.counts)
-    quantities = sessions.quantities
-    return Prepared(model, scale, moments.counts, moments.repeats, quantities=quantities)
-
-
-class _CellMoments(NamedTuple):
-    """Moments of C cells on the family's scale."""
-
-    cells: tuple[tuple[str, str], ...]  # Parameter and environment
-    mean: Array  # (C,)
-    sd: Array  # (C,)
-    counts: NDArray[np.int64]  # (C,) Subjects
-    repeats: bool  # Whether any cell holds more than one trial of a subject
-
-
-def _all_moments(sessions: Sessions, parameters: tuple[str, ...], family: Family) -> _CellMoments:
-    """Work out the moments of every cell, or refuse a cell that has none."""
-    cells = cell_moments(sessions, parameters, family)
-    for cell in cells:
-        if cell.moments is None:
-            message = f"there is no posterior of {cell.where}: {cell.why}."
-            hint = 'Set family = "normal", or leave the parameter or environment out in the scene.'
-            raise RefusalError(message, hint=hint)
-    known = known_moments(cells, family)
-    moments = list(known.values())
-    return _CellMoments(
-        tuple(known),
-        np.array([m.mean for m in moments]),
-        np.array([m.sd for m in moments]),
-        np.array([m.n for m in moments]),
-        any(m.repeats for m in moments),
-    )
-
-
-def posterior_tree(fit: Fit, *, seed: int) -> Any:
-    """Collect scales, correlations, locations and new users, one chain per ensemble."""
-    import xarray
-
-    points = fit.points
-    grid = (len(fit.parameters), len(fit.environments))
-    means, users = fit.model.draw(points, generator(seed, Stream.LOCATIONS))
-    # Parameters that are modelled apart may have other environments.
-    flat_index = []
-    for parameter, environment in fit.model.cells:
-        row = fit.parameters.index(parameter)
-        column = fit.environments.index(environment)
-        flat_index.append(row * grid[1] + column)
-
-    def in_cells(responses: Array) -> tuple[Sequence[str], Array]:
-        whole = np.full((len(points), *grid), np.nan)
-        flat = whole.reshape(len(points), -1)
-        flat[:, flat_index] = fit.scale.native(responses)
-        return ("parameter", "environment"), whole
-
-    # By group and variable: dimensions after the draw, and values (draws, ...).
-    groups: dict[str, Mapping[str, tuple[Sequence[str], Array]]] = {
-        "posterior": {"population_mean": in_cells(means), **fit.model.scales(points)},
-        "posterior_predictive": {"new_user": in_cells(users)},
-        "sample_stats": {"lp": ((), fit.model(points))},
-    }
-    labels = {
-        "parameter": fit.parameters,
-        "environment": fit.environments,
-        "cell": [f"{p} in {e}" for p, e in fit.model.cells],
-    }
-    made_by = {"creation_library": "percept", "creation_library_version": percept.__version__}
-    chains = len(fit.run.points)
-    found = {}
-    for group, named in groups.items():
-        variables = {}
-        for name, (dims, values) in named.items():
-            by_chain = np.reshape(values, (chains, -1, *values.shape[1:]))
-            variables[name] = (("chain", "draw", *dims), by_chain)
-        dataset = xarray.Dataset(variables, attrs=made_by)
-        coords = {dim: labels.get(str(dim), np.arange(size)) for dim, size in dataset.sizes.items()}
-        found[group] = dataset.assign_coords(coords)
-    return xarray.DataTree.from_dict(found)

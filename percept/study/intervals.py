@@ -19,6 +19,7 @@ from percept.inference.record import ROW, Family, Interval, Joint, Kind
 from percept.results import CellValues, DesignCounts, IntervalRow
 from percept.scene import InferenceTable
 from percept.sessions import Sessions
+from percept.sessions.doubts import empty_cells
 from percept.sessions.quantities import Quantity
 from percept.study.basics import FAMILIES, References, Skipped, claim_of
 
@@ -263,10 +264,10 @@ def design_counts(sessions: Sessions) -> DesignCounts | None:
     table = sessions.table
     trials = table.groupby(["subject", "environment"], sort=False).size()
     visits = table.groupby("subject", sort=False)["session"].nunique()
-    cells = len(sessions.subjects) * len(sessions.environments)
+    missing = sum(1 for _ in empty_cells(table, sessions.factors))
     return DesignCounts(
-        cells=cells,
-        missing=cells - len(trials),
+        cells=len(trials) + missing,
+        missing=missing,
         trials=(int(trials.min()), int(trials.max())),
         sessions=(int(visits.min()), int(visits.max())),
     )

@@ -23,15 +23,8 @@ from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import Quantities
 from percept.study.boundaries import BoundaryDrawing, LimitErrors, compare_bands
-from percept.study.fit import (
-    Fit,
-    estimands_of,
-    fit_of,
-    modelled_together,
-    prepare,
-    prepare_apart,
-    sampled,
-)
+from percept.study.fit import Fit, estimands_of, fit_of, sampled
+from percept.study.prepare import modelled_together, prepare, prepare_apart
 from percept.study.regions import Region
 
 __all__ = ["USERS", "Ladder", "band_pairs", "climb", "sentence"]
@@ -124,7 +117,8 @@ def climb(
         for table in tables:
             part = dataclasses.replace(sessions, table=table)
             try:
-                model = build(part, normal, parameters)
+                # Contrasts are not on the ladder.
+                model = dataclasses.replace(build(part, normal, parameters), contrasts=None)
                 one = fit_of(model, normal.inference, sampled(model.model, normal.inference, **how))
                 why = " ".join(one.run.gate.reasons)
             except RefusalError as error:
@@ -173,7 +167,7 @@ def band_pairs(
 
 def _measured(fit: Fit, asked: InferenceTable) -> dict[_Cell, _Interval]:
     """Limits of a fit, with errors of log width and midpoint by the draws' influence on both."""
-    components = fit.run.components
+    components = fit.components
     scale = fit.scale
     found = {}
     flat = components.reshape(-1, components.shape[-1])

@@ -1,4 +1,4 @@
-"""The hierarchical model of studies with factors, groups or covariates, and its contrasts."""
+"""The model of a study with factors, groups or covariates, and the contrasts it estimates."""
 
 from __future__ import annotations
 
@@ -7,51 +7,108 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 
-from percept.errors import RefusalError
+from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.contrasts import ContrastEstimands, ContrastRows
 from percept.inference.hierarchy.covariates import Covariates, with_covariates
 from percept.inference.hierarchy.design import Cells, design_of
 from percept.inference.hierarchy.design import Factors as CellFactors
-from percept.inference.hierarchy.linear import LinearModel
+from percept.inference.hierarchy.linear_posterior import LinearPosterior
+from percept.inference.hierarchy.linear_product import LinearProduct
+from percept.inference.hierarchy.model import Resolution
 from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.hierarchy.priors import Priors
-from percept.inference.hierarchy.statistics import Statistics
-from percept.scene import Scene
+from percept.inference.hierarchy.statistics import Statistics, apart_by_subject
+from percept.inference.hierarchy.subject_spreads import chance_of_differences
+from percept.inference.hierarchy.trial_scatter import TrialScatter, trial_scatter
+from percept.scene import InferenceTable, ModelTable, Scene
 from percept.sessions import Sessions
-from percept.study.basics import Array, claim_of
+from percept.study.basics import Array, Skipped, claim_of
 from percept.study.conditions import (
     CellKey,
     Comparison,
     Conditions,
     comparisons,
+    conditions_of,
     covariate_values,
     level_means,
 )
-from percept.study.responses import Trials, by_difference, lacking_scatter, trials
+from percept.study.responses import Trials
 
-__all__ = ["LinearStudy", "linear_study"]
+#: Subjects beyond which their own trial SDs take the sampler too long to be the default.
+_MOST_SUBJECTS = 60
+#: Probability below which differences between subjects' trial SDs are not put down to chance.
+_DOUBTFUL = 0.01
+#: Trial degrees of freedom of the median subject: with fewer, one SD is known to a quarter at best.
+_LEAST_TRIAL_DF = 8
 
-#: A quantity, and what is compared in it.
-Compared = tuple[str, Comparison]
+__all__ = ["Compared", "ContrastPlan", "linear_study", "side_by_side"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class LinearStudy:
-    """A model of all cells together, and its contrasts."""
+class Compared:
+    """A contrast of one quantity, as weights of a model's locations."""
 
-    model: LinearModel
-    estimands: ContrastEstimands
-    cells: tuple[CellKey, ...]  # Environment and levels of each cell
+    parameter: str
+    comparison: Comparison
+    row: Array  # (R,) Weights
+    subjects: int  # That it rests on
+
+    @property
+    def name(self) -> str:
+        """The contrast in messages of the sampler."""
+        comparison = self.comparison
+        where = comparison.environment or "overall"
+        versus = f"{comparison.second} against {comparison.first}"
+        return f"{self.parameter}, {comparison.factor}: {versus}, {where}"
+
+    def padded(self, before: int, after: int) -> Compared:
+        """Weigh the locations of a model that has others before and after these."""
+        row = np.pad(self.row, (before, after))
+        return dataclasses.replace(self, row=row)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ContrastPlan:
+    """What a model of R locations estimates beside its cells."""
+
+    model: LinearPosterior | LinearProduct
+    cell_rows: Array  # (C, R) Where the cells stand among the locations
     users: tuple[Compared, ...]  # Contrasts that each user has too
     groups: tuple[Compared, ...]  # Contrasts of different users, and slopes
     spreads: tuple[Compared, ...]  # Ratios of SDs between users
-    spread_rows: Array  # (L, R) Positive at the cells of the second SD, negative at the first's
+    skipped: tuple[Skipped, ...]  # What the model leaves out
 
-    def log_ratio(self, number: int) -> Callable[[Array], Array]:
-        """Log ratio of SDs of one of `spreads`, of coordinates (W, d)."""
-        row = self.spread_rows[number]
-        rows = np.stack([np.maximum(row, 0.0), np.maximum(-row, 0.0)])
+    def estimands(self, asked: InferenceTable) -> ContrastEstimands:
+        """Limits of the cells' intervals and of all contrasts, to one tolerance."""
+        rows = ContrastRows(
+            cells=self.cell_rows,
+            users=self.rows(self.users),
+            groups=self.rows(self.groups),
+        )
+        of_users = [("contrast", compared.name) for compared in self.users]
+        of_groups = [("contrast", compared.name) for compared in self.groups]
+        claims = IntervalEstimands(self.model, kinds=asked.kinds, **claim_of(asked))
+        names = (*self.model.cells, *of_users)
+        return ContrastEstimands(self.model, rows, names, tuple(of_groups), claims)
+
+    @property
+    def slopes(self) -> bool:
+        """Whether the model has covariates."""
+        return any(compared.comparison.of == "slope" for compared in self.groups)
+
+    def rows(self, compared: Sequence[Compared]) -> Array:
+        """Weights of contrasts, (L, R)."""
+        rows = [own.row for own in compared]
+        locations = self.cell_rows.shape[1]
+        return np.reshape(rows, (-1, locations))
+
+    def log_ratio(self, compared: Compared) -> Callable[[Array], Array]:
+        """Log ratio of the SDs of one of `spreads`, of coordinates (W, d)."""
+        second_row = np.maximum(compared.row, 0.0)
+        first_row = np.maximum(-compared.row, 0.0)
+        rows = np.stack([second_row, first_row])
 
         def ratio(points: Array) -> Array:
             second, first = self.model.log_user_sds(rows, points).T
@@ -59,115 +116,169 @@ class LinearStudy:
 
         return ratio
 
-    def subjects_of(self, comparison: Comparison, parameter: str) -> int:
-        """Count the subjects that a contrast rests on."""
-        statistics = self.model.statistics
-        present = np.isfinite(statistics.cell_means[:, 0])  # (N, C)
-        if not comparison.weights:
-            return len(present)
-        if not comparison.within:
-            weighed = [cell in comparison.weights for cell in self.cells]
-            return int(present[:, weighed].any(axis=1).sum())
-        complete = np.zeros(len(present), dtype=bool)
-        for environment in comparison.references:
-            own = [cell for cell in comparison.weights if cell[0] == environment]
-            complete |= self._at_all_levels(present, own, comparison)
-        return int(complete.sum())
 
-    def _at_all_levels(
-        self, present: NDArray[np.bool_], own: Sequence[CellKey], comparison: Comparison
-    ) -> NDArray[np.bool_]:
-        """Subjects with a cell of either sign."""
-        complete = np.ones(len(present), dtype=bool)
-        for sign in (-1.0, 1.0):
-            side = [cell in own and comparison.weights[cell] * sign > 0 for cell in self.cells]
-            if any(side):
-                complete &= present[:, side].any(axis=1)
-        return complete
+def side_by_side(plans: Sequence[ContrastPlan]) -> ContrastPlan:
+    """Put the contrasts of models of different quantities together."""
+    model = LinearProduct([part for plan in plans for part in plan.model.linear_parts])
+    widths = [plan.cell_rows.shape[1] for plan in plans]
+    users: list[Compared] = []
+    groups: list[Compared] = []
+    spreads: list[Compared] = []
+    before = 0
+    for plan, width in zip(plans, widths, strict=True):
+        after = sum(widths) - before - width
+        users += [compared.padded(before, after) for compared in plan.users]
+        groups += [compared.padded(before, after) for compared in plan.groups]
+        spreads += [compared.padded(before, after) for compared in plan.spreads]
+        before += width
+    rows = linalg.block_diag(*(plan.cell_rows for plan in plans))
+    skipped = tuple(part for plan in plans for part in plan.skipped)
+    return ContrastPlan(
+        model=model,
+        cell_rows=rows,
+        users=tuple(users),
+        groups=tuple(groups),
+        spreads=tuple(spreads),
+        skipped=skipped,
+    )
 
 
 def linear_study(
-    sessions: Sessions, scene: Scene, parameters: tuple[str, ...], conditions: Conditions
-) -> LinearStudy:
+    data: Trials, sessions: Sessions, scene: Scene, resolution: Resolution
+) -> ContrastPlan:
     """Build the model of one or two quantities over all cells.
 
     Parameters
     ----------
+    data : Trials
+        Of these quantities.
     sessions : Sessions
         Whose environments are told apart by the factors' levels.
     scene : Scene
-        With priors and claims.
-    parameters : tuple of str
-        One quantity or two.
-    conditions : Conditions
-        Factors, groups and covariates.
+        With terms, priors and options.
+    resolution : Resolution
+        Variance that the adjustment's resolution adds.
 
     Returns
     -------
-    LinearStudy
+    ContrastPlan
 
     Raises
     ------
+    UsageError
+        A term that the data cannot carry, or an option that is not of this model.
     RefusalError
-        A model without pooling, a single cell, or data without scatter.
+        A factor with one level left.
     """
-    if scene.model.pooling == "none":
-        raise RefusalError('they need [model] pooling = "partial".')
-    scaled = [p for p in parameters if by_difference(sessions, p)]
-    data = trials(sessions, scene, parameters, scaled=scaled)
-    lacking_scatter(data.statistics, (), sessions.quantities)
-    statistics, covariates, sizes = _with_covariates(data, sessions, conditions)
+    _refuse_options(scene.model)
+    conditions = conditions_of(sessions, scene)
+    why_not = _one_trial_sd(scene.model.subjects_trial_sd, data.statistics)
+    by_subject = why_not is None
+    statistics, covariates, scatter, sizes = _reduced(data, sessions, conditions, by_subject)
     keys = tuple(_key(sessions, cell) for cell in data.environments)
     priors = Priors(**scene.model.priors)
-    design = design_of(*_design(keys, statistics, sessions, conditions), priors)
-    model = LinearModel(statistics, design, priors, covariates)
+    own_slopes = scene.model.subjects_slope
+    cells, factors = _design(keys, statistics, sessions, conditions, own_slopes)
+    design = design_of(cells, factors, priors)
+    if scene.model.weber:
+        design = design.without_spread_trend()
+    model = LinearPosterior(statistics, design, priors, covariates, scatter, resolution)
     found: list[Comparison] = []
     if sessions.factors is not None:
         found = list(comparisons(conditions, sessions.factors, keys))
         found += level_means(conditions, sessions.factors, keys)
+    environments = tuple(dict.fromkeys(environment for environment, _ in keys))
     slopes = [
-        Comparison(
-            name, "the same", "1 more", None, tuple(_environments(keys)), {}, True, unit=size
-        )
+        Comparison(name, "the same", "1 more", None, environments, {}, True, unit=size)
         for name, size in zip(conditions.covariates, sizes, strict=True)
     ]
-    users = [(p, own) for p in parameters for own in found if own.of_users]
-    groups = [(p, own) for p in parameters for own in found if not own.of_users]
-    groups += [(p, own) for p in parameters for own in slopes]
-    contrasts = [own for own in found if own.of == "bias"]
+    weigh = _Weights(keys, statistics, conditions)
+    users = [own for own in found if own.of_users]
+    groups = [own for own in found if not own.of_users]
     # Where the spread of subjects' effects is one for all levels, a ratio would be falsely certain.
-    spreads = [(p, own) for p in parameters for own in contrasts if own.factor in conditions.spread]
-    rows = ContrastRows(
-        users=_stacked(users, parameters, keys, conditions),
-        groups=_stacked(groups, parameters, keys, conditions),
-    )
-    claims = IntervalEstimands(model, kinds=scene.inference.kinds, **claim_of(scene.inference))
-    names = tuple(_named(*compared) for compared in (*users, *groups))
-    return LinearStudy(
+    contrasts = [own for own in found if own.of == "bias"]
+    spreads = [own for own in contrasts if own.factor in conditions.spread]
+    skipped: tuple[Skipped, ...] = ()
+    if why_not is not None and data.statistics.repeats:
+        what = " and ".join(sessions.quantities[p].label for p in data.parameters)
+        why_not += _differences(data)
+        skipped = (Skipped(f"subjects' own trial SDs of {what}", why_not),)
+    return ContrastPlan(
         model=model,
-        estimands=ContrastEstimands(model, rows, names, claims),
-        cells=keys,
-        users=tuple(users),
-        groups=tuple(groups),
-        spreads=tuple(spreads),
-        spread_rows=_stacked(spreads, parameters, keys, conditions),
+        cell_rows=np.eye(len(model.cells), model.locations_count),
+        users=tuple(weigh.all_quantities(users)),
+        groups=tuple(weigh.all_quantities(groups + slopes)),
+        spreads=tuple(weigh.all_quantities(spreads)),
+        skipped=skipped,
     )
 
 
-def _with_covariates(
-    data: Trials, sessions: Sessions, conditions: Conditions
-) -> tuple[Statistics, Covariates | None, Array]:
-    """Statistics of the trials, their covariates, and the covariates' SDs."""
+def _refuse_options(table: ModelTable) -> None:
+    """Refuse the simpler models that a model of factors does not have."""
+    reasons = []
+    if table.common_spread:
+        reasons.append(("common_spread", True, "the spread of each cell is estimated"))
+    if not table.subject_effect:
+        reasons.append(("subject_effect", False, "comparisons within subjects rest on it"))
+    for key, value, why in reasons:
+        message = f"does not go with factors, groups or covariates: {why}."
+        hint = "Leave it out, or leave out [model] bias and [study] factor."
+        raise UsageError(message, key=f"model.{key}", value=value, hint=hint)
+
+
+def _one_trial_sd(setting: bool | str, statistics: Statistics) -> str | None:
+    """Say why all subjects share one trial SD; None where each has one of their own."""
+    if setting is False:
+        return "[model] subjects_trial_sd = false"
+    if not statistics.repeats:
+        return "no subject repeats a trial in a cell"
+    if setting is True:
+        return None
+    why = ""
+    subjects = len(statistics.subjects)
+    df = np.zeros(subjects)
+    for pattern in statistics.patterns:
+        df[pattern.members] = (pattern.trials - 1.0).sum()
+    if subjects > _MOST_SUBJECTS:
+        why = f"the study has more than {_MOST_SUBJECTS} subjects"
+    elif np.median(df) < _LEAST_TRIAL_DF:
+        why = f"half of the subjects repeat a trial fewer than {_LEAST_TRIAL_DF} times"
+    return f"{why}; [model] subjects_trial_sd = true computes them" if why else None
+
+
+def _differences(data: Trials) -> str:
+    """Say whether subjects' trial SDs differ more than chance lets them."""
+    nothing = np.zeros((len(data.response), 0))
+    scatter = trial_scatter(data.response, data.subject, data.environment, nothing, by_subject=True)
+    chances = chance_of_differences(scatter, len(data.subjects), len(data.environments))
+    smallest = min(1.0, chances.min() * len(chances))
+    if smallest >= _DOUBTFUL:
+        return ""
+    return f". They differ beyond chance (p = {smallest:.1g}), which the model does not know"
+
+
+def _reduced(
+    data: Trials, sessions: Sessions, conditions: Conditions, by_subject: bool
+) -> tuple[Statistics, Covariates | None, TrialScatter, Array]:
+    """Statistics of the trials, their covariates, scatter, and the covariates' SDs."""
     names = conditions.covariates
-    if not names:
-        return data.statistics, None, np.ones(0)
-    table = sessions.table.loc[data.rows]
-    values = covariate_values(table, names)
-    sizes = table[list(names)].astype(float).std(ddof=0).to_numpy()
-    statistics, covariates = with_covariates(
-        data.response, data.subject, data.environment, values, names, data.statistics
-    )
-    return statistics, covariates, sizes
+    statistics = apart_by_subject(data.statistics) if by_subject else data.statistics
+    covariates = None
+    sizes = np.ones(0)
+    values = np.zeros((len(data.response), 0))
+    if names:
+        table = sessions.table.loc[data.rows]
+        values = covariate_values(table, names)
+        columns = table[list(names)].astype(float)
+        sizes = columns.std(ddof=0).to_numpy()
+    trials_of = (data.response, data.subject, data.environment, values)
+    pooled = trial_scatter(*trials_of, by_subject=False)
+    if names:
+        statistics, covariates = with_covariates(
+            values, data.subject, data.environment, names, statistics, pooled
+        )
+    scatter = trial_scatter(*trials_of, by_subject=True) if by_subject else pooled
+    return statistics, covariates, scatter, sizes
 
 
 def _key(sessions: Sessions, cell: str) -> CellKey:
@@ -175,15 +286,15 @@ def _key(sessions: Sessions, cell: str) -> CellKey:
     return (cell, ()) if sessions.factors is None else sessions.factors.cells[cell]
 
 
-def _environments(keys: Sequence[CellKey]) -> list[str]:
-    return list(dict.fromkeys(environment for environment, _ in keys))
-
-
 def _design(
-    keys: Sequence[CellKey], statistics: Statistics, sessions: Sessions, conditions: Conditions
+    keys: Sequence[CellKey],
+    statistics: Statistics,
+    sessions: Sessions,
+    conditions: Conditions,
+    subjects_slope: bool,
 ) -> tuple[Cells, CellFactors]:
     """Cells and factors by number."""
-    environments = _environments(keys)
+    environments = list(dict.fromkeys(environment for environment, _ in keys))
     cells = Cells(
         names=statistics.environments,
         environment=np.array([environments.index(environment) for environment, _ in keys]),
@@ -195,7 +306,8 @@ def _design(
     if sessions.factors is not None:
         for place, (factor, names) in enumerate(sessions.factors.levels.items()):
             # Levels of which no trial is left have no column.
-            present = tuple(name for name in names if any(own[place] == name for _, own in keys))
+            used = {own[place] for _, own in keys}
+            present = tuple(name for name in names if name in used)
             levels[factor] = present
             level[factor] = np.array([present.index(own[place]) for _, own in keys])
     if any(len(present) < 2 for present in levels.values()):
@@ -206,32 +318,64 @@ def _design(
         terms=conditions.terms,
         between=conditions.between,
         spread=conditions.spread,
+        slopes=subjects_slope,
     )
     return cells, factors
 
 
-def _stacked(
-    compared: Sequence[Compared],
-    parameters: tuple[str, ...],
-    keys: Sequence[CellKey],
-    conditions: Conditions,
-) -> Array:
-    """Weights of the model's locations: cells quantity by quantity, then slopes."""
-    size = len(parameters)
-    cells = len(keys)
-    rows = np.zeros((len(compared), size * (cells + len(conditions.covariates))))
-    for number, (parameter, comparison) in enumerate(compared):
-        p = parameters.index(parameter)
+class _Weights:
+    """Contrasts as weights of a model's locations: cells quantity by quantity, then slopes."""
+
+    def __init__(
+        self, keys: tuple[CellKey, ...], statistics: Statistics, conditions: Conditions
+    ) -> None:
+        self._keys = keys
+        self._parameters = statistics.parameters
+        self._covariates = conditions.covariates
+        #: (N, C) Whether a subject has a cell
+        self._present = np.isfinite(statistics.cell_means[:, 0])
+
+    def all_quantities(self, found: Sequence[Comparison]) -> list[Compared]:
+        """Weigh contrasts in every quantity."""
+        weighed = []
+        for p, parameter in enumerate(self._parameters):
+            for comparison in found:
+                row = self._row(p, comparison)
+                weighed.append(Compared(parameter, comparison, row, self._subjects(comparison)))
+        return weighed
+
+    def _row(self, p: int, comparison: Comparison) -> Array:
+        """Weights of all locations (R,)."""
+        size = len(self._parameters)
+        cells = len(self._keys)
+        row = np.zeros(size * (cells + len(self._covariates)))
         if comparison.weights:
-            rows[number, p * cells : (p + 1) * cells] = comparison.row(keys)
+            row[p * cells : (p + 1) * cells] = comparison.row(self._keys)
         else:
-            m = conditions.covariates.index(comparison.factor)
-            rows[number, size * cells + m * size + p] = 1.0
-    return rows
+            m = self._covariates.index(comparison.factor)
+            row[size * cells + m * size + p] = 1.0
+        return row
 
+    def _subjects(self, comparison: Comparison) -> int:
+        """Count the subjects that a contrast rests on."""
+        if not comparison.weights:
+            return len(self._present)
+        if not comparison.within:
+            weighed = [cell in comparison.weights for cell in self._keys]
+            return int(self._present[:, weighed].any(axis=1).sum())
+        complete = np.zeros(len(self._present), dtype=bool)
+        for environment in comparison.references:
+            complete |= self._at_all_levels(environment, comparison)
+        return int(complete.sum())
 
-def _named(parameter: str, comparison: Comparison) -> str:
-    """Name a contrast in messages of the sampler."""
-    where = comparison.environment or "overall"
-    versus = f"{comparison.second} against {comparison.first}"
-    return f"{parameter}, {comparison.factor}: {versus}, {where}"
+    def _at_all_levels(self, environment: str, comparison: Comparison) -> NDArray[np.bool_]:
+        """Subjects with a cell of either sign in an environment."""
+        weights = [
+            comparison.weights.get(cell, 0.0) if cell[0] == environment else 0.0
+            for cell in self._keys
+        ]
+        complete = np.ones(len(self._present), dtype=bool)
+        for side in (np.array(weights) > 0.0, np.array(weights) < 0.0):
+            if side.any():
+                complete &= self._present[:, side].any(axis=1)
+        return complete

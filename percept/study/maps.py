@@ -1,6 +1,7 @@
 """How probably other couplings and other devices feel real, and are stable.
 
-The map of couplings is over stiffness and damping, up to the edge of what is stable. Its ends, the
+The map of couplings is over stiffness and damping, up to the edge of what is stable. Where the
+device has a posterior, the edge is that of its most stable draw. Its ends, the
 stiffest and the softest coupling that feel real with the scene's `decision`, are found on it and
 confirmed by `percept.boundary.feels_real`, which also searches between frequencies. Mass and
 damping of a device are seldom known well: the map of devices judges every environment again.
@@ -18,7 +19,6 @@ from percept import haptics
 from percept.boundary.feels_real import CouplingJudge, Evidence, feels_real, rough_probability
 from percept.boundary.users import Users
 from percept.haptics import Coupling, Device, TabulatedDevice
-from percept.haptics.limits import largest_coupling_damping, stable_stiffness
 from percept.haptics.search import covers_range
 from percept.results import (
     AdmissibleCouplings,
@@ -31,6 +31,7 @@ from percept.results.fields import Method
 from percept.scene import InferenceTable
 from percept.study.basics import Array, Skipped
 from percept.study.device import Setup, StiffnessSpan, map_frequencies, stiffness_span
+from percept.study.stable_couplings import StableCouplings, is_stable
 from percept.study.verdicts import frequencies, relative_sd
 
 __all__ = ["coupling_map", "device_map", "no_maps"]
@@ -84,8 +85,8 @@ def _no_coupling_map(setup: Setup, users: Mapping[str, Users]) -> Skipped | None
         covered = f"{device.omega[0]:g} to {device.omega[-1]:g} rad/s"
         needed = f"all of 0 to {np.pi / setup.period:g}"
         return Skipped(what, f"the device's table covers {covered}, and stability needs {needed}")
-    if not largest_coupling_damping(device, setup.period, setup.hold):
-        return Skipped(what, "no coupling is stable with this device")
+    if not setup.largest_coupling_damping():
+        return Skipped(what, setup.why_no_coupling)
     if not users:
         return Skipped(what, "they need a joint law of stiffness and damping")
     return None
@@ -120,10 +121,11 @@ def coupling_map(
     """
     if _no_coupling_map(setup, users) is not None:
         return None
+    stable = StableCouplings.of(setup)
     judges = []
     for environment, population in users.items():
-        judges.append(_Environment.of(setup, environment, population, asked, within))
-    damping = _lines(setup)
+        judges.append(_Environment.of(stable, environment, population, asked, within))
+    damping = _lines(stable.largest_damping)
     maps = [_map_of(environment.name, [environment], damping) for environment in judges]
     if len(judges) > 1:
         maps.append(_map_of(None, judges, damping))
@@ -135,12 +137,12 @@ def coupling_map(
         draws=min(_MAP_DRAWS, *(population.size for population in users.values())),
         damping=damping,
         environments=tuple(maps),
+        devices=stable.devices,
     )
 
 
-def _lines(setup: Setup) -> Array:
+def _lines(largest: float) -> Array:
     """Return dampings from 0 to the largest that is stable, dense at both ends."""
-    largest = largest_coupling_damping(setup.device, setup.period, setup.hold)
     angle = np.linspace(0.0, _LAST_LINE * 0.5 * np.pi, _LINES)
     return largest * np.sin(angle) ** 2
 
@@ -150,7 +152,7 @@ class _Environment:
     """One environment with all that judges its couplings."""
 
     name: str
-    setup: Setup
+    stable: StableCouplings
     judge: CouplingJudge
     users: Users
     omega: Array  # rad/s, where `feels_real` looks first
@@ -160,24 +162,25 @@ class _Environment:
     @classmethod
     def of(
         cls,
-        setup: Setup,
+        stable: StableCouplings,
         name: str,
         users: Users,
         asked: InferenceTable,
         within: tuple[float, float],
     ) -> _Environment:
         """Prepare an environment."""
+        setup = stable.setup
         some = users.select(slice(0, _MAP_DRAWS))
         span = stiffness_span(setup, name, some, asked.level)
-        display = setup.display(name, coupled=False)
+        display = setup.display(name, coupled=True)
         omega = map_frequencies(setup, name, span, within)
         judge = CouplingJudge(display, some, omega, level=asked.level)
         searched = frequencies(setup, name, relative_sd(users), within)
-        return cls(name, setup, judge, users, searched, asked, _SOFTER * span.low)
+        return cls(name, stable, judge, users, searched, asked, _SOFTER * span.low)
 
     def confirm(self, coupling: Coupling) -> Evidence:
         """Judge one coupling by `feels_real`."""
-        setup = dataclasses.replace(self.setup, coupling=coupling)
+        setup = dataclasses.replace(self.stable.setup, coupling=coupling)
         display = setup.display(self.name, coupled=True)
         some = self.users.select(slice(0, _END_DRAWS))
         level = self.asked.level
@@ -191,10 +194,9 @@ class _Grid(NamedTuple):
     stiffness: Array  # (B, K), increasing to the stable limit
 
 
-def _stable_grid(setup: Setup, damping: Array, softest: float) -> _Grid:
+def _stable_grid(stable: StableCouplings, damping: Array, softest: float) -> _Grid:
     """Return stable couplings from `softest`, N/m, on."""
-    limit = stable_stiffness(setup.device, damping, setup.period, setup.hold)
-    limit = (1.0 - _INSIDE) * np.maximum(limit, np.finfo(float).tiny)
+    limit = (1.0 - _INSIDE) * np.maximum(stable.limit(damping), np.finfo(float).tiny)
     low = np.minimum(softest, limit / _LEAST_SPAN)
     return _Grid(damping, np.geomspace(low, limit, _STIFFNESSES).T)
 
@@ -203,9 +205,8 @@ def _map_of(
     name: str | None, environments: Sequence[_Environment], damping: Array
 ) -> EnvironmentCouplings:
     """Map one environment, or several together."""
-    setup = environments[0].setup
     softest = max(environment.softest for environment in environments)
-    grid = _stable_grid(setup, damping, softest)
+    grid = _stable_grid(environments[0].stable, damping, softest)
     probability = _probabilities(environments, grid)
     ends: dict[End, ConfirmedCoupling | None] = {}
     for end in ("stiffest", "softest"):
@@ -220,17 +221,18 @@ def _map_of(
 
 
 def _probabilities(environments: Sequence[_Environment], grid: _Grid) -> Array:
-    """Return the smallest of the environments' probabilities for each coupling, (B, K)."""
+    """Return P(stable) times the smallest of the environments' probabilities, (B, K)."""
     stiffness = grid.stiffness.ravel()
     damping = np.repeat(grid.damping, grid.stiffness.shape[1])
-    least = np.ones(stiffness.size)
+    stable = environments[0].stable.probability(stiffness, damping)
+    least = np.where(stable > 0.0, 1.0, 0.0)
     for environment in environments:
         maybe = np.flatnonzero(least > 0.0)
         if maybe.size:
-            couplings = Coupling(stiffness[maybe], damping[maybe])
+            couplings = environment.stable.setup.coupling_of(stiffness[maybe], damping[maybe])
             found = environment.judge.probabilities(couplings)
             least[maybe] = np.minimum(least[maybe], found)
-    return least.reshape(grid.stiffness.shape)
+    return (stable * least).reshape(grid.stiffness.shape)
 
 
 def _confirmed_end(
@@ -244,7 +246,8 @@ def _confirmed_end(
         if coupling is None:
             return None
         confirmed = _confirmed(environments, coupling)
-        if confirmed.probability >= decision and _is_stable(environments[0].setup, coupling):
+        stable = environments[0].stable.allows(coupling, decision)
+        if confirmed.probability >= decision and stable:
             return confirmed
         # What lies between the map's frequencies, and its fewer draws, is asked for on top.
         wanted += max(decision - confirmed.probability, 1.0 / _END_DRAWS)
@@ -255,19 +258,18 @@ def _confirmed(environments: Sequence[_Environment], coupling: Coupling) -> Conf
     """Say how probably a coupling feels real where it is least probable, and what bounds it."""
     found = [environment.confirm(coupling) for environment in environments]
     least = min(found, key=lambda evidence: evidence.probability)
-    setup = environments[0].setup
-    damping = np.array([float(coupling.damping)])
-    limit = stable_stiffness(setup.device, damping, setup.period, setup.hold)
+    stable = environments[0].stable.chance(coupling)
     bound: Literal["stability", "magnitude", "plane"] = "magnitude"
-    if float(coupling.stiffness) >= (1.0 - 2.0 * _INSIDE) * limit[0]:
+    at_edge = stable.nearness >= 1.0 - 2.0 * _INSIDE
+    if at_edge or stable.probability < least.probability:
         bound = "stability"
     elif least.plane < least.magnitude:
         bound = "plane"
     return ConfirmedCoupling(
         stiffness=float(coupling.stiffness),
         damping=float(coupling.damping),
-        probability=least.probability,
-        error=least.error,
+        probability=stable.probability * least.probability,
+        error=float(np.hypot(least.error, stable.error)),
         draws=least.draws,
         bound=bound,
     )
@@ -281,18 +283,19 @@ def _refined_end(
     end: End,
 ) -> Coupling | None:
     """Return the end of what is as probable as wanted, on the lines of a map and between them."""
+    setup = environments[0].stable.setup
     best = None
     for refinement in range(_REFINEMENTS + 1):
         ends = _ends_on_lines(environments, grid, probability, wanted, end)
         if not np.isfinite(ends).any():
             break
         line = int(np.nanargmin(ends) if end == "softest" else np.nanargmax(ends))
-        best = Coupling(float(ends[line]), float(grid.damping[line]))
+        best = setup.coupling_of(float(ends[line]), float(grid.damping[line]))
         if refinement < _REFINEMENTS:
             neighbours = grid.damping[max(line - 1, 0) : line + 2]
             between = np.linspace(neighbours[0], neighbours[-1], _LINES_BETWEEN)
             between = np.union1d(between, best.damping)  # so that no refined end is worse
-            grid = _stable_grid(environments[0].setup, between, float(grid.stiffness.min()))
+            grid = _stable_grid(environments[0].stable, between, float(grid.stiffness.min()))
             probability = _probabilities(environments, grid)
     return best
 
@@ -420,11 +423,6 @@ def _with_device(setup: Setup, mass: float, damping: float) -> Setup:
     return dataclasses.replace(setup, device=device)
 
 
-def _is_stable(setup: Setup, coupling: Coupling) -> bool:
-    stability = haptics.absolute_stability(setup.device, coupling, setup.period, hold=setup.hold)
-    return stability.verdict == "stable"
-
-
 def _stability(setup: Setup, masses: tuple[float, ...], dampings: tuple[float, ...]) -> Array:
     """Say with which devices the coupling is stable, (dampings, masses); all without one."""
     stable = np.ones((len(dampings), len(masses)), dtype=bool)
@@ -432,7 +430,7 @@ def _stability(setup: Setup, masses: tuple[float, ...], dampings: tuple[float, .
         for i, damping in enumerate(dampings):
             for j, mass in enumerate(masses):
                 varied = _with_device(setup, mass, damping)
-                stable[i, j] = _is_stable(varied, setup.coupling)
+                stable[i, j] = is_stable(varied, setup.coupling)
     return stable
 
 

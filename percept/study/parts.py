@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from percept import haptics
 from percept.boundary.band import BandStudy
 from percept.boundary.users import Users
-from percept.errors import RefusalError
+from percept.errors import RefusalError, UsageError
 from percept.haptics.records import AnyDevice
 from percept.inference.record import Family
 from percept.results import (
@@ -31,6 +31,7 @@ from percept.results.fields import Method
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import is_impedance
+from percept.study.anova import ByLevel, by_level
 from percept.study.band import Banded, band_study, with_band
 from percept.study.basics import FAMILIES, Skipped, analysed_parameters, referenced, results, select
 from percept.study.boundaries import JOINTS, BoundaryDrawing, increasing, zoom_windows
@@ -44,6 +45,7 @@ from percept.study.intervals import (
     compare_intervals,
 )
 from percept.study.maps import coupling_map, device_map, no_maps
+from percept.study.psychophysics import Psychophysics
 from percept.study.regions import Law, Region, SubjectPairs, laws_of, regions_of, subject_pairs
 from percept.study.responses import references, refuse_lone_subject
 from percept.study.verdicts import (
@@ -124,6 +126,12 @@ class Parts:
 
         return [*rows, *bayesian_rows(self._fit, asked, self.reference, self.scene.user_noun)]
 
+    @cached_property
+    def psychophysics(self) -> Psychophysics:
+        """Points of equality, thresholds, spreads, reliability; biases against one JND."""
+        cells = self.cells[self.scene.inference.family]
+        return Psychophysics(self.sessions, self.scene, cells, self.reference, self.passed)
+
     @property
     def intervals(self) -> pd.DataFrame:
         """Intervals of every method, kind and family; a copy."""
@@ -136,18 +144,16 @@ class Parts:
             return []
         from percept.study.contrasts import contrast_rows
 
-        how = {"progress": self.progress, "store": self.store}
-        return list(contrast_rows(self.sessions, self.parameters, self.scene, **how))
+        return list(contrast_rows(self.sessions, self.parameters, self.scene, self.passed))
+
+    @cached_property
+    def by_level(self) -> ByLevel:
+        """Subjects' means at the levels of factors, and their analysis of variance."""
+        return by_level(self.sessions, self.scene, self.parameters)
 
     @property
     def contrasts(self) -> pd.DataFrame:
-        """Contrasts of the terms of `[model] bias` or `[study] factor`; empty without one.
-
-        A row per pair of levels (`second` against `first`), reference, parameter, `of` (bias or
-        spread), kind and method. Limits are ratios under the lognormal family; of bias under the
-        normal one they are differences in references. `environment` is None for the average over
-        `references`.
-        """
+        """Contrasts as `Study.contrast` gives them, of all terms; empty without one."""
         return pd.DataFrame(results(self.contrast_rows))
 
     @cached_property
@@ -159,19 +165,13 @@ class Parts:
     def _fit(self) -> Fit | Skipped:
         if self.scene.inference.method == "classical":
             return Skipped("hierarchical model", "only the classical method was asked for")
-        from percept.study.fit import fit_of, prepare, sampled
+        from percept.study.fit import fitted
+        from percept.study.prepare import prepared_beside
 
-        try:
-            prepared = prepare(self.sessions, self.scene, self.parameters)
-        except RefusalError as refused:
-            # Classical intervals of some cell stand without it.
-            known = any(cell.moments for of_family in self.cells.values() for cell in of_family)
-            if self.scene.inference.method != "both" or not known:
-                raise
-            return Skipped("Bayesian intervals", str(refused))
-        asked = self.scene.inference
-        run = sampled(prepared.model, asked, progress=self.progress, store=self.store)
-        return fit_of(prepared, asked, run)
+        prepared = prepared_beside(self.cells, self.sessions, self.scene, self.parameters)
+        if isinstance(prepared, Skipped):
+            return prepared
+        return fitted(prepared, self.scene.inference, progress=self.progress, store=self.store)
 
     @property
     def fit(self) -> Fit | None:
@@ -188,7 +188,7 @@ class Parts:
         """Posterior as an ArviZ DataTree, thinned to the effective size; None unless it passed."""
         if self.passed is None:
             return None
-        from percept.study.fit import posterior_tree
+        from percept.study.posterior import posterior_tree
 
         return posterior_tree(self.passed, seed=self.scene.inference.seed)
 
@@ -221,7 +221,7 @@ class Parts:
         others = dataclasses.replace(self.sessions, table=table[table["subject"] != subject])
         try:
             return Parts(others, self.scene, self.progress, self.store).passed
-        except RefusalError:
+        except (RefusalError, UsageError):
             return None
 
     @cached_property
@@ -441,7 +441,8 @@ class Parts:
     def skipped_before_curves(self) -> tuple[Skipped, ...]:
         """What was not computed, and why, curves of laws not counted: they take time to draw."""
         skipped: list[Any] = [*self.interval_rows, *self._with_reference, *self._setup, *self._zoom]
-        skipped += [*self.contrast_rows, *self._banded, *self._pairs]
+        skipped += [*self.contrast_rows, *self.by_level.tests, *self._banded, *self._pairs]
+        skipped += self.psychophysics.equivalence
         if self.setup is not None:
             skipped += no_maps(self.setup, self.map_users)
         if self.scene.checks is not None:

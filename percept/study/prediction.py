@@ -12,11 +12,8 @@ import pandas as pd
 from percept import haptics
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
-from percept.inference.hierarchy.new_environment import (
-    NewEnvironment,
-    NewEstimands,
-    new_environment,
-)
+from percept.inference.hierarchy.laws import NewEnvironment
+from percept.inference.hierarchy.new_environment import NewEstimands, new_environment, new_name
 from percept.inference.record import Kind
 from percept.results import Boundary
 from percept.scene import InferenceTable
@@ -33,8 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Prediction", "expected_users", "predict"]
 
-# Name of the environment.
-_NEW = "new"
 # Spreads of the new environment per posterior draw: its spread is drawn anew from the trend.
 _REPEATS = 4
 _NO_LOGARITHM = "and has no place on the scale that environments are compared on"
@@ -44,7 +39,7 @@ _NO_LOGARITHM = "and has no place on the scale that environments are compared on
 class Prediction(NotebookRecord):
     """What the hierarchical model expects of an untested environment."""
 
-    environment: str  #: Its name
+    environment: str  #: Its name; with factors, the rows name its conditions too
     decades: dict[str, float]  #: log10 of each reference over the geometric mean of those tested
     #: Decades by which each reference lies above the tested range; negative below.
     beyond: dict[str, float]
@@ -116,25 +111,30 @@ def predict(
     place = _Place.of(study, fit, references.values)
     expected, fit, limits = _expect(study, fit, place.decades)
     scale = ResponseScale.of(references.values, asked.family)
-    intervals = pd.DataFrame(_rows(fit, expected, scale, asked, limits))
+    rows: list[dict[str, object]] = []
+    for name, of_condition in expected.items():
+        rows += _rows(fit, of_condition, name, scale, asked, limits[name])
+    intervals = pd.DataFrame(rows)
     boundaries: tuple[Boundary, ...] = ()
     skipped: tuple[Skipped, ...] = ()
     if parts.setup is not None and is_impedance(parts.parameters):
         laws: list[Law] = []
         if study.sessions.form != "summary":
-            laws += _laws(fit, expected, scale, asked)
+            for name, of_condition in expected.items():
+                laws += _laws(fit, of_condition, name, scale, asked)
         environment = haptics.Environment(
             stiffness=float(references.values[0]),
             damping=float(references.values[1]),
             mass=references.mass,
         )
-        setup = dataclasses.replace(parts.setup, references={_NEW: environment})
+        shown = dict.fromkeys(expected, environment)
+        setup = dataclasses.replace(parts.setup, references=shown)
         regions = regions_of(intervals, laws, None, asked)
         drawing = BoundaryDrawing(setup, regions, laws, study.scene.frequency, asked.tolerance)
-        boundaries = drawing.at(None, [_NEW], asked.kinds)
+        boundaries = drawing.at(None, list(expected), asked.kinds)
         skipped = tuple(drawing.skipped)
     return Prediction(
-        environment=_NEW,
+        environment=new_name(""),
         decades=dict(zip(parts.parameters, place.decades.tolist(), strict=True)),
         beyond=dict(zip(parts.parameters, place.beyond.tolist(), strict=True)),
         nearest=place.nearest,
@@ -201,7 +201,10 @@ class _Place:
         nearest = distances.argmin()
         decades = log - tested.mean(axis=1)
         distance = float(distances[nearest])
-        return cls(decades, above + below, fit.environments[nearest], distance)
+        name = fit.environments[nearest]
+        if study.sessions.factors is not None:
+            name, _ = study.sessions.factors.cells[name]
+        return cls(decades, above + below, name, distance)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -221,32 +224,45 @@ class _NewLimits:
 
 def _expect(
     study: Study, fit: Fit, decades: Array
-) -> tuple[NewEnvironment, Fit, dict[Kind, _NewLimits]]:
-    """Work out the new environment's users and limits, with more draws where needed."""
+) -> tuple[dict[str, NewEnvironment], Fit, dict[str, dict[Kind, _NewLimits]]]:
+    """Work out the new environment's users and limits, with more draws where needed.
+
+    Both stand by the environment's name in each condition.
+    """
     asked = study.scene.inference
     expected = expected_users(fit, decades, asked)
-    limits = {kind: _limits(fit, expected, kind, asked) for kind in asked.kinds}
-    worst = max(float(of_kind.errors.max()) for of_kind in limits.values())
+    limits: dict[str, dict[Kind, _NewLimits]] = {}
+    worst = 0.0
+    for name, laws in expected.items():
+        limits[name] = {}
+        for kind in asked.kinds:
+            of_kind = _limits(fit, laws, kind, asked)
+            limits[name][kind] = of_kind
+            worst = max(worst, float(of_kind.errors.max()))
     if worst <= asked.tolerance:
         return expected, fit, limits
-    target = NewEstimands(estimands_of(fit.model, asked), decades, _REPEATS, asked.seed)
+    claims = estimands_of(fit.model, asked)
+    target = NewEstimands(claims, decades, _REPEATS, asked.seed, list(expected))
     run = sampled(fit.model, asked, target, progress=study.parts.progress, store=study.parts.store)
     if not run.gate.passed:
         return expected, fit, limits
     fit = dataclasses.replace(fit, run=run)
     # The run's own limits and errors rest on all draws that it kept.
-    shape = len(asked.kinds), 2, -1
+    shape = len(asked.kinds), 2, len(expected), -1
     ends = run.estimates.value.reshape(shape)
     errors = run.errors.reshape(shape)
-    for index, kind in enumerate(asked.kinds):
-        limits[kind] = _NewLimits.of(ends[index, 0], ends[index, 1], errors[index])
+    for number, name in enumerate(expected):
+        for index, kind in enumerate(asked.kinds):
+            lower, upper = ends[index, :, number]
+            limits[name][kind] = _NewLimits.of(lower, upper, errors[index, :, number])
     return expected_users(fit, decades, asked), fit, limits
 
 
-def expected_users(fit: Fit, x: Array, asked: InferenceTable) -> NewEnvironment:
-    """Work out what a fit expects of the users of a new environment."""
+def expected_users(fit: Fit, x: Array, asked: InferenceTable) -> dict[str, NewEnvironment]:
+    """Work out what a fit expects of the users of a new environment, by its name in a condition."""
     rng = generator(asked.seed, Stream.NEW_ENVIRONMENT)
-    return new_environment(fit.model, fit.points, x, repeats=_REPEATS, rng=rng)
+    laws = new_environment(fit.model, fit.points, x, repeats=_REPEATS, rng=rng)
+    return {new_name(condition): own for condition, own in laws.items()}
 
 
 def _passed_fit(study: Study) -> Fit:
@@ -304,6 +320,7 @@ def _limits(fit: Fit, expected: NewEnvironment, kind: Kind, asked: InferenceTabl
 def _rows(
     fit: Fit,
     expected: NewEnvironment,
+    name: str,
     scale: ResponseScale,
     asked: InferenceTable,
     limits: Mapping[Kind, _NewLimits],
@@ -319,7 +336,7 @@ def _rows(
             row = bayesian_row(
                 asked,
                 kind,
-                (parameter, _NEW),
+                (parameter, name),
                 (lower, upper, estimate),
                 float(scale.origin[index]),
                 fit.quantities[parameter].unit,
@@ -331,7 +348,7 @@ def _rows(
 
 
 def _laws(
-    fit: Fit, expected: NewEnvironment, scale: ResponseScale, asked: InferenceTable
+    fit: Fit, expected: NewEnvironment, name: str, scale: ResponseScale, asked: InferenceTable
 ) -> Iterator[Law]:
     """Yield the laws of the average and the next user of the environment."""
     n = int(fit.counts.max())
@@ -343,4 +360,4 @@ def _laws(
     drawn: Mapping[LawKind, PosteriorPairs] = {"mean": mean, "user": user}
     for kind, pairs in drawn.items():
         if kind in asked.kinds:
-            yield posterior_law(_NEW, kind, pairs, scale, asked)
+            yield posterior_law(name, kind, pairs, scale, asked)

@@ -18,7 +18,7 @@ from percept.sessions.quantities import Quantities
 from percept.study.basics import Array, References, Skipped
 
 if TYPE_CHECKING:
-    from percept.inference.hierarchy.density import Resolution
+    from percept.inference.hierarchy.model import Resolution
     from percept.inference.hierarchy.statistics import Statistics
 
 __all__ = [
@@ -265,7 +265,7 @@ def resolution_of(
     statistics: Statistics, scene: Scene, reference: Array, scale: ResponseScale
 ) -> Resolution:
     """Step²/12 on the response scale, in cells whose scatter the step hides; or refuse those."""
-    from percept.inference.hierarchy.density import Resolution
+    from percept.inference.hierarchy.model import Resolution
 
     steps = scene.model.resolution
     between, trial = lacking_scatter(statistics, steps, scene.quantities)

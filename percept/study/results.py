@@ -41,6 +41,8 @@ from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.basics import results
 from percept.study.intervals import adjustments, design_counts, normality_tests
+from percept.study.people import subject_rows
+from percept.study.zwidth import study_zwidth
 
 if TYPE_CHECKING:
     from percept.study.parts import Parts
@@ -64,11 +66,11 @@ def compute(
 ) -> Results:
     """Compute everything that a report needs, telling `progress` what comes next."""
     step = progress or _silent
-    step("intervals")
+    step("working out intervals")
     intervals = results(parts.interval_rows)
-    step("contrasts")
+    step("contrasting levels")
     contrasts = results(parts.contrast_rows)
-    step("boundaries")
+    step("working out boundaries")
     boundaries = parts.boundaries if curves else ()
     drawn = {boundary.environment for boundary in boundaries}
     windows = {name: (low, high) for name, (low, high) in parts.zoom.items() if name in drawn}
@@ -78,21 +80,21 @@ def compute(
     for name, (low, high) in windows.items():
         omega = np.linspace(low, high, _CLOSE_POINTS)
         close += parts.boundaries_at(omega, (name,), kinds=(close_kind,), joints=_CLOSE_JOINTS)
-    step("coupling")
+    step("judging the coupling")
     coupling = parts.coupling if curves else None
-    step("verdicts")
+    step("judging what feels real")
     verdicts = parts.verdicts if curves else ()
-    step("band law")
+    step("fitting the band law")
     band = parts.band if curves else None
-    step("admissible couplings")
+    step("mapping couplings")
     design = parts.coupling_map if boundaries and parts.scene.coupling else None
-    step("sensitivity to the device")
+    step("trying other devices")
     sensitivity = parts.device_map if curves else None
-    step("comparison of methods")
+    step("comparing the methods")
     comparison = parts.comparison
     band_pairs = parts.band_pairs if curves else None
     ladder = parts.ladder if why else None
-    step("checks of the model")
+    step("checking the model")
     checks = None
     if parts.scene.checks is not None:
         checks = checks_of(normality_tests(parts.sessions, parts.parameters), parts.checks)
@@ -104,11 +106,14 @@ def compute(
         data=data_of(parts.sessions, parts.scene),
         intervals=rows(IntervalRow, intervals),
         contrast=rows(ContrastRow, contrasts),
+        anova=tuple(results(parts.by_level.tests)),
+        levels=parts.by_level.levels,
         boundaries=tuple(boundaries),
         zoom=windows,
         close=tuple(close),
         verdicts=verdicts,
         passivity=rows(Passivity, parts.passivity) if curves else None,
+        zwidth=study_zwidth(parts.setup) if curves else None,
         coupling=coupling,
         band=record(Band, band),
         design=design,
@@ -119,6 +124,8 @@ def compute(
         diagnostics=diagnostics_of(parts),
         checks=checks,
         skipped=tuple(skipped),
+        psychophysics=parts.psychophysics.rows,
+        equivalence=tuple(results(parts.psychophysics.equivalence)),
     )
 
 
@@ -152,6 +159,7 @@ def data_of(sessions: Sessions, scene: Scene) -> Data:
         ),
         design=design_counts(sessions),
         cells=rows(CellValues, list(adjustments(sessions))),
+        people=tuple(subject_rows(sessions, scene)),
     )
 
 
@@ -197,18 +205,18 @@ def diagnostics_of(parts: Parts) -> Diagnostics | None:
     fit = parts.fit
     if fit is None:
         return None
-    from percept.inference.hierarchy.priors import MEANINGS, Priors
-    from percept.study.checks import spread_pull
+    from percept.inference.hierarchy.priors import MEANINGS
+    from percept.study.checks import bias_pull, spread_pull
 
-    priors = dict(fit.model.priors_in_force)
-    if parts.scene.terms:
-        of_contrasts = Priors(**parts.scene.model.priors)
-        priors["lambda_sd"] = of_contrasts.lambda_sd
-        priors["psi_sd"] = of_contrasts.psi_sd
+    priors = fit.model.priors_in_force
     pull: tuple[str, ...] = ()
     if fit.passed:
         level = parts.scene.inference.level
-        pull = spread_pull(fit, level=level, users=parts.scene.user_noun)
+        users = parts.scene.user_noun
+        # The checks of the model say it themselves.
+        if parts.scene.checks is None or parts.checks is None:
+            pull += bias_pull(fit, level=level, user=users[0])
+        pull += spread_pull(fit, level=level, users=users)
     ensembles, _, walkers, dimension = fit.run.points.shape
     return Diagnostics(
         gate=_reader(GateVerdict).validate_python(plain(fit.run.gate)),

@@ -67,8 +67,8 @@ class Study:
     ----------
     sessions : Sessions
         What the reader gave.
-    scene : Scene, optional
-        What to analyse; defaults throughout.
+    scene : Scene, str or Path, optional
+        What to analyse, or the file that says so; defaults throughout.
     progress : callable, optional
         Told the state of the sampler after every round.
     store : RunStore, optional
@@ -86,7 +86,7 @@ class Study:
     def __init__(
         self,
         sessions: Sessions,
-        scene: Scene | None = None,
+        scene: Scene | str | Path | None = None,
         *,
         progress: Callable[[Progress], None] | None = None,
         store: RunStore | None = None,
@@ -96,6 +96,8 @@ class Study:
                 f"a study is of Sessions, not of {type(sessions).__name__}.",
                 hint="read_sessions reads files, Sessions.from_frame takes a DataFrame.",
             )
+        if isinstance(scene, str | Path):
+            scene = Scene.load(scene)
         self.scene = scene or Scene()
         sessions.options.require(self.scene)
         self.sessions = told_apart(sessions, self.scene)
@@ -112,6 +114,16 @@ class Study:
     def interpretation(self) -> pd.DataFrame:
         """What each row of `intervals` covers, in a sentence."""
         return pd.DataFrame(results(self.parts.interval_rows), columns=[*KEYS, "covers"])
+
+    @property
+    def psychophysics(self) -> pd.DataFrame:
+        """Points of equality, thresholds, spreads and reliability, one row each."""
+        return pd.DataFrame(self.parts.psychophysics.rows)
+
+    @property
+    def equivalence(self) -> pd.DataFrame:
+        """Whether each bias is smaller than the JND of `[study] jnd`; empty without one."""
+        return pd.DataFrame(results(self.parts.psychophysics.equivalence))
 
     def contrast(self, asked: str) -> pd.DataFrame:
         """Contrasts of one factor, covariate or interaction, of every method.

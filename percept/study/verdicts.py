@@ -37,6 +37,7 @@ from percept.sessions import Sessions
 from percept.study.basics import Array, Stream, generator
 from percept.study.deciding import more_subjects
 from percept.study.device import Setup
+from percept.study.device_verdicts import with_device_draws
 from percept.study.intervals import Cell
 from percept.study.regions import SubjectPairs
 
@@ -264,6 +265,8 @@ def study_verdicts(
             verdict = _verdict(environment, evidence, parts, asked, coupled=coupled, stable=stable)
             if verdict is None:
                 continue
+            if own_users is not None:
+                verdict = with_device_draws(verdict, setup, own_users, omega, asked.decision)
             if _undecided(verdict) and own_subjects is not None:
                 display = setup.display(environment, coupled=coupled)
                 more = subjects_to_decide(display, own_users, own_subjects, asked, omega)

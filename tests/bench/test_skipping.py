@@ -10,7 +10,7 @@ from percept import Scene, Study, read_sessions
 from percept.bench.skipping import STAGES, savings, stages_of, study_without, work_of
 from percept.reproduce.published import dataset
 from percept.sessions import Sessions
-from percept.study.fit import prepare
+from percept.study.prepare import prepare
 from tests.documents import build_document
 
 SAMPLER = {"emcee", "h5netcdf", "xarray"}

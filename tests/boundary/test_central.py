@@ -8,7 +8,7 @@ import pytest
 from percept.boundary.feels_real import CouplingJudge, feels_real, search_grid
 from percept.boundary.users import Users, magnitude_ranges
 from percept.haptics import Coupling, Device, Environment
-from percept.haptics.impedance import warp
+from percept.haptics.axis import warp
 from percept.haptics.perceived import DistancePlane, Point
 from percept.haptics.records import Display
 

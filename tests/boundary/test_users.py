@@ -7,7 +7,7 @@ from scipy import special
 
 from percept.boundary.users import DiscIntegral, Users, choose_integral, share_within
 from percept.haptics import Device
-from percept.haptics.impedance import warp
+from percept.haptics.axis import warp
 from percept.haptics.perceived import DistancePlane, perceived_magnitude
 
 PERIOD = 1e-3

@@ -21,7 +21,7 @@ from scipy import special
 from percept.boundary.feels_real import search_grid, search_margins
 from percept.boundary.users import Users, choose_integral, share_within
 from percept.haptics import Coupling, Device, Environment
-from percept.haptics.impedance import warp
+from percept.haptics.axis import warp
 from percept.haptics.perceived import DistancePlane, Point, shown_element
 from percept.haptics.records import Display
 from percept.provenance import made_by

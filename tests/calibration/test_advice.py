@@ -46,6 +46,7 @@ def study() -> Study:
     return study_of(table, method="both", tolerance=0.2, model={"priors": {"tau_scale": 0.4}})
 
 
+@pytest.mark.evidence
 def test_plans_have_the_design_of_the_study(study: Study) -> None:
     fitted, own = advice_plans(study)
     table = study.sessions.table

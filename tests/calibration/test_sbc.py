@@ -24,7 +24,8 @@ from percept.calibration.uniformity import (
 )
 from percept.cli import main
 from percept.errors import UsageError
-from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.laws import ConditionalMoments
 from percept.inference.sampling.moves import ReferenceLaw, standard_moves
 from percept.provenance import made_by
 from tests import LONG

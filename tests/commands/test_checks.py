@@ -66,7 +66,14 @@ def test_fit_writes_and_prints_the_checks(sessions, tmp_path, capsys):
     assert all(row["outlier"] for row in checks["loo"]["cells"])
     assert document["provenance"]["scene"]["checks"] == {}
     with xarray.open_datatree(out / "posterior.nc", engine="h5netcdf") as tree:
-        assert {"posterior", "posterior_predictive", "sample_stats"} == set(tree.children)
+        assert {
+            "log_likelihood",
+            "observed_data",
+            "posterior",
+            "posterior_predictive",
+            "prior",
+            "sample_stats",
+        } == set(tree.children)
 
 
 def test_nothing_is_checked_unless_asked(sessions, tmp_path, capsys):

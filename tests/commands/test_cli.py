@@ -111,6 +111,18 @@ def test_missing_scene_is_named(capsys):
     assert "nowhere.toml" in message
 
 
+def test_a_zoom_window_of_no_environment_is_refused_before_anything_is_fitted(tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text("[report.zoom]\nA = [9, 11]\nBB = [9, 11]\n")
+    words = ["report", write(tmp_path, ROWS), "--scene", str(scene), "--out", str(tmp_path / "out")]
+    code, message = refused(words, capsys)
+    assert code == 2
+    assert message.endswith(
+        "percept: report.zoom = 'BB': no environment has this name. Did you mean B?"
+        " There are A, B.\n"
+    )
+
+
 def test_fit_writes_the_intervals_it_prints(tmp_path, capsys):
     out = tmp_path / "out"
     code = main(["fit", SESSIONS, "--method", "classical", "--out", str(out), "--json"])
@@ -257,6 +269,10 @@ def test_help_shows_every_default(command):
         ),
         (["frobnicate"], "there is no command 'frobnicate'. See percept --help."),
         (
+            [SESSIONS],
+            f"there is no command {SESSIONS!r}. To analyse it, run percept report {SESSIONS}.",
+        ),
+        (
             ["fit", SESSIONS, "--sceen", "s"],
             "there is no option --sceen. Did you mean --scene? See",
         ),
@@ -269,7 +285,7 @@ def test_help_shows_every_default(command):
             "value 'it': there is one argument too many. See percept cache --help.",
         ),
     ],
-    ids=["command", "nothing like it", "option", "option before a command", "argument"],
+    ids=["command", "nothing like it", "a file", "option", "option before a command", "argument"],
 )
 def test_a_slip_is_told_with_what_is_like_it(words, said, capsys):
     assert main(words) == 2
@@ -291,6 +307,21 @@ def test_a_wrong_value_of_an_option_is_told_in_plain_words(words, said, capsys):
         main(["fit", *paths, *words])
     assert stopped.value.code == 2
     assert capsys.readouterr().err.startswith(f"percept fit: {said}")
+
+
+@pytest.mark.parametrize(
+    ("words", "like"),
+    [(["help"], ["--help"]), (["help", "fit"], ["fit", "--help"]), (["-V"], ["--version"])],
+    ids=["help", "help of a command", "version"],
+)
+def test_what_other_commands_understand_percept_does_too(words, like, capsys):
+    printed = []
+    for spelling in (words, like):
+        with pytest.raises(SystemExit) as stopped:
+            main(spelling)
+        assert stopped.value.code == 0
+        printed.append(capsys.readouterr().out)
+    assert printed[0] == printed[1]
 
 
 def heed_interrupts():
@@ -435,17 +466,18 @@ def test_of_many_notices_the_first_are_said(tmp_path, capsys):
     folder = tmp_path / "study"
     folder.mkdir()
     for number in range(12):
+        extra = "abcdefghijkl"[number]
         rows = "\n".join(
             f"S{number},{e},{k},1,{k * (1.01 + 0.01 * number)},1.1,x"
             for e, k in (("A", 10), ("B", 99))
         )
         (folder / f"s{number}.csv").write_text(
-            HEADER.replace("\n", f",extra_{number}\n") + rows + "\n", encoding="utf-8"
+            HEADER.replace("\n", f",extra_{extra}\n") + rows + "\n", encoding="utf-8"
         )
     assert main(["fit", str(folder), "--method", "classical", "--out", str(tmp_path / "out")]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 11
-    assert lines[0].endswith("columns not used: 'extra_0'")
+    assert lines[0].endswith("columns not used: 'extra_a'")
     assert lines[-1] == "and 2 more notices: see percept validate"
 
 
@@ -460,6 +492,7 @@ def test_a_device_that_cannot_be_read_is_said_before_anything_is_sampled(tmp_pat
     assert not out.exists()
 
 
+@pytest.mark.evidence
 def test_a_report_in_the_folder_of_the_sessions_is_no_session(tmp_path, capsys):
     (tmp_path / "sessions.csv").write_bytes(Path(SESSIONS).read_bytes())
     words = ["report", str(tmp_path), "--method", "classical", "--out", str(tmp_path / "report")]

@@ -6,7 +6,9 @@ from __future__ import annotations
 import json
 import tomllib
 
+import numpy as np
 import pytest
+from scipy import stats
 
 from percept.cli import main
 from percept.sessions import propose_columns
@@ -56,7 +58,7 @@ def test_nothing_is_read_under_a_mapping_that_nobody_accepted(tmp_path, capsys):
         'trial = "order"  # 10 rows of 20 repeat a subject and environment, without numbers' in said
     )
     assert '# not used: "rt": ' in said
-    assert "--write-scene scene.toml to write it, or --accept to go on with it." in said
+    assert "Add --accept to go on with it, or --write-scene scene.toml to write it too." in said
     assert not (tmp_path / "out").exists()
 
 
@@ -84,21 +86,63 @@ def test_an_accepted_quantity_stands_alone(tmp_path):
     assert list(document["provenance"]["scene"]["quantities"]) == ["duration"]
 
 
-def test_a_written_mapping_is_a_scene(tmp_path, capsys):
+def test_a_written_mapping_is_a_scene_and_the_command_goes_on(tmp_path, capsys):
     path, scene = study(tmp_path), tmp_path / "scene.toml"
-    assert fit(path, "--write-scene", str(scene)) == 2
-    assert f"then give --scene {scene}." in capsys.readouterr().err
+    assert fit(path, "--write-scene", str(scene)) == 0
+    assert f"It is written to {scene}." in capsys.readouterr().err
+    found = json.loads((tmp_path / "out" / "fit.json").read_text())["intervals"]
     assert fit(path, "--scene", str(scene)) == 0
+    assert json.loads((tmp_path / "out" / "fit.json").read_text())["intervals"] == found
     assert fit(path, "--write-scene", str(scene)) == 2
     assert "already there" in capsys.readouterr().err
 
 
-def test_a_scene_that_is_there_stays_and_is_named(tmp_path, capsys):
+def test_keys_of_a_scene_that_lacks_a_mapping_stay(tmp_path, capsys):
     path, own, scene = study(tmp_path), tmp_path / "own.toml", tmp_path / "scene.toml"
-    own.write_text("[inference]\nlevel = 0.9\n")
-    assert fit(path, "--scene", str(own), "--write-scene", str(scene)) == 2
-    assert f"Copy your own tables from {own} into it." in capsys.readouterr().err
-    assert "inference" not in tomllib.loads(scene.read_text())
+    own.write_text(
+        "coupling = { stiffness = 2e4, damping = 50.0 }\n[inference]\nlevel = 0.9\n"
+        '[columns]\nk_adj = { name = "stiffness final [N/mm]", unit = "N/m" }\n'
+        'k_ref = { name = "stiffness standard [N/mm]", unit = "N/m" }\n'
+    )
+    assert fit(path, "--scene", str(own), "--write-scene", str(scene)) == 0
+    tables = tomllib.loads(scene.read_text())
+    assert tables["coupling"] == {"stiffness": 2e4, "damping": 50.0}
+    assert tables["inference"] == {"level": 0.9}
+    # A column that the scene declares keeps its own unit, whatever the name of the column says.
+    assert tables["columns"]["k_adj"]["unit"] == "N/m"
+    assert tables["columns"]["subject"] == "id"
+    document = json.loads((tmp_path / "out" / "fit.json").read_text())
+    assert {interval["level"] for interval in document["intervals"]} == {0.9}
+    assert max(interval["upper"] for interval in document["intervals"]) < 5.0
+
+
+def test_a_scene_is_written_from_data_alone(tmp_path, capsys):
+    path, scene = study(tmp_path), tmp_path / "scene.toml"
+    assert main(["new", str(scene), "--from", str(path)]) == 0
+    said = capsys.readouterr()
+    assert said.out == f"{scene}\n"
+    text = scene.read_text()
+    assert text.startswith(said.err)
+    assert '# not used: "rt": ' in text
+    assert "# It holds 5 subjects and 2 environments: 10 cells with 2 trials each." in text
+    # Every other table of a scene stands below, to be switched on.
+    assert "\n#: [device]" in text
+    assert "\n#: [frequency]" in text
+    assert text.count("\n[columns]") == text.count("\n[sessions]") == 1
+    assert fit(path, "--scene", str(scene)) == 0
+
+
+def test_a_scene_written_from_data_says_what_it_lacks(tmp_path, capsys):
+    path, scene = tmp_path / "s.csv", tmp_path / "scene.toml"
+    rows = [f"{s},{kind},{50 + s + t * 3.5}" for s in range(9) for t, kind in enumerate("abc")]
+    path.write_text("\n".join(["person,condition,estimate", *rows]) + "\n")
+    assert main(["new", str(scene), "--from", str(path)]) == 0
+    assert "It lacks response_ref: fill them in." in capsys.readouterr().err
+    lines = scene.read_text().splitlines()
+    start = lines.index("# [environments]")
+    lines[start : start + 4] = [line.removeprefix("# ") for line in lines[start : start + 4]]
+    scene.write_text("\n".join(lines).replace("response_ref = 0.0", "response_ref = 55.0"))
+    assert fit(path, "--scene", str(scene)) == 0
 
 
 def test_what_is_not_found_is_not_made_up(tmp_path, capsys):
@@ -183,7 +227,7 @@ def test_moments_are_no_references(tmp_path):
     # Nor are numbers that differ in every row, whatever their name.
     rows = [f"{p},{p * 1.7 + t * 0.1:.3f},{p * 1.7 + t}" for p in range(1, 30) for t in range(3)]
     proposal = mapping_of(tmp_path, "participant,stimulus_seen,response", rows)
-    assert proposal.missing == ("environment", "seen_ref")
+    assert proposal.missing == ("environment", "response_ref")
 
 
 def test_a_whole_name_of_an_id_goes_before_a_part(tmp_path):
@@ -217,3 +261,25 @@ def test_a_table_among_others_is_found_in_a_folder(tmp_path):
     (tmp_path / "a.csv").write_text("time,x\n1,2\n")
     (tmp_path / "b.csv").write_text("pp,reference,match\n1,10,11\n")
     assert "b.csv" in propose_columns(tmp_path).text.splitlines()[0]
+
+
+def test_one_call_from_a_folder_gives_the_limits_of_scipy(tmp_path):
+    rng = np.random.default_rng(6)
+    means = []
+    for subject in range(6):
+        matches = np.round(0.5 * rng.lognormal(0, 0.1, 8), 6)
+        means.append(matches.mean())
+        rows = [f"{trial} {0.5} {match} none" for trial, match in enumerate(matches)]
+        folder = tmp_path / "data" / f"S{subject}"
+        folder.mkdir(parents=True)
+        text = "\n".join(["Trial test_lum match_lum adaptor", *rows])
+        (folder / f"contour_S{subject}_1.csv").write_text(text + "\n")
+    assert fit(tmp_path / "data", "--accept") == 0
+    document = json.loads((tmp_path / "out" / "fit.json").read_text())
+    (interval,) = [
+        row
+        for row in document["intervals"]
+        if (row["kind"], row["family"], row["joint"]) == ("mean", "normal", "marginal")
+    ]
+    expected = stats.t.interval(0.99, 5, np.mean(means), stats.sem(means))
+    np.testing.assert_allclose([interval["lower"], interval["upper"]], expected, rtol=1e-12)

@@ -11,7 +11,7 @@ from percept.sessions import ReadOptions
 from percept.sessions.options import canonical_columns
 
 # Two keys describe the device in another way, and two belong together.
-INSTEAD = ("mass", "damping", "modes")
+INSTEAD = ("mass", "damping", "modes", "delay_seconds", "posterior")
 
 
 def switched_on(text):

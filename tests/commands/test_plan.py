@@ -3,7 +3,8 @@ import json
 import pytest
 
 from percept.cli import main
-from percept.planning import plan_mean, plan_share, plan_user
+from percept.planning import plan_contrast, plan_equivalent, plan_mean, plan_share, plan_user
+from tests.study.within import crossed, frame
 
 
 @pytest.mark.parametrize(
@@ -26,6 +27,53 @@ def test_options_reach_the_plan_of_their_kind(words, plan, capsys):
     assert main(["plan", *words.split(), "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert (printed["n"], printed["share"], printed["covers"]) == (plan.n, plan.share, plan.covers)
+
+
+def test_a_contrast_is_planned_by_stated_sds(capsys):
+    words = "plan --kind contrast --difference 0.1 --sd 0.2 --other-sd 0.3 --family lognormal"
+    assert main([*words.split(), "--level", "0.95", "--assurance", "0.9"]) == 0
+    asked = {"level": 0.95, "power": 0.9, "family": "lognormal"}
+    plan = plan_contrast(0.1, sd=0.2, other_sd=0.3, **asked)
+    assert capsys.readouterr().out == f"{plan.covers}\n"
+
+
+def test_an_equivalence_is_planned_by_its_flag(capsys):
+    words = "plan --equivalent --jnd 0.2 --sd 0.2 --bias 0.05 --family lognormal --decision 0.9"
+    assert main([*words.split(), "--assurance", "0.9"]) == 0
+    plan = plan_equivalent(0.2, sd=0.2, bias=0.05, decision=0.9, power=0.9, family="lognormal")
+    assert capsys.readouterr().out == f"{plan.covers}\n"
+    assert main(["plan", "--equivalent", "--sd", "0.2"]) == 2
+    assert "kind equivalent needs --jnd" in capsys.readouterr().err
+
+
+def test_a_contrast_is_planned_by_a_pilot_study(tmp_path, capsys):
+    data = tmp_path / "pilot.csv"
+    frame().to_csv(data, index=False)
+    words = ["plan", str(data), "--by", "hand", "--difference", "0.1", "--level", "0.95", "--quiet"]
+    assert main([*words, "--json"]) == 0
+    (pilot,) = json.loads(capsys.readouterr().out)["plans"]
+    assert main(words) == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith(f"stiffness, right against left: With {pilot['plan']['n']} subjects, a")
+    assert second == (
+        "  The pilot has 8 subjects. If the true SDs are at their upper 80 % limits, it takes"
+        f" {pilot['cautious']['n']}."
+    )
+    table = frame()
+    table.loc[table["hand"] == "right", "k_adj"] = 1.2 * table["k_ref"]
+    table.loc[table["hand"] == "left", "k_adj"] = table["k_ref"]
+    table.to_csv(data, index=False)
+    assert main(words) == 1
+    assert "the pilot gives no SD of a contrast" in capsys.readouterr().err
+
+
+def test_groups_of_a_pilot_study(tmp_path, capsys):
+    data = tmp_path / "pilot.csv"
+    table = crossed().query("hand == 'left' and load == 'low'")
+    table.to_csv(data, index=False)
+    words = ["plan", str(data), "--by", "group", "--difference", "0.1", "--quiet"]
+    assert main(words) == 0
+    assert "expert against novice: With" in capsys.readouterr().out
 
 
 def test_undecided_verdicts_come_with_the_subjects_that_decide_them(tmp_path, capsys):
@@ -74,7 +122,10 @@ def test_undecided_verdicts_come_with_the_subjects_that_decide_them(tmp_path, ca
         ("--kind share --ratio 1.1 --level 0.9", "kind share has no use for --level."),
         ("--kind share --ratio 0.9", "ratio must be above 1"),
         ("--decide", "--decide needs the sessions of a study."),
-        ("walls.csv --kind user --ratio 1.1", "sessions are for --decide."),
+        ("walls.csv --kind user --ratio 1.1", "sessions are for --decide and --by."),
+        ("--kind contrast --sd 1", "kind contrast needs --difference."),
+        ("--kind mean --half-width 1 --sd 1 --other-sd 1", "kind mean has no use for --other-sd."),
+        ("--by hand --difference 0.1", "--by needs the sessions of a pilot study"),
     ],
 )
 def test_options_of_another_kind_are_refused(words, message, capsys):

@@ -26,7 +26,9 @@ from percept.haptics import (
     perceived_impedance,
 )
 from percept.haptics.containment import ON_LIMIT, Boxes, Departures, departures
+from percept.haptics.loop import Hold, hold_of
 from percept.haptics.records import Display
+from percept.haptics.velocity import VelocityFilter
 
 PERIOD, LOWER, UPPER = 1e-3, 0.1, 100.0
 # Of ten scenes so many have a planted excursion; one more touches its limit.
@@ -66,15 +68,16 @@ class Scene:
             w, period, own = mp.mpf(omega), mp.mpf(self.display.period), self.display.environment
             h = w * period / 2
             s = mp.mpc(0, 2 / period * mp.tan(h))
-            gain = mp.cos(h) if self.display.hold == "average" else mp.sin(h) / h
-            z_d, held = self._device(w, s), gain * mp.expjpi(-h / mp.pi)
+            hold = hold_of(self.display.hold)
+            gain = mp.cos(h) if hold.kind == "average" else mp.sin(h) / h
+            z_d, held = self._device(w, s), gain * mp.expj(-(1 + 2 * mp.mpf(hold.delay)) * h)
             inertia = mp.mpf(own.mass) * s
-            z_e = inertia + mp.mpf(own.damping) + mp.mpf(own.stiffness) / s
+            own_filter = _filter_of(own.velocity_filter, h, period)
+            z_e = inertia + own_filter * mp.mpf(own.damping) + mp.mpf(own.stiffness) / s
             if self.display.coupling is not None:
-                z_c = (
-                    mp.mpf(self.display.coupling.damping)
-                    + mp.mpf(self.display.coupling.stiffness) / s
-                )
+                coupling = self.display.coupling
+                z_c = _filter_of(coupling.velocity_filter, h, period) * mp.mpf(coupling.damping)
+                z_c += mp.mpf(coupling.stiffness) / s
                 z_e = z_e * z_c / (z_e + z_c)
             shown = abs(z_d + held * z_e)
             k, b = ([mp.mpf(end) for end in pair] for pair in limits_of(self.box))
@@ -118,13 +121,25 @@ def box(k: tuple[float, float], b: tuple[float, float]) -> Boxes:
     return Boxes.of(k, b)
 
 
-def scenes(count: int, seed: int, *, mass: bool = False) -> Iterator[Scene]:
-    """Rigid, modal and tabulated devices in turn; with `mass` environments have one."""
+def scenes(
+    count: int,
+    seed: int,
+    *,
+    mass: bool = False,
+    delay: bool = False,
+    filtered: bool = False,
+) -> Iterator[Scene]:
+    """Rigid, modal and tabulated devices in turn, all with a mass, delay or filter if asked for."""
     rng = np.random.default_rng(seed)
     for i in range(count):
         display, limits = _random(rng, ("rigid", "modal", "table")[i % 3])
         if mass:
             display = _heavy(rng, display)
+        if delay:
+            samples = float(rng.integers(1, 5)) if i % 2 else rng.uniform(0.01, 6.0)
+            display = replace(display, hold=Hold(str(display.hold), samples))
+        if filtered:
+            display = _filtered(rng, display)
         planted = ("excursion" if i % 10 < _PLANTED else "tie") if i % 10 <= _PLANTED else ""
         if planted:
             height = 10 ** rng.uniform(-9.3, -7.5) if planted == "excursion" else 0.0
@@ -175,6 +190,27 @@ def _heavy(rng: np.random.Generator, display: Display) -> Display:
     """Give the environment of a display a mass, 10 g to 10 kg."""
     environment = replace(display.environment, mass=10 ** rng.uniform(-2, 1))
     return replace(display, environment=environment)
+
+
+def _filtered(rng: np.random.Generator, display: Display) -> Display:
+    """Filter the velocity of the damper that joins the device."""
+    velocity_filter = VelocityFilter(10 ** rng.uniform(1.5, 3.2), int(rng.integers(1, 4)))
+    if display.coupling is None:
+        environment = replace(display.environment, velocity_filter=velocity_filter)
+        return replace(display, environment=environment)
+    return replace(display, coupling=replace(display.coupling, velocity_filter=velocity_filter))
+
+
+def _filter_of(velocity_filter: VelocityFilter | None, h: mp.mpf, period: mp.mpf) -> mp.mpc:
+    """Butterworth's filter by its poles; 1 without one."""
+    if velocity_filter is None:
+        return mp.mpf(1)
+    x = mp.tan(h) / mp.tan(mp.mpf(velocity_filter.cutoff) * period / 2)
+    response = mp.mpf(1)
+    for pole in range(velocity_filter.order):
+        angle = mp.pi * (2 * pole + 1) / (2 * velocity_filter.order)
+        response /= mp.mpc(mp.sin(angle), x - mp.cos(angle))
+    return response
 
 
 def _planted(display: Display, limits: Boxes, height: float) -> Boxes | None:

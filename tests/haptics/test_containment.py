@@ -12,7 +12,8 @@ from percept.haptics import (
     effective_impedance,
 )
 from percept.haptics.containment import ON_LIMIT, Boxes, departures, plane_departures
-from percept.haptics.forms import Form, Squares
+from percept.haptics.forms import Squares
+from percept.haptics.polynomials import Form
 from percept.haptics.records import Display
 from tests import LONG
 from tests.haptics.scenes import (

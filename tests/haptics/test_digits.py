@@ -39,11 +39,12 @@ NAMES = ("m", "b_d", "k_e", "b_e", "m_e", "k_c", "b_c", "m_i", "b_i", "k_i")
     log_period=st.floats(-6, 0),
     share=st.one_of(st.just(1.0), st.floats(0, 1), st.floats(-15, -1e-3).map(lambda e: 10**e)),
     parameters=st.tuples(*[parameter] * len(NAMES)),
+    delay=st.one_of(st.integers(0, 4).map(float), st.floats(1e-6, 20.0)),
 )
-def test_promise_is_kept_where_hypothesis_looks(log_period, share, parameters):
+def test_promise_is_kept_where_hypothesis_looks(log_period, share, parameters, delay):
     period = 10**log_period
     omega = max(np.pi / period * share, 1e-9)
-    inputs = Inputs(omega, period, **dict(zip(NAMES, parameters, strict=True)))
+    inputs = Inputs(omega, period, **dict(zip(NAMES, parameters, strict=True)), delay=delay)
     for quantity, check in QUANTITIES.items():
         assert check(inputs) <= PROMISE, quantity
 

@@ -27,8 +27,9 @@ from percept.haptics import (
     stability_margin,
 )
 from percept.haptics.arrays import complex_from
+from percept.haptics.axis import warp
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
-from percept.haptics.impedance import coupling_admittance, warp
+from percept.haptics.impedance import coupling_admittance
 from percept.haptics.limits import stiffness_limits
 from percept.haptics.perceived import perceived_magnitude
 

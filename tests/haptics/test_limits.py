@@ -22,11 +22,11 @@ from percept.haptics import (
 )
 from percept.haptics.limits import (
     best_coupling_damping,
-    passivity_damping,
     stable_region,
     stable_stiffness,
     stiffness_limits,
 )
+from percept.haptics.rendering import passivity_damping
 
 T = 1e-3
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"

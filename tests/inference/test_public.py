@@ -13,7 +13,6 @@ NAMES = [
     "t_interval",
     "tolerance_factor",
     "tolerance_interval",
-    "weber_fraction",
 ]
 
 

@@ -205,8 +205,8 @@ def test_the_reading_is_the_boundary_of_report_json(open_tab, page):
     for text, environment in zip(readings, document["data"]["environments"], strict=True):
         omega = float(re.search(r"ω ([\d.]+) rad/s", text)[1])
         shown = float(re.search(r"reference ([\d.]+)", text)[1])
-        record = next(r for r in document["boundaries"] if r["environment"] == environment)
-        expected = np.interp(np.log(omega), np.log(record["omega"]), np.log(record["reference"]))
+        curves = document["impedances"][environment]
+        expected = np.interp(np.log(omega), np.log(curves["omega"]), np.log(curves["reference"]))
         # Four digits are shown, and ω is rounded as well.
         assert shown == pytest.approx(np.exp(expected), rel=2e-3)
 
@@ -227,6 +227,15 @@ def test_links_of_the_contents_lead_to_their_sections(open_tab):
     found = tab.evaluate(levels)
     assert found[0] == 1
     assert all(after - before <= 1 for before, after in pairwise(found))
+
+
+@pytest.mark.parametrize("scripts", [True, False])
+def test_references_are_on_paper_and_folded_on_the_screen(open_tab, scripts):
+    is_seen = {}
+    for medium in ("screen", "print"):
+        tab = open_tab(medium=medium, scripts=scripts)
+        is_seen[medium] = tab.evaluate("document.querySelector('.references').checkVisibility()")
+    assert is_seen == {"screen": False, "print": True}
 
 
 def test_the_printed_page_is_a_pdf_with_its_fonts(open_tab):

@@ -29,6 +29,7 @@ def test_it_has_every_part_and_only_json_values(both):
         "close",
         "verdicts",
         "passivity",
+        "zwidth",
         "coupling",
         "band",
         "design",
@@ -39,6 +40,12 @@ def test_it_has_every_part_and_only_json_values(both):
         "diagnostics",
         "checks",
         "skipped",
+        "anova",
+        "levels",
+        "psychophysics",
+        "equivalence",
+        "impedances",
+        "close_impedances",
         "summary",
     ]
     assert both["schema"] == SCHEMA
@@ -61,10 +68,12 @@ def test_intervals_and_boundaries_have_the_promised_fields(both):
     assert all(fields <= row.keys() for row in both["intervals"])
     assert {row["method"] for row in both["intervals"]} == {"classical", "bayesian"}
     fields = {"environment", "kind", "method", "family", "joint", "shape", "level"}
-    curves = ("omega", "lower", "upper", "reference", "coupled")
     for record in both["boundaries"]:
         assert fields <= record.keys()
-        assert {len(record[name]) for name in curves} == {31}
+        assert {len(record[name]) for name in ("lower", "upper")} == {31}
+    assert set(both["impedances"]) == {record["environment"] for record in both["boundaries"]}
+    for curves in both["impedances"].values():
+        assert {len(curves[name]) for name in ("omega", "reference", "coupled")} == {31}
 
 
 def test_files_go_by_name_and_folders_stay_out(classical):
@@ -97,17 +106,13 @@ def test_simulated_input_is_known_by_its_source_column():
 def test_close_views_are_evaluated_where_the_scene_asks(classical):
     device, period, coupling = haptics.Device(1.0, 5.0), 0.001, haptics.Coupling(50e3, 100.0)
     ve1 = haptics.Environment(10.0, 0.1)
-    (record,) = [
-        row
-        for row in classical["close"]
-        if (row["environment"], row["family"], row["shape"]) == ("VE1", "normal", "envelope")
-    ]
-    omega = np.array(record["omega"])
+    curves = classical["close_impedances"]["VE1"]
+    omega = np.array(curves["omega"])
     assert (omega[0], omega[-1]) == (9.89, 10.11)
     exact = abs(haptics.perceived_impedance(omega, device, ve1, period, coupling=coupling))
     # Coupled and plain reference are 1e-5 apart in the paper's Fig. 7b: nothing is interpolated
     # there.
-    assert record["coupled"] == pytest.approx(exact, rel=1e-12)
+    assert curves["coupled"] == pytest.approx(exact, rel=1e-12)
     assert {row["kind"] for row in classical["close"]} == {"user"}
 
 
@@ -130,7 +135,7 @@ def test_what_has_no_reference_or_limit_is_not_counted(classical):
     for row in document["intervals"]:
         row["reference"] = None if row["environment"] == "VE1" else row["reference"]
     assert {row.of for row in findings(as_results(document)).references} == {8}
-    assert findings(EMPTY) == Findings(Overview((), ()), (), ())
+    assert findings(EMPTY) == Findings(Overview((), ()), (), (), "")
 
 
 def test_a_summary_and_a_scene_without_device_are_documents_too():

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import itertools
 import re
 import xml.etree.ElementTree as ET
 
@@ -61,7 +62,7 @@ def file(drawing, form="svg"):
 
 
 def test_there_is_a_figure_of_everything_with_data(found):
-    curves = {"boundaries", "boundaries_close", "ratios", "stability", "design", "device"}
+    curves = {"boundaries", "boundaries_close", "ratios", "zwidth", "stability", "design", "device"}
     assert found.keys() == curves | {"overview_k", "overview_b", "band"}
 
 
@@ -119,7 +120,8 @@ def test_hostile_names_are_drawn_as_text(both):
     for part in (*(document[name] for name in parts), document["data"]["cells"]):
         for row in part:
             row["environment"] = row["environment"].replace("VE1", HOSTILE)
-    document["zoom"][HOSTILE] = document["zoom"]["VE1"]
+    for table in ("zoom", "impedances", "close_impedances"):
+        document[table][HOSTILE] = document[table]["VE1"]
     by_name = {drawing.name: drawing for drawing in drawings(as_results(document))}
     for name in ("boundaries",):
         text = inline(by_name[name])
@@ -170,10 +172,8 @@ def test_labels_of_the_intervals_are_inside_the_figure_and_tell_environments_apa
 
 def test_the_caption_of_intervals_says_what_is_drawn(both, classical):
     _, two = interval_drawings(as_results(both))
-    assert (
-        " Each classical bar stands above the Bayesian one. Ticks: the subjects. "
-        in two.description
-    )
+    assert " Each classical bar stands above the Bayesian one. " in two.description
+    assert " Ticks: the subjects; those beyond the axis are counted." in two.description
     assert " Classical limits are lognormal." in two.description
     document = copy.deepcopy(classical)
     for row in (*document["intervals"], *document["data"]["cells"]):
@@ -190,6 +190,59 @@ def test_the_caption_of_intervals_says_what_is_drawn(both, classical):
     assert [text.get_text() for text in legend.get_texts()] == [
         "classical", "average user", "next user", "one subject",
     ]  # fmt: skip
+
+
+def people_drawn(drawing):
+    """Count the ticks of a drawing and the subjects that it counts at the ends of its axis."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=[side / 25.4 for side in drawing.size])
+        drawing.draw(figure)
+    (ax,) = figure.axes
+    left, right = ax.get_xlim()
+    ticks = 0
+    for line in ax.get_lines():
+        if line.get_label().startswith(("one ", "_child")) and np.isnan(line.get_ydata()).any():
+            places = line.get_xdata()
+            assert ((places >= left) & (places <= right)).all()
+            ticks += int(np.isnan(line.get_ydata()).sum())
+    said = [re.fullmatch(r"(\d+) more", text.get_text()) for text in ax.texts]
+    return ticks, sum(int(count[1]) for count in said if count)
+
+
+@pytest.mark.parametrize("study", ["both", "classical"])
+def test_every_subject_is_drawn_or_counted(study, request):
+    document = as_results(request.getfixturevalue(study))
+    for drawing in interval_drawings(document):
+        parameter = drawing.name.removeprefix("overview_")
+        wanted = sum(cell.n for cell in document.data.cells if cell.parameter == parameter)
+        ticks, counted = people_drawn(drawing)
+        assert ticks + counted == wanted
+        assert counted > 0
+
+
+@pytest.mark.parametrize(
+    ("adjusted", "beyond"),
+    [((-5.0, 0.0, 9.0, 10.0), 2), ((10.0,), 0), ((9.0, 1e9), 1), ((), 0)],
+    ids=["no logarithm", "alone", "far", "nobody"],
+)
+def test_who_is_beyond_the_axis_is_counted(classical, adjusted, beyond):
+    drawn_people = []
+    for values in (adjusted, ()):
+        document = copy.deepcopy(classical)
+        cell = document["data"]["cells"][0]
+        assert (cell["environment"], cell["parameter"]) == ("VE1", "k")
+        cell |= {"values": list(values), "n": len(values)}
+        drawn_people.append(people_drawn(interval_drawings(as_results(document))[0]))
+    (ticks, counted), (others, others_counted) = drawn_people
+    assert (ticks - others, counted - others_counted) == (len(adjusted) - beyond, beyond)
+
+
+def test_a_subject_without_an_interval_is_drawn(classical):
+    document = copy.deepcopy(classical)
+    alone = {"environment": "alone", "values": [11.0], "n": 1, "sd": None}
+    document["data"]["cells"].append(document["data"]["cells"][0] | alone)
+    wanted = sum(cell["n"] for cell in document["data"]["cells"] if cell["parameter"] == "k")
+    assert sum(people_drawn(interval_drawings(as_results(document))[0])) == wanted
 
 
 def drawing_of(draw, **given):
@@ -367,6 +420,22 @@ def test_bars_span_their_limits_and_end_in_arrows_where_the_axis_does():
     assert [label.get_text() for label in ax.get_yticklabels()] == ["A", "B", "C", "D"]
     assert axis.is_left_by(bars)
     assert not axis.is_left_by(bars[2:3])
+
+
+def test_names_of_bands_that_lie_together_stay_apart():
+    size = np.array([1.0, 1.05, 1.1, 1.12, 100.0])
+    names = ("VE1 (left)", "VE1 (right)", "VE2", "VE2b", "alone")
+    widths = Widths("classical", "classical", names, size, 0.3 * size, {})
+    with rc_context(STYLE):
+        figure = Figure(figsize=(150 / 25.4, 58 / 25.4))
+        (ax,) = panels(figure, frame=Frame(left=16, top=3, right=48))
+        draw_band(ax, BandSeries("mean", np.geomspace(0.7, 150, 5), (widths,), "impedance", ""))
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        boxes = [text.get_window_extent(canvas.get_renderer()) for text in ax.texts]
+    assert [text.get_text() for text in ax.texts] == list(names)
+    for first, second in itertools.combinations(boxes, 2):
+        assert not first.overlaps(second)
 
 
 def test_bands_and_laws_are_drawn_where_they_are():

@@ -119,3 +119,11 @@ def test_short_numbers_keep_the_digits_they_have(value, style, text):
 def test_text_is_no_number():
     with pytest.raises(UsageError, match="a number was expected"):
         number("VE1")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0004, "+0.04"), (-0.00052, "−0.052"), (1e-7, "+1 × 10⁻⁵"), (0.0, "0"), (0.001, "+0.1")],
+)
+def test_the_sign_of_a_bias_is_never_hidden(value, text):
+    assert number(value, style="bias").text == f"{text}\u202f%"

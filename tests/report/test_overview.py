@@ -126,8 +126,13 @@ def test_more_than_five_names_are_counted():
     rows = [(f"E{index}", 12, 15, 18, 5, 40) for index in range(6)] + [NONE]
     (said, *_) = overview(results(rows)).sentences
     assert said == (
-        "Stiffness is too high in 6 of 7 environments, from E0 (+50 %, +20 to +80 %) to E5 (+50 %,"
-        " +20 to +80 %) (classical, 99 %)."
+        "Stiffness is too high in 6 of 7 environments: E0, E1, E2, E3, E4, E5, from E0 (+50 %, +20"
+        " to +80 %) to E5 (+50 %, +20 to +80 %) (classical, 99 %)."
+    )
+    many = [(f"E{index}", 12, 15, 18, 5, 40) for index in range(11)] + [NONE]
+    assert (
+        "11 of 12 environments: E0, E1, E2, E3, E4, E5, E6, E7, E8, E9, …, from"
+        in (overview(results(many)).sentences[0])
     )
     wider = overview(results([*rows[:5], ("E5", 12, 16, 18, 5, 40)])).sentences[0]
     assert "too high in all 6 environments, from E0 (+50 %" in wider
@@ -284,9 +289,9 @@ def test_narrow_ranges_of_the_next_user_are_told_apart():
 @pytest.mark.parametrize(
     ("reference", "ends", "said", "user"),
     [
-        (-6.0, (-8, -7.19, -6.5, -9, -5), "−1.2 N/m", "3 N/m below and 1 N/m above"),
+        (-6.0, (-8, -7.19, -6.5, -9, -5), "−1.19 N/m", "3 N/m below and 1 N/m above"),
         (-6.0, (-5.5, -5, -4, -7, -1), "+1 N/m", "1 N/m below and 5 N/m above"),
-        (-6.0, (-8, -7.19, -6.5, -9, -6.5), "−1.2 N/m", "0.5 to 3 N/m below"),
+        (-6.0, (-8, -7.19, -6.5, -9, -6.5), "−1.19 N/m", "0.5 to 3 N/m below"),
         (0.0, (1, 2, 3, 0.5, 4), "+2 N/m", "0.5 to 4 N/m above"),
     ],
 )

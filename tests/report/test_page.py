@@ -158,7 +158,8 @@ def renamed(document, name):
     for part in (*parts, document["data"]["cells"]):
         for row in part:
             row["environment"] = name if row["environment"] == "VE1" else row["environment"]
-    document["zoom"][name] = document["zoom"].pop("VE1")
+    for table in ("zoom", "impedances", "close_impedances"):
+        document[table][name] = document[table].pop("VE1")
     for row in (*document["coupling"]["memberships"], *document["verdicts"]):
         row["environment"] = name if row["environment"] == "VE1" else row["environment"]
     document["data"]["environments"] = [name, *document["data"]["environments"][1:]]
@@ -247,9 +248,9 @@ def names_of(document):
 
 def test_sections_stand_in_reading_order(both):
     assert names_of(both) == [
-        "summary", "intervals", "boundaries", "verdicts", "direct", "coupling", "design", "device",
-        "band", "comparison",
-        "diagnostics", "data", "methods", "provenance", "skipped",
+        "summary", "intervals", "psychophysics", "boundaries", "verdicts", "direct", "coupling",
+        "design", "device", "band", "comparison",
+        "diagnostics", "people", "data", "methods", "provenance", "skipped",
     ]  # fmt: skip
 
 
@@ -292,6 +293,7 @@ def test_a_section_not_needed_is_absent(classical):
     assert names_of(document) == [
         "summary",
         "intervals",
+        "psychophysics",
         "band",
         "data",
         "methods",
@@ -469,6 +471,26 @@ def test_the_hold_and_the_share_are_in_words_of_the_methods(classical, hold, sai
     words = words_of(document)
     assert f"{said} at a sampling period of 0.001 s" in words
     assert "limits of a share of users hold 75 % of them with confidence 95 %" in words
+
+
+@pytest.mark.parametrize(
+    ("key", "delay", "said"),
+    [("delay", 1.5, "delay of 1.5 samples"), ("delay_seconds", 0.002, "delay of 0.002 s")],
+)
+def test_the_delay_is_in_words_of_the_methods(classical, key, delay, said):
+    document = copy.deepcopy(classical)
+    assert "loop delay" not in words_of(document)
+    document["provenance"]["scene"]["device"][key] = delay
+    assert f"with a loop {said} for a device" in words_of(document)
+
+
+def test_the_velocity_filter_is_in_words_of_the_methods(classical):
+    document = copy.deepcopy(classical)
+    filtered = {"cutoff": 300.0, "order": 2}
+    document["provenance"]["scene"]["device"]["velocity_filter"] = filtered
+    words = words_of(document)
+    assert "behind a Butterworth filter of 300 rad/s and order 2" in words
+    assert "With this loop’s velocity filter that damping is searched" in words
 
 
 @pytest.mark.parametrize(

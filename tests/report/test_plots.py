@@ -1,6 +1,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from scipy import stats
 
@@ -175,3 +176,25 @@ def test_quantities_of_two_scales_are_drawn_one_at_a_time(ax):
     )
     with pytest.raises(UsageError, match="drawn one at a time"):
         study.plot_intervals(ax=ax)
+
+
+@pytest.mark.parametrize("style", ["default", "dark_background"])
+def test_what_is_drawn_shows_in_the_reader_s_style(both_study, style):
+    with plt.style.context(style):
+        ground = np.array(to_rgb(plt.rcParams["axes.facecolor"]))
+        environment = both_study.parts.environments[0]
+        for plot, words in (
+            (both_study.plot_intervals, ()),
+            (both_study.plot_boundary, (environment,)),
+            (both_study.plot_band, ()),
+            (both_study.plot_coupling, ()),
+            (both_study.plot_check, ()),
+        ):
+            ax = Figure().add_subplot()
+            plot(*words, ax=ax)
+            for line in ax.get_lines():
+                assert np.abs(np.array(to_rgb(line.get_color())) - ground).max() > 0.35
+            for text in ax.texts:
+                box = text.get_bbox_patch()
+                behind = ground if box is None else np.array(box.get_facecolor()[:3])
+                assert np.abs(np.array(to_rgb(text.get_color())) - behind).max() > 0.35

@@ -234,6 +234,8 @@ def test_of_many_environments_some_are_drawn_and_the_page_says_so(classical):
     for part in ("intervals", "boundaries"):
         kept = [row for row in document[part] if row["environment"] == "VE1"]
         document[part] = [row | {"environment": name} for name in names for row in kept]
+    shared = document["impedances"]
+    document["impedances"] = dict.fromkeys(names, shared["VE1"])
     document["data"]["cells"] = [
         cell | {"environment": name}
         for name in names
@@ -245,12 +247,17 @@ def test_of_many_environments_some_are_drawn_and_the_page_says_so(classical):
     document["design"]["environments"] = [*regions, everywhere[-1]]
     said = "24 of 60 environments are drawn, evenly spaced in their order. The tables hold all."
     by_name = {drawing.name: drawing for drawing in drawings(as_results(document))}
-    for name in ("overview_k", "overview_b", "boundaries", "ratios", "design"):
+    for name in ("overview_all_k", "overview_all_b", "boundaries", "ratios", "design"):
         assert said in by_name[name].description, name
     figure = Figure(figsize=(7.0, 7.0))
-    by_name["overview_k"].draw(figure)
+    by_name["overview_all_k"].draw(figure)
     labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
     assert (labels[0], labels[-1], len(labels)) == ("E00", "E59", 24)
+    foremost = by_name["overview_k"]
+    assert foremost.title.endswith(": 10 of 60 environments, those whose bias is clearest")
+    figure = Figure(figsize=(7.0, 7.0))
+    foremost.draw(figure)
+    assert len(figure.axes[0].get_yticklabels()) == 10
     for name, panels in (("boundaries", 24), ("ratios", 72), ("design", 25)):
         figure = Figure(figsize=(7.0, 7.0))
         by_name[name].draw(figure)
@@ -259,3 +266,24 @@ def test_of_many_environments_some_are_drawn_and_the_page_says_so(classical):
     assert [curves["name"] for curves in explorer.curves] == labels
     assert said in explorer.left_out
     assert said not in page_of(classical)
+    screen = section(document, "summary")
+    assert len(screen.lines) == 10
+    assert len(screen.lines) + len(screen.folded) == 120
+    assert screen.every == ["overview_all_k", "overview_all_b"]
+    assert section(classical, "summary").folded == []
+
+
+def test_every_subject_has_a_row_that_warnings_lead_to(both):
+    document = copy.deepcopy(both)
+    subjects = list(dict.fromkeys(row["subject"] for row in document["data"]["people"]))
+    checks = []
+    for subject in subjects:
+        influential = subject in ("S03", "S09")
+        check = {"subject": subject, "elpd": -1.0, "pareto_k": 0.3, "influential": influential}
+        checks.append(check | {"farther": 0.5, "outlier": False})
+    loo = {"elpd": -9.0, "se": 1.0, "good_k": 0.7, "subjects": checks, "cells": []}
+    document["checks"] = {"normality": [], "loo": loo | {"messages": ["S03 leads."]}}
+    page = page_of(document)
+    for rank, subject in enumerate(subjects, start=1):
+        assert f'<tr id="subject-{rank}"><th scope="row">{subject}</th>' in page
+    assert '<a href="#subject-3">S03</a>, <a href="#subject-9">S09</a>.' in page

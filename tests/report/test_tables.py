@@ -48,16 +48,17 @@ def test_the_paper_s_table_comes_out_to_the_digit(classical):
 
 
 def test_curves_have_a_row_per_frequency(classical):
-    rows = rows_of(csv_tables(as_results(classical))["boundaries.csv"])
-    first = classical["boundaries"][0]
-    some = rows[: len(first["omega"])]
-    assert len(rows) == sum(len(boundary["omega"]) for boundary in classical["boundaries"])
+    results = as_results(classical)
+    rows = rows_of(csv_tables(results)["boundaries.csv"])
+    first = results.boundaries[0]
+    some = rows[: first.omega.size]
+    assert len(rows) == sum(boundary.omega.size for boundary in results.boundaries)
     for head, name in (
         ("omega (rad/s)", "omega"),
         ("lower (N·s/m)", "lower"),
         ("coupled (N·s/m)", "coupled"),
     ):
-        assert [float(row[head]) for row in some] == first[name]
+        assert [float(row[head]) for row in some] == getattr(first, name).tolist()
 
 
 @pytest.mark.parametrize("start", ["", " ", "\t", "\u00a0 ", "\n"])

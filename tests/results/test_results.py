@@ -49,7 +49,7 @@ RESULTS = Results(
     comparison=None, band_pairs=None, ladder=None, diagnostics=None, checks=None,
     skipped=(Skipped("band law", "one environment"),),
 )  # fmt: skip
-SUMMARY = Findings(Overview((), ("one",)), (), ())
+SUMMARY = Findings(Overview((), ("one",)), (), (), "")
 
 
 def written(tmp_path, text):
@@ -78,7 +78,20 @@ def test_results_come_back_digit_for_digit(tmp_path):
 def test_a_document_names_its_schema_and_every_field():
     document = json.loads(RESULTS.to_json())
     assert document["schema"] == SCHEMA
-    assert list(document)[1:] == [field.name for field in dataclasses.fields(Results)]
+    names = [field.name for field in dataclasses.fields(Results)]
+    assert list(document)[1:] == [*names, "impedances", "close_impedances"]
+
+
+def test_curves_that_boundaries_share_are_written_once(tmp_path):
+    """A boundary with curves of its own keeps them."""
+    other = dataclasses.replace(BOUNDARY, reference=2.0 * BOUNDARY.reference)
+    results = dataclasses.replace(RESULTS, boundaries=(BOUNDARY, BOUNDARY, other))
+    path = written(tmp_path, results.to_json())
+    document = json.loads(path.read_text(encoding="utf-8"))
+    assert ["omega" in boundary for boundary in document["boundaries"]] == [False, False, True]
+    for before, after in zip(results.boundaries, Results.load(path).boundaries, strict=True):
+        np.testing.assert_array_equal(after.omega, before.omega)
+        np.testing.assert_array_equal(after.reference, before.reference)
 
 
 def test_a_file_that_is_no_report_is_refused(tmp_path):

@@ -3,9 +3,6 @@ order."""
 
 from __future__ import annotations
 
-import bz2
-import gzip
-import lzma
 import zipfile
 
 import numpy as np
@@ -180,6 +177,29 @@ def test_repeats_without_numbers_are_one_problem(tmp_path):
     assert 'conditions of one subject, name their column: [study] factor = "…".' in error.hint
 
 
+@pytest.mark.parametrize("as_frame", [False, True])
+def test_repeats_name_the_columns_that_tell_them_apart(tmp_path, as_frame):
+    head = HEAD.replace("\n", ",side,load,answer\n")
+    two = ""
+    four = ""
+    for subject in (1, 2):
+        for n, side in enumerate(("left", "right")):
+            two += f"{subject},a,10,{11 + n},{side},load{n},answer{n}\n"
+            four += f"{subject},a,10,{11 + n},{side},low,answer{n}\n"
+            four += f"{subject},a,10,{21 + n},{side},high,answer{n + 2}\n"
+    file = tmp_path / "f.csv"
+    wanted = {
+        two: "each of the columns 'side', 'load', 'answer' tells them apart: [study]"
+        ' factor = "side".',
+        four: "column 'answer' tells them apart: [study] factor = \"answer\".",
+    }
+    for rows, hint in wanted.items():
+        file.write_text(head + rows)
+        with pytest.raises(UsageError) as caught:
+            read_sessions(pd.read_csv(file) if as_frame else file)
+        assert caught.value.hint.endswith(f"For conditions of one subject, {hint}")
+
+
 def test_many_duplicates_are_one_problem_and_few_are_named(tmp_path):
     head = HEAD.replace("\n", ",trial\n")
     few = refusal(tmp_path, head + "1,a,10,11,1\n2,a,10,11,1\n2,a,10,11,1\n")
@@ -276,8 +296,7 @@ def test_what_aborted_runs_and_trackers_leave_is_left_out_with_a_notice(tmp_path
     assert (found.counts["observations"], len(found.sources)) == (6, 3)
     said = [str(notice).removeprefix(f"{tmp_path}/") for notice in found.notices]
     assert said == [
-        "s4_trials.csv: left out: there are no data below the header.",
-        "s5_trials.csv: left out: there are no data below the header.",
+        "s4_trials.csv: left out: there are no data below the header. (and 1 more like this)",
         "s6_trials.csv: left out: the file is empty.",
         (
             "tracker.csv: left out: there is no column for subject and environment and k_adj (or"
@@ -333,14 +352,11 @@ def test_the_line_of_a_wrong_quote_is_that_of_the_delimiter_meant(tmp_path):
 @pytest.mark.parametrize(
     ("name", "data", "what"),
     [
-        ("study.rda", gzip.compress(b"RDX3\nX\n", mtime=0), "an R data file, which only R opens"),
-        ("study.RData", bz2.compress(b"RDX3\nX\n"), "an R data file, which only R opens"),
-        ("study.rds", lzma.compress(b"X\n\0\0\0"), "an R data file, which only R opens"),
-        ("study.csv", b"X\n\0\0\0\3", "an R data file, which only R opens"),
-        ("study.mat", b"MATLAB 5.0 MAT-file", "another program's binary file"),
+        ("study.rds", b"A\n3\n262657\n", "an R data file in ASCII"),
+        ("study.hdf", b"\x89HDF\r\n", "another program's binary file"),
         ("study.sav", b"$FL2@(#) SPSS DATA FILE", "another program's binary file"),
     ],
-    ids=["rda", "RData", "rds", "csv", "mat", "sav"],
+    ids=["rds", "hdf", "sav"],
 )
 def test_files_of_other_programs_are_named_for_what_they_are(tmp_path, name, data, what):
     (tmp_path / name).write_bytes(data)

@@ -614,6 +614,11 @@ def test_repeats_are_missing_where_there_are_some_and_cells_empty_where_there_ar
             {"exclude": [{"column": "session", "equals": "3"}]},
             "column 'session': there is no column 'session'.",
         ),
+        (
+            {"exclude": [{"column": "subject", "equals": "S9"}]},
+            "column 'subject', sessions.exclude: no row has 'S9' in this column. Correct the text,"
+            " or take the rule out.",
+        ),
         ({"exclude": [{"column": "subject", "above": 3}]}, "limits need a column of numbers"),
         ({"exclude": [{"column": "rt", "above": 3}]}, "there is no column 'rt'."),
         ({"groups": "hand"}, "there is no column 'hand'."),
@@ -781,7 +786,7 @@ def test_trials_and_summary_do_not_mix(tmp_path):
             {"columns": {"k_adj": {"nme": "x"}}},
             (
                 "columns.k_adj.nme = 'x': there is no such key; there are name, unit, path, also,"
-                " offset. Did you mean name?"
+                " offset, scale, response. Did you mean name?"
             ),
         ),
         (

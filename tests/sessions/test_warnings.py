@@ -64,6 +64,7 @@ def test_values_without_a_logarithm(tmp_path):
     assert warnings_of(tmp_path, rows) == [
         "s.csv:10:k_adj: 2 values of k (20.0% of 10) are zero or negative, here the first. To leave"
         ' out this many biases the rest: set family = "normal" in [inference].'
+        " There are 1 of 5 in 'soft' (1 subject), 1 of 5 in 'hard' (1 subject)."
     ]
 
 
@@ -157,12 +158,12 @@ def test_the_way_out_of_values_without_a_logarithm_fits_them(tmp_path):
         'exclude = [{ column = "k_adj", below = 100.0, why = "no adjustment" }] leaves them out'
         in few
     )
-    assert few.endswith('If people meant them, set family = "normal" in [inference].')
+    assert 'If people meant them, set family = "normal" in [inference].' in few
+    assert few.endswith(" There are 1 of 31 in 'soft' (1 subject).")
     (many,) = zeros(tmp_path, [*some, *range(-5, 1)])
     assert many.startswith("s.csv:32:k_adj: 6 values of k (16.7% of 36) are zero or negative")
-    assert many.endswith(
-        'To leave out this many biases the rest: set family = "normal" in [inference].'
-    )
+    assert 'To leave out this many biases the rest: set family = "normal" in [inference].' in many
+    assert many.endswith(" There are 6 of 36 in 'soft' (6 subjects).")
     (arbitrary,) = zeros(tmp_path, [-3.0, -2.5, 4.0], reference="-2")
     assert 'family = "normal" in [inference] and scale in [model]' in arbitrary
     assert "add one offset to k_ref and k_adj in [columns]" in arbitrary
@@ -185,15 +186,11 @@ def test_many_equal_extremes_are_the_limit_of_the_control(tmp_path):
         "s.csv:22:k_adj: 6 values of k (23.1% of 26) are the largest of all, 160: the limit of the"
         " control?"
     )
-    rule = (
-        '[sessions] exclude = [{ column = "k_adj", above = 159.0, why = "limit of the control" }]'
-    )
-    assert rule in said
-    path = tmp_path / "s.csv"
-    options = ReadOptions(
-        sessions={"exclude": [{"column": "k_adj", "above": 159.0, "why": "limit of the control"}]}
-    )
-    assert read_sessions(path, scene=options).counts["excluded: limit of the control"] == 6
+    assert " There are 6 of 26 in 'soft' (6 subjects). " in said
+    assert "[quantities.k] limits = [-inf, 160] leaves them out" in said
+    low = [f"{s},soft,100,1,90,{1 + s / 100}" for s in range(20, 26)]
+    (said,) = warnings_of(tmp_path, [*free, *low])
+    assert "[quantities.k] limits = [90, inf] leaves them out" in said
 
 
 def test_groups_are_not_pooled_in_silence(tmp_path):
@@ -335,6 +332,7 @@ def test_a_slip_is_said_with_row_value_and_median(tmp_path):
     )
 
 
+@pytest.mark.evidence
 def test_ordinary_scatter_and_habits_are_no_slips():
     rng = np.random.default_rng(1)
     alarms = 0

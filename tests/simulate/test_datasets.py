@@ -114,7 +114,7 @@ def test_measured_offsets_have_scipys_limits_and_a_page_of_their_own_words() -> 
     assert "43 participants adjusted the offset" in text
     headline = (
         "Offset is too high in all 7 illusions, from FD (+0.069 deg, +0.047 to +0.091 deg) to FG"
-        " (+4.6 deg, +4.1 to +5.1 deg) (classical, 95 %)."
+        " (+4.59 deg, +4.09 to +5.08 deg) (classical, 95 %)."
     )
     assert headline in text
     assert "– to –" not in text

@@ -11,7 +11,7 @@ from scipy import special, stats
 
 from percept import Scene, Study
 from percept.boundary.band import LAWS, fit_law
-from percept.inference.hierarchy.density import ConditionalMoments
+from percept.inference.hierarchy.laws import ConditionalMoments
 from percept.sessions import Sessions
 from percept.study.band import (
     Banded,

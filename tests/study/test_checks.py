@@ -124,6 +124,7 @@ def test_in_five_of_a_hundred_correct_studies_a_subject_is_called_influential():
     assert stats.binomtest(named, studies, 0.05).pvalue > 0.01
 
 
+@pytest.mark.evidence
 def test_a_planted_subject_is_mostly_called_influential():
     named = 0
     for seed in range(4):
@@ -148,7 +149,10 @@ def test_statistics_above_their_range_are_hardly_ever_larger(planted):
 
 def test_tree_is_the_posterior_and_a_file_that_opens(clean, tmp_path):
     tree = clean.posterior
-    assert set(tree.children) == {"posterior", "posterior_predictive", "sample_stats"}
+    assert set(tree.children) == {
+        "posterior", "posterior_predictive", "sample_stats", "log_likelihood", "observed_data",
+        "prior",
+    }  # fmt: skip
     tree.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
     with xarray.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf") as opened:
         assert opened.equals(tree)

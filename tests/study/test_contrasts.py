@@ -13,6 +13,7 @@ from percept.report.tables import csv_tables
 from percept.sessions import ReadError, ReadOptions, Sessions
 from percept.sessions.read import by_level
 from percept.study.compare import within_subjects
+from percept.study.contrast_table import chosen_contrasts
 from percept.study.results import diagnostics_of
 from tests import DATASETS
 from tests.documents import as_results, build_document, page_of
@@ -295,7 +296,9 @@ def test_the_page_has_a_section_of_the_factor():
     )
     page = page_of(document)
     assert "hand: right against left" in page
-    assert "Levels of hand were compared within subjects by paired t-intervals" in page
+    assert (
+        "Levels of hand were compared by paired t-intervals of the log ratios within each" in page
+    )
     assert re.fullmatch(
         r"Users set stiffness 1\.\d+ times as high with right as with left: 0\.\d+ to 1\.\d+"
         r" with 95 %"
@@ -303,7 +306,7 @@ def test_the_page_has_a_section_of_the_factor():
         document["summary"]["overview"]["sentences"][0],
     )
     assert document["data"]["references"] == 3
-    assert "felt like one of 3 reference environments at each level of hand" in page
+    assert "felt like one of 3 reference environments at each of 2 levels of hand" in page
     overall = next(i for i, row in enumerate(document["contrast"]) if row["environment"] is None)
     assert f'data-at="/contrast/{overall}/lower"' in page
     rows = csv_tables(as_results(document))["contrast.csv"].splitlines()
@@ -311,7 +314,7 @@ def test_the_page_has_a_section_of_the_factor():
     assert "VE1; VE2; VE3" in rows[1 + overall]
     without = page_of(document | {"contrast": []})
     assert "hand:" not in without
-    assert "compared within subjects" not in without
+    assert "were compared" not in without
 
 
 @pytest.mark.parametrize("family", ["lognormal", "normal"])
@@ -356,3 +359,26 @@ def test_a_contrast_can_be_asked_for_either_way_round(family):
         made.contrast("foot: left - right")
     with pytest.raises(UsageError, match="'left - both': hand has no such levels"):
         made.contrast("hand: left - both")
+
+
+@pytest.mark.parametrize(
+    ("unit", "turned_together"), [("mm", (-3.0, -1.0)), ("", (1.0 / 3.0, 1.0))]
+)
+def test_limits_that_hold_together_turn_with_a_contrast(unit, turned_together):
+    row = {
+        "factor": "hand",
+        "first": "left",
+        "second": "right",
+        "unit": unit,
+        "lower": 1.2,
+        "estimate": 2.0,
+        "upper": 2.8,
+        "lower_together": 1.0,
+        "upper_together": 3.0,
+        "covers": "right over left",
+    }
+    alone = row | {"lower_together": None, "upper_together": None}
+    turned = chosen_contrasts(pd.DataFrame([row, alone]), "hand: left - right")
+    limits = turned[["lower_together", "upper_together"]].to_numpy(dtype=float)
+    assert tuple(limits[0]) == turned_together
+    assert np.isnan(limits[1]).all()

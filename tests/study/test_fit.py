@@ -15,7 +15,7 @@ from percept.errors import RefusalError
 from percept.inference.hierarchy.statistics import from_trials
 from percept.sessions import Sessions
 from percept.sessions.quantities import IMPEDANCE
-from percept.study.fit import prepare
+from percept.study.prepare import prepare
 from percept.study.responses import lacking_scatter
 from tests import DATASETS
 from tests.study.checked import table_of

@@ -29,6 +29,7 @@ def evidence(study, environment, coupling, *, draws, device=None):
     return feels_real(display, users.select(slice(0, draws)), omega, level=0.99, decision=0.95)
 
 
+@pytest.mark.evidence
 def test_the_map_is_that_of_a_search_at_every_coupling(fitted: Study) -> None:
     design = fitted.parts.coupling_map
     assert design is not None

@@ -59,7 +59,7 @@ def test_location_equals_dense_conditioning(fitted: Study) -> None:
     model = fitted.parts.fit.model  # type: ignore[union-attr]
     assert isinstance(model, CollapsedDensity)
     x = np.array([0.7, -1.3])
-    found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))
+    found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))[""]
     for s, point in enumerate(points):
         mean, covariance = dense_trend(fitted, point, x)
         np.testing.assert_allclose(found.mean[s], mean, rtol=1e-9, atol=1e-12)
@@ -71,7 +71,7 @@ def test_spread_follows_its_trend_and_is_even_over_its_law(fitted: Study) -> Non
     assert isinstance(model, CollapsedDensity)
     points = fitted.parts.fit.points[:3]  # type: ignore[arg-type]
     x, repeats = np.array([0.5, 0.5]), 400
-    found = new_environment(model, points, x, repeats=repeats, rng=np.random.default_rng(1))
+    found = new_environment(model, points, x, repeats=repeats, rng=np.random.default_rng(1))[""]
     named = {name: values for name, (_, values) in model.scales(points).items()}
     between = (
         np.diagonal(found.population, axis1=1, axis2=2).reshape(3, repeats, 2)
@@ -164,7 +164,7 @@ def test_published_limits_are_predicted_parameter_by_parameter(published: Study)
     model = published.parts.fit.model
     points = published.parts.fit.points[:40]
     x = np.array([0.7, -1.3])
-    found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))
+    found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))[""]
     np.testing.assert_array_equal(found.covariance[:, 0, 1], 0.0)
     for p, (part, own) in enumerate(model.pooled_parts(points)):
         statistics = part.statistics
@@ -211,7 +211,7 @@ def test_monte_carlo_error_is_a_share_of_the_half_width(loose: Study) -> None:
     assert fitted.parts.fit is not None
     laws = expected_users(
         fitted.parts.fit, np.array(list(found.decades.values())), fitted.scene.inference
-    ).laws
+    )["new"].laws
     batches = 40
     for p, row in enumerate(found.intervals.itertuples()):
         # Batches of draws, each with its own limits: their scatter is the error of the whole's.

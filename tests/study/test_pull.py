@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study
+from percept.report.cautions import cautions
 from percept.sessions import Sessions
 from percept.study.results import diagnostics_of
 from tests.documents import build_document
@@ -74,7 +75,8 @@ def test_ordinary_studies_are_not_pulled(spread, subjects, environments):
 
 
 def test_coarse_data_are_pulled_the_other_way():
-    (said,) = diagnostics_of(study_of(4.0, subjects=5).parts).pull
+    of_bias, said = diagnostics_of(study_of(4.0, subjects=5).parts).pull
+    assert of_bias.startswith("The prior of the common bias")
     assert "expects less spread in stiffness than the data show" in said
     assert re.search(r"interval 0\.\d+ times as wide", said)
 
@@ -88,3 +90,35 @@ def test_the_study_s_word_for_users_is_used():
 def test_a_reference_prior_has_no_pull():
     study = study_of(1e-6, model={"pooling": "none", "prior": "reference"})
     assert diagnostics_of(study.parts).pull == ()
+
+
+def scaled_study(scale):
+    """Settings of about 24 mm against references of zero, with both hands, without checks."""
+    rng = np.random.default_rng(0)
+    rows = []
+    for subject in range(8):
+        own = rng.normal(0.0, 2.0)
+        for hand, mean in (("left", 24.0), ("right", 20.0)):
+            rows.append((f"S{subject}", "VE0", hand, 0.0, mean + own + rng.normal()))
+    columns = ["subject", "environment", "hand", "d_ref", "d_adj"]
+    scene = Scene(
+        quantities={"d": {"unit": "mm"}},
+        study={"factor": "hand"},
+        model={"scale": {"d": scale}, "bias": "hand"},
+        inference={"family": "normal", "tolerance": 0.05},
+    )
+    sessions = Sessions.from_frame(pd.DataFrame(rows, columns=columns), scene=scene)
+    return Study(sessions, scene)
+
+
+def test_a_scale_far_smaller_than_the_settings_is_named_without_checks():
+    study = scaled_study(1.0)
+    rows = study.intervals.query("kind == 'mean' and method == 'bayesian'")
+    assert (rows["estimate"] < 10.0).all()
+    said = [text for text in cautions(study.results()) if "prior of the common bias" in text]
+    assert len(said) == 1
+    assert "Its unit is [model] scale.d = 1 (mm). Set a scale about as large" in said[0]
+    large_enough = scaled_study(25.0)
+    rows = large_enough.intervals.query("kind == 'mean' and method == 'bayesian'")
+    assert (rows["estimate"] > 18.0).all()
+    assert not any("common bias" in text for text in diagnostics_of(large_enough.parts).pull)

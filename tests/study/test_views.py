@@ -28,6 +28,21 @@ def test_showing_a_study_computes_nothing():
     assert "<td>intervals, fit</td>" in study._repr_html_()
 
 
+def test_a_study_takes_the_file_of_its_scene():
+    path = DATASETS / "hbfd.toml"
+    sessions = read_sessions(SESSIONS)
+    assert Study(sessions, path).scene == Study(sessions, str(path)).scene == Scene.load(path)
+
+
+def test_a_coupling_prints_a_line_per_number_and_no_array():
+    lines = repr(classical().coupling).split("\n")
+    assert lines[0] == "Coupling"
+    assert len(lines) == 11
+    assert "  memberships: 5 records Membership" in lines
+    assert "  read_at: 10" in lines
+    assert not any(line.startswith("  omega:") for line in lines)
+
+
 def test_a_study_that_would_refuse_is_shown_all_the_same():
     table = read_sessions(SESSIONS).table
     alone = classical(Sessions.from_frame(table[table["subject"] == table["subject"].iloc[0]]))

@@ -149,6 +149,7 @@ def test_a_folder_that_may_not_be_written_is_said(tmp_path, command):
     assert str(disk) in ran.stderr
 
 
+@pytest.mark.evidence
 def test_two_runs_into_one_folder_leave_the_files_of_one(tmp_path):
     levels = ("0.9", "0.99")
     wanted = []

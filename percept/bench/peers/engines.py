@@ -102,7 +102,7 @@ def study_statistics(name: str) -> Statistics:
     from percept.reproduce.published import dataset
     from percept.scene import Scene
     from percept.sessions import read_sessions
-    from percept.study.fit import prepare
+    from percept.study.prepare import prepare
 
     parameters = ("k",) if name == "published-k" else ("k", "b")
     sessions = read_sessions(dataset("hbfd_sessions.csv"))

@@ -47,7 +47,8 @@ class Loo:
     @property
     def se(self) -> float:
         """Standard error of `elpd` as an estimate for other subjects of the same population."""
-        return float(np.sqrt(self.pointwise.size * self.pointwise.var(ddof=1)))
+        variance = self.pointwise.var(ddof=1)
+        return float(np.sqrt(self.pointwise.size * variance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +97,10 @@ def leave_one_out(
     by_chain = points.reshape(chains, -1, points.shape[1])
     gap = max(1, math.ceil(len(points) * subjects.subjects / _MOST))
     kept = by_chain[:, ::gap].reshape(-1, points.shape[1])
-    parts = [subjects.left_out(scales).log_density for _, scales in subjects.batches(kept)]
+    parts = []
+    for _, laws in subjects.batches(kept):
+        left_out = subjects.left_out(laws)
+        parts.append(left_out.log_density)
     log_density = np.concatenate(parts)
     known = np.isfinite(log_density).all(axis=0)
     if not known.all():
@@ -146,8 +150,8 @@ def predict_left_out(
     """Compare subjects with their prediction from the others: draws (S, d), weights (S, N)."""
     below = np.zeros((subjects.subjects, subjects.parameters, subjects.environments))
     farther = np.zeros(subjects.subjects)
-    for cut, scales in subjects.batches(points):
-        left = subjects.left_out(scales)
+    for cut, laws in subjects.batches(points):
+        left = subjects.left_out(laws)
         tail = special.chdtrc(subjects.degrees, left.distance)
         cdf = special.ndtr(left.standard)
         below += np.einsum("wi,wipj->ipj", weights[cut], cdf)
@@ -198,6 +202,9 @@ def _half_width(squares: Array, n: Array, level: float, usual_sd: float) -> Arra
     """Student's t times the SD between subjects, which environments and priors share in part."""
     variance = (squares + _PRIOR_WEIGHT * usual_sd**2) / (n - 1 + _PRIOR_WEIGHT)
     logs = 0.5 * np.log(variance)
-    shared = _OWN * logs + (1.0 - _OWN) * logs.mean(axis=-1, keepdims=True)
-    freedom = (n - 1) * (_OWN + (1.0 - _OWN) * squares.shape[-1]) + _LEAST_FREEDOM
-    return np.asarray(special.stdtrit(freedom, 0.5 * (1.0 + level)) * np.exp(shared))
+    common = logs.mean(axis=-1, keepdims=True)
+    shared = _OWN * logs + (1.0 - _OWN) * common
+    environments = squares.shape[-1]
+    freedom = (n - 1) * (_OWN + (1.0 - _OWN) * environments) + _LEAST_FREEDOM
+    t = special.stdtrit(freedom, 0.5 * (1.0 + level))
+    return np.asarray(t * np.exp(shared))

@@ -1,19 +1,16 @@
-"""What the model says before the data, and of new studies like this one."""
+"""What the model says of new studies like this one."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.priors import Named, draws_first
-from percept.inference.hierarchy.scales import Layout, Scales
+from percept.inference.hierarchy.laws import SubjectLaws
 
-__all__ = ["STATISTICS", "PriorDraws", "draw_prior", "new_studies", "statistics_of"]
+__all__ = ["STATISTICS", "new_studies", "statistics_of"]
 
 Array = NDArray[np.float64]
 
@@ -21,54 +18,45 @@ Array = NDArray[np.float64]
 STATISTICS = ("mean", "sd", "farthest")
 
 
-@dataclass(frozen=True, eq=False)
-class PriorDraws:
-    """Draws of scales, population means and new users before any data."""
-
-    scales: Named
-    means: Array  # (draws, C)
-    users: Array  # (draws, C)
-
-
-def draw_prior(
-    density: CollapsedDensity,
-    draws: int,
+def new_studies(
+    subjects: SubjectDensity,
+    points: Array,
     rng: np.random.Generator,
-) -> PriorDraws:
-    """Draw scales, population means and new users before any data."""
-    statistics = density.statistics
-    priors = density.priors
-    # Without observed scatter every coordinate of log sigma is standard normal a priori, like the
-    # rest.
-    blank = replace(
-        statistics,
-        sd=np.zeros_like(statistics.sd),
-        trial_rows=np.zeros_like(statistics.trial_rows),
-    )
-    layout = Layout(blank, priors, density.layout.options)
-    coordinates = rng.standard_normal((layout.dimension, draws))
-    scales = layout.scales(coordinates)
-    alpha = rng.standard_normal((layout.parameters, 1, draws))
-    alpha *= priors.alpha_sd
-    beta = np.repeat(alpha, layout.environments, axis=1)
-    if scales.tau is not None:
-        gamma = priors.gamma_sd * rng.standard_normal(alpha.shape)
-        beta += gamma * statistics.x[..., None]
-        tau = np.stack(scales.tau)[:, None]
-        beta += tau * rng.standard_normal(beta.shape)
-    user = beta.copy()
-    for column in scales.between.factor_columns():
-        scale = np.stack(column)
-        user += scale * rng.standard_normal(beta.shape[1:])
-    if scales.shared is not None:
-        for column in scales.shared.factor_columns():
+) -> Iterator[Array]:
+    """Yield cell means (W, N, P, J) of new studies of the same design, one per draw (S, d)."""
+    for _, laws in subjects.batches(points):
+        yield _new_studies(subjects, laws, rng)
+
+
+def _new_studies(
+    subjects: SubjectDensity,
+    laws: SubjectLaws,
+    rng: np.random.Generator,
+) -> Array:
+    """Draw cell means of all subjects at W sets of scales, (W, N, P, J), NaN if missing."""
+    latents, size, cells, width = laws.columns.shape
+    normals = rng.standard_normal((latents, width))
+    departures = np.einsum("rpcw,rw->pcw", laws.columns, normals)
+    beta = laws.mean + departures
+    shape_of_studies = (width, subjects.subjects, size, cells)
+    drawn = np.full(shape_of_studies, np.nan)
+    patterns = subjects.density.statistics.patterns
+    for pattern, noise in zip(patterns, laws.noise, strict=True):
+        present = pattern.environments
+        members = pattern.members[:, None]
+        shape = (pattern.subjects, present.size, width)
+        means = beta[:, None, present]
+        values = np.broadcast_to(means, (size, *shape)).copy()
+        for column in noise.factor_columns():
             scale = np.stack(column)[:, None]
-            user += scale * rng.standard_normal(beta.shape[1:])
-    return PriorDraws(
-        scales=draws_first(scales.named),
-        means=beta.reshape(-1, draws).T,
-        users=user.reshape(-1, draws).T,
-    )
+            values += scale * rng.standard_normal(shape)
+        for effect in laws.effects[:, :, present]:
+            own = rng.standard_normal((pattern.subjects, 1, width))
+            values += effect[:, None] * own
+        # numpy puts the axes of two lists of indices first.
+        by_cell = values.transpose(1, 2, 3, 0)
+        drawn[:, members, :, present] = by_cell
+    return drawn
 
 
 def statistics_of(cell_means: Array) -> Array:
@@ -97,43 +85,3 @@ def statistics_of(cell_means: Array) -> Array:
     sd = np.where(n > 1, sd, np.nan)
     farthest = np.where(n > 2, farthest, np.nan)
     return np.stack([mean, sd, farthest], axis=-3)
-
-
-def new_studies(
-    subjects: SubjectDensity,
-    points: Array,
-    rng: np.random.Generator,
-) -> Iterator[Array]:
-    """Yield cell means (W, N, P, J) of new studies of the same design, one per draw (S, d)."""
-    for _, scales in subjects.batches(points):
-        yield _new_studies(subjects, scales, rng)
-
-
-def _new_studies(
-    subjects: SubjectDensity,
-    scales: Scales,
-    rng: np.random.Generator,
-) -> Array:
-    """Draw cell means of all subjects at W sets of scales, (W, N, P, J), NaN if missing."""
-    density = subjects.density
-    beta = density.locations(scales).draw(rng)
-    size, environments, width = beta.shape
-    drawn = np.full((width, subjects.subjects, size, environments), np.nan)
-    blocks = density.cell_blocks(scales)
-    for pattern, cell in zip(density.statistics.patterns, blocks, strict=True):
-        present = pattern.environments
-        members = pattern.members[:, None]
-        shape = (pattern.subjects, present.size, width)
-        means = beta[:, None, present]
-        values = np.broadcast_to(means, (size, *shape)).copy()
-        for column in cell.factor_columns():
-            scale = np.stack(column)[:, None]
-            values += scale * rng.standard_normal(shape)
-        if scales.shared is not None:
-            for column in scales.shared.factor_columns():
-                scale = np.stack(column)[:, None, None]
-                values += scale * rng.standard_normal((pattern.subjects, 1, width))
-        # numpy puts the axes of two lists of indices first.
-        by_cell = values.transpose(1, 2, 3, 0)
-        drawn[:, members, :, present] = by_cell
-    return drawn

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block, SharedCovariance, cholesky
-from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.scales import Scales
+from percept.inference.hierarchy.blocks import Block, cholesky
+from percept.inference.hierarchy.laws import SubjectLaws, Whitened
+from percept.inference.hierarchy.model import Pooled
 
 __all__ = ["LeftOut", "SubjectDensity"]
 
@@ -54,7 +54,7 @@ class SubjectDensity:
 
     Parameters
     ----------
-    density : CollapsedDensity
+    density : Pooled
         The model.
     response : ndarray
         One row per trial, on the response scale, shape (trials, P).
@@ -64,7 +64,7 @@ class SubjectDensity:
 
     def __init__(
         self,
-        density: CollapsedDensity,
+        density: Pooled,
         response: Array,
         subject: Indices,
         environment: Indices,
@@ -90,51 +90,47 @@ class SubjectDensity:
         cells = (self._counts > 0).sum(axis=1)
         return cells * float(self.parameters)
 
-    def batches(self, points: Array) -> Iterator[tuple[slice, Scales]]:
-        """Cut draws (S, d), with the scales of each cut: temporaries stay small."""
+    def batches(self, points: Array) -> Iterator[tuple[slice, SubjectLaws]]:
+        """Cut draws (S, d), with the laws of each cut: temporaries stay small."""
         cells = self.parameters * self.environments
         numbers = cells * (self.subjects + 4 * cells)  # for each draw
         step = max(1, _BATCH // numbers)
         for start in range(0, len(points), step):
             cut = slice(start, min(start + step, len(points)))
-            coordinates = np.ascontiguousarray(points[cut].T)
-            yield cut, self.density.layout.scales(coordinates)
+            yield cut, self.density.subject_laws(points[cut])
 
-    def left_out(self, scales: Scales) -> LeftOut:
+    def left_out(self, laws: SubjectLaws) -> LeftOut:
         """Predict each subject's data from W sets of scales and the other subjects' data."""
-        law = self.density.locations(scales)
-        mean = np.stack(law.mean)
-        columns = law.columns()
-        width = scales.log_prior.size
+        width = laws.mean.shape[-1]
         predicted = LeftOut(
             log_density=np.empty((width, self.subjects)),
             distance=np.empty((width, self.subjects)),
             standard=np.full((width, *self._means.shape), np.nan),
         )
-        cells = self.density.cell_blocks(scales)
         patterns = self.density.statistics.patterns
-        for pattern, cell in zip(patterns, cells, strict=True):
+        for g, pattern in enumerate(patterns):
             members = pattern.members
             present = pattern.environments
             means = self._means[members]
-            residual = means[..., present, None] - mean[:, present]
-            inside = columns[:, :, present]
-            part = _leave_out(residual, inside, cell, scales.shared)
+            residual = means[..., present, None] - laws.mean[:, present]
+            inside = laws.columns[:, :, present]
+            variances = _variances(laws.noise[g], laws.effects[:, :, present])
+            part = _leave_out(residual, inside, laws.covariances[g], variances)
             predicted.log_density[:, members] = part.log_density
             predicted.distance[:, members] = part.distance
             # numpy puts the axes of two lists of indices first.
             rows = members[:, None]
             by_cell = part.standard.transpose(1, 3, 0, 2)
             predicted.standard[:, rows, :, present] = by_cell
-        trials = self._between_trials(scales) - 0.5 * _LOG_2PI * self.degrees
+        trials = self._between_trials(laws.trial) - 0.5 * _LOG_2PI * self.degrees
         predicted.log_density[...] += trials
         return predicted
 
-    def _between_trials(self, scales: Scales) -> Array | float:
+    def _between_trials(self, groups: Block | None) -> Array | float:
         """Log density of trials about their cell means, (W, N); zero without repeats."""
-        trial = self.density.trial_block(scales)
-        if trial is None:
+        if groups is None:
             return 0.0
+        trial = groups[self.density.trial_group]  # (N, J, W)
         first = self._scatter.first[..., None]
         squares = first / trial.leading
         if trial.slope is not None:
@@ -146,7 +142,7 @@ class SubjectDensity:
         constant = extra.sum(axis=1) * _LOG_2PI
         constant = constant + log_counts.sum(axis=1)
         constant = self.parameters * constant[:, None]
-        determinants = extra @ trial.log_determinant()
+        determinants = np.einsum("nj,njw->nw", extra, trial.log_determinant())
         log_density = squares.sum(axis=1) + determinants + constant
         return -0.5 * log_density.T
 
@@ -154,11 +150,10 @@ class SubjectDensity:
 def _leave_out(
     residual: Array,
     columns: Array,
-    cell: Block,
-    shared: Block | None,
+    covariance: Whitened,
+    variances: Array,
 ) -> LeftOut:
     """Predict I subjects of one pattern: `residual` (I, P, E, W) is r, `columns` (R, P, E, W) B."""
-    covariance = SharedCovariance(cell, shared)
     whitened = _whitened(covariance, residual)
     g = _whitened(covariance, columns)
     transposed = g.transpose(0, 2, 1)
@@ -178,9 +173,8 @@ def _leave_out(
     learned = root.transpose(0, 2, 1) @ shift
     learned = learned.reshape(shape)
     difference = residual.transpose(3, 1, 2, 0) + learned
-    variance = _variances(cell, shared, residual.shape[2:])
     uncertainty = _squares(root).reshape(shape[:3])
-    variance = variance.transpose(2, 0, 1) + uncertainty
+    variance = variances.transpose(2, 0, 1) + uncertainty
     standard = difference / np.sqrt(variance)[..., None]
     return LeftOut(
         log_density=-0.5 * (log_determinant[:, None] + distance),
@@ -194,17 +188,11 @@ def _squares(columns: Array) -> Array:
     return np.square(columns).sum(axis=1)
 
 
-def _variances(
-    cell: Block,
-    shared: Block | None,
-    shape: tuple[int, ...],
-) -> Array:
+def _variances(noise: Block, effects: Array) -> Array:
     """Variances of a subject's cell means about the locations, (P, E, W)."""
-    own = cell.diagonal()
-    if shared is not None:
-        own = tuple(map(np.add, own, shared.diagonal()))
-    parts = [np.broadcast_to(part, shape) for part in own]
-    return np.stack(parts)
+    own = np.stack(noise.diagonal())
+    shared = np.einsum("qpew,qpew->pew", effects, effects)
+    return own + shared
 
 
 def _factor(matrices: Array) -> Array:
@@ -216,7 +204,7 @@ def _factor(matrices: Array) -> Array:
     return factor
 
 
-def _whitened(covariance: SharedCovariance, vectors: Array) -> Array:
+def _whitened(covariance: Whitened, vectors: Array) -> Array:
     """Rows of V^(-1/2) times vectors (n, P, E, W): (W, rows, n)."""
     count = len(vectors)
     width = vectors.shape[-1]

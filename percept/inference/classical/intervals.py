@@ -1,9 +1,8 @@
-"""The three kinds of interval, and two ratios to the reference."""
+"""The three kinds of interval, and the bias as a ratio to the reference."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,7 +30,6 @@ __all__ = [
     "prediction_interval",
     "t_interval",
     "tolerance_interval",
-    "weber_fraction",
 ]
 
 Array = NDArray[np.float64]
@@ -52,10 +50,8 @@ class Claim:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ratio(NotebookRecord):
-    """A ratio to the reference, unit-free, with its equal-tailed interval."""
+    """The average user over the reference, unit-free, with its equal-tailed interval."""
 
-    #: Average user over reference, or SD between users over reference.
-    quantity: Literal["bias", "weber"]
     estimate: FloatOrArray
     lower: FloatOrArray
     upper: FloatOrArray
@@ -69,8 +65,6 @@ class Ratio(NotebookRecord):
         who = "average user's value"
         if self.family == "lognormal":
             who = "typical (geometric-mean) user's value"
-        if self.quantity == "weber":
-            who = "standard deviation between users"
         sure = f"{percent(self.level)} confidence"
         return f"The {who} divided by the reference lies between the limits, with {sure}."
 
@@ -350,55 +344,12 @@ def bias(
     ends = np.stack([np.asarray(end) for end in (mean.estimate, mean.lower, mean.upper)])
     estimate, lower, upper = _over_reference(ends, reference)
     return Ratio(
-        quantity="bias",
         estimate=estimate,
         lower=lower,
         upper=upper,
         level=level,
         family=family,
         n=mean.n,
-    )
-
-
-def weber_fraction(
-    x: ArrayLike | Moments,
-    reference: ArrayLike,
-    *,
-    level: float = 0.99,
-) -> Ratio:
-    """Work out SD over the reference, between users; its interval is exact, by χ².
-
-    Parameters
-    ----------
-    x, reference, level
-        As `bias`.
-
-    Returns
-    -------
-    Ratio
-        Of shape (...), family ``"normal"``.
-
-    Raises
-    ------
-    UsageError, RefusalError
-        As `bias`.
-    """
-    moments, _ = family_moments(x, "normal")
-    tail = tail_of(level) / 2.0
-    half_df = (np.asarray(moments.n) - 1.0) / 2.0
-    low = half_df / special.gammainccinv(half_df, tail)
-    high = half_df / special.gammaincinv(half_df, tail)
-    square_ratios = np.stack([np.ones_like(low), low, high])
-    ends = np.asarray(moments.sd) * np.sqrt(square_ratios)
-    estimate, lower, upper = _over_reference(ends, reference)
-    return Ratio(
-        quantity="weber",
-        estimate=estimate,
-        lower=lower,
-        upper=upper,
-        level=level,
-        family="normal",
-        n=moments.n,
     )
 
 

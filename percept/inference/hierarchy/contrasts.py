@@ -1,15 +1,15 @@
-"""Limits of contrasts of a linear design: of bias, and of one user's own contrast."""
+"""Limits of cells and contrasts of a linear design: of bias, and of one user's own contrast."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.density import ConditionalMoments
-from percept.inference.hierarchy.linear import LinearModel
+from percept.inference.hierarchy.laws import ConditionalMoments
 from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.sampling.gate import Estimates
 
@@ -18,102 +18,111 @@ __all__ = ["ContrastEstimands", "ContrastLimits", "ContrastRows"]
 Array = NDArray[np.float64]
 
 
+class Located(Protocol):
+    """A model whose locations are weighed."""
+
+    def laws_of(self, rows: Array, points: Array) -> ConditionalMoments:
+        """Law of combinations (L, R) of the locations at coordinates (W, d)."""
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class ContrastRows:
     """Weights of the model's locations, (L, R) each."""
 
+    cells: Array
     users: Array  # Contrasts that each user has too
     groups: Array  # Contrasts of different users, and slopes
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ContrastLimits:
-    """Limits and estimates on the response scale."""
+    """Limits of L contrasts on the response scale, and the laws they come from."""
 
-    users: dict[str, Array]  # (2, L) By kind
-    groups: Array  # (2, L)
-    users_estimate: Array
-    groups_estimate: Array
+    lower: Array  # (L,)
+    upper: Array  # (L,)
+    laws: ConditionalMoments  # Of all kept draws
 
 
 class ContrastEstimands:
-    """Limits of contrasts, all under one tolerance.
+    """Limits of cells and contrasts, all under one tolerance.
 
     Parameters
     ----------
-    model : LinearModel
+    model : LinearPosterior or LinearProduct
         Whose locations they weigh.
     rows : ContrastRows
-        The contrasts.
-    names : tuple of str
-        Of contrasts that users have, and of the other ones.
+        The cells and contrasts.
+    users, groups : tuple of (str, str)
+        Names of cells and contrasts that users have, and of the other contrasts, in two parts.
     claims : IntervalEstimands
         Kinds, level, share and confidence.
     """
 
     def __init__(
         self,
-        model: LinearModel,
+        model: Located,
         rows: ContrastRows,
-        names: tuple[str, ...],
+        users: tuple[tuple[str, str], ...],
+        groups: tuple[tuple[str, str], ...],
         claims: IntervalEstimands,
     ) -> None:
         self._model = model
         self._rows = rows
         self._claims = claims
-        users = len(rows.users)
-        self._users = users
-        self._of_users = self._intervals(claims.kinds, names[:users])
-        self._of_groups = self._intervals(("mean",), names[users:])
+        self._users = len(users)
+        self._of_users = self._intervals(claims.kinds, users)
+        self._of_groups = self._intervals(("mean",), groups)
 
-    def _intervals(self, kinds: tuple[str, ...], names: tuple[str, ...]) -> IntervalEstimands:
-        """Limits of intervals whose cells are contrasts."""
+    def _intervals(
+        self, kinds: tuple[str, ...], names: tuple[tuple[str, str], ...]
+    ) -> IntervalEstimands:
+        """Limits of intervals whose cells are what is weighed."""
         claims = self._claims
-        found = IntervalEstimands(
+        intervals = IntervalEstimands(
             claims.model,
             kinds=kinds,
             level=claims.level,
             share=claims.share,
             confidence=claims.confidence,
         )
-        found.cells = tuple(("contrast", name) for name in names)
-        return found
+        intervals.cells = names
+        return intervals
 
     def identity(self) -> tuple[object, ...]:
         """Return what beside the model decides the limits."""
         return ("contrasts", dataclasses.astuple(self._rows), self._claims.identity())
 
     def components(self, points: Array) -> Array:
-        """Laws of the contrasts per draw, those of users first: shape (W, 3 L)."""
+        """Laws of cells and contrasts per draw, those of users first: shape (W, 3 L)."""
         rows = self._rows
-        laws = self._model.laws_of(np.vstack([rows.users, rows.groups]), points)
-        parts = []
-        for part in (slice(self._users), slice(self._users, None)):
-            own = ConditionalMoments(
-                laws.mean[:, part], laws.sd[:, part], laws.population_sd[:, part]
-            )
-            parts.append(own.pack())
-        return np.hstack(parts)
+        every = np.vstack([rows.cells, rows.users, rows.groups])
+        laws = self._model.laws_of(every, points)
+        of_users = laws.of(slice(self._users))
+        of_groups = laws.of(slice(self._users, None))
+        return np.hstack([of_users.pack(), of_groups.pack()])
 
     def estimates(self, components: Array) -> Iterator[tuple[Estimates, Array]]:
         """Limits in parts, their scale being the interval's half-width."""
         of_users = components[:, : 3 * self._users]
         of_groups = components[:, 3 * self._users :]
-        if of_users.shape[1]:
-            yield from self._of_users.estimates(of_users)
+        yield from self._of_users.estimates(of_users)
         if of_groups.shape[1]:
             yield from self._of_groups.estimates(of_groups)
 
-    def limits(self, value: Array, components: Array) -> ContrastLimits:
-        """Sort a run's estimates, and estimate the centres from its components (S, columns)."""
-        users = self._users
-        groups = len(self._rows.groups)
-        kinds = self._claims.kinds if users else ()
-        of_kinds = value[: 2 * users * len(kinds)].reshape(len(kinds), 2, users)
-        of_groups = value[2 * users * len(kinds) :].reshape(2, groups)
+    def of_users(self, kind: str, value: Array, components: Array) -> ContrastLimits:
+        """Pick the contrasts of users, of one kind, from a run's estimates and components."""
+        kinds = self._claims.kinds
+        first = len(self._rows.cells)
+        ends = value[: 2 * self._users * len(kinds)]
+        of_kind = ends.reshape(len(kinds), 2, -1)[kinds.index(kind)]
+        lower, upper = of_kind[:, first:]
+        laws = ConditionalMoments.unpack(components[:, : 3 * self._users])
+        return ContrastLimits(lower, upper, laws.of(slice(first, None)))
+
+    def of_groups(self, value: Array, components: Array) -> ContrastLimits:
+        """Pick the other contrasts from a run's estimates and components."""
+        ends = value[2 * self._users * len(self._claims.kinds) :]
+        lower, upper = ends.reshape(2, -1)
         return ContrastLimits(
-            users=dict(zip(kinds, of_kinds, strict=True)),
-            groups=of_groups,
-            users_estimate=components[:, :users].mean(axis=0),
-            groups_estimate=components[:, 3 * users : 3 * users + groups].mean(axis=0),
+            lower, upper, ConditionalMoments.unpack(components[:, 3 * self._users :])
         )

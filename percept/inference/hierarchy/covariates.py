@@ -1,4 +1,12 @@
-"""Covariates of trials or subjects: what they add to the sufficient statistics of a study."""
+"""Covariates of trials or subjects: what they add to the sufficient statistics of a study.
+
+Covariates x and responses y of the subjects of one pattern have cell means. Their scatter about the
+pattern's mean enters by a triangle: with [x y] the centred means of all subjects,
+
+    [x y] = Q R,  so that  [x y]'[x y] = R'R
+
+and the rows of R hold all that the density needs of any number of subjects.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +15,8 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.statistics import Statistics
+from percept.inference.hierarchy.statistics import Pattern, Statistics
+from percept.inference.hierarchy.trial_scatter import TrialScatter
 
 __all__ = ["Covariates", "with_covariates"]
 
@@ -17,77 +26,84 @@ Indices = NDArray[np.intp]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Covariates:
-    """What M covariates of trials or subjects add to the sufficient statistics."""
+    """What M covariates say between subjects. Within cells, `TrialScatter` holds them."""
 
     names: tuple[str, ...]
     mean: Array  # (M, C, G) Means over a pattern's subjects, zero where there is no cell
     between: tuple[Array, ...]  # (n, M, E) Rows of each pattern that go with those of responses
-    rows: Array  # (M, M, C) Rows whose products sum to the covariates' scatter within a cell
-    responses: Array  # (M, P, C) What the responses to these rows are
 
 
 def with_covariates(
-    response: Array,
+    covariates: Array,
     subject: Indices,
     cell: Indices,
-    covariates: Array,
     names: tuple[str, ...],
     statistics: Statistics,
+    scatter: TrialScatter,
 ) -> tuple[Statistics, Covariates]:
-    """Reduce trials whose responses follow covariates too.
+    """Join covariates to the statistics of the responses.
 
     Parameters
     ----------
-    response, subject, cell : ndarray
-        As `from_trials`, cells in the place of environments.
     covariates : ndarray
         Values of every trial, centred, shape (trials, M).
+    subject, cell : ndarray
+        Number of the subject and of the cell of each trial, shape (trials,).
     names : tuple of str
         Names of the covariates.
     statistics : Statistics
         Those of the responses alone.
+    scatter : TrialScatter
+        Scatter of covariates and responses within cells, subjects pooled.
 
     Returns
     -------
     Statistics
-        Rows of scatter between subjects go with those of the covariates, and scatter between
+        Rows of scatter between subjects go with those of the covariates. The scatter between
         trials leaves out what the covariates explain within cells.
     Covariates
     """
-    size = response.shape[1]
     subjects = len(statistics.subjects)
     cells = len(statistics.environments)
-    number = subject * cells + cell
-    counts = np.bincount(number, minlength=subjects * cells)
-    values = np.hstack([covariates, response])
-    sums = [np.bincount(number, weights=row, minlength=len(counts)) for row in values.T]
-    means = np.stack(sums) / np.maximum(counts, 1)
-    apart = values - means[:, number].T
-    count = len(names)
-    rows = np.zeros((count, count, cells))
-    responses = np.zeros((count, size, cells))
-    trial_rows = np.zeros((size, size, cells))
-    for c in range(cells):
-        triangle = np.zeros((count + size, count + size))
-        factor = np.asarray(np.linalg.qr(apart[cell == c], mode="r"))
-        triangle[: len(factor)] = factor
-        rows[..., c] = triangle[:count, :count]
-        responses[..., c] = triangle[:count, count:]
-        trial_rows[..., c] = triangle[count:, count:].T
-    of_cells = means[:count].reshape(count, subjects, cells)
+    covariate_means = _cell_means(covariates, subject, cell, (subjects, cells))
     patterns = []
     between = []
-    mean = np.zeros((count, cells, len(statistics.patterns)))
+    mean = np.zeros((len(names), cells, len(statistics.patterns)))
     for g, pattern in enumerate(statistics.patterns):
         present = pattern.environments
-        own = np.moveaxis(of_cells[:, pattern.members][:, :, present], 1, 0)
-        mean[:, present, g] = own.mean(axis=0)
-        joint = np.concatenate([own, statistics.cell_means[pattern.members][:, :, present]], axis=1)
-        flat = (joint - joint.mean(axis=0)).reshape(len(joint), -1)
-        triangle = np.asarray(np.linalg.qr(flat, mode="r"))
-        rows_of_pattern = triangle.reshape(-1, count + size, len(present))
-        between.append(rows_of_pattern[:, :count])
-        of_responses = np.ascontiguousarray(rows_of_pattern[:, count:].transpose(1, 0, 2))
-        patterns.append(dataclasses.replace(pattern, rows=of_responses))
+        of_covariates = covariate_means[pattern.members][:, :, present]  # (n, M, E)
+        of_responses = statistics.cell_means[pattern.members][:, :, present]  # (n, P, E)
+        mean[:, present, g] = of_covariates.mean(axis=0)
+        covariate_rows, joined = _joined(pattern, of_covariates, of_responses)
+        between.append(covariate_rows)
+        patterns.append(joined)
+    trial_rows = np.zeros_like(statistics.trial_rows)
+    trial_rows[..., scatter.cell] = scatter.rows
     reduced = dataclasses.replace(statistics, patterns=tuple(patterns), trial_rows=trial_rows)
-    return reduced, Covariates(names, mean, tuple(between), rows, responses)
+    return reduced, Covariates(names, mean, tuple(between))
+
+
+def _cell_means(
+    covariates: Array, subject: Indices, cell: Indices, shape: tuple[int, int]
+) -> Array:
+    """Means of covariates (trials, M) by subject and cell, (N, M, C); zero without trials."""
+    subjects, cells = shape
+    number = subject * cells + cell
+    trials = np.bincount(number, minlength=subjects * cells)
+    means = []
+    for values in covariates.T:
+        sums = np.bincount(number, weights=values, minlength=len(trials))
+        of_cells = sums / np.maximum(trials, 1)
+        means.append(of_cells.reshape(subjects, cells))
+    return np.stack(means, axis=1)
+
+
+def _joined(pattern: Pattern, covariates: Array, responses: Array) -> tuple[Array, Pattern]:
+    """Rows of covariates (n, M, E), and a pattern whose rows of responses go with them."""
+    count = covariates.shape[1]
+    joint = np.concatenate([covariates, responses], axis=1)
+    centred = joint - joint.mean(axis=0)
+    triangle = np.asarray(np.linalg.qr(centred.reshape(len(joint), -1), mode="r"))
+    rows = triangle.reshape(-1, *joint.shape[1:])
+    response_rows = np.ascontiguousarray(rows[:, count:].transpose(1, 0, 2))
+    return rows[:, :count], dataclasses.replace(pattern, rows=response_rows)

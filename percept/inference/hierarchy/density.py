@@ -1,24 +1,41 @@
-"""What every model offers, and the collapsed posterior: all locations integrated out exactly."""
+"""The collapsed posterior of environments without factors: locations integrated out exactly."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.errors import RefusalError
 from percept.inference.hierarchy.blocks import Block, SharedCovariance
-from percept.inference.hierarchy.information import Information, InformationProblem
+from percept.inference.hierarchy.information import Information
+from percept.inference.hierarchy.information_problem import InformationProblem
+from percept.inference.hierarchy.laws import (
+    ConditionalMoments,
+    NewEnvironment,
+    PairLaws,
+    PriorDraws,
+    SubjectLaws,
+    covariances,
+    even_normals,
+)
+from percept.inference.hierarchy.model import (
+    MORE_ENVIRONMENTS,
+    ONE_ENVIRONMENT,
+    Pooled,
+    Resolution,
+)
 from percept.inference.hierarchy.priors import Named, Priors, draws_first
 from percept.inference.hierarchy.regression import LocationProblem, Regression
 from percept.inference.hierarchy.scales import Layout, Options, Scales
 from percept.inference.hierarchy.statistics import Statistics
+from percept.inference.hierarchy.subject_effects import draw_subject_effects
 
-__all__ = ["CollapsedDensity", "ConditionalMoments", "Model", "PairLaws", "Resolution"]
+__all__ = ["CollapsedDensity"]
 
 Array = NDArray[np.float64]
 
@@ -30,87 +47,7 @@ _FEWEST_DRAWS = 128
 _MOST_DRAWS = 2048
 
 
-@dataclasses.dataclass(frozen=True)
-class Resolution:
-    """Variance that a finite resolution of the adjustment adds, on the response scale."""
-
-    between: Array | None = None  # (P, J)
-    trial: Array | None = None  # (P, J)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class ConditionalMoments:
-    """Law of each cell's location and of its users, given each draw, on the response scale.
-
-    A cell is a parameter in an environment. Both laws are normal.
-    """
-
-    mean: Array  # (S, C) Mean of the location, and of the users
-    sd: Array  # (S, C) SD of the location
-    population_sd: Array  # (S, C) SD of users about the location
-
-    def pack(self) -> Array:
-        """Return all three side by side, shape (S, 3 C)."""
-        return np.hstack([self.mean, self.sd, self.population_sd])
-
-    @classmethod
-    def unpack(cls, packed: Array) -> ConditionalMoments:
-        """Undo `pack`."""
-        return cls(*np.split(packed, 3, axis=1))
-
-    def draw(self, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Draw each cell's location and a new user of it, cells apart from one another."""
-        mean = self.mean + self.sd * rng.standard_normal(self.mean.shape)
-        users = mean + self.population_sd * rng.standard_normal(mean.shape)
-        return mean, users
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class PairLaws:
-    """Joint law of two parameters in each environment, given each draw."""
-
-    mean: Array  # (S, J, 2) Mean of the locations
-    location: Array  # (S, J, 2, 2) Covariance of the locations
-    users: Array  # (S, J, 2, 2) Covariance of users about them
-
-
-class Model(ABC):
-    """A posterior over scales, its locations integrated out: what sampler and reports need of it.
-
-    Coordinates are (W, d), near standard normal under the prior. Cells are parameter-major.
-    """
-
-    names: list[str]  # Of the coordinates
-    cells: tuple[tuple[str, str], ...]  # Parameter and environment
-    priors_in_force: dict[str, float]  # By their names in `Priors`
-    takes_options: bool = True  # Whether `Options` make it simpler
-
-    @abstractmethod
-    def identity(self) -> tuple[object, ...]:
-        """Everything that decides density and locations: a posterior is found again by it."""
-
-    @abstractmethod
-    def __call__(self, points: Array) -> Array:
-        """Log density at coordinates (W, d), up to a constant, shape (W,)."""
-
-    @abstractmethod
-    def laws(self, points: Array) -> ConditionalMoments:
-        """Law of the locations and of users at coordinates (W, d)."""
-
-    @abstractmethod
-    def scales(self, points: Array) -> Named:
-        """Scales and correlations by name, as dimensions and values, at coordinates (W, d)."""
-
-    def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Draw the locations and a new user of every cell, each (W, C)."""
-        return self.laws(points).draw(rng)
-
-    def pooled_parts(self, points: Array) -> list[tuple[CollapsedDensity, Array]]:
-        """Pooled densities whose product the model is, each with its coordinates."""
-        return []
-
-
-class CollapsedDensity(Model):
+class CollapsedDensity(Pooled):
     """Posterior of the scales and correlations; environments and subjects are partially pooled.
 
     Parameters
@@ -163,10 +100,6 @@ class CollapsedDensity(Model):
             dataclasses.astuple(self.layout.options),
             dataclasses.astuple(self.resolution),
         )
-
-    def pooled_parts(self, points: Array) -> list[tuple[CollapsedDensity, Array]]:
-        """Return itself."""
-        return [(self, points)]
 
     def __call__(self, points: Array) -> Array:
         """Log posterior density of coordinates (W, d), up to the evidence, shape (W,)."""
@@ -307,6 +240,126 @@ class CollapsedDensity(Model):
 
         return PairLaws(*self.by_pass(points, pair))
 
+    @property
+    def trial_group(self) -> NDArray[np.intp]:
+        """Group of trials of every subject in every environment, (N, J): its environment."""
+        subjects = len(self.statistics.subjects)
+        return np.tile(np.arange(self.layout.environments), (subjects, 1))
+
+    def subject_laws(self, points: Array) -> SubjectLaws:
+        """Say what coordinates (W, d) tell of every subject's cell means."""
+        coordinates = np.ascontiguousarray(points.T)
+        return self.subject_laws_at(self.layout.scales(coordinates))
+
+    def subject_laws_at(self, scales: Scales) -> SubjectLaws:
+        """Say what W sets of scales tell of every subject's cell means."""
+        law = self.locations(scales)
+        mean = np.stack(law.mean)
+        effects = np.zeros((0, *mean.shape))
+        if scales.shared is not None:
+            columns = [np.stack(column)[:, None] for column in scales.shared.factor_columns()]
+            effects = np.stack([np.broadcast_to(column, mean.shape) for column in columns])
+        noise = self.cell_blocks(scales)
+        return SubjectLaws(
+            mean=mean,
+            columns=law.columns(),
+            effects=effects,
+            noise=tuple(noise),
+            covariances=tuple(SharedCovariance(cell, scales.shared) for cell in noise),
+            trial=self.trial_block(scales),
+        )
+
+    def draw_subject_effects(
+        self, points: Array, locations: Array, rng: np.random.Generator
+    ) -> Array | None:
+        """Draw what every subject adds to all environments, (W, N, P)."""
+        scales = self.layout.scales(np.ascontiguousarray(points.T))
+        if scales.shared is None:
+            return None
+        blocks = self.cell_blocks(scales)
+        return draw_subject_effects(self.statistics, scales.shared, blocks, locations, rng)
+
+    def with_bias_prior(self, alpha_sd: float) -> CollapsedDensity:
+        """Return the same model with another prior of the common bias."""
+        priors = dataclasses.replace(self.priors, alpha_sd=alpha_sd)
+        return CollapsedDensity(self.statistics, priors, self.layout.options, self.resolution)
+
+    def draw_prior(self, draws: int, rng: np.random.Generator) -> PriorDraws:
+        """Draw scales, population means and new users before any data."""
+        statistics = self.statistics
+        # Without observed scatter every coordinate of log sigma is standard normal a priori, like
+        # the rest.
+        blank = dataclasses.replace(
+            statistics,
+            sd=np.zeros_like(statistics.sd),
+            trial_rows=np.zeros_like(statistics.trial_rows),
+        )
+        layout = Layout(blank, self.priors, self.layout.options)
+        scales = layout.scales(rng.standard_normal((layout.dimension, draws)))
+        alpha = self.priors.alpha_sd * rng.standard_normal((layout.parameters, 1, draws))
+        beta = np.repeat(alpha, layout.environments, axis=1)
+        if scales.tau is not None:
+            gamma = self.priors.gamma_sd * rng.standard_normal(alpha.shape)
+            beta += gamma * statistics.x[..., None]
+            beta += np.stack(scales.tau)[:, None] * rng.standard_normal(beta.shape)
+        user = beta.copy()
+        for column in scales.between.factor_columns():
+            user += np.stack(column) * rng.standard_normal(beta.shape[1:])
+        if scales.shared is not None:
+            for column in scales.shared.factor_columns():
+                user += np.stack(column)[:, None] * rng.standard_normal(beta.shape[1:])
+        return PriorDraws(
+            scales=draws_first(scales.named),
+            means=beta.reshape(-1, draws).T,
+            users=user.reshape(-1, draws).T,
+        )
+
+    def new_environment(
+        self, points: Array, x: Array, repeats: int, rng: np.random.Generator
+    ) -> dict[str, NewEnvironment]:
+        """Laws of an environment nobody was tested in, under an empty name."""
+        if not self.layout.trend:
+            raise RefusalError(ONE_ENVIRONMENT, hint=MORE_ENVIRONMENTS)
+
+        def given(scales: Scales) -> tuple[Array, Array, Array]:
+            mean, covariance = self._new_location(scales, x)
+            population = _new_population(scales, x, repeats, rng)
+            return (
+                np.repeat(mean, repeats, axis=0),
+                np.repeat(covariance, repeats, axis=0),
+                population.reshape(-1, x.size, x.size),
+            )
+
+        return {"": NewEnvironment(*self.by_pass(points, given))}
+
+    def _new_location(self, scales: Scales, x: Array) -> tuple[Array, Array]:
+        """Mean (W, P) and covariance (W, P, P) of the location, which is normal given scales."""
+        count = x.size
+        # On alpha and gamma over their prior SDs.
+        rows = np.zeros((count, 2 * count))
+        rows[:, :count] = self.priors.alpha_sd * np.eye(count)
+        rows[:, count:] = self.priors.gamma_sd * np.diag(x)
+        mean, spread = self.locations(scales).trend(rows)
+        covariance = np.einsum("qpw,qrw->wpr", spread, spread)
+        tau = scales.named["tau"].T
+        covariance[:, range(count), range(count)] += tau**2
+        return mean.T, covariance
+
+    def slopes(self, points: Array) -> ConditionalMoments:
+        """Law of the slope gamma of each quantity's bias per decade of the reference, (W, P)."""
+        count = self.layout.parameters
+        rows = np.zeros((count, 2 * count))
+        rows[:, count:] = self.priors.gamma_sd * np.eye(count)
+
+        def of_scales(scales: Scales) -> tuple[Array, Array]:
+            mean, spread = self.locations(scales).trend(rows)
+            variance = np.einsum("qpw,qpw->wp", spread, spread)
+            return mean.T, np.sqrt(variance)
+
+        mean, sd = self.by_pass(points, of_scales)
+        # All subjects have one slope.
+        return ConditionalMoments(mean, sd, np.zeros_like(mean))
+
     def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw beta of all cells jointly and one new user of each environment, each (W, C)."""
 
@@ -329,6 +382,28 @@ class CollapsedDensity(Model):
             values = np.concatenate([part[name][1] for part in parts])
             named[name] = (dimensions, values)
         return named
+
+
+def _new_population(
+    scales: Scales,
+    x: Array,
+    repeats: int,
+    rng: np.random.Generator,
+) -> Array:
+    """Covariances of users (W, R, P, P) at W sets of scales, log sigma drawn evenly."""
+    count = x.size
+    width = scales.log_prior.size
+    named = scales.named
+    kappa = named.get("kappa", 0.0)
+    log_sigma = np.log(named["s"]) + kappa * x[:, None]
+    omega = named.get("omega", np.zeros((count, 1)))
+    normals = even_normals(repeats, count, width, rng)
+    sigma = np.exp(log_sigma + omega * normals)
+    population = covariances(np.moveaxis(sigma, -1, 0), named.get("rho_w"))
+    if "sigma_u" not in named:
+        return population
+    sigma_u = named["sigma_u"].T[:, None]
+    return population + covariances(sigma_u, named.get("rho_u"))
 
 
 def _matrices(block: Block) -> Array:

@@ -23,7 +23,17 @@ from scipy import linalg
 
 from percept.inference.hierarchy.priors import Priors
 
-__all__ = ["Cells", "Design", "Factors", "Term", "contrast_columns", "design_of"]
+__all__ = [
+    "LEVEL",
+    "TREND",
+    "Cells",
+    "Design",
+    "Factors",
+    "Term",
+    "contrast_columns",
+    "design_of",
+    "new_cells",
+]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -31,6 +41,8 @@ Indices = NDArray[np.intp]
 #: Names of terms that every design of several environments has.
 LEVEL = "level"
 TREND = "trend"
+#: Fields of a design that hold terms.
+_TERMS = ("fixed", "own", "subject", "between", "trial", "stretch")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,12 +74,17 @@ class Term:
     name: str
     columns: Array  # (K, P, C)
 
+    def at(self, cells: Indices) -> Term:
+        """Columns over some of the cells."""
+        return Term(self.name, self.columns[:, :, cells])
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Design:
     """All terms of a study."""
 
     cells: Cells
+    factors: Factors
     fixed: tuple[Term, ...]  # Columns times the prior SD of their coefficients
     own: tuple[Term, ...]  # Deviations that each environment has of its own
     subject: tuple[Term, ...]  # Effects that each subject has
@@ -79,6 +96,43 @@ class Design:
     def parameters(self) -> int:
         """Number of quantities P."""
         return len(self.cells.x)
+
+    def identity(self) -> tuple[object, ...]:
+        """Return what decides a density: cells and columns, which the factors say no more than."""
+        parts = [dataclasses.astuple(self.cells)]
+        for name in _TERMS:
+            terms: tuple[Term, ...] = getattr(self, name)
+            parts.append(tuple(dataclasses.astuple(term) for term in terms))
+        return tuple(parts)
+
+    def under(self, priors: Priors) -> Design:
+        """Columns under other priors."""
+        whole = design_of(self.cells, self.factors, priors)
+        if any(term.name == TREND for term in self.between):
+            return whole
+        return whole.without_spread_trend()
+
+    def at(self, cells: Indices) -> Design:
+        """Columns of some of the cells."""
+        kept = {}
+        for name in _TERMS:
+            terms: tuple[Term, ...] = getattr(self, name)
+            kept[name] = tuple(term.at(cells) for term in terms)
+        level = {name: values[cells] for name, values in self.factors.level.items()}
+        own = Cells(
+            names=tuple(self.cells.names[cell] for cell in cells),
+            environment=self.cells.environment[cells],
+            environments=self.cells.environments,
+            x=self.cells.x[:, cells],
+        )
+        factors = dataclasses.replace(self.factors, level=level)
+        return dataclasses.replace(self, cells=own, factors=factors, **kept)
+
+    def without_spread_trend(self) -> Design:
+        """Take the trend over references out of the SDs: they are a constant share of these."""
+        between = tuple(term for term in self.between if term.name != TREND)
+        trial = tuple(term for term in self.trial if term.name != TREND)
+        return dataclasses.replace(self, between=between, trial=trial)
 
 
 def contrast_columns(levels: int) -> Array:
@@ -126,6 +180,7 @@ def design_of(cells: Cells, factors: Factors, priors: Priors) -> Design:
     trial_sd = {LEVEL: priors.log_s_e_sd, TREND: priors.kappa_e_sd}
     return Design(
         cells=cells,
+        factors=factors,
         fixed=_scaled([level, *trend, *effects], fixed_sd, priors.lambda_sd),
         own=(level, *effects) if several else (),
         subject=(level, *slopes, *within),
@@ -133,6 +188,53 @@ def design_of(cells: Cells, factors: Factors, priors: Priors) -> Design:
         trial=_scaled([level, *trend, *main_effects], trial_sd, priors.psi_sd),
         stretch=_scaled(stretched, {}, priors.psi_sd),
     )
+
+
+def new_cells(design: Design, x: Array, priors: Priors) -> Design:
+    """Write out the columns of an environment nobody was tested in, at the levels of all cells.
+
+    Parameters
+    ----------
+    design : Design
+        Of several environments.
+    x : ndarray
+        Decades of the references above the geometric mean of those tested, shape (P,).
+    priors : Priors
+        As the design has them.
+
+    Returns
+    -------
+    Design
+        Its cells are named by their levels alone.
+    """
+    cells = design.cells
+    factors = design.factors
+    grid = np.stack([*factors.level.values(), np.zeros_like(cells.environment)])
+    # As the cells stand: in the order in which their levels first appear.
+    _, first = np.unique(grid, axis=1, return_index=True)
+    like = np.sort(first)
+    names = []
+    for cell in like:
+        own = []
+        for name, level in factors.level.items():
+            labels = factors.levels[name]
+            own.append(labels[level[cell]])
+        names.append(", ".join(own))
+    environments = (*cells.environments, "")
+    added = np.full(len(like), len(cells.environments))
+    new_x = np.repeat(x[:, None], len(like), axis=1)
+    joined = Cells(
+        names=(*cells.names, *names),
+        environment=np.concatenate([cells.environment, added]),
+        environments=environments,
+        x=np.concatenate([cells.x, new_x], axis=1),
+    )
+    longer = {}
+    for name, level in factors.level.items():
+        longer[name] = np.concatenate([level, level[like]])
+    more = dataclasses.replace(factors, level=longer)
+    whole = dataclasses.replace(design, cells=joined, factors=more).under(priors)
+    return whole.at(np.arange(len(cells.names), len(joined.names)))
 
 
 def _scaled(terms: Sequence[Term], sd: Mapping[str, float], usual: float) -> tuple[Term, ...]:

@@ -1,31 +1,39 @@
 """Locations by their information: the form for studies of several patterns of counts.
 
-Given the scales, subject i adds to the information on beta
+Given the scales, subject i adds to the information on the locations beta
 
-    V_i⁻¹ = P_i - P_i 1 T_i 1'P_i,  P_ij = (Sigma_w,j + Sigma_e,j/r_ij)⁻¹,  T_i = (Sigma_u⁻¹ + sum_j
-    P_ij)⁻¹,
+    V_i⁻¹ = P_i - P_i 1 T_i 1'P_i
+    P_ij = (Sigma_w,j + Sigma_e,j/r_ij)⁻¹
+    T_i = (Sigma_u⁻¹ + sum_j P_ij)⁻¹
 
-a missing cell having no precision. Cost follows subjects times environments, and trials never. The
-difference loses digits where the subject effect dwarfs the rest or a correlation nears one; the
-pivots of the Cholesky factor tell how many, and draws that lose more than `LEAST_PIVOT` allows are
-left to the orthogonal form. Distances are sums of squares about the weighted means in either case.
+where a missing cell has no precision, and T_i is the covariance of the subject's effect given its
+data. beta = tau delta + X'a has standard normal latents: deviations delta of the environments, and
+coefficients a of the columns X of alpha and gamma. With the information L = sum_i V_i⁻¹ and
+t = sum_i V_i⁻¹ m_i of the means m_i, the latents have the precision and the right side
+
+    I + [[tau L tau, tau L X'], [X L tau, X L X']]  and  [tau t, X t]
+
+Cost follows subjects times environments, and trials never. The difference in V_i⁻¹ loses digits
+where the subject effect dwarfs the rest or a correlation nears one. The pivots of the Cholesky
+factor tell how many. Draws that lose more than `LEAST_PIVOT` allows are left to the orthogonal
+form. Distances are sums of squares about the weighted means in either case.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.hierarchy.blocks import Block, Vector, cholesky, gram, weighted_mean
+from percept.inference.hierarchy.information_problem import InformationProblem
 from percept.inference.hierarchy.scales import Scales
-from percept.inference.hierarchy.statistics import Pattern
 
 __all__ = [
     "LEAST_PIVOT",
     "Information",
-    "InformationProblem",
     "lower_solve",
     "precision_entries",
     "upper_solve",
@@ -34,185 +42,186 @@ __all__ = [
 Array = NDArray[np.float64]
 #: Least part of a pivot that subtraction may leave: log determinants then err by 1e-8 at the most.
 LEAST_PIVOT = 1e-7
-#: Draws of a pass: more cost the processor's cache, fewer cost calls.
-_MOST_DRAWS, _FEWEST_DRAWS = 128, 8
-#: Numbers in a temporary of a pass, over cells and over the matrix of the locations.
-_CELLS, _MATRIX = 1 << 17, 1 << 22
 
 
-class InformationProblem:
-    """What cells say of the locations, pattern by pattern, before any scale is known."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class _NormalEquations:
+    """Precision of the latents and its right side, at W sets of scales."""
 
-    def __init__(self, patterns: tuple[Pattern, ...], prior_columns: Array) -> None:
-        size, environments = prior_columns.shape[1:]
-        kinds = sorted(
-            {cell for p in patterns for cell in zip(p.environments.tolist(), p.trials, strict=True)}
-        )
-        index = {kind: k for k, kind in enumerate(kinds)}
-        self.environment = np.array([j for j, _ in kinds])  # (K,) of each kind of cell
-        self.trials = np.array([trials for _, trials in kinds])  # (K,)
-        self.weight = np.array([pattern.subjects for pattern in patterns], dtype=float)  # (G,)
-        self.cell = np.full(
-            (environments, len(patterns)), len(kinds)
-        )  # (J, G) kind; K where there is none
-        mean = np.zeros((size, environments, len(patterns)))
-        for g, pattern in enumerate(patterns):
-            cells = zip(pattern.environments.tolist(), pattern.trials, strict=True)
-            self.cell[pattern.environments, g] = [index[cell] for cell in cells]
-            mean[:, pattern.environments, g] = pattern.mean
-        # About the environments' means, so that a common offset does not enter the products.
-        share = np.where(self.cell < len(kinds), self.weight, 0.0)
-        self.centre = np.einsum("jg,pjg->pj", share, mean) / share.sum(axis=1)
-        self.mean = np.where(
-            self.cell < len(kinds), mean - self.centre[..., None], 0.0
-        )  # (P, J, G)
-        self.member = (
-            (self.cell == np.arange(len(kinds))[:, None, None]).any(axis=1).astype(float)
-        )  # (K, G)
-        self.count = self.member @ self.weight  # (K,) subjects
-        self.value = self.mean[:, self.environment] * self.member  # (P, K, G)
-        self.in_environment = (self.environment == np.arange(environments)[:, None]).astype(
-            float
-        )  # (J, K)
-        # As if the patterns' means were what is observed, with covariances V_g over the subjects.
-        self.constant = 0.5 * size * float(np.log(self.weight) @ self.member.sum(axis=0))
-        self.prior_columns = prior_columns  # (Q, P, J) of alpha and gamma, times their prior SDs
-        self.rows, self.row_group = _scatter_rows(patterns, size, environments)
-
-    @property
-    def draws_per_pass(self) -> int:
-        """Draws worked on at once."""
-        cells = len(self.cell) * (self.cell.shape[1] + self.row_group.size)
-        most = min(_CELLS // cells, _MATRIX // self.centre.size**2, _MOST_DRAWS)
-        return max(most, _FEWEST_DRAWS)
-
-
-def _scatter_rows(
-    patterns: tuple[Pattern, ...], size: int, environments: int
-) -> tuple[Array, NDArray[np.intp]]:
-    """Rows of scatter within patterns, (P, J, R), zero where unmeasured, and their pattern."""
-    several = [(g, pattern) for g, pattern in enumerate(patterns) if pattern.subjects > 1]
-    count = [pattern.rows.shape[1] for _, pattern in several]
-    rows = np.zeros((size, environments, sum(count)))
-    ends = np.cumsum([0, *count])
-    for (_, pattern), start, end in zip(several, ends[:-1], ends[1:], strict=True):
-        rows[:, pattern.environments, start:end] = pattern.rows.transpose(0, 2, 1)
-    return rows, np.repeat(np.array([g for g, _ in several], dtype=np.intp), count)
+    matrix: Array  # (W, Q, Q)
+    right: Array  # (W, Q)
+    full_diagonal: Array  # (W, Q) What the diagonal would be if subjects' effects were known
 
 
 class Information:
-    """Locations at W sets of scales: density of the cell means, and on demand the law of beta."""
+    """Locations at W sets of scales: density of the cell means, and on demand the law of beta.
+
+    Parameters
+    ----------
+    problem : InformationProblem
+        Cells, patterns and kinds of cells.
+    scales : Scales
+        Scales with SDs tau of the environments' deviations.
+    kinds : Block
+        Covariance of the mean of a cell of each kind, entries (K, W).
+    """
 
     def __init__(self, problem: InformationProblem, scales: Scales, kinds: Block) -> None:
         assert scales.tau is not None
         self._problem = problem
-        self._size, self._environments = problem.centre.shape
-        self._cells = _padded(kinds)[problem.cell]  # entries (J, G, W)
+        by_quantity = [np.broadcast_to(tau, (problem.environments, tau.size)) for tau in scales.tau]
+        self._tau = np.concatenate(by_quantity).T  # (W, P J)
+        self._cells = _padded(kinds)[problem.kind]  # entries (J, G, W)
         self._precisions = self._cells.inverse()
-        self._known = self._precisions.total()
-        self._outer = None if scales.shared is None else scales.shared + self._known.inverse()
-        left = None if scales.shared is None else (scales.shared.inverse() + self._known).inverse()
-        self._tau = np.concatenate(
-            [np.broadcast_to(t, (self._environments, t.size)) for t in scales.tau]
-        ).T
-        matrix, right, before = self._normal_equations(precision_entries(kinds.inverse()), left)
-        self._factor = cholesky(matrix)
+        self._precision = self._precisions.total()  # entries (G, W)
+        #: Covariance of the weighted mean of a subject's cells; None without subjects' effects.
+        self._mean_covariance: Block | None = None
+        effect_covariance: Block | None = None
+        if scales.shared is not None:
+            self._mean_covariance = scales.shared + self._precision.inverse()
+            effect_precision = scales.shared.inverse() + self._precision
+            effect_covariance = effect_precision.inverse()  # T
+        entries = precision_entries(kinds.inverse())
+        equations = self._normal_equations(entries, effect_covariance)
+        self._factor = cholesky(equations.matrix)
         pivots = np.einsum("wii->wi", self._factor)
-        #: Whether enough digits are left, (W,).
-        self.sound = (pivots * pivots >= LEAST_PIVOT * before).all(axis=1)
-        self._latents = upper_solve(self._factor, lower_solve(self._factor, right))
+        kept = pivots * pivots >= LEAST_PIVOT * equations.full_diagonal
+        #: (W,) Whether enough digits are left.
+        self.sound = kept.all(axis=1)
+        whitened = lower_solve(self._factor, equations.right)
+        self._latents = upper_solve(self._factor, whitened)
         self.mean: Vector = tuple(self._of_latents(self._latents))
-        determinants = problem.count @ kinds.log_determinant()
-        if scales.shared is not None and left is not None:
-            subjects = scales.shared.log_determinant() - left.log_determinant()
-            determinants = determinants + problem.weight @ subjects
-        distance = np.einsum("wq,wq->w", self._latents, self._latents) + self._distance()
-        self.log_density = (
-            problem.constant - 0.5 * (determinants + distance) - np.log(pivots).sum(axis=1)
+        determinants = problem.subjects_of_kind @ kinds.log_determinant()
+        if scales.shared is not None and effect_covariance is not None:
+            prior = scales.shared.log_determinant()
+            of_effects = prior - effect_covariance.log_determinant()
+            determinants = determinants + problem.subjects @ of_effects
+        latent_squares = np.einsum("wq,wq->w", self._latents, self._latents)
+        distance = latent_squares + self._distance()
+        log_pivots = np.log(pivots).sum(axis=1)
+        self.log_density = problem.constant - 0.5 * (determinants + distance) - log_pivots
+
+    def _normal_equations(
+        self, entries: Array, effect_covariance: Block | None
+    ) -> _NormalEquations:
+        """Precision of the latents from precisions (P, P, K, W) of the kinds of cells."""
+        problem = self._problem
+        size = problem.size
+        width = entries.shape[-1]
+        subjects_by_kind = problem.in_environment * problem.subjects_of_kind
+        cell_precision = subjects_by_kind @ entries  # (P, P, J, W) Without subjects' effects
+        sums = (problem.mean_of_kind @ problem.subjects)[..., None]  # (P, K, 1)
+        locations = size * problem.environments
+        information = np.zeros((width, locations, locations))
+        if effect_covariance is not None:
+            explained = self._explained_columns(entries, effect_covariance)
+            information = -explained @ explained.transpose(0, 2, 1)
+            sums = sums - self._effect_sums(entries, effect_covariance)
+        environment = np.arange(problem.environments)
+        for p in range(size):
+            row = p * problem.environments + environment
+            for q in range(size):
+                column = q * problem.environments + environment
+                information[:, row, column] += cell_precision[p, q].T
+        about_centre = problem.in_environment @ (entries * sums).sum(axis=1)
+        right = about_centre.reshape(locations, width).T + information @ problem.centre.ravel()
+        diagonal = np.einsum("ppjw->wpj", cell_precision).reshape(width, locations)
+        return self._of_information(information, right, diagonal)
+
+    def _explained_columns(self, entries: Array, effect_covariance: Block) -> Array:
+        """Columns P 1 F with FF' = T: their products are what subjects' effects take away."""
+        problem = self._problem
+        size, _, _, width = entries.shape
+        absent = np.zeros((size, size, 1, width))
+        by_kind = np.concatenate([entries, absent], axis=2)
+        by_cell = by_kind[:, :, problem.kind]  # (P, P, J, G, W)
+        root_subjects = np.sqrt(problem.subjects)[:, None]
+        columns = []
+        for column in effect_covariance.factor_columns():
+            parts = [by_cell[:, q] * (root_subjects * part) for q, part in enumerate(column)]
+            columns.append(sum(parts))
+        stacked = np.stack(columns).transpose(4, 1, 2, 0, 3)  # (W, P, J, P, G)
+        return stacked.reshape(width, size * problem.environments, -1)
+
+    def _effect_sums(self, entries: Array, effect_covariance: Block) -> Array:
+        """Best effects T 1'P m, at locations of zero, summed over subjects by kind: (P, K, W)."""
+        problem = self._problem
+        by_pattern = problem.mean_of_kind.transpose(0, 2, 1)
+        weighted = (by_pattern @ entries).sum(axis=1)  # (P, G, W)
+        effects = np.stack(effect_covariance.apply(tuple(weighted)))
+        over_subjects = problem.subjects[:, None] * effects
+        return np.asarray(problem.has_kind @ over_subjects)
+
+    def _of_information(
+        self, information: Array, right: Array, diagonal: Array
+    ) -> _NormalEquations:
+        """Turn information L and right side t of the locations into equations of the latents.
+
+        The diagonal is that of L if subjects' effects were known.
+        """
+        tau = self._tau
+        columns = self._trend  # X
+        locations = tau.shape[1]
+        by_columns = information @ columns.T
+        mixed = tau[:, :, None] * by_columns
+        latents = locations + len(columns)
+        matrix = np.empty((len(tau), latents, latents))
+        scaled = tau[:, :, None] * information
+        matrix[:, :locations, :locations] = scaled * tau[:, None, :]
+        matrix[:, :locations, locations:] = mixed
+        matrix[:, locations:, :locations] = mixed.transpose(0, 2, 1)
+        matrix[:, locations:, locations:] = columns @ by_columns
+        np.einsum("wii->wi", matrix)[...] += 1.0
+        of_deviations = tau**2 * diagonal
+        of_columns = diagonal @ (columns**2).T
+        return _NormalEquations(
+            matrix=matrix,
+            right=np.concatenate([tau * right, right @ columns.T], axis=1),
+            full_diagonal=1.0 + np.concatenate([of_deviations, of_columns], axis=1),
         )
 
-    def _normal_equations(self, precision: Array, left: Block | None) -> tuple[Array, Array, Array]:
-        """Precision of the latents (delta, alpha, gamma), right side, and the first diagonal."""
-        problem, size = self._problem, self._size
-        width = precision.shape[-1]
-        count = size * self._environments
-        own = problem.in_environment * problem.count @ precision  # (P, P, J, W)
-        per_kind = (problem.value @ problem.weight)[..., None]
-        information = np.zeros((width, count, count))
-        if left is not None:
-            padded = np.concatenate([precision, np.zeros((size, size, 1, width))], axis=2)[
-                :, :, problem.cell
-            ]
-            root = np.sqrt(problem.weight)[:, None]
-            # P_ij times the factor of T_i: what the subject effects take away is a sum of outer
-            # products.
-            taken = np.stack(
-                [
-                    sum(padded[:, q] * (root * part) for q, part in enumerate(column))
-                    for column in left.factor_columns()
-                ]
-            )  # (P, P, J, G, W)
-            taken = taken.transpose(4, 1, 2, 0, 3).reshape(width, count, -1)
-            information = -taken @ taken.transpose(0, 2, 1)
-            data = (problem.value.transpose(0, 2, 1) @ precision).sum(axis=1)  # (P, G, W)
-            pulled = np.stack(left.apply(tuple(data)))
-            per_kind = per_kind - problem.member @ (problem.weight[:, None] * pulled)
-        target = problem.in_environment @ (precision * per_kind).sum(axis=1)
-        at = np.arange(self._environments)
-        for p in range(size):
-            for q in range(size):
-                information[:, p * self._environments + at, q * self._environments + at] += own[
-                    p, q
-                ].T
-        trend = problem.prior_columns.reshape(len(problem.prior_columns), count)
-        target = target.reshape(count, width).T + information @ problem.centre.ravel()
-        along = information @ trend.T
-        matrix = np.empty((width, count + len(trend), count + len(trend)))
-        matrix[:, :count, :count] = self._tau[:, :, None] * information * self._tau[:, None, :]
-        matrix[:, :count, count:] = self._tau[:, :, None] * along
-        matrix[:, count:, :count] = matrix[:, :count, count:].transpose(0, 2, 1)
-        matrix[:, count:, count:] = trend @ along
-        np.einsum("wii->wi", matrix)[...] += 1.0
-        right = np.concatenate([self._tau * target, target @ trend.T], axis=1)
-        full = np.einsum("ppjw->wpj", own).reshape(width, count)
-        before = 1.0 + np.concatenate([self._tau**2 * full, full @ (trend**2).T], axis=1)
-        return matrix, right, before
+    @property
+    def _trend(self) -> Array:
+        """Columns X of alpha and gamma over all locations, (Q, P J)."""
+        columns = self._problem.prior_columns
+        return columns.reshape(len(columns), -1)
 
     def _of_latents(self, latents: Array) -> Array:
         """Locations (P, J, W) of latents (W, Q)."""
-        count = self._tau.shape[1]
-        trend = self._problem.prior_columns.reshape(-1, count)
-        beta = self._tau * latents[:, :count] + latents[:, count:] @ trend
-        return np.asarray(beta.T.reshape(self._size, self._environments, -1))
+        problem = self._problem
+        locations = self._tau.shape[1]
+        deviations = self._tau * latents[:, :locations]
+        beta = deviations + latents[:, locations:] @ self._trend
+        return np.asarray(beta.T.reshape(problem.size, problem.environments, -1))
 
     def _distance(self) -> Array:
         """Sum of squares of means about the locations, and of scatter within patterns, whitened."""
         problem = self._problem
-        apart = tuple(
-            mean[..., None] + (centre[:, None] - beta)[:, None]
-            for mean, centre, beta in zip(problem.mean, problem.centre, self.mean, strict=True)
-        )
-        total = problem.weight @ self._squares(apart, slice(None))
-        if problem.row_group.size:
-            total = total + self._squares(tuple(problem.rows[..., None]), problem.row_group).sum(
-                axis=0
-            )
-        return total
+        residuals = []
+        for mean, centre, beta in zip(problem.mean, problem.centre, self.mean, strict=True):
+            off_centre = centre[:, None] - beta
+            residuals.append(mean[..., None] + off_centre[:, None])
+        distance = problem.subjects @ self._squares(tuple(residuals), slice(None))
+        if problem.row_pattern.size:
+            rows = tuple(problem.rows[..., None])
+            distance = distance + self._squares(rows, problem.row_pattern).sum(axis=0)
+        return distance
 
-    def _squares(self, apart: Vector, groups: NDArray[np.intp] | slice) -> Array:
-        """r'V_g⁻¹r of vectors (J, R, W) or (J, R, 1), each of its group g: shape (R, W)."""
-        cells, precisions = self._cells[:, groups], self._precisions[:, groups]
-        if self._outer is None:
-            return np.asarray(
-                sum(np.einsum("jrw,jrw->rw", part, part) for part in cells.whiten(apart))
-            )
-        mean = weighted_mean(precisions, self._known[groups], apart, axis=0)
-        inside = tuple(r - m for r, m in zip(apart, mean, strict=True))
-        whitened = (
-            *cells.whiten(inside),
-            *(part[None] for part in self._outer[groups].whiten(mean)),
-        )
-        return np.asarray(sum(np.einsum("jrw,jrw->rw", part, part) for part in whitened))
+    def _squares(self, residuals: Vector, patterns: NDArray[np.intp] | slice) -> Array:
+        """r'V_g⁻¹r of vectors (J, R, W) or (J, R, 1), each of its pattern g: shape (R, W).
+
+        The weighted mean over environments carries the subject's effect. What departs from the
+        mean has the cells' noise alone.
+        """
+        cells = self._cells[:, patterns]
+        if self._mean_covariance is None:
+            return _sum_of_squares(cells.whiten(residuals))
+        precisions = self._precisions[:, patterns]
+        mean = weighted_mean(precisions, self._precision[patterns], residuals, axis=0)
+        departures = tuple(r - m for r, m in zip(residuals, mean, strict=True))
+        whitened_mean = self._mean_covariance[patterns].whiten(mean)
+        squares = _sum_of_squares(cells.whiten(departures))
+        return squares + _sum_of_squares(tuple(part[None] for part in whitened_mean))
 
     @functools.cached_property
     def _inverse(self) -> Array:
@@ -222,51 +231,65 @@ class Information:
     @functools.cached_property
     def covariance(self) -> Block:
         """Conditional covariance of beta within each environment, entries (J, W)."""
-        return gram(tuple(self.columns().transpose(1, 0, 2, 3)))
+        by_quantity = self.columns().transpose(1, 0, 2, 3)
+        return gram(tuple(by_quantity))
 
     def columns(self) -> Array:
         """Columns (Q, P, J, W) whose outer products sum to the covariance of beta."""
-        count = self._tau.shape[1]
-        trend = self._problem.prior_columns.reshape(-1, count)
-        columns = (
-            self._inverse[:, :, :count] * self._tau[:, None] + self._inverse[:, :, count:] @ trend
-        )
-        return columns.transpose(1, 2, 0).reshape(-1, self._size, self._environments, len(columns))
+        problem = self._problem
+        locations = self._tau.shape[1]
+        of_deviations = self._inverse[:, :, :locations] * self._tau[:, None]
+        of_trend = self._inverse[:, :, locations:] @ self._trend
+        columns = (of_deviations + of_trend).transpose(1, 2, 0)
+        return columns.reshape(-1, problem.size, problem.environments, columns.shape[2])
 
     def draw(self, rng: np.random.Generator) -> Array:
         """Draw beta of all environments jointly, once per set of scales: (P, J, W)."""
-        normal = rng.standard_normal(self._latents.shape)
-        return self._of_latents(self._latents + upper_solve(self._factor, normal))
+        normals = rng.standard_normal(self._latents.shape)
+        departures = upper_solve(self._factor, normals)
+        return self._of_latents(self._latents + departures)
 
     def trend(self, rows: Array) -> tuple[Array, Array]:
         """Mean (R, W) and columns (Q, R, W) of rows (R, 2 P) of alpha and gamma over prior SDs."""
-        count = self._tau.shape[1]
-        return rows @ self._latents[:, count:].T, np.moveaxis(
-            self._inverse[:, :, count:] @ rows.T, 0, -1
-        )
+        locations = self._tau.shape[1]
+        mean = rows @ self._latents[:, locations:].T
+        columns = self._inverse[:, :, locations:] @ rows.T
+        return mean, np.moveaxis(columns, 0, -1)
+
+
+def _sum_of_squares(parts: Vector) -> Array:
+    """Squares of all parts (J, R, W) of a vector, summed: (R, W)."""
+    squares = [np.einsum("jrw,jrw->rw", part, part) for part in parts]
+    return np.asarray(sum(squares))
 
 
 def _padded(kinds: Block) -> Block:
     """Covariances of kinds of cells, and last an infinite one: an absent cell says nothing."""
-    end = np.full((1, kinds.variances[0].shape[1]), np.inf)
-    slope = None if kinds.slope is None else np.concatenate([kinds.slope, np.zeros_like(end)])
-    return Block(tuple(np.concatenate([part, end]) for part in kinds.variances), slope)
+    infinite = np.full((1, kinds.leading.shape[1]), np.inf)
+    variances = tuple(np.concatenate([part, infinite]) for part in kinds.variances)
+    if kinds.slope is None:
+        return Block(variances)
+    no_slope = np.zeros_like(infinite)
+    return Block(variances, np.concatenate([kinds.slope, no_slope]))
 
 
 def precision_entries(precision: Block) -> Array:
-    """Entries (P, P, K, W) of precisions."""
-    v, g = precision.variances[0], precision.slope
-    if g is None:
-        return v[None, None]
-    cross = v * g
-    return np.stack([[precision.variances[1] + cross * g, cross], [cross, v]])
+    """Entries (P, P, ...) of precisions (...)."""
+    second = precision.leading
+    slope = precision.slope
+    if slope is None:
+        return second[None, None]
+    cross = second * slope
+    first = precision.rest + cross * slope
+    return np.stack([[first, cross], [cross, second]])
 
 
 def lower_solve(factor: Array, right: Array) -> Array:
     """Solve L x = right for lower factors (W, Q, Q) and vectors (W, Q)."""
     x = right.copy()
     for i in range(x.shape[1]):
-        x[:, i] = (x[:, i] - np.einsum("wk,wk->w", factor[:, i, :i], x[:, :i])) / factor[:, i, i]
+        solved = np.einsum("wk,wk->w", factor[:, i, :i], x[:, :i])
+        x[:, i] = (x[:, i] - solved) / factor[:, i, i]
     return x
 
 
@@ -274,7 +297,6 @@ def upper_solve(factor: Array, right: Array) -> Array:
     """Solve L'x = right."""
     x = right.copy()
     for i in reversed(range(x.shape[1])):
-        x[:, i] = (x[:, i] - np.einsum("wk,wk->w", factor[:, i + 1 :, i], x[:, i + 1 :])) / factor[
-            :, i, i
-        ]
+        solved = np.einsum("wk,wk->w", factor[:, i + 1 :, i], x[:, i + 1 :])
+        x[:, i] = (x[:, i] - solved) / factor[:, i, i]
     return x

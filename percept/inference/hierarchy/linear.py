@@ -15,20 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.hierarchy.blocks import Block, block
-from percept.inference.hierarchy.cell_information import CellLaw, CellProblem
+from percept.inference.hierarchy.cell_information import CellLaw
+from percept.inference.hierarchy.cell_problem import CellProblem
+from percept.inference.hierarchy.cell_spreads import CellSpreads, numbered
 from percept.inference.hierarchy.covariates import Covariates
-from percept.inference.hierarchy.density import ConditionalMoments, Model
-from percept.inference.hierarchy.design import LEVEL, TREND, Design, Term
-from percept.inference.hierarchy.log_linear import LogLinear
+from percept.inference.hierarchy.design import LEVEL, Design, Term
+from percept.inference.hierarchy.laws import ConditionalMoments
+from percept.inference.hierarchy.model import Model
 from percept.inference.hierarchy.one_pattern import CellScales, OnePattern
 from percept.inference.hierarchy.priors import LIMIT, Named, Priors, correlation, half_normal
-from percept.inference.hierarchy.spreads import (
-    rough_between,
-    rough_trial,
-    tie_between,
-    tie_trial,
-)
+from percept.inference.hierarchy.rough_spreads import tie_trial
 from percept.inference.hierarchy.statistics import Statistics
+from percept.inference.hierarchy.subject_spreads import SubjectSpreads
+from percept.inference.hierarchy.trial_scatter import TrialScatter
 
 __all__ = ["LinearModel", "LinearScales"]
 
@@ -44,35 +43,6 @@ class LinearScales:
     named: dict[str, Array]  # By name, draws last
     cells: CellScales  # As the locations need them
     log_prior: Array  # (W,) Prior density of the coordinates
-
-
-@dataclasses.dataclass(frozen=True)
-class _Level:
-    """SDs between subjects or between trials."""
-
-    suffix: str  # Of names: none between subjects, "_e" between trials
-    terms: tuple[Term, ...]
-    maps: tuple[LogLinear, ...]  # One for each quantity
-    slope: Array  # (C, 1) Of the second quantity's rough log SDs on those of the first
-    rough_mean: Array  # (C, 1) Of the first quantity
-    weight: Array  # (P, C) Of the rough likelihoods
-
-    @property
-    def coefficients(self) -> list[str]:
-        """Names of the coefficients of log sigma, one for each column."""
-        names = {LEVEL: f"log_s{self.suffix}", TREND: f"kappa{self.suffix}"}
-        found = []
-        for term in self.terms:
-            name = names.get(term.name, f"psi{self.suffix}:{term.name}")
-            found += _numbered(name, len(term.columns))
-        return found
-
-
-def _numbered(name: str, count: int) -> list[str]:
-    """Names of the columns of a term: numbered where there are several."""
-    if count == 1:
-        return [name]
-    return [f"{name}:{k + 1}" for k in range(count)]
 
 
 def _effect_name(greek: str, term: Term) -> str:
@@ -95,6 +65,9 @@ class LinearModel(Model):
         Prior scales.
     covariates : Covariates, optional
         Covariates of trials or subjects.
+    scatter : TrialScatter, optional
+        Scatter between trials: of every subject for trial SDs of their own, pooled for covariates.
+        Without covariates and trial SDs of subjects the statistics hold it.
     """
 
     takes_options = False
@@ -105,6 +78,7 @@ class LinearModel(Model):
         design: Design,
         priors: Priors | None = None,
         covariates: Covariates | None = None,
+        scatter: TrialScatter | None = None,
     ) -> None:
         self.statistics = statistics
         self.design = design
@@ -112,13 +86,25 @@ class LinearModel(Model):
         self.covariates = covariates
         self.priors_in_force = dataclasses.asdict(self.priors)
         self.cells = tuple(itertools.product(statistics.parameters, design.cells.names))
-        self._levels = [self._level("", design.between)]
+        scatter = scatter or _pooled(statistics)
+        self.scatter = scatter
+        self._levels = [CellSpreads(statistics, design.between, self.priors, "")]
+        self._subject_spreads: SubjectSpreads | None = None
         if statistics.repeats:
-            self._levels.append(self._level("_e", design.trial))
+            self._levels.append(CellSpreads(statistics, design.trial, self.priors, "_e"))
+            if scatter.subject is not None:
+                self._subject_spreads = SubjectSpreads(
+                    scatter,
+                    len(statistics.subjects),
+                    len(statistics.environments),
+                    tie_trial(statistics),
+                )
         self.names: list[str] = []
         self._slots: dict[str, slice] = {}
         self._name_coordinates()
-        self._problem = CellProblem(statistics, design, self.priors.covariate_sd, covariates)
+        self._problem = CellProblem(
+            statistics, design, scatter, self.priors.covariate_sd, covariates
+        )
         self._one_pattern: OnePattern | None = None
         if covariates is None and len(statistics.patterns) == 1:
             self._one_pattern = OnePattern(statistics, design)
@@ -136,37 +122,11 @@ class LinearModel(Model):
         return (
             "linear",
             dataclasses.astuple(self.statistics),
-            dataclasses.astuple(self.design),
+            self.design.identity(),
             dataclasses.astuple(self.priors),
             covariates,
+            dataclasses.astuple(self.scatter),
         )
-
-    def _level(self, suffix: str, terms: tuple[Term, ...]) -> _Level:
-        """Shape the coordinates of one level's SDs by what the data roughly say of them."""
-        statistics = self.statistics
-        centre = getattr(self.priors, f"log_s{suffix}_mean")
-        columns = np.concatenate([term.columns for term in terms])
-        if suffix:
-            mean, weight = rough_trial(statistics)
-            tie = tie_trial(statistics)
-        else:
-            loadings = np.moveaxis(columns, 1, 0)
-            log_s_sd = self.priors.log_s_sd
-            mean, weight = rough_between(
-                statistics, loadings, centre, log_s_sd, subject_effect=True
-            )
-            tie = tie_between(statistics, subject_effect=True)
-        # What the first quantity says of the second: near a correlation of one their ratio is
-        # known far better than either.
-        known = (weight > 0).all(axis=0)
-        ratio = weight[0] / np.where(known, weight[-1], 1.0)
-        slope = np.where(known, tie * np.sqrt(ratio), 0.0)
-        weight = weight.copy()
-        weight[1:] /= np.where(known, 1.0 - tie * tie, 1.0)
-        maps = tuple(
-            LogLinear(centre, columns[:, p], mean[p], weight[p]) for p in range(len(weight))
-        )
-        return _Level(suffix, terms, maps, slope[:, None], mean[0][:, None], weight)
 
     def _name_coordinates(self) -> None:
         """Give every coordinate its name, and every scale its coordinates."""
@@ -178,7 +138,10 @@ class LinearModel(Model):
             self._name(f"coefficients{level.suffix}", parameters, level.coefficients)
             self._name(f"omega{level.suffix}", parameters)
             if pair:
-                self._name(f"rho{level.suffix or '_w'}")
+                self._name(level.rho)
+        if self._subject_spreads is not None:
+            self._name("phi", parameters, self.statistics.subjects)
+            self._name("omega_s", parameters)
         for term in design.subject:
             self._name(_effect_name("sigma", term), parameters)
             if pair:
@@ -186,7 +149,7 @@ class LinearModel(Model):
         for term in design.own:
             self._name(_effect_name("tau", term), parameters)
         for term in design.stretch:
-            self._name(f"eta:{term.name}", parameters, _numbered("column", len(term.columns)))
+            self._name(f"eta:{term.name}", parameters, numbered("column", len(term.columns)))
 
     def _name(self, scale: str, *axes: Sequence[str]) -> None:
         """Append the coordinates of a scale, one for each combination of labels."""
@@ -203,6 +166,8 @@ class LinearModel(Model):
             stretch = np.sqrt(1.0 + level.weight.sum(axis=1).max())
             limits[self._slots[f"sigma{level.suffix}"]] *= stretch
             limits[self._slots[f"coefficients{level.suffix}"]] *= stretch
+        if self._subject_spreads is not None:
+            limits[self._slots["phi"]] *= np.sqrt(1.0 + self._subject_spreads.weight.max())
         return limits
 
     def linear_scales(self, points: Array) -> LinearScales:
@@ -210,11 +175,20 @@ class LinearModel(Model):
         coords = np.ascontiguousarray(points.T)
         named: dict[str, Array] = {}
         log_prior = np.zeros(len(points))
+        ratios, log_density = self._subject_ratios(coords, named)
+        log_prior = log_prior + log_density
         blocks: dict[str, Block] = {}
         for level in self._levels:
-            sigma, log_density = self._sigma(level, coords, named)
+            shift = np.zeros((self.design.parameters, 1, coords.shape[1]))
+            if level.suffix and self._subject_spreads is not None:
+                shift = self._subject_spreads.cells_given(ratios)
+            log_sigma, log_density = self._log_sigma(level, coords, named, shift)
             log_prior = log_prior + log_density
-            blocks[level.suffix] = self._block(sigma, f"rho{level.suffix or '_w'}", coords, named)
+            if level.suffix:
+                log_sigma = log_sigma[:, self.scatter.cell]
+                if self.scatter.subject is not None:
+                    log_sigma = log_sigma + ratios[:, self.scatter.subject]
+            blocks[level.suffix] = self._block(np.exp(log_sigma), level.rho, coords, named)
         taus = []
         for term in self.design.own:
             name = _effect_name("tau", term)
@@ -234,11 +208,23 @@ class LinearModel(Model):
     def _standard_slots(self) -> Iterator[slice]:
         """Coordinates that are standard normal under the prior, whatever the rest."""
         for name, part in self._slots.items():
-            if not name.startswith("coefficients") and name not in ("sigma", "sigma_e"):
+            if not name.startswith("coefficients") and name not in ("sigma", "sigma_e", "phi"):
                 yield part
 
-    def _sigma(self, level: _Level, coords: Array, named: dict[str, Array]) -> tuple[Array, Array]:
-        """SDs of one level, (P, C, W), and the log density of their coordinates."""
+    def _subject_ratios(self, coords: Array, named: dict[str, Array]) -> tuple[Array, Array]:
+        """Log ratios of subjects' trial SDs, (P, N, W), and log density of their coordinates."""
+        width = coords.shape[1]
+        if self._subject_spreads is None:
+            return np.zeros((self.design.parameters, 0, width)), np.zeros(width)
+        omega = self._half_normal("omega_s", self.priors.omega_s_scale, coords, named)
+        own = coords[self._slots["phi"]].reshape(self.design.parameters, -1, width)
+        named["phi"], log_density = self._subject_spreads(own, omega)
+        return named["phi"], log_density
+
+    def _log_sigma(
+        self, level: CellSpreads, coords: Array, named: dict[str, Array], shift: Array
+    ) -> tuple[Array, Array]:
+        """Log SDs of one level, (P, C, W), and the log density of their coordinates."""
         suffix = level.suffix
         size = self.design.parameters
         width = coords.shape[1]
@@ -246,18 +232,11 @@ class LinearModel(Model):
         omega = self._half_normal(f"omega{suffix}", scale, coords, named)
         own = coords[self._slots[f"sigma{suffix}"]].reshape(size, -1, width)
         joint = coords[self._slots[f"coefficients{suffix}"]].reshape(size, -1, width)
-        first = level.maps[0](joint[0], own[0], omega[0])
-        spreads = [first]
-        if size == 2:
-            shift = level.slope * (first.log_sigma - level.rough_mean)
-            spreads.append(level.maps[1](joint[1], own[1], omega[1], shift))
-        multiples = np.stack([spread.multiples for spread in spreads])  # (P, K, W)
+        spreads = level(joint, own, omega, shift)
         for k, name in enumerate(level.coefficients):
-            named[name] = multiples[:, k] * self._prior_sd(name)
-        sigma = np.exp(np.stack([spread.log_sigma for spread in spreads]))
-        named[f"sigma{suffix}"] = sigma
-        log_density = np.sum([spread.log_density for spread in spreads], axis=0)
-        return sigma, log_density
+            named[name] = spreads.multiples[:, k] * self._prior_sd(name)
+        named[f"sigma{suffix}"] = np.exp(spreads.log_sigma)
+        return spreads.log_sigma, spreads.log_density
 
     def _prior_sd(self, name: str) -> float:
         """Prior SD of a coefficient of log sigma."""
@@ -278,9 +257,11 @@ class LinearModel(Model):
         named[rho], rest = correlation(coords[self._slots[rho].start], self.priors.rho_shape)
         return block(tuple(sd), named[rho], rest)
 
-    def _effects(self, coords: Array, named: dict[str, Array]) -> Array:
+    def _effects(
+        self, coords: Array, named: dict[str, Array], design: Design | None = None
+    ) -> Array:
         """Columns of the subjects' effects on their settings, (q, P, C, W)."""
-        design = self.design
+        design = design or self.design
         stretch = np.zeros((*design.cells.x.shape, coords.shape[1]))
         for term in design.stretch:
             name = f"eta:{term.name}"
@@ -318,16 +299,18 @@ class LinearModel(Model):
 
     def log_likelihood(self, scales: CellScales) -> Array:
         """Log density of the data given scales, locations and subject effects integrated out."""
-        if self._one_pattern is not None:
-            value = self._constant + self._one_pattern.log_density(scales)
-        else:
-            value = self._constant + CellLaw(self._problem, scales).log_density
+        law = CellLaw(self._problem, scales)
+        # Unequal cells have no orthogonal form to turn to. Draws whose digits are lost are refused:
+        # their scales lie far from any that data allow.
+        value = np.where(law.sound, self._constant + law.log_density, -np.inf)
+        if self._one_pattern is not None and not law.sound.all():
+            lost = np.flatnonzero(~law.sound)
+            value[lost] = self._constant + self._one_pattern.log_density(scales.at(lost))
         if scales.trial is None:
             return value
-        statistics = self.statistics
-        rows = tuple(statistics.trial_rows[..., None])
+        rows = tuple(self.scatter.rows[..., None])
         squares = scales.trial.distance(rows).sum(axis=0)
-        determinants = statistics.trial_df @ scales.trial.log_determinant()
+        determinants = self.scatter.df @ scales.trial.log_determinant()
         return np.asarray(value - 0.5 * (squares + determinants))
 
     def locations(self, scales: CellScales) -> CellLaw:
@@ -336,7 +319,7 @@ class LinearModel(Model):
 
     def laws(self, points: Array) -> ConditionalMoments:
         """Law of every cell's location and of its users at coordinates (W, d)."""
-        rows = np.eye(len(self.cells), self._problem.basis.shape[0])
+        rows = np.eye(len(self.cells), self._problem.locations)
         return self.laws_of(rows, points)
 
     def laws_of(self, rows: Array, points: Array) -> ConditionalMoments:
@@ -354,12 +337,11 @@ class LinearModel(Model):
 
     def _laws_of(self, rows: Array, points: Array) -> ConditionalMoments:
         scales = self.linear_scales(points).cells
-        law = CellLaw(self._problem, scales)
-        spread = rows @ law.columns
+        law = self.locations(scales)
         users = self._user_variance(rows, scales)
         return ConditionalMoments(
             mean=law.mean @ rows.T,
-            sd=np.sqrt(np.einsum("wlq,wlq->wl", spread, spread)),
+            sd=np.sqrt(law.variances_of(rows)),
             population_sd=np.sqrt(users),
         )
 
@@ -377,17 +359,39 @@ class LinearModel(Model):
         weights = rows[:, : size * cells].reshape(-1, size, cells)
         shared = np.einsum("lpc,qpcw->qlw", weights, scales.effects)
         variance = np.einsum("qlw,qlw->lw", shared, shared)
-        for column in scales.between.factor_columns():
-            own = np.einsum("lpc,pcw->lcw", weights, np.stack(column))
-            variance += np.einsum("lcw,lcw->lw", own, own)
+        for parts in scales.between.factor_columns():
+            factor_column = np.einsum("lpc,pcw->lcw", weights, np.stack(parts))
+            variance += np.einsum("lcw,lcw->lw", factor_column, factor_column)
         return variance.T
 
     def scales(self, points: Array) -> Named:
         """Scales and correlations by name at coordinates: dimensions and values, draws first."""
         parts = [self.linear_scales(part).named for part in self._passes(points)]
-        dimensions = {1: (), 2: ("parameter",), 3: ("parameter", "cell")}
+        dimensions = {1: (), 2: ("parameter",), 3: ("parameter", "environment")}
         named: Named = {}
         for name in parts[0]:
             value = np.concatenate([np.moveaxis(part[name], -1, 0) for part in parts])
             named[name] = (dimensions[value.ndim], value)
+            if name.startswith("eta:"):
+                # The columns of a term are no environments.
+                named[name] = (("parameter", f"column of {name}"), value)
+        if "phi" in named:
+            named["phi"] = (("parameter", "subject"), named["phi"][1])
+        for term in self.design.stretch:
+            name = f"eta:{term.name}"
+            # A coefficient per column of the term, not per environment.
+            named[name] = (("parameter", f"{term.name} column"), named[name][1])
         return named
+
+
+def _pooled(statistics: Statistics) -> TrialScatter:
+    """Scatter between trials of subjects pooled, as the statistics hold it."""
+    size, cells = statistics.x.shape
+    return TrialScatter(
+        cell=np.arange(cells),
+        subject=None,
+        df=statistics.trial_df,
+        rows=statistics.trial_rows,
+        covariate_rows=np.zeros((0, 0, cells)),
+        response_rows=np.zeros((0, size, cells)),
+    )

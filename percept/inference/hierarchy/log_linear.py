@@ -5,11 +5,14 @@ contrasts of factors, and h (K,) and e (C,) are standard normal. Given omega, a 
 N(log sigma; l, diag(1/w)) of the data makes (h, e) normal once more, and the coordinates (u, v) are
 its standardised form:
 
-    h = mean + L'^-1 u,  LL' = I + U' diag(q) U,  q = w / (1 + w omega²)
+    q = w / (1 + w omega²)
+    LL' = I + U' diag(q) U
+    h = L'^-1 (L^-1 U' diag(q) (l - m) + u)
     e = omega q (l - m - U h) + v / sqrt(1 + w omega²)
 
 The coordinates are then near standard normal under the posterior, whether omega is large or nearly
-zero. The rough likelihood shapes the coordinates alone: their density gives the prior its due.
+zero. The rough likelihood shapes the coordinates alone: their density under the prior is exact, the
+normal density of h and e times the Jacobian prod(1 + w omega²)^(-1/2) / det L.
 """
 
 from __future__ import annotations
@@ -19,6 +22,13 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+
+from percept.inference.hierarchy.small_cholesky import (
+    log_diagonal,
+    lower_factor,
+    solve_lower,
+    solve_upper,
+)
 
 __all__ = ["LogLinear", "LogSpreads"]
 
@@ -54,7 +64,8 @@ class LogLinear:
     ) -> None:
         self.centre = centre
         self.columns = columns
-        self._apart = np.where(rough_weight > 0, rough_mean - centre, 0.0)[:, None]
+        departure = np.where(rough_weight > 0, rough_mean - centre, 0.0)
+        self._rough_departure = departure[:, None]  # l - m
         self._weight = rough_weight[:, None]
         products = columns[:, None] * columns[None]
         self._products = products.reshape(-1, columns.shape[1])
@@ -64,55 +75,27 @@ class LogLinear:
 
         The means of the rough likelihood are moved by a shift (C, W).
         """
-        apart = self._apart + shift
-        swell = 1.0 + self._weight * omega**2
-        pull = self._weight / swell
-        multiples, log_root = self._coefficients(u, pull, apart)
-        middle = self.columns.T @ multiples
-        own = omega * pull * (apart - middle) + v / np.sqrt(swell)
-        squares = np.einsum("kw,kw->w", multiples, multiples) + np.einsum("cw,cw->w", own, own)
-        log_density = -0.5 * (squares + np.log(swell).sum(axis=0)) - log_root
+        rough_departure = self._rough_departure + shift
+        precision = 1.0 + self._weight * omega**2  # of e, given h
+        weight = self._weight / precision  # q
+        h, log_det_factor = self._coefficients(u, weight, rough_departure)
+        middle = self.columns.T @ h
+        e = omega * weight * (rough_departure - middle) + v / np.sqrt(precision)
+        squares = np.einsum("kw,kw->w", h, h) + np.einsum("cw,cw->w", e, e)
+        # The prior of h and e times the Jacobian of the map.
+        log_precision = np.log(precision).sum(axis=0)
+        log_density = -0.5 * (squares + log_precision) - log_det_factor
         log_density -= 0.5 * _LOG_2PI * (len(u) + len(v))
-        return LogSpreads(self.centre + middle + omega * own, multiples, log_density)
+        return LogSpreads(self.centre + middle + omega * e, h, log_density)
 
-    def _coefficients(self, u: Array, pull: Array, apart: Array) -> tuple[Array, Array]:
+    def _coefficients(self, u: Array, weight: Array, rough_departure: Array) -> tuple[Array, Array]:
         """Multiples h (K, W), and log det L (W,)."""
         size = len(u)
-        precision = (self._products @ pull).reshape(size, size, -1)
-        precision[np.arange(size), np.arange(size)] += 1.0
+        precision = (self._products @ weight).reshape(size, size, -1)
+        diagonal = np.arange(size)
+        precision[diagonal, diagonal] += 1.0
         factor = lower_factor(precision)
-        right = self.columns @ (pull * apart)
-        whitened = solve_lower(factor, right)
-        return solve_upper(factor, whitened + u), log_diagonal(factor)
-
-
-def lower_factor(matrices: Array) -> Array:
-    """Lower Cholesky factors of small matrices (K, K, ...), draws last."""
-    factor = np.zeros_like(matrices)
-    for i in range(len(matrices)):
-        column = matrices[i:, i] - np.einsum("k...,ik...->i...", factor[i, :i], factor[i:, :i])
-        factor[i:, i] = column / np.sqrt(column[0])
-    return factor
-
-
-def solve_lower(factor: Array, right: Array) -> Array:
-    """Solve L x = right for lower factors (K, K, ...) and vectors (K, ...)."""
-    x = np.empty(np.broadcast_shapes(right.shape, factor.shape[1:]))
-    for i in range(len(factor)):
-        x[i] = (right[i] - np.einsum("k...,k...->...", factor[i, :i], x[:i])) / factor[i, i]
-    return x
-
-
-def solve_upper(factor: Array, right: Array) -> Array:
-    """Solve L'x = right."""
-    x = np.empty(np.broadcast_shapes(right.shape, factor.shape[1:]))
-    for i in reversed(range(len(factor))):
-        known = np.einsum("k...,k...->...", factor[i + 1 :, i], x[i + 1 :])
-        x[i] = (right[i] - known) / factor[i, i]
-    return x
-
-
-def log_diagonal(factor: Array) -> Array:
-    """Log determinants of lower factors (K, K, ...)."""
-    logs = [np.log(factor[i, i]) for i in range(len(factor))]
-    return np.asarray(sum(logs))
+        right = self.columns @ (weight * rough_departure)
+        # mean + L'^-1 u with the mean L'^-1 L^-1 right, in one solution.
+        whitened_mean = solve_lower(factor, right)
+        return solve_upper(factor, whitened_mean + u), log_diagonal(factor)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError
-from percept.inference.hierarchy.density import CollapsedDensity, ConditionalMoments, Model
+from percept.inference.hierarchy.laws import ConditionalMoments
+from percept.inference.hierarchy.model import Model, Pooled
 from percept.inference.hierarchy.priors import Named
 from percept.inference.sampling.endpoints import mixture_quantile, share_half_width
 from percept.inference.sampling.gate import Estimates
@@ -46,9 +47,9 @@ class Product(Model):
         """Return what decides each of the models."""
         return ("product", *(model.identity() for model in self.models))
 
-    def pooled_parts(self, points: Array) -> list[tuple[CollapsedDensity, Array]]:
+    def pooled_parts(self, points: Array) -> list[tuple[Pooled, Array]]:
         """Pooled densities of all models."""
-        parts = []
+        parts: list[tuple[Pooled, Array]] = []
         for model, coordinates in self._split(points):
             parts += model.pooled_parts(coordinates)
         return parts

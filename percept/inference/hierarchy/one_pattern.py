@@ -19,15 +19,15 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block
+from percept.inference.hierarchy.blocks import Block, Vector
 from percept.inference.hierarchy.design import Design
-from percept.inference.hierarchy.log_linear import (
+from percept.inference.hierarchy.regression import factor
+from percept.inference.hierarchy.small_cholesky import (
     log_diagonal,
     lower_factor,
     solve_lower,
     solve_upper,
 )
-from percept.inference.hierarchy.regression import factor
 from percept.inference.hierarchy.statistics import Statistics
 
 __all__ = ["CellScales", "OnePattern", "SubjectCovariance", "absorb"]
@@ -40,9 +40,18 @@ class CellScales:
     """What the locations depend on, for W draws."""
 
     between: Block  # (C, W) Covariance between subjects within a cell
-    trial: Block | None  # (C, W) Covariance between trials
+    trial: Block | None  # (T, W) Covariance between trials, of each group of their scatter
     effects: Array  # (q, P, C, W) Columns Z of the subjects' effects
     tau: Array  # (o, P, W) SDs of the environments' own deviations, one for each column
+
+    def at(self, draws: NDArray[np.intp]) -> CellScales:
+        """Scales of some of the draws."""
+        return CellScales(
+            between=self.between[..., draws],
+            trial=None if self.trial is None else self.trial[..., draws],
+            effects=self.effects[..., draws],
+            tau=self.tau[..., draws],
+        )
 
 
 class SubjectCovariance:
@@ -59,21 +68,24 @@ class SubjectCovariance:
     def __init__(self, noise: Block, effects: Array) -> None:
         self._noise = noise
         self._effects = effects
-        pulled = noise.inverse().apply(tuple(np.moveaxis(effects, 1, 0)))
-        self._pulled = np.stack(pulled, axis=1)  # (q, P, E, W) D⁻¹Z
-        together = np.einsum("apew,bpew->abw", effects, self._pulled)
-        index = np.arange(len(effects))
-        together[index, index] += 1.0
-        self._factor = lower_factor(together)  # of I + Z'D⁻¹Z
+        by_quantity = np.moveaxis(effects, 1, 0)
+        weighted = noise.inverse().apply(tuple(by_quantity))
+        self._weighted_effects = np.stack(weighted, axis=1)  # (q, P, E, W) H = D⁻¹Z
+        precision = np.einsum("apew,bpew->abw", effects, self._weighted_effects)
+        diagonal = np.arange(len(effects))
+        precision[diagonal, diagonal] += 1.0
+        self._factor = lower_factor(precision)  # L of LL' = I + Z'H
 
     def log_determinant(self) -> Array:
         """Return log det V, shape (W,)."""
         return self._noise.log_determinant().sum(axis=0) + 2.0 * log_diagonal(self._factor)
 
-    def towards(self, rows: Array) -> Array:
-        """L⁻¹H'r of constant rows (n, P, E), where S = LL': shape (q, n, W)."""
-        flat = self._pulled.reshape(len(self._pulled), -1, self._pulled.shape[-1])
-        return solve_lower(self._factor[:, :, None], rows.reshape(len(rows), -1) @ flat)
+    def whitened_effects(self, rows: Array) -> Array:
+        """L⁻¹H'r of constant rows r (n, P, E), where LL' = I + Z'H: shape (q, n, W)."""
+        effects, *_, width = self._weighted_effects.shape
+        by_cell = self._weighted_effects.reshape(effects, -1, width)
+        products = rows.reshape(len(rows), -1) @ by_cell
+        return solve_lower(self._factor[:, :, None], products)
 
     def scatter_distance(self, rows: Array) -> Array:
         """Sum of r'V⁻¹r over rows (n, P, E, W or 1), as squares: shape (W,).
@@ -81,21 +93,35 @@ class SubjectCovariance:
         With b the subject's effect that fits r best, r'V⁻¹r is the distance of r - Zb by D, plus
         b'b.
         """
-        width = self._pulled.shape[-1]
+        width = self._weighted_effects.shape[-1]
         if rows.shape[-1] == 1:
-            whitened = self.towards(rows[..., 0])
+            whitened = self.whitened_effects(rows[..., 0])
         else:
-            towards = np.einsum("npew,qpew->qnw", rows, self._pulled)
-            whitened = solve_lower(self._factor[:, :, None], towards)
+            weighted = np.einsum("npew,qpew->qnw", rows, self._weighted_effects)
+            whitened = solve_lower(self._factor[:, :, None], weighted)
         effect = solve_upper(self._factor[:, :, None], whitened)  # (q, n, W)
-        left = []
-        for p in range(rows.shape[1]):
-            part = np.array(np.broadcast_to(rows[:, p], (*rows[:, p].shape[:-1], width)))
-            for column, multiple in zip(self._effects[:, p], effect, strict=True):
-                part -= column * multiple[:, None]
-            left.append(part)
-        squares = self._noise.distance(tuple(left)).sum(axis=0)
+        repeated = np.broadcast_to(rows, (*rows.shape[:-1], width))
+        unexplained = self._unexplained(repeated, effect)
+        squares = self._noise.distance(unexplained).sum(axis=0)
         return np.asarray(squares + np.einsum("qnw,qnw->w", effect, effect))
+
+    def _unexplained(self, rows: Array, effect: Array) -> Vector:
+        """Rows (n, P, E, W) less what the subject's effect (q, n, W) explains."""
+        unexplained = []
+        for p in range(rows.shape[1]):
+            residual = np.array(rows[:, p])
+            for column, multiple in zip(self._effects[:, p], effect, strict=True):
+                residual -= column * multiple[:, None]
+            unexplained.append(residual)
+        return tuple(unexplained)
+
+    def whiten(self, r: Vector) -> list[Vector]:
+        """Split vectors (n, E, W) into pieces whose squares sum to r'V⁻¹r."""
+        rows = np.stack(r, axis=1)
+        weighted = np.einsum("npew,qpew->qnw", rows, self._weighted_effects)
+        factor = self._factor[:, :, None]
+        effect = solve_upper(factor, solve_lower(factor, weighted))
+        return [self._noise.whiten(self._unexplained(rows, effect)), tuple(effect)]
 
 
 class OnePattern:

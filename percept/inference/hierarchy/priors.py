@@ -52,6 +52,9 @@ MEANINGS = {
     "omega_e_scale": (
         "half-normal scale of omega_e, the SD of the log between-trial SD about its trend"
     ),
+    "omega_s_scale": (
+        "half-normal scale of omega_s, the SD of the log between-trial SD between subjects"
+    ),
     "lambda_sd": "SD of lambda, the difference of two levels of a factor (response scale)",
     "psi_sd": "SD of psi and eta, the difference of two levels in the logarithm of an SD",
     "covariate_sd": "SD of the slope on a covariate (response scale per SD of the covariate)",
@@ -79,6 +82,7 @@ class Priors:
     log_s_e_sd: float = 1.0
     kappa_e_sd: float = 0.5
     omega_e_scale: float = 1.0
+    omega_s_scale: float = 0.5
     lambda_sd: float = 1.0
     psi_sd: float = 0.5
     covariate_sd: float = 0.5

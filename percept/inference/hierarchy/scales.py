@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from percept.inference.hierarchy.blocks import Block, Vector, block
 from percept.inference.hierarchy.priors import LIMIT, Priors, correlation, half_normal
-from percept.inference.hierarchy.spreads import (
-    TiedSpreads,
+from percept.inference.hierarchy.rough_spreads import (
     rough_between,
     rough_trial,
     tie_between,
     tie_trial,
 )
+from percept.inference.hierarchy.spreads import TiedSpreads
 from percept.inference.hierarchy.statistics import Statistics
 
 __all__ = ["Layout", "Options", "Scales"]

@@ -11,7 +11,7 @@ from scipy import linalg
 
 from percept.errors import RefusalError
 
-__all__ = ["Pattern", "Statistics", "from_summary", "from_trials"]
+__all__ = ["Pattern", "Statistics", "apart_by_subject", "from_summary", "from_trials"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -133,6 +133,27 @@ def from_trials(
         df=df,
         cell_means=cell_means,
     )
+
+
+def apart_by_subject(statistics: Statistics) -> Statistics:
+    """Give every subject a pattern of its own, for covariances that differ between subjects."""
+    size = len(statistics.parameters)
+    patterns = []
+    log_subjects = 0.0
+    for pattern in statistics.patterns:
+        log_subjects += pattern.environments.size * math.log(pattern.subjects)
+        for member in pattern.members:
+            mean = statistics.cell_means[member][:, pattern.environments]
+            lone = dataclasses.replace(
+                pattern,
+                members=np.array([member]),
+                mean=mean,
+                rows=np.zeros((size, 0, pattern.environments.size)),
+            )
+            patterns.append(lone)
+    # The constant no longer has the powers of the patterns' numbers of subjects.
+    constant = statistics.constant + 0.5 * size * log_subjects
+    return dataclasses.replace(statistics, patterns=tuple(patterns), constant=constant)
 
 
 def _sums(rows: Array, cell: Indices, cells: int) -> Array:

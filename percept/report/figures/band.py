@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -45,6 +45,13 @@ T = TypeVar("T", BandRow, BandLaw)
 _LAWS = {"weber": "Weber", "offset": "Weber with offset", "power": "power law"}
 _LAW_DASHES = ("solid", (0, (6, 2)), (0, (2, 1.5)))
 _NAME_WIDTH = 26.0  # mm
+_POINTS = 72.0  # per inch
+_NAME_SIZE = 6.5  # points
+_NAME_HEIGHT = 8.0  # points, with room
+_LETTER = 4.2  # points, the width of a letter on the wide side
+#: Places of a name beside its point, in points. Bands grow with the size: below on the right and
+#: above on the left is room.
+_NAME_PLACES = ((4, -8), (-4, 4), (4, -17), (-4, 13), (4, 4), (-4, -8))
 #: Laws are drawn a little beyond the sizes they were fitted to, a factor.
 _BEYOND = 1.5
 _LAW_POINTS = 80
@@ -86,21 +93,36 @@ def draw_band(ax: Axes, series: BandSeries) -> None:
             label = f"{METHOD_NAMES[widths.method]}: {name}"
             ax.plot(series.sizes, curve, color=colour, linewidth=0.9, linestyle=dashes, label=label)
     log_scale(ax)
-    _name_points(ax, series.widths[0], middle=float(np.sqrt(series.sizes[0] * series.sizes[-1])))
+    _name_points(ax, series.widths[0])
     unit = f" ({series.unit})" if series.unit else ""
     ax.set_xlabel(f"{series.axis}{unit}")
     ax.set_ylabel(f"band{unit}")
 
 
-def _name_points(ax: Axes, widths: Widths, *, middle: float) -> None:
-    """Write the environments' names beside their points."""
+def _name_points(ax: Axes, widths: Widths) -> None:
+    """Write the environments' names beside their points, clear of the names before them."""
     names = row_labels(widths.environments, most=_NAME_WIDTH)
-    for name, x, y in zip(names, widths.size, widths.band, strict=True):
-        # Bands grow with the size: below a point on the left, and above it on the right, is room.
-        offset, side = ((4, -8), "left") if x < middle else ((-4, 4), "right")
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    ax.autoscale_view()
+    places = ax.transData.transform(np.column_stack([widths.size, widths.band]))
+    points = places * _POINTS / figure.dpi
+    taken: list[tuple[float, float, float]] = []  # Left, right and lower edge of names
+    for name, (x, y), size, band in zip(names, points, widths.size, widths.band, strict=True):
+        length = _LETTER * len(name)
+        for right, up in _NAME_PLACES:
+            left = x + right if right > 0 else x + right - length
+            free = all(
+                left > end or left + length < start or abs(y + up - lower) > _NAME_HEIGHT
+                for start, end, lower in taken
+            )
+            if free:
+                break
+        taken.append((left, left + length, y + up))
+        side: Literal["left", "right"] = "left" if right > 0 else "right"
         ax.annotate(
-            name, (x, y), xytext=offset, textcoords="offset points", ha=side, fontsize=6.5,
-            bbox=GROUND,
+            name, (size, band), xytext=(right, up), textcoords="offset points", ha=side,
+            fontsize=_NAME_SIZE, bbox=GROUND,
         )  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,6 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
-from numpy.typing import NDArray
 
 from percept.report.figures.canvas import (
     COLOURS,
@@ -28,13 +27,16 @@ from percept.report.figures.canvas import (
     panels,
     row_labels,
 )
+from percept.report.figures.people import draw_subjects, subjects_of
 from percept.report.select import (
     KINDS,
     METHOD_NAMES,
     METHODS,
+    MOST_OPEN,
     Words,
     choice_said,
     chosen,
+    clearest,
     compared_by_difference,
     distinct,
     families_of,
@@ -43,15 +45,10 @@ from percept.report.select import (
     matching,
     words_of,
 )
-from percept.results import CellValues, IntervalRow, Results
+from percept.results import IntervalRow, Results
 from percept.sessions.quantities import Quantity
 
-__all__ = [
-    "Bar", "BarAxis", "bars_of", "draw_intervals", "draw_subjects", "interval_drawings",
-    "subjects_of",
-]  # fmt: skip
-
-FloatArray = NDArray[np.float64]
+__all__ = ["Bar", "BarAxis", "bars_of", "draw_intervals", "interval_drawings"]
 
 #: Points, by what an interval covers: the narrower the interval, the thicker its bar.
 _THICKNESS = {"mean": 3.2, "user": 1.6, "share": 0.7}
@@ -60,11 +57,9 @@ _BARS_SAID = {
     "user": "thin: the next {0.user}",
     "share": "thinnest: a share of {0.users}",
 }
-# In rows, which stand one unit apart: bars share the upper part, subjects' ticks lie below them.
+# In rows, which stand one unit apart: bars share the upper part.
 _TOP_OF_BARS = 0.38
 _HEIGHT_OF_BARS = 0.72
-_TICK_CENTRE = -0.42
-_TICK_HALF_HEIGHT = 0.11
 #: Ends of the axis over each other, up to which labels stand close together without touching.
 _SHORT_SPAN = 5.0
 _LONG_SPAN = 1e3
@@ -77,6 +72,8 @@ _LEAST_MARGIN = 12.0
 _MOST_MARGIN = 26.0
 #: mm, from a label to the axis and to the edge; other viewers' letters may be wider.
 _BESIDE_LABEL = 4.0
+#: mm on the right, for counts of subjects beyond the axis.
+_COUNT_MARGIN = 9.0
 _WIDTH = 86.0  # mm, half a page
 _HEIGHT = 29.0  # mm, without rows
 _ROW_HEIGHT = 2.8  # mm, without bars
@@ -181,7 +178,7 @@ def draw_intervals(
     ax.axvline(axis.centre, color=COLOURS["ink"], linestyle=REFERENCE_DASHES, linewidth=0.8)
     if axis.is_log(bars):
         log_scale(ax, "x", plain=True)
-        ax.xaxis.set_major_locator(LogLocator(subs=_tick_steps(right / left)))
+        ax.xaxis.set_major_locator(LogLocator(subs=tick_steps(right / left)))
         ax.set_xlim(left / _LOG_ROOM, right * _LOG_ROOM)
     else:
         room = _LINEAR_ROOM * (right - left)
@@ -192,7 +189,7 @@ def draw_intervals(
     ax.tick_params(axis="y", length=0)
 
 
-def _tick_steps(span: float) -> tuple[float, ...]:
+def tick_steps(span: float) -> tuple[float, ...]:
     """Return what is labelled between powers of ten: as much as fits without touching."""
     if span < _SHORT_SPAN:
         return (1, 1.2, 1.5, 2, 3, 5, 7)
@@ -241,21 +238,6 @@ def _point_beyond(
     return [point, text]
 
 
-def draw_subjects(ax: Axes, values: Sequence[FloatArray], *, subject: str) -> None:
-    """Draw a tick per subject below the bars of each row; `subject` is what one is called."""
-    for index, of_row in enumerate(values):
-        # One path: a mark for each of hundreds of subjects makes a page of megabytes.
-        ends = np.array([-_TICK_HALF_HEIGHT, _TICK_HALF_HEIGHT, np.nan])
-        tick = _TICK_CENTRE - index + ends
-        ax.plot(
-            np.repeat(of_row, len(tick)),
-            np.tile(tick, len(of_row)),
-            linewidth=1.0,
-            color=COLOURS["quiet"],
-            label=f"one {subject}" if len(of_row) else None,
-        )
-
-
 def bars_of(
     intervals: Sequence[IntervalRow],
     parameter: str,
@@ -286,20 +268,20 @@ def _bar(row: IntervalRow, *, relative: bool) -> Bar | None:
     return Bar(row.environment, row.kind, row.method, float(lower), float(upper), float(estimate))
 
 
-def subjects_of(cells: Sequence[CellValues], environment: str, parameter: str) -> FloatArray:
-    """Return what each subject adjusted, against the reference as the bars are."""
-    of_parameter = matching(cells, parameter=parameter)
-    cell = first(matching(of_parameter, environment=environment))
-    if cell is None or cell.reference is None:
-        return np.empty(0)
-    values = np.array(cell.values, dtype=float)
-    if parameter in compared_by_difference(of_parameter):
-        return values - cell.reference
-    return values / cell.reference
+@dataclass(frozen=True)
+class _Choice:
+    """The environments of a figure, from the top."""
+
+    figure: str  # Its name
+    environments: list[str]
+    said: str  # Which they are; empty where these are all, in their own order
 
 
 def interval_drawings(results: Results) -> list[Drawing]:
-    """Return a figure per quantity: the average and the next user, and each subject."""
+    """Return figures per quantity: the average and the next user, and each subject.
+
+    Of many environments the first figure has those whose bias is clearest, and another has all.
+    """
     families = families_of(results)
     drawings = []
     for parameter in distinct(results.intervals, "parameter"):
@@ -307,15 +289,44 @@ def interval_drawings(results: Results) -> list[Drawing]:
         if not bars:
             bars = bars_of(results.intervals, parameter, ("share",), families)
         if bars:
-            drawings.append(_interval_drawing(results, parameter, bars))
+            for choice in _choices(results, parameter, bars):
+                drawings.append(_interval_drawing(results, parameter, bars, choice))
     return drawings
 
 
-def _interval_drawing(results: Results, parameter: str, bars: Sequence[Bar]) -> Drawing:
-    """Return the figure of one quantity."""
+def _choices(results: Results, parameter: str, bars: Sequence[Bar]) -> Iterator[_Choice]:
+    """Yield the figure of all environments; of many, that of the clearest biases before it."""
+    rows = matching(results.intervals, parameter=parameter)
+    # A single subject of an environment has no interval, and is drawn all the same.
+    cells = [cell for cell in matching(results.data.cells, parameter=parameter) if cell.n]
+    names = distinct([*rows, *cells], "environment")
+    if len(names) <= MOST_OPEN:
+        yield _Choice(f"overview_{parameter}", names, "")
+        return
+    relative = parameter not in compared_by_difference(rows)
+    centre = 1.0 if relative else 0.0
+    estimates: dict[str, float] = {}
+    clarities: dict[str, float] = {}
+    for name in distinct(bars, "environment"):
+        bar = first(matching(bars, environment=name), kind=KINDS, method=METHODS[::-1])
+        assert bar is not None
+        estimates[name] = bar.estimate
+        clarities[name] = abs(bar.estimate - centre) / (bar.upper - bar.lower)
+    ranked = sorted(names, key=lambda name: -estimates.get(name, centre))
+    chosen_names = clearest(clarities, MOST_OPEN)
+    words = words_of(results)
+    said = f"{len(chosen_names)} of {len(names)} {words.environments}, those whose bias is clearest"
+    foremost = [name for name in ranked if name in chosen_names]
+    yield _Choice(f"overview_{parameter}", foremost, said)
+    yield _Choice(f"overview_all_{parameter}", ranked, f"all {len(names)} {words.environments}")
+
+
+def _interval_drawing(
+    results: Results, parameter: str, bars: Sequence[Bar], choice: _Choice
+) -> Drawing:
+    """Return a figure of one quantity."""
     rows = matching(results.intervals, parameter=parameter, joint="marginal")
-    names = distinct(rows, "environment")
-    environments = chosen(names)
+    environments = chosen(choice.environments)
     bars = [bar for bar in bars if bar.environment in environments]
     values = [subjects_of(results.data.cells, name, parameter) for name in environments]
     families = families_of(results)
@@ -327,9 +338,8 @@ def _interval_drawing(results: Results, parameter: str, bars: Sequence[Bar]) -> 
     def draw(figure: Figure) -> None:
         labels = row_labels(environments, most=_MOST_MARGIN)
         longest = LETTER * max(map(len, labels))
-        (ax,) = panels(
-            figure, frame=Frame(left=max(_LEAST_MARGIN, longest + _BESIDE_LABEL), bottom=20.4)
-        )
+        left = max(_LEAST_MARGIN, longest + _BESIDE_LABEL)
+        (ax,) = panels(figure, frame=Frame(left=left, right=_COUNT_MARGIN, bottom=20.4))
         draw_intervals(
             ax, environments, bars, axis, kinds=kind_names(results.data.words), labels=labels
         )
@@ -339,11 +349,16 @@ def _interval_drawing(results: Results, parameter: str, bars: Sequence[Bar]) -> 
         legend(ax, ncols=3)
 
     groups = len({(bar.kind, bar.method) for bar in bars})
+    title = f"What {words.users} set, {'divided by' if relative else 'less'} the reference"
+    if choice.said:
+        title += f": {choice.said}"
+    description = _caption(rows, bars, axis, families, words)
+    if any(len(of_row) for of_row in values):
+        description += f" Ticks: the {words.subjects}; those beyond the axis are counted."
     return Drawing(
-        name=f"overview_{parameter}",
-        title=f"What {words.users} set, {'divided by' if relative else 'less'} the reference",
-        description=_caption(rows, bars, axis, families, words, ticks=any(len(of) for of in values))
-        + choice_said(names, words.environments),
+        name=choice.figure,
+        title=title,
+        description=description + choice_said(choice.environments, words.environments),
         size=(_WIDTH, _HEIGHT + (_ROW_HEIGHT + _BAR_HEIGHT * groups) * len(environments)),
         draw=draw,
     )
@@ -355,16 +370,12 @@ def _caption(
     axis: BarAxis,
     families: Sequence[str],
     words: Words,
-    *,
-    ticks: bool,
 ) -> str:
-    """Say what bars, ticks and arrows stand for."""
+    """Say what bars and arrows stand for."""
     kinds = [said.format(words) for kind, said in _BARS_SAID.items() if matching(bars, kind=kind)]
     sentences = [f"{'; '.join(kinds)}; dashed: the reference"]
     if len(distinct(bars, "method")) == len(METHODS):
         sentences.append("Each classical bar stands above the Bayesian one")
-    if ticks:
-        sentences.append(f"Ticks: the {words.subjects}")
     classical = matching(rows, method="classical")
     families_drawn = set()
     for name in distinct(classical, "environment"):

@@ -103,14 +103,22 @@
   }
 
   function copying() {
-    const paragraph = $("#paragraph");
-    if (!paragraph || !navigator.clipboard) return;
-    const button = element("button", { type: "button", class: "tool" }, "Copy the paragraph");
-    button.addEventListener("click", async () => {
-      await navigator.clipboard.writeText(paragraph.innerText.trim());
-      button.textContent = "Copied";
-    });
-    paragraph.after(button);
+    if (!navigator.clipboard) return;
+    for (const text of all("blockquote.paste")) {
+      const button = element("button", { type: "button", class: "tool" }, "Copy the paragraph");
+      button.addEventListener("click", async () => {
+        await navigator.clipboard.writeText(text.innerText.trim());
+        button.textContent = "Copied";
+      });
+      text.after(button);
+    }
+  }
+
+  // Paper cannot be unfolded. Browsers that style what is folded do without this.
+  function printing() {
+    const folded = all("details.printed:not([open])");
+    addEventListener("beforeprint", () => folded.forEach((part) => { part.open = true; }));
+    addEventListener("afterprint", () => folded.forEach((part) => { part.open = false; }));
   }
 
   // The explorer: every environment over one window of ω, zoomed together.
@@ -383,5 +391,6 @@
   digits();
   sorting();
   copying();
+  printing();
   choices(explorer());
 })();

@@ -73,7 +73,7 @@ def test_left_out_probabilities_equal_quadrature_over_the_posterior_of_the_other
 
 
 def left_out(subjects, i):
-    return subjects.left_out(subjects.density.layout.scales(small.GRID[None])).log_density[:, i]
+    return subjects.left_out(subjects.density.subject_laws(small.GRID[:, None])).log_density[:, i]
 
 
 def largest_move(cells, subject, level, usual_sd):

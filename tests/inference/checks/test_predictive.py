@@ -5,7 +5,6 @@ import pytest
 from scipy import stats
 
 from percept.inference.checks.predictive import (
-    draw_prior,
     new_studies,
     statistics_of,
 )
@@ -41,7 +40,7 @@ def test_draws_have_their_priors(name):
     study = designs.study(name, rng)
     density = CollapsedDensity(study.statistics, OTHER)
     draws = 20_000
-    prior = draw_prior(density, draws, rng)
+    prior = density.draw_prior(draws, rng)
     named, means, users = prior.scales, prior.means, prior.users
     known = laws(OTHER)
     for key, (dimensions, value) in named.items():
@@ -73,7 +72,7 @@ def test_draws_have_their_priors(name):
 def test_users_of_one_draw_are_correlated_as_the_draw_says():
     rng = np.random.default_rng(32)
     density = CollapsedDensity(designs.study("one environment", rng).statistics)
-    prior = draw_prior(density, 20_000, rng)
+    prior = density.draw_prior(20_000, rng)
     named, means, users = prior.scales, prior.means, prior.users
     off = (users - means) / named["sigma"][1][:, :, 0]
     rho = named["rho_w"][1]

@@ -7,9 +7,15 @@ from scipy import stats
 from percept.errors import RefusalError
 from percept.inference.checks.left_out import leave_one_out
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.density import CollapsedDensity, Resolution
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.model import Resolution
 from percept.inference.hierarchy.scales import Options
 from tests.inference.hierarchy import dense_twin, designs
+
+
+def left_out(subjects, scales):
+    """Predict subjects at given scales."""
+    return subjects.left_out(subjects.density.subject_laws_at(scales))
 
 
 def prepared(name, rng, options=None, draws=2):
@@ -40,7 +46,7 @@ for options in (Options(subject_effect=False), Options(weber=True, common_spread
 def test_left_out_equals_conditioning_on_the_other_trials(name, options):
     rng = np.random.default_rng(22)
     study, _, scales, subjects = prepared(name, rng, options)
-    found = subjects.left_out(scales)
+    found = left_out(subjects, scales)
     w = 0
     covariance = of_trials(study, scales, w, alpha_sd=1.0, gamma_sd=0.25)
     response = study.response.ravel()
@@ -102,7 +108,11 @@ def test_left_out_densities_chain_to_the_densities_of_all():
     study, density, scales, subjects = prepared("unequal trials", rng)
     others = without_the_first(study)
     difference = density.log_likelihood(scales) - CollapsedDensity(others).log_likelihood(scales)
-    np.testing.assert_allclose(subjects.left_out(scales).log_density[:, 0], difference, rtol=1e-9)
+    np.testing.assert_allclose(
+        left_out(subjects, scales).log_density[:, 0],
+        difference,
+        rtol=1e-9,
+    )
 
 
 def test_resolution_widens_both_levels():
@@ -115,12 +125,12 @@ def test_resolution_widens_both_levels():
         study.subject,
         study.environment,
     )
-    ours = wide.left_out(scales).log_density
+    ours = left_out(wide, scales).log_density
     others = without_the_first(study)
     reduced = CollapsedDensity(others, resolution=Resolution(between=added, trial=added))
     difference = wide.density.log_likelihood(scales) - reduced.log_likelihood(scales)
     np.testing.assert_allclose(ours[:, 0], difference, rtol=1e-9)
-    assert not np.allclose(ours, subjects.left_out(scales).log_density)
+    assert not np.allclose(ours, left_out(subjects, scales).log_density)
     assert density.resolution.between is None
 
 
@@ -132,7 +142,7 @@ def test_one_subject_alone_with_next_to_no_scatter_is_refused():
     subjects = SubjectDensity(density, study.response, study.subject, study.environment)
     points = np.zeros((4, density.dimension))
     points[:, [name.startswith("sigma[") for name in density.names]] = -20.0
-    found = subjects.left_out(density.layout.scales(points.T))
+    found = subjects.left_out(density.subject_laws(points))
     assert np.isnan(found.log_density[:, 0]).all()
     assert np.isnan(found.standard[:, 0]).all()
     with pytest.raises(RefusalError, match="S01 cannot be predicted from the others"):
@@ -163,7 +173,7 @@ def test_scales_of_any_size_keep_the_digits_of_the_collapsed_densities():
         density.log_likelihood(scales),
         CollapsedDensity(others).log_likelihood(scales),
     )
-    found = subjects.left_out(scales).log_density[:, 0]
+    found = left_out(subjects, scales).log_density[:, 0]
     sd = scales.named["sigma"]
     assert sd.max() / sd.min() > 1e7
     # The difference itself rounds at the size of its terms.

@@ -11,7 +11,8 @@ from percept.inference.hierarchy.covariates import with_covariates
 from percept.inference.hierarchy.design import Cells, Factors, design_of
 from percept.inference.hierarchy.linear import LinearModel
 from percept.inference.hierarchy.priors import Priors
-from percept.inference.hierarchy.statistics import from_trials
+from percept.inference.hierarchy.statistics import apart_by_subject, from_trials
+from percept.inference.hierarchy.trial_scatter import trial_scatter
 
 HAND = {"hand": ("left", "right")}
 LOAD = {"load": ("low", "high")}
@@ -38,6 +39,16 @@ DESIGNS = {
     "covariates of trials": {"within": HAND, "trials": 3, "covariates": ("order", "start")},
     "slopes over references": {"within": HAND, "slopes": True, "trials": 2},
     "one environment": {"within": GRIP, "environments": 1, "trials": 2},
+    "subjects' trial SDs": {"within": HAND, "trials": 3, "own": True},
+    "subjects' trial SDs, covariates": {
+        "within": HAND,
+        "between": GROUP,
+        "trials": (1, 5),
+        "covariates": ("order", "age"),
+        "missing": 3,
+        "own": True,
+    },
+    "one quantity, subjects' trial SDs": {"parameters": ("b",), "trials": (2, 4), "own": True},
 }
 
 
@@ -98,13 +109,20 @@ def made(name, seed=0, priors=None):
     names = asked.get("covariates", ())
     values = rng.normal(0.0, 1.0, (len(cell), len(names)))
     if "age" in names:
-        values = rng.normal(0.0, 1.0, (subjects, 1))[subject]
+        values[:, names.index("age")] = rng.normal(0.0, 1.0, subjects)[subject]
     covariates = None
+    scatter = None
+    own = asked.get("own", False)
+    if own:
+        statistics = apart_by_subject(statistics)
     if names:
-        statistics, covariates = with_covariates(response, subject, cell, values, names, statistics)
+        pooled = trial_scatter(response, subject, cell, values, by_subject=False)
+        statistics, covariates = with_covariates(values, subject, cell, names, statistics, pooled)
+    if names or own:
+        scatter = trial_scatter(response, subject, cell, values, by_subject=own)
     priors = priors or Priors()
     design = design_of(cells, factors, priors)
-    model = LinearModel(statistics, design, priors, covariates)
+    model = LinearModel(statistics, design, priors, covariates, scatter)
     return Made(model, response, subject, cell, values)
 
 
@@ -185,7 +203,11 @@ def dense(made, named, s):
             if "sigma_e" in value:
                 rho = 1.0 if p == q else value["rho_e"]
                 sd = rho * value["sigma_e"][p] * value["sigma_e"][q]
-                total[p, :, q] += np.diag(sd[made.cell])
+                if "phi" in value:
+                    ratio = np.exp(value["phi"][p] + value["phi"][q])
+                    total[p, :, q] += np.diag(sd[made.cell] * ratio[made.subject])
+                else:
+                    total[p, :, q] += np.diag(sd[made.cell])
         slopes = priors.covariate_sd**2 * made.covariates @ made.covariates.T
         total[p, :, p] += slopes
     flat = total.reshape(size * trials, -1)

@@ -10,6 +10,8 @@ from percept.inference.hierarchy.design import contrast_columns
 from percept.inference.hierarchy.log_linear import LogLinear
 from percept.inference.hierarchy.one_pattern import absorb
 from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.subject_spreads import SubjectSpreads
+from percept.inference.hierarchy.trial_scatter import trial_scatter
 from tests.inference.hierarchy.linear_designs import DESIGNS, dense, made
 
 
@@ -35,6 +37,17 @@ def test_the_density_is_that_of_the_trials(name):
         covariance, *_ = dense(study, scales.named, s)
         expected = log_normal(covariance, study.response.T.ravel())
         assert found[s] == pytest.approx(expected, abs=1e-9 * (1.0 + abs(expected)))
+
+
+@pytest.mark.parametrize("name", DESIGNS)
+def test_scales_of_one_dimension_have_one_length(name):
+    model = made(name).model
+    points = points_of(model, 3)
+    lengths = {}
+    for name_of_scale, (dimensions, values) in model.scales(points).items():
+        assert len(values) == 3
+        for dimension, length in zip(dimensions, values.shape[1:], strict=True):
+            assert lengths.setdefault(dimension, length) == length, name_of_scale
 
 
 @pytest.mark.parametrize("name", DESIGNS)
@@ -70,6 +83,29 @@ def test_locations_and_users_have_their_conditional_law(name):
         of_cells = rows[:, : size * cells]
         own = np.sqrt(np.diag(of_cells @ user @ of_cells.T))
         np.testing.assert_allclose(laws.population_sd[s], own, rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["three levels, missing cells", "two groups"])
+def test_no_draw_that_has_lost_its_digits_is_weighed(name):
+    """Of scales far out the density is right, as far as the dense one can tell, or zero."""
+    study = made(name)
+    points = np.random.default_rng(5).normal(0.0, 5.0, (60, len(study.model.names)))
+    with np.errstate(all="ignore"):
+        scales = study.model.linear_scales(points)
+        lost = ~CellLaw(study.model._problem, scales.cells).sound
+    found = study.model(points) - scales.log_prior
+    assert lost.any()
+    assert np.isneginf(found[lost]).all()
+    compared = 0
+    for s in np.flatnonzero(np.isfinite(found)):
+        covariance, *_ = dense(study, scales.named, s)
+        condition = np.linalg.cond(covariance)
+        if condition < 1e12:
+            expected = log_normal(covariance, study.response.T.ravel())
+            error = 1e-9 + 1e-15 * condition
+            assert found[s] == pytest.approx(expected, abs=error * (1.0 + abs(expected)))
+            compared += 1
+    assert compared > 10
 
 
 def test_both_forms_of_the_density_agree():
@@ -136,6 +172,54 @@ def test_coordinates_have_the_prior_of_the_spreads(psi_sd):
     np.testing.assert_allclose(found.log_density, expected, rtol=1e-6)
     # Without any scatter about their trend they follow it.
     assert np.isfinite(spread(u[:3], u[3:], np.array([1e-70])).log_density).all()
+
+
+def test_coordinates_have_the_prior_of_subjects_trial_sds():
+    """Their density is that of standard normals times the Jacobian of the map, by differences."""
+    rng = np.random.default_rng(6)
+    subject = np.repeat(np.arange(5), 12)
+    cell = np.tile(np.repeat(np.arange(3), 4), 5)
+    size = np.exp(rng.normal(0.0, 0.5, 5))[subject]
+    response = size[:, None] * rng.normal(size=(60, 2))
+    # A subject who repeats no trial, and one whose settings are all alike.
+    kept = (subject != 1) | (np.arange(60) % 4 == 0)
+    response[subject == 3] = 1.0
+    nothing = np.zeros((kept.sum(), 0))
+    scatter = trial_scatter(response[kept], subject[kept], cell[kept], nothing, by_subject=True)
+    spreads = SubjectSpreads(scatter, 5, 3, 0.6)
+    omega = np.array([[0.4], [0.7]])
+    step = 1e-6
+
+    def multiples(coordinates):
+        width = coordinates.shape[1]
+        scales = np.repeat(omega, width, axis=1)
+        phi, log_density = spreads(coordinates.reshape(2, 5, width), scales)
+        return (phi / omega[:, None]).reshape(10, width), log_density
+
+    here = rng.normal(size=(10, 1))
+    ends, _ = multiples(here + step * np.hstack([np.eye(10), -np.eye(10)]))
+    jacobian = (ends[:, :10] - ends[:, 10:]) / (2.0 * step)
+    standard, found = multiples(here)
+    expected = stats.norm.logpdf(standard).sum() + np.linalg.slogdet(jacobian)[1]
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_subjects_trial_sds_stand_at_their_rough_likelihood():
+    """With a wide prior and many trials, ratios of subjects' SDs are those of their scatter."""
+    rng = np.random.default_rng(7)
+    true = np.array([-0.6, 0.0, 0.2, 0.5])
+    subject = np.repeat(np.arange(4), 4000)
+    cell = np.tile(np.arange(2), 8000)
+    response = np.exp(true[subject] + 0.3 * cell)[:, None] * rng.normal(size=(16000, 1))
+    nothing = np.zeros((16000, 0))
+    scatter = trial_scatter(response, subject, cell, nothing, by_subject=True)
+    spreads = SubjectSpreads(scatter, 4, 2, 0.0)
+    phi, _ = spreads(np.zeros((1, 4, 1)), np.array([[10.0]]))
+    ratios = phi[0, :, 0] - phi[0, :, 0].mean()
+    # A log SD from 4,000 trials has a standard error of 1/sqrt(8,000).
+    np.testing.assert_allclose(ratios, true - true.mean(), atol=4.0 / np.sqrt(8000.0))
+    cells = spreads.cells_given(phi)[0, :, 0]
+    np.testing.assert_allclose(cells[1] - cells[0], 0.0, atol=1e-2)
 
 
 @pytest.mark.parametrize("levels", [2, 3, 5])

@@ -85,9 +85,11 @@ def places(fits, *, varied=True, seed=1):
     for fit in range(fits):
         settings, contrast, ratio = study(rng)
         model = model_of(settings, varied=varied)
-        rows = ContrastRows(users=ROW[None], groups=np.zeros((0, 6)))
+        none = np.zeros((0, 6))
+        rows = ContrastRows(cells=none, users=ROW[None], groups=none)
         claims = IntervalEstimands(model, kinds=("mean",), level=0.9)
-        estimands = ContrastEstimands(model, rows, ("overall",), claims)
+        names = (("contrast", "overall"),)
+        estimands = ContrastEstimands(model, rows, names, (), claims)
         run = sample(model, estimands, Settings(tolerance=0.1, seed=fit))
         assert run.gate.passed, run.gate.reasons
         kept = run.independent()

@@ -5,7 +5,8 @@ import pytest
 from scipy import integrate, stats
 
 from percept.errors import RefusalError
-from percept.inference.hierarchy.density import CollapsedDensity, Resolution
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.model import Resolution
 from percept.inference.hierarchy.models import Product, Unpooled
 from percept.inference.hierarchy.statistics import from_summary
 from tests.inference.hierarchy import dense_twin, designs

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from mpmath import mp
 
-from percept.inference.hierarchy.spreads import SpreadMap, TiedSpreads, _tie
+from percept.inference.hierarchy.rough_spreads import _tie
+from percept.inference.hierarchy.spreads import SpreadMap, TiedSpreads
 
 CENTRE = -1.6
 WEIGHTS = {

@@ -1,0 +1,195 @@
+"""What the data and the design of a study say of its locations, before any scale is known.
+
+The locations of all cells are B xi. The columns B hold the deviations that environments have of
+their own, the fixed terms, and slopes of covariates. xi is standard normal, once the columns of own
+deviations are multiplied by their SDs. The matrices here are sparse: a column of an own deviation
+reaches one environment, and those of one quantity do not reach the other.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from percept.inference.hierarchy.covariates import Covariates
+from percept.inference.hierarchy.design import Design, Term
+from percept.inference.hierarchy.statistics import Pattern, Statistics
+from percept.inference.hierarchy.trial_scatter import TrialScatter
+
+__all__ = ["CellProblem", "PatternScatter"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+#: Numbers in the largest temporary of a pass: more leave the processor's cache, fewer waste calls.
+_NUMBERS = 1 << 17
+#: Draws of a pass, whatever the design.
+_FEWEST_DRAWS = 8
+_MOST_DRAWS = 512
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PatternScatter:
+    """Scatter between the subjects of one pattern, as rows without a mean."""
+
+    pattern: int
+    cells: Indices  # (E,)
+    rows: Array  # (n, P, E) Of responses
+    slopes: Array  # (M P, n, P, E) Of what a slope of each covariate and quantity adds to them
+
+
+class CellProblem:
+    """Cells, patterns and columns of a study: P quantities, C cells, G patterns, J environments.
+
+    Parameters
+    ----------
+    statistics : Statistics
+        Cell means by pattern; its environments are the C cells.
+    design : Design
+        The columns.
+    scatter : TrialScatter
+        Scatter between trials, in T groups.
+    covariate_sd : float
+        Prior SD of the slopes of covariates.
+    covariates : Covariates, optional
+        Covariates of trials or subjects.
+    """
+
+    def __init__(
+        self,
+        statistics: Statistics,
+        design: Design,
+        scatter: TrialScatter,
+        covariate_sd: float,
+        covariates: Covariates | None = None,
+    ) -> None:
+        patterns = statistics.patterns
+        self.size, self.cells = statistics.x.shape
+        self.environments = len(design.cells.environments)
+        self.trial_scatter = scatter
+        self.covariate_sd = covariate_sd
+        self.subjects = np.array([pattern.subjects for pattern in patterns], dtype=float)  # (G,)
+        grid = (self.cells, len(patterns))
+        self.present = np.zeros(grid)  # One where a pattern has the cell
+        self.trials = np.ones(grid)  # Trials of a cell, one where there is none
+        self.mean = np.zeros((self.size, *grid))
+        for g, pattern in enumerate(patterns):
+            self.present[pattern.environments, g] = 1.0
+            self.trials[pattern.environments, g] = pattern.trials
+            self.mean[:, pattern.environments, g] = pattern.mean
+        #: (C, G) Group of trials that each cell of a pattern belongs to, or (C, 1) for all.
+        self.trial_group = _trial_groups(scatter, patterns, self.cells)
+        count = 0 if covariates is None else len(covariates.names)
+        self.covariate_mean = np.zeros((count, *grid))
+        if covariates is not None:
+            self.covariate_mean = covariates.mean * self.present
+        self._set_columns(design)
+        self.scatter = [
+            _pattern_scatter(g, pattern, covariates)
+            for g, pattern in enumerate(patterns)
+            if pattern.subjects > 1
+        ]
+        # As if the patterns' means were what is observed, with covariances V/N.
+        self.constant = 0.5 * self.size * float(np.log(self.subjects) @ self.present.sum(axis=0))
+
+    @property
+    def slopes(self) -> int:
+        """Number of slopes of covariates, one for each quantity."""
+        return len(self.covariate_mean) * self.size
+
+    @property
+    def deviations(self) -> int:
+        """Number of own deviations: one for each of their columns and environment."""
+        return self.own_columns * self.environments
+
+    @property
+    def locations(self) -> int:
+        """Number R of locations: cells, quantity by quantity, and slopes of covariates."""
+        return self.size * self.cells + self.slopes
+
+    def _set_columns(self, design: Design) -> None:
+        """Store the columns of cells: own deviations first, environment by environment."""
+        own = _by_quantity(design.own, self.size, self.cells)
+        fixed = _by_quantity(design.fixed, self.size, self.cells)
+        #: (J, C) One where a cell is of the environment.
+        in_environment = np.arange(self.environments)[:, None] == design.cells.environment
+        self.own_columns = len(own)
+        self.fixed_columns = len(fixed)
+        spread = own[:, None] * in_environment[:, None]  # (o P, J, P, C)
+        columns = np.concatenate([spread.reshape(-1, *own.shape[1:]), fixed])
+        flat = columns.reshape(len(columns), -1)
+        #: (P C, Q) Columns of the cells.
+        self.basis = flat.T
+        self.sparse_basis = sparse.csr_array(flat)  # (Q, P C)
+        # Products of columns, as they weigh the entries (P, P, C) of the cells' information.
+        self.own_products = _products(own, own, in_environment * 1.0)
+        self.mixed_products = _products(own, fixed, in_environment * 1.0)
+        self.fixed_products = _products(fixed, fixed, np.ones((1, self.cells)))
+
+    def own_sd(self, tau: Array) -> Array:
+        """SDs (o P, W) of own deviations, in the order of their columns, from (o, P, W)."""
+        return tau.reshape(self.own_columns, tau.shape[-1])
+
+    def eliminates_environments(self, effects: int) -> bool:
+        """Whether the subjects' effects are fewer than the environments' own deviations."""
+        of_subjects = effects * len(self.subjects)
+        return of_subjects < self.deviations
+
+    def draws_per_pass(self, effects: int) -> int:
+        """Draws worked on at once, for so many columns of subjects' effects."""
+        columns = max(self.size * self.cells, self.deviations)
+        numbers = columns * len(self.subjects) * effects
+        return min(max(_NUMBERS // numbers, _FEWEST_DRAWS), _MOST_DRAWS)
+
+
+def _by_quantity(terms: tuple[Term, ...], size: int, cells: int) -> Array:
+    """Columns of terms, each once for every quantity that it enters alone: (k P, P, C)."""
+    columns = []
+    for term in terms:
+        for column in term.columns:
+            for p in range(size):
+                alone = np.zeros_like(column)
+                alone[p] = column[p]
+                columns.append(alone)
+    if not columns:
+        return np.zeros((0, size, cells))
+    return np.stack(columns)
+
+
+def _products(first: Array, second: Array, groups: Array) -> sparse.csr_array:
+    """Products of columns (a, P, C) and (b, P, C) by group of cells: (a b groups, P P C)."""
+    shape = (len(first) * len(second) * len(groups), first.shape[1] ** 2 * groups.shape[1])
+    products = np.einsum("apc,bqc,jc->abjpqc", first, second, groups)
+    return sparse.csr_array(products.reshape(shape))
+
+
+def _trial_groups(scatter: TrialScatter, patterns: tuple[Pattern, ...], cells: int) -> Indices:
+    """Return the group of trials of each cell and pattern, zero where there is none."""
+    if scatter.subject is None:
+        groups = np.zeros((cells, 1), dtype=np.intp)
+        groups[scatter.cell, 0] = np.arange(len(scatter.cell))
+        return groups
+    pattern_of = {int(pattern.members[0]): g for g, pattern in enumerate(patterns)}
+    groups = np.zeros((cells, len(patterns)), dtype=np.intp)
+    for t, (cell, subject) in enumerate(zip(scatter.cell, scatter.subject, strict=True)):
+        groups[cell, pattern_of[int(subject)]] = t
+    return groups
+
+
+def _pattern_scatter(
+    number: int, pattern: Pattern, covariates: Covariates | None
+) -> PatternScatter:
+    """Rows of one pattern, and what slopes of covariates add to them."""
+    rows = np.ascontiguousarray(pattern.rows.transpose(1, 0, 2))
+    size = rows.shape[1]
+    slopes = np.zeros((0, *rows.shape))
+    if covariates is not None:
+        of_covariates = covariates.between[number]
+        slopes = np.zeros((of_covariates.shape[1], size, *rows.shape))
+        for p in range(size):
+            slopes[:, p, :, p] = of_covariates.swapaxes(0, 1)
+        slopes = slopes.reshape(-1, *rows.shape)
+    return PatternScatter(number, pattern.environments, rows, slopes)

@@ -1,0 +1,84 @@
+"""A paragraph of results to paste into a paper: the numbers of the first screen, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from percept.errors import capitalised
+from percept.inference.record import percent
+from percept.report.contrast import contrast_sentences
+from percept.report.feelings import feeling_sentences
+from percept.report.select import MOST_OPEN, Words, distinct, listed, matching, words_of
+from percept.report.sentences import Bias, biases_of, ends, size_said, user_sentences
+from percept.results import OverviewRow, Results
+
+__all__ = ["results_paragraph"]
+
+_INTERVALS = {"classical": "CI", "bayesian": "credible interval"}
+
+
+def results_paragraph(
+    results: Results, rows: Sequence[OverviewRow], classical: Sequence[OverviewRow]
+) -> str:
+    """Write the results as a paragraph.
+
+    Parameters
+    ----------
+    results : Results
+        Of a study.
+    rows : sequence of OverviewRow
+        Of the first table.
+    classical : sequence of OverviewRow
+        The same by the classical method alone; their intervals stand beside Bayesian ones.
+
+    Returns
+    -------
+    str
+        Plain text, each number rounded as on the first screen; empty without intervals.
+    """
+    words = words_of(results)
+    sentences = contrast_sentences(results)
+    for parameter in distinct(rows, "parameter"):
+        label = results.data.quantities[parameter].label
+        biases = biases_of(matching(rows, parameter=parameter))
+        others = {}
+        for other in biases_of(matching(classical, parameter=parameter)):
+            others[other.row.environment] = other
+        sentences += _biases(capitalised(label), biases, others, words)
+    sentences += user_sentences(rows, results.data.quantities, words)
+    sentences += feeling_sentences(results.verdicts, words)
+    if sentences and results.data.simulated:
+        sentences.insert(0, "These results are of simulated data.")
+    return " ".join(sentences)
+
+
+def _biases(name: str, biases: Sequence[Bias], others: dict[str, Bias], words: Words) -> list[str]:
+    """Say how far one quantity was set off, with the intervals of both methods."""
+    sentences = []
+    clear = [bias for bias in biases if bias.sign]
+    said = [_said(bias, others.get(bias.row.environment)) for bias in clear[:MOST_OPEN]]
+    if len(clear) > len(said):
+        said.append(f"off in {len(clear) - len(said)} more {words.environments}")
+    if said:
+        sentences.append(f"{name} was set {listed(said)}.")
+    unclear = [bias.row.environment for bias in biases if not bias.sign]
+    if unclear:
+        where = listed(unclear)
+        if len(unclear) > MOST_OPEN:
+            where = f"{len(unclear)} of {len(biases)} {words.environments}"
+        sentences.append(f"{name} showed no clear bias in {where}.")
+    return sentences
+
+
+def _said(bias: Bias, other: Bias | None) -> str:
+    """Say the bias in one environment, with its interval and that of the classical method."""
+    parts = []
+    if other is not None and bias.row.method != "classical":
+        parts.append(_interval(other))
+    parts.append(_interval(bias))
+    side = "high" if bias.sign > 0 else "low"
+    return f"{size_said(bias)} too {side} in {bias.row.environment} ({'; '.join(parts)})"
+
+
+def _interval(bias: Bias) -> str:
+    return f"{percent(bias.row.level)} {_INTERVALS[bias.row.method]} {ends(bias)}"

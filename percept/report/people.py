@@ -1,0 +1,81 @@
+"""The section of the subjects, one by one, and the places of those whom a warning names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from percept.report.select import MOST_OPEN, Section, distinct, first, matching, words_of
+from percept.results import LeftOut, Results, SubjectCheck, SubjectRow
+
+__all__ = ["NamedSubject", "named_subjects", "people"]
+
+
+@dataclass(frozen=True)
+class NamedSubject:
+    """A subject and the id of the own row."""
+
+    subject: str
+    row_id: str
+
+
+@dataclass(frozen=True)
+class PersonLine:
+    """A row of the table."""
+
+    named: NamedSubject
+    rows: list[SubjectRow | None]  # By quantity
+    check: SubjectCheck | None  # None without the checks of the model
+
+
+@dataclass(frozen=True)
+class People:
+    """The section of the subjects."""
+
+    heads: list[str]  # Of the quantities: how deviations are measured
+    lines: list[PersonLine]
+    checked: bool
+    is_open: bool
+
+
+def people(results: Results) -> Section | None:
+    """Return a row per subject with mean, SD and distance by quantity, and the influence."""
+    rows = results.data.people
+    if not rows:
+        return None
+    parameters = distinct(rows, "parameter")
+    loo = results.checks.loo if results.checks else None
+    lines = []
+    for named in _named(rows):
+        own = matching(rows, subject=named.subject)
+        by_parameter = [first(matching(own, parameter=parameter)) for parameter in parameters]
+        check = first(matching(loo.subjects, subject=named.subject)) if loo else None
+        lines.append(PersonLine(named, by_parameter, check))
+    heads = []
+    for parameter in parameters:
+        row = matching(rows, parameter=parameter)[0]
+        measured = "of the reference" if row.relative else row.unit
+        heads.append(f"{parameter} ({measured})" if measured else parameter)
+    view = People(heads, lines, checked=loo is not None, is_open=len(lines) <= MOST_OPEN)
+    return Section("people", f"The {words_of(results).subjects}, one by one", view)
+
+
+def named_subjects(results: Results) -> list[NamedSubject]:
+    """Return the subjects whom a warning names, in the order of the table."""
+    loo = results.checks.loo if results.checks else None
+    if loo is None:
+        return []
+    suspects = _suspects(loo)
+    return [named for named in _named(results.data.people) if named.subject in suspects]
+
+
+def _suspects(loo: LeftOut) -> set[str]:
+    """Return the subjects that are influential or outliers, in all cells together or in one."""
+    whole = {row.subject for row in loo.subjects if row.influential or row.outlier}
+    return whole | {cell.subject for cell in loo.cells if cell.outlier}
+
+
+def _named(rows: Sequence[SubjectRow]) -> list[NamedSubject]:
+    """Give every subject the number of its row as id: names may hold what no id can."""
+    subjects = distinct(rows, "subject")
+    return [NamedSubject(name, f"subject-{rank}") for rank, name in enumerate(subjects, start=1)]

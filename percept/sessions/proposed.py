@@ -1,0 +1,189 @@
+"""A proposal in words: TOML of a scene, with a comment on each line and what was left out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from percept.errors import counted, printable
+from percept.sessions.evidence import Column
+from percept.sessions.quantities import quantity_of
+from percept.sessions.read import Sessions
+from percept.sessions.roles import ID_COLUMNS, Roles
+
+__all__ = ["Draft", "outcome", "toml_text", "toml_value"]
+
+#: Environments whose missing references a draft lists.
+_MOST_ENVIRONMENTS = 60
+#: Warnings that stand below a proposal.
+_WARNINGS = 3
+#: Texts that a column of conditions has at most.
+_MOST_CONDITIONS = 6
+
+
+@dataclass
+class Draft:
+    """What a scene would say of files, and remarks on it."""
+
+    file: str  # Name of the first file
+    files: int  # How many files have its header
+    rows: int
+    columns: Sequence[Column]
+    roles: Roles
+    known: frozenset[str]  # Canonical columns that the reader finds without a guess
+    missing: tuple[str, ...] = ()
+    repeats: int = 0  # Rows whose ids stand before them, where no number tells trials apart
+    filename: str | None = None  # Pattern of file names that holds the subject
+    #: Of a row per subject: the columns of adjustments by environment, and the pattern of names.
+    wide: Mapping[str, Column] = field(default_factory=dict)
+    pattern: str = ""
+    #: Unit by quantity, where values of zero or below need the normal family.
+    scales: Mapping[str, float | None] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)  # Above the tables
+    outcome: list[str] = field(default_factory=list)  # Below them
+
+    @property
+    def guessed(self) -> tuple[str, ...]:
+        """Canonical columns that rest on a guess."""
+        return tuple(c for c in self.roles.found if c not in self.known)
+
+    def text(self) -> str:
+        """Write it as TOML."""
+        files = f" and {self.files - 1} more of its kind" if self.files > 1 else ""
+        name = printable(Path(self.file).name)
+        lines = [f"# What percept makes of {name}{files}: look through it before you go on."]
+        lines += _comments(self.remarks)
+        lines += self._quantities()
+        lines += ["", "[columns]", *self._columns()]
+        lines += self._sessions()
+        lines += self._environments()
+        lines += self._model()
+        lines += ["", *self._left_out()]
+        lines += ["", *_comments(self.outcome)]
+        return "\n".join(lines).rstrip() + "\n"
+
+    def _quantities(self) -> Iterator[str]:
+        """Tables of quantities that percept has no name for."""
+        for quantity, unit in self.roles.units.items():
+            ask = "" if unit else "  # no name of a column gives it: fill it in"
+            yield from ("", f"[quantities.{quantity}]", f"unit = {toml_text(unit)}{ask}")
+
+    def _columns(self) -> Iterator[str]:
+        """Lines of [columns]: each with what the column holds, then what could stand there."""
+        found = self.roles.found
+        for canonical in _in_order(found):
+            column = found[canonical]
+            value = toml_text(column.name)
+            own = self.roles.units.get(quantity_of(canonical), "")
+            if canonical not in ID_COLUMNS and column.unit and column.unit != own:
+                value = f"{{ name = {value}, unit = {toml_text(column.unit)} }}"
+            yield f"{canonical} = {value}  # {column.seen()}"
+            for other in self.roles.alternatives.get(canonical, ()):
+                if other not in found.values():
+                    yield f"# or {toml_text(other.name)}: {other.quoted()}"
+        if self.wide:
+            pattern = toml_text(self.pattern)
+            yield f"response_adj = {pattern}  # a row per subject: {len(self.wide)} columns"
+        for canonical in self.missing:
+            yield f'# {canonical} = ""  # not found: fill in the name of its column'
+
+    def _sessions(self) -> Iterator[str]:
+        """Lines of [sessions]."""
+        by_row = bool(self.wide) and "subject" not in self.roles.found
+        if self.repeats or self.filename or by_row:
+            yield from ("", "[sessions]")
+        if by_row:
+            yield 'subject = "row"  # no column holds an id'
+        if self.filename:
+            yield f"filename = {toml_text(self.filename)}  # no column tells subjects apart"
+        if self.repeats:
+            seen = f"{counted(self.repeats, 'row')} of {self.rows} repeat a subject and environment"
+            yield f'trial = "order"  # {seen}, without numbers'
+
+    def _environments(self) -> Iterator[str]:
+        """Ask for references that no column holds."""
+        lacking = [canonical for canonical in self.missing if canonical.endswith("_ref")]
+        environment = self.roles.found.get("environment")
+        names = list(self.wide) if environment is None else environment.texts
+        if not lacking or not names:
+            return
+        values = ", ".join(f"{canonical} = 0.0" for canonical in lacking)
+        yield ""
+        yield "# If no column holds references, fill them in here and remove the # of each line:"
+        yield "# [environments]"
+        for name in names[:_MOST_ENVIRONMENTS]:
+            yield f"# {toml_text(name)} = {{ {values} }}"
+
+    def _model(self) -> Iterator[str]:
+        """Lines for values that have no logarithm."""
+        if not self.scales:
+            return
+        names = ", ".join(self.scales)
+        yield from ("", "[inference]")
+        yield f'family = "normal"  # {names}: values of zero or below have no logarithm'
+        units = {name: unit for name, unit in self.scales.items() if unit is not None}
+        if units:
+            scale = ", ".join(f"{name} = {unit:g}" for name, unit in units.items())
+            yield from ("", "[model]")
+            yield f"scale = {{ {scale} }}  # a reference is zero: results are in this unit"
+
+    def _left_out(self) -> Iterator[str]:
+        """Name the columns that have no part, and conditions that could have one."""
+        for column in self.columns:
+            if column in self.roles.taken or column in self.wide.values():
+                continue
+            yield f"# not used: {toml_text(column.name)}: {column.seen()}"
+            if not column.is_numeric and 2 <= len(column.texts) <= _MOST_CONDITIONS:
+                yield f"#   to contrast its values: [study] factor = {toml_text(column.name)}"
+
+
+def outcome(sessions: Sessions, rows: int) -> list[str]:
+    """Say what reading under a draft gives: subjects, environments, trials, first warnings."""
+    table = sessions.table
+    sizes = table.groupby(["subject", "environment"], sort=False).size()
+    each = " to ".join(str(size) for size in dict.fromkeys((sizes.min(), sizes.max())))
+    said = [
+        f"Tried on the whole file: {counted(len(table), 'row')} of {rows} give an adjustment.",
+        f"It holds {counted(len(sessions.subjects), 'subject')} and"
+        f" {counted(len(sessions.environments), 'environment')}:"
+        f" {counted(len(sizes), 'cell')} with {each} trials each.",
+    ]
+    warnings = [str(notice) for notice in sessions.warnings]
+    said += [f"warning: {text}" for text in warnings[:_WARNINGS]]
+    if len(warnings) > _WARNINGS:
+        said.append(f"and {counted(len(warnings) - _WARNINGS, 'more warning')}")
+    return said
+
+
+def _comments(remarks: Sequence[str]) -> list[str]:
+    """Write remarks as comments, each on one line."""
+    return [f"# {printable(' '.join(remark.split()))}" for remark in remarks]
+
+
+def _in_order(found: Mapping[str, Column]) -> list[str]:
+    """Order canonical columns: ids, references, adjustments."""
+    ids = [c for c in ID_COLUMNS if c in found]
+    references = [c for c in found if c.endswith("_ref")]
+    adjusted = [c for c in found if c.endswith("_adj")]
+    rest = [c for c in found if c not in (*ids, *references, *adjusted)]
+    return [*ids, *references, *adjusted, *rest]
+
+
+def toml_text(text: str) -> str:
+    """Write a TOML string: a JSON one, but for DEL, which TOML wants escaped."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def toml_value(value: object) -> str:
+    """Write a value of a scene as TOML on one line."""
+    if isinstance(value, str):
+        return toml_text(value)
+    if isinstance(value, Mapping):
+        items = [f"{toml_text(key)} = {toml_value(item)}" for key, item in value.items()]
+        return f"{{ {', '.join(items)} }}"
+    if isinstance(value, Sequence):
+        return f"[{', '.join(toml_value(item) for item in value)}]"
+    # JSON and TOML write numbers, true and false alike.
+    return json.dumps(value)

@@ -1,0 +1,164 @@
+"""Analysis of variance of a study: the classical test of every term of the model."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pandas as pd
+
+from percept.errors import RefusalError
+from percept.inference.classical.anova import Effect, anova
+from percept.results import AnovaRow, LevelValues, Skipped
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.sessions.records import Factors
+from percept.study.basics import Array
+from percept.study.conditions import Conditions, conditions_of, level_means
+from percept.study.responses import Trials, by_difference, trials
+from percept.study.subject_cells import SubjectCells, subject_cells
+
+__all__ = ["ENVIRONMENT", "ByLevel", "by_level"]
+
+#: What the references are called as a factor: the column of the sessions.
+ENVIRONMENT = "environment"
+
+
+@dataclasses.dataclass(frozen=True)
+class ByLevel:
+    """What the subjects set at every level of the factors, and the tests of these."""
+
+    levels: tuple[LevelValues, ...]
+    tests: tuple[AnovaRow | Skipped, ...]  # Skipped with the reason and what to do
+
+
+def by_level(sessions: Sessions, scene: Scene, parameters: Sequence[str]) -> ByLevel:
+    """Average subjects at every level, and test the model's terms unless Bayes alone is asked for.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        With the levels of the scene's factors.
+    scene : Scene
+        Its terms, family and method.
+    parameters : sequence of str
+        Quantities, each by itself.
+
+    Returns
+    -------
+    ByLevel
+        Empty without factors, and for a quantity whose values have no logarithm in the lognormal
+        family.
+    """
+    levels: list[LevelValues] = []
+    tests: list[AnovaRow | Skipped] = []
+    factors = sessions.factors
+    if factors is None or not scene.terms:
+        return ByLevel((), ())
+    conditions = conditions_of(sessions, scene)
+    means = list(level_means(conditions, factors, list(factors.cells.values())))
+    for parameter in parameters:
+        try:
+            data = trials(sessions, scene, (parameter,))
+        except RefusalError:
+            # The contrasts say why.
+            continue
+        cells = subject_cells(data, factors, conditions.between)
+        scale = scene.model.scale.get(parameter, 1.0) if by_difference(sessions, parameter) else 1.0
+        for comparison in means:
+            own = cells.at_level(comparison)
+            settings = np.exp(own) if data.scale.log else scale * own
+            values = [None if np.isnan(value) else value for value in settings.tolist()]
+            levels.append(
+                LevelValues(
+                    factor=comparison.factor,
+                    level=comparison.second,
+                    parameter=parameter,
+                    within=comparison.within,
+                    values=tuple(values),
+                )
+            )
+        if scene.inference.method != "bayesian" and conditions.factors:
+            what = f"analysis of variance of {sessions.quantities[parameter].label}"
+            tests += _tests(cells, data, factors, conditions, what)
+    return ByLevel(tuple(levels), tuple(tests))
+
+
+def _tests(
+    cells: SubjectCells, data: Trials, factors: Factors, conditions: Conditions, what: str
+) -> Iterator[AnovaRow | Skipped]:
+    """Yield the tests of the model's terms, and of how these differ between references."""
+    if len(conditions.between) > 1:
+        yield Skipped(what, "two columns of groups are more than it takes")
+        return
+    levels = {ENVIRONMENT: tuple(factors.environments)}
+    if len(factors.environments) == 1:
+        levels = {}
+    levels |= {name: own for name, own in factors.levels.items() if name not in conditions.between}
+    group = None
+    between = ""
+    for between in conditions.between:
+        group = pd.factorize(cells.groups[between])[0]
+    try:
+        values = _values(cells, data.subjects, factors, tuple(levels.values()))
+        effects = anova(values, tuple(levels), group=group, between=between)
+    except RefusalError as refused:
+        yield Skipped(what, str(refused))
+        return
+    # The order of the factors in a formula is no matter.
+    terms = {frozenset(term) for term in conditions.terms}
+    for effect in effects:
+        own = frozenset(effect.factors) - {ENVIRONMENT}
+        if not own or own in terms:
+            yield AnovaRow(
+                factor=":".join(effect.factors),
+                parameter=data.parameters[0],
+                family="lognormal" if data.scale.log else "normal",
+                n=len(values),
+                assumes=_assumes(effect, conditions),
+                **{name: value for name, value in vars(effect).items() if name != "factors"},
+            )
+
+
+def _values(
+    cells: SubjectCells,
+    subjects: Sequence[str],
+    factors: Factors,
+    levels: Sequence[Sequence[str]],
+) -> Array:
+    """Subjects' values by the levels of all axes; refuse a subject who lacks one."""
+    of_factors = levels[len(levels) - len(cells.within) :]
+    keys = list(itertools.product(factors.environments, itertools.product(*of_factors)))
+    table = cells.in_cells(keys)
+    missing = np.argwhere(np.isnan(table))
+    if len(missing):
+        row, column = missing[0].tolist()
+        environment, own = keys[column]
+        subject = subjects[cells.values.index[row]]
+        count = len(np.unique(missing[:, 0]))
+        more = f" Cells are missing for {count} subjects in all." if count > 1 else ""
+        rule = f'{{ column = "subject", equals = "{subject}", why = "incomplete" }}'
+        raise RefusalError(
+            f"{subject} has no trial in {factors.cell(environment, own)}, and it takes complete"
+            f" cells.{more}",
+            hint=f"To leave {subject} out: [sessions] exclude = [{rule}]. The contrasts take what"
+            " there is.",
+        )
+    return table.reshape(len(table), *map(len, levels))
+
+
+def _assumes(effect: Effect, conditions: Conditions) -> str:
+    """Say in a sentence what a test assumes."""
+    of_subjects = "means" if conditions.between.issuperset(effect.factors) else "contrasts"
+    claims = [f"Subjects' {of_subjects} are normal"]
+    several = effect.epsilon < 1.0
+    if conditions.between:
+        claims.append(f"with one {'covariance' if several else 'variance'} in all groups")
+    text = " ".join(claims) + "."
+    if several:
+        text += " The corrected p allows for contrasts of unequal variance."
+    if conditions.covariates:
+        text += f" It leaves {' and '.join(conditions.covariates)} out."
+    return text

@@ -1,0 +1,193 @@
+"""Devices that a scene's posterior leaves likely, and how stable a coupling is with them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+from scipy import special
+
+from percept import haptics
+from percept.errors import UsageError
+from percept.haptics import Coupling, Device, Mode
+from percept.haptics.loop import Hold
+from percept.haptics.search import search_grid
+from percept.results import DeviceStability
+from percept.scene import Scene
+from percept.study.basics import Array, Stream, generator
+
+__all__ = ["DeviceDraws", "device_draws", "device_stability", "smallest_margins"]
+
+#: Devices, a power of two as Sobol's points are best: a probability is known to 0.02 by as many
+#: independent ones, and better by these.
+_COUNT = 512
+#: Devices whose resonances set the frequencies at which margins are looked at.
+_SHOWN = 16
+#: Central share of the margins that is reported.
+_LEVEL = 0.95
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class DeviceDraws:
+    """N devices, spread evenly over their posterior, in an order that any first few are too."""
+
+    stacked: Device  # Of parameters (N,)
+
+    @property
+    def count(self) -> int:
+        """Number of devices, N."""
+        return np.size(self.stacked.mass)
+
+    def device(self, index: int) -> Device:
+        """Return one device."""
+        return self._take(index)
+
+    def first(self, count: int) -> DeviceDraws:
+        """Return the first devices."""
+        return DeviceDraws(self._take(slice(count)))
+
+    def _take(self, which: int | slice) -> Device:
+        stacked = self.stacked
+        modes = []
+        for mode in stacked.modes:
+            modes.append(
+                Mode(
+                    mass=np.asarray(mode.mass)[which],
+                    stiffness=np.asarray(mode.stiffness)[which],
+                    damping=np.asarray(mode.damping)[which],
+                )
+            )
+        return Device(
+            mass=np.asarray(stacked.mass)[which],
+            damping=np.asarray(stacked.damping)[which],
+            modes=tuple(modes),
+        )
+
+
+def device_draws(scene: Scene) -> DeviceDraws | None:
+    """Draw devices from the posterior of a scene's `[device]`; None without one.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its device has mass and damping.
+
+    Returns
+    -------
+    DeviceDraws or None
+
+    Raises
+    ------
+    UsageError
+        A file of draws that cannot be read, or that lacks a parameter or holds a value that is not
+        positive.
+    """
+    table = scene.device
+    if table is None or table.posterior is None:
+        return None
+    posterior = table.posterior
+    values = table.parameters
+    rng = generator(scene.inference.seed, Stream.DEVICES)
+    if posterior.draws is not None:
+        file = str(scene.folder / posterior.draws)
+        drawn = _read_draws(file, posterior.parameters)
+        drawn = drawn[rng.permutation(len(drawn))[:_COUNT]]
+    else:
+        centre = np.log([values[name] for name in posterior.parameters])
+        factor = np.linalg.cholesky(np.array(posterior.covariance))
+        from scipy.stats import qmc  # slow to import, and needed here only
+
+        points = qmc.Sobol(len(centre), rng=rng).random(_COUNT)
+        drawn = np.exp(centre + special.ndtri(points) @ factor.T)
+    arrays = {name: np.full(len(drawn), value) for name, value in values.items()}
+    arrays |= dict(zip(posterior.parameters, drawn.T, strict=True))
+    modes = []
+    for number in range(1, len(table.modes) + 1):
+        parts = (arrays[f"mode {number} {part}"] for part in ("mass", "stiffness", "damping"))
+        modes.append(Mode(*parts))
+    return DeviceDraws(Device(arrays["mass"], arrays["damping"], tuple(modes)))
+
+
+def _read_draws(file: str, parameters: tuple[str, ...]) -> Array:
+    """Read a CSV with a column per parameter and a row per draw, (N, d)."""
+    try:
+        table = pd.read_csv(file)
+    except (OSError, ValueError) as error:
+        raise UsageError(f"cannot be read: {error}.", file=file) from error
+    columns = []
+    for name in parameters:
+        if name not in table.columns:
+            there = ", ".join(table.columns)
+            raise UsageError(f"There is no column {name!r}; there are {there}.", file=file)
+        values = pd.to_numeric(table[name], errors="coerce").to_numpy(float)
+        wrong = np.flatnonzero(~((values > 0.0) & np.isfinite(values)))
+        if wrong.size:
+            row = int(wrong[0])
+            raise UsageError(
+                "must be a positive number.",
+                file=file,
+                row=row + 2,
+                column=name,
+                value=table[name].iloc[row],
+            )
+        columns.append(values)
+    if not len(table):
+        raise UsageError("The file has no draws.", file=file)
+    return np.column_stack(columns)
+
+
+def smallest_margins(draws: DeviceDraws, coupling: Coupling, period: float, hold: Hold) -> Array:
+    """Return the smallest margin of each device with a coupling, from DC to Nyquist.
+
+    Parameters
+    ----------
+    draws : DeviceDraws
+        N devices.
+    coupling : Coupling
+        One.
+    period : float
+        s.
+    hold : Hold
+        With the loop's delay.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        Ratios: at least 1 is stable. Rigid devices are judged exactly, others on the frequencies
+        that resolve the modes of sixteen of them.
+    """
+    if not draws.stacked.modes:
+        needed = haptics.required_damping(coupling, period, hold=hold).damping
+        with np.errstate(divide="ignore"):
+            return np.asarray(draws.stacked.damping / np.float64(needed))
+    grids = [search_grid(draws.device(index), period, hold) for index in range(_SHOWN)]
+    omega = np.unique(np.concatenate(grids))
+    margins = haptics.stability_margin(omega[:, None], draws.stacked, coupling, period, hold=hold)
+    return np.asarray(margins.min(axis=0))
+
+
+def device_stability(
+    draws: DeviceDraws, coupling: Coupling, period: float, hold: Hold
+) -> DeviceStability:
+    """Say how probably a coupling is stable, given what is known of the device.
+
+    Parameters as in `smallest_margins`.
+
+    Returns
+    -------
+    DeviceStability
+        Its probability and the range of the margin.
+    """
+    margins = smallest_margins(draws, coupling, period, hold)
+    tail = 0.5 * (1.0 - _LEVEL)
+    lower, upper = np.quantile(margins, [tail, 1.0 - tail])
+    probability = float(np.mean(margins >= 1.0))
+    return DeviceStability(
+        probability=probability,
+        error=float(np.sqrt(probability * (1.0 - probability) / draws.count)),
+        draws=draws.count,
+        level=_LEVEL,
+        margin_lower=float(lower),
+        margin_upper=float(upper),
+    )

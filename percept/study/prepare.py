@@ -1,0 +1,263 @@
+"""From sessions and a scene to the model that is sampled: one for every kind of study."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.errors import RefusalError
+from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.model import Resolution
+from percept.inference.hierarchy.models import Model, Product, Unpooled
+from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.scales import Options
+from percept.inference.hierarchy.statistics import Statistics, from_summary
+from percept.inference.record import Family
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.sessions.quantities import IMPEDANCE, Quantities
+from percept.study.basics import Array, Skipped
+from percept.study.intervals import Cell, cell_moments, known_moments
+from percept.study.linear import ContrastPlan, linear_study, side_by_side
+from percept.study.responses import (
+    ResponseScale,
+    Trials,
+    by_difference,
+    decades,
+    references,
+    refuse_no_ratio,
+    resolution_of,
+    trials,
+)
+
+__all__ = ["Prepared", "modelled_together", "pooled", "prepare", "prepare_apart", "prepared_beside"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Prepared:
+    """A model of a study, not yet sampled."""
+
+    model: Model  # The posterior
+    scale: ResponseScale  # The way from responses to the units of the quantities
+    counts: NDArray[np.int64]  # (C,) Subjects behind each cell
+    repeats: bool | None  # Whether any cell holds more than one trial; None where it is not known
+    trials: Trials | None = None  # None for published limits and without pooling
+    approximate: bool = False  # Whether moments of logarithms were matched to published limits
+    quantities: Quantities = dataclasses.field(default_factory=lambda: IMPEDANCE)
+    skipped: tuple[Skipped, ...] = ()  # Trials and environments that are not in the model
+    contrasts: ContrastPlan | None = None  # Of factors and covariates; None without these
+
+    @property
+    def user_rows(self) -> int:
+        """Number of quantities that each user has: cells, then contrasts."""
+        cells = len(self.model.cells)
+        if self.contrasts is None:
+            return cells
+        return cells + len(self.contrasts.users)
+
+
+def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+    """Build the model that the data and the scene ask for."""
+    if scene.model.pooling == "none":
+        return _unpooled(sessions, scene, parameters)
+    if sessions.form == "summary":
+        return _from_limits(sessions, scene, parameters)
+    groups = modelled_together(parameters, scene.inference.together)
+    partial = scene.inference.method == "both"
+    # A single cell has nothing to compare.
+    table = scene.model
+    asks = bool(scene.terms) or table.subjects_slope or table.subjects_trial_sd is True
+    build = _linear if asks and len(sessions.environments) > 1 else _ordinary
+    models = [build(sessions, scene, group, partial=partial) for group in groups]
+    return models[0] if len(models) == 1 else _side_by_side(models)
+
+
+def prepared_beside(
+    cells: Mapping[Family, Sequence[Cell]],
+    sessions: Sessions,
+    scene: Scene,
+    parameters: tuple[str, ...],
+) -> Prepared | Skipped:
+    """Build the model; skip a refused one where classical intervals of some cell stand without."""
+    try:
+        return prepare(sessions, scene, parameters)
+    except RefusalError as refused:
+        known = any(cell.moments for of_family in cells.values() for cell in of_family)
+        if scene.inference.method != "both" or not known:
+            raise
+        return Skipped("Bayesian intervals", str(refused))
+
+
+def _ordinary(
+    sessions: Sessions, scene: Scene, parameters: tuple[str, ...], *, partial: bool
+) -> Prepared:
+    """Model environments without factors."""
+    data = trials(sessions, scene, parameters, partial=partial)
+    return pooled(data.statistics, scene, data.reference, data.scale, data)
+
+
+def _linear(
+    sessions: Sessions, scene: Scene, parameters: tuple[str, ...], *, partial: bool
+) -> Prepared:
+    """Model the cells of factors, groups and covariates."""
+    scaled = [p for p in parameters if by_difference(sessions, p)]
+    data = trials(sessions, scene, parameters, partial=partial, scaled=scaled)
+    resolution = resolution_of(data.statistics, scene, data.reference, data.scale)
+    plan = linear_study(data, sessions, scene, resolution)
+    prepared = _of_trials(plan.model, data.statistics, data.scale, scene, data)
+    skipped = (*prepared.skipped, *plan.skipped)
+    return dataclasses.replace(prepared, contrasts=plan, skipped=skipped)
+
+
+def prepare_apart(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+    """Build a model in which no parameter learns from another."""
+    return _side_by_side([prepare(sessions, scene, (parameter,)) for parameter in parameters])
+
+
+def modelled_together(
+    parameters: tuple[str, ...], named: tuple[str, ...] | None
+) -> list[tuple[str, ...]]:
+    """Group parameters by model: one or two share one; of more, the two that are named."""
+    if len(parameters) < 3:
+        return [parameters]
+    pair = tuple(parameter for parameter in parameters if parameter in (named or ()))
+    groups = []
+    for parameter in parameters:
+        with_other = parameter in pair and len(pair) == 2
+        groups.append(pair if with_other else (parameter,))
+    return list(dict.fromkeys(groups))
+
+
+def _side_by_side(models: list[Prepared]) -> Prepared:
+    """Put models of different parameters together, the cells of each in a row."""
+    origin = np.concatenate([m.scale.origin for m in models])
+    unit = np.concatenate([m.scale.unit for m in models])
+    why = "two are modelled together at most; [inference] together names them"
+    skipped = [Skipped("correlations of more than two parameters", why)]
+    skipped += dict.fromkeys(part for m in models for part in m.skipped)
+    plans = [m.contrasts for m in models if m.contrasts is not None]
+    plan = side_by_side(plans) if plans else None
+    return Prepared(
+        plan.model if plan else Product([m.model for m in models]),
+        ResponseScale(models[0].scale.log, origin, unit),
+        np.concatenate([m.counts for m in models]),
+        any(m.repeats for m in models),
+        quantities=models[0].quantities,
+        skipped=tuple(skipped),
+        contrasts=plan,
+    )
+
+
+def pooled(
+    statistics: Statistics,
+    scene: Scene,
+    reference: Array,
+    scale: ResponseScale,
+    data: Trials | None = None,
+) -> Prepared:
+    """Build the hierarchical model of subjects' trials from their statistics."""
+    resolution = resolution_of(statistics, scene, reference, scale)
+    return _of_trials(_model(statistics, scene, resolution), statistics, scale, scene, data)
+
+
+def _of_trials(
+    model: Model, statistics: Statistics, scale: ResponseScale, scene: Scene, data: Trials | None
+) -> Prepared:
+    """Put a model of subjects' trials together with what its cells rest on."""
+    counts = np.isfinite(statistics.cell_means).sum(axis=0).ravel()
+    return Prepared(
+        model,
+        scale,
+        counts,
+        statistics.repeats,
+        data,
+        quantities=scene.quantities,
+        skipped=data.skipped if data else (),
+    )
+
+
+def _model(
+    statistics: Statistics, scene: Scene, resolution: Resolution | None = None
+) -> CollapsedDensity:
+    table = scene.model
+    options = Options(
+        subject_effect=table.subject_effect, weber=table.weber, common_spread=table.common_spread
+    )
+    return CollapsedDensity(statistics, Priors(**table.priors), options, resolution)
+
+
+def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+    """Model each parameter of published limits by itself: limits hold no correlation."""
+    environments = sessions.environments
+    family = scene.inference.family
+    reference = references(sessions, parameters, environments)
+    quantities = sessions.quantities
+    moments = _all_moments(sessions, parameters, family)
+    flat = reference.ravel().tolist()
+    by_cell = dict(zip(moments.cells, flat, strict=True))
+    refuse_no_ratio(by_cell, quantities)
+    mean = moments.mean.reshape(reference.shape)
+    sd = moments.sd.reshape(reference.shape)
+    if family == "lognormal":
+        mean = mean - np.log(reference)
+    else:
+        mean = (mean - reference) / reference
+        sd = sd / reference
+    n = moments.counts.reshape(reference.shape)
+    rows = zip(parameters, mean, sd, n, decades(reference), strict=True)
+    models = []
+    for parameter, *row in rows:
+        statistics = from_summary(*row, parameter=parameter, environments=environments)
+        models.append(_model(statistics, scene))
+    return Prepared(
+        Product(models),
+        ResponseScale.of(reference, family),
+        moments.counts,
+        repeats=None,
+        approximate=family == "lognormal",
+        quantities=quantities,
+    )
+
+
+def _unpooled(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+    """Each cell by itself, standardised by its own exact mean and SD."""
+    moments = _all_moments(sessions, parameters, scene.inference.family)
+    log = scene.inference.family == "lognormal"
+    origin = np.exp(moments.mean) if log else moments.mean
+    scale = ResponseScale(log, origin, moments.sd)
+    model = Unpooled(moments.cells, moments.counts)
+    quantities = sessions.quantities
+    return Prepared(model, scale, moments.counts, moments.repeats, quantities=quantities)
+
+
+class _CellMoments(NamedTuple):
+    """Moments of C cells on the family's scale."""
+
+    cells: tuple[tuple[str, str], ...]  # Parameter and environment
+    mean: Array  # (C,)
+    sd: Array  # (C,)
+    counts: NDArray[np.int64]  # (C,) Subjects
+    repeats: bool  # Whether any cell holds more than one trial of a subject
+
+
+def _all_moments(sessions: Sessions, parameters: tuple[str, ...], family: Family) -> _CellMoments:
+    """Work out the moments of every cell, or refuse a cell that has none."""
+    cells = cell_moments(sessions, parameters, family)
+    for cell in cells:
+        if cell.moments is None:
+            message = f"there is no posterior of {cell.where}: {cell.why}."
+            hint = 'Set family = "normal", or leave the parameter or environment out in the scene.'
+            raise RefusalError(message, hint=hint)
+    known = known_moments(cells, family)
+    moments = list(known.values())
+    return _CellMoments(
+        tuple(known),
+        np.array([m.mean for m in moments]),
+        np.array([m.sd for m in moments]),
+        np.array([m.n for m in moments]),
+        any(m.repeats for m in moments),
+    )

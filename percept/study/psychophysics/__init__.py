@@ -1,0 +1,60 @@
+"""The psychophysics table, and whether biases are smaller than one JND; by both methods."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from percept.results import EquivalenceRow, PsychophysicsRow
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.study.basics import References, Skipped
+from percept.study.intervals import Cell
+from percept.study.psychophysics.classical import classical_psychophysics
+from percept.study.psychophysics.equivalence import classical_equivalence
+
+if TYPE_CHECKING:
+    from percept.study.fit import Fit
+
+__all__ = ["Psychophysics"]
+
+
+@dataclass(frozen=True, eq=False)
+class Psychophysics:
+    """What psychophysics asks of a study, each part computed when it is first read."""
+
+    sessions: Sessions
+    scene: Scene
+    cells: Sequence[Cell]  # Of the scene's family
+    reference: References
+    fit: Fit | None  # None unless it passed
+
+    @cached_property
+    def rows(self) -> tuple[PsychophysicsRow, ...]:
+        """Points of equality, thresholds, spreads and reliability, in the scene's family."""
+        whole = self.sessions, self.scene
+        rows: list[PsychophysicsRow] = []
+        if self.scene.inference.method != "bayesian":
+            rows += classical_psychophysics(*whole, self.cells, self.reference)
+        if self.fit is not None:
+            # The classical method does without the model.
+            from percept.study.psychophysics.posterior import posterior_psychophysics
+
+            rows += posterior_psychophysics(self.fit, *whole, self.reference)
+        return tuple(rows)
+
+    @cached_property
+    def equivalence(self) -> list[EquivalenceRow | Skipped]:
+        """Whether biases are smaller than one JND, or why not told; empty without a JND."""
+        rows: list[EquivalenceRow | Skipped] = []
+        if not self.scene.study.jnd:
+            return rows
+        if self.scene.inference.method != "bayesian":
+            rows += classical_equivalence(self.scene, self.cells, self.reference)
+        if self.fit is not None:
+            from percept.study.psychophysics.posterior_equivalence import posterior_equivalence
+
+            rows += posterior_equivalence(self.fit, self.scene, self.reference)
+        return rows

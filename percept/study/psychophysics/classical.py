@@ -1,0 +1,230 @@
+"""Classical rows of the psychophysics table: by t, χ², F and Fisher's z."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from percept.errors import RefusalError
+from percept.inference.classical.intervals import Claim, interval_of
+from percept.inference.classical.moments import Moments
+from percept.inference.classical.variability import (
+    Bounded,
+    MeanSquares,
+    component_sd,
+    correlation,
+    icc_agreement,
+    icc_consistency,
+    mean_squares,
+    sd_interval,
+    trial_mean_squares,
+)
+from percept.results import PsychophysicsRow
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.study.basics import Array, References
+from percept.study.intervals import Cell
+from percept.study.psychophysics.site import Site
+from percept.study.responses import Trials, by_difference, trials
+
+__all__ = ["classical_psychophysics"]
+
+
+def classical_psychophysics(
+    sessions: Sessions, scene: Scene, cells: Sequence[Cell], reference: References
+) -> Iterator[PsychophysicsRow]:
+    """Yield the classical rows.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        Trials, or published limits, which give rows of means and SDs only.
+    scene : Scene
+        Level, family and scales.
+    cells : sequence of Cell
+        Of the scene's family, parameter by parameter.
+    reference : mapping
+        By parameter and environment, in the parameter's unit.
+
+    Yields
+    ------
+    PsychophysicsRow
+    """
+    by_parameter: dict[str, list[Cell]] = {}
+    for cell in cells:
+        by_parameter.setdefault(cell.parameter, []).append(cell)
+    for parameter, of_parameter in by_parameter.items():
+        data = _responses(sessions, scene, (parameter,))
+        sites = {}
+        for cell in of_parameter:
+            site = _site(cell, sessions, scene, reference, data)
+            sites[cell.environment] = site
+            if cell.moments is not None:
+                yield from _moments_rows(site, cell.moments)
+        if data is not None:
+            yield from _trial_rows(data, sites)
+            yield from _overall_rows(data, sites)
+    if len(by_parameter) == 2:
+        yield from _correlations(sessions, scene, tuple(by_parameter))
+
+
+def _responses(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Trials | None:
+    """Return trials of parameters as responses; None where they have none."""
+    if sessions.form == "summary":
+        return None
+    # Differences without a scale of the scene's are in the quantity's own unit.
+    scales = {name: 1.0 for name in parameters if by_difference(sessions, name)}
+    scales |= scene.model.scale
+    model = scene.model.model_copy(update={"scale": scales})
+    scaled = scene.model_copy(update={"model": model})
+    try:
+        return trials(sessions, scaled, parameters, partial=True)
+    except RefusalError:
+        return None
+
+
+def _site(
+    cell: Cell, sessions: Sessions, scene: Scene, reference: References, data: Trials | None
+) -> Site:
+    """Return the place of a cell's rows."""
+    unit = 1.0
+    if data is not None and cell.environment in data.environments:
+        j = data.environments.index(cell.environment)
+        unit = float(data.scale.unit[j])
+    n = 0 if cell.moments is None else int(np.asarray(cell.moments.n))
+    return Site(
+        quantity=cell.quantity,
+        environment=cell.environment,
+        reference=reference[cell.parameter, cell.environment],
+        scene=scene,
+        method="classical",
+        n=n,
+        response_unit=unit,
+        by_difference=sessions.form == "trials" and by_difference(sessions, cell.parameter),
+    )
+
+
+def _moments_rows(site: Site, moments: Moments) -> Iterator[PsychophysicsRow]:
+    """Yield rows of subjects' mean and SD."""
+    asked = site.scene.inference
+    claim = Claim(level=asked.level, family=asked.family)
+    mean = interval_of("mean", moments, claim)
+    pse = Bounded(float(mean.estimate), float(mean.lower), float(mean.upper))
+    yield from site.of_location(pse)
+    sd = float(moments.on_scale(asked.family).sd)
+    bounded = sd_interval(sd / site.response_unit, site.n - 1.0, level=asked.level)
+    yield from site.of_subjects(bounded)
+
+
+def _trial_rows(data: Trials, sites: Mapping[str, Site]) -> Iterator[PsychophysicsRow]:
+    """Yield rows of repeated trials, environment by environment."""
+    counts = _trial_counts(data)
+    statistics = data.statistics
+    for j, environment in enumerate(data.environments):
+        site = sites[environment]
+        df = float(statistics.trial_df[j])
+        if df == 0.0:
+            continue
+        level = site.scene.inference.level
+        root_square = abs(float(statistics.trial_rows[0, 0, j]))
+        trial_sd = root_square / math.sqrt(df)
+        bounded = sd_interval(trial_sd, df, level=level)
+        yield from site.of_trials(bounded)
+        present = counts[:, j] > 0
+        means = statistics.cell_means[present, 0, j]
+        alike = trial_sd == 0.0 and np.ptp(means) == 0.0
+        if alike or len(means) < 2:
+            continue
+        own_counts = counts[present, j]
+        unequal = bool(np.ptp(own_counts) > 0.0)
+        squares = trial_mean_squares(means, own_counts, trial_sd)
+        reliability = icc_consistency(squares, level=level)
+        yield site.row("icc_1", reliability, approximate=unequal)
+
+
+def _overall_rows(data: Trials, sites: Mapping[str, Site]) -> Iterator[PsychophysicsRow]:
+    """Yield components of variance over all environments, of subjects who were in each."""
+    table = data.statistics.cell_means[:, 0]
+    complete = np.isfinite(table).all(axis=1)
+    first = sites[data.environments[0]]
+    level = first.scene.inference.level
+    overall = first.over_all(int(complete.sum()))
+    try:
+        squares = mean_squares(table[complete])
+    except RefusalError:
+        return
+    shared = component_sd(squares, level=level)
+    yield overall.sigma("sigma_u", shared, approximate=True)
+    df = float(data.statistics.trial_df.sum())
+    if df > 0.0:
+        counts = _trial_counts(data)[complete]
+        trial_squares = np.square(data.statistics.trial_rows[0, 0])
+        trial_square = float(trial_squares.sum()) / df
+        of_environments = _of_environments(squares, counts, trial_square, df)
+        within = component_sd(of_environments, level=level)
+        yield overall.sigma("sigma_w", within, approximate=True)
+        trial = sd_interval(math.sqrt(trial_square), df, level=level)
+        yield overall.sigma("sigma_e", trial)
+    else:
+        error_sd = math.sqrt(squares.error)
+        within = sd_interval(error_sd, squares.error_df, level=level)
+        yield overall.sigma("sigma_w", within)
+    consistency = icc_consistency(squares, level=level)
+    yield overall.row("icc_c1", consistency)
+    agreement = icc_agreement(squares, level=level)
+    yield overall.row("icc_a1", agreement, approximate=True)
+
+
+def _of_environments(
+    squares: MeanSquares, counts: Array, trial_square: float, trial_df: float
+) -> MeanSquares:
+    """Compare what subjects differ by within environments with what their trials differ by."""
+    repeats = 1.0 / float(np.mean(1.0 / counts))
+    return MeanSquares(
+        subjects=repeats * squares.error,
+        error=trial_square,
+        columns=math.nan,
+        n=round(squares.error_df) + 1,
+        k=repeats,
+        error_df=trial_df,
+    )
+
+
+def _trial_counts(data: Trials) -> Array:
+    """Count the trials of each subject in each environment, (N, J)."""
+    counts = np.zeros((len(data.subjects), len(data.environments)))
+    np.add.at(counts, (data.subject, data.environment), 1.0)
+    return counts
+
+
+def _correlations(
+    sessions: Sessions, scene: Scene, parameters: tuple[str, ...]
+) -> Iterator[PsychophysicsRow]:
+    """Yield the correlation of both quantities between subjects, environment by environment."""
+    data = _responses(sessions, scene, parameters)
+    if data is None:
+        return
+    cell_means = data.statistics.cell_means
+    for j, environment in enumerate(data.environments):
+        pairs = cell_means[:, :, j]
+        complete = np.isfinite(pairs).all(axis=1)
+        pairs = pairs[complete]
+        try:
+            bounded = correlation(pairs, level=scene.inference.level)
+        except RefusalError:
+            continue
+        site = Site(
+            quantity=sessions.quantities[parameters[0]],
+            environment=environment,
+            reference=math.nan,
+            scene=scene,
+            method="classical",
+            n=len(pairs),
+            response_unit=1.0,
+            by_difference=False,
+        )
+        row = site.row("correlation", bounded, approximate=True)
+        yield dataclasses.replace(row, parameter=", ".join(parameters))

@@ -1,0 +1,139 @@
+"""Where a row of the psychophysics table belongs, and what is made of a mean or an SD there."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+
+from percept.inference.classical.variability import Bounded
+from percept.inference.record import Method
+from percept.results.psychophysics import Measure, PsychophysicsRow
+from percept.scene import Scene
+from percept.sessions.quantities import Quantity
+
+__all__ = ["Site", "mapped"]
+
+#: The quartile of a standard normal: half of all adjustments lie within so many SDs.
+_QUARTILE = 0.6744897501960817
+
+
+@dataclasses.dataclass(frozen=True)
+class Site:
+    """Where rows belong: a quantity in an environment, or over all, by one method."""
+
+    quantity: Quantity
+    environment: str | None
+    reference: float  # In the quantity's unit; NaN over all environments
+    scene: Scene
+    method: Method
+    n: int  # Subjects
+    #: Of the quantity, or of its logarithm, per unit of response.
+    response_unit: float
+    by_difference: bool  # Whether the quantity has a reference that is not positive
+    subject: str | None = None  # None of all subjects together
+
+    def over_all(self, n: int) -> Site:
+        """Return the place of the quantity's rows over all environments, of n subjects."""
+        return dataclasses.replace(self, environment=None, reference=math.nan, n=n)
+
+    def of_subject(self, subject: str) -> Site:
+        """Return the place of the rows of one subject, over all environments."""
+        return dataclasses.replace(self.over_all(1), subject=subject)
+
+    def step(self, sd: float, multiple: float = 1.0) -> float:
+        """Return how far some SDs of the family's scale lead from the reference."""
+        size = multiple * sd * self.response_unit
+        if self.scene.inference.family == "lognormal":
+            return self.reference * math.expm1(size)
+        return size
+
+    def row(
+        self, measure: Measure, bounded: Bounded, unit: str = "", *, approximate: bool = False
+    ) -> PsychophysicsRow:
+        """Make a row of a measure."""
+        asked = self.scene.inference
+        return PsychophysicsRow(
+            environment=self.environment,
+            subject=self.subject,
+            parameter=self.quantity.name,
+            measure=measure,
+            method=self.method,
+            family=asked.family,
+            level=asked.level,
+            estimate=bounded.estimate,
+            lower=bounded.lower,
+            upper=bounded.upper,
+            error=bounded.error,
+            unit=unit,
+            n=self.n,
+            approximate=approximate,
+        )
+
+    def of_location(self, pse: Bounded) -> Iterator[PsychophysicsRow]:
+        """Yield the point of subjective equality and the constant error."""
+        unit = self.quantity.unit
+        yield self.row("pse", pse, unit)
+        if math.isnan(self.reference):
+            return
+        error = mapped(pse, lambda x: x - self.reference)
+        yield self.row("constant_error", error, unit)
+        if self.reference != 0.0:
+            size = abs(self.reference)
+            relative = mapped(error, lambda x: x / size)
+            yield self.row("constant_error_relative", relative)
+
+    def of_subjects(self, sd: Bounded) -> Iterator[PsychophysicsRow]:
+        """Yield the SD between subjects, on the response scale, in the quantity's unit."""
+        step = mapped(sd, self.step)
+        yield from self._of_step("sd_subjects", "weber_subjects", step)
+
+    def of_trials(self, sd: Bounded) -> Iterator[PsychophysicsRow]:
+        """Yield the SD between trials, on the response scale, and thresholds made of it."""
+        yield self.sigma("sigma_e", sd)
+        step = mapped(sd, self.step)
+        yield from self._of_step("jnd", "weber", step)
+        if not math.isnan(self.reference):
+            quartile = mapped(sd, lambda x: self.step(x, _QUARTILE))
+            yield self.row("jnd_quartile", quartile, self.quantity.unit)
+
+    def of_own_trials(self, sd: Bounded) -> Iterator[PsychophysicsRow]:
+        """Yield a subject's own SD between trials, and their Weber fraction."""
+        yield self.sigma("sigma_e", sd)
+        if self.by_difference:
+            return
+        log = self.scene.inference.family == "lognormal"
+        yield self.row("weber", mapped(sd, math.expm1) if log else sd)
+
+    def _of_step(
+        self, measure: Measure, fraction: Measure, step: Bounded
+    ) -> Iterator[PsychophysicsRow]:
+        """Yield a step in the quantity's unit, and as a fraction of the reference."""
+        if math.isnan(self.reference):
+            return
+        yield self.row(measure, step, self.quantity.unit)
+        if self.reference != 0.0:
+            size = abs(self.reference)
+            relative = mapped(step, lambda x: x / size)
+            yield self.row(fraction, relative)
+
+    def sigma(
+        self, measure: Measure, sd: Bounded, *, approximate: bool = False
+    ) -> PsychophysicsRow:
+        """Make the row of an SD of responses, in the quantity's unit if they are differences."""
+        if not self.by_difference:
+            return self.row(measure, sd, approximate=approximate)
+        native = mapped(sd, lambda x: x * self.response_unit)
+        return self.row(measure, native, self.quantity.unit, approximate=approximate)
+
+
+def mapped(bounded: Bounded, increasing: Callable[[float], float]) -> Bounded:
+    """Map an estimate and its limits; the limits' error follows."""
+    lower = increasing(bounded.lower)
+    upper = increasing(bounded.upper)
+    error = None
+    if bounded.error is not None:
+        below = increasing(bounded.lower + bounded.error) - lower
+        above = increasing(bounded.upper + bounded.error) - upper
+        error = max(below, above)
+    return Bounded(increasing(bounded.estimate), lower, upper, error)

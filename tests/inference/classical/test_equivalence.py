@@ -1,0 +1,103 @@
+"""Two one-sided tests against SciPy, published power, and simulated studies at the edge."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import integrate, special, stats
+
+from percept.errors import UsageError
+from percept.inference.classical.equivalence import tost, tost_power
+from percept.inference.classical.moments import Moments
+from tests.inference.classical.equivalence_rates import SIZE, rates
+
+#: PowerTOST 1.5 (Labes, Schütz and Lang), `sampleN.TOST(CV, theta0 = 0.95)`: the power of a 2 × 2
+#: crossover whose limits are 0.8 and 1.25, by Owen's Q.
+POWER_TOST = [(0.20, 20, 0.834680), (0.25, 28, 0.807439), (0.30, 40, 0.815845)]
+
+
+@pytest.mark.parametrize("shift", [-3.0, -0.4, 0.0, 0.9, 5.0])
+def test_p_values_are_those_of_two_t_tests(shift):
+    values = np.random.default_rng(5).normal(shift, 1.0, 7)
+    found = tost(Moments.from_values(values), -1.5, 2.0)
+    above = stats.ttest_1samp(values, -1.5, alternative="greater").pvalue
+    below = stats.ttest_1samp(values, 2.0, alternative="less").pvalue
+    assert found.p_within == pytest.approx(max(above, below), rel=1e-9)
+    outside = min(
+        stats.ttest_1samp(values, -1.5, alternative="less").pvalue,
+        stats.ttest_1samp(values, 2.0, alternative="greater").pvalue,
+    )
+    assert found.p_beyond == pytest.approx(min(2.0 * outside, 1.0), rel=1e-9)
+    # The same by the intervals of level 1 - 2 alpha and of level 1 - alpha.
+    low, high = stats.ttest_1samp(values, 0.0).confidence_interval(0.9)
+    assert (found.p_within <= 0.05) == (low > -1.5 and high < 2.0)
+    low, high = stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
+    assert (found.p_beyond <= 0.05) == (high < -1.5 or low > 2.0)
+
+
+def test_a_limit_may_be_infinite_and_not_crossed():
+    moments = Moments.from_values([1.0, 2.0, 4.0])
+    found = tost(moments, -math.inf, 3.0)
+    assert found.p_within == pytest.approx(
+        stats.ttest_1samp([1.0, 2.0, 4.0], 3.0, alternative="less").pvalue, rel=1e-12
+    )
+    # Only one limit can be passed, so its p-value stands.
+    assert found.p_beyond == pytest.approx(
+        stats.ttest_1samp([1.0, 2.0, 4.0], 3.0, alternative="greater").pvalue, rel=1e-12
+    )
+    without_limits = tost(moments, -math.inf, math.inf)
+    assert without_limits.p_within == 0.0
+    assert without_limits.p_beyond == 1.0
+    with pytest.raises(UsageError, match="the lower limit must be below the upper one"):
+        tost(moments, 1.0, 1.0)
+
+
+@pytest.mark.parametrize(("cv", "n", "published"), POWER_TOST)
+def test_power_is_that_of_powertost(cv, n, published):
+    error = math.sqrt(math.log1p(cv**2)) * math.sqrt(2.0 / n)
+    to_lower = (math.log(0.95) - math.log(0.8)) / error
+    to_upper = (math.log(1.25) - math.log(0.95)) / error
+    assert tost_power(to_lower, to_upper, n - 2.0, size=0.05) == pytest.approx(published, abs=5e-7)
+
+
+@pytest.mark.parametrize(("df", "low", "high"), [(1, 3.0, 3.0), (4, 2.5, 6.0), (60, 2.0, 2.2)])
+def test_power_is_an_integral_over_the_sample_sd(df, low, high):
+    t = stats.t.isf(0.05, df)
+
+    def integrand(w):
+        density = stats.chi2.pdf(df * w * w, df) * 2.0 * df * w
+        return density * max(special.ndtr(high - t * w) - special.ndtr(t * w - low), 0.0)
+
+    twin, _ = integrate.quad(integrand, 0.0, (low + high) / (2 * t), epsabs=1e-13, limit=200)
+    assert tost_power(low, high, df, size=0.05) == pytest.approx(twin, abs=1e-10)
+
+
+def test_with_one_limit_power_is_a_noncentral_t():
+    assert tost_power(5.0, math.inf, 9, size=0.05) == pytest.approx(
+        stats.nct.sf(stats.t.isf(0.05, 9), 9, 5.0), rel=1e-10
+    )
+    assert tost_power(0.1, 0.1, 2, size=0.01) == pytest.approx(0.0, abs=1e-4)
+    assert tost_power(math.inf, math.inf, 3, size=0.05) == pytest.approx(1.0, rel=1e-12)
+
+
+def test_at_size_one_half_power_is_that_of_a_normal_mean():
+    twin = stats.norm.cdf(1.2) - stats.norm.cdf(-0.7)
+    assert tost_power(0.7, 1.2, 4, size=0.5) == pytest.approx(twin, rel=1e-12)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.6, math.nan])
+def test_a_size_out_of_range_is_refused(size):
+    with pytest.raises(UsageError, match=r"the size must be above 0 and at most 0\.5"):
+        tost_power(1.0, 1.0, 4, size=size)
+
+
+@pytest.mark.parametrize("subjects", [2, 4, 10])
+@pytest.mark.parametrize("sd", [0.3, 30.0])
+def test_errors_at_the_edge_stay_at_their_size(subjects, sd):
+    found = rates(subjects, sd, 1.0, studies=2000)
+    limit = SIZE + 4.0 * math.sqrt(SIZE * (1.0 - SIZE) / found.studies)
+    assert found.within <= limit
+    assert found.beyond <= limit
+    assert abs(found.within - found.power) < 4.5 * found.error

@@ -1,0 +1,104 @@
+"""Adjustments at the ends of a control are left out, counted per environment and logged."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from percept.cli import main
+from percept.errors import UsageError
+from percept.sessions import ReadOptions, read_sessions
+
+HEAD = "subject,environment,trial,k_ref,k_adj,b_ref,b_adj"
+
+
+def study(tmp_path, rows):
+    path = tmp_path / "s.csv"
+    path.write_text("\n".join([HEAD, *rows]) + "\n")
+    return path
+
+
+def options(limits):
+    return ReadOptions(quantities={"k": {"limits": limits}, "b": {}})
+
+
+ROWS = [
+    "1,soft,1,50,0,1,1.1",
+    "1,soft,2,50,55,1,1.2",
+    "2,soft,1,50,100,1,0.9",
+    "2,hard,1,90,100,3,",
+]
+
+
+def test_ends_are_blank_counted_and_logged(tmp_path):
+    found = read_sessions(study(tmp_path, ROWS), scene=options([0.0, 100.0]))
+    np.testing.assert_array_equal(found.table["k_adj"], [np.nan, 55.0, np.nan])
+    assert found.table["b_adj"].tolist() == [1.1, 1.2, 0.9]
+    assert found.environments == ("soft",)
+    assert found.counts["left out: stiffness at a limit of its control"] == 3
+    (notice,) = [notice.text for notice in found.notices if "limits of the control" in notice.text]
+    assert notice == (
+        "3 values of 4 at the limits of the control, 0 to 100 N/m, are left out: 2 of 3 in 'soft'"
+        " (2 subjects), 1 of 1 in 'hard' (1 subject). Every interval describes the other values"
+        " only"
+    )
+    rows = [(left.who, left.what, left.row) for left in found.exclusions]
+    assert rows == [
+        ("1", "k in environment soft", 2),
+        ("2", "k in environment soft", 4),
+        ("2", "k in environment hard", 5),
+    ]
+    # Places of what stays are those of its lines.
+    assert [found.locate(index)[1] for index in found.table.index] == [2, 3, 4]
+
+
+def test_one_end_may_be_open_and_values_beyond_are_at_it(tmp_path):
+    found = read_sessions(study(tmp_path, ROWS), scene=options([-float("inf"), 90.0]))
+    assert found.table["k_adj"].dropna().tolist() == [0.0, 55.0]
+
+
+def test_limits_are_in_the_unit_of_the_quantity(tmp_path):
+    path = study(tmp_path, ["1,a,1,0.05,0.055,1,1", "2,a,1,0.05,0.1,1,1"])
+    columns = {name: {"name": name, "unit": "N/mm"} for name in ("k_ref", "k_adj")}
+    quantities = {"k": {"limits": [0.0, 100.0]}, "b": {}}
+    found = read_sessions(path, scene=ReadOptions(quantities=quantities, columns=columns))
+    assert found.table["k_adj"].dropna().tolist() == [55.0]
+
+
+def test_limits_that_leave_nothing_or_are_none_say_so(tmp_path):
+    path = study(tmp_path, ["1,a,1,50,100,1,", "2,a,1,50,100,1,"])
+    with pytest.raises(UsageError, match=r"every adjustment lies at a limit of its control\."):
+        read_sessions(path, scene=options([0.0, 100.0]))
+    with pytest.raises(UsageError, match="the lower of the two limits comes first"):
+        options([100.0, 0.0])
+
+
+def test_the_report_names_what_its_intervals_leave_out(tmp_path):
+    rng = np.random.default_rng(5)
+    set_to = {s: np.clip(90 * rng.lognormal(0, 0.15, 3), 0, 100) for s in range(9)}
+    rows = [f"{s},w,{t},90,{v:.3f}" for s, values in set_to.items() for t, v in enumerate(values)]
+    path = tmp_path / "s.csv"
+    path.write_text("\n".join(["subject,environment,trial,p_ref,p_adj", *rows]) + "\n")
+    scene = tmp_path / "s.toml"
+    scene.write_text('[quantities.p]\nunit = "percent"\nlimits = [-inf, 100]\n')
+    out = tmp_path / "out"
+    arguments = [str(path), "--scene", str(scene), "--method", "classical", "--quiet"]
+    assert main(["fit", *arguments, "--out", str(out)]) == 0
+    document = json.loads((out / "fit.json").read_text())
+    at_end = sum(int((values >= 100).sum()) for values in set_to.values())
+    assert at_end > 0
+    assert any(f"{at_end} values of 27" in note["text"] for note in document["data"]["notices"])
+    assert document["provenance"]["scene"]["quantities"]["p"]["limits"] == ["-inf", 100.0]
+    # The interval of the mean is SciPy's over the subjects' means of what is left.
+    means = [np.mean([round(v, 3) for v in values if v < 100]) for values in set_to.values()]
+    expected = stats.t.interval(0.99, len(means) - 1, np.mean(means), stats.sem(means))
+    (interval,) = [
+        row
+        for row in document["intervals"]
+        if (row["kind"], row["family"], row["method"]) == ("mean", "normal", "classical")
+        and row["joint"] == "marginal"
+    ]
+    np.testing.assert_allclose([interval["lower"], interval["upper"]], expected, rtol=1e-12)

@@ -1,0 +1,208 @@
+"""Parts of columns are judged from their cells; names alone neither make nor break a mapping."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from percept.sessions import propose_columns, read_sessions
+from percept.sessions.options import ReadOptions
+from percept.sessions.paths import ids_from_name
+from percept.sessions.records import shown
+
+REFERENCES = (20, 40, 80, 160)
+
+
+def trials(seed=1, subjects=12, trials_each=24):
+    """Simulated rows: clock, subject, number of the trial, latency, reference, match."""
+    rng = np.random.default_rng(seed)
+    clock = 5000.0
+    for subject in range(1, subjects + 1):
+        bias = rng.normal(0, 0.1)
+        for trial in range(1, trials_each + 1):
+            reference = REFERENCES[rng.integers(len(REFERENCES))]
+            clock += rng.gamma(5, 2)
+            match = reference * np.exp(bias + rng.normal(0, 0.12))
+            latency = rng.gamma(5, 0.3)
+            yield clock, subject, trial, latency, reference, match
+
+
+def proposal_of(tmp_path, head, rows, name="s.csv"):
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("\n".join([head, *rows]) + "\n")
+    return propose_columns(path)
+
+
+def written(rows):
+    return [f"{c:.3f},{s},{t},{w:.3f},{r},{m:.2f}" for c, s, t, w, r, m in rows]
+
+
+def test_columns_without_a_telling_name_are_judged_by_their_cells(tmp_path):
+    proposal = proposal_of(tmp_path, "c1,c2,c3,c4,c5,c6", written(trials()))
+    assert proposal.refused is None
+    assert proposal.missing == ()
+    for line in ('subject = "c2"', 'environment = "c5"', 'c6_ref = "c5"', 'c6_adj = "c6"'):
+        assert f"\n{line}  # " in proposal.text
+    for name in ("c1", "c3", "c4"):
+        assert f'# not used: "{name}"' in proposal.text
+
+
+def test_names_that_mislead_are_overruled_by_the_cells(tmp_path):
+    # What is called a reference is a latency, and has nothing to do with what was set.
+    head = "when,who,count,target,shown,set"
+    proposal = proposal_of(tmp_path, head, written(trials()))
+    assert 'set_ref = "shown"' in proposal.text
+    assert '# not used: "target"' in proposal.text
+
+
+def test_a_reference_beats_a_level_that_only_numbers_it(tmp_path):
+    levels = {reference: rank for rank, reference in enumerate(REFERENCES, 1)}
+    rows = [f"{s},{levels[r]},{r},{m:.2f}" for _, s, _, _, r, m in trials()]
+    proposal = proposal_of(tmp_path, "NSub,DurLevel,curDur,repDur", rows)
+    assert 'dur_ref = "curDur"' in proposal.text
+
+
+def test_two_estimates_share_the_reference_they_go_with(tmp_path):
+    rows = [f"{s},{19 + s % 5},{r},{m:.2f},{m * 1.1:.1f}" for _, s, _, _, r, m in trials()]
+    proposal = proposal_of(tmp_path, "ID,Age,Beep,Button_Estimate_,Written_Estimate_", rows)
+    assert proposal.missing == ()
+    assert 'button_ref = "Beep"' in proposal.text
+    assert 'written_ref = "Beep"' in proposal.text
+
+
+def test_a_doubtful_choice_names_the_others_with_three_values(tmp_path):
+    rows = [f"P{s},Q{s},{r},{m:.2f}" for _, s, _, _, r, m in trials()]
+    proposal = proposal_of(tmp_path, "person,respondent,reference,match", rows)
+    assert 'subject = "person"' in proposal.text
+    assert '\n# or "respondent": Q1, Q2, Q3 …\n' in proposal.text
+
+
+def test_what_the_proposal_gives_stands_under_it(tmp_path):
+    rows = [f"{s},{r},{m:.2f}" for _, s, _, _, r, m in trials()]
+    rows[5] = rows[5].rpartition(",")[0] + ",100000"
+    *_, before, warning = proposal_of(tmp_path, "vp,reference,match", rows).text.splitlines()
+    assert before.startswith("# It holds 12 subjects and 4 environments: 48 cells with 2 to ")
+    assert warning.startswith("# warning: ")
+    assert warning.endswith("mistyped?")
+
+
+def test_subjects_are_found_in_the_names_of_folders(tmp_path):
+    for subject in ("S1", "S2", "S10"):
+        rows = [f"{r},{m:.2f}" for *_, r, m in trials(int(subject[1:]), subjects=1)]
+        proposal_of(tmp_path, "reference,match", rows, f"{subject}/contour_{subject}_1.csv")
+    proposal = propose_columns(tmp_path)
+    assert 'filename = "{subject}/*"' in proposal.text
+    assert proposal.missing == ()
+    assert proposal.refused is None
+    assert "It holds 3 subjects and 4 environments" in proposal.text
+
+
+def test_subjects_are_found_in_the_names_of_files(tmp_path):
+    for subject in ("ann", "ben"):
+        for block in (1, 2):
+            seed = block + 2 * (subject == "ann")
+            rows = [f"{r},{m:.2f}" for *_, r, m in trials(seed, subjects=1)]
+            name = f"walls_{subject}_run-{block}.csv"
+            proposal_of(tmp_path, "reference,match", rows, name)
+    proposal = propose_columns(tmp_path)
+    assert 'filename = "walls_{subject}_run-*"' in proposal.text
+    assert "It holds 2 subjects" in proposal.text
+
+
+@pytest.mark.parametrize(
+    ("pattern", "path", "subject"),
+    [
+        ("{subject}/*", "all/S10/contour_S10_1.csv", "S10"),
+        ("*/{subject}/*/*", "walls/P01/S001/trial_results.csv", "P01"),
+        ("walls_{subject}_*", "walls_ann_run_2.csv.gz", "ann"),
+        ("{subject}", "x/ann.csv", "ann"),
+    ],
+)
+def test_patterns_reach_over_folders_and_have_stars(pattern, path, subject):
+    assert ids_from_name(path, pattern, file=path) == {"subject": subject}
+
+
+def test_a_pattern_of_more_folders_than_there_are_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("environment,k_ref,k_adj\nx,10,11\n")
+    options = ReadOptions(sessions={"filename": "no/{subject}/*"})
+    with pytest.raises(ValueError, match=r"the name does not fit the pattern 'no/\{subject\}/\*'"):
+        read_sessions(tmp_path / "a.csv", scene=options)
+
+
+def test_references_that_no_column_holds_are_asked_for(tmp_path):
+    rng = np.random.default_rng(2)
+    rows = [
+        f"{t},{kind},{rng.normal(50, 9):.1f},{s}" for s in range(9) for t, kind in enumerate("cab")
+    ]
+    proposal = proposal_of(tmp_path, "trial,testType,estimate,subnum", rows)
+    assert proposal.missing == ("response_ref",)
+    assert 'environment = "testType"' in proposal.text
+    assert '\n# "c" = { response_ref = 0.0 }\n' in proposal.text
+
+
+def test_values_without_a_logarithm_ask_for_the_normal_family(tmp_path):
+    rows = [f"{s},{r - 80},{m - 80:.2f}" for _, s, _, _, r, m in trials()]
+    proposal = proposal_of(tmp_path, "person,reference,match", rows)
+    assert '\nfamily = "normal"  # ' in proposal.text
+    assert "\nscale = { response = " in proposal.text
+
+
+def test_a_companion_without_declared_columns_is_left_out(tmp_path):
+    for subject in ("P01", "P02"):
+        folder = tmp_path / subject
+        folder.mkdir()
+        rows = [f"{subject},{t},{r},{m:.2f}" for _, _, t, _, r, m in trials(int(subject[1:]), 1)]
+        proposal_of(tmp_path, "ppid,trial_num,wall,feel", rows, f"{subject}/trial_results.csv")
+        (folder / "participant_details.csv").write_text(f"ppid,age\n{subject},30\n")
+    columns = {"environment": "wall", "feel_ref": "wall", "feel_adj": "feel"}
+    scene = ReadOptions(quantities={"feel": {"unit": "N"}}, columns=columns)
+    sessions = read_sessions(tmp_path, scene=scene)
+    assert sessions.subjects == ("P01", "P02")
+    (notice,) = [n.text for n in sessions.notices if n.text.startswith("left out: ")]
+    assert notice.endswith(" (and 1 more like this)")
+
+
+def test_notices_of_many_files_are_one_with_their_number(tmp_path):
+    for subject in range(1, 31):
+        lines = [f"{subject},a,10,{10 + trial},{trial}" for trial in range(subject)]
+        head = "subject,environment,k_ref,k_adj,x\n"
+        (tmp_path / f"s{subject:02d}.csv").write_text(head + "\n".join(lines) + "\n")
+    sessions = read_sessions(tmp_path, scene=ReadOptions(sessions={"keep": "last"}))
+    unused, kept = sessions.notices
+    assert unused.text == "columns not used: 'x' (and 29 more like this)"
+    # Their numbers differ: the first file's stand there.
+    assert kept.text.startswith('keep = "last" leaves out 0 of 1 rows')
+    assert kept.text.endswith(" (and 29 more like this)")
+
+
+def test_long_names_stay_different_in_a_list():
+    names = [f"{'the wall of the first condition ' * 3}{end}" for end in ("left", "right")]
+    listed = shown(names)
+    assert "…" in listed
+    assert listed.count("left") == listed.count("right") == 1
+
+
+def test_a_response_time_is_no_second_response(tmp_path):
+    rows = [f"{s},{r},{m:.2f},{w:.3f},{m - w:.2f}" for _, s, _, w, r, m in trials()]
+    head = "observer,test_lum,match_lum,response_time,match_initial"
+    proposal = proposal_of(tmp_path, head, rows)
+    assert proposal.missing == ()
+    assert 'lum_ref = "test_lum"' in proposal.text
+    assert 'lum_adj = "match_lum"' in proposal.text
+    assert '# not used: "response_time"' in proposal.text
+    assert '# not used: "match_initial"' in proposal.text
+
+
+def test_a_row_for_each_subject_is_a_wide_table(tmp_path):
+    rng = np.random.default_rng(4)
+    rows = [",".join(f"{k * rng.lognormal(0, 0.2):.1f}" for k in REFERENCES) for _ in range(9)]
+    proposal = proposal_of(tmp_path, "wall_soft,wall_mid,wall_hard,wall_rigid", rows)
+    assert proposal.missing == ("response_ref",)
+    assert 'response_adj = "wall_{environment}"' in proposal.text
+    assert 'subject = "row"  # no column holds an id' in proposal.text
+    assert '\n# "soft" = { response_ref = 0.0 }\n' in proposal.text
+    # An id that stands in each row once is taken.
+    rows = [f"{7 * number},{row}" for number, row in enumerate(rows, 1)]
+    proposal = proposal_of(tmp_path, "Part_ID,wall_soft,wall_mid,wall_hard,wall_rigid", rows)
+    assert 'subject = "Part_ID"' in proposal.text

@@ -1,0 +1,261 @@
+"""Tables in JSON, SQLite, MATLAB, R and workbooks of several sheets, against the same frame."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import json
+import sqlite3
+
+import numpy as np
+import pandas as pd
+import pytest
+import rdata
+from scipy.io import savemat
+
+from percept.errors import UsageError
+from percept.sessions import ReadOptions, Sessions, propose_columns, read_sessions
+from percept.sessions.stores import r_rows
+
+NAMES = ["subject", "environment", "k_ref", "k_adj"]
+ROWS = [
+    (subject, wall, reference, reference + shift + 0.25 * trial)
+    for trial, (subject, shift) in enumerate([("P01", 1.5), ("P02", -3.0), ("Zoë", 0.125)])
+    for wall, reference in (("soft", 300.0), ("hard", 900.0))
+]
+FRAME = pd.DataFrame(ROWS, columns=NAMES)
+
+
+def same_as_frame(*paths, **tables):
+    sessions = read_sessions(*paths, scene=ReadOptions(**tables))
+    expected = Sessions.from_frame(FRAME, scene=ReadOptions(**tables))
+    pd.testing.assert_frame_equal(sessions.table, expected.table, check_exact=True)
+    return sessions
+
+
+def refusal(path, **tables):
+    with pytest.raises(UsageError) as caught:
+        read_sessions(path, scene=ReadOptions(**tables))
+    return str(caught.value)
+
+
+def records():
+    return [dict(zip(NAMES, row, strict=True)) for row in ROWS]
+
+
+JSON = {
+    "list.json": lambda: json.dumps(records()),
+    "nested.json": lambda: json.dumps([records()[:2], records()[2:]]),
+    "keyed.json": lambda: json.dumps({"version": 3, "trials": records()}),
+    "columns.json": lambda: json.dumps(FRAME.to_dict("list")),
+    "lines.jsonl": lambda: "\n".join(json.dumps(record) for record in records()),
+    "subjects.jsonl": lambda: "\r\n".join([json.dumps(records()[:2]), json.dumps(records()[2:])]),
+    "marked.txt": lambda: "\ufeff" + json.dumps(records(), ensure_ascii=False, indent=1),
+}
+
+
+@pytest.mark.parametrize("name", JSON)
+def test_json_is_read_however_it_is_laid_out(tmp_path, name):
+    path = tmp_path / name
+    path.write_text(JSON[name](), encoding="utf-8")
+    same_as_frame(path)
+
+
+def test_numbers_of_json_keep_their_digits_and_cells_their_records(tmp_path):
+    response = '"response": {"k": 0.1000000000000000055}'
+    text = f'[{{"subject": 1, "environment": "a", "k_ref": 10, {response}}}]'
+    (tmp_path / "j.json").write_text(text)
+    columns = {"k_adj": {"name": "response", "path": "k", "unit": "N/mm"}}
+    found = read_sessions(tmp_path / "j.json", scene=ReadOptions(columns=columns))
+    assert found.table["k_adj"].tolist() == [100.0]
+
+
+def test_folders_of_jspsych_are_read(tmp_path):
+    rng = np.random.default_rng(3)
+    for subject in range(6):
+        trials = []
+        for index in range(20):
+            target = (30, 60)[index % 2]
+            set_to = None if index % 5 == 0 else round(target * rng.lognormal(0, 0.1))
+            kind = "html-keyboard-response" if set_to is None else "html-slider-response"
+            trials.append(
+                {"rt": 100 + index, "response": set_to, "target": target, "trial_type": kind}
+                | {"trial_index": index, "time_elapsed": 900 * index, "subject": f"x{subject}"}
+            )
+        (tmp_path / f"data_{subject}.json").write_text(json.dumps(trials))
+    proposal = propose_columns(tmp_path)
+    assert proposal.missing == ()
+    assert proposal.refused is None
+    assert 'response_ref = "target"' in proposal.text
+    assert "96 rows of 120 give an adjustment" in proposal.text
+
+
+def test_json_that_holds_no_records_is_refused(tmp_path):
+    path = tmp_path / "j.json"
+    for text, message in (
+        ('{"a": 1, "b": 2}', "there is no column for"),
+        ('[{"k_adj": 1, "k_adj": 2}]', "the record has a key twice"),
+        ('[{"a": 1}, 3]', "this JSON is not a list of records"),
+        ('{"one": [{"a": 1}], "two": [{"a": 1}]}', "several tables; there are 'one', 'two'"),
+        ("[[" * 100_000, "a broken file"),
+        ('[{"a": 1', "a broken file"),
+    ):
+        path.write_text(text)
+        assert message in refusal(path)
+    path.write_text(json.dumps(records()))
+    assert "more than 3 rows." in refusal(path, files={"rows": 3})
+
+
+def database(path, **tables):
+    connection = sqlite3.connect(path)
+    for name, frame in tables.items():
+        frame.to_sql(name, connection, index=False)
+    connection.commit()
+    connection.close()
+
+
+def test_a_table_of_a_database_is_named_behind_colons(tmp_path):
+    path = tmp_path / "study.db"
+    database(path, trials=FRAME)
+    same_as_frame(path)
+    database(path, people=pd.DataFrame({"subject": ["P01"], "age": [30]}))
+    message = refusal(path)
+    assert "the file holds several tables; there are 'trials', 'people'." in message
+    assert f"Name one behind two colons: {path}::trials." in message
+    found = same_as_frame(f"{path}::trials")
+    assert found.sources[0].name == f"{path}::trials"
+    same_as_frame(path, sessions={"sheet": "trials"})
+    assert "no such table" in refusal(f"{path}::nothing")
+    assert "more than 2 rows." in refusal(f"{path}::trials", files={"rows": 2})
+
+
+def test_views_of_a_database_are_not_run(tmp_path):
+    path = tmp_path / "study.db"
+    database(path, trials=FRAME)
+    connection = sqlite3.connect(path)
+    endless = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT x FROM n"
+    connection.execute(f"CREATE VIEW endless AS {endless}")
+    connection.commit()
+    connection.close()
+    same_as_frame(path)
+    assert "no such table" in refusal(f"{path}::endless")
+
+
+def test_a_broken_database_says_so(tmp_path):
+    path = tmp_path / "study.db"
+    database(path, trials=FRAME)
+    path.write_bytes(path.read_bytes()[:150])
+    assert "a broken file: " in refusal(path)
+
+
+def columns():
+    # MATLAB knows char arrays and cells of them.
+    cells = {name: FRAME[name].to_numpy(dtype=object) for name in ("subject", "environment")}
+    return cells | {name: FRAME[name].to_numpy() for name in ("k_ref", "k_adj")}
+
+
+STRUCT = [(name, object) for name in NAMES]
+MATLAB = {
+    "a struct of columns": lambda: {"trials": columns()},
+    "an array of structs": lambda: {"trials": np.array(ROWS, dtype=STRUCT)},
+    "vectors": lambda: {**columns(), "note": "first pilot"},
+}
+
+
+@pytest.mark.parametrize("layout", MATLAB)
+def test_matlab_is_read_however_it_is_laid_out(tmp_path, layout):
+    savemat(tmp_path / "m.mat", MATLAB[layout](), do_compression=layout == "vectors")
+    same_as_frame(tmp_path / "m.mat")
+
+
+def test_a_reader_that_crashes_takes_nothing_with_it(tmp_path):
+    # SciPy 1.17 ends with a segmentation fault where an element of a cell array has no type.
+    path = tmp_path / "m.mat"
+    savemat(path, MATLAB["a struct of columns"]())
+    broken = bytearray(path.read_bytes())
+    broken[324:328] = bytes(4)
+    path.write_bytes(broken)
+    assert "a broken file: its reader stopped. Write it again, or as CSV." in refusal(path)
+
+
+def test_columns_of_a_matrix_have_numbers(tmp_path):
+    matrix = np.array([[1, 1, 300, 310.5], [1, 2, 900, 890], [2, 1, 300, 305], [2, 2, 900, 1000]])
+    savemat(tmp_path / "m.mat", {"data": matrix, "subjects": 2.0})
+    names = {name: f"column {n}" for n, name in enumerate(NAMES, 1)}
+    found = read_sessions(tmp_path / "m.mat", scene=ReadOptions(columns=names))
+    assert found.table["k_adj"].tolist() == matrix[:, 3].tolist()
+    assert found.subjects == ("1", "2")
+
+
+def test_matlab_files_that_are_not_read_say_why(tmp_path):
+    path = tmp_path / "m.mat"
+    path.write_bytes(b"MATLAB 7.3 MAT-file, written by hand")
+    assert "version 7.3 is not read. In MATLAB: save(name, '-v7')" in refusal(path)
+    savemat(path, {"data": np.zeros((40, 50))})
+    assert "more than 100 cells." in refusal(path, files={"cells": 100})
+    savemat(path, {"one": np.zeros((4, 5)), "two": np.zeros((4, 5))})
+    assert "several tables; there are 'one', 'two'." in refusal(path)
+    same = {"sessions": {"sheet": "two"}}
+    assert "there is no column for" in refusal(path, **same)
+
+
+def r_file(path, frame, name=None):
+    plain = frame.astype(dict.fromkeys(("subject", "environment"), object))
+    if name is None:
+        rdata.write_rds(path, plain, compression=None)
+    else:
+        rdata.write_rda(path, {name: plain, "note": "pilot"}, compression=None)
+
+
+@pytest.mark.parametrize("pack", [bytes, gzip.compress, bz2.compress])
+def test_data_frames_of_r_are_read(tmp_path, pack):
+    r_file(tmp_path / "plain.rds", FRAME)
+    (tmp_path / "trials.rds").write_bytes(pack((tmp_path / "plain.rds").read_bytes()))
+    same_as_frame(tmp_path / "trials.rds")
+    r_file(tmp_path / "plain.rda", FRAME, "trials")
+    (tmp_path / "trials.RData").write_bytes(pack((tmp_path / "plain.rda").read_bytes()))
+    same_as_frame(tmp_path / "trials.RData")
+
+
+def test_r_files_that_are_not_read_say_why(tmp_path):
+    path = tmp_path / "t.rds"
+    rdata.write_rds(path, [1.0, 2.0])
+    assert "this R object is no data frame." in refusal(path)
+    path.write_bytes(b"X\n\0\0\0\3\0\4")
+    assert "a broken file: " in refusal(path)
+    r_file(path, FRAME)
+    assert "more than 2 rows." in refusal(path, files={"rows": 2})
+
+
+def test_a_sequence_that_r_writes_as_its_length_is_held_to_the_limit(tmp_path):
+    # 1:2e9 of R is a few bytes in a file: an ALTREP of class compact_intseq.
+    pairlist = b"\0\0\0\2"
+    symbol = b"\0\0\0\1\0\4\0\x09"
+    state = b"\0\0\0\x0e\0\0\0\3" + np.array([2e9, 1, 1], dtype=">f8").tobytes()
+    name = b"compact_intseq"
+    info = pairlist + symbol + len(name).to_bytes(4, "big") + name
+    info += pairlist + symbol + b"\0\0\0\4base" + pairlist + b"\0\0\0\x0d\0\0\0\1\0\0\0\x0d"
+    info += b"\0\0\0\xfe"
+    data = b"X\n\0\0\0\3\0\4\2\0\0\3\5\0\0\0\0\5UTF-8\0\0\0\xee" + info + state + b"\0\0\0\xfe"
+    with pytest.raises(UsageError, match=r"more than 2,000,000 rows"):
+        r_rows(data, "t.rds", None, ReadOptions().files)
+
+
+def test_a_second_sheet_is_named_behind_colons(tmp_path):
+    pytest.importorskip("openpyxl")
+    path = tmp_path / "book.xlsx"
+    with pd.ExcelWriter(path) as book:
+        pd.DataFrame({"about": ["a pilot"]}).to_excel(book, sheet_name="Info", index=False)
+        FRAME.to_excel(book, sheet_name="Trials", index=False)
+    same_as_frame(f"{path}::Trials")
+    assert "there is no such sheet; the sheets are Info, Trials." in refusal(f"{path}::Data")
+
+
+def test_files_of_all_formats_merge_in_a_folder(tmp_path):
+    thirds = [FRAME[FRAME["subject"] == name] for name in FRAME["subject"].unique()]
+    (tmp_path / "a.json").write_text(thirds[0].to_json(orient="records"))
+    database(tmp_path / "b.sqlite", trials=thirds[1])
+    r_file(tmp_path / "c.rds", thirds[2])
+    (tmp_path / "settings.json").write_text('{"practice": 3, "volume": 0.5}')
+    sessions = same_as_frame(tmp_path)
+    assert any("settings.json" in str(notice) for notice in sessions.notices)

@@ -1,0 +1,182 @@
+"""Analysis of variance of studies: against contrasts and pivoted means, and what it refuses."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from percept import Scene, Study
+from percept.inference.classical.anova import anova
+from percept.report.tables import csv_tables
+from percept.results import AnovaRow, Skipped
+from percept.sessions import ReadOptions, Sessions
+from tests.documents import as_results, build_document, page_of
+from tests.study.within import crossed, frame, study
+
+
+def modelled(table, bias, family="lognormal"):
+    inference = {"method": "classical", "family": family}
+    scene = Scene(model={"bias": bias}, inference=inference)
+    return Study(Sessions.from_frame(table, scene=ReadOptions.from_mapping(dict(scene))), scene)
+
+
+def effects_of(made):
+    return {row.factor: row for row in made.parts.by_level.tests if isinstance(row, AnovaRow)}
+
+
+@pytest.mark.parametrize("family", ["lognormal", "normal"])
+def test_two_levels_have_the_p_of_the_overall_contrast(family):
+    made = study(frame(), family)
+    rows = made.contrast("hand: right - left")
+    overall = rows[rows["environment"].isna() & (rows["kind"] == "mean")]
+    test = effects_of(made)["hand"]
+    assert test.p_corrected == pytest.approx(overall["p_value"].item(), rel=1e-9)
+    assert (test.n, test.df, test.df_error) == (8, 1.0, 7.0)
+
+
+def test_crossed_factors_and_groups_are_those_of_pivoted_means():
+    table = crossed()
+    made = modelled(table, "load * hand + group + dose")
+    found = effects_of(made)
+    y = np.log(table["k_adj"] / table["k_ref"])
+    keys = ["environment", "hand", "load"]
+    wide = table.assign(y=y).pivot_table(index="subject", columns=keys, values="y", sort=False)
+    group = table.groupby("subject", sort=False)["group"].first().map({"novice": 0, "expert": 1})
+    effects = anova(
+        wide.to_numpy().reshape(8, 3, 2, 2), keys, group=group.to_numpy(), between="group"
+    )
+    expected = {":".join(effect.factors): effect for effect in effects}
+    # The model has no interaction with the group.
+    kept = {name for name in expected if "group" not in name.split(":")}
+    order = {"hand:load": "load:hand", "environment:hand:load": "environment:load:hand"}
+    renamed = {order.get(name, name): expected[name] for name in kept}
+    assert set(found) == {*renamed, "group", "group:environment"}
+    for name, effect in renamed.items():
+        assert found[name].f == pytest.approx(effect.f, rel=1e-9)
+        assert found[name].epsilon == pytest.approx(effect.epsilon, rel=1e-9)
+    assert found["group"].p_value == pytest.approx(expected["group"].p_value, rel=1e-9)
+    assert found["group"].assumes == (
+        "Subjects' means are normal with one variance in all groups. It leaves dose out."
+    )
+    assert "with one covariance in all groups. The corrected p" in found["environment:hand"].assumes
+
+
+def test_one_reference_and_groups_alone_are_a_t_test_of_subjects_means():
+    table = crossed().query("environment == 'VE1' and hand == 'left' and load == 'low'")
+    found = effects_of(modelled(table, "group"))
+    y = np.log(table["k_adj"] / table["k_ref"]).groupby(table["subject"]).mean()
+    group = table.groupby("subject")["group"].first()
+    test = stats.ttest_ind(y[group == "novice"], y[group == "expert"])
+    assert list(found) == ["group"]
+    assert found["group"].f == pytest.approx(test.statistic**2, rel=1e-9)
+    assert found["group"].p_value == pytest.approx(test.pvalue, rel=1e-9)
+
+
+def skipped_of(made):
+    return [row.why for row in made.parts.by_level.tests if isinstance(row, Skipped)]
+
+
+def test_incomplete_subjects_are_named_with_what_to_do():
+    table = frame()
+    gone = (table["subject"] == "S2") & (table["environment"] == "VE3") & (table["hand"] == "right")
+    made = study(table[~gone])
+    assert effects_of(made) == {}
+    (why,) = skipped_of(made)
+    assert why.startswith("S2 has no trial in VE3 (right), and it takes complete cells.")
+    rule = '{ column = "subject", equals = "S2", why = "incomplete" }'
+    assert f"To leave S2 out: [sessions] exclude = [{rule}]." in why
+    assert any(part.what == "analysis of variance of stiffness" for part in made.skipped)
+    gone |= (table["subject"] == "S5") & (table["hand"] == "left")
+    (why,) = skipped_of(study(table[~gone]))
+    assert "Cells are missing for 2 subjects in all." in why
+    # The rule it names works.
+    complete = study(table[~gone & ~table["subject"].isin(["S2", "S5"])])
+    assert effects_of(complete)["hand"].n == 6
+
+
+def test_two_columns_of_groups_are_refused():
+    table = crossed().query("hand == 'left' and load == 'low'")
+    number = table["subject"].str[1:].astype(int)
+    table = table.assign(site=np.where(number % 4 < 2, "north", "south"))
+    (why,) = skipped_of(modelled(table, "group + site"))
+    assert why == "two columns of groups are more than it takes"
+
+
+@pytest.mark.parametrize("subjects", [2, 3, 4])
+def test_few_subjects(subjects):
+    found = effects_of(study(frame(subjects)))
+    assert found["hand"].df_error == subjects - 1
+    assert 0.0 < found["environment:hand"].epsilon <= 1.0
+
+
+def test_levels_hold_every_subject_on_the_scale_of_the_contrasts():
+    table = crossed()
+    made = modelled(table, "hand * load + group")
+    levels = {(row.factor, row.level): row.values for row in made.parts.by_level.levels}
+    y = np.log(table["k_adj"] / table["k_ref"])
+    keys = [table[name] for name in ("subject", "hand", "environment", "load")]
+    expected = y.groupby(keys, sort=False).mean().groupby(level=[0, 1], sort=False).mean().unstack()
+    for hand in ("left", "right"):
+        np.testing.assert_allclose(levels["hand", hand], np.exp(expected[hand]), rtol=1e-12)
+    novices = [value is not None for value in levels["group", "novice"]]
+    assert novices == [True, False] * 4
+    experts = [value is None for value in levels["group", "expert"]]
+    assert experts == novices
+
+
+def test_differences_are_in_the_unit_of_the_contrasts():
+    table = frame().assign(k_ref=0.0)
+    made = study(table, "normal", model={"scale": {"k": 5.0}})
+    levels = {row.level: np.mean(row.values) for row in made.parts.by_level.levels}
+    rows = made.contrast("hand: right - left")
+    overall = rows[rows["environment"].isna() & (rows["kind"] == "mean")]
+    assert overall["unit"].item() == "N/m"
+    expected = overall["estimate"].item()
+    assert levels["right"] - levels["left"] == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_methods_paragraph_is_written_from_the_design():
+    made = modelled(crossed(), "hand * load + group + dose")
+    page = page_of(build_document(made, curves=False))
+    text = re.sub("<[^>]*>", "", page[page.index('id="paragraph"') :]).split("BibTeX")[0]
+    text = " ".join(text.split())
+    assert "3 reference environments at each of 2 levels of hand and 2 levels of load, in 2" in text
+    assert "They were 4 novice and 4 expert (group)." in text
+    assert "without a trial" not in text
+    assert "It has dose as a covariate" not in text  # The classical methods leave it out
+    assert "within each subject, and their spreads by Pitman’s and Morgan’s test; groups by" in text
+    assert "with Greenhouse’s and Geisser’s correction&nbsp;[4]." in text
+    assert "On methods in the analysis of profile data" in text
+
+
+def test_cells_of_other_groups_are_not_missing():
+    made = modelled(crossed(), "hand * load + group")
+    assert not [notice for notice in made.sessions.warnings if "no trial" in notice.text]
+    table = crossed()
+    gone = (table["subject"] == "S2") & (table["environment"] == "VE3") & (table["hand"] == "left")
+    made = modelled(table[~gone], "hand * load + group")
+    (notice,) = [notice for notice in made.sessions.warnings if "no trial" in notice.text]
+    assert notice.text == (
+        "2 cells have no trial: 'S2 at VE3 (left, low, novice)', 'S2 at VE3 (left, high, novice)'"
+    )
+    document = build_document(made, curves=False)
+    assert document["data"]["design"]["cells"] == 96
+    assert document["data"]["design"]["missing"] == 2
+
+
+def test_document_table_and_page_hold_it_and_older_documents_lack_it():
+    document = build_document(study(frame()))
+    names = [row["factor"] for row in document["anova"]]
+    assert names == ["environment", "hand", "environment:hand"]
+    rows = csv_tables(as_results(document))["anova.csv"].splitlines()
+    assert rows[0].startswith("factor,parameter,family,f,df,df_error,p_value,epsilon")
+    assert len(rows) == 4
+    page = page_of(document)
+    assert "Analysis of variance of stiffness" in page
+    assert 'data-at="/anova/2/df_corrected"' in page
+    assert "Analysis of variance" not in page_of(document | {"anova": []})
+    older = {name: part for name, part in document.items() if name not in ("anova", "levels")}
+    assert as_results(older).anova == ()
+    assert pd.DataFrame(as_results(document).anova)["n"].eq(8).all()

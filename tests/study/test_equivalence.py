@@ -1,0 +1,155 @@
+"""Whether biases are smaller than one JND: verdicts against SciPy and against draws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from percept import Scene, Study
+from percept.errors import UsageError
+from percept.sessions import Sessions
+from tests.study.test_psychophysics import repeated
+
+ENVIRONMENTS = ("weich", "hart")
+
+
+def judged(table, jnd, *, method="classical", family="normal", **tables):
+    inference = {"method": method, "family": family, "tolerance": 0.1}
+    scene = Scene(study={"jnd": {"k": jnd}}, inference=inference, **tables)
+    return Study(Sessions.from_frame(table), scene)
+
+
+def settings(centre, sd, subjects=6):
+    """One environment with reference 8, in which subjects scatter about a centre."""
+    quantiles = stats.norm.ppf((np.arange(subjects) + 0.5) / subjects)
+    rows = [(f"S{i}", "A", 8.0, centre + sd * z) for i, z in enumerate(quantiles)]
+    return pd.DataFrame(rows, columns=["subject", "environment", "k_ref", "k_adj"])
+
+
+@pytest.mark.parametrize(
+    ("centre", "sd", "outcome"),
+    [
+        (8.1, 0.2, "within"),
+        (9.8, 0.2, "beyond"),
+        (6.1, 0.2, "beyond"),
+        (8.9, 0.5, "too little data"),
+    ],
+)
+@pytest.mark.parametrize("family", ["normal", "lognormal"])
+def test_the_three_outcomes_follow_the_interval(centre, sd, outcome, family):
+    table = settings(centre, sd)
+    values = table["k_adj"]
+    low, high = 7.0, 9.0
+    if family == "lognormal":
+        values, low, high = np.log(values), np.log(low), np.log(high)
+    interval = stats.t.interval(0.9, 5, values.mean(), stats.sem(values))
+    inside = low < interval[0] and interval[1] < high
+    outside = interval[1] < low or high < interval[0]
+    twin = "within" if inside else "beyond" if outside else "too little data"
+    (row,) = judged(table, 0.125, family=family).equivalence.itertuples()
+    assert row.outcome == twin == outcome
+    p = max(
+        stats.ttest_1samp(values, low, alternative="greater").pvalue,
+        stats.ttest_1samp(values, high, alternative="less").pvalue,
+    )
+    assert row.p_within == pytest.approx(p, rel=1e-9)
+    assert row.jnd == 1.0
+
+
+def test_a_value_has_its_unit_and_a_fraction_its_reference():
+    table = settings(8.1, 0.2)
+    by_fraction = judged(table, 0.125).equivalence
+    by_value = judged(table, "0.001 N/mm").equivalence
+    pd.testing.assert_frame_equal(by_fraction, by_value)
+    zero = table.assign(k_ref=0.0, k_adj=table["k_adj"] - 8.0)
+    assert judged(zero, "1 N/m").equivalence["p_within"].to_numpy() == pytest.approx(
+        by_value["p_within"].to_numpy(), rel=1e-9
+    )
+    study = judged(zero, 0.125)
+    assert study.equivalence.empty
+    said = {part.what: part.why for part in study.skipped}
+    assert said["whether stiffness of A is within one JND"].startswith("a fraction of a reference")
+
+
+def test_a_jnd_of_a_reference_has_no_lower_limit_of_positive_values():
+    (row,) = judged(settings(8.1, 0.2), 1.0, family="lognormal").equivalence.itertuples()
+    values = np.log(settings(8.1, 0.2)["k_adj"])
+    p = stats.ttest_1samp(values, np.log(16.0), alternative="less").pvalue
+    assert row.p_within == pytest.approx(p, rel=1e-9)
+
+
+def test_the_posterior_probability_is_the_share_of_draws_within():
+    table = repeated()
+    study = judged(table, 0.05, method="bayesian")
+    fixed = study.equivalence.set_index("environment")
+    draws = study.posterior["posterior"]["population_mean"].sel(parameter="k")
+    for name in ENVIRONMENTS:
+        inside = np.abs(draws.sel(environment=name).to_numpy() - 8.0) < 0.4
+        error = np.sqrt(inside.mean() * (1.0 - inside.mean()) / inside.size)
+        found = fixed.loc[name]
+        assert abs(found["probability"] - inside.mean()) < 5.0 * (error + found["error"])
+    by_trials = judged(table, "trials", method="both", family="lognormal")
+    fit = by_trials.parts.fit
+    named = {name: values for name, (_, values) in fit.model.scales(fit.points).items()}
+    rng = np.random.default_rng(1)
+    means, _ = fit.model.draw(fit.points, rng)
+    found = by_trials.equivalence.set_index("environment")
+    assert set(found["method"]) == {"bayesian"}
+    for j, name in enumerate(fit.environments):
+        bias = np.abs(np.exp(means[:, j]) - 1.0)
+        inside = bias < np.expm1(named["sigma_e"][:, 0, j])
+        error = np.sqrt(inside.mean() * (1.0 - inside.mean()) / inside.size)
+        row = found.loc[name]
+        assert abs(row["probability"] - inside.mean()) < 5.0 * (error + row["error"])
+    said = {part.what: part.why for part in by_trials.skipped}
+    assert (
+        "has an error that the tests do not know"
+        in said["classical verdict whether stiffness is within one JND"]
+    )
+
+
+@pytest.mark.parametrize("family", ["normal", "lognormal"])
+def test_under_the_reference_prior_the_posterior_is_the_t(family):
+    table = settings(8.6, 0.7)
+    model = {"pooling": "none", "prior": "reference"}
+    study = judged(table, 0.125, method="bayesian", family=family, model=model)
+    values, low, high = table["k_adj"], 7.0, 9.0
+    if family == "lognormal":
+        values, low, high = np.log(values), np.log(low), np.log(high)
+    law = stats.t(5, values.mean(), stats.sem(values))
+    (row,) = study.equivalence.itertuples()
+    assert abs(row.probability - (law.cdf(high) - law.cdf(low))) < 4.0 * row.error
+    measures = study.psychophysics.set_index("measure")
+    # The posterior median of the SD, by the median of chi-square.
+    median = values.std(ddof=1) * np.sqrt(5.0 / stats.chi2.median(5))
+    step = 8.0 * np.expm1(median) if family == "lognormal" else median
+    assert measures.loc["sd_subjects", "estimate"] == pytest.approx(step, rel=0.05)
+    interval = study.intervals.query("kind == 'mean'").iloc[0]
+    assert measures.loc["pse", "upper"] == pytest.approx(interval["upper"], rel=1e-9)
+
+
+def test_without_trials_that_repeat_there_is_no_jnd_from_them():
+    study = judged(settings(8.1, 0.2, subjects=4), "trials", method="both")
+    assert study.equivalence.empty
+    said = {part.what: part.why for part in study.skipped}
+    assert said["whether stiffness of A is within one JND from trials"] == (
+        "without repeated trials there is none"
+    )
+
+
+@pytest.mark.parametrize(
+    ("jnd", "message"),
+    [
+        ({"k": "150"}, r'study\.jnd\.k = .150.: no positive amount .* Write it as "150 N/m"'),
+        ({"k": "soft N/m"}, "no positive amount of stiffness"),
+        ({"k": "3 kg"}, "not a unit of stiffness"),
+        ({"z": 0.2}, "there is no such quantity; there are k, b"),
+        ({"k": 0.0}, "must be a positive fraction of the reference"),
+        ({"k": True}, "must be a positive fraction of the reference"),
+    ],
+)
+def test_a_jnd_that_is_none_is_refused(jnd, message):
+    with pytest.raises(UsageError, match=message):
+        Scene(study={"jnd": jnd})

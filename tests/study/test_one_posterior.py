@@ -1,0 +1,197 @@
+"""One posterior of a study with factors: its cells, contrasts, families and options."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from percept import Scene, Study, UsageError
+from percept.cache import PosteriorCache
+from percept.scene import InferenceTable
+from percept.sessions import ReadOptions, Sessions
+from percept.study.prediction import predict
+from percept.study.prepare import prepare
+from tests.study.within import crossed, frame, study
+
+ASKED = {"method": "bayesian", "tolerance": 0.3, "level": 0.9}
+
+
+def opened(table, **model):
+    """A Bayesian study of a table under a model."""
+    scene = Scene(model=model, inference=ASKED)
+    return Study(Sessions.from_frame(table, scene=ReadOptions.from_mapping(dict(scene))), scene)
+
+
+@pytest.fixture(scope="module")
+def parts():
+    """Three levels, one trial each."""
+    made = study(frame(trials=1, levels=("left", "right", "both"), subjects=5))
+    return Study(made.sessions, made.scene.with_inference(**ASKED)).parts
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """Contrasts of two quantities at two levels, and coordinates near the middle of the prior."""
+    table = frame(subjects=5)
+    noise = np.random.default_rng(1).normal(0.0, 0.1, len(table))
+    b = 2.0 * (table["k_adj"] / table["k_ref"]) ** 0.5 * np.exp(noise)
+    made = opened(table.assign(b_ref=2.0, b_adj=b), bias="hand")
+    plan = prepare(made.sessions, made.scene, ("k", "b")).contrasts
+    point = np.random.default_rng(2).normal(0.0, 0.3, (1, len(plan.model.names)))
+    return plan, point
+
+
+@pytest.mark.evidence
+def test_contrasts_are_those_of_the_cells(parts):
+    cells = parts.intervals.query("kind == 'mean'").set_index("environment")
+    contrasts = parts.contrasts.query("kind == 'mean' and of == 'bias'")
+    for row in contrasts.dropna(subset="environment").itertuples():
+        second, first = (
+            cells.loc[f"{row.environment} ({level})", "estimate"]
+            for level in (row.second, row.first)
+        )
+        assert row.estimate == pytest.approx(second / first, rel=1e-9)
+
+
+def test_limits_that_hold_together_contain_the_single_ones(parts):
+    """By less than Bonferroni's: the contrasts of a factor share cells."""
+    rows = parts.contrasts
+    family = rows[rows["of"].eq("bias") & rows["kind"].isin(["mean", "user"])]
+    assert (family["lower_together"] < family["lower"]).all()
+    assert (family["upper_together"] > family["upper"]).all()
+    rest = rows.drop(family.index)
+    assert rest["lower_together"].isna().all()
+    # Twelve contrasts: three pairs of levels at three references and overall.
+    wider = np.log(family["upper_together"] / family["lower_together"])
+    ratio = wider / np.log(family["upper"] / family["lower"])
+    assert ratio.max() < 1.8
+    assert family.groupby(["parameter", "kind"]).size().eq(12).all()
+
+
+def test_an_environment_nobody_tested_is_predicted_in_each_condition(parts):
+    """At a tested reference the next user is told less than there, and about the same."""
+    made = study(frame(trials=1, levels=("left", "right", "both"), subjects=5))
+    opened_again = Study(made.sessions, made.scene.with_inference(**ASKED))
+    opened_again.parts.__dict__["_fit"] = parts.fit
+    prediction = predict(opened_again, stiffness=100.0)
+    assert (prediction.nearest, prediction.distance) == ("VE2", 0.0)
+    users = prediction.intervals.query("kind == 'user'").set_index("environment")
+    tested = parts.intervals.query("kind == 'user'").set_index("environment")
+    assert list(users.index) == ["new (left)", "new (right)", "new (both)"]
+    for level in ("left", "right", "both"):
+        new = users.loc[f"new ({level})"]
+        own = tested.loc[f"VE2 ({level})"]
+        assert np.log(new["upper"] / new["lower"]) > np.log(own["upper"] / own["lower"])
+        assert own["lower"] < new["estimate"] < own["upper"]
+    assert users["monte_carlo"].max() < ASKED["tolerance"]
+
+
+def test_priors_are_those_in_use(parts, pair):
+    """One quantity without repeats has no correlation and no trial SD; a factor has its prior."""
+    alone = parts.fit.model.priors_in_force
+    assert {"alpha_sd", "gamma_sd", "tau_scale", "lambda_sd", "psi_sd", "kappa_sd"} <= set(alone)
+    absent = {"rho_shape", "log_s_e_mean", "omega_e_scale", "omega_s_scale", "covariate_sd"}
+    assert not absent & set(alone)
+    both = pair[0].model.priors_in_force
+    assert {"rho_shape", "log_s_e_mean", "omega_e_scale"} <= set(both)
+
+
+def test_a_posterior_is_found_again(pair, tmp_path):
+    plan, _ = pair
+    key = (plan.model.identity(), plan.estimands(InferenceTable()).identity())
+    assert PosteriorCache(tmp_path).find(key) is None
+
+
+def test_joint_draws_have_the_laws_of_single_combinations(pair):
+    plan, point = pair
+    model = plan.model
+    rows = np.vstack([plan.cell_rows[:3], plan.rows(plan.users[:4])])
+    count = 40_000
+    locations, users = model.draw_of(rows, point, np.random.default_rng(3), repeats=count)
+    law = model.laws_of(rows, point)
+    sd = np.hypot(law.sd, law.population_sd)
+    for drawn, own in ((locations, law.sd), (users, sd)):
+        off = (drawn.mean(axis=0) - law.mean[0]) / (own[0] / np.sqrt(count))
+        assert np.abs(off).max() < 4.5
+        spread = drawn.std(axis=0) / own[0] - 1.0
+        assert np.abs(spread).max() < 4.5 / np.sqrt(2.0 * count)
+
+
+def test_pairs_are_the_covariances_of_single_combinations(pair):
+    """Of k and b in each cell: what ellipses and curves rest on."""
+    plan, point = pair
+    model = plan.model
+    pairs = model.pairs(point)
+    cells = len(model.cells) // 2
+    for c in range(cells):
+        rows = np.eye(len(model.cells), model.locations_count)[[c, cells + c]]
+        law = model.laws_of(np.vstack([rows, rows.sum(axis=0), rows[0] - rows[1]]), point)
+        for variance, covariance in (
+            (law.sd[0] ** 2, pairs.location[0, c]),
+            (law.population_sd[0] ** 2, pairs.users[0, c]),
+        ):
+            expected = [*np.diag(covariance), covariance.sum(), np.diag(covariance).sum()]
+            expected[3] -= 2.0 * covariance[0, 1]
+            np.testing.assert_allclose(variance, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("option", "why"),
+    [
+        ({"common_spread": True}, "the spread of each cell is estimated"),
+        ({"subject_effect": False}, "comparisons within subjects rest on it"),
+    ],
+)
+def test_simpler_models_without_factors_are_refused_by_name(option, why):
+    (key,) = option
+    made = opened(frame(trials=1, subjects=3), bias="hand", **option)
+    with pytest.raises(UsageError, match=rf"{key}.*{why}"):
+        prepare(made.sessions, made.scene, ("k",))
+
+
+def test_weber_s_law_takes_the_trend_out_of_the_spread():
+    made = opened(frame(subjects=3), bias="hand", weber=True)
+    names = prepare(made.sessions, made.scene, ("k",)).model.names
+    assert "coefficients[k,log_s]" in names
+    assert not [name for name in names if "kappa" in name]
+
+
+def test_a_step_makes_up_for_scatter_that_it_hides():
+    """At one cell all adjust alike: the step's variance stands in, and only there."""
+    table = frame(subjects=4, trials=1)
+    alike = (table["environment"] == "VE1") & (table["hand"] == "left")
+    table.loc[alike, "k_adj"] = 12.0
+    made = opened(table, bias="hand", resolution={"k": 0.5})
+    model = prepare(made.sessions, made.scene, ("k",)).model
+    between = model.resolution.between
+    assert between[0, 0] == pytest.approx((0.5 / 12.0) ** 2 / 12.0)
+    assert not between[0, 1:].any()
+    # What users do is the model's, without the step.
+    point = np.zeros((1, len(model.names)))
+    scales = model.linear_scales(point).cells
+    observed = model.laws(point)
+    coarse = model._observed(scales).between.leading - scales.between.leading
+    np.testing.assert_allclose(coarse[:, 0], between[0], atol=1e-15)
+    users = (scales.effects[:, 0, :, 0] ** 2).sum(axis=0) + scales.between.leading[:, 0]
+    np.testing.assert_allclose(observed.population_sd[0] ** 2, users, rtol=1e-12)
+
+
+def test_three_factors_have_an_interaction_of_their_own():
+    """The difference of the differences of differences of cells."""
+    table = crossed(subjects=4)
+    block = np.where(table["trial"] == 1, "early", "late")
+    made = opened(table.assign(block=block), bias="hand * load * block")
+    plan = prepare(made.sessions, made.scene, ("k",)).contrasts
+    of_term = [own for own in plan.users if own.comparison.factor == "hand:load:block"]
+    assert [own.comparison.environment for own in of_term] == ["VE1", "VE2", "VE3", None]
+    second = of_term[1]
+    assert (second.comparison.first, second.comparison.second) == (
+        "left, low, early",
+        "right, high, late",
+    )
+    weights = dict(zip(plan.model.cells, second.row, strict=True))
+    levels = [("left", "right"), ("low", "high"), ("early", "late")]
+    for corner in itertools.product(*levels):
+        sign = (-1.0) ** sum(level in ("left", "low", "early") for level in corner)
+        assert weights.pop(("k", f"VE2 ({', '.join(corner)})")) == sign
+    assert not any(weights.values())

@@ -1,0 +1,119 @@
+"""What each subject did, against plain loops; and the rows that warnings lead to."""
+
+import dataclasses
+import math
+import re
+import statistics
+
+import pytest
+
+from percept import Scene, Sessions, read_sessions
+from percept.report.people import named_subjects, people
+from percept.results import CellOutlier, LeftOut, SubjectCheck
+from percept.study.people import subject_rows
+from tests import DATASETS
+from tests.documents import EMPTY
+
+SESSIONS = read_sessions(DATASETS / "hbfd_sessions.csv")
+NORMAL = Scene(inference={"family": "normal"})
+
+
+def kept(subjects, drop=()):
+    """The first subjects of the shipped data, without some of their rows."""
+    table = SESSIONS.table
+    table = table[table["subject"].isin(SESSIONS.subjects[:subjects])]
+    return Sessions.from_frame(table.drop(index=list(drop)))
+
+
+def slow_rows(sessions, parameter, deviation):
+    """Mean, SD and distance of each subject, by loops over lists."""
+    cells = {}
+    for row in sessions.table.to_dict("records"):
+        value = deviation(row[f"{parameter}_adj"], row[f"{parameter}_ref"])
+        cells.setdefault((row["subject"], row["environment"]), []).append(value)
+    means = {cell: statistics.fmean(values) for cell, values in cells.items()}
+    centre = {}
+    for environment in sessions.environments:
+        of_environment = [value for (_, name), value in means.items() if name == environment]
+        centre[environment] = statistics.fmean(of_environment)
+    own = {}
+    for subject in sessions.subjects:
+        own[subject] = statistics.fmean(
+            value - centre[name] for (who, name), value in means.items() if who == subject
+        )
+    for subject in sessions.subjects:
+        values = [value for (who, _), value in means.items() if who == subject]
+        others = [value for who, value in own.items() if who != subject]
+        distance = None
+        if len(others) > 1:
+            distance = (own[subject] - statistics.fmean(others)) / statistics.stdev(others)
+        sd = statistics.stdev(values) if len(values) > 1 else None
+        yield subject, statistics.fmean(values), sd, distance
+
+
+@pytest.mark.parametrize("subjects", [2, 3, 4, 10])
+@pytest.mark.parametrize("family", ["lognormal", "normal"])
+def test_rows_are_those_of_plain_loops(subjects, family):
+    # One subject lacks an environment, and another has one alone.
+    sessions = kept(subjects, drop=(1, 5, 6, 7, 8))
+    deviation = {
+        "lognormal": lambda adjusted, reference: math.log(adjusted / reference),
+        "normal": lambda adjusted, reference: adjusted / reference - 1.0,
+    }[family]
+    scene = Scene(inference={"family": family})
+    for parameter in ("k", "b"):
+        rows = [row for row in subject_rows(sessions, scene) if row.parameter == parameter]
+        slow = list(slow_rows(sessions, parameter, deviation))
+        assert [row.subject for row in rows] == [subject for subject, *_ in slow]
+        for row, (_, mean, sd, distance) in zip(rows, slow, strict=True):
+            mean = math.expm1(mean) if family == "lognormal" else mean
+            assert row.mean == pytest.approx(mean, rel=1e-12)
+            assert row.sd == (None if sd is None else pytest.approx(sd, rel=1e-12))
+            wanted = None if distance is None else pytest.approx(distance, rel=1e-9)
+            assert row.distance == wanted
+        assert [row.n for row in rows][:2] == [4, 1]
+
+
+def test_a_reference_of_zero_gives_differences_and_zero_adjustments_no_logarithm():
+    table = SESSIONS.table[["subject", "environment", "k_ref", "k_adj"]].copy()
+    table["k_ref"] = 0.0
+    rows = list(subject_rows(Sessions.from_frame(table), Scene()))
+    assert {(row.relative, row.log, row.unit) for row in rows} == {(False, False, "N/m")}
+    first = table[table["subject"] == "S01"]["k_adj"]
+    assert rows[0].mean == pytest.approx(first.mean(), rel=1e-12)
+    table["k_ref"] = SESSIONS.table["k_ref"]
+    table.loc[table.index[:5], "k_adj"] = 0.0
+    rows = list(subject_rows(Sessions.from_frame(table), Scene()))
+    assert {(row.relative, row.log) for row in rows} == {(True, False)}
+
+
+def test_one_who_is_alike_in_all_has_no_distance():
+    table = SESSIONS.table[["subject", "environment", "k_ref", "k_adj"]].copy()
+    table["k_adj"] = table["k_ref"]
+    assert {row.distance for row in subject_rows(Sessions.from_frame(table), NORMAL)} == {None}
+
+
+def test_published_limits_have_no_rows():
+    assert list(subject_rows(read_sessions(DATASETS / "hbfd_table1.csv"), Scene())) == []
+
+
+def test_warnings_lead_to_the_rows_of_those_they_name():
+    rows = tuple(subject_rows(kept(4), Scene()))
+    results = dataclasses.replace(EMPTY, data=dataclasses.replace(EMPTY.data, people=rows))
+    assert named_subjects(results) == []
+    checked = [
+        SubjectCheck("S01", -1.0, 0.2, influential=False, farther=0.4, outlier=False),
+        SubjectCheck("S02", -1.0, 0.9, influential=True, farther=0.4, outlier=False),
+        SubjectCheck("S03", -9.0, 0.2, influential=False, farther=1e-5, outlier=True),
+    ]
+    cell = CellOutlier("S04", "VE1", "k", 1.0, 1e-6, outlier=True)
+    loo = LeftOut(-12.0, 1.0, 0.7, tuple(checked), (cell,), ())
+    checks = type("Checked", (), {"loo": loo})
+    results = dataclasses.replace(results, checks=checks)
+    named = named_subjects(results)
+    assert [one.subject for one in named] == ["S02", "S03", "S04"]
+    section = people(results)
+    assert section.view.is_open
+    assert [line.check for line in section.view.lines] == [*checked, None]
+    assert {one.row_id for one in named} <= {line.named.row_id for line in section.view.lines}
+    assert all(re.fullmatch(r"subject-\d+", line.named.row_id) for line in section.view.lines)

@@ -1,0 +1,146 @@
+"""The posterior as ArviZ reads it: groups, names, and its own functions run on the file."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+import xarray
+
+from percept import Sessions, Study
+from percept.report.write import write_posterior
+from percept.scene import Scene
+from percept.sessions.options import ReadOptions
+from percept.study.posterior import _gap, variables_of_posterior
+from tests.study.checked import study_of, table_of
+from tests.study.within import frame, study
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.fixture(scope="module")
+def opened(fitted, tmp_path_factory):
+    path = tmp_path_factory.mktemp("posterior") / "posterior.nc"
+    write_posterior(fitted.posterior, path)
+    with xarray.open_datatree(path, engine="h5netcdf") as tree:
+        yield tree
+
+
+@pytest.fixture(scope="module")
+def arviz_plots():
+    """ArviZ's plots; release 0.8 wants a module that Matplotlib 3.11 no longer imports itself."""
+    mpl.use("Agg")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        pytest.importorskip("matplotlib.style.core")
+        return pytest.importorskip("arviz_plots")
+
+
+def test_the_file_holds_what_was_written(opened, fitted):
+    assert opened.identical(fitted.posterior)
+    trials = fitted.parts.fit.trials
+    observed = opened["observed_data/response"]
+    means = trials.statistics.cell_means
+    one = observed.sel(parameter="b").to_numpy()[observed["observed_subject"].to_numpy() == "S04"]
+    assert one == pytest.approx(means[3, 1], rel=1e-6)
+    assert opened["posterior"]["unit"].to_numpy().tolist() == ["N/m", "N·s/m"]
+
+
+def test_loo_is_percepts_own(opened, fitted):
+    import arviz_stats
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Estimated shape parameter")
+        found = arviz_stats.loo(opened, pointwise=True)
+    own = fitted.parts.checks.loo
+    # Both are importance sampling of heavy-tailed weights, over other draws.
+    assert found.elpd == pytest.approx(own.elpd, abs=0.5)
+    assert found.elpd_i["subject"].to_numpy().tolist() == list(fitted.sessions.subjects)
+
+
+@pytest.mark.parametrize(
+    ("plot", "names"),
+    [
+        ("plot_forest", ["sigma_u", "subject_effect"]),
+        ("plot_pair", ["rho_u", "rho_w"]),
+        ("plot_ppc_dist", ["response"]),
+    ],
+)
+def test_arviz_plots_it(opened, arviz_plots, plot, names, tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # ArviZ's own, of Matplotlib
+        options = {"coords": {"parameter": "k"}} if plot == "plot_forest" else {}
+        drawn = getattr(arviz_plots, plot)(opened, var_names=names, **options)
+        drawn.savefig(tmp_path / "plot.png")
+    assert (tmp_path / "plot.png").stat().st_size > 5_000
+    mpl.pyplot.close("all")
+
+
+def test_subject_effects_lie_where_the_data_are(opened):
+    effect = opened["posterior/subject_effect"].mean(("chain", "draw")).to_numpy()
+    sigma = opened["posterior/sigma_u"].mean(("chain", "draw")).to_numpy()
+    observed = opened["observed_data/response"].to_numpy().reshape(2, 10, 5)
+    raw = (observed - observed.mean(axis=1, keepdims=True)).mean(axis=2).T
+    for p in range(2):
+        assert np.corrcoef(effect[:, p], raw[:, p])[0, 1] > 0.5
+        assert np.abs(effect[:, p]).max() < 3.0 * sigma[p]
+
+
+def test_predictions_scatter_as_the_data(opened):
+    predicted = opened["posterior_predictive/response"].sel(parameter="k")
+    in_ve5 = predicted["observed_environment"].to_numpy() == "VE5"
+    sds = predicted.to_numpy()[..., in_ve5].std(axis=-1, ddof=1)
+    observed = opened["observed_data/response"].sel(parameter="k").to_numpy()[in_ve5]
+    low, high = np.quantile(sds, [0.005, 0.995])
+    assert low < observed.std(ddof=1) < high
+
+
+def test_a_study_with_a_factor_has_its_terms():
+    inference = {"method": "bayesian", "tolerance": 0.1}
+    tree = study(frame(subjects=4), inference=inference).posterior
+    of_draws = {"posterior", "posterior_predictive", "prior", "sample_stats"}
+    assert set(tree.children) == of_draws | {"log_likelihood", "observed_data"}
+    found = tree["posterior"].data_vars
+    assert {"psi:hand", "eta:hand", "sigma_v:hand"} <= set(found)
+    assert found["psi:hand"].attrs["long_name"] == "differences of levels in log sigma, hand"
+
+
+def test_a_slash_in_a_factors_name_is_no_path(tmp_path):
+    """A DataTree reads a path at a slash; the meaning keeps the name."""
+    table = frame(subjects=4).rename(columns={"hand": "left/right"})
+    scene = Scene(
+        study={"factor": "left/right"},
+        inference={"method": "bayesian", "tolerance": 0.3, "parameters": ["k"]},
+    )
+    options = ReadOptions.from_mapping(dict(scene))
+    path = tmp_path / "posterior.nc"
+    write_posterior(Study(Sessions.from_frame(table, scene=options), scene).posterior, path)
+    with xarray.open_datatree(path, engine="h5netcdf") as tree:
+        variable = tree["posterior"].data_vars["psi:left\N{DIVISION SLASH}right"]
+        assert variable.attrs["long_name"] == "differences of levels in log sigma, left/right"
+
+
+def test_cells_without_pooling_have_ratios():
+    study = study_of(
+        table_of(subjects=4), model={"pooling": "none", "prior": "reference"}, family="normal"
+    )
+    assert set(study.posterior["posterior"].data_vars) == {"population_mean", "sigma_ratio"}
+
+
+def test_the_page_of_names_has_each_with_its_meaning():
+    text = (DOCS / "posterior.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([a-z_]+)` \| ([^|]+) \| ([^|]+) \|$", text, re.MULTILINE)
+    known = variables_of_posterior()
+    assert {name: {"meaning": meaning, "unit": unit} for name, meaning, unit in rows} == known
+
+
+@pytest.mark.parametrize("draws", [60, 100, 101, 199, 250, 4000])
+@pytest.mark.parametrize("wanted", [100, 700])
+def test_thinning_keeps_the_fewest_draws_wherever_there_are_so_many(draws, wanted):
+    kept = len(range(0, draws, _gap(draws, wanted)))
+    assert kept >= min(draws, 100)
+    assert kept < 2 * wanted

@@ -1,0 +1,213 @@
+"""The psychophysics table against slow twins, SciPy and the study's own intervals."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from percept import Scene, Study
+from percept.results.psychophysics import Measure
+from percept.sessions import Sessions
+from tests.study.checked import study_of, table_of
+
+QUARTILE = stats.norm.ppf(0.75)
+
+
+def repeated(subjects=5, reference=8.0, repeats=3, seed=4):
+    """Two environments, in which every subject adjusts several times."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for subject in range(subjects):
+        own = rng.normal(0.0, 0.8)
+        for environment in ("weich", "hart"):
+            here = own + rng.normal(0.0, 0.4)
+            for trial in range(repeats):
+                adjusted = reference + here + rng.normal(0.0, 0.1)
+                rows.append((f"S{subject}", environment, reference, trial + 1, adjusted))
+    return pd.DataFrame(rows, columns=["subject", "environment", "k_ref", "trial", "k_adj"])
+
+
+def classical(table, **tables):
+    inference = {"method": "classical", "level": 0.9} | tables.pop("inference", {})
+    return Study(Sessions.from_frame(table), Scene(inference=inference, **tables)).psychophysics
+
+
+def numbers(table, measure, environment=None):
+    of_measure = table[table["measure"] == measure]
+    place = of_measure["environment"]
+    row = of_measure[place.isna() if environment is None else place == environment]
+    return tuple(row[["estimate", "lower", "upper"]].to_numpy(dtype=float)[0])
+
+
+@pytest.mark.parametrize("family", ["normal", "lognormal"])
+def test_each_cell_equals_a_slow_twin(family):
+    data = repeated()
+    found = classical(data, inference={"family": family})
+    log = family == "lognormal"
+    for environment, cell in data.groupby("environment"):
+        values = np.log(cell["k_adj"]) if log else cell["k_adj"]
+        groups = [values[cell["subject"] == subject] for subject in cell["subject"].unique()]
+        means = np.array([group.mean() for group in groups])
+        t = stats.t.interval(0.9, 4, means.mean(), stats.sem(means))
+        pse = np.array([means.mean(), *t])
+        pse = np.exp(pse) if log else pse
+        assert numbers(found, "pse", environment) == pytest.approx(pse, rel=1e-9)
+        assert numbers(found, "constant_error", environment) == pytest.approx(pse - 8, rel=1e-9)
+        assert numbers(found, "constant_error_relative", environment) == pytest.approx(
+            pse / 8 - 1, rel=1e-9
+        )
+
+        def step(sd, log=log):
+            return 8.0 * np.expm1(sd) if log else sd
+
+        between = means.std(ddof=1) * np.sqrt(4 / np.array([4, *stats.chi2.isf([0.05, 0.95], 4)]))
+        assert numbers(found, "sd_subjects", environment) == pytest.approx(step(between), rel=1e-9)
+        within = math.sqrt(np.mean([group.var(ddof=1) for group in groups]))
+        trial = within * np.sqrt(10 / np.array([10, *stats.chi2.isf([0.05, 0.95], 10)]))
+        assert numbers(found, "jnd", environment) == pytest.approx(step(trial), rel=1e-9)
+        assert numbers(found, "weber", environment) == pytest.approx(step(trial) / 8, rel=1e-9)
+        assert numbers(found, "jnd_quartile", environment) == pytest.approx(
+            step(QUARTILE * trial), rel=1e-9
+        )
+        assert numbers(found, "sigma_e", environment) == pytest.approx(
+            trial if log else trial / 8, rel=1e-9
+        )
+        f = stats.f_oneway(*groups).statistic
+        icc = (f - 1) / (f + 2)
+        assert numbers(found, "icc_1", environment)[0] == pytest.approx(icc, rel=1e-9)
+
+
+def test_components_over_environments_equal_expected_mean_squares():
+    data = repeated()
+    found = classical(data, inference={"family": "normal"})
+    y = data["k_adj"].to_numpy().reshape(5, 2, 3) / 8.0 - 1.0
+    cells = y.mean(axis=2)
+    rest = cells - cells.mean(axis=1, keepdims=True) - cells.mean(axis=0) + cells.mean()
+    ms_error = (rest**2).sum() / 4
+    ms_subjects = 2 * cells.mean(axis=1).var(ddof=1)
+    ms_trials = y.var(axis=2, ddof=1).mean()
+    assert numbers(found, "sigma_u")[0] == pytest.approx(math.sqrt((ms_subjects - ms_error) / 2))
+    assert numbers(found, "sigma_w")[0] == pytest.approx(math.sqrt(ms_error - ms_trials / 3))
+    assert numbers(found, "sigma_e")[0] == pytest.approx(math.sqrt(ms_trials))
+    icc = (ms_subjects - ms_error) / (ms_subjects + ms_error)
+    assert numbers(found, "icc_c1")[0] == pytest.approx(icc, rel=1e-9)
+
+
+def test_differences_from_zero_and_negative_references_are_in_the_unit():
+    for reference in (0.0, -3.0):
+        data = repeated(reference=reference)
+        tables = {"inference": {"family": "normal"}}
+        scaled = classical(data, model={"scale": {"k": 2.0}}, **tables)
+        plain = classical(data, **tables)
+        pd.testing.assert_frame_equal(plain, scaled, rtol=1e-12)
+        assert set(plain[plain["measure"].isin(["sigma_u", "sigma_e"])]["unit"]) == {"N/m"}
+        relative = "constant_error_relative" in set(plain["measure"])
+        assert relative == (reference != 0.0)
+    # A setting above a negative reference is too high.
+    low = numbers(plain, "constant_error", "hart")
+    assert numbers(plain, "constant_error_relative", "hart") == pytest.approx(np.array(low) / 3.0)
+
+
+@pytest.mark.parametrize("subjects", [2, 4])
+def test_few_subjects_have_finite_ordered_limits(subjects):
+    data = table_of(subjects=subjects)
+    found = study_of(data, method="both", level=0.9, tolerance=0.1).psychophysics
+    limits = found[["lower", "estimate", "upper"]].to_numpy(dtype=float)
+    assert np.isfinite(limits).all()
+    assert (np.diff(limits, axis=1) >= -1e-12).all()
+    assert set(found["method"]) == {"classical", "bayesian"}
+    assert "jnd" not in set(found["measure"])
+
+
+def test_posterior_rows_follow_from_the_draws_and_the_intervals(fitted):
+    found = fitted.psychophysics
+    bayesian = found[found["method"] == "bayesian"]
+    intervals = fitted.intervals
+    of_mean = intervals[(intervals["kind"] == "mean") & (intervals["method"] == "bayesian")]
+    pse = bayesian[bayesian["measure"] == "pse"]
+    for name in ("estimate", "lower", "upper"):
+        assert pse[name].to_numpy() == pytest.approx(of_mean[name].to_numpy(), rel=1e-9)
+    fit = fitted.parts.fit
+    draws = {name: values for name, (_, values) in fit.model.scales(fit.points).items()}
+    shared = draws["sigma_u"][:, 0]
+    (row,) = bayesian[
+        (bayesian["measure"] == "sigma_u") & (bayesian["parameter"] == "k")
+    ].itertuples()
+    assert (row.lower, row.upper) == pytest.approx(np.quantile(shared, [0.005, 0.995]), rel=1e-12)
+    between = draws["sigma"]
+    together = draws["sigma_u"]
+    rho = draws["rho_w"]
+    rho_u = draws["rho_u"]
+
+    def covariances(sd, correlation):
+        matrix = np.tile(np.eye(2), (len(sd), 1, 1))
+        matrix[:, 0, 1] = matrix[:, 1, 0] = correlation
+        return sd[:, :, None] * matrix * sd[:, None, :]
+
+    whole = covariances(together, rho_u) + covariances(between[..., 2], rho)
+    twin = np.median(whole[:, 0, 1] / np.sqrt(whole[:, 0, 0] * whole[:, 1, 1]))
+    of_pair = bayesian[bayesian["measure"] == "correlation"].set_index("environment")
+    assert of_pair.loc["VE3", "estimate"] == pytest.approx(twin, rel=1e-9)
+    assert (bayesian["error"] > 0.0).all()
+    assert found[found["method"] == "classical"]["error"].isna().all()
+
+
+def test_the_error_of_a_quantile_is_that_of_independent_draws(fitted):
+    """The stated error of σ_u agrees with the scatter of the same quantile over ensembles."""
+    draws = fitted.posterior["posterior"]["sigma_u"].sel(parameter="b").to_numpy()
+    upper = np.quantile(draws, 0.995, axis=1)
+    scatter = upper.std(ddof=1) / math.sqrt(len(upper))
+    found = fitted.psychophysics
+    (row,) = found[
+        (found["measure"] == "sigma_u")
+        & (found["parameter"] == "b")
+        & (found["method"] == "bayesian")
+    ].itertuples()
+    # Four ensembles tell an SD to a factor of two or three.
+    assert row.error / 4.0 < scatter < 4.0 * row.error
+
+
+def test_published_limits_have_means_and_sds_only():
+    from percept import read_sessions
+    from tests import DATASETS
+
+    sessions = read_sessions(DATASETS / "hbfd_table1.csv")
+    found = Study(
+        sessions, Scene(inference={"method": "classical", "family": "normal"})
+    ).psychophysics
+    assert set(found["measure"]) == {
+        "pse", "constant_error", "constant_error_relative", "sd_subjects", "weber_subjects",
+    }  # fmt: skip
+    (row,) = found[
+        (found["environment"] == "VE1") & (found["parameter"] == "k") & (found["measure"] == "pse")
+    ].itertuples()
+    assert (row.lower, row.upper) == pytest.approx((10.808, 19.02), rel=1e-9)
+
+
+def test_the_page_of_measures_names_each():
+    text = (Path(__file__).parents[2] / "docs" / "psychophysics.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE))
+    assert named == set(get_args(Measure))
+
+
+def test_only_a_quantity_whose_references_differ_has_a_slope():
+    rng = np.random.default_rng(0)
+    rows = []
+    for subject in range(4):
+        for environment, b_ref in enumerate((1.0, 2.0, 4.0)):
+            k_adj = 100.0 * np.exp(rng.normal(0.0, 0.2))
+            b_adj = b_ref * np.exp(rng.normal(0.0, 0.2))
+            names = (f"S{subject}", f"VE{environment}")
+            rows.append((*names, 100.0, k_adj, b_ref, b_adj))
+    columns = ["subject", "environment", "k_ref", "k_adj", "b_ref", "b_adj"]
+    sessions = Sessions.from_frame(pd.DataFrame(rows, columns=columns))
+    measures = Study(sessions, Scene(inference={"tolerance": 0.05})).psychophysics
+    slopes = measures[measures["measure"] == "gamma"]
+    assert list(slopes["parameter"]) == ["b"]

@@ -1,0 +1,76 @@
+"""How bias grows with the reference: its slope, and subjects' own slopes."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from percept import Scene, Study
+from percept.sessions import Sessions
+
+SUBJECTS = 24
+GAMMA = 0.15
+SLOPE_SD = 0.2
+
+
+def table(slope_sd=SLOPE_SD, seed=5):
+    """Five references over two decades, each adjusted once by every subject."""
+    rng = np.random.default_rng(seed)
+    references = np.geomspace(1.0, 100.0, 5)
+    decades = np.log10(references) - 1.0
+    rows = []
+    for subject in range(SUBJECTS):
+        level = rng.normal(0.0, 0.2)
+        slope = GAMMA + rng.normal(0.0, slope_sd)
+        for number, reference in enumerate(references):
+            response = level + slope * decades[number] + rng.normal(0.0, 0.08)
+            adjusted = reference * np.exp(response)
+            rows.append([f"S{subject}", f"VE{number}", reference, adjusted])
+    return pd.DataFrame(rows, columns=["subject", "environment", "k_ref", "k_adj"])
+
+
+def slopes(made, *, own):
+    """Rows of both measures."""
+    inference = {"method": "bayesian", "tolerance": 0.3, "level": 0.99}
+    scene = Scene(model={"subjects_slope": own}, inference=inference)
+    rows = Study(Sessions.from_frame(made), scene).psychophysics
+    return rows[rows["measure"].isin(["gamma", "sigma_slope"])].set_index("measure")
+
+
+@pytest.fixture(scope="module")
+def made():
+    return table()
+
+
+@pytest.fixture(scope="module")
+def found(made):
+    return slopes(made, own=True)
+
+
+def test_a_planted_slope_and_its_spread_are_found(made, found):
+    """Limits hold what is planted; the estimate is that of each subject's own regression."""
+    assert found.loc["gamma", "lower"] < GAMMA < found.loc["gamma", "upper"]
+    assert found.loc["sigma_slope", "lower"] < SLOPE_SD < found.loc["sigma_slope", "upper"]
+    responses = np.log(made["k_adj"] / made["k_ref"]).to_numpy().reshape(SUBJECTS, 5)
+    own = np.polyfit(np.linspace(-1.0, 1.0, 5), responses.T, 1)[0]
+    error = own.std(ddof=1) / np.sqrt(SUBJECTS)
+    assert found.loc["gamma", "estimate"] == pytest.approx(own.mean(), abs=error)
+    # A regression's slope has the variance 0.08²/2.5 of its own.
+    spread = np.sqrt(own.var(ddof=1) - 0.08**2 / 2.5)
+    assert found.loc["sigma_slope", "estimate"] == pytest.approx(spread, rel=0.2)
+
+
+@pytest.mark.evidence
+def test_subjects_with_one_slope_show_hardly_any_spread_of_slopes():
+    alike = slopes(table(slope_sd=0.0), own=True)
+    # A regression's slope has the SD 0.05 by chance alone.
+    assert alike.loc["sigma_slope", "lower"] < 0.02
+    assert alike.loc["sigma_slope", "upper"] < 0.1
+
+
+def test_the_ordinary_model_has_the_mean_slope_only(made, found):
+    shared = slopes(made, own=False)
+    assert list(shared.index) == ["gamma"]
+    # Both models see the same mean slope; what subjects have of their own goes elsewhere.
+    apart = shared.loc["gamma", "estimate"] - found.loc["gamma", "estimate"]
+    width = found.loc["gamma", "upper"] - found.loc["gamma", "lower"]
+    assert abs(apart) < 0.1 * width

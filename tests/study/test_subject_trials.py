@@ -1,0 +1,128 @@
+"""Trial SDs of subjects' own: what is planted is found, and one SD for all is told on."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from percept import Scene, Study
+from percept.inference.hierarchy.subject_spreads import chance_of_differences
+from percept.inference.hierarchy.trial_scatter import trial_scatter
+from percept.sessions import ReadOptions, Sessions
+from percept.study.prepare import prepare
+
+SUBJECTS = 6
+#: Planted trial SDs: threefold from the steadiest subject to the least steady.
+SDS = np.geomspace(0.04, 0.12, SUBJECTS)
+
+
+def table(trials=5, seed=8, sds=SDS):
+    """Two references at two levels of a factor."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for subject, sd in enumerate(sds):
+        own = rng.normal(0.0, 0.1)
+        for environment, reference in (("VE1", 10.0), ("VE2", 100.0)):
+            for level, hand in enumerate(("left", "right")):
+                centre = own + 0.1 * level + rng.normal(0.0, 0.05)
+                for trial in range(1, trials + 1):
+                    adjusted = reference * np.exp(centre + sd * rng.normal())
+                    rows.append([f"S{subject}", environment, hand, reference, trial, adjusted])
+    names = ["subject", "environment", "hand", "k_ref", "trial", "k_adj"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def study(made, **model):
+    inference = {"method": "bayesian", "tolerance": 0.3, "level": 0.99}
+    scene = Scene(model={"bias": "hand", **model}, inference=inference)
+    options = ReadOptions.from_mapping(dict(scene))
+    return Study(Sessions.from_frame(made, scene=options), scene)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return study(table())
+
+
+def test_each_subject_has_the_trial_sd_that_was_planted(found):
+    rows = found.psychophysics
+    own = rows[rows["subject"].notna() & rows["measure"].eq("sigma_e")]
+    assert own["subject"].tolist() == [f"S{i}" for i in range(SUBJECTS)]
+    assert (own["lower"] < SDS).all()
+    assert (own["upper"] > SDS).all()
+    # One of 20 cells' trials has the standard error 1/sqrt(2 * 16); shared priors move it less.
+    trials = found.sessions.table
+    deviations = np.log(trials["k_adj"] / trials["k_ref"])
+    cells = deviations.groupby([trials["subject"], trials["environment"]])
+    squares = cells.apply(lambda values: ((values - values.mean()) ** 2).sum())
+    sample = np.sqrt(squares.groupby("subject").sum() / 16.0).to_numpy()
+    assert np.abs(np.log(own["estimate"].to_numpy() / sample)).max() < 1.5 / np.sqrt(32.0)
+    # Their intervals are about as wide as those of chi-squared laws: other subjects narrow them,
+    # and what cells have of their own widens them.
+    tails = stats.chi2.ppf([0.995, 0.005], 16.0)
+    width = 0.5 * np.log(tails[0] / tails[1])
+    widths = np.log(own["upper"] / own["lower"]).to_numpy()
+    assert (widths < 1.4 * width).all()
+    assert (widths > 0.6 * width).all()
+    fraction = rows[rows["subject"].notna() & rows["measure"].eq("weber")]
+    np.testing.assert_allclose(fraction["estimate"], np.expm1(own["estimate"]), rtol=1e-12)
+
+
+def test_a_single_trial_sd_is_told_on():
+    reasons = [part.why for part in prepared(table(), subjects_trial_sd=False).skipped]
+    assert reasons[0].startswith("[model] subjects_trial_sd = false. They differ beyond chance (p")
+    alike = [part.why for part in prepared(table(sds=[0.07] * 6), subjects_trial_sd=False).skipped]
+    assert alike == ["[model] subjects_trial_sd = false"]
+
+
+def prepared(made, **model):
+    opened = study(made, **model)
+    return prepare(opened.sessions, opened.scene, ("k",))
+
+
+@pytest.mark.parametrize(
+    ("made", "why"),
+    [
+        (table(trials=2), "half of the subjects repeat a trial fewer than 8 times"),
+        (table(trials=5, sds=[0.05] * 61), "the study has more than 60 subjects"),
+    ],
+    ids=["few trials", "many subjects"],
+)
+def test_studies_that_cannot_carry_them_say_why(made, why):
+    (skipped,) = prepared(made).skipped
+    assert skipped.what == "subjects' own trial SDs of stiffness"
+    assert skipped.why.startswith(f"{why}; [model] subjects_trial_sd = true computes them")
+    assert any(
+        name.startswith("phi[") for name in prepared(made, subjects_trial_sd=True).model.names
+    )
+
+
+def test_a_subject_without_scatter_says_nothing_of_differences():
+    rng = np.random.default_rng(10)
+    subject = np.repeat(np.arange(5), 24)
+    cell = np.tile(np.repeat(np.arange(4), 6), 5)
+    response = np.array([0.5, 1.0, 2.0, 1.0])[cell, None] * rng.normal(size=(120, 2))
+    others = subject != 4
+    response[~others] = 1.0
+    nothing = np.zeros((120, 0))
+    scatter = trial_scatter(response, subject, cell, nothing, by_subject=True)
+    own = (response[others], subject[others], cell[others], nothing[others])
+    without = trial_scatter(*own, by_subject=True)
+    expected = chance_of_differences(without, 4, 4)
+    np.testing.assert_allclose(chance_of_differences(scatter, 5, 4), expected, rtol=1e-9)
+
+
+def test_subjects_with_one_trial_sd_seldom_seem_to_differ():
+    """The probability is uniform if nothing differs, within Monte Carlo error."""
+    rng = np.random.default_rng(9)
+    subject = np.repeat(np.arange(5), 24)
+    cell = np.tile(np.repeat(np.arange(4), 6), 5)
+    spread = np.array([0.5, 1.0, 2.0, 1.0])[cell]
+    nothing = np.zeros((120, 0))
+    chances = []
+    for _ in range(300):
+        response = spread[:, None] * rng.normal(size=(120, 2))
+        scatter = trial_scatter(response, subject, cell, nothing, by_subject=True)
+        chances.append(chance_of_differences(scatter, 5, 4))
+    for of_quantity in np.array(chances).T:
+        assert stats.kstest(of_quantity, "uniform").pvalue > 1e-3

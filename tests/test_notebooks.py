@@ -1,0 +1,51 @@
+"""The notebooks run as they stand, and what their sentences say comes out."""
+
+import json
+from pathlib import Path
+
+import matplotlib
+import pytest
+
+NOTEBOOKS = Path(__file__).resolve().parents[1] / "docs" / "notebooks"
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    """A posterior cache of the tests' own."""
+    folder = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PERCEPT_CACHE", str(folder))
+        yield
+
+
+def run(name):
+    """Run the cells of a notebook in its folder, and return their names."""
+    notebook = json.loads((NOTEBOOKS / name).read_text(encoding="utf-8"))
+    names = {}
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == []
+            exec(compile("".join(cell["source"]), name, "exec"), names)
+    matplotlib.pyplot.close("all")
+    return names
+
+
+@pytest.mark.usefixtures("cache")
+def test_own_data_are_read_fitted_and_summed_up(monkeypatch):
+    monkeypatch.chdir(NOTEBOOKS)
+    names = run("own_data.ipynb")
+    assert names["sessions"].table["subject"].nunique() == 12
+    assert set(names["average"]["method"]) == {"classical", "bayesian"}
+    assert "the scene has no [device]" in [skipped.why for skipped in names["study"].skipped]
+
+
+@pytest.mark.usefixtures("cache")
+def test_the_second_coupling_is_the_one_that_is_stable(monkeypatch):
+    monkeypatch.chdir(NOTEBOOKS)
+    names = run("coupling.ipynb")
+    first, second = names["needed"].values()
+    assert first > names["DAMPING"] > second
+    assert names["study"].coupling.verdict == "stable"
+    outcomes = {row[0]: row[2] for row in names["rows"] if row[1]}
+    assert outcomes["wood"] == "does not"
+    assert outcomes["foam"] == "too little data"
