@@ -106,6 +106,10 @@ def test_a_study_with_a_factor_has_its_terms():
     assert set(tree.children) == of_draws | {"log_likelihood", "observed_data"}
     found = tree["posterior"].data_vars
     assert {"psi:hand", "eta:hand", "sigma_v:hand"} <= set(found)
+    effect = found["subject_effect"].mean(("chain", "draw"))
+    raw = tree["observed_data/response"].to_numpy().reshape(len(effect["parameter"]), 4, -1)
+    for p, own in enumerate(raw.mean(axis=2)):
+        assert np.corrcoef(effect[:, p], own)[0, 1] > 0.9
     assert found["psi:hand"].attrs["long_name"] == "differences of levels in log sigma, hand"
 
 

@@ -36,6 +36,7 @@ from percept.inference.hierarchy.model import MORE_ENVIRONMENTS, ONE_ENVIRONMENT
 from percept.inference.hierarchy.one_pattern import CellScales, SubjectCovariance
 from percept.inference.hierarchy.priors import Named, Priors
 from percept.inference.hierarchy.statistics import Statistics
+from percept.inference.hierarchy.subject_effects import draw_effects_of
 from percept.inference.hierarchy.trial_scatter import TrialScatter
 
 __all__ = ["LinearPosterior"]
@@ -215,6 +216,24 @@ class LinearPosterior(LinearModel, Pooled):
             covariances=tuple(covariances),
             trial=observed.trial,
         )
+
+    def draw_subject_effects(
+        self, points: Array, locations: Array, rng: np.random.Generator
+    ) -> Array | None:
+        """Draw what every subject adds, averaged over all cells, (W, N, P).
+
+        None with covariates: `locations` are of cells only, and hold no slopes.
+        """
+        if self.covariates is not None:
+            return None
+        effects = []
+        first = 0
+        for part in self._passes(points):
+            last = first + len(part)
+            laws = self.subject_laws(part)
+            effects.append(draw_effects_of(laws, self.statistics, locations[first:last], rng))
+            first = last
+        return np.concatenate(effects)
 
     def with_bias_prior(self, alpha_sd: float) -> LinearPosterior:
         """Return the same model with another prior of the common bias."""

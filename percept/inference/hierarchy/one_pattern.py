@@ -97,13 +97,27 @@ class SubjectCovariance:
         if rows.shape[-1] == 1:
             whitened = self.whitened_effects(rows[..., 0])
         else:
-            weighted = np.einsum("npew,qpew->qnw", rows, self._weighted_effects)
-            whitened = solve_lower(self._factor[:, :, None], weighted)
+            whitened = self._whitened_draws(rows)
         effect = solve_upper(self._factor[:, :, None], whitened)  # (q, n, W)
         repeated = np.broadcast_to(rows, (*rows.shape[:-1], width))
         unexplained = self._unexplained(repeated, effect)
         squares = self._noise.distance(unexplained).sum(axis=0)
         return np.asarray(squares + np.einsum("qnw,qnw->w", effect, effect))
+
+    def draw_effects(self, rows: Array, rng: np.random.Generator) -> Array:
+        """Draw subjects' effects (q, n, W) given rows r (n, P, E, W), cell means less locations.
+
+        The effects are standard normal before any data, so that given r their mean is L'⁻¹L⁻¹H'r
+        and their covariance L'⁻¹L⁻¹.
+        """
+        whitened = self._whitened_draws(rows)
+        normals = rng.standard_normal(whitened.shape)
+        return solve_upper(self._factor[:, :, None], whitened + normals)
+
+    def _whitened_draws(self, rows: Array) -> Array:
+        """L⁻¹H'r of rows r (n, P, E, W) that differ between draws: shape (q, n, W)."""
+        weighted = np.einsum("npew,qpew->qnw", rows, self._weighted_effects)
+        return solve_lower(self._factor[:, :, None], weighted)
 
     def _unexplained(self, rows: Array, effect: Array) -> Vector:
         """Rows (n, P, E, W) less what the subject's effect (q, n, W) explains."""

@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.hierarchy.blocks import Block, Vector, weighted_mean
+from percept.inference.hierarchy.laws import SubjectLaws
+from percept.inference.hierarchy.one_pattern import SubjectCovariance
 from percept.inference.hierarchy.statistics import Statistics
 
-__all__ = ["draw_subject_effects"]
+__all__ = ["draw_effects_of", "draw_subject_effects"]
 
 Array = NDArray[np.float64]
 
@@ -60,6 +62,40 @@ def draw_subject_effects(
         drawn = _drawn(cell, shared, tuple(residual), rng)
         effects[:, pattern.members] = np.stack(drawn).transpose(2, 1, 0)
     return effects
+
+
+def draw_effects_of(
+    laws: SubjectLaws, statistics: Statistics, locations: Array, rng: np.random.Generator
+) -> Array:
+    """Draw what every subject adds under a linear design, averaged over all C cells.
+
+    Parameters
+    ----------
+    laws : SubjectLaws
+        At W sets of scales; the columns of effects differ between cells.
+    statistics : Statistics
+        Of the responses.
+    locations : ndarray
+        Locations drawn at these scales, on the response scale, shape (W, P C).
+    rng : numpy.random.Generator
+        Source of the draws.
+
+    Returns
+    -------
+    ndarray
+        On the response scale, shape (W, N, P).
+    """
+    means = statistics.cell_means
+    by_cell = locations.T.reshape(laws.mean.shape)  # (P, C, W)
+    average_effects = laws.effects.mean(axis=2)  # (q, P, W)
+    drawn = np.empty((len(locations), len(means), len(by_cell)))
+    for pattern, noise in zip(statistics.patterns, laws.noise, strict=True):
+        present = pattern.environments
+        covariance = SubjectCovariance(noise, laws.effects[:, :, present])
+        observed = means[pattern.members][:, :, present, None]
+        latents = covariance.draw_effects(observed - by_cell[:, present], rng)
+        drawn[:, pattern.members] = np.einsum("qnw,qpw->wnp", latents, average_effects)
+    return drawn
 
 
 def _drawn(cell: Block, shared: Block, residual: Vector, rng: np.random.Generator) -> Vector:
