@@ -232,7 +232,7 @@ class BatchFolder:
             raise UsageError(
                 f"it was damaged during this run: {damage}.",
                 file=str(self._path(key)),
-                hint="The same command again analyses this study anew.",
+                hint="The same command again analyses this study again.",
             ) from damage
 
 

@@ -200,7 +200,7 @@ class _Pool:
         self.idle.append(worker)
         try:
             result = pickle.loads(message)  # noqa: S301 - from a process of our own
-        except Exception as error:  # noqa: BLE001 - what an object does when it is made anew
+        except Exception as error:  # noqa: BLE001 - an object may raise anything when it is copied
             result = error
         yield job.argument, result
 

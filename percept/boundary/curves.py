@@ -100,7 +100,7 @@ def _crossings(x: Array, gaps: Array) -> Array:
 
 
 def _add_apart(omega: Array, more: Array) -> Array:
-    """Add frequencies that lie apart from one another and from those there are."""
+    """Add frequencies that differ from each other and from the present ones."""
     for new in np.unique(more):
         index = np.searchsorted(omega, new)
         previous = max(index - 1, 0)

@@ -59,7 +59,7 @@ _STEP = 0.16
 _FINEST = 0.2
 # Times sqrt(1 - rho²), the width of such a ridge, is that fraction.
 _RIDGE = 2.5
-# Grids grow by so many steps, so that studies alike share the splines' factors.
+# Grids grow by so many steps, so that similar studies share the splines' factors.
 _BLOCK = 8
 # Steps of the tables in one step of the density's grid.
 _CUT = 4
@@ -412,7 +412,9 @@ def confidence_law(
     mean = values.mean(axis=1)
     covariance = np.cov(values)
     if not np.all(np.diagonal(covariance) > 0.0):
-        raise RefusalError("all subjects adjusted alike: there is no scatter to draw from.")
+        raise RefusalError(
+            "all subjects made the same adjustments: there is no scatter to draw from."
+        )
     of_mean = 1.0 / n
     covariance *= of_mean if kind == "mean" else 1.0 + of_mean
     sd = np.sqrt(np.diagonal(covariance))

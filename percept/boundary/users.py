@@ -59,7 +59,7 @@ _DAMPING = 1
 class Users:
     """Populations of users, one per draw (D,); stiffness first, damping second.
 
-    The mean and the SD are those of the logarithms where `log` is true, else in N/m and N·s/m.
+    The mean and the SD are of the logarithms where `log` is true, else in N/m and N·s/m.
     """
 
     log: bool

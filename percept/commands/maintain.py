@@ -62,7 +62,7 @@ def _doctor(_: argparse.Namespace) -> int:
     if stranger:
         print(
             f"Another project's package '{_STRANGER}' is installed here, and its files replace "
-            f"those of {_DISTRIBUTION}. Remove it: python -m pip uninstall {_STRANGER}. "
+            f"the files of {_DISTRIBUTION}. Remove it: python -m pip uninstall {_STRANGER}. "
             f"Then run: python -m pip install --force-reinstall {_DISTRIBUTION}"
         )
     if not broken and not stranger:

@@ -59,7 +59,7 @@ _HALVINGS = 40
 # Pieces per display above which bounds are widened instead: a display that follows its limit for
 # long would fill the memory.
 _MOST_PIECES = 2048
-# Guards against an endless search: 40 rounds may halve, and 12 more widen a bound tenfold each,
+# Guards against a search without end: 40 rounds may halve, and 12 more widen a bound tenfold each,
 # from ON_LIMIT to _LARGEST. Some may do neither.
 _MOST_ROUNDS = 60
 # What a departure counts as, as a logarithm, where a curve vanishes or has a pole: twelve decades,

@@ -295,7 +295,7 @@ class _Wall:
         environment = self._display.environment
         grid = warp(self._plane_omega, self._display.period)
         z_e = environment_impedance(grid.omega, environment, grid.period)
-        # Coefficients of abs(Z_e + Z_c)² are those of k_c², of 2k_c and of 1.
+        # Coefficients of abs(Z_e + Z_c)² go with k_c², 2k_c and 1.
         square = grid.inverse_rate**2
         linear = -z_e.imag * grid.inverse_rate
         constant = np.abs(z_e + b_c) ** 2

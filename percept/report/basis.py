@@ -354,9 +354,9 @@ def _model(results: Results) -> str:
         parts.append(f"{words.subject} effects shared by all {words.environments}{both}")
     scatter = f"between-{words.subject} scatter"
     if several:
-        alike = model["common_spread"]
+        common = model["common_spread"]
         scatter += (
-            f" alike in all {words.environments}" if alike else f" within each {words.environment}"
+            f" equal in all {words.environments}" if common else f" within each {words.environment}"
         )
     if several and model["weber"]:
         scatter += (

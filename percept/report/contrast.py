@@ -62,9 +62,9 @@ def contrast(results: Results) -> Section | None:
         for parameter in distinct(rows, "parameter"):
             quantity = results.data.quantities[parameter]
             for of in ("level", "bias", "spread", "interaction", "slope"):
-                alike = matching(of_pair, parameter=parameter, of=of)
-                if alike:
-                    tables.append(ContrastTable(factor, first, second, quantity, of, alike))
+                of_quantity = matching(of_pair, parameter=parameter, of=of)
+                if of_quantity:
+                    tables.append(ContrastTable(factor, first, second, quantity, of, of_quantity))
     view = Contrasts(
         within=listed(distinct(matching(rows, within=True), "factor")),
         groups=listed(distinct(matching(rows, within=False), "factor")),
@@ -139,13 +139,13 @@ def design_words(results: Results) -> Design:
 def _overall(rows: Sequence[ContrastRow]) -> list[ContrastRow]:
     """Return the average user's contrast over all references, of each quantity's best method.
 
-    Without any such contrast it is those of single references.
+    Without such a contrast, return the contrasts of single references.
     """
     means = [row for row in matching(rows, kind="mean") if row.of != "level"]
     best = []
     for factor, parameter in dict.fromkeys((row.factor, row.parameter) for row in means):
-        alike = matching(means, factor=factor, parameter=parameter)
-        overall = matching(alike, environment=None) or alike
+        of_quantity = matching(means, factor=factor, parameter=parameter)
+        overall = matching(of_quantity, environment=None) or of_quantity
         best += matching(overall, method=ordered(METHODS[::-1], overall, "method")[0])
     return best
 

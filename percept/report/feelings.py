@@ -73,10 +73,10 @@ def feeling_sentences(
         return []
     groups = []
     for outcome in _SAID:
-        alike = matching(judged, outcome=outcome)
-        if alike:
-            said = _said_of(distinct(alike, "environment"), outcome, len(judged), words)
-            probabilities = [verdict.probability for verdict in alike]
+        with_outcome = matching(judged, outcome=outcome)
+        if with_outcome:
+            said = _said_of(distinct(with_outcome, "environment"), outcome, len(judged), words)
+            probabilities = [verdict.probability for verdict in with_outcome]
             groups.append(f"{said} ({_said_range(probabilities, judged[0].decision)})")
     rendered = "Through the coupling" if coupled else "Displayed directly"
     level = percent(judged[0].level)
@@ -298,8 +298,8 @@ def _paper_rule(results: Results) -> PaperRule | None:
     for side, rendered in (("uncoupled", RENDERED[False]), ("coupled", RENDERED[True])):
         groups = []
         for inside in _INSIDE:
-            alike = matching(preferred, **{f"verdict_{side}": inside})
-            names = distinct(alike, "environment")
+            agreeing = matching(preferred, **{f"verdict_{side}": inside})
+            names = distinct(agreeing, "environment")
             if len(names) > MOST_NAMED:
                 groups.append(f"{inside} {len(names)} of {len(preferred)} {environments}")
             elif names:

@@ -68,7 +68,7 @@ def overview(results: Results) -> Overview:
 
 
 def _both_rows(results: Results) -> tuple[list[OverviewRow], list[OverviewRow]]:
-    """Return the rows of the first table, and those of the classical method."""
+    """Return the rows of the first table, and the rows of the classical method."""
     intervals = matching(results.intervals, joint="marginal")
     differences = compared_by_difference(intervals)
     preferred = families_of(results)
@@ -88,9 +88,9 @@ def _rows(
     rows = []
     for environment in distinct(intervals, "environment"):
         for parameter in distinct(intervals, "parameter"):
-            alike = matching(intervals, environment=environment, parameter=parameter)
-            mean = first(matching(alike, kind="mean"), method=methods, family=families)
-            user = first(matching(alike, kind=_KIND), method=methods, family=families)
+            candidates = matching(intervals, environment=environment, parameter=parameter)
+            mean = first(matching(candidates, kind="mean"), method=methods, family=families)
+            user = first(matching(candidates, kind=_KIND), method=methods, family=families)
             main = mean or user
             if main:
                 rows.append(_row(main, mean, user, relative=parameter not in differences))

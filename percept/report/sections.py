@@ -180,8 +180,8 @@ def _grid(records: Sequence[R], families: Sequence[str]) -> Grid[R]:
         of_environment = matching(records, environment=name)
         cells = []
         for column in columns:
-            alike = matching(of_environment, kind=column.kind, method=column.method)
-            cell = first(alike, family=families)
+            candidates = matching(of_environment, kind=column.kind, method=column.method)
+            cell = first(candidates, family=families)
             if cell is not None:
                 families_shown.add(cell.family)
             cells.append(cell)
@@ -193,10 +193,10 @@ def _grid(records: Sequence[R], families: Sequence[str]) -> Grid[R]:
 def _coverages(rows: Sequence[IntervalRow]) -> list[Coverage]:
     """Return what each kind and method covers, each sentence once, with what it holds for."""
     coverages = []
-    for alike in _by_kind_and_method(rows):
-        for sentence in distinct(alike, "covers"):
-            same = matching(alike, covers=sentence)
-            of_family = matching(alike, family=same[0].family)
+    for group in _by_kind_and_method(rows):
+        for sentence in distinct(group, "covers"):
+            same = matching(group, covers=sentence)
+            of_family = matching(group, family=same[0].family)
             where: list[str] = []
             if len(distinct(of_family, "covers")) > 1:
                 where = [f"{row.parameter} of {row.environment}" for row in same]
@@ -398,9 +398,9 @@ def _band_part(
             }
             lines.append(BandLine(environment, kind, bands))
     law_lines = []
-    for alike in _by_kind_and_method(laws):
-        by_model = {law.model: law for law in alike}
-        law_lines.append(LawLine(alike[0].kind, alike[0].method, by_model))
+    for group in _by_kind_and_method(laws):
+        by_model = {law.model: law for law in group}
+        law_lines.append(LawLine(group[0].kind, group[0].method, by_model))
     return BandPart(
         name="band" if parameter is None else f"band_{parameter}",
         size=size_name(parameter),
@@ -424,7 +424,7 @@ def _by_kind_and_method(records: Iterable[Any]) -> list[list[Any]]:
     groups = []
     for kind in KINDS:
         for method in METHODS:
-            alike = matching(records, kind=kind, method=method)
-            if alike:
-                groups.append(alike)
+            group = matching(records, kind=kind, method=method)
+            if group:
+                groups.append(group)
     return groups

@@ -114,9 +114,9 @@ def _bias_sentence(biases: Sequence[Bias], name: str, words: Words) -> str:
         return f"{name} in {row.environment}: {_signed(biases[0])} ({claim}: {ends(biases[0])})."
     parts = []
     for sign, word in ((1, "high"), (-1, "low")):
-        alike = matching(biases, sign=sign)
-        if alike:
-            parts.append(f"too {word} in {_sized(alike, len(biases), words)}")
+        same_sign = matching(biases, sign=sign)
+        if same_sign:
+            parts.append(f"too {word} in {_sized(same_sign, len(biases), words)}")
     if parts:
         return f"{name} is {', and '.join(parts)} ({claim})."
     largest = max(biases, key=_size)
@@ -136,8 +136,10 @@ def cause_sentences(
     """Name the step of the ladder that moves the intervals of each environment most."""
     by_cause: dict[str, list[str]] = {}
     for environment in environments:
-        alike = matching(effects, environment=environment, kind=kind)
-        steps = [row for row in alike if row.cause in _CAUSES and _moved(row) > _LEAST_MOVED]
+        of_environment = matching(effects, environment=environment, kind=kind)
+        steps = [
+            row for row in of_environment if row.cause in _CAUSES and _moved(row) > _LEAST_MOVED
+        ]
         if steps:
             largest = max(steps, key=_moved)
             by_cause.setdefault(_CAUSES[largest.cause], []).append(environment)
@@ -170,28 +172,31 @@ def _disagreement(
         groups.setdefault(holds, []).append(other)
     sentences = []
     environments = []
-    for holds, alike in groups.items():
-        environments += [other.row.environment for other in alike]
+    for holds, classical_biases in groups.items():
+        environments += [other.row.environment for other in classical_biases]
         if len(biases) == 1:
-            sentences.append(f"The classical interval, {ends(alike[0])}, {holds}.")
+            sentences.append(f"The classical interval, {ends(classical_biases[0])}, {holds}.")
             continue
-        named = [f"{other.row.environment} ({ends(other)})" for other in alike[:MOST_NAMED]]
-        more = f" and {len(alike) - MOST_NAMED} more" if len(alike) > MOST_NAMED else ""
+        named = [
+            f"{other.row.environment} ({ends(other)})" for other in classical_biases[:MOST_NAMED]
+        ]
+        unnamed = len(classical_biases) - MOST_NAMED
+        more = f" and {unnamed} more" if unnamed > 0 else ""
         sentences.append(f"The classical interval {holds} in {listed(named)}{more}.")
     return sentences + cause_sentences(effects, environments, "mean", words)
 
 
-def _sized(alike: Sequence[Bias], every: int, words: Words) -> str:
+def _sized(biases: Sequence[Bias], every: int, words: Words) -> str:
     """Give each environment its bias and interval; of many, the smallest and the largest."""
-    if len(alike) <= MOST_NAMED:
-        return listed([_with_ends(bias) for bias in alike])
-    count = f"all {every}" if len(alike) == every else f"{len(alike)} of {every}"
-    by_size = sorted(alike, key=_size)
+    if len(biases) <= MOST_NAMED:
+        return listed([_with_ends(bias) for bias in biases])
+    count = f"all {every}" if len(biases) == every else f"{len(biases)} of {every}"
+    by_size = sorted(biases, key=_size)
     extremes = f"{_with_ends(by_size[0])} to {_with_ends(by_size[-1])}"
-    if len(alike) == every:
+    if len(biases) == every:
         return f"{count} {words.environments}, from {extremes}"
-    names = [bias.row.environment for bias in alike[:MOST_OPEN]]
-    more = ", …" if len(alike) > MOST_OPEN else ""
+    names = [bias.row.environment for bias in biases[:MOST_OPEN]]
+    more = ", …" if len(biases) > MOST_OPEN else ""
     return f"{count} {words.environments}: {', '.join(names)}{more}, from {extremes}"
 
 

@@ -137,7 +137,7 @@ def worst_case(published: Published) -> Evidence:
 
 
 def coupling_to_infinity(published: Published) -> Evidence:
-    """Judge whether Eq. 13 is the limit of Eq. 11 for an endless coupling."""
+    """Judge whether Eq. 13 is the limit of Eq. 11 for an infinitely stiff coupling."""
     gap = _largest_gap(published, _ONCE)
     smaller = _largest_gap(published, _TWICE)
     needed = published.needed(published.tuned)

@@ -195,8 +195,8 @@ def change_over_band(published: Published, panel: Panel, device: Device) -> Arra
     lines = curves(published, panel.wall, omega, device)
     change = np.abs(lines.coupled - lines.direct)
     band = lines.upper - lines.lower
-    endless = np.full_like(change, np.inf)
-    return np.divide(change, band, out=endless, where=band > 0)
+    infinite = np.full_like(change, np.inf)
+    return np.divide(change, band, out=infinite, where=band > 0)
 
 
 def most_passed(published: Published, panel: Panel) -> tuple[float, Device]:

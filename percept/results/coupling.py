@@ -76,7 +76,7 @@ class MoreSubjects(NotebookRecord):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Leaning:
-    """The doubtful rows of an environment, and its verdict without those of the whole study."""
+    """The doubtful rows of an environment, and its verdict without any doubtful row."""
 
     rows: tuple[Note, ...]  # Each with its value and what lets one doubt it
     without: Verdict | None  # None where the rest carries no verdict

@@ -57,7 +57,7 @@ class LeftOutRow:
 class DesignCounts:
     """How many cells, trials and sessions the study has."""
 
-    cells: int  # Subjects times environments, those of other groups not counted
+    cells: int  # Subjects times environments, other groups' cells not counted
     missing: int  # Cells without a trial
     trials: tuple[int, int]  # Fewest and most in a cell
     sessions: tuple[int, int]  # Fewest and most of a subject

@@ -275,7 +275,7 @@ def _check_declared(
     place: Places,
     problems: Problems,
 ) -> None:
-    """Hold the references of a published table to those of the scene."""
+    """Compare the references of a published table with the scene's."""
     cells = zip(table["environment"], table["parameter"], table["reference"], strict=True)
     for row, (environment, parameter, reference) in enumerate(cells):
         expected = declared.get(environment, {}).get(f"{parameter}_ref", reference)

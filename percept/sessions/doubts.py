@@ -60,12 +60,12 @@ def doubtful_ids(table: pd.DataFrame, place: Places) -> Iterator[Notice]:
         names = firsts.tolist()
         rows = [_where(place(int(position))) for position in firsts.index]
         written = [f"{_written(name)} ({row})" for name, row in zip(names, rows, strict=True)]
-        alike: dict[str, list[str]] = {}
+        by_look: dict[str, list[str]] = {}
         for name, text in zip(names, written, strict=True):
-            alike.setdefault(_look(name), []).append(text)
+            by_look.setdefault(_look(name), []).append(text)
             if is_missing(name):
                 yield Notice(f"{column} {text} is taken as a name: is it a missing value?")
-        for texts in alike.values():
+        for texts in by_look.values():
             if len(texts) > 1:
                 yield Notice(f"{column}s {', '.join(texts)} look alike and are kept apart")
 
@@ -149,7 +149,7 @@ def screen(
 
 
 def empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[tuple[str, str]]:
-    """Yield the subjects and environments without a trial; those of other groups are not meant.
+    """Yield the subjects and environments without a trial; subjects of other groups do not count.
 
     Parameters
     ----------

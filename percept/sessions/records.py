@@ -207,9 +207,9 @@ def summarised(problems: Sequence[PerceptError]) -> list[str]:
         kind = (problem.file, problem.column, problem.message)
         kinds.setdefault(kind, []).append(problem)
     lines: list[str] = []
-    for alike in kinds.values():
-        lines += [str(problem) for problem in alike[:_ALIKE]]
-        rest = alike[_ALIKE:]
+    for of_kind in kinds.values():
+        lines += [str(problem) for problem in of_kind[:_ALIKE]]
+        rest = of_kind[_ALIKE:]
         if rest:
             rows = f"rows {rest[0].row} to {rest[-1].row}"
             where = f"{rest[0].file}, column {rest[0].column!r}, {rows}"

@@ -253,12 +253,12 @@ def _references(
             continue
         if not named and not _may_be_shown(other, column, numbers):
             continue
-        alike = max(0.0, agreement(column, other, numbers.subjects))
+        agreement_share = max(0.0, agreement(column, other, numbers.subjects))
         near = nearness(column, other)
         # A condition that is merely designed, or of another size, is no reference.
-        if alike < _LEAST_AGREEMENT and not (near and named):
+        if agreement_share < _LEAST_AGREEMENT and not (near and named):
             continue
-        total = 2.0 * (alike + near)
+        total = 2.0 * (agreement_share + near)
         if other.name in numbers.designed:
             total += _CONTENT
         if named:

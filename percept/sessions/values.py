@@ -221,7 +221,7 @@ class Names:
         self._known: dict[tuple[str, str], _Spellings] = {}
 
     def add(self, column: str, name: str) -> None:
-        """Take a spelling from the scene, which goes before those of the files."""
+        """Take a spelling from the scene, which goes before the files' spellings."""
         self._known.setdefault((column, fold(name)), _Spellings(name))
 
     def settle(self, column: str, cells: pd.Series[str], file: str) -> pd.Series[str]:

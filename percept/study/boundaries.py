@@ -264,8 +264,8 @@ def compare_bands(
 ) -> Iterator[BandPair]:
     """Yield how the Bayesian envelope of abs(Z_h) differs from the classical one.
 
-    `errors` are those of the Bayesian intervals by environment, parameter and kind. Bands without
-    width, and endless ones, are left out.
+    `errors` come from the Bayesian intervals, by environment, parameter and kind. Bands without
+    width, and infinite ones, are left out.
     """
     classical = {
         (region.environment, region.kind, region.family): region

@@ -198,7 +198,7 @@ def _same_sessions(first: Sessions, second: Sessions) -> bool:
 
 
 def _in_common(first: Sessions, second: Sessions) -> Iterator[str]:
-    """Note subjects named alike; refuse them where the studies share a file."""
+    """Note subjects of the same name; refuse them where the studies share a file."""
     shared = [subject for subject in first.subjects if subject in set(second.subjects)]
     contents = {source.sha256 for source in second.sources}
     files = [source.name for source in first.sources if source.sha256 in contents]

@@ -63,7 +63,7 @@ class Cell:
         if isinstance(found, str):
             return cls(quantity, environment, None, found)
         if np.all(found.sd == 0):
-            return cls(quantity, environment, None, "all subjects adjusted alike")
+            return cls(quantity, environment, None, "all subjects made the same adjustments")
         return cls(quantity, environment, found)
 
     @property

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Prediction", "expected_users", "predict"]
 
-# Spreads of the new environment per posterior draw: its spread is drawn anew from the trend.
+# Spreads of the new environment per posterior draw: its spread is drawn from the trend.
 _REPEATS = 4
-_NO_LOGARITHM = "and has no place on the scale that environments are compared on"
+_NO_LOGARITHM = "and environments are compared by the logarithm of their reference"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -188,7 +188,7 @@ class _Place:
 
     @classmethod
     def of(cls, study: Study, fit: Fit, values: Array) -> Self:
-        """Compare references (P,) with those of the fit's environments."""
+        """Compare references (P,) with the references of the fit's environments."""
         reference = study.parts.reference
         rows = []
         for parameter in study.parts.parameters:

@@ -244,7 +244,7 @@ def _pairs_of_subjects(sessions: Sessions, family: Family) -> Iterator[SubjectPa
         k = means[0].values
         b = means[1].values
         if np.ptp(k) == 0.0 or np.ptp(b) == 0.0:
-            yield Skipped(what, "all subjects adjusted one parameter alike")
+            yield Skipped(what, "all subjects made the same adjustments of one parameter")
             continue
         trial_sd = np.array([mean.trial_sd or 0.0 for mean in means])
         trial_variance = trial_sd**2 * count / len(rows)

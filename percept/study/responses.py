@@ -290,7 +290,7 @@ def lacking_scatter(
     between = (statistics.sd == 0) & (statistics.df > 0)
     trial = ((statistics.trial_rows**2).sum(axis=1) == 0) & (statistics.trial_df > 0)
     for what, still in (
-        ("all subjects adjusted alike", between),
+        ("all subjects made the same adjustments", between),
         ("no subject's trials differ", trial),
     ):
         for parameter, cells in zip(statistics.parameters, still, strict=True):

@@ -258,7 +258,7 @@ class Study:
 
         The folder is made where it does not exist. UsageError where it cannot be written, or where
         a file that no earlier run wrote has one of the report's names: before anything is computed.
-        Options are those of `percept.report.report_folder` and `percept.report.fill_report`, such
+        Options go to `percept.report.report_folder` and `percept.report.fill_report`, such
         as ``formats=("pdf",)``, and `why` of `results`.
         """
         # Matplotlib is slow to import.

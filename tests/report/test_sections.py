@@ -160,7 +160,7 @@ def model_of(*, form="trials", environments=3, parameters=("k", "b"), **model):
         ({"subject_effect": False}, f"{REGRESSION}, and {WITHIN}"),
         (
             {"common_spread": True},
-            f"{REGRESSION}, {SHARED}{PAIR}, and between-subject scatter alike in all environments",
+            f"{REGRESSION}, {SHARED}{PAIR}, and between-subject scatter equal in all environments",
         ),
         (
             {"weber": True, "parameters": ("b",)},

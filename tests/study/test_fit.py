@@ -146,7 +146,10 @@ def test_a_few_pairs_are_no_reason(subjects, expected):
 def test_no_scatter_is_refused_with_the_step_to_give():
     cell, _, subject, environment = study(np.random.default_rng(5), trials=1)
     cell[environment == 2, 0] = 0.25
-    message = "all subjects adjusted alike in stiffness of C: zero scatter has no proper posterior."
+    message = (
+        "all subjects made the same adjustments in stiffness of C: zero scatter has no proper "
+        "posterior."
+    )
     with pytest.raises(RefusalError, match=re.escape(message)) as caught:
         lacking_scatter(statistics(cell, subject, environment), ("b",), IMPEDANCE)
     assert "resolution.k" in caught.value.hint

@@ -69,7 +69,7 @@ def test_free_space_has_boundaries_and_no_band():
     assert "free" in {boundary.environment for boundary in found.boundaries}
     both = study(data, **{**scene, "inference": {**scene["inference"], "method": "both"}})
     with pytest.raises(
-        RefusalError, match="the reference stiffness of free is 0, and has no place"
+        RefusalError, match="the reference stiffness of free is 0, and environments are compared by"
     ):
         predict(both, stiffness=1e3, damping=1.0)
 
@@ -97,7 +97,7 @@ def test_a_cell_without_an_interval_costs_the_law_no_other_environment():
     found = study(data)
     assert {part.what: part.why for part in found.skipped}[
         "classical lognormal intervals of damping in VE1"
-    ] == "all subjects adjusted alike"
+    ] == "all subjects made the same adjustments"
     assert found.band is not None
     assert {law.family for law in found.band.laws} == {"normal", "lognormal"}
 

@@ -210,7 +210,7 @@ def test_no_scatter_is_refused_and_resolution_answers():
     table.loc[table.environment == "VE2", "k_adj"] = 1000.0
     sessions = Sessions.from_frame(table)
     with pytest.raises(
-        RefusalError, match="all subjects adjusted alike in stiffness of VE2"
+        RefusalError, match="all subjects made the same adjustments in stiffness of VE2"
     ) as caught:
         _ = Study(sessions, hbfd_scene(method="bayesian")).parts.fit
     assert "resolution.k" in str(caught.value)

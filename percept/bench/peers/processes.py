@@ -215,7 +215,7 @@ class Comparison:
 def whole_commands(
     sessions: str, scene: str, *, repeats: int, commands: Mapping[str, Sequence[str]]
 ) -> list[Whole]:
-    """Run every command in turn, round by round, so that all see the machine alike.
+    """Run every command in turn, round by round, so that all meet the same machine load.
 
     One round more comes before those, and counts only where `repeats` is 0.
 

@@ -126,7 +126,7 @@ class Gate:
     rhat: float  # Largest rank R-hat across ensembles
     autocorrelation_time: float  # Longest autocorrelation time of a reported quantity, in steps
     slowest: str  # The quantity it belongs to
-    times_run: float  # Kept steps over that time; of a run in parts, those of the last part
+    times_run: float  # Kept steps over that time; of a run in parts, of its last part
     effective_draws: float  # Effective draws of the slowest reported quantity
     acceptance: float  # Mean acceptance fraction
     lowest_acceptance: float  # Of the slowest walker

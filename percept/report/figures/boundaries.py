@@ -220,10 +220,10 @@ def _ratios(results: Results, boundaries: _Panels) -> Drawing:
 def like_limits(boundaries: Sequence[Boundary], kind: str, families: Sequence[str]) -> list[Limits]:
     """Return the boundaries of both methods in one family and one shape, the Bayesian first."""
     for shape in _SHAPES:
-        alike = matching(boundaries, kind=kind, shape=shape)
+        candidates = matching(boundaries, kind=kind, shape=shape)
         limits: list[Limits] = []
         for method in reversed(METHODS):
-            boundary = first(matching(alike, method=method), family=families)
+            boundary = first(matching(candidates, method=method), family=families)
             if boundary is not None:
                 limits.append(_limits(boundary))
         if limits:

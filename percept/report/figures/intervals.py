@@ -251,8 +251,8 @@ def bars_of(
     for environment in distinct(rows, "environment"):
         for kind in kinds:
             for method in METHODS:
-                alike = matching(rows, environment=environment, kind=kind, method=method)
-                row = first(alike, family=families)
+                candidates = matching(rows, environment=environment, kind=kind, method=method)
+                row = first(candidates, family=families)
                 bar = None if row is None else _bar(row, relative=relative)
                 if bar is not None:
                     bars.append(bar)

@@ -135,8 +135,8 @@ def _trial_rows(data: Trials, sites: Mapping[str, Site]) -> Iterator[Psychophysi
         yield from site.of_trials(bounded)
         present = counts[:, j] > 0
         means = statistics.cell_means[present, 0, j]
-        alike = trial_sd == 0.0 and np.ptp(means) == 0.0
-        if alike or len(means) < 2:
+        no_scatter = trial_sd == 0.0 and np.ptp(means) == 0.0
+        if no_scatter or len(means) < 2:
             continue
         own_counts = counts[present, j]
         unequal = bool(np.ptp(own_counts) > 0.0)

@@ -186,7 +186,7 @@ def test_identical_subjects_are_refused_on_the_command_line_and_answered_with_a_
     identical().to_csv(data, index=False)
     assert main(["fit", str(data), "--method", "bayesian", "--out", str(out)]) == 1
     said = capsys.readouterr().err
-    assert "all subjects adjusted alike in stiffness of VE1" in said
+    assert "all subjects made the same adjustments in stiffness of VE1" in said
     assert "resolution.k" in said
     scene.write_text(
         '[model]\nresolution = {k = 10.0}\n[inference]\ntolerance = 0.05\nmethod = "bayesian"\n'
