@@ -412,9 +412,7 @@ def confidence_law(
     mean = values.mean(axis=1)
     covariance = np.cov(values)
     if not np.all(np.diagonal(covariance) > 0.0):
-        raise RefusalError(
-            "all subjects made the same adjustments: there is no scatter to draw from."
-        )
+        raise RefusalError("there is no scatter: all subjects made the same adjustments.")
     of_mean = 1.0 / n
     covariance *= of_mean if kind == "mean" else 1.0 + of_mean
     sd = np.sqrt(np.diagonal(covariance))
