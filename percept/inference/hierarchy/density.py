@@ -20,6 +20,7 @@ from percept.inference.hierarchy.laws import (
     PairLaws,
     PriorDraws,
     SubjectLaws,
+    TrendLaw,
     covariances,
     even_normals,
 )
@@ -345,20 +346,20 @@ class CollapsedDensity(Pooled):
         covariance[:, range(count), range(count)] += tau**2
         return mean.T, covariance
 
-    def slopes(self, points: Array) -> ConditionalMoments:
-        """Law of the slope gamma of each quantity's bias per decade of the reference, (W, P)."""
+    def trends(self, points: Array) -> dict[str, TrendLaw]:
+        """Law of bias over decades of the reference at coordinates (W, d), under an empty name."""
+        if not self.layout.trend:
+            raise RefusalError(ONE_ENVIRONMENT, hint=MORE_ENVIRONMENTS)
         count = self.layout.parameters
-        rows = np.zeros((count, 2 * count))
-        rows[:, count:] = self.priors.gamma_sd * np.eye(count)
+        prior_sds = np.repeat([self.priors.alpha_sd, self.priors.gamma_sd], count)
 
         def of_scales(scales: Scales) -> tuple[Array, Array]:
-            mean, spread = self.locations(scales).trend(rows)
-            variance = np.einsum("qpw,qpw->wp", spread, spread)
-            return mean.T, np.sqrt(variance)
+            mean, spread = self.locations(scales).trend(np.diag(prior_sds))
+            mean = mean.reshape(2, count, -1)
+            columns = spread.reshape(-1, *mean.shape)
+            return mean.T, np.einsum("qapw,qbpw->wpab", columns, columns)
 
-        mean, sd = self.by_pass(points, of_scales)
-        # All subjects have one slope.
-        return ConditionalMoments(mean, sd, np.zeros_like(mean))
+        return {"": TrendLaw(*self.by_pass(points, of_scales))}
 
     def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw beta of all cells jointly and one new user of each environment, each (W, C)."""

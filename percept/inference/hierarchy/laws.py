@@ -18,6 +18,7 @@ __all__ = [
     "PairLaws",
     "PriorDraws",
     "SubjectLaws",
+    "TrendLaw",
     "Whitened",
     "covariances",
     "even_normals",
@@ -73,6 +74,17 @@ class PairLaws:
     mean: Array  # (S, J, 2) Mean of the locations
     location: Array  # (S, J, 2, 2) Covariance of the locations
     users: Array  # (S, J, 2, 2) Covariance of users about them
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TrendLaw:
+    """Law of the line that the locations scatter about, given each draw: it is normal.
+
+    A line has an intercept, at the geometric mean of the references, and a slope per decade.
+    """
+
+    mean: Array  # (S, P, 2) Of intercept and slope
+    covariance: Array  # (S, P, 2, 2)
 
 
 class Whitened(Protocol):

@@ -23,11 +23,11 @@ from percept.inference.hierarchy.cell_information import CellLaw
 from percept.inference.hierarchy.covariates import Covariates
 from percept.inference.hierarchy.design import TREND, Design, Term, new_cells
 from percept.inference.hierarchy.laws import (
-    ConditionalMoments,
     NewEnvironment,
     PairLaws,
     PriorDraws,
     SubjectLaws,
+    TrendLaw,
     covariances,
     even_normals,
 )
@@ -144,7 +144,7 @@ class LinearPosterior(LinearModel, Pooled):
         return named
 
     def pairs(self, points: Array) -> PairLaws:
-        """Joint law of both quantities in each cell, at coordinates (W, d)."""
+        """Joint law of the quantities in each cell, at coordinates (W, d)."""
         parts = [self._pairs(part) for part in self._passes(points)]
         return PairLaws(
             mean=np.concatenate([part.mean for part in parts]),
@@ -158,9 +158,10 @@ class LinearPosterior(LinearModel, Pooled):
         law = self.locations(scales)
         width = len(points)
         count = len(self.cells)
-        mean = law.mean[:, :count].reshape(width, 2, -1)
+        size = self.design.parameters
+        mean = law.mean[:, :count].reshape(width, size, -1)
         cell_rows = np.eye(count, self.locations_count)
-        columns = law.columns_of(cell_rows).reshape(width, 2, count // 2, -1)
+        columns = law.columns_of(cell_rows).reshape(width, size, count // size, -1)
         users = np.einsum("qpcw,qrcw->wcpr", scales.effects, scales.effects)
         for parts in scales.between.factor_columns():
             column = np.stack(parts)
@@ -291,36 +292,54 @@ class LinearPosterior(LinearModel, Pooled):
             departures += factor_column * rng.standard_normal(factor_column.shape[1:])
         return departures.reshape(-1, width).T
 
-    def slopes(self, points: Array) -> ConditionalMoments:
-        """Law of the slope gamma of each quantity's bias per decade of the reference, (W, P)."""
-        parts = [self._slopes(part).pack() for part in self._passes(points)]
-        return ConditionalMoments.unpack(np.concatenate(parts))
+    def trends(self, points: Array) -> dict[str, TrendLaw]:
+        """Law of bias over decades of the reference at coordinates (W, d), by condition."""
+        rows = self._trend_rows()
+        stacked = np.concatenate(list(rows.values()))
+        means = []
+        covariances_of_parts = []
+        for part in self._passes(points):
+            law = self.locations(self.linear_scales(part).cells)
+            mean, columns = law.fixed(stacked)
+            shape = (len(part), len(rows), 2, self.design.parameters)
+            by_line = columns.reshape(*shape, -1)
+            means.append(mean.reshape(shape).swapaxes(2, 3))
+            covariances_of_parts.append(np.einsum("wcapk,wcbpk->wcpab", by_line, by_line))
+        mean = np.concatenate(means)
+        covariance = np.concatenate(covariances_of_parts)
+        laws = {}
+        for number, name in enumerate(rows):
+            laws[name] = TrendLaw(mean[:, number], covariance[:, number])
+        return laws
 
-    def _slopes(self, points: Array) -> ConditionalMoments:
-        """Laws of the slopes of one pass."""
-        linear = self.linear_scales(points)
-        identity = np.eye(self.design.parameters)
-        weights = []
+    def _trend_rows(self) -> dict[str, Array]:
+        """Weights (2 P, f) of the intercepts and the slopes of a condition, by its name."""
+        self._refuse_one_environment()
+        # At the geometric mean of the references a location is the intercept.
+        design = new_cells(self.design, np.zeros(self.design.parameters), self.priors)
+        slopes = []
         for term in self.design.fixed:
-            # The law is of coefficients over their prior SDs: gamma is gamma_sd times its own.
+            # Rows weigh coefficients over their prior SDs.
             weight = self.priors.gamma_sd if term.name == TREND else 0.0
-            for _ in term.columns:
-                weights.append(weight * identity)
-        law = self.locations(linear.cells)
-        mean, columns = law.fixed(np.concatenate(weights, axis=1))
-        variance = np.einsum("wpk,wpk->wp", columns, columns)
-        user_sd = np.zeros_like(mean)
-        sd_of_slopes = linear.named.get(f"sigma_v:{TREND}")
-        if sd_of_slopes is not None:
-            user_sd = sd_of_slopes.T
-        return ConditionalMoments(mean, np.sqrt(variance), user_sd)
+            slopes += [weight * np.eye(self.design.parameters)] * len(term.columns)
+        slope_rows = np.concatenate(slopes, axis=1)
+        rows = {}
+        for number, name in enumerate(design.cells.names):
+            cell = design.at(np.array([number]))
+            intercepts = [np.diag(column) for column in _cell_columns(cell.fixed)]
+            rows[name] = np.concatenate([np.concatenate(intercepts, axis=1), slope_rows])
+        return rows
+
+    def _refuse_one_environment(self) -> None:
+        """Refuse a trend over references where there is one environment."""
+        if len(self.design.cells.environments) < 2:
+            raise RefusalError(ONE_ENVIRONMENT, hint=MORE_ENVIRONMENTS)
 
     def new_environment(
         self, points: Array, x: Array, repeats: int, rng: np.random.Generator
     ) -> dict[str, NewEnvironment]:
         """Laws of an environment nobody was tested in, by the levels of all factors."""
-        if len(self.design.cells.environments) < 2:
-            raise RefusalError(ONE_ENVIRONMENT, hint=MORE_ENVIRONMENTS)
+        self._refuse_one_environment()
         design = new_cells(self.design, x, self.priors)
         laws = {}
         for number, name in enumerate(design.cells.names):

@@ -14,6 +14,7 @@ from percept.inference.hierarchy.laws import (
     PairLaws,
     PriorDraws,
     SubjectLaws,
+    TrendLaw,
 )
 from percept.inference.hierarchy.priors import Named, Priors
 from percept.inference.hierarchy.statistics import Statistics
@@ -85,8 +86,12 @@ class Pooled(Model):
         """Joint law of both quantities in each environment, at coordinates (W, d)."""
 
     @abstractmethod
-    def slopes(self, points: Array) -> ConditionalMoments:
-        """Law of the slope gamma of each quantity's bias per decade of the reference, (W, P)."""
+    def trends(self, points: Array) -> dict[str, TrendLaw]:
+        """Law of bias over decades of the reference at coordinates (W, d).
+
+        By the levels of all factors; without factors there is one, with an empty name.
+        RefusalError with one environment.
+        """
 
     @property
     @abstractmethod

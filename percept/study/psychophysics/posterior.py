@@ -236,15 +236,19 @@ def _slope_rows(
     several = np.ptp(x, axis=1) > 0.0
     if not several.any():
         return
-    laws = density.slopes(coordinates)
+    # Conditions have one slope.
+    trend = next(iter(density.trends(coordinates).values()))
+    slope_sd = np.sqrt(trend.covariance[..., 1, 1])
+    laws = ConditionalMoments(trend.mean[..., 1], slope_sd, np.zeros_like(slope_sd))
     of_means = _bounded_means(laws, bounded.level, bounded.effective)
+    _, own_sd = density.scales(coordinates).get("sigma_v:trend", ((), None))
     for p, first in enumerate(sites[::count]):
         if not several[p]:
             continue
         site = first.over_all(len(density.statistics.subjects))
         yield site.row("gamma", of_means[p])
-        if laws.population_sd[:, p].any():
-            yield site.row("sigma_slope", bounded(laws.population_sd[:, p]))
+        if own_sd is not None:
+            yield site.row("sigma_slope", bounded(own_sd[:, p]))
 
 
 def _subject_rows(

@@ -7,6 +7,8 @@ from scipy import linalg, stats
 from percept.inference.hierarchy.cell_information import CellLaw
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.design import contrast_columns
+from percept.inference.hierarchy.linear_posterior import LinearPosterior
+from percept.inference.hierarchy.linear_product import LinearProduct
 from percept.inference.hierarchy.log_linear import LogLinear
 from percept.inference.hierarchy.one_pattern import absorb
 from percept.inference.hierarchy.priors import Priors
@@ -50,39 +52,87 @@ def test_scales_of_one_dimension_have_one_length(name):
             assert lengths.setdefault(dimension, length) == length, name_of_scale
 
 
+def locations_given(study, named, s):
+    """Mean, covariance and users' covariance of all locations, by the rule for normal variables."""
+    model = study.model
+    size, cells = model.design.cells.x.shape
+    slopes = study.covariates.shape[1] * size
+    variance = model.priors.covariate_sd**2
+    at = np.concatenate([p * cells + study.cell for p in range(size)])
+    quantity = np.repeat(np.arange(size), len(study.cell))
+    covariance, prior, user = dense(study, named, s)
+    towards = np.zeros((size * cells + slopes, len(at)))
+    towards[: size * cells] = prior[:, at]
+    for m, values in enumerate(study.covariates.T):
+        for p in range(size):
+            row = size * cells + m * size + p
+            towards[row] = variance * np.tile(values, size) * (quantity == p)
+    whole = linalg.block_diag(prior, variance * np.eye(slopes))
+    gain = linalg.solve(covariance, towards.T, assume_a="pos").T
+    users = linalg.block_diag(user, np.zeros((slopes, slopes)))
+    return gain @ study.response.T.ravel(), whole - gain @ towards.T, users
+
+
+def check_laws(laws, s, rows, given):
+    mean, left, users = given
+    np.testing.assert_allclose(laws.mean[s], rows @ mean, rtol=1e-7, atol=1e-10)
+    np.testing.assert_allclose(laws.sd[s] ** 2, np.diag(rows @ left @ rows.T), rtol=2e-7)
+    own = np.diag(rows @ users @ rows.T)
+    np.testing.assert_allclose(laws.population_sd[s] ** 2, own, rtol=2e-10)
+
+
 @pytest.mark.parametrize("name", DESIGNS)
 def test_locations_and_users_have_their_conditional_law(name):
-    """Rows of cells and of slopes, by the rule for jointly normal variables."""
+    """Rows of cells and of slopes."""
     study = made(name)
     model = study.model
     points = points_of(model, 2)
     named = model.linear_scales(points).named
-    size, cells = model.design.cells.x.shape
-    slopes = study.covariates.shape[1] * size
-    rng = np.random.default_rng(3)
-    rows = rng.normal(size=(3, size * cells + slopes))
+    count = len(model.cells) + study.covariates.shape[1] * model.design.parameters
+    rows = np.random.default_rng(3).normal(size=(3, count))
     laws = model.laws_of(rows, points)
-    variance = model.priors.covariate_sd**2
-    at = np.concatenate([p * cells + study.cell for p in range(size)])
-    quantity = np.repeat(np.arange(size), len(study.cell))
     for s in range(len(points)):
-        covariance, prior, user = dense(study, named, s)
-        towards = np.zeros((size * cells + slopes, len(at)))
-        towards[: size * cells] = prior[:, at]
-        for m, values in enumerate(study.covariates.T):
-            for p in range(size):
-                row = size * cells + m * size + p
-                towards[row] = variance * np.tile(values, size) * (quantity == p)
-        whole = linalg.block_diag(prior, variance * np.eye(slopes))
-        gain = linalg.solve(covariance, towards.T, assume_a="pos").T
-        mean = gain @ study.response.T.ravel()
-        left = whole - gain @ towards.T
-        np.testing.assert_allclose(laws.mean[s], rows @ mean, rtol=1e-7, atol=1e-10)
-        sd = np.sqrt(np.diag(rows @ left @ rows.T))
-        np.testing.assert_allclose(laws.sd[s], sd, rtol=1e-7)
-        of_cells = rows[:, : size * cells]
-        own = np.sqrt(np.diag(of_cells @ user @ of_cells.T))
-        np.testing.assert_allclose(laws.population_sd[s], own, rtol=1e-10)
+        check_laws(laws, s, rows, locations_given(study, named, s))
+
+
+def test_three_quantities_have_the_law_of_their_models_side_by_side():
+    """A pair with covariates, and a quantity with a model of its own: contrasts over all three."""
+    studies = [made("covariates of trials"), made("one quantity, two levels", seed=1)]
+    models = []
+    for study in studies:
+        own = study.model
+        covariates = (own.covariates, own.scatter)
+        models.append(LinearPosterior(own.statistics, own.design, own.priors, *covariates))
+    product = LinearProduct(models)
+    points = points_of(product, 2)
+    split = np.split(points, [len(models[0].names)], axis=1)
+    values = sum(model(part) for model, part in zip(models, split, strict=True))
+    np.testing.assert_allclose(product(points), values, rtol=1e-14)
+    count = sum(model.locations_count for model in models)
+    rows = np.random.default_rng(3).normal(size=(4, count))
+    laws = product.laws_of(rows, points)
+    draws = 20_000
+    for s in range(len(points)):
+        parts = []
+        for study, model, part in zip(studies, models, split, strict=True):
+            parts.append(locations_given(study, model.linear_scales(part).named, s))
+        means, left, users = zip(*parts, strict=True)
+        given = (np.concatenate(means), linalg.block_diag(*left), linalg.block_diag(*users))
+        check_laws(laws, s, rows, given)
+        log_sds = product.log_user_sds(rows, points[s : s + 1])
+        np.testing.assert_allclose(np.exp(log_sds[0]), laws.population_sd[s], rtol=1e-12)
+        location, user = product.draw_of(
+            rows, points[s : s + 1], np.random.default_rng(s), repeats=draws
+        )
+        of_location = rows @ given[1] @ rows.T
+        for drawn, expected in (
+            (location, of_location),
+            (user, of_location + rows @ given[2] @ rows.T),
+        ):
+            variances = np.diag(expected)
+            # An entry of an empirical covariance has this standard error.
+            error = np.sqrt((np.outer(variances, variances) + expected**2) / draws)
+            assert np.all(np.abs(np.cov(drawn.T) - expected) < 4.5 * error)
 
 
 @pytest.mark.parametrize("name", ["three levels, missing cells", "two groups"])

@@ -191,3 +191,51 @@ def test_one_environment_with_factors_predicts_no_other():
     point = np.zeros((1, len(model.names)))
     with pytest.raises(RefusalError, match="one environment shows no trend"):
         model.new_environment(point, PLACE, 1, np.random.default_rng(0))
+    with pytest.raises(RefusalError, match="one environment shows no trend"):
+        model.trends(point)
+
+
+def test_one_environment_without_factors_has_no_trend():
+    study = designs.study("one environment", np.random.default_rng(1))
+    model = CollapsedDensity(study.statistics)
+    with pytest.raises(RefusalError, match="one environment shows no trend"):
+        model.trends(np.zeros((1, len(model.names))))
+
+
+@pytest.mark.parametrize(
+    "name", ["balanced", "two by two, two groups, covariate", "slopes over references"]
+)
+def test_a_trend_is_a_new_environment_less_what_that_has_of_its_own(name):
+    """New environments are checked against dense conditioning above."""
+    if name == "balanced":
+        model, points = model_and_points()
+    else:
+        _, model = posterior_of(name)
+        points = np.random.default_rng(4).normal(0.0, 0.5, (5, len(model.names)))
+    found = model.trends(points)
+    new = model.new_environment(points, PLACE, 1, np.random.default_rng(0))
+    named = model.scales(points)
+    own = named["tau"][1] ** 2
+    for scale, (_, values) in named.items():
+        if scale.startswith("tau:"):
+            # Columns of a factor of two levels are half a unit high, and of two by two a quarter.
+            columns = 0.5 ** len(scale.split(":")[1:])
+            own = own + (columns * values) ** 2
+    assert list(found) == list(new)
+    for condition, trend in found.items():
+        weights = np.stack([np.ones(2), PLACE], axis=1)
+        mean = np.einsum("wpa,pa->wp", trend.mean, weights)
+        np.testing.assert_allclose(mean, new[condition].mean, rtol=1e-10)
+        variance = np.einsum("wpab,pa,pb->wp", trend.covariance, weights, weights)
+        expected = np.diagonal(new[condition].covariance, axis1=1, axis2=2) - own
+        np.testing.assert_allclose(variance, expected, rtol=1e-9)
+
+
+def test_a_pair_law_of_one_quantity_is_that_of_its_cells():
+    _, model = posterior_of("one quantity, two levels")
+    points = np.random.default_rng(4).normal(0.0, 0.5, (5, len(model.names)))
+    pairs = model.pairs(points)
+    laws = model.laws(points)
+    np.testing.assert_allclose(pairs.mean[..., 0], laws.mean, rtol=1e-12)
+    np.testing.assert_allclose(pairs.location[..., 0, 0], laws.sd**2, rtol=1e-10)
+    np.testing.assert_allclose(pairs.users[..., 0, 0], laws.population_sd**2, rtol=1e-10)
