@@ -30,9 +30,11 @@ __all__ = [
     "Design",
     "Factors",
     "Term",
+    "cell_columns",
     "contrast_columns",
     "design_of",
     "new_cells",
+    "trend_rows",
 ]
 
 Array = NDArray[np.float64]
@@ -235,6 +237,35 @@ def new_cells(design: Design, x: Array, priors: Priors) -> Design:
     more = dataclasses.replace(factors, level=longer)
     whole = dataclasses.replace(design, cells=joined, factors=more).under(priors)
     return whole.at(np.arange(len(cells.names), len(joined.names)))
+
+
+def trend_rows(design: Design, priors: Priors) -> dict[str, Array]:
+    """Weights (2 P, f) of the fixed coefficients in each condition's intercepts, then its slopes.
+
+    Coefficients stand over their prior SDs.
+    """
+    identity = np.eye(design.parameters)
+    # At the geometric mean of the references a location is the intercept.
+    centre = new_cells(design, np.zeros(design.parameters), priors)
+    slopes = []
+    for term in design.fixed:
+        weight = priors.gamma_sd if term.name == TREND else 0.0
+        slopes += [weight * identity] * len(term.columns)
+    rows = {}
+    for number, name in enumerate(centre.cells.names):
+        cell = centre.at(np.array([number]))
+        intercepts = [np.diag(column) for column in cell_columns(cell.fixed)]
+        rows[name] = np.block([intercepts, slopes])
+    return rows
+
+
+def cell_columns(terms: tuple[Term, ...]) -> list[Array]:
+    """Columns (P,) of the terms of a design with one cell."""
+    columns = []
+    for term in terms:
+        for column in term.columns:
+            columns.append(column[:, 0])
+    return columns
 
 
 def _scaled(terms: Sequence[Term], sd: Mapping[str, float], usual: float) -> tuple[Term, ...]:

@@ -21,7 +21,13 @@ from numpy.typing import NDArray
 from percept.errors import RefusalError
 from percept.inference.hierarchy.cell_information import CellLaw
 from percept.inference.hierarchy.covariates import Covariates
-from percept.inference.hierarchy.design import TREND, Design, Term, new_cells
+from percept.inference.hierarchy.design import (
+    TREND,
+    Design,
+    cell_columns,
+    new_cells,
+    trend_rows,
+)
 from percept.inference.hierarchy.laws import (
     NewEnvironment,
     PairLaws,
@@ -294,7 +300,8 @@ class LinearPosterior(LinearModel, Pooled):
 
     def trends(self, points: Array) -> dict[str, TrendLaw]:
         """Law of bias over decades of the reference at coordinates (W, d), by condition."""
-        rows = self._trend_rows()
+        self._refuse_one_environment()
+        rows = trend_rows(self.design, self.priors)
         stacked = np.concatenate(list(rows.values()))
         means = []
         covariances_of_parts = []
@@ -311,24 +318,6 @@ class LinearPosterior(LinearModel, Pooled):
         for number, name in enumerate(rows):
             laws[name] = TrendLaw(mean[:, number], covariance[:, number])
         return laws
-
-    def _trend_rows(self) -> dict[str, Array]:
-        """Weights (2 P, f) of the intercepts and the slopes of a condition, by its name."""
-        self._refuse_one_environment()
-        # At the geometric mean of the references a location is the intercept.
-        design = new_cells(self.design, np.zeros(self.design.parameters), self.priors)
-        slopes = []
-        for term in self.design.fixed:
-            # Rows weigh coefficients over their prior SDs.
-            weight = self.priors.gamma_sd if term.name == TREND else 0.0
-            slopes += [weight * np.eye(self.design.parameters)] * len(term.columns)
-        slope_rows = np.concatenate(slopes, axis=1)
-        rows = {}
-        for number, name in enumerate(design.cells.names):
-            cell = design.at(np.array([number]))
-            intercepts = [np.diag(column) for column in _cell_columns(cell.fixed)]
-            rows[name] = np.concatenate([np.concatenate(intercepts, axis=1), slope_rows])
-        return rows
 
     def _refuse_one_environment(self) -> None:
         """Refuse a trend over references where there is one environment."""
@@ -373,11 +362,11 @@ class LinearPosterior(LinearModel, Pooled):
 
     def _new_location(self, linear: LinearScales, cell: Design) -> tuple[Array, Array]:
         """Mean (W, P) and covariance (W, P, P) of the location of a new cell."""
-        rows = [np.diag(column) for column in _cell_columns(cell.fixed)]
+        rows = [np.diag(column) for column in cell_columns(cell.fixed)]
         law = self.locations(linear.cells)
         mean, columns = law.fixed(np.concatenate(rows, axis=1))
         covariance = np.einsum("wpq,wrq->wpr", columns, columns)
-        deviation_columns = _cell_columns(cell.own)
+        deviation_columns = cell_columns(cell.own)
         deviation_variance = linear.cells.tau**2
         of_deviations = np.einsum("op,opw->wp", np.square(deviation_columns), deviation_variance)
         diagonal = np.arange(self.design.parameters)
@@ -390,7 +379,7 @@ class LinearPosterior(LinearModel, Pooled):
         """Covariances (W, R, P, P) of users within the cell, log sigma drawn about its columns."""
         level = self._levels[0]
         named = linear.named
-        columns = _cell_columns(cell.between)
+        columns = cell_columns(cell.between)
         log_sigma = np.asarray(self.priors.log_s_mean)
         for name, column in zip(level.coefficients, columns, strict=True):
             # The columns carry the prior SDs of their coefficients.
@@ -458,12 +447,3 @@ class LinearPosterior(LinearModel, Pooled):
             users += np.einsum("wlc,rwc->rwl", factor_column, normals)
         count = repeats * width
         return locations.reshape(count, -1), users.reshape(count, -1)
-
-
-def _cell_columns(terms: tuple[Term, ...]) -> list[Array]:
-    """Columns (P,) of the terms of a design with one cell."""
-    columns = []
-    for term in terms:
-        for column in term.columns:
-            columns.append(column[:, 0])
-    return columns
