@@ -7,6 +7,7 @@ import codecs
 import gzip
 import hashlib
 import io
+import lzma
 import os
 import re
 import stat
@@ -29,6 +30,7 @@ __all__ = ["BLOCK", "Input", "is_workbook", "line_ends", "load", "open_text"]
 _BROKEN = (
     zipfile.BadZipFile,
     zlib.error,
+    lzma.LZMAError,
     OSError,
     NotImplementedError,
     EOFError,
@@ -42,6 +44,11 @@ BLOCK = 8 << 20
 _EARLY = 20_000
 _GZIP = b"\x1f\x8b"
 _BZIP2 = b"BZh"
+_XZ = b"\xfd7zXZ\0"
+#: What opens a compressed file, by how it begins.
+_OPENERS: dict[bytes, Callable[..., Any]] = {_GZIP: gzip.open, _BZIP2: bz2.open, _XZ: lzma.open}
+#: Bytes that tell whether a file is packed.
+_SIGNATURE = 6
 _ZIP = b"PK\x03\x04"
 #: What a zip archive holds that is an Excel workbook.
 _WORKBOOK = "xl/workbook.xml"
@@ -107,8 +114,8 @@ def load(name: str, limits: FileLimits) -> Iterator[Input]:
             status = os.fstat(stream.fileno())
             if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):
                 raise UsageError("this is a device, not a file.", file=name, hint="Check the path.")
-            data = stream.read(4)
-            packed = data.startswith((_GZIP, _ZIP, _BZIP2, b"PAR1"))
+            data = stream.read(_SIGNATURE)
+            packed = data.startswith((*_OPENERS, _ZIP, b"PAR1"))
             if not packed and status.st_size > BLOCK // 16:
                 yield Input(name, place, part=part)
                 return
@@ -117,11 +124,12 @@ def load(name: str, limits: FileLimits) -> Iterator[Input]:
             limits.hold_size(len(data), name)
     except OSError as error:
         raise UsageError(f"cannot be read: {error.strerror}.", file=name) from None
-    if data.startswith((_GZIP, _BZIP2)):
-        unpack: Callable[..., Any] = gzip.open if data.startswith(_GZIP) else bz2.open
-        content = _unpacked(partial(unpack, io.BytesIO(data)), name, limits)
-        yield Input(name, place, content, part)
-    elif data.startswith(_ZIP):
+    for signature, unpack in _OPENERS.items():
+        if data.startswith(signature):
+            content = _unpacked(partial(unpack, io.BytesIO(data)), name, limits)
+            yield Input(name, place, content, part)
+            return
+    if data.startswith(_ZIP):
         with _archive(data, name) as archive:
             limits.hold_size(sum(member.file_size for member in archive.infolist()), name)
             if _WORKBOOK in archive.namelist():

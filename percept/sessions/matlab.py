@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import json
 import sys
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,18 @@ __all__ = ["plain"]
 _BYTES_OF_CELL = 512
 #: Bytes of memory for Python and SciPy themselves.
 _BYTES_OF_PROGRAM = 4 << 30
+_OBJECT = (
+    "a table or string of MATLAB is an object that only MATLAB reads; in MATLAB:"
+    " S = table2struct(T, 'ToScalar', true); save(name, '-struct', 'S')"
+)
+
+
+class _TooManyCellsError(Exception):
+    """A file has more cells than it may; the argument is how many at least."""
+
+    @property
+    def cells(self) -> int:
+        return int(self.args[0])
 
 
 def plain(item: Any) -> Any:
@@ -35,32 +48,116 @@ def plain(item: Any) -> Any:
 
 def _found(most_cells: int, part: str) -> dict[str, Any]:
     """Read standard input."""
-    from scipy.io import loadmat, whosmat
-
-    stream: Any = io.BytesIO(sys.stdin.buffer.read())
-    for _, shape, _ in whosmat(stream):
-        cells = int(np.prod(shape, dtype=np.float64))
-        if cells > most_cells:
-            return {"cells": cells}
-    stream.seek(0)
-    arrays = {}
-    for name, value in loadmat(stream, squeeze_me=True).items():
-        if not name.startswith("__"):
-            arrays[name] = np.atleast_1d(value)
-    tables = [name for name, value in arrays.items() if value.dtype.names]
-    tables = tables or [name for name, value in arrays.items() if value.ndim == 2]
-    if part not in arrays and (part or len(tables) > 1):
-        return {"names": tables or list(arrays), "columns": {}}
+    data = sys.stdin.buffer.read()
+    try:
+        if data.startswith(b"MATLAB 7.3"):
+            variables = _of_hdf5(data, most_cells)
+        else:
+            variables = _of_earlier(data, most_cells)
+    except _TooManyCellsError as error:
+        return {"cells": error.cells}
+    tables = [name for name, value in variables.items() if not _is_vector(value)]
+    if part not in variables and (part or len(tables) > 1):
+        return {"names": tables or list(variables), "columns": {}}
     if part or tables:
-        arrays = _columns(arrays[part or tables[0]])
+        variables = _columns(variables[part or tables[0]])
     columns = {}
-    for name, values in arrays.items():
+    for name, values in variables.items():
         columns[name] = [plain(item) for item in values.ravel()]
     return {"columns": columns}
 
 
+def _of_earlier(data: bytes, most_cells: int) -> dict[str, Any]:
+    """Read the variables of a file up to version 7."""
+    from scipy.io import loadmat, matlab, whosmat
+
+    stream: Any = io.BytesIO(data)
+    for _, shape, _ in whosmat(stream):
+        cells = int(np.prod(shape, dtype=np.float64))
+        if cells > most_cells:
+            raise _TooManyCellsError(cells)
+    stream.seek(0)
+    variables = {}
+    for name, value in loadmat(stream, squeeze_me=True).items():
+        if isinstance(value, matlab.MatlabOpaque):
+            raise ValueError(_OBJECT)
+        if not name.startswith("__"):
+            variables[name] = np.atleast_1d(value)
+    return variables
+
+
+def _of_hdf5(data: bytes, most_cells: int) -> dict[str, Any]:
+    """Read the variables of a file of version 7.3; a struct becomes its columns by name."""
+    import h5py
+
+    variables: dict[str, Any] = {}
+    with h5py.File(io.BytesIO(data), "r") as file:
+        reader = _Hdf5(file, most_cells)
+        for name in file:
+            # What cells refer to.
+            if name.startswith("#"):
+                continue
+            item = reader.member(file, name)
+            if isinstance(item, h5py.Group):
+                variables[name] = {
+                    field: reader.values(reader.member(item, field)) for field in item
+                }
+            else:
+                variables[name] = reader.values(item)
+    return variables
+
+
+@dataclass
+class _Hdf5:
+    """A file of version 7.3, the most cells that may be read of it, and those read so far."""
+
+    file: Any
+    most_cells: int
+    cells: int = 0
+
+    def member(self, group: Any, name: str) -> Any:
+        """Give a member of a group; a link could lead into another file."""
+        import h5py
+
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            raise ValueError(f"{name} is a link")
+        return group[name]
+
+    def values(self, dataset: Any) -> Any:
+        """Read an array as `loadmat` gives it: texts whole, without axes of length one."""
+        import h5py
+
+        if not isinstance(dataset, h5py.Dataset):
+            raise ValueError("a struct inside a struct is no column")
+        if "MATLAB_object_decode" in dataset.attrs:
+            raise ValueError(_OBJECT)
+        if dataset.is_virtual or dataset.external:
+            raise ValueError("its values lie in another file")
+        if dataset.size is None or dataset.attrs.get("MATLAB_empty"):
+            return np.array([])
+        self.cells += dataset.size
+        if self.cells > self.most_cells:
+            raise _TooManyCellsError(self.cells)
+        # MATLAB stores the first axis last.
+        values = dataset[()].T
+        if dataset.attrs.get("MATLAB_class") == b"char":
+            texts = ["".join(map(chr, row)).rstrip() for row in np.atleast_2d(values)]
+            return np.array(texts, dtype=object)
+        if h5py.check_ref_dtype(dataset.dtype) is h5py.Reference:
+            cells = [plain(self.values(self.file[link])) for link in values.ravel()]
+            return np.array(cells, dtype=object)
+        return np.atleast_1d(np.squeeze(values))
+
+
+def _is_vector(value: Any) -> bool:
+    """Whether a variable is one column; a struct or a matrix is a table."""
+    return not isinstance(value, dict) and not value.dtype.names and value.ndim != 2
+
+
 def _columns(value: Any) -> dict[str, Any]:
     """Columns of a struct, of an array of structs, or of a matrix."""
+    if isinstance(value, dict):
+        return value
     fields = value.dtype.names
     if not fields:
         columns = value.T if value.ndim == 2 else [value]

@@ -30,6 +30,8 @@ PACKED = (".csv", ".tsv", ".tab", ".txt", ".json", ".jsonl")
 _SUFFIXES = (
     *PACKED,
     ".gz",
+    ".bz2",
+    ".xz",
     ".zip",
     ".parquet",
     ".xlsx",

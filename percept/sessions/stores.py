@@ -133,12 +133,10 @@ def database_rows(data: bytes, file: str, part: str | None, limits: FileLimits) 
 def matlab_rows(data: bytes, file: str, part: str | None, limits: FileLimits) -> Rows:
     """Read a struct of columns, an array of structs, a matrix, or vectors of one length.
 
-    SciPy's reader crashes on some broken files, so that it runs in a process of its own.
+    The readers of SciPy and HDF5 crash on some broken files, so that they run in a process of
+    their own.
     """
-    if data.startswith(b"MATLAB 7.3"):
-        hint = "In MATLAB: save(name, '-v7'), or writetable(table, 'trials.csv')."
-        raise UsageError("a MATLAB file of version 7.3 is not read.", file=file, hint=hint)
-    # Run by its path, it imports SciPy and nothing of percept.
+    # Run by its path, it imports nothing of percept.
     command = [sys.executable, "-P", matlab.__file__, str(limits.cells), part or ""]
     environment = {
         **os.environ,
@@ -147,8 +145,10 @@ def matlab_rows(data: bytes, file: str, part: str | None, limits: FileLimits) ->
     }
     ran = subprocess.run(command, input=data, capture_output=True, env=environment, check=False)
     if ran.returncode:
-        messages = ran.stderr.decode(errors="replace").strip().splitlines()
-        raise ValueError(messages[-1] if messages else "its reader stopped")
+        messages = ran.stderr.decode(errors="replace").strip().splitlines() or [
+            "its reader stopped"
+        ]
+        raise ValueError(messages[-1].removeprefix("ValueError: "))
     answer = json.loads(ran.stdout)
     # The reader answers with a number of cells above the limit, or names to choose from; both
     # raise an error here.

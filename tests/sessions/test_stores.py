@@ -5,8 +5,10 @@ from __future__ import annotations
 import bz2
 import gzip
 import json
+import lzma
 import sqlite3
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -189,14 +191,123 @@ def test_columns_of_a_matrix_have_numbers(tmp_path):
 
 def test_matlab_files_that_are_not_read_say_why(tmp_path):
     path = tmp_path / "m.mat"
-    path.write_bytes(b"MATLAB 7.3 MAT-file, written by hand")
-    assert "version 7.3 is not read. In MATLAB: save(name, '-v7')" in refusal(path)
     savemat(path, {"data": np.zeros((40, 50))})
     assert "more than 100 cells." in refusal(path, files={"cells": 100})
     savemat(path, {"one": np.zeros((4, 5)), "two": np.zeros((4, 5))})
     assert "several tables; there are 'one', 'two'." in refusal(path)
     same = {"sessions": {"sheet": "two"}}
     assert "there is no column for" in refusal(path, **same)
+
+
+def hdf5_cell(file, item):
+    """Store one value as MATLAB 7.3 does: arrays lie with their first axis last."""
+    name = f"#refs#/{len(file.require_group('#refs#'))}"
+    if isinstance(item, str):
+        file[name] = np.array([[ord(letter)] for letter in item], dtype=np.uint16)
+        file[name].attrs["MATLAB_class"] = np.bytes_("char")
+    else:
+        file[name] = np.array([[float(item)]])
+        file[name].attrs["MATLAB_class"] = np.bytes_("double")
+    return file[name].ref
+
+
+def hdf5_values(file, name, values, *, cells):
+    """Store a column as numbers or as cells; a field of an array of structs is one of these."""
+    if cells:
+        links = np.array([[hdf5_cell(file, item) for item in values]], dtype=h5py.ref_dtype)
+        file[name] = links
+        file[name].attrs["MATLAB_class"] = np.bytes_("cell")
+    else:
+        file[name] = np.array([values], dtype=float)
+        file[name].attrs["MATLAB_class"] = np.bytes_("double")
+
+
+def matlab_73(path, layout):
+    """Write the frame as MATLAB 7.3 does: HDF5 behind 512 bytes of its own."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        stem = "trials/" if "struct" in layout else ""
+        for name in FRAME:
+            cells = layout == "an array of structs" or name in ("subject", "environment")
+            hdf5_values(file, stem + name, FRAME[name].tolist(), cells=cells)
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512))
+
+
+@pytest.mark.parametrize("layout", MATLAB)
+def test_matlab_7_3_is_read_however_it_is_laid_out(tmp_path, layout):
+    matlab_73(tmp_path / "m.mat", layout)
+    same_as_frame(tmp_path / "m.mat")
+
+
+def test_a_matrix_of_matlab_7_3_stands_upright(tmp_path):
+    matrix = np.array([[1, 1, 300, 310.5], [1, 2, 900, 890], [2, 1, 300, 305], [2, 2, 900, 1000]])
+    path = tmp_path / "m.mat"
+    hdf5(path, lambda file: file.create_dataset("data", data=matrix.T))
+    names = {name: f"column {n}" for n, name in enumerate(NAMES, 1)}
+    found = read_sessions(path, scene=ReadOptions(columns=names))
+    assert found.table["k_adj"].tolist() == matrix[:, 3].tolist()
+
+
+def hdf5(path, fill):
+    with h5py.File(path, "w", userblock_size=512) as file:
+        fill(file)
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file".ljust(512))
+
+
+def object_of_matlab(file):
+    file["T"] = np.zeros((1, 6), dtype=np.uint32)
+    file["T"].attrs["MATLAB_object_decode"] = 3
+
+
+def one_array_many_times(file):
+    file["#refs#/a"] = np.zeros((1, 60))
+    file["c"] = np.array([[file["#refs#/a"].ref] * 40], dtype=h5py.ref_dtype)
+
+
+def cell_that_holds_itself(file):
+    file.create_dataset("c", (1, 1), dtype=h5py.ref_dtype)
+    file["c"][0, 0] = file["c"].ref
+
+
+def values_of_another_file(file):
+    layout = h5py.VirtualLayout(shape=(4,), dtype="f8")
+    layout[:] = h5py.VirtualSource("other.h5", "secret", shape=(4,))
+    file.create_virtual_dataset("v", layout)
+
+
+HOSTILE_HDF5 = {
+    "another file": (
+        lambda file: file.__setitem__("x", h5py.ExternalLink("/etc/passwd", "/")),
+        "a broken file: x is a link.",
+    ),
+    "virtual": (values_of_another_file, "its values lie in another file."),
+    "external": (
+        lambda file: file.create_dataset("e", (4,), "f8", external=[("/etc/passwd", 0, 32)]),
+        "its values lie in another file.",
+    ),
+    "declared large": (
+        lambda file: file.create_dataset("z", (1 << 20, 1 << 20), "f8", chunks=(64, 64)),
+        "more than 2,000 cells.",
+    ),
+    "one array many times": (one_array_many_times, "more than 2,000 cells."),
+    "a cycle": (cell_that_holds_itself, "a broken file: "),
+    "a table": (object_of_matlab, "S = table2struct(T, 'ToScalar', true); save("),
+    "deep": (lambda file: file.create_group("s/t"), "a struct inside a struct is no column."),
+    "empty": (lambda file: None, "the table is empty."),
+}
+
+
+@pytest.mark.parametrize("trick", HOSTILE_HDF5)
+def test_hostile_files_of_matlab_7_3_are_refused(tmp_path, trick):
+    fill, message = HOSTILE_HDF5[trick]
+    hdf5(tmp_path / "m.mat", fill)
+    assert message in refusal(tmp_path / "m.mat", files={"cells": 2000})
+
+
+def test_a_matlab_7_3_file_of_nothing_but_its_name_is_broken(tmp_path):
+    (tmp_path / "m.mat").write_bytes(b"MATLAB 7.3 MAT-file, written by hand")
+    assert "a broken file: " in refusal(tmp_path / "m.mat")
 
 
 def r_file(path, frame, name=None):
@@ -207,7 +318,7 @@ def r_file(path, frame, name=None):
         rdata.write_rda(path, {name: plain, "note": "pilot"}, compression=None)
 
 
-@pytest.mark.parametrize("pack", [bytes, gzip.compress, bz2.compress])
+@pytest.mark.parametrize("pack", [bytes, gzip.compress, bz2.compress, lzma.compress])
 def test_data_frames_of_r_are_read(tmp_path, pack):
     r_file(tmp_path / "plain.rds", FRAME)
     (tmp_path / "trials.rds").write_bytes(pack((tmp_path / "plain.rds").read_bytes()))
@@ -215,6 +326,14 @@ def test_data_frames_of_r_are_read(tmp_path, pack):
     r_file(tmp_path / "plain.rda", FRAME, "trials")
     (tmp_path / "trials.RData").write_bytes(pack((tmp_path / "plain.rda").read_bytes()))
     same_as_frame(tmp_path / "trials.RData")
+
+
+def test_an_xz_file_unpacks_to_no_more_than_the_limit(tmp_path):
+    path = tmp_path / "t.rds"
+    path.write_bytes(lzma.compress(bytes(1 << 22)))
+    assert "more than 1,000,000 bytes." in refusal(path, files={"size": 1_000_000})
+    path.write_bytes(lzma.compress(b"X\n\0\0\0\3")[:40])
+    assert "a broken archive: " in refusal(path)
 
 
 def test_r_files_that_are_not_read_say_why(tmp_path):
