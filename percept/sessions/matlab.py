@@ -20,6 +20,8 @@ __all__ = ["plain"]
 _BYTES_OF_CELL = 512
 #: Bytes of memory for Python and SciPy themselves.
 _BYTES_OF_PROGRAM = 4 << 30
+#: Arrays by name; columns of a struct of version 7.3, by name.
+_Variables = dict[str, Any]
 _OBJECT = (
     "a table or string of MATLAB is an object that only MATLAB reads; in MATLAB:"
     " S = table2struct(T, 'ToScalar', true); save(name, '-struct', 'S')"
@@ -67,7 +69,7 @@ def _found(most_cells: int, part: str) -> dict[str, Any]:
     return {"columns": columns}
 
 
-def _of_earlier(data: bytes, most_cells: int) -> dict[str, Any]:
+def _of_earlier(data: bytes, most_cells: int) -> _Variables:
     """Read the variables of a file up to version 7."""
     from scipy.io import loadmat, matlab, whosmat
 
@@ -77,7 +79,7 @@ def _of_earlier(data: bytes, most_cells: int) -> dict[str, Any]:
         if cells > most_cells:
             raise _TooManyCellsError(cells)
     stream.seek(0)
-    variables = {}
+    variables: _Variables = {}
     for name, value in loadmat(stream, squeeze_me=True).items():
         if isinstance(value, matlab.MatlabOpaque):
             raise ValueError(_OBJECT)
@@ -86,11 +88,11 @@ def _of_earlier(data: bytes, most_cells: int) -> dict[str, Any]:
     return variables
 
 
-def _of_hdf5(data: bytes, most_cells: int) -> dict[str, Any]:
+def _of_hdf5(data: bytes, most_cells: int) -> _Variables:
     """Read the variables of a file of version 7.3; a struct becomes its columns by name."""
     import h5py
 
-    variables: dict[str, Any] = {}
+    variables: _Variables = {}
     with h5py.File(io.BytesIO(data), "r") as file:
         reader = _Hdf5(file, most_cells)
         for name in file:
@@ -154,7 +156,7 @@ def _is_vector(value: Any) -> bool:
     return not isinstance(value, dict) and not value.dtype.names and value.ndim != 2
 
 
-def _columns(value: Any) -> dict[str, Any]:
+def _columns(value: Any) -> _Variables:
     """Columns of a struct, of an array of structs, or of a matrix."""
     if isinstance(value, dict):
         return value
