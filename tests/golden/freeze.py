@@ -35,8 +35,12 @@ def _errors(golden: Golden) -> dict[str, list[float]]:
     relative = dict(zip(run.estimates.names, run.errors / run.estimates.scale, strict=True))
     found: dict[str, list[float]] = {}
     for name, error in relative.items():
-        side, kind, _, _, parameter, _, environment = name.split(" ", 6)
+        head, _, rest = name.partition(" limit of ")
+        side, kind = head.split()
+        parameter, _, environment = rest.partition(" in ")
         key = f"bayesian {environment} {parameter} {kind} marginal"
+        if parameter == "contrast":
+            key = f"bayesian contrast {kind} {environment}"
         found.setdefault(key, [0.0, 0.0])[side == "upper"] = float(error)
     return found
 

@@ -1,4 +1,4 @@
-"""The eight studies, and what is frozen of each: numbers of report.json, and classical curves.
+"""The eleven studies, and what is frozen of each: numbers of report.json, and classical curves.
 
 What users see makes them, `percept.Study` and report.json's fields; the paper's rule, of which the
 report keeps one line, is worked out from `percept.haptics`. Files that are not in `datasets/` stand
@@ -10,6 +10,9 @@ sessions.
 and b on
   the log scale are 0.12 and 0.2 between subjects, 0.12 and 0.25 within an environment, 0.07 and
   0.12 between trials.
+* `conditions.csv` is part of what `crossed(subjects=8)` of `tests/study/within.py` draws: both
+hands,
+  two groups and a dose at two references. Three cells are missing.
 * `response.csv` is a device of 0.8 kg and 4 N·s/m with a mode at 200 rad/s, as a sweep would give
 it.
 
@@ -62,7 +65,8 @@ class Golden:
     def study(self, **inference: Any) -> percept.Study:
         """Open the study, with other settings of the scene's [inference]."""
         scene = percept.Scene.load(self.scene).with_inference(**inference)
-        return percept.Study(percept.read_sessions(self.sessions), scene)
+        sessions = percept.read_sessions(self.sessions, scene=scene)
+        return percept.Study(sessions, scene)
 
 
 STUDIES = (
@@ -74,6 +78,9 @@ STUDIES = (
     Golden("no_pooling", _DATA / "three_environments.csv", _DATA / "no_pooling.toml"),
     Golden("no_device", DATASETS / "hbfd_sessions.csv", _DATA / "no_device.toml"),
     Golden("tabulated", _DATA / "three_environments.csv", _DATA / "tabulated.toml"),
+    Golden("stools", DATASETS / "stools.csv", DATASETS / "stools.toml"),
+    Golden("growth", DATASETS / "growth.csv", DATASETS / "growth.toml"),
+    Golden("conditions", _DATA / "conditions.csv", _DATA / "conditions.toml"),
 )
 
 
@@ -82,6 +89,7 @@ def frozen_part(golden: Golden, document: Document) -> dict[str, Any]:
     exact = {
         **_data(document),
         **_intervals(document),
+        **_contrasts(document),
         **_coupling(document),
         **_band(document),
         **by_the_paper_s_rule(golden.study(method="classical")),
@@ -117,6 +125,26 @@ def _intervals(document: Document) -> dict[str, Any]:
         _named(row, "interval", *names): [row["lower"], row["estimate"], row["upper"]]
         for row in _classical(document["intervals"])
     }
+
+
+def contrast_name(row: Mapping[str, Any]) -> str:
+    """Name a contrast as messages of the sampler do."""
+    where = row["environment"] or "overall"
+    levels = f"{row['second']} against {row['first']}"
+    return f"{row['parameter']}, {row['factor']}: {levels}, {where}"
+
+
+def _contrasts(document: Document) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for row in _classical(document["contrast"]):
+        name = f"contrast {row['of']} {row['kind']} {contrast_name(row)}"
+        found[name] = [row["lower"], row["estimate"], row["upper"]]
+        found[f"{name} p"] = row["p_value"]
+    for row in document["anova"] or ():
+        name = _named(row, "anova", "parameter", "factor")
+        for field in ("f", "df", "df_error", "p_value", "epsilon", "p_corrected"):
+            found[f"{name} {field}"] = row[field]
+    return found
 
 
 def _coupling(document: Document) -> dict[str, Any]:
@@ -170,13 +198,19 @@ def _curves(golden: Golden) -> dict[str, dict[str, list[float]]]:
 
 def _endpoints(document: Document) -> dict[str, dict[str, Any]]:
     gate = (document["diagnostics"] or {}).get("gate", {})
-    return {
-        _named(row, "bayesian", "environment", "parameter", "kind", "joint"): {
-            "lower": row["lower"],
-            "upper": row["upper"],
-            "log": row["family"] == "lognormal",
-            "error": [gate["worst_error"]] * 2,
-        }
-        for row in document["intervals"]
-        if row["method"] == "bayesian"
-    }
+    found: dict[str, dict[str, Any]] = {}
+    for row in document["intervals"]:
+        if row["method"] == "bayesian":
+            name = _named(row, "bayesian", "environment", "parameter", "kind", "joint")
+            found[name] = _endpoint(row, gate, log=row["family"] == "lognormal")
+    for row in document["contrast"] or ():
+        # Ratios of spread have an error of their own, which report.json does not hold.
+        if row["method"] == "bayesian" and row["of"] != "spread":
+            name = f"bayesian contrast {row['kind']} {contrast_name(row)}"
+            found[name] = _endpoint(row, gate, log=not row["unit"])
+    return found
+
+
+def _endpoint(row: Mapping[str, Any], gate: Mapping[str, Any], *, log: bool) -> dict[str, Any]:
+    error = [gate["worst_error"]] * 2
+    return {"lower": row["lower"], "upper": row["upper"], "log": log, "error": error}
