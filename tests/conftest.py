@@ -19,6 +19,28 @@ settings.register_profile("percept", derandomize=True, deadline=None)
 settings.load_profile("percept")
 
 
+#: Their files share fixtures that take seconds, so that one worker runs them all.
+TOGETHER = ("tests/report/",)
+#: They take long and hold few tests. They begin, so that no worker is left alone with one.
+FIRST = ("tests/test_readme.py", "tests/test_notebooks.py")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Hand out files, some folders whole, in the order of the collection."""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class Scheduling(LoadFileScheduling):
+        def _split_scope(self, nodeid):
+            folders = [folder for folder in TOGETHER if nodeid.startswith(folder)]
+            return folders[0] if folders else super()._split_scope(nodeid)
+
+    config.option.loadscopereorder = False
+    return Scheduling(config, log)
+
+
 def pytest_configure(config):
     config.addinivalue_line(
         "markers",
@@ -28,6 +50,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(items):
+    items.sort(key=lambda item: not item.nodeid.startswith((*TOGETHER, *FIRST)))
     for item in items:
         marker = item.get_closest_marker("evidence")
         if marker is not None and not LONG and not marker.kwargs.get("reduced", False):

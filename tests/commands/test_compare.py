@@ -246,7 +246,7 @@ ESCAPE = "\x1b[2J\u202e"
         ["compare", "a", "b"],
         ["compare", "a", "--by", "hand"],
         ["compare", "a", "--by", f"eye{ESCAPE}"],
-        ["report", "a"],
+        ["report", "a", "--formats", "svg"],
         ["predict", "a", "--k", "500", "--b", "2"],
     ],
     ids=" ".join,

@@ -9,7 +9,7 @@ from tests.survival.kill import JOBS, Survival, check_whole
 
 
 @pytest.mark.evidence(reduced=True)
-@pytest.mark.parametrize("job", JOBS if LONG else ("fit", "batch"))
+@pytest.mark.parametrize("job", JOBS if LONG else ("batch",))
 def test_killed_commands_leave_whole_files_and_come_to_the_same_end(tmp_path, job):
     kills = 12 if LONG else 1
     survival = Survival(tmp_path, seed=5, sampled=LONG, workers=2 if LONG else 1)

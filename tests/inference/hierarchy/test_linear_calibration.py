@@ -110,7 +110,7 @@ def too_far(found):
 
 @pytest.mark.evidence(reduced=True)
 def test_truths_lie_evenly_in_their_posteriors():
-    found = places(300 if LONG else 8)
+    found = places(300 if LONG else 3)
     for of_quantity in found.T:
         assert stats.kstest(of_quantity, "uniform").pvalue > 1e-3
     assert too_far(found) > 1e-3
