@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import sys
 from pathlib import Path
 
@@ -41,8 +42,8 @@ def _new(arguments: argparse.Namespace) -> None:
     write_new(arguments.path, whole_scene(proposal, arguments.scene))
     print(proposal.text, file=sys.stderr)
     print(arguments.path)
-    if open_point := lacks(proposal):
-        print(f"percept: {open_point}", file=sys.stderr)
+    command = ["percept", "report", *arguments.data, "--scene", arguments.path, "--out", "results"]
+    print(f"percept: {lacks(proposal)} Then: {shlex.join(command)}", file=sys.stderr)
 
 
 def _reproduce(arguments: argparse.Namespace) -> None:

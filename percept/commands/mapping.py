@@ -152,10 +152,10 @@ def write_new(path: str, text: str) -> None:
 
 
 def lacks(proposal: Proposal) -> str:
-    """Say what a scene that was written lacks; empty where it is read as it stands."""
+    """Say what a scene that was written lacks."""
     if proposal.missing:
         return f"It lacks {', '.join(proposal.missing)}: fill them in."
     if proposal.refused is not None:
         first = getattr(proposal.refused, "problems", (proposal.refused,))[0]
         return f"The files are not read under it yet: {printable(str(first))}"
-    return ""
+    return "Look through it."

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
-from os.path import commonprefix
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,7 @@ from percept.sessions.files import Input, load
 from percept.sessions.options import ReadOptions, canonical_columns
 from percept.sessions.paths import expand, pattern_of_names
 from percept.sessions.proposed import Draft, outcome
-from percept.sessions.quantities import IMPEDANCE, quantity_of
+from percept.sessions.quantities import IMPEDANCE, factor, quantity_of
 from percept.sessions.read import Sessions, read_sessions
 from percept.sessions.reading import open_blocks
 from percept.sessions.records import IDS, MASS, Problems, ReadError
@@ -30,9 +29,11 @@ from percept.sessions.roles import (
     ID_COLUMNS,
     Numbers,
     Roles,
+    drop_unnamed_subject,
     judge_environment,
     judge_ids,
     judge_numbers,
+    take_most_varied,
     wide_columns,
 )
 
@@ -138,10 +139,11 @@ def _proposed(table: _Table, paths: Sequence[str | Path], options: ReadOptions) 
     draft = _draft(table, options)
     refused: UsageError | None = None
     for _ in range(_ATTEMPTS):
-        if draft.missing:
+        # References are the analyst's to fill in: the others of a draft are tried without them.
+        if any(not canonical.endswith("_ref") for canonical in draft.missing):
             break
         try:
-            sessions = _read_under(draft.text(), paths, options)
+            sessions = _read_under(draft, paths, options)
         except UsageError as error:
             refused = error
             wrong = _refuted(draft, error)
@@ -150,7 +152,7 @@ def _proposed(table: _Table, paths: Sequence[str | Path], options: ReadOptions) 
             wrong = _moment(draft, sessions)
             if wrong is None:
                 draft.scales = _scales(sessions)
-                draft.outcome = outcome(sessions, draft.rows)
+                draft.outcome = outcome(sessions, draft)
                 break
         if wrong is None:
             break
@@ -191,33 +193,63 @@ def _draft(table: _Table, options: ReadOptions) -> Draft:
         remarks=remarks,
     )
     judge_ids(roles, _free(draft))
+    _find_adjustments(draft, table, options)
+    # Responses in order stay for a run of rows, as ids do.
+    guessed_subject = "subject" in draft.guessed
+    if not draft.found_any and guessed_subject and drop_unnamed_subject(roles):
+        _find_adjustments(draft, table, options)
+    _settle(draft, options)
+    return draft
+
+
+def _find_adjustments(draft: Draft, table: _Table, options: ReadOptions) -> None:
+    """Find what was adjusted, its references and what tells environments apart."""
+    roles = draft.roles
     if "subject" not in roles.found and options.sessions.filename is None:
         draft.filename = pattern_of_names(table.paths)
     subject = roles.found.get("subject")
     subjects = table.file_codes if subject is None else subject.codes
     numbers = Numbers.of(_free(draft), subjects)
-    if not any(canonical.endswith("_adj") for canonical in roles.found):
+    if not roles.has_adjustment:
         judge_numbers(roles, numbers)
-    if any(canonical.endswith("_adj") for canonical in roles.found):
+    if not roles.has_adjustment and (subject is None or len(subject.texts) == draft.rows):
+        _take_for_wide(draft)
+    if not draft.found_any:
+        if subject is None and len(table.names) == 1:
+            numbers = Numbers.of(_free(draft), np.arange(draft.rows))
+        take_most_varied(roles, numbers)
+    if roles.has_adjustment:
         judge_environment(roles, _free(draft))
-    elif subject is None or len(subject.texts) == draft.rows:
-        _take_for_wide(draft, numbers)
-    _settle(draft, options)
-    return draft
+        # Without any id a row is a subject.
+        no_id = subject is None and not any(_may_be_id(column) for column in _free(draft))
+        draft.by_row = no_id and draft.filename is None and not _names_subjects(options)
 
 
-def _take_for_wide(draft: Draft, numbers: Numbers) -> None:
+def _may_be_id(column: Column) -> bool:
+    """Whether values of a column come again: they may name subjects."""
+    recurs = 2 < len(column.texts) < len(column.cells)
+    return recurs and (column.is_whole or not column.is_numeric)
+
+
+def _take_for_wide(draft: Draft) -> None:
     """Take a table with a row per subject for one with a column per environment."""
-    columns = wide_columns(numbers)
+    columns = wide_columns(_free(draft))
     if len(columns) < 2 or draft.rows < _FEWEST_SUBJECTS:
         return
     names = [column.name for column in columns]
-    shared = commonprefix(names)  # noqa: RUF071 - of names, not of paths
-    prefix = re.sub(r"[^_. -]*$", "", shared)
+    # The first and the last in alphabetical order share what all share.
+    shared = re.match(r"(.*).*\n\1", f"{min(names)}\n{max(names)}", re.DOTALL)
+    prefix = re.sub(r"[^_. -]*$", "", shared[1] if shared else "")
     draft.pattern = f"{prefix}{{environment}}"
     draft.wide = {column.name.removeprefix(prefix): column for column in columns}
     draft.roles.units["response"] = columns[0].unit or ""
     draft.filename = None
+    draft.by_row = "subject" not in draft.roles.found
+
+
+def _names_subjects(options: ReadOptions) -> bool:
+    """Whether a scene says how subjects are named without a column."""
+    return options.sessions.filename is not None or options.sessions.subject == "row"
 
 
 def _free(draft: Draft) -> list[Column]:
@@ -229,9 +261,12 @@ def _free(draft: Draft) -> list[Column]:
 def _settle(draft: Draft, options: ReadOptions) -> None:
     """Say what is missing, and whether the order of rows has to number the trials."""
     found = draft.roles.found
-    needed = ["environment"]
-    if draft.filename is None and options.sessions.filename is None:
-        needed.insert(0, "subject")
+    needed = []
+    if not draft.by_row and draft.filename is None and not _names_subjects(options):
+        needed.append("subject")
+    # Adjustments without a column of conditions are of one condition.
+    if not draft.roles.has_adjustment:
+        needed.append("environment")
     numbers = [canonical for canonical in found if canonical not in (*ID_COLUMNS, MASS)]
     quantities = dict.fromkeys(quantity_of(canonical) for canonical in numbers)
     present = set(found)
@@ -245,7 +280,7 @@ def _settle(draft: Draft, options: ReadOptions) -> None:
         present.update(references)
     draft.missing = tuple(canonical for canonical in needed if canonical not in present)
     draft.repeats = 0
-    if "trial" in found or options.sessions.keep:
+    if "trial" in found or options.sessions.keep or draft.by_row:
         return
     ids = [found[canonical].cells for canonical in IDS if canonical in found]
     if ids:
@@ -259,9 +294,9 @@ def _drop(draft: Draft, canonical: str) -> None:
         del draft.roles.found["environment"]
 
 
-def _read_under(text: str, paths: Sequence[str | Path], options: ReadOptions) -> Sessions:
-    """Read all files under a draft."""
-    tables = tomllib.loads(text)
+def _read_under(draft: Draft, paths: Sequence[str | Path], options: ReadOptions) -> Sessions:
+    """Read all files under a draft; a reference that is missing is the median adjustment."""
+    tables = tomllib.loads(draft.text())
     changed = dict(options)
     changed["columns"] = {**tables["columns"], **options.columns}
     changed["sessions"] = {
@@ -270,7 +305,23 @@ def _read_under(text: str, paths: Sequence[str | Path], options: ReadOptions) ->
     }
     if "quantities" in tables:
         changed["quantities"] = tables["quantities"]
+    if draft.missing:
+        changed["environments"] = {name: _medians(draft) for name in draft.conditions}
     return read_sessions(*paths, scene=ReadOptions(**changed))
+
+
+def _medians(draft: Draft) -> dict[str, float]:
+    """Give the median adjustment in the place of each reference that is missing."""
+    medians = {}
+    # No adjustment equals it: nobody seems to have left the reference as it was.
+    beside = 1.0 + 1e-9
+    for canonical in draft.missing:
+        name = quantity_of(canonical)
+        columns = list(draft.wide.values()) or [draft.roles.found[f"{name}_adj"]]
+        median = float(np.nanmedian(np.concatenate([column.numbers for column in columns])))
+        scale = factor(columns[0].unit, IMPEDANCE[name]) if name in IMPEDANCE else 1
+        medians[canonical] = median * float(scale) * beside
+    return medians
 
 
 def _refuted(draft: Draft, error: UsageError) -> str | None:

@@ -15,6 +15,8 @@ from percept.sessions.roles import ID_COLUMNS, Roles
 
 __all__ = ["Draft", "outcome", "toml_text", "toml_value"]
 
+#: Name of the environment of a study with one.
+_ONE_CONDITION = "all"
 #: Environments whose missing references a draft lists.
 _MOST_ENVIRONMENTS = 60
 #: Warnings that stand below a proposal.
@@ -36,6 +38,7 @@ class Draft:
     missing: tuple[str, ...] = ()
     repeats: int = 0  # Rows whose ids stand before them, where no number tells trials apart
     filename: str | None = None  # Pattern of file names that holds the subject
+    by_row: bool = False  # Each row is a subject
     #: Of a row per subject: the columns of adjustments by environment, and the pattern of names.
     wide: Mapping[str, Column] = field(default_factory=dict)
     pattern: str = ""
@@ -49,6 +52,19 @@ class Draft:
         """Canonical columns that rest on a guess."""
         return tuple(c for c in self.roles.found if c not in self.known)
 
+    @property
+    def found_any(self) -> bool:
+        """Whether adjustments were found, in a column of their own or one per environment."""
+        return self.roles.has_adjustment or bool(self.wide)
+
+    @property
+    def conditions(self) -> list[str]:
+        """Names of the environments; one, where nothing tells them apart."""
+        environment = self.roles.found.get("environment")
+        if environment is not None:
+            return environment.texts
+        return list(self.wide) or [_ONE_CONDITION]
+
     def text(self) -> str:
         """Write it as TOML."""
         files = f" and {self.files - 1} more of its kind" if self.files > 1 else ""
@@ -60,7 +76,9 @@ class Draft:
         lines += self._sessions()
         lines += self._environments()
         lines += self._model()
-        lines += ["", *self._left_out()]
+        left_out = list(self._left_out())
+        if left_out:
+            lines += ["", *left_out]
         lines += ["", *_comments(self.outcome)]
         return "\n".join(lines).rstrip() + "\n"
 
@@ -80,22 +98,27 @@ class Draft:
             if canonical not in ID_COLUMNS and column.unit and column.unit != own:
                 value = f"{{ name = {value}, unit = {toml_text(column.unit)} }}"
             yield f"{canonical} = {value}  # {column.seen()}"
-            for other in self.roles.alternatives.get(canonical, ()):
+            others = self.roles.alternatives.get(canonical, ())
+            for other in others:
                 if other not in found.values():
                     yield f"# or {toml_text(other.name)}: {other.quoted()}"
+            if canonical == "environment" and others and self.repeats:
+                both = toml_value([column.name, others[0].name])
+                yield f"# or both: environment = {both}"
         if self.wide:
             pattern = toml_text(self.pattern)
             yield f"response_adj = {pattern}  # a row per subject: {len(self.wide)} columns"
+        if self.roles.has_adjustment and "environment" not in found:
+            yield '# environment = ""  # one condition: no column seems to tell several apart'
         for canonical in self.missing:
             yield f'# {canonical} = ""  # not found: fill in the name of its column'
 
     def _sessions(self) -> Iterator[str]:
         """Lines of [sessions]."""
-        by_row = bool(self.wide) and "subject" not in self.roles.found
-        if self.repeats or self.filename or by_row:
+        if self.repeats or self.filename or self.by_row:
             yield from ("", "[sessions]")
-        if by_row:
-            yield 'subject = "row"  # no column holds an id'
+        if self.by_row:
+            yield 'subject = "row"  # no column holds an id: each row is a subject'
         if self.filename:
             yield f"filename = {toml_text(self.filename)}  # no column tells subjects apart"
         if self.repeats:
@@ -105,15 +128,13 @@ class Draft:
     def _environments(self) -> Iterator[str]:
         """Ask for references that no column holds."""
         lacking = [canonical for canonical in self.missing if canonical.endswith("_ref")]
-        environment = self.roles.found.get("environment")
-        names = list(self.wide) if environment is None else environment.texts
-        if not lacking or not names:
+        if not lacking or "environment" in self.missing:
             return
         values = ", ".join(f"{canonical} = 0.0" for canonical in lacking)
         yield ""
         yield "# If no column holds references, fill them in here and remove the # of each line:"
         yield "# [environments]"
-        for name in names[:_MOST_ENVIRONMENTS]:
+        for name in self.conditions[:_MOST_ENVIRONMENTS]:
             yield f"# {toml_text(name)} = {{ {values} }}"
 
     def _model(self) -> Iterator[str]:
@@ -139,16 +160,19 @@ class Draft:
                 yield f"#   to contrast its values: [study] factor = {toml_text(column.name)}"
 
 
-def outcome(sessions: Sessions, rows: int) -> list[str]:
+def outcome(sessions: Sessions, draft: Draft) -> list[str]:
     """Say what reading under a draft gives: subjects, environments, trials, first warnings."""
     table = sessions.table
+    stand_in = ", with the median adjustment for each reference" if draft.missing else ""
     sizes = table.groupby(["subject", "environment"], sort=False).size()
-    each = " to ".join(str(size) for size in dict.fromkeys((sizes.min(), sizes.max())))
+    trials = counted(int(sizes.max()), "trial")
+    each = trials if sizes.min() == sizes.max() else f"{sizes.min()} to {trials}"
     said = [
-        f"Tried on the whole file: {counted(len(table), 'row')} of {rows} give an adjustment.",
+        f"Tried on the whole file{stand_in}:"
+        f" {counted(len(table), 'row')} of {draft.rows} give an adjustment.",
         f"It holds {counted(len(sessions.subjects), 'subject')} and"
         f" {counted(len(sessions.environments), 'environment')}:"
-        f" {counted(len(sizes), 'cell')} with {each} trials each.",
+        f" {counted(len(sizes), 'cell')} with {each} each.",
     ]
     warnings = [str(notice) for notice in sessions.warnings]
     said += [f"warning: {text}" for text in warnings[:_WARNINGS]]

@@ -33,9 +33,11 @@ __all__ = [
     "ID_COLUMNS",
     "Numbers",
     "Roles",
+    "drop_unnamed_subject",
     "judge_environment",
     "judge_ids",
     "judge_numbers",
+    "take_most_varied",
     "wide_columns",
 ]
 
@@ -43,15 +45,15 @@ __all__ = [
 ID_COLUMNS = ("subject", "session", "environment", "trial")
 _WORDS = {
     "subject": (
-        "participant part subject subj sub nsub pp ppid vp vpn observer person respondent proband"
-        " id code"
+        "participant part subject subj sub nsub pp ppid pid vp vpn observer person respondent"
+        " proband rater judge panelist worker id code"
     ),
     "session": "session visit day",
     "environment": "environment condition standard stimulus reference cond stim level item",
-    "trial": "trial trl repetition rep repeat",
+    "trial": "trial trl repetition rep repeat run",
     "adjusted": (
         "response resp adjusted adjustment adj match matched matching estimate estimated final "
-        "reproduced reproduction judgment judgement setting answer"
+        "reproduced reproduction judgment judgement setting answer guess guessed perceived"
     ),
     "reference": (
         "reference ref standard stimulus stim target true actual physical presented cur current"
@@ -112,6 +114,11 @@ class Roles:
         """Columns that have a part."""
         return list(self.found.values())
 
+    @property
+    def has_adjustment(self) -> bool:
+        """Whether a column holds adjustments."""
+        return any(canonical.endswith("_adj") for canonical in self.found)
+
     def take(self, canonical: str, ranked: Sequence[tuple[float, Column]]) -> None:
         """Give the first of a ranking its part, and keep what comes close behind it."""
         points, column = ranked[0]
@@ -135,7 +142,9 @@ class Numbers:
         for column in columns:
             if not column.is_numeric or _TIMING & set(column.words):
                 continue
-            if not is_moment(column) and not _is_order(column):
+            # A few adjustments rise by chance; a name that says what they are goes before.
+            is_clock = is_moment(column) and not _ADJUSTED & set(column.words)
+            if not is_clock and not _is_order(column):
                 kept.append(column)
         kept = kept[:_MOST_NUMBERS]
         designed = {column.name for column in kept if is_designed(column, subjects)}
@@ -217,7 +226,7 @@ def judge_numbers(roles: Roles, numbers: Numbers) -> None:
     with_reference = [column for column in named if references[column.name]]
     for column in (with_reference or named)[:_MOST_QUANTITIES]:
         _add_quantity(roles, [(1.0, column)], references[column.name])
-    if any(canonical.endswith("_adj") for canonical in roles.found):
+    if roles.has_adjustment:
         return
     pairs: list[tuple[float, Column, Column]] = []
     for column in numbers.columns:
@@ -230,6 +239,17 @@ def judge_numbers(roles: Roles, numbers: Numbers) -> None:
         adjusted = [(points, column) for points, column, _ in pairs]
         others = [other for other in numbers.columns if other is not pairs[0][1]]
         _add_quantity(roles, adjusted, _references(pairs[0][1], others, numbers))
+
+
+def take_most_varied(roles: Roles, numbers: Numbers) -> None:
+    """Take the numbers of most values for the adjustment: no name and no reference says more."""
+    points = []
+    for column in numbers.columns:
+        if _may_be_adjusted(column, numbers) and column.name not in numbers.designed:
+            # The others are alternatives, however few values they have.
+            points.append((len(column.texts) / len(column.cells), column))
+    if ranked := _ranking(points):
+        _add_quantity(roles, ranked, [])
 
 
 def _may_be_adjusted(column: Column, numbers: Numbers) -> bool:
@@ -319,9 +339,22 @@ def _about(column: Column, role_words: frozenset[str]) -> str:
     return "_".join(w for w in column.words if w not in silent and not w.isdigit())
 
 
-def wide_columns(numbers: Numbers) -> list[Column]:
+def wide_columns(columns: Iterable[Column]) -> list[Column]:
     """Give the columns of numbers that may each hold the adjustments to one environment."""
-    return [column for column in numbers.columns if not _NOT_ADJUSTED & set(column.words)]
+    kept = []
+    for column in columns:
+        if column.is_numeric and not _NOT_ADJUSTED & set(column.words) and not _is_order(column):
+            kept.append(column)
+    return kept
+
+
+def drop_unnamed_subject(roles: Roles) -> bool:
+    """Take back a subject that its cells alone made one: they may be the adjustments."""
+    subject = roles.found.get("subject")
+    if subject is None or _named(subject, "subject"):
+        return False
+    del roles.found["subject"]
+    return True
 
 
 def judge_environment(roles: Roles, free: Sequence[Column]) -> None:
@@ -340,8 +373,10 @@ def judge_environment(roles: Roles, free: Sequence[Column]) -> None:
             continue
         if not all(_is_function(reference, column) for reference in references):
             continue
-        if not references and subject is not None and is_designed(column, subject.codes):
-            total += _CONTENT
+        if not references:
+            # Without subjects words name conditions, and numbers may as well name subjects.
+            told = is_designed(column, subject.codes) if subject else not column.is_numeric
+            total += _CONTENT * told
         points.append((total, column))
     ranked = _ranking(points)
     if ranked:

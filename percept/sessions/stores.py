@@ -10,6 +10,7 @@ import json
 import os
 import subprocess
 import sys
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -170,7 +171,10 @@ def r_rows(data: bytes, file: str, part: str | None, limits: FileLimits) -> Rows
     parsed = rdata.parser.parse_data(
         data, altrep_constructor_dict=constructors, extension=extension
     )
-    frame = rdata.conversion.convert(parsed)
+    with warnings.catch_warnings():
+        # Classes that it does not know, such as those of nlme, lie around a data frame or beside.
+        warnings.simplefilter("ignore", UserWarning)
+        frame = rdata.conversion.convert(parsed)
     if isinstance(frame, dict):
         frames = [name for name, value in frame.items() if hasattr(value, "columns")]
         frame = frame[chosen(frames, part, file)]

@@ -122,7 +122,9 @@ def test_a_scene_is_written_from_data_alone(tmp_path, capsys):
     said = capsys.readouterr()
     assert said.out == f"{scene}\n"
     text = scene.read_text()
-    assert text.startswith(said.err)
+    proposal, _, then = said.err.strip().rpartition("\n")
+    assert text.startswith(proposal)
+    assert then.startswith(f"percept: Look through it. Then: percept report {path} --scene {scene}")
     assert '# not used: "rt": ' in text
     assert "# It holds 5 subjects and 2 environments: 10 cells with 2 trials each." in text
     # Every other table of a scene stands below, to be switched on.
@@ -137,7 +139,7 @@ def test_a_scene_written_from_data_says_what_it_lacks(tmp_path, capsys):
     rows = [f"{s},{kind},{50 + s + t * 3.5}" for s in range(9) for t, kind in enumerate("abc")]
     path.write_text("\n".join(["person,condition,estimate", *rows]) + "\n")
     assert main(["new", str(scene), "--from", str(path)]) == 0
-    assert "It lacks response_ref: fill them in." in capsys.readouterr().err
+    assert "It lacks response_ref: fill them in. Then: percept report " in capsys.readouterr().err
     lines = scene.read_text().splitlines()
     start = lines.index("# [environments]")
     lines[start : start + 4] = [line.removeprefix("# ") for line in lines[start : start + 4]]
@@ -150,8 +152,8 @@ def test_what_is_not_found_is_not_made_up(tmp_path, capsys):
     path.write_text("participant,colour,match\n1,red,3\n2,red,4\n")
     assert fit(path, "--accept") == 2
     said = capsys.readouterr().err
-    assert "It lacks environment, response_ref." in said
-    assert '# environment = ""  # not found: fill in the name of its column' in said
+    assert "It lacks response_ref." in said
+    assert '# environment = ""  # one condition: no column seems to tell several apart' in said
     path.write_text("subject,environment,k_ref,k_adj\n1,a,10,x\n2,a,10,11\n")
     assert fit(path, "--accept") == 2
     assert "s.csv:2, column 'k_adj', value 'x': not a number." in capsys.readouterr().err
@@ -227,7 +229,7 @@ def test_moments_are_no_references(tmp_path):
     # Nor are numbers that differ in every row, whatever their name.
     rows = [f"{p},{p * 1.7 + t * 0.1:.3f},{p * 1.7 + t}" for p in range(1, 30) for t in range(3)]
     proposal = mapping_of(tmp_path, "participant,stimulus_seen,response", rows)
-    assert proposal.missing == ("environment", "response_ref")
+    assert proposal.missing == ("response_ref",)
 
 
 def test_a_whole_name_of_an_id_goes_before_a_part(tmp_path):

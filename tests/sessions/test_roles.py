@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import numpy as np
 import pytest
 
@@ -206,3 +208,60 @@ def test_a_row_for_each_subject_is_a_wide_table(tmp_path):
     rows = [f"{7 * number},{row}" for number, row in enumerate(rows, 1)]
     proposal = proposal_of(tmp_path, "Part_ID,wall_soft,wall_mid,wall_hard,wall_rigid", rows)
     assert 'subject = "Part_ID"' in proposal.text
+
+
+def test_references_that_are_missing_stop_no_trial_of_the_rest(tmp_path):
+    rows = [
+        f"{s},{m},{40 + 3 * s + i}" for i, m in enumerate(("calm", "upbeat")) for s in range(1, 9)
+    ]
+    proposal = proposal_of(tmp_path, "kind,Music,TimeGuess", rows)
+    # Its numbers may name subjects, so that no row is taken for one.
+    assert proposal.missing == ("subject", "time_ref")
+    proposal = proposal_of(tmp_path, "Subject,Music,TimeGuess", rows)
+    assert proposal.missing == ("time_ref",)
+    assert 'environment = "Music"' in proposal.text
+    assert '# "calm" = { time_ref = 0.0 }' in proposal.text
+    assert "with the median adjustment for each reference: 16 rows of 16 give" in proposal.text
+    assert "16 cells with 1 trial each." in proposal.text
+    # Nobody left a reference that nobody knows.
+    assert "warning" not in proposal.text
+
+
+def test_a_study_of_one_condition_has_one_reference_to_fill_in(tmp_path):
+    rows = [f"{s},{run},{800 + 13 * s - run}" for s in range(1, 6) for run in range(1, 21)]
+    proposal = proposal_of(tmp_path, "Expt,Run,Speed", rows)
+    assert proposal.missing == ("speed_ref",)
+    for line in ('subject = "Expt"', 'trial = "Run"', 'speed_adj = "Speed"'):
+        assert f"\n{line}  # " in proposal.text
+    assert '# "all" = { speed_ref = 0.0 }' in proposal.text
+    filled = proposal.text.replace("# [environments]", "[environments]")
+    scene = filled.replace('# "all" = { speed_ref = 0.0 }', '"all" = { speed_ref = 792.5 }')
+    options = ReadOptions.from_mapping(tomllib.loads(scene))
+    assert read_sessions(tmp_path / "s.csv", scene=options).environments == ("all",)
+
+
+def test_answers_without_any_id_are_a_subject_a_row(tmp_path):
+    # Each group is sorted, so that answers stay for a run of rows, as ids do.
+    rows = [f"metres,{8 + i // 3}" for i in range(44)] + [f"feet,{24 + i // 2}" for i in range(69)]
+    proposal = proposal_of(tmp_path, "unit,width", rows)
+    for line in ('environment = "unit"', 'width_adj = "width"', 'subject = "row"'):
+        assert f"\n{line}  # " in proposal.text
+    assert "113 subjects and 2 environments" in proposal.text
+
+
+def test_a_second_factor_is_offered_beside_the_first(tmp_path):
+    rows = [
+        f"{s},{tint},{target},{20.5 + 3 * s + i + j}"
+        for s in range(1, 9)
+        for i, tint in enumerate(("no", "lo", "hi"))
+        for j, target in enumerate(("hicon", "locon"))
+    ]
+    proposal = proposal_of(tmp_path, "id,tint,target,time_seen", rows)
+    assert '# or both: environment = ["tint", "target"]' in proposal.text
+
+
+def test_columns_in_order_are_no_moments_where_a_row_is_a_subject(tmp_path):
+    rows = [f'"{s}",{5 + (s * 7) % 5},{2.1 + 0.7 * s}' for s in range(1, 12)]
+    proposal = proposal_of(tmp_path, '"",Control,Drug', rows)
+    assert "a row per subject: 2 columns" in proposal.text
+    assert '# "Drug" = { response_ref = 0.0 }' in proposal.text
