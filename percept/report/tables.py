@@ -60,6 +60,7 @@ def csv_tables(results: Results) -> dict[str, str]:
     tables["subjects"] = _all_fields(results.data.people)
     tables["boundaries"] = _curves(results.boundaries)
     tables["psychophysics"] = _all_fields(results.psychophysics)
+    tables["pse_lines"] = _all_fields(results.pse_lines)
     tables["equivalence"] = _all_fields(results.equivalence)
     tables["contrast"] = _all_fields(results.contrast)
     tables["anova"] = _all_fields(results.anova)

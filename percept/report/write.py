@@ -31,6 +31,7 @@ _TABLES = (
     "band",
     "boundaries",
     "psychophysics",
+    "pse_lines",
     "equivalence",
     "contrast",
     "anova",
@@ -41,8 +42,8 @@ _TABLES = (
     "verdicts",
 )
 _FIGURES = (
-    "levels_*", "overview_*", "boundaries", "ratios", "boundaries_close", "zwidth", "stability",
-    "design", "device", "band", "band_*",
+    "levels_*", "overview_*", "pse_*", "boundaries", "ratios", "boundaries_close", "zwidth",
+    "stability", "design", "device", "band", "band_*",
 )  # fmt: skip
 #: What a report may write and replace.
 REPORT_FILES = FolderFiles(

@@ -72,7 +72,7 @@ from percept.results.intervals import (
     MethodPair,
 )
 from percept.results.plain import dumps, plain
-from percept.results.psychophysics import EquivalenceRow, PsychophysicsRow
+from percept.results.psychophysics import EquivalenceRow, PseLineRow, PsychophysicsRow
 from percept.results.results import SCHEMA, Results, Skipped
 
 __all__ = [
@@ -84,7 +84,7 @@ __all__ = [
     "LadderEffect", "Leaning", "LeftOut", "LeftOutRow", "LevelValues", "Membership", "MethodPair",
     "MoreSubjects", "NormalityTest", "Note", "Nouns", "Overview", "OverviewRow", "Passivity",
     "PosteriorEvidence", "PredictiveCheck", "Prior", "PriorQuantiles", "Provenance",
-    "PsychophysicsRow", "ReferenceName", "ReferencesInside", "RenderedEdge", "RenderedWall",
-    "Results", "Shape", "Skipped", "SourceFile", "SubjectCheck", "SubjectRow", "Verdict",
-    "WeberTrend", "ZWidth", "dumps", "plain",
+    "PseLineRow", "PsychophysicsRow", "ReferenceName", "ReferencesInside", "RenderedEdge",
+    "RenderedWall", "Results", "Shape", "Skipped", "SourceFile", "SubjectCheck", "SubjectRow",
+    "Verdict", "WeberTrend", "ZWidth", "dumps", "plain",
 ]  # fmt: skip

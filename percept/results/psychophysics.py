@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 from percept.html import NotebookRecord
 from percept.results.fields import Family, Method
 
-__all__ = ["Equivalence", "EquivalenceRow", "Measure", "PsychophysicsRow"]
+__all__ = ["Equivalence", "EquivalenceRow", "Measure", "PseLineRow", "PsychophysicsRow"]
 
 #: `docs/psychophysics.md` defines each one.
 Measure: TypeAlias = Literal[
@@ -53,6 +53,26 @@ class PsychophysicsRow(NotebookRecord):
     unit: str  # Empty for a pure number
     n: int  # Subjects behind it
     approximate: bool  # Whether the classical interval holds its level approximately
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PseLineRow(NotebookRecord):
+    """Point of subjective equality at one reference, on the line about which environments lie."""
+
+    parameter: str
+    condition: str  # Levels of all factors; empty without factors
+    method: Method
+    family: Family
+    level: float
+    reference: float  # In `unit`, as all numbers after it
+    estimate: float
+    lower: float
+    upper: float
+    lower_together: float  # Limits between which the whole line lies with probability `level`
+    upper_together: float
+    error: float | None  # Monte Carlo standard error of `lower` and `upper`, the larger
+    unit: str
+    n: int  # Subjects behind it
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

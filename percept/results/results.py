@@ -32,7 +32,7 @@ from percept.results.intervals import (
     MethodPair,
 )
 from percept.results.plain import JsonObject, dumps, plain
-from percept.results.psychophysics import EquivalenceRow, PsychophysicsRow
+from percept.results.psychophysics import EquivalenceRow, PseLineRow, PsychophysicsRow
 from percept.results.shared import share_curves, with_shared_curves
 
 __all__ = ["SCHEMA", "Results", "Skipped"]
@@ -91,6 +91,7 @@ class Results:
     anova: tuple[AnovaRow, ...] = ()  # Tests of the terms of `contrast`; empty without factors
     levels: tuple[LevelValues, ...] = ()  # Subjects' means at the levels of every factor
     psychophysics: tuple[PsychophysicsRow, ...] = ()
+    pse_lines: tuple[PseLineRow, ...] = ()  # Empty without three references, and without the model
     equivalence: tuple[EquivalenceRow, ...] = ()  # Empty without `[study] jnd`
 
     def to_json(self, summary: Findings | None = None) -> str:

@@ -125,6 +125,7 @@ def compute(
         checks=checks,
         skipped=tuple(skipped),
         psychophysics=parts.psychophysics.rows,
+        pse_lines=tuple(results(parts.psychophysics.lines)),
         equivalence=tuple(results(parts.psychophysics.equivalence)),
     )
 

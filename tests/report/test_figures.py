@@ -63,7 +63,7 @@ def file(drawing, form="svg"):
 
 def test_there_is_a_figure_of_everything_with_data(found):
     curves = {"boundaries", "boundaries_close", "ratios", "zwidth", "stability", "design", "device"}
-    assert found.keys() == curves | {"overview_k", "overview_b", "band"}
+    assert found.keys() == curves | {"overview_k", "overview_b", "pse_k", "pse_b", "band"}
 
 
 @pytest.mark.parametrize("form", ["svg", "pdf", "png"])
@@ -117,7 +117,8 @@ def test_the_page_s_svg_takes_its_colours_from_the_page(found):
 def test_hostile_names_are_drawn_as_text(both):
     document = copy.deepcopy(both)
     parts = ("intervals", "boundaries", "close")
-    for part in (*(document[name] for name in parts), document["data"]["cells"]):
+    of_cells = [row for row in document["psychophysics"] if row["environment"]]
+    for part in (*(document[name] for name in parts), document["data"]["cells"], of_cells):
         for row in part:
             row["environment"] = row["environment"].replace("VE1", HOSTILE)
     for table in ("zoom", "impedances", "close_impedances"):
@@ -128,6 +129,30 @@ def test_hostile_names_are_drawn_as_text(both):
         assert "<script" not in text
         seen = "".join(ET.fromstring(text).itertext())
         assert 'alert("$x$")' in seen
+
+
+def test_points_of_equality_stand_on_their_line_s_figure(both):
+    """Of every environment a mark and a bar, and the band, both limits and the line."""
+    by_name = {drawing.name: drawing for drawing in drawings(as_results(both))}
+    drawing = by_name["pse_k"]
+    with rc_context(STYLE):
+        figure = Figure(figsize=[side / 25.4 for side in drawing.size])
+        drawing.draw(figure)
+    (ax,) = figure.axes
+    lines = [row for row in both["pse_lines"] if row["parameter"] == "k"]
+    curves = [line for line in ax.lines if len(line.get_xdata()) == len(lines)]
+    drawn = sorted(float(line.get_ydata()[0]) for line in curves)
+    first = lines[0]
+    expected = [first[name] / first["reference"] for name in ("lower", "estimate", "upper")]
+    assert drawn == pytest.approx(expected)
+    marks = [line for line in ax.lines if line.get_marker() == "D"]
+    points = [
+        row["estimate"]
+        for row in both["psychophysics"]
+        if row["measure"] == "pse" and row["parameter"] == "k" and row["method"] == "bayesian"
+    ]
+    shown = [float(line.get_xdata()[0] * line.get_ydata()[0]) for line in marks]
+    assert shown == pytest.approx(points)
 
 
 def renamed(document, names):

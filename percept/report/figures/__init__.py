@@ -8,6 +8,7 @@ from percept.report.figures.canvas import Drawing
 from percept.report.figures.couplings import design_drawings, device_drawings, stability_drawings
 from percept.report.figures.intervals import interval_drawings
 from percept.report.figures.levels import level_drawings
+from percept.report.figures.pse_lines import line_drawings
 from percept.report.figures.zwidth import zwidth_drawings
 from percept.results import Results
 
@@ -19,6 +20,7 @@ def drawings(results: Results) -> list[Drawing]:
     return [
         *level_drawings(results),
         *interval_drawings(results),
+        *line_drawings(results),
         *boundary_drawings(results),
         *zwidth_drawings(results.zwidth),
         *stability_drawings(results.coupling),

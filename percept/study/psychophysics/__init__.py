@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from percept.results import EquivalenceRow, PsychophysicsRow
+from percept.results import EquivalenceRow, PseLineRow, PsychophysicsRow
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.basics import References, Skipped
@@ -44,6 +44,15 @@ class Psychophysics:
 
             rows += posterior_psychophysics(self.fit, *whole, self.reference)
         return tuple(rows)
+
+    @cached_property
+    def lines(self) -> list[PseLineRow | Skipped]:
+        """Points of equality over the reference, or why not; empty without the model."""
+        if self.fit is None:
+            return []
+        from percept.study.psychophysics.lines import posterior_lines
+
+        return list(posterior_lines(self.fit, self.scene, self.reference))
 
     @cached_property
     def equivalence(self) -> list[EquivalenceRow | Skipped]:

@@ -26,7 +26,7 @@ from percept.study.fit import Fit
 from percept.study.psychophysics.site import Site, mapped
 from percept.study.responses import by_difference
 
-__all__ = ["posterior_psychophysics"]
+__all__ = ["bounded_means", "posterior_psychophysics"]
 
 
 def posterior_psychophysics(
@@ -51,7 +51,7 @@ def posterior_psychophysics(
     """
     level = scene.inference.level
     bounded = _Quantiles(level, effective=len(fit.points))
-    locations = _bounded_means(fit.moments, level, len(fit.points))
+    locations = bounded_means(fit.moments, level, len(fit.points))
     users = fit.moments.population_sd
     sites = {}
     for cell, c in fit.column.items():
@@ -101,7 +101,7 @@ def _to_native(fit: Fit, c: int) -> Callable[[float], float]:
     return native
 
 
-def _bounded_means(laws: ConditionalMoments, level: float, effective: int) -> list[Bounded]:
+def bounded_means(laws: ConditionalMoments, level: float, effective: int) -> list[Bounded]:
     """Bound what is normal given each draw, by roots of mixtures.
 
     The draws are worth `effective` independent ones.
@@ -240,7 +240,7 @@ def _slope_rows(
     trend = next(iter(density.trends(coordinates).values()))
     slope_sd = np.sqrt(trend.covariance[..., 1, 1])
     laws = ConditionalMoments(trend.mean[..., 1], slope_sd, np.zeros_like(slope_sd))
-    of_means = _bounded_means(laws, bounded.level, bounded.effective)
+    of_means = bounded_means(laws, bounded.level, bounded.effective)
     _, own_sd = density.scales(coordinates).get("sigma_v:trend", ((), None))
     for p, first in enumerate(sites[::count]):
         if not several[p]:

@@ -1,0 +1,164 @@
+"""Points of subjective equality over the reference: the line that environments scatter about.
+
+Given a draw of the scales a line's intercept and slope are jointly normal, so that its limits at
+any reference are roots of a mixture of normal laws, as those of environments are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from percept.inference.classical.variability import Bounded
+from percept.inference.hierarchy.families import level_together
+from percept.inference.hierarchy.laws import ConditionalMoments
+from percept.inference.hierarchy.model import Pooled
+from percept.results import PseLineRow
+from percept.scene import Scene
+from percept.study.basics import Array, References, Skipped, Stream, generator
+from percept.study.fit import Fit
+from percept.study.psychophysics.posterior import bounded_means
+from percept.study.psychophysics.site import mapped
+
+__all__ = ["posterior_lines"]
+
+#: References of a line, evenly spaced in decades: its limits are smooth between them.
+_POINTS = 25
+#: Two references lie on any line.
+_FEWEST_REFERENCES = 3
+#: Draws of the scales that limits together rest on: as many as families of contrasts need.
+_MOST_DRAWS = 4096
+#: Lines drawn for them: limits together at 99 % are then known to 1 % of their half-widths.
+_LINES = 65_536
+#: Tolerances beyond which the error of a limit withholds a line, as it does other curves.
+_MOST_TOLERANCES = 10.0
+
+
+def posterior_lines(
+    fit: Fit, scene: Scene, reference: References
+) -> Iterator[PseLineRow | Skipped]:
+    """Yield the line of each quantity in each condition, reference by reference.
+
+    Parameters
+    ----------
+    fit : Fit
+        A fit that passed.
+    scene : Scene
+        Level, family, tolerance and seed.
+    reference : mapping
+        By parameter and environment, in the parameter's unit.
+
+    Yields
+    ------
+    PseLineRow or Skipped
+    """
+    for density, points in fit.model.pooled_parts(fit.points):
+        lines = []
+        for p, parameter in enumerate(density.statistics.parameters):
+            names = density.statistics.environments
+            tested = np.array([reference[parameter, name] for name in names])
+            why = _why_not(np.unique(tested))
+            if why:
+                what = f"line of {fit.quantities[parameter].label} over the reference"
+                yield Skipped(what, why)
+            else:
+                lines.append(_Line(fit, density, scene, p, tested))
+        if lines:
+            for condition, trend in density.trends(points).items():
+                for line in lines:
+                    mean = trend.mean[:, line.number]
+                    yield from line.rows(condition, mean, trend.covariance[:, line.number])
+
+
+def _why_not(references: Array) -> str:
+    """Say why different references have no line; empty where they have."""
+    if references[0] <= 0.0:
+        return "a reference of zero or below has no place on the scale of decades"
+    if len(references) < _FEWEST_REFERENCES:
+        return (
+            f"it needs {_FEWEST_REFERENCES} different references, and there are {len(references)}"
+        )
+    return ""
+
+
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """What the lines of one quantity have in common."""
+
+    fit: Fit
+    density: Pooled
+    scene: Scene
+    number: int  # Of the quantity, in its model
+    tested: Array  # (J,) References of the environments
+
+    def rows(
+        self, condition: str, mean: Array, covariance: Array
+    ) -> Iterator[PseLineRow | Skipped]:
+        """Yield a row for each reference; intercepts and slopes have means (S, 2)."""
+        asked = self.scene.inference
+        quantity = self.fit.quantities[self.density.statistics.parameters[self.number]]
+        references = np.geomspace(self.tested.min(), self.tested.max(), _POINTS)
+        decades = np.log10(references) - np.log10(self.tested).mean()
+        weights = np.stack([np.ones(_POINTS), decades])
+        variance = np.einsum("sab,an,bn->sn", covariance, weights, weights)
+        # Of the location alone: users are not asked for.
+        laws = ConditionalMoments(mean @ weights, np.sqrt(variance), np.zeros_like(variance))
+        single_limits = bounded_means(laws, asked.level, len(mean))
+        worst = max(_error(limits) for limits in single_limits)
+        if worst > _MOST_TOLERANCES * asked.tolerance:
+            what = f"line of {quantity.label} over the reference"
+            why = f"the Monte Carlo error of its limits is {worst:.0%} of a half-width"
+            yield Skipped(what, why)
+            return
+        together = self._level_together(laws, mean, covariance, weights)
+        limits_together = bounded_means(laws, together, len(mean))
+        for value, single, wide in zip(
+            references.tolist(), single_limits, limits_together, strict=True
+        ):
+            pse = self._native(value, single)
+            band = self._native(value, wide)
+            yield PseLineRow(
+                parameter=quantity.name,
+                condition=condition,
+                method="bayesian",
+                family=asked.family,
+                level=asked.level,
+                reference=value,
+                estimate=pse.estimate,
+                lower=pse.lower,
+                upper=pse.upper,
+                lower_together=band.lower,
+                upper_together=band.upper,
+                error=pse.error,
+                unit=quantity.unit,
+                n=len(self.density.statistics.subjects),
+            )
+
+    def _level_together(
+        self, laws: ConditionalMoments, mean: Array, covariance: Array, weights: Array
+    ) -> float:
+        """Level of single limits between which whole lines lie with the level asked for."""
+        asked = self.scene.inference
+        stride = -(-len(mean) // _MOST_DRAWS)
+        rng = generator(asked.seed, Stream.PSE_LINES)
+        roots = np.linalg.cholesky(covariance[::stride])
+        repeats = -(-_LINES // len(roots))
+        normals = rng.standard_normal((repeats, len(roots), 2))
+        drawn = mean[::stride] + np.einsum("sab,rsb->rsa", roots, normals)
+        values = drawn.reshape(-1, 2) @ weights
+        return level_together(laws.mean[::stride], laws.sd[::stride], values, asked.level)
+
+    def _native(self, reference: float, bounded: Bounded) -> Bounded:
+        """Return responses to a reference in its unit."""
+        if self.fit.scale.log:
+            return mapped(bounded, lambda response: reference * math.exp(response))
+        return mapped(bounded, lambda response: reference * (1.0 + response))
+
+
+def _error(limits: Bounded) -> float:
+    """Return the Monte Carlo error of limits in half-widths."""
+    half_width = 0.5 * (limits.upper - limits.lower)
+    return (limits.error or 0.0) / half_width

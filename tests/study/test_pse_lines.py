@@ -1,0 +1,181 @@
+"""Points of subjective equality over the reference."""
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import optimize, stats
+
+from percept import Scene, Study
+from percept.inference.hierarchy.new_environment import new_environment
+from percept.results import PseLineRow
+from percept.sessions import Sessions
+from percept.study.basics import Skipped
+from percept.study.psychophysics.lines import posterior_lines
+
+#: Lines drawn to count how many a band holds.
+LINES = 40_000
+
+
+def rows_of(study):
+    found = study.parts.psychophysics.lines
+    assert not [row for row in found if isinstance(row, Skipped)]
+    return pd.DataFrame(found)
+
+
+@pytest.fixture(scope="module")
+def lines(fitted):
+    return rows_of(fitted)
+
+
+def moments(fitted, parameter, reference):
+    """Mean and SD of the line at one reference, given each draw of the scales."""
+    fit = fitted.parts.fit
+    parts = fitted.parts
+    p = fit.parameters.index(parameter)
+    tested = np.array([parts.reference[parameter, name] for name in fit.environments])
+    x = np.zeros(len(fit.parameters))
+    x[p] = np.log10(reference) - np.log10(tested).mean()
+    rng = np.random.default_rng(0)
+    new = new_environment(fit.model, fit.points, x, repeats=1, rng=rng)[""]
+    # A new environment lies about the line as all environments do.
+    own = fit.model.scales(fit.points)["tau"][1][:, p]
+    return new.mean[:, p], np.sqrt(new.covariance[:, p, p] - own**2)
+
+
+@pytest.mark.parametrize("number", [0, 17, 24])
+@pytest.mark.parametrize("parameter", ["k", "b"])
+def test_limits_are_roots_of_the_mixture_over_draws(fitted, lines, parameter, number):
+    row = lines[lines["parameter"] == parameter].iloc[number]
+    mean, sd = moments(fitted, parameter, row["reference"])
+
+    def quantile(probability):
+        def excess(response):
+            return stats.norm.cdf((response - mean) / sd).mean() - probability
+
+        return optimize.brentq(excess, -9.0, 9.0, xtol=1e-12)
+
+    expected = [quantile(0.005), mean.mean(), quantile(0.995)]
+    found = np.log(row[["lower", "estimate", "upper"]].astype(float) / row["reference"])
+    np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9)
+
+
+def test_whole_lines_lie_between_limits_together(fitted, lines):
+    """Lines drawn by themselves: intercept and slope from two references far apart."""
+    row = lines[lines["parameter"] == "k"]
+    fit = fitted.parts.fit
+    trend = fit.model.trends(fit.points)[""]
+    rng = np.random.default_rng(11)
+    draw = rng.integers(len(fit.points), size=LINES)
+    mean = trend.mean[draw, 0]
+    covariance = trend.covariance[draw, 0]
+    first = rng.standard_normal(LINES)
+    second = rng.standard_normal(LINES)
+    sd = np.sqrt(covariance[:, 0, 0])
+    along = covariance[:, 0, 1] / sd
+    intercept = mean[:, 0] + sd * first
+    rest = np.sqrt(covariance[:, 1, 1] - along**2)
+    slope = mean[:, 1] + along * first + rest * second
+    tested = [fitted.parts.reference["k", name] for name in fit.environments]
+    decades = np.log10(row["reference"].to_numpy()) - np.log10(tested).mean()
+    lines_drawn = np.exp(intercept[:, None] + np.multiply.outer(slope, decades))
+    lines_drawn *= row["reference"].to_numpy()
+
+    def share(kind):
+        lower = row[f"lower{kind}"].to_numpy()
+        upper = row[f"upper{kind}"].to_numpy()
+        return ((lines_drawn >= lower) & (lines_drawn <= upper)).all(axis=1).mean()
+
+    error = np.sqrt(0.99 * 0.01 / LINES)
+    # The level searched for rests on 65,536 lines of its own.
+    assert share("_together") == pytest.approx(0.99, abs=4.5 * 1.3 * error)
+    assert share("") < 0.99 - 10.0 * error
+    assert (row["lower_together"] < row["lower"]).all()
+    assert (row["upper_together"] > row["upper"]).all()
+
+
+def test_a_line_is_straight_and_has_the_slope_of_the_table(fitted, lines):
+    table = fitted.psychophysics
+    gammas = table[(table["measure"] == "gamma")].set_index("parameter")["estimate"]
+    for parameter, rows in lines.groupby("parameter"):
+        bias = np.log(rows["estimate"] / rows["reference"])
+        slopes = np.diff(bias) / np.diff(np.log10(rows["reference"]))
+        # The table's estimate takes the same draws.
+        np.testing.assert_allclose(slopes, gammas[parameter], rtol=1e-6)
+    tested = [fitted.parts.reference["k", name] for name in fitted.parts.environments]
+    assert lines["reference"].iloc[0] == pytest.approx(min(tested))
+    assert lines["reference"].iloc[24] == pytest.approx(max(tested))
+
+
+def test_results_hold_the_lines(fitted):
+    results = fitted.results(curves=False)
+    assert results.pse_lines == tuple(fitted.parts.psychophysics.lines)
+    assert isinstance(results.pse_lines[0], PseLineRow)
+
+
+def study_of(references, *, levels=("",), family="lognormal", **model):
+    """Four subjects, whose bias grows by .1 in the logarithm for a tenfold reference."""
+    rng = np.random.default_rng(2)
+    rows = []
+    for subject in range(4):
+        level = rng.normal(0.0, 0.1)
+        for reference in references:
+            for number, hand in enumerate(levels):
+                size = reference or 1.0
+                noise = level + 0.3 * number + rng.normal(0.0, 0.05)
+                response = noise + 0.1 * np.log10(abs(size))
+                adjusted = reference + size * np.expm1(response)
+                rows.append([f"S{subject}", f"E{reference}", hand, reference, adjusted])
+    columns = ["subject", "environment", "hand", "k_ref", "k_adj"]
+    inference = {"method": "bayesian", "tolerance": 0.3, "family": family}
+    scene = Scene(model=model, inference=inference)
+    frame = pd.DataFrame(rows, columns=columns)
+    if levels == ("",):
+        frame = frame.drop(columns="hand")
+    return Study(Sessions.from_frame(frame, scene=scene), scene)
+
+
+@pytest.mark.evidence
+def test_each_condition_has_a_line():
+    lines = rows_of(study_of([1.0, 10.0, 100.0], levels=("left", "right"), bias="hand"))
+    assert list(dict.fromkeys(lines["condition"])) == ["left", "right"]
+    left = lines[lines["condition"] == "left"].reset_index()
+    right = lines[lines["condition"] == "right"].reset_index()
+    np.testing.assert_allclose(right["estimate"] / left["estimate"], np.exp(0.3), rtol=0.1)
+    assert (left["n"] == 4).all()
+
+
+@pytest.mark.parametrize(
+    ("references", "options", "why"),
+    [
+        ([1.0, 10.0], {}, "it needs 3 different references, and there are 2"),
+        pytest.param(
+            [5.0],
+            {},
+            "it needs 3 different references, and there are 1",
+            marks=pytest.mark.evidence,
+        ),
+        pytest.param(
+            [0.0, 10.0, 20.0],
+            {"family": "normal", "scale": {"k": 5.0}},
+            "a reference of zero or below has no place on the scale of decades",
+            marks=pytest.mark.evidence,
+        ),
+    ],
+)
+def test_a_study_without_a_line_says_why(references, options, why):
+    study = study_of(references, **options)
+    assert study.parts.psychophysics.lines == [Skipped("line of stiffness over the reference", why)]
+    assert Skipped("line of stiffness over the reference", why) in study.skipped
+
+
+def test_a_line_that_chance_decides_is_withheld(fitted):
+    """Forty draws of the scales tell little of limits at 99 %."""
+    fit = fitted.parts.fit
+    few = dataclasses.replace(fit)
+    few.__dict__["points"] = fit.points[:40]
+    scene = fitted.scene.with_inference(tolerance=0.001)
+    (first, *_) = posterior_lines(few, scene, fitted.parts.reference)
+    assert first.what == "line of stiffness over the reference"
+    assert first.why.startswith("the Monte Carlo error of its limits is ")
