@@ -85,6 +85,7 @@ digits: $(STAMP)  ## digits, propagation, growth and skipping of reports/benchma
 
 bench: $(STAMP)  ## run time against error of reports/benchmark, next to other samplers (an hour; extra peers)
 	@$(BIN)/percept bench peers --out reports/benchmark
+	@$(BIN)/python -m tests.inference.hierarchy.nutpie_peers --out reports/calibration
 
 coverage: $(STAMP)  ## real coverage of every interval in reports/coverage (hours); it resumes
 	@$(BIN)/percept calibrate datasets/hbfd_sessions.csv --scene datasets/hbfd.toml --subjects 10 3 30 \
@@ -94,6 +95,7 @@ coverage: $(STAMP)  ## real coverage of every interval in reports/coverage (hour
 
 calibrate: $(STAMP)  ## simulation-based calibration, 300 fits of each design (hours); it resumes
 	@$(BIN)/percept sbc --fits 300 --workers $(JOBS) --out reports/calibration
+	@$(BIN)/python -m tests.inference.hierarchy.factor_calibration --workers $(JOBS) --out reports/calibration
 
 docs: $(STAMP)  ## the documentation as a site in build/docs
 	@$(BIN)/python -m pip install --quiet --editable '.[docs]'

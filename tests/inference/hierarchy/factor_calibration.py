@@ -1,0 +1,286 @@
+"""Simulation-based calibration of studies with factors, as a page of `reports/calibration`.
+
+    python -m tests.inference.hierarchy.factor_calibration --fits 300 --out reports/calibration
+
+Studies are drawn from the prior by `factor_studies` and fitted. Each true value has a place in its
+posterior, a probability that is uniform over studies. Two wrong models must be caught.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import functools
+import shlex
+import sys
+from pathlib import Path
+
+import numpy as np
+from scipy import special
+
+from percept.calibration.studies import Checkpoint, plan_digest
+from percept.calibration.uniformity import judge_places
+from percept.errors import RefusalError
+from percept.inference.hierarchy.contrasts import ContrastEstimands, ContrastRows
+from percept.inference.hierarchy.linear_posterior import LinearPosterior
+from percept.inference.hierarchy.models import IntervalEstimands
+from percept.inference.hierarchy.priors import Priors
+from percept.inference.sampling.gate import Run, Settings
+from percept.inference.sampling.run import sample
+from percept.provenance import made_by, markdown_table
+from percept.workers import in_process, processes
+from tests.inference.hierarchy.factor_studies import (
+    GROUP,
+    KINDS,
+    PRIORS,
+    Drawn,
+    draw_study,
+    model_of,
+)
+
+#: What a wrong model leaves out, by its name: the study it is fitted to, and the option that does.
+WRONG = {
+    "without subjects' contrasts": (
+        "two factors with interaction",
+        {"subjects_contrasts": False},
+    ),
+    "one trial SD for all subjects": ("subjects' own trial SDs", {"own_trial_sds": False}),
+}
+#: A wrong model shows in fewer fits than a right one needs.
+WRONG_SHARE = 3
+PAGE = """# Simulation-based calibration of studies with factors
+
+{fits} studies of each kind were drawn from the prior and fitted by the right model. Places of
+true values in their posteriors are counted in {bins} bins. All quantities of a kind are judged
+together, by simultaneous bands that a right model leaves with a probability of at most 1 %. Fits
+that the gate withheld count as failed and have no places.
+
+{made}
+
+{right}
+
+Scales, correlations and slopes of SDs are ranked among {draws} independent draws. Means of cells
+and of contrasts, one more user of each, and slopes of covariates are placed by the posterior
+distribution function.
+
+## Wrong models
+
+Each is fitted to studies that it does not hold for. A quantity outside the bands catches it.
+
+{wrong}
+
+## Every quantity
+
+`tail` is the smallest two-sided probability of a count below the edge of a bin. Below `band` the
+quantity lies outside.
+
+{quantities}
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """A kind of study, and the model it is fitted by."""
+
+    kind: str
+    wrong: str = ""
+    seed: int = 1
+    draws: int = 199  # One less than a multiple of the bins: each has equally many ranks
+    bins: int = 20
+    tolerance: float = 0.2  # Of limits; ranks need no more than independent draws
+    priors: Priors = PRIORS  # Of truths and of fits
+
+    @property
+    def name(self):
+        return self.wrong or self.kind
+
+
+PLANS = (
+    *(Plan(kind) for kind in KINDS),
+    *(Plan(kind, wrong) for wrong, (kind, _) in WRONG.items()),
+)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Rows:
+    """Weights of what is placed beside the cells, with names."""
+
+    weights: ContrastRows
+    names: tuple[str, ...]  # Of contrasts that a user has too
+    group_names: tuple[str, ...]  # Of the others and of slopes
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Fitted:
+    """A study of a plan, its model, and the run."""
+
+    drawn: Drawn
+    model: LinearPosterior
+    rows: Rows
+    run: Run
+    seed: np.random.SeedSequence  # Of what is chosen from the draws
+
+
+def fit_study(plan, index):
+    """Draw study `index` of a plan and fit it."""
+    spawn_key = (list(KINDS).index(plan.kind), index)
+    seeds = np.random.SeedSequence(plan.seed, spawn_key=spawn_key)
+    truth_seed, run_seed, draw_seed = seeds.spawn(3)
+    drawn = draw_study(KINDS[plan.kind], np.random.default_rng(truth_seed), plan.priors)
+    options = WRONG[plan.wrong][1] if plan.wrong else {}
+    model = model_of(drawn, priors=plan.priors, **options)
+    rows = contrast_rows(drawn, model)
+    claims = IntervalEstimands(model, kinds=("mean", "user"))
+    users = [*model.cells, *(("contrast", name) for name in rows.names)]
+    groups = [("contrast", name) for name in rows.group_names]
+    estimands = ContrastEstimands(model, rows.weights, tuple(users), tuple(groups), claims)
+    settings = Settings(tolerance=plan.tolerance, seed=int(run_seed.generate_state(1)[0]))
+    return Fitted(drawn, model, rows, sample(model, estimands, settings), draw_seed)
+
+
+def place_study(plan, index):
+    """Place the true values of study `index` of a plan; without a fit, say why there is none."""
+    try:
+        fitted = fit_study(plan, index)
+    except RefusalError as refusal:
+        return {"reason": str(refusal), "values": {}}
+    if not fitted.run.gate.passed:
+        return {"reason": " ".join(fitted.run.gate.reasons), "values": {}}
+    points = np.concatenate(fitted.run.independent())
+    rng = np.random.default_rng(fitted.seed)
+    chosen = points[rng.choice(len(points), size=plan.draws, replace=False)]
+    values = ranks(fitted.drawn, fitted.model, chosen)
+    values |= places(fitted.drawn, fitted.model, fitted.rows, points)
+    return {"reason": "", "values": values}
+
+
+def contrast_rows(drawn, model):
+    """Every term's contrast over all cells, and the slopes of a covariate, quantity by quantity."""
+    size, cells = drawn.beta.shape
+    within = {}
+    groups = {}
+    for p, parameter in enumerate(drawn.kind.parameters):
+        for term, contrast in drawn.contrast.items():
+            row = np.zeros(model.locations_count)
+            row[p * cells : (p + 1) * cells] = contrast
+            kept = groups if GROUP in term.split(":") else within
+            kept[f"{parameter},{term}"] = row
+        if drawn.kind.covariate:
+            row = np.zeros(model.locations_count)
+            row[size * cells + p] = 1.0
+            groups[f"{parameter},slope"] = row
+    every = np.eye(size * cells, model.locations_count)
+
+    def stacked(kept):
+        return np.reshape(list(kept.values()), (-1, model.locations_count))
+
+    weights = ContrastRows(every, stacked(within), stacked(groups))
+    return Rows(weights, tuple(within), tuple(groups))
+
+
+def ranks(drawn, model, points):
+    """Place of every true scale among draws, as (rank + 1/2) / (draws + 1)."""
+    found = {}
+    for name, (_, values) in model.scales(points).items():
+        draws = values.reshape(len(points), -1)
+        below = (draws < np.ravel(drawn.truth[name])).sum(axis=0)
+        for number, rank in enumerate(below):
+            label = f"{name}[{number + 1}]" if len(below) > 1 else name
+            found[label] = (rank + 0.5) / (len(points) + 1)
+    return found
+
+
+def places(drawn, model, rows, points):
+    """Posterior distribution functions at true means and at one more user."""
+    weights = rows.weights
+    every = np.vstack([weights.cells, weights.users, weights.groups])
+    cell_names = [",".join(cell) for cell in model.cells]
+    names = [*cell_names, *rows.names, *rows.group_names]
+    laws = model.laws_of(every, points)
+    of_users = len(cell_names) + len(rows.names)
+    slopes = drawn.slope if drawn.kind.covariate else []
+    means = every @ np.concatenate([drawn.beta.ravel(), slopes])
+    users = every @ np.concatenate([drawn.user.ravel(), slopes])
+    below_mean = special.ndtr((means - laws.mean) / laws.sd).mean(axis=0)
+    user_sd = np.hypot(laws.sd, laws.population_sd)
+    below_user = special.ndtr((users - laws.mean) / user_sd).mean(axis=0)
+    found = {}
+    for number, name in enumerate(names):
+        found[f"mean[{name}]"] = float(below_mean[number])
+        if number < of_users:
+            found[f"user[{name}]"] = float(below_user[number])
+    return found
+
+
+def calibrate(plan, fits, *, checkpoint=None, mapper=in_process, progress=None):
+    """Place true values of many studies, and judge them together."""
+    place = functools.partial(place_study, plan)
+    kept = Checkpoint(checkpoint, plan_digest(plan), what="placed")
+    placed = kept.complete(place, fits, mapper=mapper, progress=progress)
+    return judge_places(plan.name, plan.bins, placed)
+
+
+def page(calibrations, fits, made):
+    """Text of the page."""
+    heads = ["kind", "fits", "failed", "quantities", "outside", "farthest", "tail", "band"]
+    tables = {True: [], False: []}
+    quantities = []
+    for calibration in calibrations:
+        judged = calibration.quantities
+        worst = min(judged, key=lambda quantity: quantity.least_tail)
+        outside = f"{len(calibration.outside)}"
+        counts = [calibration.fits, calibration.failed, len(judged), outside]
+        row = [calibration.design, *counts, worst.quantity, f"{worst.least_tail:.2g}"]
+        wrong = calibration.design in WRONG
+        tables[wrong].append([*row, f"{calibration.tail:.2g}"])
+        if not wrong:
+            for quantity in judged:
+                tail = f"{quantity.least_tail:.2g}"
+                quantities.append(
+                    [calibration.design, quantity.quantity, tail, f"{calibration.tail:.2g}"]
+                )
+    return PAGE.format(
+        fits=fits,
+        bins=PLANS[0].bins,
+        draws=PLANS[0].draws,
+        made=made.sentence,
+        right=markdown_table(heads, tables[False]),
+        wrong=markdown_table(heads, tables[True]),
+        quantities=markdown_table(["kind", "quantity", "tail", "band"], quantities),
+    )
+
+
+def main(arguments=None):
+    """Fit what is not kept yet, and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--out", type=Path, required=True, help="folder of the page")
+    parser.add_argument("--fits", type=int, default=300, help="studies of each kind (300)")
+    parser.add_argument("--workers", type=int, default=1, help="processes (1)")
+    parser.add_argument("--kept", type=Path, help="file of placed studies (DIR/factor_fits.jsonl)")
+    parsed = parser.parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    calibrations = []
+    with processes(parsed.workers) as mapper:
+        for plan in PLANS:
+
+            def told(done, studies, plan=plan):
+                print(f"{plan.name}: {done} of {studies}", file=sys.stderr, flush=True)
+
+            calibrations.append(
+                calibrate(
+                    plan,
+                    parsed.fits // WRONG_SHARE if plan.wrong else parsed.fits,
+                    checkpoint=parsed.kept or parsed.out / "factor_fits.jsonl",
+                    mapper=mapper,
+                    progress=told,
+                )
+            )
+    typed = shlex.join(["python", "-m", "tests.inference.hierarchy.factor_calibration", *words])
+    parsed.out.mkdir(parents=True, exist_ok=True)
+    text = page(calibrations, parsed.fits, made_by(typed))
+    (parsed.out / "factors.md").write_text(text, encoding="utf-8")
+    print(parsed.out / "factors.md")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,300 @@
+"""Studies with factors, groups and covariates drawn from the prior, written out plainly.
+
+Nothing here comes from the model's own columns: every factor has two levels, whose contrast is
+minus or plus one half, and an interaction's contrast is the product of those of its factors.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+
+from percept.inference.hierarchy.covariates import with_covariates
+from percept.inference.hierarchy.design import Cells, Factors, design_of
+from percept.inference.hierarchy.linear_posterior import LinearPosterior
+from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.statistics import apart_by_subject, from_trials
+from percept.inference.hierarchy.trial_scatter import trial_scatter
+
+#: Narrower than the defaults, so that few draws of the prior are studies nobody would run.
+PRIORS = Priors(
+    tau_scale=0.2,
+    sigma_u_scale=0.4,
+    log_s_mean=np.log(0.15),
+    log_s_sd=0.4,
+    omega_scale=0.3,
+    log_s_e_mean=np.log(0.15),
+    log_s_e_sd=0.4,
+    omega_e_scale=0.3,
+    omega_s_scale=0.8,
+)
+GROUP = "group"
+ENVIRONMENTS = ("VE1", "VE2")
+#: Decades of their references above the geometric mean.
+DECADES = np.array([-0.5, 0.5])
+
+
+@dataclasses.dataclass(frozen=True)
+class Kind:
+    """A kind of study. Its factors have two levels each; of the factor `group` a subject has
+    one."""
+
+    factors: tuple[str, ...] = ()
+    terms: tuple[str, ...] = ()
+    subjects: int = 6
+    trials: tuple[int, int] = (1, 1)  # Fewest and most of a subject in a cell
+    missing: int = 0  # Cells of subjects that have no trials
+    covariate: bool = False  # Whether bias follows a covariate of the trials
+    own_trial_sds: bool = False
+    spread: tuple[str, ...] = ()  # Factors whose levels differ in the spread of subjects' effects
+    parameters: tuple[str, ...] = ("k",)
+
+
+KINDS = {
+    "two factors with interaction": Kind(
+        factors=("hand", "load"), terms=("hand", "load", "hand:load"), spread=("hand",)
+    ),
+    "factor and group": Kind(
+        factors=("hand", GROUP), terms=("hand", GROUP, "hand:group"), subjects=8, trials=(2, 2)
+    ),
+    "covariate, missing cells": Kind(
+        factors=("hand",),
+        terms=("hand",),
+        trials=(1, 3),
+        missing=3,
+        covariate=True,
+        parameters=("k", "b"),
+    ),
+    "subjects' own trial SDs": Kind(
+        factors=("hand",), terms=("hand",), trials=(4, 4), own_trial_sds=True
+    ),
+}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Drawn:
+    """A study, what it was drawn from, and one more user."""
+
+    kind: Kind
+    environment: np.ndarray  # (C,)
+    level: dict[str, np.ndarray]  # (C,) by factor
+    contrast: dict[str, np.ndarray]  # (C,) by term
+    response: np.ndarray  # (M, P)
+    subject: np.ndarray  # (M,)
+    cell: np.ndarray  # (M,)
+    covariate: np.ndarray  # (M, 1) centred, or (M, 0)
+    truth: dict[str, np.ndarray]  # Scales and correlations by the model's names
+    beta: np.ndarray  # (P, C)
+    slope: np.ndarray  # (P,) of the covariate
+    user: np.ndarray  # (P, C) one more user
+
+
+class _Prior:
+    """Draws of the prior, kept by the model's names."""
+
+    def __init__(self, kind, rng, priors):
+        self.rng = rng
+        self.priors = priors
+        self.size = len(kind.parameters)
+        self.truth = {}
+
+    def half(self, name, scale):
+        self.truth[name] = np.abs(self.rng.normal(0.0, scale, self.size))
+        return self.truth[name]
+
+    def correlation(self, name):
+        """Matrix (P, P) of unit diagonal."""
+        if self.size == 1:
+            return np.eye(1)
+        shape = self.priors.rho_shape
+        rho = 2.0 * self.rng.beta(shape, shape) - 1.0
+        self.truth[name] = np.array(rho)
+        return np.array([[1.0, rho], [rho, 1.0]])
+
+    def normals(self, correlation, count):
+        """Correlated standard normals (count, P)."""
+        return self.rng.multivariate_normal(np.zeros(self.size), correlation, count)
+
+    def log_sds(self, suffix, x, main_contrasts):
+        """Log SDs (P, C) of one level of scatter."""
+        priors = self.priors
+        mean = getattr(priors, f"log_s{suffix}_mean")
+        log_s = self.rng.normal(mean, getattr(priors, f"log_s{suffix}_sd"), self.size)
+        kappa = self.rng.normal(0.0, getattr(priors, f"kappa{suffix}_sd"), self.size)
+        self.truth[f"s{suffix}"] = np.exp(log_s)
+        self.truth[f"kappa{suffix}"] = kappa
+        log_sigma = log_s[:, None] + kappa[:, None] * x
+        for factor, contrast in main_contrasts.items():
+            psi = self.rng.normal(0.0, priors.psi_sd, self.size)
+            self.truth[f"psi{suffix}:{factor}"] = psi
+            log_sigma = log_sigma + psi[:, None] * contrast
+        omega = self.half(f"omega{suffix}", getattr(priors, f"omega{suffix}_scale"))
+        log_sigma = log_sigma + omega[:, None] * self.rng.standard_normal(log_sigma.shape)
+        self.truth[f"sigma{suffix}"] = np.exp(log_sigma)
+        return log_sigma
+
+
+def draw_study(kind, rng, priors=PRIORS):
+    """Draw the truth, and then the trials, of a study of a kind."""
+    grid = np.array(list(itertools.product((0, 1), *((0, 1) for _ in kind.factors))))
+    environment = grid[:, 0]
+    level = {factor: grid[:, 1 + f] for f, factor in enumerate(kind.factors)}
+    contrast = {}
+    for term in kind.terms:
+        halves = [level[factor] - 0.5 for factor in term.split(":")]
+        contrast[term] = np.prod(halves, axis=0)
+    x = DECADES[environment]
+    prior = _Prior(kind, rng, priors)
+    beta = _locations(prior, x, environment, contrast)
+    main = {factor: contrast[factor] for factor in kind.factors}
+    log_sigma = prior.log_sds("", x, main)
+    between = prior.correlation("rho_w")
+    stretch = np.zeros_like(log_sigma)
+    for factor in kind.spread:
+        eta = rng.normal(0.0, priors.psi_sd, prior.size)
+        prior.truth[f"eta:{factor}"] = eta
+        stretch = stretch + eta[:, None] * contrast[factor]
+    # The last of these people is the user nobody has seen.
+    people = kind.subjects + 1
+    shared = _subject_effects(prior, people, contrast) * np.exp(stretch)
+    cells = len(grid)
+    own = prior.normals(between, people * cells).reshape(people, cells, prior.size)
+    people_means = beta + shared + np.exp(log_sigma) * own.swapaxes(1, 2)  # (N + 1, P, C)
+    subject, cell = _trials(kind, rng, level)
+    response = people_means[subject, :, cell]
+    if kind.trials[1] > 1:
+        log_sigma_e = prior.log_sds("_e", x, main)
+        within = prior.correlation("rho_e")
+        log_sd = log_sigma_e.T[cell]
+        if kind.own_trial_sds:
+            omega_s = prior.half("omega_s", priors.omega_s_scale)
+            phi = omega_s[:, None] * rng.standard_normal((prior.size, kind.subjects))
+            prior.truth["phi"] = phi
+            log_sd = log_sd + phi.T[subject]
+        response = response + np.exp(log_sd) * prior.normals(within, len(cell))
+    covariate = np.zeros((len(cell), 0))
+    slope = np.zeros(prior.size)
+    if kind.covariate:
+        # It varies between trials and between subjects.
+        values = rng.normal(0.0, 1.0, len(cell)) + rng.normal(0.0, 0.5, kind.subjects)[subject]
+        covariate = (values - values.mean())[:, None]
+        slope = rng.normal(0.0, priors.covariate_sd, prior.size)
+        response = response + covariate * slope
+    return Drawn(
+        kind=kind,
+        environment=environment,
+        level=level,
+        contrast=contrast,
+        response=response,
+        subject=subject,
+        cell=cell,
+        covariate=covariate,
+        truth=prior.truth,
+        beta=beta,
+        slope=slope,
+        user=people_means[-1],
+    )
+
+
+def _locations(prior, x, environment, contrast):
+    """Means of all cells (P, C)."""
+    rng = prior.rng
+    priors = prior.priors
+    alpha = rng.normal(0.0, priors.alpha_sd, prior.size)
+    gamma = rng.normal(0.0, priors.gamma_sd, prior.size)
+    tau = prior.half("tau", priors.tau_scale)
+    delta = tau[:, None] * rng.standard_normal((prior.size, len(ENVIRONMENTS)))
+    beta = alpha[:, None] + gamma[:, None] * x + delta[:, environment]
+    for term, values in contrast.items():
+        coefficient = rng.normal(0.0, priors.lambda_sd, prior.size)
+        tau = prior.half(f"tau:{term}", priors.tau_scale)
+        zeta = tau[:, None] * rng.standard_normal((prior.size, len(ENVIRONMENTS)))
+        beta = beta + values * (coefficient[:, None] + zeta[:, environment])
+    return beta
+
+
+def _subject_effects(prior, people, contrast):
+    """What each of some people adds to all cells, (people, P, C)."""
+    cells = np.ones_like(next(iter(contrast.values())))
+    columns = {"sigma_u": cells}
+    for term, values in contrast.items():
+        if GROUP not in term.split(":"):
+            columns[f"sigma_v:{term}"] = values
+    total = 0.0
+    for name, values in columns.items():
+        sd = prior.half(name, prior.priors.sigma_u_scale)
+        correlation = prior.correlation(name.replace("sigma", "rho"))
+        effects = sd * prior.normals(correlation, people)
+        total = total + effects[:, :, None] * values
+    return total
+
+
+def _trials(kind, rng, level):
+    """Subject and cell of every trial."""
+    pairs = []
+    cells = len(next(iter(level.values())))
+    for i, c in itertools.product(range(kind.subjects), range(cells)):
+        if GROUP not in level or level[GROUP][c] == i % 2:
+            pairs.append((i, c))
+    gone = rng.choice(len(pairs), kind.missing, replace=False).tolist()
+    kept = [pair for number, pair in enumerate(pairs) if number not in gone]
+    fewest, most = kind.trials
+    counts = rng.integers(fewest, most + 1, len(kept))
+    subject, cell = np.repeat(kept, counts, axis=0).T
+    return subject, cell
+
+
+def model_of(drawn, *, subjects_contrasts=True, own_trial_sds=True, priors=PRIORS):
+    """Percept's model of a study: the right one, or one that leaves something out.
+
+    Parameters
+    ----------
+    drawn : Drawn
+        The study.
+    subjects_contrasts : bool
+        Whether subjects have contrasts of their own.
+    own_trial_sds : bool
+        Whether subjects have trial SDs of their own, where the study's subjects do.
+    """
+    kind = drawn.kind
+    levels = dict.fromkeys(kind.factors, ("first", "second"))
+    names = []
+    for c, environment in enumerate(drawn.environment):
+        own = [levels[factor][drawn.level[factor][c]] for factor in kind.factors]
+        names.append(" ".join([ENVIRONMENTS[environment], *own]))
+    x = np.tile(DECADES[drawn.environment], (len(kind.parameters), 1))
+    statistics = from_trials(
+        drawn.response,
+        drawn.subject,
+        drawn.cell,
+        x,
+        parameters=kind.parameters,
+        environments=tuple(names),
+        subjects=tuple(f"S{i + 1}" for i in range(kind.subjects)),
+    )
+    own_trial_sds = own_trial_sds and kind.own_trial_sds
+    if own_trial_sds:
+        statistics = apart_by_subject(statistics)
+    trials = (drawn.response, drawn.subject, drawn.cell, drawn.covariate)
+    scatter = trial_scatter(*trials, by_subject=False)
+    covariates = None
+    if kind.covariate:
+        statistics, covariates = with_covariates(
+            drawn.covariate, drawn.subject, drawn.cell, ("order",), statistics, scatter
+        )
+    if own_trial_sds:
+        scatter = trial_scatter(*trials, by_subject=True)
+    cells = Cells(tuple(names), drawn.environment, ENVIRONMENTS, x)
+    factors = Factors(
+        levels=levels,
+        level=drawn.level,
+        terms=tuple(tuple(term.split(":")) for term in kind.terms),
+        between=frozenset({GROUP}.intersection(kind.factors)),
+        spread=kind.spread,
+    )
+    design = design_of(cells, factors, priors)
+    if not subjects_contrasts:
+        design = dataclasses.replace(design, subject=design.subject[:1])
+    return LinearPosterior(statistics, design, priors, covariates, scatter)
