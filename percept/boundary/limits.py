@@ -15,7 +15,7 @@ scores; the slope of the limit over its score turns this into an error of log r.
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,6 +92,13 @@ class MagnitudeLimits:
     lower: Array  # (M,) N·s/m
     upper: Array  # (M,) N·s/m
     errors: Array | None = None  # (2, M) Monte Carlo errors of their logarithms; None if not drawn
+    device_share: float | None = None  # Of the squared log width; None with the device at a point
+
+    def joined(self, inner: MagnitudeLimits) -> MagnitudeLimits:
+        """Return limits that contain others too."""
+        lower = np.minimum(self.lower, inner.lower)
+        upper = np.maximum(self.upper, inner.upper)
+        return replace(self, lower=lower, upper=upper)
 
 
 class Magnitude:

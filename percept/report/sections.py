@@ -245,6 +245,7 @@ class Boundaries:
     shapes: dict[str, str]  # What each shape means
     curves: Any  # `Curves` as JSON values
     left_out: str  # Says which environments are not drawn
+    device: tuple[float, float] | None  # Least and largest share of the pointwise curves
 
 
 def boundaries(results: Results) -> Section | None:
@@ -259,11 +260,14 @@ def boundaries(results: Results) -> Section | None:
         of_environment = matching(main, environment=name)
         if of_environment:
             curves.append(_curves(of_environment, results.zoom.get(name)))
+    pointwise = matching(main, shape="pointwise")
+    shares = [one.device_share for one in pointwise if one.device_share is not None]
     view = Boundaries(
         quantities=" and ".join(distinct(results.intervals, "parameter")),
         shapes={name: _SHAPES[name] for name in ordered(_SHAPES, records, "shape")},
         curves=plain(curves),
         left_out=choice_said(names, words_of(results).environments),
+        device=(min(shares), max(shares)) if shares else None,
     )
     return Section("boundaries", "Realistic performance boundaries", view)
 

@@ -52,7 +52,10 @@ class Boundary(NotebookRecord):
         in logarithms. None without errors, and without width.
     pointwise_level, pointwise_level_error : float or None
         Of a Bayesian simultaneous boundary: the level of its limits at each omega, and its Monte
-        Carlo error.
+        Carlo error. With a posterior of the device that error is of the device at its point.
+    device_share : float or None
+        Share of the squared width, in logarithms, that not knowing the device makes: a mean over
+        log omega. None where the device is at its point.
     """
 
     environment: str
@@ -71,6 +74,7 @@ class Boundary(NotebookRecord):
     error: float | None = None
     pointwise_level: float | None = None
     pointwise_level_error: float | None = None
+    device_share: float | None = None
 
     @property
     def band(self) -> Array:

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.boundary.curves import drawing_grid
-from percept.boundary.limits import Magnitude, MagnitudeLimits, relative_error
+from percept.boundary.limits import (
+    Magnitude,
+    MagnitudeLimits,
+    level_of,
+    relative_error,
+    score_of,
+)
 from percept.boundary.simultaneous import SimultaneousLevel, simultaneous_level
 from percept.errors import RefusalError, UsageError
-from percept.results import BandDifference, BandPair, Boundary, Shape
+from percept.results import Boundary, Shape
 from percept.scene import FrequencyTable, Scene
 from percept.study.basics import Array, Skipped
 from percept.study.device import Setup
+from percept.study.device_boundaries import DeviceCurves
 from percept.study.regions import Law, Region
 
-__all__ = [
-    "JOINTS", "BoundaryDrawing", "LimitErrors", "compare_bands", "increasing", "zoom_windows",
-]  # fmt: skip
+__all__ = ["JOINTS", "BoundaryDrawing", "increasing", "zoom_windows"]
 
 #: How k and b can be taken together: each by itself, both widened, one region, curves of their law.
 JOINTS = ("marginal", "bonferroni", "hotelling", "joint")
@@ -101,6 +106,10 @@ class BoundaryDrawing:
         self._grids: dict[str, Array] = {}
         self._on_grid: dict[Law, Magnitude] = {}
         self._levels: dict[Law, SimultaneousLevel] = {}
+        self._widenings: dict[Law, float] = {}
+        self._averaged: dict[tuple[Law, Shape], MagnitudeLimits] = {}
+        # Of the last law alone: they take 30 MB.
+        self._last_curves: tuple[Law, DeviceCurves] | None = None
         self._refused: dict[Law, dict[Shape, Skipped]] = {}
 
     def at(
@@ -181,7 +190,9 @@ class BoundaryDrawing:
             if shape == "simultaneous" and law.method == "bayesian":
                 level = self._level(law)
                 boundary = dataclasses.replace(
-                    boundary, pointwise_level=level.level, pointwise_level_error=level.error
+                    boundary,
+                    pointwise_level=self._pointwise_level(law),
+                    pointwise_level_error=level.error,
                 )
             yield boundary
 
@@ -211,7 +222,54 @@ class BoundaryDrawing:
         )
 
     def _limits(self, law: Law, shape: Shape, omega: Array) -> MagnitudeLimits:
-        """Return the limits (M,) of a law in a shape; RefusalError where there are none."""
+        """Return the limits (M,) of a law in a shape; RefusalError where there are none.
+
+        Bayesian ones average over the device's posterior. A classical level counts repetitions of
+        the study, and a posterior has none.
+        """
+        limits = self._limits_at_point(law, shape, omega)
+        if self._setup.draws is None or law.method == "classical":
+            return limits
+        on_grid = omega is self.grid(law.environment)
+        key = law, shape
+        if on_grid and key in self._averaged:
+            return self._averaged[key]
+        curves = self._device_curves(law, omega)
+        if shape == "pointwise":
+            averaged = curves.averaged(limits, score_of(law.level))
+        else:
+            score = score_of(self._level(law).level)
+            averaged = curves.averaged(limits, score, self._widening(law))
+            averaged = averaged.joined(self._limits(law, "pointwise", omega))
+        if on_grid:
+            self._averaged[key] = averaged
+        return averaged
+
+    def _device_curves(self, law: Law, omega: Array) -> DeviceCurves:
+        if omega is not self.grid(law.environment):
+            return DeviceCurves(self._setup, law, omega)
+        if self._last_curves is None or self._last_curves[0] is not law:
+            self._last_curves = law, DeviceCurves(self._setup, law, omega)
+        return self._last_curves[1]
+
+    def _widening(self, law: Law) -> float:
+        """Return by how many SDs the device's posterior moves the level of a band out."""
+        if self._setup.draws is None:
+            return 0.0
+        if law not in self._widenings:
+            curves = self._device_curves(law, self.grid(law.environment))
+            least = score_of(law.level) - score_of(self._level(law).level)
+            self._widenings[law] = max(curves.widening(law.level), least)
+        return self._widenings[law]
+
+    def _pointwise_level(self, law: Law) -> float:
+        """Return the level of a simultaneous band at single frequencies."""
+        level = self._level(law).level
+        widening = self._widening(law)
+        return level_of(score_of(level) + widening) if widening else level
+
+    def _limits_at_point(self, law: Law, shape: Shape, omega: Array) -> MagnitudeLimits:
+        """Return limits with the device at its point."""
         magnitude = self._magnitude(law, omega)
         if shape == "pointwise":
             return magnitude.limits(law.level)
@@ -224,10 +282,7 @@ class BoundaryDrawing:
         if region is None:
             raise RefusalError("the subjects' values give no ellipse.")
         lower, upper = self._setup.outline(region, "envelope", omega)
-        limits = magnitude.limits(law.level)
-        return MagnitudeLimits(
-            np.minimum(lower, limits.lower), np.maximum(upper, limits.upper), None
-        )
+        return magnitude.limits(law.level).joined(MagnitudeLimits(lower, upper))
 
     def _level(self, law: Law) -> SimultaneousLevel:
         """Return the level of a simultaneous band over the environment's grid."""
@@ -249,112 +304,6 @@ class BoundaryDrawing:
         return Magnitude(law.pair, setup.device, setup.period, omega, mass=mass, hold=setup.hold)
 
 
-@dataclasses.dataclass(frozen=True)
-class LimitErrors:
-    """Monte Carlo standard errors of an interval."""
-
-    centre: float  # In the unit of the limits
-    half_width: float
-
-
-def compare_bands(
-    drawing: BoundaryDrawing,
-    regions: Collection[Region],
-    errors: Mapping[tuple[str, str, str], LimitErrors],
-) -> Iterator[BandPair]:
-    """Yield how the Bayesian envelope of abs(Z_h) differs from the classical one.
-
-    `errors` come from the Bayesian intervals, by environment, parameter and kind. Bands without
-    width, and infinite ones, are left out.
-    """
-    classical = {
-        (region.environment, region.kind, region.family): region
-        for region in regions
-        if region.method == "classical" and region.joint == "marginal"
-    }
-    for region in regions:
-        if region.method != "bayesian" or region.joint != "marginal":
-            continue
-        key = region.environment, region.kind, region.family
-        other = classical.get(key)
-        if other is None:
-            continue
-        old = drawing.envelope(other)
-        new = drawing.envelope(region)
-        if not (_has_width(old) and _has_width(new)):
-            continue
-        omega = drawing.grid(region.environment)
-        moved = [drawing.envelope(part) for part in _moved(region, errors)]
-        place = _difference(omega, _place, old, new, moved)
-        width = _difference(omega, _log_width, old, new, moved)
-        yield BandPair(
-            environment=region.environment,
-            kind=region.kind,
-            family=region.family,
-            place=place,
-            width=width,
-        )
-
-
-def _has_width(band: Array) -> bool:
-    return bool(np.isfinite(band).all() and np.all(band[1] > band[0]))
-
-
-def _place(old: Array, new: Array) -> Array:
-    """Return how far the middle of a band (2, M) lies from that of another, as a fraction."""
-    return np.asarray(new.sum(axis=0) / old.sum(axis=0) - 1.0)
-
-
-def _log_width(old: Array, new: Array) -> Array:
-    """Return the logarithm of the ratio of widths of bands (2, M)."""
-    return np.asarray(np.log((new[1] - new[0]) / (old[1] - old[0])))
-
-
-def _moved(region: Region, errors: Mapping[tuple[str, str, str], LimitErrors]) -> Iterator[Region]:
-    """Move each limit's centre, and widen it, by one standard error."""
-    assert region.limits is not None
-    for quantity, parameter in enumerate(("k", "b")):
-        error = errors.get((region.environment, parameter, region.kind))
-        if error is None:
-            continue
-        lower, upper = region.limits[quantity]
-        sides = list(region.limits)
-        sides[quantity] = (lower + error.centre, upper + error.centre)
-        yield dataclasses.replace(region, limits=(sides[0], sides[1]))
-        sides[quantity] = (lower - error.half_width, upper + error.half_width)
-        yield dataclasses.replace(region, limits=(sides[0], sides[1]))
-
-
-def _difference(
-    omega: Array,
-    measure: Callable[[Array, Array], Array],
-    old: Array,
-    new: Array,
-    moved: Sequence[Array],
-) -> BandDifference:
-    """Measure two bands (2, M); `moved` are the new one with its limits off by standard errors."""
-    values = measure(old, new)
-    index = int(np.argmax(np.abs(values)))
-    median = _median(omega, values)
-    at_largest = [measure(old, band)[index] - values[index] for band in moved]
-    at_median = [_median(omega, measure(old, band)) - median for band in moved]
-    return BandDifference(
-        largest=float(values[index]),
-        omega=float(omega[index]),
-        error=float(np.linalg.norm(at_largest)),
-        median=median,
-        median_error=float(np.linalg.norm(at_median)),
-    )
-
-
-def _median(omega: Array, values: Array) -> float:
-    """Return the median over log omega: grids are dense where curves bend."""
-    order = np.argsort(values)
-    lengths = np.gradient(np.log(omega))[order]
-    below = np.cumsum(lengths) - 0.5 * lengths
-    return float(np.interp(0.5 * lengths.sum(), below, values[order]))
-
-
 def _boundary(
     source: Region | Law, joint: str, shape: Shape, limits: MagnitudeLimits, frame: _Frame
 ) -> Boundary:
@@ -374,6 +323,7 @@ def _boundary(
         coupled=frame.coupled,
         errors=limits.errors,
         error=relative_error(frame.omega, limits),
+        device_share=limits.device_share,
     )
 
 

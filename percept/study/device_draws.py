@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy import special
 
 from percept import haptics
@@ -19,11 +20,15 @@ from percept.study.basics import Array, Stream, generator
 
 __all__ = ["DeviceDraws", "device_draws", "device_stability", "smallest_margins"]
 
-#: Devices, a power of two as Sobol's points are best: a probability is known to 0.02 by as many
+#: Devices, a power of two as Sobol's points are best: enough for the tails of limits of abs(Z_h).
+_COUNT = 4096
+#: Devices with modes whose margins are searched: a probability is known to 0.02 by as many
 #: independent ones, and better by these.
-_COUNT = 512
+_SEARCHED = 512
 #: Devices whose resonances set the frequencies at which margins are looked at.
 _SHOWN = 16
+#: One draw is a point.
+_FEWEST_DRAWS = 2
 #: Central share of the margins that is reported.
 _LEVEL = 0.95
 
@@ -41,13 +46,14 @@ class DeviceDraws:
 
     def device(self, index: int) -> Device:
         """Return one device."""
-        return self._take(index)
+        return self.select(index)
 
     def first(self, count: int) -> DeviceDraws:
         """Return the first devices."""
-        return DeviceDraws(self._take(slice(count)))
+        return DeviceDraws(self.select(slice(count)))
 
-    def _take(self, which: int | slice) -> Device:
+    def select(self, which: int | slice | NDArray[np.intp]) -> Device:
+        """Return the device of an index, or devices stacked."""
         stacked = self.stacked
         modes = []
         for mode in stacked.modes:
@@ -132,8 +138,11 @@ def _read_draws(file: str, parameters: tuple[str, ...]) -> Array:
                 value=table[name].iloc[row],
             )
         columns.append(values)
-    if not len(table):
-        raise UsageError("The file has no draws.", file=file)
+    if len(table) < _FEWEST_DRAWS:
+        raise UsageError(
+            f"The file has {len(table)} draws; a posterior needs {_FEWEST_DRAWS} or more.",
+            file=file,
+        )
     return np.column_stack(columns)
 
 
@@ -154,16 +163,19 @@ def smallest_margins(draws: DeviceDraws, coupling: Coupling, period: float, hold
     Returns
     -------
     ndarray, shape (N,)
-        Ratios: at least 1 is stable. Rigid devices are judged exactly, others on the frequencies
-        that resolve the modes of sixteen of them.
+        Ratios: at least 1 is stable. Rigid devices are judged exactly. Of others the first 512 are,
+        on the frequencies that resolve the modes of sixteen of them.
     """
     if not draws.stacked.modes:
         needed = haptics.required_damping(coupling, period, hold=hold).damping
         with np.errstate(divide="ignore"):
             return np.asarray(draws.stacked.damping / np.float64(needed))
-    grids = [search_grid(draws.device(index), period, hold) for index in range(_SHOWN)]
+    searched = draws.first(_SEARCHED)
+    shown = range(min(_SHOWN, searched.count))
+    grids = [search_grid(searched.device(index), period, hold) for index in shown]
     omega = np.unique(np.concatenate(grids))
-    margins = haptics.stability_margin(omega[:, None], draws.stacked, coupling, period, hold=hold)
+    devices = searched.stacked
+    margins = haptics.stability_margin(omega[:, None], devices, coupling, period, hold=hold)
     return np.asarray(margins.min(axis=0))
 
 
@@ -185,8 +197,8 @@ def device_stability(
     probability = float(np.mean(margins >= 1.0))
     return DeviceStability(
         probability=probability,
-        error=float(np.sqrt(probability * (1.0 - probability) / draws.count)),
-        draws=draws.count,
+        error=float(np.sqrt(probability * (1.0 - probability) / margins.size)),
+        draws=margins.size,
         level=_LEVEL,
         margin_lower=float(lower),
         margin_upper=float(upper),

@@ -22,7 +22,8 @@ from percept.results import BandPair
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import Quantities
-from percept.study.boundaries import BoundaryDrawing, LimitErrors, compare_bands
+from percept.study.band_pairs import LimitErrors, compare_bands
+from percept.study.boundaries import BoundaryDrawing
 from percept.study.fit import Fit, estimands_of, fit_of, sampled
 from percept.study.prepare import modelled_together, prepare, prepare_apart
 from percept.study.regions import Region

@@ -48,10 +48,18 @@ def test_margins_of_modal_devices_are_those_of_each_alone(delay):
     draws = device_draws(scene(posterior, modes=[MODE]))
     hold = Hold("average", delay)
     found = smallest_margins(draws, COUPLING, 1e-3, hold)
-    for index in range(0, draws.count, 64):
+    assert found.size == 512
+    for index in range(0, found.size, 64):
         alone = haptics.absolute_stability(draws.device(index), COUPLING, 1e-3, hold=hold)
         # The grid is not refined: it misses a minimum by less than this.
         assert found[index] == pytest.approx(alone.smallest_margin, rel=2e-3)
+
+
+def test_few_draws_of_a_modal_device_are_all_judged(tmp_path):
+    file = tmp_path / "draws.csv"
+    file.write_text("mass,damping\n1,1\n1,40\n", encoding="utf-8")
+    draws = device_draws(scene({"draws": str(file)}, modes=[MODE]))
+    assert sorted(smallest_margins(draws, COUPLING, 1e-3, HOLD) > 1.0) == [False, True]
 
 
 def test_draws_of_a_file(tmp_path):
@@ -66,7 +74,8 @@ def test_draws_of_a_file(tmp_path):
             "mass,damping\n1,1\n1,x\n",
             "draws.csv:3, column 'damping', value 'x': must be a positive",
         ),
-        ("mass,damping\n", "no draws"),
+        ("mass,damping\n", "has 0 draws; a posterior needs 2 or more"),
+        ("mass,damping\n1,1\n", "has 1 draws; a posterior needs 2 or more"),
     ):
         file.write_text(text, encoding="utf-8")
         with pytest.raises(UsageError) as error:

@@ -219,7 +219,11 @@ def _ratios(results: Results, boundaries: _Panels) -> Drawing:
 
 def like_limits(boundaries: Sequence[Boundary], kind: str, families: Sequence[str]) -> list[Limits]:
     """Return the boundaries of both methods in one family and one shape, the Bayesian first."""
-    for shape in _SHAPES:
+    shapes = list(_SHAPES)
+    if any(boundary.device_share is not None for boundary in boundaries):
+        # An envelope leaves out what is not known of the device.
+        shapes.reverse()
+    for shape in shapes:
         candidates = matching(boundaries, kind=kind, shape=shape)
         limits: list[Limits] = []
         for method in reversed(METHODS):
@@ -233,8 +237,9 @@ def like_limits(boundaries: Sequence[Boundary], kind: str, families: Sequence[st
 
 def _limits(boundary: Boundary) -> Limits:
     method = METHOD_NAMES[boundary.method]
+    averaged = ", over devices" if boundary.device_share is not None else ""
     return Limits(
-        label=f"{method}, {boundary.shape} ({boundary.family})",
+        label=f"{method}, {boundary.shape} ({boundary.family}){averaged}",
         method=boundary.method,
         omega=boundary.omega,
         lower=boundary.lower,
