@@ -64,7 +64,7 @@ matrix-leg:
 lint: $(STAMP)  ## ruff (with docstring rules) and strict types
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
-	@$(BIN)/mypy
+	@$(BIN)/mypy --num-workers $(JOBS)
 
 reproduce: $(STAMP)  ## the paper claim by claim, and print the page's path
 	@$(BIN)/percept reproduce --out build/reproduction

@@ -23,8 +23,8 @@ BAYESIAN = {"fit", "posterior", "users"}
 @pytest.mark.parametrize(
     ("scene", "left_out"),
     [
-        ("nothing", set()),
-        ("coupling", {"coupling", "coupling_map"}),
+        pytest.param("nothing", set(), marks=pytest.mark.evidence),
+        pytest.param("coupling", {"coupling", "coupling_map"}, marks=pytest.mark.evidence),
         ("device", CURVES | {"coupling", "regions"}),
         # Its own band law stays: the band against its reference.
         ("one parameter", CURVES | {"regions"}),

@@ -11,6 +11,7 @@ from percept.haptics import Coupling, Device, Environment
 from percept.haptics.axis import warp
 from percept.haptics.perceived import DistancePlane, Point
 from percept.haptics.records import Display
+from tests import LONG
 
 WALL = Environment(stiffness=500.0, damping=2.0)
 DISPLAY = Display(Device(mass=0.5, damping=5.0), WALL, 1e-3)
@@ -49,6 +50,7 @@ def test_ranges_hold_their_share_of_drawn_users(log):
             assert (below, above) == pytest.approx((0.05, 0.05), abs=0.004)
 
 
+@pytest.mark.evidence(reduced=True)
 def test_couplings_are_judged_as_one_by_one():
     users = populations(log=True, count=200)
     omega = search_grid(0.1, 100.0, np.array([np.sqrt(1000.0)]), np.array([0.05]))
@@ -58,13 +60,14 @@ def test_couplings_are_judged_as_one_by_one():
     stiffness = 500.0 * 10.0 ** rng.uniform(0.3, 2.0, 20)
     damping = rng.uniform(0.0, 40.0, 20)
     together = judge.probabilities(Coupling(stiffness, damping))
+    some = slice(None, None, 1 if LONG else 3)
     alone = []
-    for k, b in zip(stiffness, damping, strict=True):
+    for k, b in zip(stiffness[some], damping[some], strict=True):
         display = Display(DISPLAY.device, WALL, 1e-3, Coupling(float(k), float(b)))
         evidence = feels_real(display, users, omega, level=0.99, decision=0.95)
         alone.append(evidence.probability)
-    np.testing.assert_allclose(together, alone, atol=0.02)
-    assert np.ptp(together) > 0.5
+    np.testing.assert_allclose(together[some], alone, atol=0.02)
+    assert np.ptp(together[some]) > 0.5
     # Asked again in another order: ranges that were worked out are kept.
     again = judge.probabilities(Coupling(stiffness[::-1], damping[::-1]))
     np.testing.assert_array_equal(again[::-1], together)

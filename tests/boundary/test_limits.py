@@ -22,7 +22,7 @@ from tests.boundary.test_law import B, K, mixture
 
 DEVICE, PERIOD = Device(1.0, 5.0), 1e-3
 OMEGA = np.geomspace(0.1, 300.0, 61)
-DRAWS = 400_000
+DRAWS = 400_000 if LONG else 100_000
 
 
 def drawn_from(mean: np.ndarray, covariance: np.ndarray, seed: int) -> np.ndarray:
@@ -59,6 +59,7 @@ def laws() -> list[tuple[PairLaw, np.ndarray]]:
     return found
 
 
+@pytest.mark.evidence(reduced=True)
 @pytest.mark.parametrize("which", [0, 1, 2, 3])
 @pytest.mark.parametrize("device", [DEVICE, Device(0.0, 0.5), Device(20.0, 300.0)], ids=str)
 def test_limits_leave_out_as_many_draws_as_they_say(which: int, device: Device) -> None:

@@ -53,7 +53,7 @@ def uniform_places(count, names, seed=0):
 
 @pytest.mark.evidence(reduced=True)
 def test_right_density_stays_inside():
-    fits = 100 if LONG else 5
+    fits = 100 if LONG else 3
     found = calibrate(PLAN, fits)
     assert found.failed == 0
     assert found.fits == fits
@@ -230,6 +230,7 @@ def test_study_is_the_same_however_it_is_run(tmp_path):
     assert place_study(PLAN, 2)["values"] == json.loads(path.read_text().splitlines()[2])["values"]
 
 
+@pytest.mark.evidence
 @QUIET
 def test_fits_are_the_same_on_two_workers(tmp_path):
     pytest.importorskip("distributed", reason="needs the extra percept-haptics[cluster]")

@@ -55,9 +55,9 @@ class Golden:
     sessions: Path
     scene: Path
 
-    def report(self, *, seed: int = SEED) -> Document:
+    def report(self, *, seed: int = SEED, **inference: Any) -> Document:
         """Return what `percept report` writes into report.json, checks included."""
-        study = self.study(seed=seed, tolerance=TOLERANCE)
+        study = self.study(seed=seed, tolerance=TOLERANCE, **inference)
         checked = percept.Study(study.sessions, study.scene.with_tables(checks={}))
         document: Document = build_document(checked)
         return document

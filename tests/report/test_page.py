@@ -352,12 +352,16 @@ def test_few_subjects_and_limits_below_zero_are_cautioned_of():
     assert "subjects are few" not in said_of(Sessions.from_frame(whole))
 
 
-def test_why_the_methods_differ_stands_on_the_page_where_it_is_asked(both, read, tmp_path):
-    """The plain report samples nothing for it, and names the command."""
+def test_a_plain_report_samples_nothing_for_why_the_methods_differ(both, read):
+    """It names the command."""
     assert both["ladder"] is None
     assert "percept report --why and percept compare name the causes" in " ".join(
         "".join(read.text).split()
     )
+
+
+@pytest.mark.evidence
+def test_why_the_methods_differ_stands_on_the_page_where_it_is_asked(tmp_path):
     once = table_of(("k", "b"), subjects=5, references=[[100.0, 1e3], [1.0, 5.0]])
     again = table_of(("k", "b"), subjects=5, references=[[100.0, 1e3], [1.0, 5.0]], seed=2)
     again["trial"] = 2

@@ -71,7 +71,7 @@ def test_means_are_those_of_all_draws():
 @pytest.mark.evidence(reduced=True)
 def test_claimed_errors_of_parts_together_are_right():
     """Of a normal's mean, zero: scatter of runs over what they claim."""
-    count = 40 if LONG else 6
+    count = 40 if LONG else 3
     means = Means(("E x",), lambda points: points[:, :1])
     runs = [
         sample(Normal(2), means, Settings(tolerance=0.004, seed=seed), memory=SMALL)
@@ -110,7 +110,8 @@ def test_no_last_part_begins_that_could_not_settle(monkeypatch):
     assert not run.gate.tolerance_met
 
 
-@pytest.mark.parametrize("most", range(420, 540, 17))
+@pytest.mark.evidence(reduced=True)
+@pytest.mark.parametrize("most", range(420, 540, 17 if LONG else 51))
 def test_wherever_the_steps_end_the_errors_are_known(most):
     """The last part of a run at its cap is long enough to be judged, however many steps were
     left for it."""
