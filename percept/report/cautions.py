@@ -38,6 +38,7 @@ def cautions(results: Results) -> list[str]:
     said = [*_levels(results.contrast, words), *_left_out(results.skipped)]
     if diagnostics and diagnostics.gate.passed and not diagnostics.gate.tolerance_met:
         said.append(diagnostics.gate.error_reached)
+    said += _at_limits(results.intervals, results.data)
     said += _few(results.intervals, words)
     said += _below_zero(results.intervals, results.data)
     said += _active(results.passivity or (), words)
@@ -71,6 +72,19 @@ def _left_out(skipped: Sequence[Skipped]) -> Iterator[str]:
             yield f"The hierarchical model leaves out {row.what.partition(',')[0]}: {row.why}."
         elif row.what == "Bayesian intervals":
             yield f"There are no Bayesian intervals: {row.why}"
+
+
+def _at_limits(intervals: Sequence[IntervalRow], data: Data) -> Iterator[str]:
+    """Say what intervals leave out at the limits of a control."""
+    for name, quantity in data.quantities.items():
+        rows = matching(intervals, parameter=name)
+        counts = {row.environment: row.left_out for row in rows if row.left_out}
+        if counts:
+            where = ", ".join(f"{count} in {place}" for place, count in counts.items())
+            yield (
+                f"Intervals of {quantity.label} leave out adjustments at the limits of the"
+                f" control: {where}."
+            )
 
 
 def _few(intervals: Sequence[IntervalRow], words: Words) -> Iterator[str]:

@@ -155,6 +155,7 @@ class Intervals:
 
     matrices: list[Matrix]
     coverages: list[Coverage]
+    leaves_out: bool  # Whether adjustments at the limits of a control are left out
 
 
 def intervals(results: Results) -> Section | None:
@@ -167,7 +168,8 @@ def intervals(results: Results) -> Section | None:
         rows = matching(marginal, parameter=name)
         title = results.data.quantities[name].head
         matrices.append(Matrix(name, title, rows[0].unit, _grid(rows, families_of(results))))
-    view = Intervals(matrices, _coverages(results.intervals))
+    leaves_out = any(row.left_out for row in results.intervals)
+    view = Intervals(matrices, _coverages(results.intervals), leaves_out)
     return Section("intervals", "Intervals of the adjustments", view)
 
 

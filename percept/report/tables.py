@@ -17,7 +17,7 @@ __all__ = ["csv_tables"]
 
 _INTERVAL = (
     "environment", "kind", "method", "family", "joint", "level", "share", "confidence", "lower",
-    "upper", "estimate", "reference", "n", "covers",
+    "upper", "estimate", "reference", "n", "left_out", "covers",
 )  # fmt: skip
 _DATA = ("environment", "n", "reference", "mean", "sd")
 _BAND = ("environment", "method", "kind", "family")

@@ -39,6 +39,7 @@ class IntervalRow(NotebookRecord):
     n: int  # Subjects
     unit: str
     reference: float | None
+    left_out: int = 0  # Adjustments at the limits of their control, which it does not describe
     covers: str  # The sentence that says what it covers
 
 

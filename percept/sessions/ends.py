@@ -32,6 +32,8 @@ class Ends:
     exclusions: list[Exclusion] = field(default_factory=list)
     notices: list[Notice] = field(default_factory=list)
     counts: dict[str, int] = field(default_factory=dict)
+    #: Rows whose adjustment is left out, with its quantity as `parameter`.
+    left_out: list[pd.DataFrame] = field(default_factory=list)
 
 
 def without_ends(table: pd.DataFrame, quantities: Iterable[Quantity], place: Places) -> Ends:
@@ -88,6 +90,7 @@ def _leave_out(
     )
     ends.notices.append(Notice(text, column=column))
     ends.counts[f"left out: {why}"] = len(rows)
+    ends.left_out.append(rows.assign(parameter=quantity.name))
     ends.table = ends.table.assign(**{column: ends.table[column].mask(at_end)})
 
 

@@ -73,6 +73,8 @@ class Sessions:
         How the files were read.
     factors : Factors, optional
         The conditions or groups that `environment` tells apart.
+    at_limits : DataFrame
+        Rows with an adjustment that is left out at a limit of its control; `parameter` names it.
     """
 
     table: pd.DataFrame
@@ -84,6 +86,7 @@ class Sessions:
     provenance: pd.DataFrame = field(default_factory=lambda: pd.DataFrame({"file": [], "row": []}))
     options: ReadOptions = field(default_factory=ReadOptions)
     factors: Factors | None = None
+    at_limits: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     @classmethod
     def from_frame(
@@ -171,6 +174,15 @@ class Sessions:
         if self.form != "trials":
             return ()
         return tuple(doubts.slips(self.table, [self.quantities[p] for p in self.parameters]))
+
+    def left_out(self, environment: str, parameter: str) -> int:
+        """Count the adjustments of a cell that are left out at a limit of their control."""
+        if self.at_limits.empty:
+            return 0
+        of_cell = self.at_limits["environment"] == environment
+        of_cell &= self.at_limits["parameter"] == parameter
+        # Some analyses are of a part of the subjects.
+        return int((of_cell & self.at_limits["subject"].isin(self.table["subject"])).sum())
 
     def place(self, index: int) -> Place:
         """File and row of an observation, by its label in `table`; None of a table made by hand."""
@@ -275,6 +287,7 @@ def _merged(options: ReadOptions, opened: _Opened) -> Sessions:
         counts=dict(reading.counts),
         provenance=merged[["file", "row"]].astype(np.int64),
         options=reading.options,
+        at_limits=pd.concat(reading.at_limits) if reading.at_limits else pd.DataFrame(),
     )
 
 
@@ -301,6 +314,7 @@ def _without_ends(
     reading.exclusions += ends.exclusions
     reading.notices += ends.notices
     reading.counts.update(ends.counts)
+    reading.at_limits += ends.left_out
     if ends.table.empty:
         hint = "Correct limits in [quantities]."
         raise UsageError("every adjustment lies at a limit of its control.", hint=hint)
@@ -406,8 +420,14 @@ def by_level(sessions: Sessions, columns: Sequence[str]) -> Sessions:
             hint = "Name environments or levels without brackets."
             raise UsageError(message, column=columns[0], hint=hint)
         cells[cell] = (environment, tuple(combined))
-    joined = of_rows[0]
-    for own in of_rows[1:]:
-        joined = joined + ", " + own
-    table = sessions.table.assign(environment=names + " (" + joined + ")")
-    return replace(sessions, table=table, factors=factors)
+    table = sessions.table.assign(environment=_cells(sessions.table, columns))
+    at_limits = sessions.at_limits
+    if len(at_limits):
+        at_limits = at_limits.assign(environment=_cells(at_limits, columns))
+    return replace(sessions, table=table, factors=factors, at_limits=at_limits)
+
+
+def _cells(table: pd.DataFrame, columns: Sequence[str]) -> pd.Series[str]:
+    """Name the cell of each row, as :meth:`Factors.cell` does."""
+    levels = table[list(columns)].astype(str).agg(", ".join, axis=1)
+    return table["environment"] + " (" + levels + ")"

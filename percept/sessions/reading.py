@@ -45,6 +45,7 @@ class Reading:
         self.sources: list[Source] = []
         self.notices: list[Notice] = []
         self.exclusions: list[Exclusion] = []
+        self.at_limits: list[pd.DataFrame] = []  # Adjustments left out at limits of controls
         self.without_trials: list[NoDataError] = []
         self.counts: Counter[str] = Counter()
         self.names = Names()

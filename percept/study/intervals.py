@@ -37,6 +37,7 @@ __all__ = [
     "design_counts",
     "known_moments",
     "normality_tests",
+    "with_left_out",
 ]
 
 Row = dict[str, Any]
@@ -202,6 +203,14 @@ def _row(
     parameter, environment = cell
     fields = interval.as_dict() | {"covers": interval.covers_of(*users)}
     return IntervalRow(environment=environment, parameter=parameter, reference=reference, **fields)
+
+
+def with_left_out(row: IntervalRow | Skipped, sessions: Sessions) -> IntervalRow | Skipped:
+    """Say how many adjustments of its cell an interval leaves out at limits of their control."""
+    if isinstance(row, Skipped) or sessions.at_limits.empty:
+        return row
+    count = sessions.left_out(row.environment, row.parameter)
+    return dataclasses.replace(row, left_out=count)
 
 
 def compare_intervals(intervals: pd.DataFrame, family: str) -> pd.DataFrame:

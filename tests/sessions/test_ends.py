@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import tomllib
 
 import numpy as np
 import pytest
@@ -10,7 +12,10 @@ from scipy import stats
 
 from percept.cli import main
 from percept.errors import UsageError
+from percept.scene import Scene
 from percept.sessions import ReadOptions, read_sessions
+from percept.study import Study
+from tests.documents import build_document, page_of
 
 HEAD = "subject,environment,trial,k_ref,k_adj,b_ref,b_adj"
 
@@ -102,3 +107,38 @@ def test_the_report_names_what_its_intervals_leave_out(tmp_path):
         and row["joint"] == "marginal"
     ]
     np.testing.assert_allclose([interval["lower"], interval["upper"]], expected, rtol=1e-12)
+
+
+def test_intervals_say_what_they_leave_out(tmp_path, capsys):
+    rows = [
+        f"{s},{e},50,{45 + 3 * s + t},{s % 2}" for s in range(1, 6) for e in "ab" for t in (0, 1)
+    ]
+    rows += ["1,a,50,100,1", "2,a,50,100,0", "2,b,50,0,0"]
+    head = "subject,environment,k_ref,k_adj,hand"
+    path = tmp_path / "f.csv"
+    path.write_text("\n".join([head, *rows]) + "\n")
+    scene = tmp_path / "s.toml"
+    scene.write_text(
+        "[quantities.k]\nlimits = [0.0, 100.0]\n[quantities.b]\n"
+        '[sessions]\ntrial = "order"\n[inference]\nmethod = "classical"\n'
+    )
+    assert main(["fit", str(path), "--scene", str(scene), "--out", str(tmp_path / "fit")]) == 0
+    said = capsys.readouterr().out
+    assert "Intervals of k in a leave out 2 values at the limits of the control." in said
+    assert "Intervals of k in b leave out 1 value at the limits of the control." in said
+    document = json.loads((tmp_path / "fit" / "fit.json").read_text())
+    counts = {row["environment"]: row["left_out"] for row in document["intervals"]}
+    assert counts == {"a": 2, "b": 1}
+    # At each level of a factor those stand that it leaves out.
+    tables = {**tomllib.loads(scene.read_text()), "study": {"factor": "hand"}}
+    study = Study(read_sessions(path, scene=Scene(**tables)), Scene(**tables))
+    document = build_document(study, curves=False)
+    counts = {row["environment"]: row["left_out"] for row in document["intervals"]}
+    assert counts == {"a (1)": 1, "a (0)": 1, "b (1)": 0, "b (0)": 1}
+    text = " ".join(re.sub("<[^>]*>", "", page_of(document)).split())
+    assert (
+        "Intervals of stiffness leave out adjustments at the limits of the control:"
+        " 1 in a (1), 1 in a (0), 1 in b (0)."
+    ) in text
+    assert "a (1) (1 left out)" in text
+    assert "b (1) (" not in text
