@@ -429,5 +429,7 @@ def by_level(sessions: Sessions, columns: Sequence[str]) -> Sessions:
 
 def _cells(table: pd.DataFrame, columns: Sequence[str]) -> pd.Series[str]:
     """Name the cell of each row, as :meth:`Factors.cell` does."""
-    levels = table[list(columns)].astype(str).agg(", ".join, axis=1)
+    levels = table[columns[0]].astype(str)
+    for column in columns[1:]:
+        levels = levels + ", " + table[column].astype(str)
     return table["environment"] + " (" + levels + ")"

@@ -205,12 +205,13 @@ def _row(
     return IntervalRow(environment=environment, parameter=parameter, reference=reference, **fields)
 
 
-def with_left_out(row: IntervalRow | Skipped, sessions: Sessions) -> IntervalRow | Skipped:
-    """Say how many adjustments of its cell an interval leaves out at limits of their control."""
-    if isinstance(row, Skipped) or sessions.at_limits.empty:
-        return row
-    count = sessions.left_out(row.environment, row.parameter)
-    return dataclasses.replace(row, left_out=count)
+def with_left_out(rows: Sequence[IntervalRow], sessions: Sessions) -> list[IntervalRow]:
+    """Say how many adjustments of its cell each interval leaves out at limits of their control."""
+    counted = []
+    for row in rows:
+        count = sessions.left_out(row.environment, row.parameter)
+        counted.append(dataclasses.replace(row, left_out=count))
+    return counted
 
 
 def compare_intervals(intervals: pd.DataFrame, family: str) -> pd.DataFrame:

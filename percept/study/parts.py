@@ -43,7 +43,6 @@ from percept.study.intervals import (
     cell_moments,
     classical_rows,
     compare_intervals,
-    with_left_out,
 )
 from percept.study.maps import coupling_map, device_map, no_maps
 from percept.study.psychophysics import Psychophysics
@@ -117,18 +116,15 @@ class Parts:
         """Rows of the interval table, and the intervals there are none of."""
         asked = self.scene.inference
         rows: list[IntervalRow | Skipped] = []
-        users = self.scene.user_noun
         if asked.method != "bayesian":
             if self.sessions.form == "trials":
                 refuse_lone_subject(self.sessions.subjects)
-            rows += classical_rows(self.cells, asked, self.reference, users=users)
+            rows += classical_rows(self.cells, asked, self.reference, users=self.scene.user_noun)
         if isinstance(self._fit, Skipped):
-            rows.append(self._fit)
-        else:
-            from percept.study.fit import bayesian_rows
+            return [*rows, self._fit]
+        from percept.study.fit import bayesian_rows
 
-            rows += bayesian_rows(self._fit, asked, self.reference, users)
-        return [with_left_out(row, self.sessions) for row in rows]
+        return [*rows, *bayesian_rows(self._fit, asked, self.reference, self.scene.user_noun)]
 
     @cached_property
     def psychophysics(self) -> Psychophysics:

@@ -40,7 +40,7 @@ from percept.results import (
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.basics import results
-from percept.study.intervals import adjustments, design_counts, normality_tests
+from percept.study.intervals import adjustments, design_counts, normality_tests, with_left_out
 from percept.study.people import subject_rows
 from percept.study.zwidth import study_zwidth
 
@@ -67,7 +67,7 @@ def compute(
     """Compute everything that a report needs, telling `progress` what comes next."""
     step = progress or _silent
     step("working out intervals")
-    intervals = results(parts.interval_rows)
+    intervals = with_left_out(results(parts.interval_rows), parts.sessions)
     step("contrasting levels")
     contrasts = results(parts.contrast_rows)
     step("working out boundaries")
