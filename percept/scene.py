@@ -149,8 +149,9 @@ class ModelTable(Table):
 
     `scale` gives a parameter with a reference of zero a unit to divide by, under the normal family.
     `bias` says which columns of the sessions move the bias, such as "hand * load + start": columns
-    of words are factors, and columns of numbers covariates. The levels of the factors named in
-    `spread` differ in how far subjects lie apart; all factors, by default.
+    of words are factors, and columns of numbers covariates. The name "reference" in it is each
+    trial's own reference, where that differs within an environment. The levels of the factors
+    named in `spread` differ in how far subjects lie apart; all factors, by default.
     `subjects_trial_sd` gives subjects trial SDs of their own: "auto" where half of at most 60
     subjects have eight trials or more beyond the first of each cell.
     `subjects_slope` lets the bias of each subject grow with the reference in a way of their own.

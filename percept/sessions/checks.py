@@ -41,8 +41,13 @@ def settle_references(
     parameters: Iterable[str],
     place: Places,
     problems: Problems,
+    *,
+    by_trial: bool = False,
 ) -> None:
-    """Fill references from the scene or earlier rows, and hold an environment to one reference."""
+    """Fill references from the scene or earlier rows, and hold an environment to one reference.
+
+    `by_trial` leaves trials the references that they have.
+    """
     columns = [f"{p}_ref" for p in parameters]
     if MASS in table:
         columns.append(MASS)
@@ -51,9 +56,14 @@ def settle_references(
     firsts = groups[columns].first()
     for column in columns:
         given = {e: own[column] for e, own in declared.items() if column in own}
-        of_environment = pd.Series(given, dtype=float).reindex(firsts.index).fillna(firsts[column])
+        of_environment = pd.Series(given, dtype=float).reindex(firsts.index)
+        own_of_trial = by_trial and column != MASS
+        if not own_of_trial:
+            of_environment = of_environment.fillna(firsts[column])
         expected = of_environment.to_numpy(dtype=float)[codes]
         values = table[column].to_numpy(dtype=float)
+        if own_of_trial:
+            expected = np.where(np.isnan(values), expected, values)
         wrong = np.flatnonzero(~np.isnan(values) & (values != expected))
         for row in _first_of_each(wrong, codes):
             name = table["environment"].iloc[row]
@@ -64,7 +74,8 @@ def settle_references(
                 message += f"; {same} rows have another, here the first"
             hint = (
                 "An environment has one reference. Correct it, or tell the environments apart by"
-                ' further columns: environment = ["…", "…"] in [columns].'
+                ' further columns: environment = ["…", "…"] in [columns]. If references differ by'
+                ' trial, set [model] bias = "reference".'
             )
             value = float(values[row])
             problems.add(f"{message}.", column=column, value=value, hint=hint, **place(row))

@@ -62,6 +62,10 @@ class Header:
         return kind(message, file=self.file, row=1, column=column, hint=hint)
 
 
+#: Environment of trials that only their own references tell apart.
+_ALL_TRIALS = "all trials"
+
+
 @dataclass(frozen=True)
 class Slot:
     """One set of adjustments in a row: all of a long table, one environment of a wide one."""
@@ -119,7 +123,7 @@ def resolve(header: Header, options: ReadOptions) -> Resolution:
             found[column] = ColumnRule(name=alias)
     if not summary and not {*found, *wide} & {"environment"}:
         announced += _named_by_reference(found, options)
-    slots = tuple(_slots(header, found, wide, options.environments))
+    slots = tuple(_slots(header, found, wide, options))
     form = "summary" if summary else "trials"
     return Resolution(form, slots, {**found, **wide}, tuple(announced))
 
@@ -145,7 +149,8 @@ def _declared(
 def _named_by_reference(found: dict[str, ColumnRule], options: ReadOptions) -> list[str]:
     """Let the values of the first reference name environments that have no column."""
     references = [column for column in found if column.endswith("_ref")]
-    if not references or "{environment}" in (options.sessions.filename or ""):
+    by_file = "{environment}" in (options.sessions.filename or "")
+    if not references or by_file or options.trial_references:
         return []
     found["environment"] = found[references[0]]
     return [f"environments are named by the values of column {found['environment'].name!r}"]
@@ -187,11 +192,12 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name.casefold()).strip("_")
 
 
-def _slots(
-    header: Header, found: _Rules, wide: _Rules, declared: Collection[str]
-) -> Iterator[Slot]:
+def _slots(header: Header, found: _Rules, wide: _Rules, options: ReadOptions) -> Iterator[Slot]:
     """Give the one slot of a long table, or those that the names of a wide one hold."""
     common = {canonical: header.position(rule.name) for canonical, rule in found.items()}
+    declared = options.environments
+    if options.trial_references:
+        declared = declared or {_ALL_TRIALS: {}}
     if not wide:
         # The one environment that a scene declares needs no column.
         alone = next(iter(declared)) if len(declared) == 1 else None

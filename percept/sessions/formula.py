@@ -7,10 +7,12 @@ import itertools
 
 from percept.errors import UsageError
 
-__all__ = ["Term", "model_terms", "terms_of"]
+__all__ = ["TRIAL_REFERENCE", "Term", "model_terms", "terms_of"]
 
 #: A term: one column, or several that interact.
 Term = tuple[str, ...]
+#: In `[model] bias` the reference of the trial, which no column of the files has that name for.
+TRIAL_REFERENCE = "reference"
 
 
 def model_terms(factor: str | None, bias: str | None) -> tuple[Term, ...]:

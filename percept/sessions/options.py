@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
 from percept.errors import UsageError
-from percept.sessions.formula import model_terms
+from percept.sessions.formula import TRIAL_REFERENCE, model_terms
 from percept.sessions.quantities import (
     IMPEDANCE,
     Quantity,
@@ -344,10 +344,13 @@ class ReadOptions(DataTables):
         pooled.
     family : str
         That of the analysis; the normal one takes zeros and negative values.
+    trial_references : bool
+        Whether trials have references of their own within an environment.
     """
 
     split: Texts = ()
     family: str = "lognormal"
+    trial_references: bool = False
 
     def __init__(self, /, **options: Any) -> None:
         try:
@@ -416,6 +419,7 @@ class ReadOptions(DataTables):
         factor = dict(tables.get("study", {})).get("factor")
         bias = dict(tables.get("model", {})).get("bias")
         family = dict(tables.get("inference", {})).get("family", "lognormal")
-        options = cls(**own, family=family)
         columns = [name for term in model_terms(factor, bias) for name in term]
-        return options.with_groups(dict.fromkeys(columns)) if columns else options
+        groups = dict.fromkeys(name for name in columns if name != TRIAL_REFERENCE)
+        options = cls(**own, family=family, trial_references=TRIAL_REFERENCE in columns)
+        return options.with_groups(groups) if groups else options

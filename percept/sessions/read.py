@@ -274,7 +274,14 @@ def _merged(options: ReadOptions, opened: _Opened) -> Sessions:
         parameters = [p for p in reading.options.quantities if p in present]
         place = reading.places(merged)
         declared = reading.options.environments
-        checks.settle_references(merged, declared, parameters, place, reading.problems)
+        checks.settle_references(
+            merged,
+            declared,
+            parameters,
+            place,
+            reading.problems,
+            by_trial=reading.options.trial_references,
+        )
         _complete_responses(merged, reading.options, parameters)
         merged = _without_ends(reading, merged, parameters)
         tidy = _checked_trials(reading, merged, parameters, opened)

@@ -17,6 +17,7 @@ from percept.sessions.quantities import Quantities, is_impedance
 
 __all__ = [
     "FAMILIES",
+    "IF_BY_TRIAL",
     "Array",
     "References",
     "Skipped",
@@ -36,6 +37,9 @@ References = Mapping[tuple[str, str], float]
 
 #: Classical intervals are always given in both families, the paper's first.
 FAMILIES: tuple[Family, ...] = ("normal", "lognormal")
+
+#: Hint where environments have one subject each, as they have if each reference counts as one.
+IF_BY_TRIAL = 'If references differ by trial, set [model] bias = "reference".'
 
 
 def results(items: Iterable[T | Skipped]) -> list[T]:

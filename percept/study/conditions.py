@@ -12,10 +12,11 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.sessions.formula import Term, terms_of
+from percept.sessions.formula import TRIAL_REFERENCE, Term, terms_of
 from percept.sessions.read import by_level, refuse_gaps
 from percept.sessions.records import Factors
 from percept.study.basics import Array
+from percept.study.trial_references import at_typical_references
 
 __all__ = [
     "Comparison",
@@ -83,8 +84,14 @@ class Comparison:
 
 def told_apart(sessions: Sessions, scene: Scene) -> Sessions:
     """Tell environments apart by the levels of the scene's factors."""
+    by_trial = (TRIAL_REFERENCE,) in scene.terms
+    if sessions.options.trial_references and not by_trial:
+        message = 'the sessions were read with [model] bias = "reference", which the scene lacks.'
+        raise UsageError(message, hint="Read them with it: read_sessions(files, scene=scene).")
     if sessions.factors is not None or not scene.terms:
         return sessions
+    if by_trial:
+        sessions = at_typical_references(sessions, scene)
     return by_level(sessions, conditions_of(sessions, scene).factors)
 
 

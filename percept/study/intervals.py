@@ -21,7 +21,7 @@ from percept.scene import InferenceTable
 from percept.sessions import Sessions
 from percept.sessions.doubts import empty_cells
 from percept.sessions.quantities import Quantity
-from percept.study.basics import FAMILIES, References, Skipped, claim_of
+from percept.study.basics import FAMILIES, IF_BY_TRIAL, References, Skipped, claim_of
 
 __all__ = [
     "COLUMNS",
@@ -159,7 +159,7 @@ def classical_rows(
         if not any(cell.moments for cell in of_all):
             cell = of_all[0]
             message = f"there is no interval of anything: {cell.where}, say, where {cell.why}."
-            raise RefusalError(message)
+            raise RefusalError(message, hint=IF_BY_TRIAL)
     for family, found in cells.items():
         parameters = {cell.parameter for cell in found}
         joints: list[Joint] = ["marginal"]

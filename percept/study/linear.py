@@ -24,6 +24,7 @@ from percept.inference.hierarchy.subject_spreads import chance_of_differences
 from percept.inference.hierarchy.trial_scatter import TrialScatter, trial_scatter
 from percept.scene import InferenceTable, ModelTable, Scene
 from percept.sessions import Sessions
+from percept.sessions.formula import TRIAL_REFERENCE
 from percept.study.basics import Array, Skipped, claim_of
 from percept.study.conditions import (
     CellKey,
@@ -188,10 +189,10 @@ def linear_study(
         found = list(comparisons(conditions, sessions.factors, keys))
         found += level_means(conditions, sessions.factors, keys)
     environments = tuple(dict.fromkeys(environment for environment, _ in keys))
-    slopes = [
-        Comparison(name, "the same", "1 more", None, environments, {}, True, unit=size)
-        for name, size in zip(conditions.covariates, sizes, strict=True)
-    ]
+    slopes = []
+    for name, size in zip(conditions.covariates, sizes, strict=True):
+        step = "1 decade more" if name == TRIAL_REFERENCE else "1 more"
+        slopes.append(Comparison(name, "the same", step, None, environments, {}, True, unit=size))
     weigh = _Weights(keys, statistics, conditions)
     users = [own for own in found if own.of_users]
     groups = [own for own in found if not own.of_users]

@@ -15,7 +15,7 @@ from percept.errors import RefusalError, counted
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import Quantities
-from percept.study.basics import Array, References, Skipped
+from percept.study.basics import IF_BY_TRIAL, Array, References, Skipped
 
 if TYPE_CHECKING:
     from percept.inference.hierarchy.model import Resolution
@@ -181,6 +181,9 @@ def trials(
         )
     present = set(table["environment"])
     environments = tuple(name for name in sessions.environments if name in present)
+    if table.groupby("environment")["subject"].nunique().max() < 2:
+        message = "no environment has two subjects to tell users apart."
+        raise RefusalError(message, hint=IF_BY_TRIAL)
     reference = references(sessions, parameters, environments)
     unit = _units(reference, parameters, environments, scene, scaled)
     environment = _codes(table["environment"], environments)

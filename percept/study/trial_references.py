@@ -1,0 +1,96 @@
+"""Trials with references of their own: told at one reference of each environment.
+
+The response of a trial is taken to its own reference. The model then needs one reference for each
+environment, and what is left of the trial's own as a covariate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from percept.errors import UsageError
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.sessions.formula import TRIAL_REFERENCE
+from percept.sessions.records import Notice
+from percept.study.basics import analysed_parameters
+
+__all__ = ["at_typical_references"]
+
+#: Ranges that references of one environment are split into: a line, and what departs from it.
+_RANGES = 5
+
+
+def at_typical_references(sessions: Sessions, scene: Scene) -> Sessions:
+    """Tell every adjustment at its environment's geometric mean of references.
+
+    The column `reference` keeps each trial's own, in decades above that mean. References without
+    environments are split into ranges with equal numbers of trials.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        Read with `[model] bias = "reference"`.
+    scene : Scene
+        Which quantities are analysed.
+
+    Returns
+    -------
+    Sessions
+
+    Raises
+    ------
+    UsageError
+        References that do not vary within environments, vary in two quantities, or have no
+        logarithm.
+    """
+    if TRIAL_REFERENCE in sessions.table:
+        return sessions
+    column = _varying(sessions, scene)
+    table = sessions.table.copy()
+    if table["environment"].nunique() == 1:
+        table["environment"] = _ranges(table[column])
+    own = np.log(table[column])
+    typical = own.groupby(table["environment"]).transform("mean")
+    adjusted = column.replace("_ref", "_adj")
+    table[TRIAL_REFERENCE] = (own - typical) / np.log(10.0)
+    table[adjusted] *= np.exp(typical - own)
+    table[column] = np.exp(typical)
+    text = f"{adjusted} is told at the geometric mean of each environment's {column}"
+    notices = (*sessions.notices, Notice(text, column=column))
+    return replace(sessions, table=table, notices=notices)
+
+
+def _varying(sessions: Sessions, scene: Scene) -> str:
+    """Name the one column of references that vary within environments."""
+    asked = scene.inference.parameters
+    parameters = analysed_parameters(sessions.parameters, asked, sessions.quantities)
+    columns = [f"{parameter}_ref" for parameter in parameters]
+    counts = sessions.table.groupby("environment")[columns].nunique().max()
+    varying = [column for column in columns if counts[column] > 1]
+    key = "model.bias"
+    if not varying:
+        message = "every environment has one reference; the trend over these is in the model."
+        raise UsageError(message, key=key, value=TRIAL_REFERENCE, hint="Leave it out.")
+    if len(varying) > 1:
+        message = f"{' and '.join(varying)} both vary by trial."
+        hint = f'Analyse one quantity: [inference] parameters = ["{parameters[0]}"].'
+        raise UsageError(message, key=key, value=TRIAL_REFERENCE, hint=hint)
+    (column,) = varying
+    low = sessions.table[column].min()
+    if low <= 0.0:
+        message = "a trial's own reference must be positive: it is compared by decades."
+        hint = "Leave these trials out: [sessions] exclude."
+        raise UsageError(message, column=column, value=float(low), hint=hint)
+    return column
+
+
+def _ranges(references: pd.Series[float]) -> pd.Series[str]:
+    """Name the range of each reference by its ends."""
+    number = pd.qcut(references, _RANGES, labels=False, duplicates="drop")
+    ends = references.groupby(number).agg(["min", "max"])
+    names = [f"{low:.4g} to {high:.4g}" for low, high in ends.to_numpy()]
+    return number.map(dict(enumerate(names)))
