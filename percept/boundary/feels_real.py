@@ -72,8 +72,8 @@ _FIRST_ACCURACY = 1e-4
 _UNSURE_BELOW = 0.1
 #: Standard errors between a probability and a threshold that decide.
 _CLEAR = 2.0
-#: Values of (draws, frequencies, nodes) computed at once: their temporaries fit into 8 MB each.
-_PASS = 1 << 20
+#: Values of (draws, frequencies, nodes) computed at once: temporaries of 0.5 MB stay in the cache.
+_PASS = 1 << 16
 
 
 @dataclasses.dataclass(frozen=True)

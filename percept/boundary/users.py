@@ -46,8 +46,8 @@ _SCORE_ACCURACY = 1e-3
 _LEAST_SHARE = 1e-9
 #: Of the largest abs(Z_h) of users: below it lie next to none, also where abs(Z_h) can vanish.
 _LEAST_FRACTION = 1e-4
-#: Values of (limits, nodes) computed at once.
-_PASS = 1 << 20
+#: Values of (limits, nodes) computed at once: their temporaries, 1 MB each, stay in the cache.
+_PASS = 1 << 17
 #: Populations that show how the integral is best taken: it depends on the frequency far more.
 _TRIED = 8
 #: Rows of a population's mean and SD.

@@ -302,9 +302,9 @@ REPORT = Command(
         argument(
             "--formats",
             "FORM",
-            "files of the figures (svg pdf png)",
+            "files of the figures: svg, pdf, png (svg)",
             nargs="+",
-            default=["svg", "pdf", "png"],
+            default=["svg"],
         ),
         FORCE,
     ),
