@@ -77,8 +77,10 @@ def with_covariates(
         covariate_rows, joined = _joined(pattern, of_covariates, of_responses)
         between.append(covariate_rows)
         patterns.append(joined)
+    # As many covariates as degrees of freedom explain all scatter: what is left is rounding.
+    informed = scatter.df > len(names)
     trial_rows = np.zeros_like(statistics.trial_rows)
-    trial_rows[..., scatter.cell] = scatter.rows
+    trial_rows[..., scatter.cell[informed]] = scatter.rows[..., informed]
     reduced = dataclasses.replace(statistics, patterns=tuple(patterns), trial_rows=trial_rows)
     return reduced, Covariates(names, mean, tuple(between))
 

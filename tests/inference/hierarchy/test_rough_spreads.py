@@ -10,10 +10,12 @@ from percept.inference.hierarchy import priors as coordinates
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.rough_spreads import rough_trial
 from percept.inference.hierarchy.scales import Options
 from percept.inference.hierarchy.statistics import from_summary, from_trials
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
+from tests.inference.hierarchy.factor_studies import KINDS, draw_study, model_of
 
 APART = Options(subject_effect=False)
 TIGHT = {"xatol": 1e-10, "fatol": 1e-15, "maxiter": 10_000}
@@ -155,3 +157,31 @@ def test_subjects_that_differ_less_than_their_trials_are_sampled_soon():
     )
     assert run.gate.passed, run.gate.reasons
     assert run.gate.autocorrelation_time < 25
+
+
+@pytest.fixture(scope="module")
+def explained():
+    """A study whose second cell repeats one trial, once, and has a covariate."""
+    seed = np.random.SeedSequence(1, spawn_key=(2, 22)).spawn(1)[0]
+    drawn = draw_study(KINDS["covariate, missing cells"], np.random.default_rng(seed))
+    model = model_of(drawn)
+    assert model.scatter.df.tolist() == [3, 1, 6, 4]
+    return model
+
+
+def test_trials_that_covariates_explain_say_nothing_of_their_spread(explained):
+    """What is left of one difference and one covariate is rounding, near 1e-17."""
+    rows = explained.statistics.trial_rows
+    assert not rows[..., 1].any()
+    mean, weight = rough_trial(explained.statistics)
+    assert (weight == 2.0 * np.array([3.0, 0.0, 6.0, 4.0])).all()
+    sd = np.exp(mean[:, [0, 2, 3]])
+    assert ((sd > 0.02) & (sd < 0.5)).all()
+
+
+@pytest.mark.evidence
+def test_trials_that_covariates_explain_are_sampled_soon(explained):
+    """Coordinates that followed the rounding took 20,000 steps and did not mix."""
+    estimands = IntervalEstimands(explained, kinds=("mean", "user"))
+    run = sample(explained, estimands, Settings(tolerance=0.2, seed=1, most_steps=3000))
+    assert run.gate.passed, run.gate.reasons
