@@ -38,16 +38,19 @@ def cautions(results: Results) -> list[str]:
     said = [*_levels(results.contrast, words), *_left_out(results.skipped)]
     if diagnostics and diagnostics.gate.passed and not diagnostics.gate.tolerance_met:
         said.append(diagnostics.gate.error_reached)
+    if diagnostics:
+        said += diagnostics.pull
+    if results.checks:
+        said += results.checks.pull
     said += _at_limits(results.intervals, results.data)
     said += _few(results.intervals, words)
     said += _below_zero(results.intervals, results.data)
     said += _active(results.passivity or (), words)
-    if diagnostics:
-        said += diagnostics.pull
     if results.checks:
         said += misfits(results.checks, words)
     said += _warnings(results.data.doubts)
-    return said
+    # The pull of priors is a misfit of the model, too.
+    return list(dict.fromkeys(said))
 
 
 def _levels(contrast: Sequence[ContrastRow], words: Words) -> Iterator[str]:

@@ -15,6 +15,8 @@ from percept.sessions.quantities import Quantity
 __all__ = ["Design", "LevelPanel", "contrast", "contrast_sentences", "design_words", "level_panels"]
 
 _SAID = 3  # more contrasts than this are counted on the first screen, not said
+#: Digits of an estimate, at least: beside a wide interval it has the digits of the narrow one.
+_LEAST_DIGITS = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,6 +50,7 @@ class Contrasts:
     overall: list[ContrastRow]  # Of the average user, over all references
     tables: list[ContrastTable]
     anova: list[AnovaTable]
+    least_digits: int = _LEAST_DIGITS  # Of estimates
 
 
 def contrast(results: Results) -> Section | None:
@@ -181,9 +184,11 @@ def contrast_sentences(results: Results) -> list[str]:
 
 def _difference(row: ContrastRow) -> str:
     """Say how the second level differs from the first, with the interval."""
-    digits = digits_of(row.estimate, row.lower, row.upper)
-    ends = f"{bare(rounded(row.lower, digits))} to {bare(rounded(row.upper, digits))}"
+    digits = max(digits_of(row.estimate, row.lower, row.upper), _LEAST_DIGITS)
     size = bare(rounded(abs(row.estimate), digits))
+    lower = bare(rounded(row.lower, digits_of(row.lower, row.lower, row.upper)))
+    upper = bare(rounded(row.upper, digits_of(row.upper, row.lower, row.upper)))
+    ends = f"{lower} to {upper}"
     if row.of == "slope":
         row = dataclasses.replace(row, second=f"{row.second} of {row.factor}")
     if row.family == "lognormal":

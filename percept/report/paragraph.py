@@ -9,7 +9,14 @@ from percept.inference.record import percent
 from percept.report.contrast import contrast_sentences
 from percept.report.feelings import feeling_sentences
 from percept.report.select import MOST_OPEN, Words, distinct, listed, matching, words_of
-from percept.report.sentences import Bias, biases_of, ends, size_said, user_sentences
+from percept.report.sentences import (
+    Bias,
+    biases_of,
+    ends,
+    named_or_counted,
+    size_said,
+    user_sentences,
+)
 from percept.results import OverviewRow, Results
 
 __all__ = ["results_paragraph"]
@@ -44,7 +51,7 @@ def results_paragraph(
         others = {}
         for other in biases_of(matching(classical, parameter=parameter)):
             others[other.row.environment] = other
-        sentences += _biases(capitalised(label), biases, others, words)
+        sentences += _biases(label, biases, others, words)
     sentences += user_sentences(rows, results.data.quantities, words)
     sentences += feeling_sentences(results.verdicts, words)
     if sentences and results.data.simulated:
@@ -52,8 +59,9 @@ def results_paragraph(
     return " ".join(sentences)
 
 
-def _biases(name: str, biases: Sequence[Bias], others: dict[str, Bias], words: Words) -> list[str]:
+def _biases(label: str, biases: Sequence[Bias], others: dict[str, Bias], words: Words) -> list[str]:
     """Say how far one quantity was set off, with the intervals of both methods."""
+    name = capitalised(label)
     sentences = []
     clear = [bias for bias in biases if bias.sign]
     said = [_said(bias, others.get(bias.row.environment)) for bias in clear[:MOST_OPEN]]
@@ -61,12 +69,15 @@ def _biases(name: str, biases: Sequence[Bias], others: dict[str, Bias], words: W
         said.append(f"off in {len(clear) - len(said)} more {words.environments}")
     if said:
         sentences.append(f"{name} was set {listed(said)}.")
-    unclear = [bias.row.environment for bias in biases if not bias.sign]
-    if unclear:
-        where = listed(unclear)
-        if len(unclear) > MOST_OPEN:
-            where = f"{len(unclear)} of {len(biases)} {words.environments}"
-        sentences.append(f"{name} showed no clear bias in {where}.")
+    unclear = [bias for bias in biases if not bias.sign]
+    for says_nothing, claim in (
+        (False, f"{name} showed no clear bias in"),
+        (True, f"These data do not determine the bias of {label} in"),
+    ):
+        alike = matching(unclear, says_nothing=says_nothing)
+        if alike:
+            names = [bias.row.environment for bias in alike]
+            sentences.append(f"{claim} {named_or_counted(names, len(biases), words)}.")
     return sentences
 
 
@@ -74,7 +85,8 @@ def _said(bias: Bias, other: Bias | None) -> str:
     """Say the bias in one environment, with its interval and that of the classical method."""
     parts = []
     if other is not None and bias.row.method != "classical":
-        parts.append(_interval(other))
+        level = percent(other.row.level)
+        parts.append(f"{level} CI too wide to tell" if other.says_nothing else _interval(other))
     parts.append(_interval(bias))
     side = "high" if bias.sign > 0 else "low"
     return f"{size_said(bias)} too {side} in {bias.row.environment} ({'; '.join(parts)})"

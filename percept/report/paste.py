@@ -1,16 +1,15 @@
-"""Tables to paste into a paper: as LaTeX, and as HTML that Word opens."""
+"""Tables of the page to paste into a paper: as LaTeX, and as HTML that Word opens.
+
+They are read from the page, so that each number is written as the reader has seen it.
+"""
 
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
-from dataclasses import dataclass
+import re
+from html.parser import HTMLParser
 
-from percept.errors import capitalised
-from percept.report.numbers import SUPERSCRIPT, digits_of, number
-from percept.report.sections import Intervals, Matrix, intervals
-from percept.report.select import METHOD_NAMES, words_of
-from percept.results import OverviewRow, Results
+from percept.report.numbers import SUPERSCRIPT
 
 __all__ = ["paste_tables"]
 
@@ -18,123 +17,110 @@ _TEX = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_",
     "{": r"\{", "}": r"\}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "−": "$-$",
     "×": r"$\times$", "∞": r"$\infty$", "·": r"$\cdot$", "²": "$^2$", "\u202f": r"\,",
+    "±": r"$\pm$", "<": "$<$", ">": "$>$", "|": "$|$", "σ": r"$\sigma$", "γ": r"$\gamma$",
+    "ε": r"$\varepsilon$", "η": r"$\eta$", "ω": r"$\omega$", "κ": r"$\kappa$",
 }  # fmt: skip
 _TEX_CHARACTERS = str.maketrans(_TEX)
 #: Digits that `rounded` writes above the line.
 _RAISED = {raised: f"$^{{{chr(plain)}}}$" for plain, raised in SUPERSCRIPT.items()}
+#: What begins a table that has a name: an attribute of its caption.
+_NAMED = 'data-file="'
+#: Elements of a caption that are not of the table: its number, and links to files.
+_NOT_PASTED = ("strong", "a")
 
 
-@dataclass(frozen=True)
-class _Table:
-    """A table of texts."""
-
-    name: str
-    caption: str
-    heads: list[str]
-    rows: list[list[str]]
-
-
-def paste_tables(results: Results, rows: Sequence[OverviewRow]) -> dict[str, str]:
-    """Return the first table and those of the intervals by file name.
+def paste_tables(page: str, *, simulated: bool) -> dict[str, str]:
+    """Return the named tables of a page by file name.
 
     Parameters
     ----------
-    results : Results
-        What the tables are of.
-    rows : sequence of OverviewRow
-        Of the first table.
+    page : str
+        As `render_page` makes it.
+    simulated : bool
+        Whether the data are simulated; captions then say so.
 
     Returns
     -------
     dict of str to str
-        Each table as ``NAME.tex`` (needs booktabs) and as ``NAME.html``, rounded as on the page.
+        Each table as ``NAME.tex`` (needs booktabs) and as ``NAME.html``.
     """
-    tables = []
-    if rows:
-        tables.append(_overview(results, rows))
-    section = intervals(results)
-    if section is not None and isinstance(section.view, Intervals):
-        tables += [_intervals(results, matrix) for matrix in section.view.matrices]
     files = {}
-    for table in tables:
-        files[f"{table.name}.tex"] = _latex(table)
-        files[f"{table.name}.html"] = _page(table)
+    for part in page.split(_NAMED)[1:]:
+        name, _, rest = part.partition('">')
+        whole, end, _ = rest.partition("</table>")
+        table = _Table()
+        table.feed(whole + end)
+        caption = table.caption.strip()
+        if simulated:
+            caption += " Simulated data."
+        _, start, body = whole.partition("<table")
+        files[f"{name}.tex"] = _latex(caption, table)
+        files[f"{name}.html"] = _word(caption, f"{start} border{body}{end}")
     return files
 
 
-def _overview(results: Results, rows: Sequence[OverviewRow]) -> _Table:
-    """Return references, estimates, biases and the next user's range."""
-    words = words_of(results)
-    lines = []
-    for row in rows:
-        style = "bias" if row.relative else "difference"
-        digits = digits_of(row.estimate, row.user_lower, row.user_upper)
-        bias = [
-            number(value, digits=digits, style=style).text
-            for value in (row.bias, row.bias_lower, row.bias_upper)
-        ]
-        lines.append(
-            [
-                row.environment,
-                f"{row.parameter} ({row.unit})" if row.unit else row.parameter,
-                number(row.reference, style="short").text,
-                number(row.estimate, digits=digits).text,
-                bias[0],
-                f"{bias[1]} to {bias[2]}",
-                _limits(row.user_lower, row.user_upper),
-            ]
-        )
-    heads = [
-        capitalised(words.environment),
-        "Quantity",
-        "Reference",
-        "Estimate",
-        "Bias",
-        "Interval of the bias",
-        f"Next {words.user}",
-    ]
-    level = number(rows[0].level, style="short percent").text
-    caption = f"What {words.users} set, with {level} intervals ({METHOD_NAMES[rows[0].method]})."
-    return _Table("overview", _with_origin(caption, results), heads, lines)
+class _Table(HTMLParser):
+    """A caption and a table as texts: a cell that spans several is written in the first."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.caption = ""
+        self.rows: list[list[str]] = []
+        self.heads = 0  # Of the rows
+        self._cell = 0
+        self._outside = 0  # Open elements that are not pasted
+        self._covered: dict[int, int] = {}  # By column: rows that a cell above reaches into
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Open a row or a cell."""
+        if tag == "tr":
+            self.rows.append([])
+        elif tag in ("td", "th"):
+            spans = dict(attrs)
+            self._open(int(spans.get("colspan") or 1), int(spans.get("rowspan") or 1))
+        elif tag == "sub":
+            self.handle_data("_")
+        elif tag in _NOT_PASTED:
+            self._outside += 1
+
+    def handle_endtag(self, tag: str) -> None:
+        """End what is not pasted, or the rows of heads."""
+        if tag in _NOT_PASTED:
+            self._outside -= 1
+        elif tag == "thead":
+            self.heads = len(self.rows)
+
+    def handle_data(self, data: str) -> None:
+        """Write text into the caption, or into the cell that is open."""
+        text = re.sub(r"[ \n]+", " ", data)
+        if not self.rows:
+            self.caption += "" if self._outside else text
+        elif self.rows[-1]:
+            self.rows[-1][self._cell] += text
+
+    def _open(self, columns: int, rows: int) -> None:
+        row = self.rows[-1]
+        while self._covered.get(len(row), 0):
+            self._covered[len(row)] -= 1
+            row.append("")
+        self._cell = len(row)
+        for _ in range(columns):
+            self._covered[len(row)] = rows - 1
+            row.append("")
 
 
-def _intervals(results: Results, matrix: Matrix) -> _Table:
-    """Return the limits of one quantity, by kind and method."""
-    rows = []
-    for line in matrix.grid.lines:
-        row = [line.environment]
-        for cell in line.cells:
-            row.append("–" if cell is None else _limits(cell.lower, cell.upper))
-        rows.append(row)
-    unit = f" in {matrix.unit}" if matrix.unit else ""
-    caption = f"{matrix.title}{unit}: limits by kind and method ({matrix.grid.family})."
-    heads = [capitalised(words_of(results).environment)]
-    for column in matrix.grid.columns:
-        heads.append(f"{column.kind}, {METHOD_NAMES[column.method]}")
-    name = f"intervals_{matrix.parameter}"
-    return _Table(name, _with_origin(caption, results), heads, rows)
-
-
-def _with_origin(caption: str, results: Results) -> str:
-    return f"{caption} Simulated data." if results.data.simulated else caption
-
-
-def _limits(lower: float | None, upper: float | None) -> str:
-    """Write two limits with the digits of the page."""
-    texts = [number(end, digits=digits_of(end, lower, upper)).text for end in (lower, upper)]
-    return " to ".join(texts)
-
-
-def _latex(table: _Table) -> str:
+def _latex(caption: str, table: _Table) -> str:
     """Write a table environment in booktabs' style."""
+    width = max(len(row) for row in table.rows)
+    rows = [rf"{' & '.join(_tex(cell.strip()) for cell in row)} \\" for row in table.rows]
     lines = [
         r"\begin{table}",
-        rf"\caption{{{_tex(table.caption)}}}",
-        rf"\begin{{tabular}}{{l{'r' * (len(table.heads) - 1)}}}",
+        rf"\caption{{{_tex(caption)}}}",
+        rf"\begin{{tabular}}{{l{'r' * (width - 1)}}}",
         r"\toprule",
-        rf"{' & '.join(map(_tex, table.heads))} \\",
+        *rows[: table.heads],
         r"\midrule",
-        *(rf"{' & '.join(map(_tex, row))} \\" for row in table.rows),
+        *rows[table.heads :],
         r"\bottomrule",
         r"\end{tabular}",
         r"\end{table}",
@@ -149,16 +135,10 @@ def _tex(text: str) -> str:
     return f"{{}}{written}" if written.startswith("[") else written
 
 
-def _page(table: _Table) -> str:
+def _word(caption: str, table: str) -> str:
     """Write a page of one table, which word processors open as a table."""
-    heads = "".join(f"<th>{html.escape(head)}</th>" for head in table.heads)
-    body = ""
-    for row in table.rows:
-        cells = "".join(f"<td>{html.escape(cell)}</td>" for cell in row)
-        body += f"<tr>{cells}</tr>\n"
+    title = html.escape(caption)
     return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f"<title>{html.escape(table.caption)}</title></head><body>\n"
-        f'<table border="1"><caption>{html.escape(table.caption)}</caption>\n'
-        f"<tr>{heads}</tr>\n{body}</table>\n</body></html>\n"
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
+        f"</head><body>\n<p>{title}</p>\n{table}\n</body></html>\n"
     )

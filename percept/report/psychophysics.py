@@ -5,96 +5,107 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from percept.report.select import METHODS, Section, distinct, matching, ordered
+from percept.report.select import (
+    METHODS,
+    Section,
+    distinct,
+    first,
+    matching,
+    ordered,
+    words_of,
+)
 from percept.results import PsychophysicsRow, Results
 
-__all__ = ["psychophysics"]
+__all__ = ["Measured", "psychophysics"]
 
-#: Heads of the columns, in the order of the page.
-_HEADS = {
+#: What measures are called, in the order of the page.
+_NAMES = {
     "pse": "PSE",
-    "constant_error": "constant error",
-    "constant_error_relative": "relative to the reference",
+    "constant_error": "Constant error",
+    "constant_error_relative": "Relative constant error",
     "jnd": "JND (SD of adjustment)",
     "jnd_quartile": "JND (.6745 SD)",
     "weber": "Weber fraction",
     "sd_subjects": "SD between {subjects}",
-    "weber_subjects": "relative to the reference",
+    "weber_subjects": "Relative SD between {subjects}",
     "icc_1": "ICC(1)",
     "sigma_u": "σ u",
     "sigma_w": "σ w",
     "sigma_e": "σ e",
     "icc_c1": "ICC(C,1)",
     "icc_a1": "ICC(A,1)",
-    "correlation": "correlation",
+    "correlation": "Correlation",
     "gamma": "γ per decade",
     "sigma_slope": "σ of slopes per decade",
 }
 
+#: Lines of the table that stand open: more would keep readers from the sections below.
+_MOST_LINES = 100
 #: Styles of what is a fraction of the reference; all else is plain.
 _STYLES = {"constant_error_relative": "bias", "weber": "percent", "weber_subjects": "percent"}
 
 
 @dataclass(frozen=True)
 class Line:
-    """A row of a table: one environment, or one quantity, by one method."""
+    """A measure in one environment, over all environments, or of one subject."""
 
     label: str
-    method: str
-    cells: list[PsychophysicsRow | None]
+    cells: list[PsychophysicsRow | None]  # By method
 
 
 @dataclass(frozen=True)
-class Table:
-    """Measures of one quantity by environment or subject, or of all quantities over all."""
+class Group:
+    """One measure of one quantity."""
 
-    title: str
-    by: str  # "environment", "subject", or "parameter" over all environments and subjects
-    heads: list[str]
-    styles: list[str]  # Of the numbers of each column
+    head: str  # Measure, quantity and unit
+    style: str  # Of its numbers
     lines: list[Line]
 
 
+@dataclass(frozen=True)
+class Measured:
+    """The table of all measures: a group of rows for each, a column for each method."""
+
+    methods: list[str]
+    groups: list[Group]
+    is_open: bool
+
+
 def psychophysics(results: Results) -> Section | None:
-    """Return tables by environment, over all environments, and of subjects' own trials."""
+    """Return the table of measures: by environment, over all environments, and by subject."""
     rows = results.psychophysics
     if not rows:
         return None
-    overall = matching(rows, environment=None, subject=None)
-    by_subject = [row for row in rows if row.subject is not None]
-    by_environment = [row for row in rows if row.environment is not None]
-    subjects = results.data.words.subject[1]
-    tables = []
-    for parameter in distinct(by_environment, "parameter"):
-        quantity = results.data.quantities.get(parameter)
-        title = quantity.head if quantity else f"{parameter} together"
-        of_parameter = matching(by_environment, parameter=parameter)
-        tables.append(_table(title, of_parameter, "environment", subjects))
-    if overall:
-        tables.append(_table("", overall, "parameter", subjects))
-    for parameter in distinct(by_subject, "parameter"):
-        head = results.data.quantities[parameter].head
-        of_parameter = matching(by_subject, parameter=parameter)
-        tables.append(_table(head, of_parameter, "subject", subjects))
-    return Section("psychophysics", "Psychophysics", tables)
+    methods = ordered(METHODS, rows, "method")
+    groups = []
+    for measure in ordered(_NAMES, rows, "measure"):
+        of_measure = matching(rows, measure=measure)
+        for parameter in distinct(of_measure, "parameter"):
+            alike = matching(of_measure, parameter=parameter)
+            together = matching(alike, subject=None)
+            by_subject = [row for row in alike if row.subject is not None]
+            for own in (together, by_subject):
+                if own:
+                    groups.append(_group(results, own, methods))
+    is_open = sum(len(group.lines) for group in groups) <= _MOST_LINES
+    return Section("psychophysics", "Psychophysics", Measured(methods, groups, is_open))
 
 
-def _table(title: str, rows: Sequence[PsychophysicsRow], by: str, subjects: str) -> Table:
-    """Lay rows out: a column for each measure, a line for each method and value of a field."""
-    measures = ordered(_HEADS, rows, "measure")
+def _group(results: Results, rows: Sequence[PsychophysicsRow], methods: Sequence[str]) -> Group:
+    """Lay out the rows of one measure and quantity."""
+    words = words_of(results)
+    row = rows[0]
+    quantity = results.data.quantities.get(row.parameter)
+    # A correlation is of two quantities together.
+    what = quantity.words if quantity else row.parameter
+    head = f"{_NAMES[row.measure].format(subjects=words.subjects)} of {what}"
+    if row.unit:
+        head += f", {row.unit}"
+    if row.subject is not None:
+        head += f", by {words.subject}"
     lines = []
-    for label in distinct(rows, by):
-        for method in METHODS:
-            own = matching(rows, method=method, **{by: label})
-            by_measure: dict[str, PsychophysicsRow] = {row.measure: row for row in own}
-            if own:
-                lines.append(Line(label, method, [by_measure.get(name) for name in measures]))
-    heads = []
-    for name in measures:
-        units = [row.unit for row in rows if row.measure == name]
-        # SDs of several quantities may have several units.
-        one_unit = units[0] if len(set(units)) == 1 else ""
-        head = _HEADS[name].format(subjects=subjects)
-        heads.append(f"{head} in {one_unit}" if one_unit else head)
-    styles = [_STYLES.get(name, "plain") for name in measures]
-    return Table(title, by, heads, styles, lines)
+    for environment, subject in dict.fromkeys((row.environment, row.subject) for row in rows):
+        alike = matching(rows, environment=environment, subject=subject)
+        label = subject or environment or "all"
+        lines.append(Line(label, [first(matching(alike, method=name)) for name in methods]))
+    return Group(head, _STYLES.get(row.measure, "plain"), lines)

@@ -22,7 +22,8 @@ from percept.results import LadderEffect, OverviewRow
 from percept.sessions.quantities import Quantity
 
 __all__ = [
-    "Bias", "bias_sentences", "biases_of", "cause_sentences", "ends", "size_said", "user_sentences",
+    "Bias", "bias_sentences", "biases_of", "cause_sentences", "ends", "named_or_counted",
+    "size_said", "user_sentences",
 ]  # fmt: skip
 
 #: A bias of so many references and more is written as a multiple.
@@ -63,8 +64,13 @@ class Bias:
     @property
     def says_nothing(self) -> bool:
         """Whether the interval is so wide that its numbers are of no use."""
-        wide = self.lower + 1.0 < 1.0 / _NOTHING and self.upper + 1.0 > _NOTHING
-        return self.row.relative and wide
+        lower = self.lower
+        upper = self.upper
+        # The next user's range has ratios to the reference, and no bias.
+        if not math.isnan(self.bias):
+            lower += 1.0
+            upper += 1.0
+        return self.row.relative and lower < 1.0 / _NOTHING and upper > _NOTHING
 
 
 def bias_sentences(
@@ -119,7 +125,7 @@ def _bias_sentence(biases: Sequence[Bias], name: str, words: Words) -> str:
             parts.append(f"too {word} in {_sized(same_sign, len(biases), words)}")
     if parts:
         return f"{name} is {', and '.join(parts)} ({claim})."
-    largest = max(biases, key=_size)
+    largest = max(matching(biases, says_nothing=False), key=_size)
     return (
         f"{name} shows no clear bias in any of {len(biases)} {words.environments} ({claim}); the"
         f" largest is that of {_with_ends(largest)}."
@@ -159,16 +165,20 @@ def _disagreement(
     words: Words,
     effects: Sequence[LadderEffect],
 ) -> list[str]:
-    """Say where the classical interval sees another sign than the Bayesian one, and why."""
+    """Say where the classical interval sees another sign, or lies apart, and why."""
     classical = {other.row.environment: other for other in others}
     groups: dict[str, list[Bias]] = {}
     for bias in biases:
         other = classical.get(bias.row.environment)
-        if other is None or bias.row.method == "classical" or other.sign == bias.sign:
+        if other is None or bias.row.method == "classical" or other.says_nothing:
             continue
-        if other.says_nothing:
+        apart = other.lower > bias.upper or other.upper < bias.lower
+        if apart:
+            holds = "lies apart"
+        elif other.sign == bias.sign:
             continue
-        holds = "holds zero" if other.sign == 0 else "excludes zero"
+        else:
+            holds = "holds zero" if other.sign == 0 else "excludes zero"
         groups.setdefault(holds, []).append(other)
     sentences = []
     environments = []
@@ -254,21 +264,42 @@ def user_sentences(
         if not ranges:
             continue
         row = ranges[0].row
-        ends = [_written(ranges[0])]
-        if len(ranges) > 1:
-            by_width = sorted(ranges, key=lambda user: user.upper - user.lower)
-            narrowest = by_width[0]
-            widest = by_width[-1]
-            ends = [
-                f"{_written(narrowest)} ({narrowest.row.environment}, the narrowest)",
-                f"{_written(widest)} ({widest.row.environment}, the widest)",
-            ]
-        sure = "confidence" if row.method == "classical" else "probability"
-        sentences.append(
-            f"With {percent(row.level)} {sure}, the next {words.user}’s"
-            f" {quantities[parameter].label} will be {' and '.join(ends)}."
-        )
+        what = f"the next {words.user}’s {quantities[parameter].label}"
+        determined = matching(ranges, says_nothing=False)
+        undetermined = matching(ranges, says_nothing=True)
+        sentence = []
+        if determined:
+            sure = "confidence" if row.method == "classical" else "probability"
+            ends = " and ".join(_extremes(determined, alone=len(ranges) == 1))
+            sentence.append(f"With {percent(row.level)} {sure}, {what} will be {ends}.")
+        if undetermined:
+            names = [user.row.environment for user in undetermined]
+            where = named_or_counted(names, len(ranges), words)
+            sentence.append(f"These data do not determine {what} in {where}.")
+        sentences.append(" ".join(sentence))
     return sentences
+
+
+def _extremes(ranges: Sequence[Bias], *, alone: bool) -> list[str]:
+    """Write the narrowest and the widest range; the environment of the only one goes unsaid."""
+    by_width = sorted(ranges, key=lambda user: user.upper - user.lower)
+    narrowest = by_width[0]
+    widest = by_width[-1]
+    if alone:
+        return [_written(narrowest)]
+    if len(ranges) == 1:
+        return [f"{_written(narrowest)} in {narrowest.row.environment}"]
+    return [
+        f"{_written(narrowest)} ({narrowest.row.environment}, the narrowest)",
+        f"{_written(widest)} ({widest.row.environment}, the widest)",
+    ]
+
+
+def named_or_counted(names: Sequence[str], every: int, words: Words) -> str:
+    """Name some environments, or count them where they are many."""
+    if len(names) > MOST_OPEN:
+        return f"{len(names)} of {every} {words.environments}"
+    return listed(names)
 
 
 def _user_ranges(rows: Sequence[OverviewRow]) -> list[Bias]:

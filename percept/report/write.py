@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,11 +34,14 @@ _TABLES = (
     "pse_lines",
     "equivalence",
     "contrast",
+    "contrast_*",
     "anova",
+    "anova_*",
     "comparison",
     "memberships",
     "subjects",
     "overview",
+    "overview_other",
     "verdicts",
 )
 _FIGURES = (
@@ -137,9 +140,7 @@ def fill_report(
     summary = findings(results)
     (folder / "report.json").write_text(results.to_json(summary), encoding="utf-8")
     (folder / "tables").mkdir()
-    tables = csv_tables(results) | paste_tables(results, summary.overview.rows)
-    for name, text in tables.items():
-        (folder / "tables" / name).write_text(text, encoding="utf-8")
+    _write_tables(folder, csv_tables(results))
     (folder / "references.bib").write_text(bibtex(results), encoding="utf-8")
     if posterior is not None:
         step("writing the posterior")
@@ -150,7 +151,14 @@ def fill_report(
     files = {path.name for path in (*folder.iterdir(), *(folder / "tables").iterdir())}
     today = datetime.date.today().isoformat()
     page = render_page(results, summary, plots, date=date or today, files=files)
+    _write_tables(folder, paste_tables(page, simulated=results.data.simulated))
     (folder / "report.html").write_text(page, encoding="utf-8")
+
+
+def _write_tables(folder: Path, tables: Mapping[str, str]) -> None:
+    """Write tables by file name."""
+    for name, text in tables.items():
+        (folder / "tables" / name).write_text(text, encoding="utf-8")
 
 
 @contextmanager

@@ -290,7 +290,8 @@ def bias_pull(fit: Fit, *, level: float, user: str) -> tuple[str, ...]:
         for (parameter, environment), half_widths in zip(model.cells, moved.tolist(), strict=True):
             if abs(half_widths) > _MOVED:
                 label = fit.quantities[parameter].label
-                cells.append(f"{label} in {environment} ({half_widths:+.2f})")
+                moved_by = f"{half_widths:+.2f}".replace("-", "−")
+                cells.append(f"{label} in {environment} ({moved_by})")
                 parameters[parameter] = None
         if cells:
             said.append(

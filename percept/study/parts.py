@@ -442,7 +442,7 @@ class Parts:
         """What was not computed, and why, curves of laws not counted: they take time to draw."""
         skipped: list[Any] = [*self.interval_rows, *self._with_reference, *self._setup, *self._zoom]
         skipped += [*self.contrast_rows, *self.by_level.tests, *self._banded, *self._pairs]
-        skipped += [*self.psychophysics.lines, *self.psychophysics.equivalence]
+        skipped += self.psychophysics.skipped
         if self.setup is not None:
             skipped += no_maps(self.setup, self.map_users)
         if self.scene.checks is not None:

@@ -9,7 +9,7 @@ import pytest
 from percept.boundary.feels_real import judge
 from percept.report.feelings import feeling_sentences
 from percept.report.numbers import digits_of
-from percept.report.overview import overview
+from percept.report.overview import findings, overview
 from percept.report.select import Words, first, matching
 from percept.results import (
     Confidences,
@@ -120,6 +120,8 @@ def test_a_classical_interval_of_another_sign_is_said():
         " +36 %, excludes zero."
     )
     assert "classical" not in said(10.1)
+    # Of one sign too, where no value lies in both.
+    assert said(13.65).endswith("The classical interval, +0.4 to +36 %, lies apart.")
 
 
 def test_more_than_five_names_are_counted():
@@ -388,3 +390,25 @@ def test_intervals_too_wide_to_read_are_not_written_out():
     assert useless == ("Stiffness: these subjects are too few to say anything (classical, 99 %).")
     readable = overview(results([("A", 1.0, 12.0, 900.0, 0.5, 1e3)])).sentences[0]
     assert readable.startswith("Stiffness in A: +20 %")
+
+
+def test_what_the_data_do_not_determine_is_said_without_its_numbers():
+    wide = ("wide", 1e-3, 12.0, 1e5, 1e-6, 1e8)
+    said = overview(results([SOFT, HARD, wide])).sentences[-1]
+    assert said.endswith(
+        " to 4 times the reference (A, the widest). These data do not determine the next user’s"
+        " stiffness in wide."
+    )
+    of_two = overview(results([SOFT, wide])).sentences[-1]
+    assert "will be 0.5 to 4 times the reference in A. These data do not" in of_two
+    alone = overview(results([wide])).sentences[-1]
+    assert alone == "These data do not determine the next user’s stiffness in wide."
+    made = results([SOFT, wide])
+    paragraph = findings(made).paragraph
+    assert "These data do not determine the bias of stiffness in wide." in paragraph
+    assert "no clear bias" not in paragraph
+    # A clear Bayesian bias stands beside a classical interval that tells nothing.
+    bayesian = [dataclasses.replace(row, method="bayesian") for row in results([SOFT]).intervals]
+    classical = [dataclasses.replace(row, environment="A") for row in results([wide]).intervals]
+    both = dataclasses.replace(made, intervals=(*classical, *bayesian))
+    assert "(99 % CI too wide to tell; 99 % credible interval" in findings(both).paragraph

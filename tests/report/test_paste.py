@@ -16,51 +16,98 @@ from percept.report.paste import paste_tables
 from percept.results import Results
 from tests import DATASETS
 from tests.documents import EMPTY, as_results
+from tests.study.within import frame
+from tests.study.within import study as factors
 
 HOSTILE = r"\input{/etc/passwd} & 50% <b>_$#~^[x]"
 
 
+#: What pdfTeX writes as it stands, of what is not ASCII.
+LATIN = set("–’“”…ê")
+
+
+def page_of(results):
+    return render_page(results, findings(results), {}, date="", files={"overview.csv"})
+
+
 def tables(results):
-    return paste_tables(results, findings(results).overview.rows)
+    return paste_tables(page_of(results), simulated=results.data.simulated)
 
 
-def cells(text):
-    """The texts of the rows of a LaTeX table, as they stood before they were escaped."""
-    body = text.partition("\\midrule\n")[2].partition("\\bottomrule")[0]
+def rows_of(text):
+    """The texts of the rows of a LaTeX table, heads and all, as before they were escaped."""
+    body = text.partition("\\toprule\n")[2].partition("\\bottomrule")[0]
     rows = []
-    for line in body.strip().split("\n"):
+    for line in body.replace("\\midrule\n", "").strip().split("\n"):
         assert line.endswith(r" \\")
-        rows.append([cell.strip() for cell in re.split(r"(?<!\\)&", line[:-3])])
+        rows.append([plain(cell.strip()) for cell in re.split(r"(?<!\\)&", line[:-3])])
     return rows
 
 
 def plain(text):
-    for tex, sign in (("$-$", "−"), (r"\,", "\u202f"), (r"\%", "%"), (r"$\cdot$", "·")):
+    """Undo the escapes of numbers and words, by a list of its own."""
+    escapes = {
+        "$-$": "−", r"\,": "\u202f", r"\%": "%", r"$\cdot$": "·", r"$\times$": "×", "$|$": "|",
+        r"$\sigma$": "σ", r"$\gamma$": "γ", r"$\eta$": "η", "$^2$": "²", r"$\varepsilon$": "ε",
+        r"$\pm$": "±", r"$\omega$": "ω", "$<$": "<", "$>$": ">", "$^{-}$": "⁻", r"\_": "_",
+    }  # fmt: skip
+    for tex, sign in escapes.items():
         text = text.replace(tex, sign)
+    for digit, raised in zip("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹", strict=True):
+        text = text.replace(f"$^{{{digit}}}$", raised)
     return text
 
 
-def test_tables_say_what_the_page_says(both):
+def word_rows(page):
+    """The cells of a page of one table, by ElementTree: spans as they are written."""
+    body = page.partition("</p>")[2].partition("</body>")[0].replace("<table border", "<table")
+    rows = []
+    for row in ET.fromstring(body).iter("tr"):
+        cells = []
+        for cell in row:
+            for sub in cell.iter("sub"):
+                sub.text = f"_{sub.text}"
+            text = re.sub("[ \n]+", " ", "".join(cell.itertext())).strip()
+            cells += [text] + [""] * (int(cell.get("colspan", 1)) - 1)
+        rows.append(cells)
+    return rows
+
+
+def test_every_table_is_told_as_on_the_page(both):
     results = as_results(both)
-    page = html.unescape(
-        re.sub("<[^>]+>", "", render_page(results, findings(results), {}, date=""))
-    )
+    page = html.unescape(re.sub("<[^>]+>", "", page_of(results)))
     files = tables(results)
-    assert files.keys() == {
-        f"{name}.{form}"
-        for name in ("overview", "intervals_k", "intervals_b")
-        for form in ("tex", "html")
-    }
-    for name in ("overview", "intervals_k", "intervals_b"):
-        rows = [[plain(cell) for cell in row] for row in cells(files[f"{name}.tex"])]
-        for row in rows:
-            for cell in row:
-                assert cell in page, (name, cell)
-        table = ET.fromstring(
-            files[f"{name}.html"].partition("\n")[2].replace('charset="utf-8"', 'a=""/')
-        )
-        found = [[cell.text for cell in row] for row in table.iter("tr")]
-        assert found[1:] == rows
+    named = {name.partition(".")[0] for name in files}
+    assert {"overview", "intervals_k", "psychophysics", "subjects", "verdicts"} <= named
+    assert files.keys() == {f"{name}.{form}" for name in named for form in ("tex", "html")}
+    for name in named:
+        text = files[f"{name}.tex"]
+        rows = rows_of(text)
+        word = word_rows(files[f"{name}.html"])
+        # A cell that reaches into rows below is empty there.
+        assert [[cell for cell in row if cell] for row in rows] == [
+            [cell for cell in row if cell] for row in word
+        ]
+        for cell in {cell for row in rows for cell in row}:
+            assert cell.replace("_", "") in page.replace("_", ""), (name, cell)
+        columns = text.partition(r"\begin{tabular}{")[2].partition("}")[0]
+        assert {len(row) for row in rows} == {len(columns)}
+        caption = text.partition(r"\caption{")[2].partition("}\n")[0]
+        assert plain(caption).removesuffix(" Simulated data.").replace("_", "") in page
+        assert caption.endswith("Simulated data.")
+        assert {sign for sign in text if ord(sign) > 127} <= LATIN
+
+
+def test_contrasts_and_analyses_of_variance_are_pasted_too():
+    inference = {"method": "classical", "tolerance": 0.3}
+    files = tables(factors(frame(subjects=4), inference=inference).results(curves=False))
+    term = "environment × hand"
+    (row,) = [row for row in rows_of(files["anova_k.tex"]) if row[0] == term]
+    assert len(row) == 9
+    overall = [row for row in rows_of(files["contrast_1.tex"]) if row[0].startswith("overall")]
+    assert [row[1:3] for row in overall] == [
+        ["mean", "classical"], ["user", "classical"], ["share", "classical"],
+    ]  # fmt: skip
 
 
 def test_names_become_no_commands(both):
@@ -70,19 +117,22 @@ def test_names_become_no_commands(both):
             row["environment"] = row["environment"].replace("VE1", HOSTILE)
     document["boundaries"] = []
     files = tables(as_results(document))
-    for name, text in files.items():
+    told = [name for name, text in files.items() if "etc/passwd" in text]
+    assert {"overview.tex", "intervals_b.tex", "overview.html"} <= set(told)
+    for name in told:
+        text = files[name]
         if name.endswith(".html"):
             assert html.escape(HOSTILE) in text
             assert "<b>" not in text
             continue
         assert r"\input" not in text
         row = next(line for line in text.split("\n") if "etc/passwd" in line)
-        assert r"\textbackslash{}input\{/etc/passwd\} \& 50\% <b>\_\$\#" in row
+        assert r"\textbackslash{}input\{/etc/passwd\} \& 50\% $<$b$>$\_\$\#" in row
         assert text.count("{") - text.count(r"\{") == text.count("}") - text.count(r"\}")
 
 
 def test_a_study_without_intervals_has_no_tables_and_no_paragraph():
-    assert paste_tables(EMPTY, ()) == {}
+    assert paste_tables("<p>Nothing is measured.</p>", simulated=False) == {}
     assert findings(EMPTY).paragraph == ""
 
 

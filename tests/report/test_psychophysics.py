@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import json
 
@@ -35,14 +36,21 @@ def page_of(results):
 
 
 def test_each_row_of_the_study_stands_in_one_cell(judged):
-    tables = psychophysics(judged).view
-    cells = [cell for part in tables for line in part.lines for cell in line.cells if cell]
+    groups = psychophysics(judged).view.groups
+    cells = [cell for group in groups for line in group.lines for cell in line.cells if cell]
     assert len(cells) == len(judged.psychophysics)
     assert {id(cell) for cell in cells} == {id(row) for row in judged.psychophysics}
-    by_environment, over_all = tables
-    assert (by_environment.title, over_all.by) == ("Stiffness k", "parameter")
-    assert "JND (SD of adjustment) in N/m" in by_environment.heads
-    assert [line.label for line in by_environment.lines] == ["weich", "hart"]
+    by_head = {group.head: group for group in groups}
+    jnd = by_head["JND (SD of adjustment) of stiffness k, N/m"]
+    assert [line.label for line in jnd.lines] == ["weich", "hart"]
+    assert [line.label for line in by_head["σ e of stiffness k"].lines] == ["weich", "hart", "all"]
+
+
+def test_a_long_table_is_folded(judged):
+    rows = judged.psychophysics
+    many = [dataclasses.replace(rows[0], environment=f"E{j}") for j in range(101)]
+    assert psychophysics(judged).view.is_open
+    assert not psychophysics(dataclasses.replace(judged, psychophysics=many)).view.is_open
 
 
 def test_the_page_speaks_of_what_there_is(judged):

@@ -153,3 +153,12 @@ def test_without_trials_that_repeat_there_is_no_jnd_from_them():
 def test_a_jnd_that_is_none_is_refused(jnd, message):
     with pytest.raises(UsageError, match=message):
         Scene(study={"jnd": jnd})
+
+
+def test_subjects_who_adjusted_alike_have_no_verdict_and_a_reason():
+    alike = settings(8.1, 0.2).assign(k_adj=8.1)
+    study = judged(pd.concat([alike, settings(8.1, 0.2).assign(environment="B")]), 0.125)
+    assert list(study.equivalence["environment"]) == ["B"]
+    said = {part.what: part.why for part in study.skipped}
+    what = "classical verdict whether stiffness is within one JND in A"
+    assert said[what] == "all subjects adjusted alike"

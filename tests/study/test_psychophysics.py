@@ -211,3 +211,29 @@ def test_only_a_quantity_whose_references_differ_has_a_slope():
     measures = Study(sessions, Scene(inference={"tolerance": 0.05})).psychophysics
     slopes = measures[measures["measure"] == "gamma"]
     assert list(slopes["parameter"]) == ["b"]
+
+
+def test_what_has_no_jnd_is_named_with_the_reason():
+    data = repeated()
+    once = data[(data["environment"] == "weich") | (data["trial"] == 1)]
+
+    def said(table):
+        study = Study(Sessions.from_frame(table), Scene(inference={"method": "classical"}))
+        measures = study.psychophysics
+        told = set(measures[measures["measure"] == "jnd"]["environment"])
+        return told, [(row.what, row.why) for row in study.skipped if "JND" in row.what]
+
+    why = "it needs repeated trials"
+    assert said(data) == ({"weich", "hart"}, [])
+    assert said(once) == ({"weich"}, [("JND of stiffness in hart", why)])
+    assert said(data[data["trial"] == 1]) == (set(), [("JND of stiffness", why)])
+
+
+def test_published_limits_have_no_jnd():
+    from percept import read_sessions
+    from tests import DATASETS
+
+    sessions = read_sessions(DATASETS / "hbfd_table1.csv")
+    study = Study(sessions, Scene(inference={"method": "classical"}))
+    said = {row.what: row.why for row in study.skipped}
+    assert said["JND of damping"] == "published limits hold no trials"

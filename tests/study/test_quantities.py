@@ -127,7 +127,9 @@ def test_the_pull_of_the_prior_is_what_a_flat_one_undoes():
     assert "N(0, 1²), moves the estimate of the average user" in said
     # Limits have an error of 0.03 half-widths, and estimates less.
     np.testing.assert_allclose(
-        [float(n) for n in re.findall(r"\(([+-]\d\.\d\d)\)", said)], moved[:3], atol=0.04
+        [float(n) for n in re.findall(r"\(([+-]\d\.\d\d)\)", said.replace("−", "-"))],
+        moved[:3],
+        atol=0.04,
     )
     assert flat.parts.checks.pull == ()
     assert said in build_document(study)["summary"]["cautions"]

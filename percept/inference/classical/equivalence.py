@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from percept.errors import UsageError
+from percept.errors import RefusalError, UsageError
 from percept.inference.classical.moments import Moments, plain
 from percept.inference.record import FloatOrArray
 
@@ -55,9 +55,13 @@ def tost(moments: Moments, lower: float, upper: float) -> Tost:
     ------
     UsageError
         Limits that are not in order.
+    RefusalError
+        Samples whose values are all equal: they tell no error of the mean.
     """
     if not lower < upper:
         raise UsageError("the lower limit must be below the upper one.", value=(lower, upper))
+    if np.any(np.asarray(moments.sd) == 0.0):
+        raise RefusalError("All values of a sample are equal: no test has a standard error.")
     mean = np.asarray(moments.mean)
     n = np.asarray(moments.n)
     df = n - 1.0

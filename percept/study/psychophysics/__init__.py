@@ -12,7 +12,7 @@ from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.basics import References, Skipped
 from percept.study.intervals import Cell
-from percept.study.psychophysics.classical import classical_psychophysics
+from percept.study.psychophysics.classical import absent_jnds, classical_psychophysics
 from percept.study.psychophysics.equivalence import classical_equivalence
 
 if TYPE_CHECKING:
@@ -67,3 +67,13 @@ class Psychophysics:
 
             rows += posterior_equivalence(self.fit, self.scene, self.reference)
         return rows
+
+    @cached_property
+    def skipped(self) -> list[Skipped]:
+        """JNDs, lines and verdicts that there are none of, with the reason."""
+        parameters = dict.fromkeys(cell.parameter for cell in self.cells)
+        skipped = list(absent_jnds(self.sessions, self.scene, list(parameters)))
+        for part in (*self.lines, *self.equivalence):
+            if isinstance(part, Skipped):
+                skipped.append(part)
+        return skipped

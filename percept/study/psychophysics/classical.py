@@ -25,12 +25,12 @@ from percept.inference.classical.variability import (
 from percept.results import PsychophysicsRow
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.basics import Array, References
+from percept.study.basics import Array, References, Skipped
 from percept.study.intervals import Cell
 from percept.study.psychophysics.site import Site
 from percept.study.responses import Trials, by_difference, trials
 
-__all__ = ["classical_psychophysics"]
+__all__ = ["absent_jnds", "classical_psychophysics"]
 
 
 def classical_psychophysics(
@@ -57,7 +57,7 @@ def classical_psychophysics(
     for cell in cells:
         by_parameter.setdefault(cell.parameter, []).append(cell)
     for parameter, of_parameter in by_parameter.items():
-        data = _responses(sessions, scene, (parameter,))
+        data = _responses_if_any(sessions, scene, (parameter,))
         sites = {}
         for cell in of_parameter:
             site = _site(cell, sessions, scene, reference, data)
@@ -71,19 +71,46 @@ def classical_psychophysics(
         yield from _correlations(sessions, scene, tuple(by_parameter))
 
 
-def _responses(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Trials | None:
+def absent_jnds(sessions: Sessions, scene: Scene, parameters: Sequence[str]) -> Iterator[Skipped]:
+    """Name the quantities and environments without a JND, and say why."""
+    for parameter in parameters:
+        what = f"JND of {sessions.quantities[parameter].label}"
+        try:
+            data = _responses(sessions, scene, (parameter,))
+        except RefusalError as refused:
+            yield Skipped(what, str(refused))
+            continue
+        once = []
+        for j, environment in enumerate(data.environments):
+            if data.statistics.trial_df[j] == 0.0:
+                once.append(environment)
+        if not once:
+            continue
+        if len(once) < len(data.environments):
+            what += f" in {', '.join(once)}"
+        yield Skipped(what, "it needs repeated trials")
+
+
+def _responses_if_any(
+    sessions: Sessions, scene: Scene, parameters: tuple[str, ...]
+) -> Trials | None:
     """Return trials of parameters as responses; None where they have none."""
-    if sessions.form == "summary":
+    try:
+        return _responses(sessions, scene, parameters)
+    except RefusalError:
         return None
+
+
+def _responses(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Trials:
+    """Return trials of parameters as responses."""
+    if sessions.form == "summary":
+        raise RefusalError("published limits hold no trials")
     # Differences without a scale of the scene's are in the quantity's own unit.
     scales = {name: 1.0 for name in parameters if by_difference(sessions, name)}
     scales |= scene.model.scale
     model = scene.model.model_copy(update={"scale": scales})
     scaled = scene.model_copy(update={"model": model})
-    try:
-        return trials(sessions, scaled, parameters, partial=True)
-    except RefusalError:
-        return None
+    return trials(sessions, scaled, parameters, partial=True)
 
 
 def _site(
@@ -204,7 +231,7 @@ def _correlations(
     sessions: Sessions, scene: Scene, parameters: tuple[str, ...]
 ) -> Iterator[PsychophysicsRow]:
     """Yield the correlation of both quantities between subjects, environment by environment."""
-    data = _responses(sessions, scene, parameters)
+    data = _responses_if_any(sessions, scene, parameters)
     if data is None:
         return
     cell_means = data.statistics.cell_means

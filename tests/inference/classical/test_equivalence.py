@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import integrate, special, stats
 
-from percept.errors import UsageError
+from percept.errors import RefusalError, UsageError
 from percept.inference.classical.equivalence import tost, tost_power
 from percept.inference.classical.moments import Moments
 from tests.inference.classical.equivalence_rates import SIZE, rates
@@ -52,6 +52,12 @@ def test_a_limit_may_be_infinite_and_not_crossed():
     assert without_limits.p_beyond == 1.0
     with pytest.raises(UsageError, match="the lower limit must be below the upper one"):
         tost(moments, 1.0, 1.0)
+
+
+def test_samples_without_scatter_are_refused():
+    moments = Moments.from_values(np.array([[2.0, 2.0, 2.0], [1.0, 2.0, 4.0]]).T)
+    with pytest.raises(RefusalError, match="All values of a sample are equal"):
+        tost(moments, 1.0, 3.0)
 
 
 @pytest.mark.parametrize(("cv", "n", "published"), POWER_TOST)
