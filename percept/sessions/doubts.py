@@ -41,8 +41,7 @@ _ELSEWHERE = 3.0
 _FEW = 0.05
 #: Environments that a study hardly has on purpose.
 _MANY = 12
-#: A whole turn in units of angles, and the names of logarithmic units.
-_TURNS = {"deg": 360.0, "°": 360.0, "degree": 360.0, "degrees": 360.0, "rad": 2 * np.pi}
+#: Names of logarithmic units.
 _LOGARITHMIC = re.compile(r"db.*|bels?|np|phons?|cents?|semitones?|octaves?|decades?|ph")
 #: Equal values at one end that chance hardly gives, where adjustments are read to several digits.
 _ENOUGH = 4
@@ -93,23 +92,14 @@ def doubtful_scales(references: pd.DataFrame, quantities: Iterable[Quantity]) ->
     """Warn of quantities whose unit has no ratios; `references` has a column for each of them."""
     for quantity in quantities:
         values = references[quantity.name].dropna().to_numpy(dtype=float)
-        unit = quantity.unit.casefold()
-        turn = _TURNS.get(unit)
-        if _LOGARITHMIC.fullmatch(unit) and values.any():
-            why = "is a logarithm, so that ratios of its values mean nothing."
-            errors = "adjusted − reference"
-        elif turn and len(values) and max(np.ptp(values), np.abs(values).max()) > turn / 2:
-            why = (
-                f"goes round: references reach beyond half a turn, {turn / 2:.4g} {quantity.unit}."
-            )
-            errors = "adjusted − reference, within half a turn"
-        else:
+        if not (_LOGARITHMIC.fullmatch(quantity.unit.casefold()) and values.any()):
             continue
         name = quantity.name
         text = (
-            f"{quantity.label} in {quantity.unit} {why} Analyse its errors instead: give {name}_adj"
-            f' a column of {errors}, set {name}_ref = 0 in [environments], family = "normal" in'
-            f" [inference] and scale = {{ {name} = 1.0 }} in [model]."
+            f"{quantity.label} in {quantity.unit} is a logarithm, so that ratios of its values mean"
+            f" nothing. Analyse its errors instead: give {name}_adj a column of adjusted −"
+            f' reference, set {name}_ref = 0 in [environments], family = "normal" in [inference]'
+            f" and scale = {{ {name} = 1.0 }} in [model]."
         )
         yield Notice(text, column=f"{name}_adj")
 

@@ -115,7 +115,8 @@ class Column:
     @property
     def _name_words(self) -> list[str]:
         stem = _BRACKETED_UNIT.sub("", self.name)
-        spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", stem)
+        # A capital begins a word, but in "level_dB".
+        spaced = re.sub(r"(?<=[a-z0-9])(?<![^a-zA-Z]d)(?=[A-Z])", " ", stem)
         return re.findall(r"[^\W_]+", spaced)
 
     def quoted(self, most: int = _QUOTED) -> str:

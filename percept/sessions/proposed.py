@@ -11,7 +11,7 @@ from percept.errors import counted, printable
 from percept.sessions.evidence import Column
 from percept.sessions.quantities import quantity_of
 from percept.sessions.read import Sessions
-from percept.sessions.roles import ID_COLUMNS, Roles
+from percept.sessions.roles import DECIBELS, ID_COLUMNS, Roles
 
 __all__ = ["Draft", "outcome", "toml_text", "toml_value"]
 
@@ -86,6 +86,9 @@ class Draft:
         """Tables of quantities that percept has no name for."""
         for quantity, unit in self.roles.units.items():
             ask = "" if unit else "  # no name of a column gives it: fill it in"
+            column = self.roles.found.get(f"{quantity}_adj")
+            if column and column.unit in DECIBELS:
+                ask = "  # an amplitude, read from decibels; of a power set scale = 0.1 below"
             yield from ("", f"[quantities.{quantity}]", f"unit = {toml_text(unit)}{ask}")
 
     def _columns(self) -> Iterator[str]:
@@ -95,7 +98,9 @@ class Draft:
             column = found[canonical]
             value = toml_text(column.name)
             own = self.roles.units.get(quantity_of(canonical), "")
-            if canonical not in ID_COLUMNS and column.unit and column.unit != own:
+            if column.unit in DECIBELS and quantity_of(canonical) in self.roles.units:
+                value = f'{{ name = {value}, response = "log", scale = 0.05 }}'
+            elif canonical not in ID_COLUMNS and column.unit and column.unit != own:
                 value = f"{{ name = {value}, unit = {toml_text(column.unit)} }}"
             yield f"{canonical} = {value}  # {column.seen()}"
             others = self.roles.alternatives.get(canonical, ())

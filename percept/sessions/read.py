@@ -32,6 +32,7 @@ from percept.sessions.records import (
     Source,
     once_per_kind,
 )
+from percept.sessions.responses import complete_responses
 from percept.sessions.table import FileTable
 
 __all__ = ["Sessions", "by_level", "read_sessions", "refuse_gaps"]
@@ -282,7 +283,7 @@ def _merged(options: ReadOptions, opened: _Opened) -> Sessions:
             reading.problems,
             by_trial=reading.options.trial_references,
         )
-        _complete_responses(merged, reading.options, parameters)
+        complete_responses(merged, reading.options, parameters, place, reading.problems)
         merged = _without_ends(reading, merged, parameters)
         tidy = _checked_trials(reading, merged, parameters, opened)
     return Sessions(
@@ -296,20 +297,6 @@ def _merged(options: ReadOptions, opened: _Opened) -> Sessions:
         options=reading.options,
         at_limits=pd.concat(reading.at_limits) if reading.at_limits else pd.DataFrame(),
     )
-
-
-def _complete_responses(
-    merged: pd.DataFrame, options: ReadOptions, parameters: Sequence[str]
-) -> None:
-    """Make adjustments of ratios to their references, and of differences from them."""
-    for p in parameters:
-        rule = options.columns.get(f"{p}_adj")
-        if rule is None:
-            continue
-        if rule.response == "ratio":
-            merged[f"{p}_adj"] *= merged[f"{p}_ref"]
-        elif rule.response == "difference":
-            merged[f"{p}_adj"] += merged[f"{p}_ref"]
 
 
 def _without_ends(

@@ -30,6 +30,7 @@ from percept.sessions.evidence import (
 from percept.sessions.quantities import IMPEDANCE
 
 __all__ = [
+    "DECIBELS",
     "ID_COLUMNS",
     "Numbers",
     "Roles",
@@ -41,6 +42,8 @@ __all__ = [
     "wide_columns",
 ]
 
+#: Units of logarithms that are read as amplitudes.
+DECIBELS = ("dB", "db", "dB SPL", "dB HL")
 #: Canonical columns of ids, in the order of a proposal.
 ID_COLUMNS = ("subject", "session", "environment", "trial")
 _WORDS = {
@@ -319,7 +322,8 @@ def _add_quantity(
     if not name or f"{name}_adj" in roles.found:
         return
     if name not in IMPEDANCE and not roles.declared:
-        roles.units[name] = unit
+        # Decibels are read as amplitudes, which are pure numbers: their ratios mean something.
+        roles.units[name] = "" if unit in DECIBELS else unit
     roles.take(f"{name}_adj", adjusted)
     if references:
         roles.take(f"{name}_ref", references)

@@ -265,3 +265,24 @@ def test_columns_in_order_are_no_moments_where_a_row_is_a_subject(tmp_path):
     proposal = proposal_of(tmp_path, '"",Control,Drug', rows)
     assert "a row per subject: 2 columns" in proposal.text
     assert '# "Drug" = { response_ref = 0.0 }' in proposal.text
+
+
+def test_decibels_are_proposed_as_amplitudes(tmp_path):
+    rows = [
+        f"{s},{r},{r + 3 - 0.7 * s + 0.1 * t}"
+        for s in range(1, 9)
+        for r in (40, 60, 80)
+        for t in (0, 1)
+    ]
+    proposal = proposal_of(tmp_path, "subject,standard_dB,match_dB", rows)
+    assert proposal.refused is None
+    assert proposal.missing == ()
+    for name in ("standard", "match"):
+        assert f'{{ name = "{name}_dB", response = "log", scale = 0.05 }}' in proposal.text
+    assert 'unit = ""  # an amplitude, read from decibels' in proposal.text
+    options = ReadOptions.from_mapping(tomllib.loads(proposal.text))
+    sessions = read_sessions(tmp_path / "s.csv", scene=options)
+    np.testing.assert_allclose(sessions.table["level_ref"].iloc[:3], [1e2, 1e2, 1e3], rtol=1e-12)
+    first = sessions.table["level_adj"].iloc[0]
+    np.testing.assert_allclose(20 * np.log10(first), 42.3, rtol=1e-12)
+    assert sessions.warnings == ()

@@ -1,0 +1,85 @@
+"""Adjustments made whole by their references: ratios, differences, and angles that go round."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from percept.sessions.options import ReadOptions
+from percept.sessions.quantities import Quantity
+from percept.sessions.records import Places, Problems
+
+__all__ = ["complete_responses"]
+
+#: A whole turn in units of angles.
+_TURNS = {"deg": 360.0, "°": 360.0, "degree": 360.0, "degrees": 360.0, "rad": 2 * np.pi}
+
+
+def complete_responses(
+    table: pd.DataFrame,
+    options: ReadOptions,
+    parameters: Sequence[str],
+    place: Places,
+    problems: Problems,
+) -> None:
+    """Make adjustments of ratios to their references, and of differences from them.
+
+    Angles beyond half a turn have no mean: 350 and 10 deg lie beside each other. They are refused,
+    unless the adjustments are differences within half a turn.
+    """
+    for p in parameters:
+        rule = options.columns.get(f"{p}_adj")
+        response = rule.response if rule else None
+        half_turn = _half_turn(options.quantities[p])
+        if half_turn and response == "difference":
+            _refuse_far_differences(table, options.quantities[p], half_turn, place, problems)
+        elif half_turn:
+            _refuse_whole_turns(table, options.quantities[p], half_turn, problems)
+        if response == "ratio":
+            table[f"{p}_adj"] *= table[f"{p}_ref"]
+        elif response == "difference":
+            table[f"{p}_adj"] += table[f"{p}_ref"]
+
+
+def _half_turn(quantity: Quantity) -> float | None:
+    turn = _TURNS.get(quantity.unit.casefold())
+    return turn / 2 if turn else None
+
+
+def _refuse_whole_turns(
+    table: pd.DataFrame, quantity: Quantity, half_turn: float, problems: Problems
+) -> None:
+    """Refuse an angle whose references reach beyond half a turn."""
+    references = table[f"{quantity.name}_ref"].dropna().to_numpy(dtype=float)
+    if not len(references) or max(np.ptp(references), np.abs(references).max()) <= half_turn:
+        return
+    name = f"{quantity.name}_adj"
+    message = (
+        f"{quantity.label} in {quantity.unit} goes round: references reach beyond half a turn,"
+        f" {half_turn:.4g} {quantity.unit}."
+    )
+    hint = (
+        f"Give {name} a column of adjusted − reference, within half a turn:"
+        f' {name} = {{ name = "…", response = "difference" }} in [columns]. An angle of a knob that'
+        ' turns on is none that goes round: give it in turns, unit = "turn".'
+    )
+    problems.add(message, column=name, hint=hint)
+
+
+def _refuse_far_differences(
+    table: pd.DataFrame, quantity: Quantity, half_turn: float, place: Places, problems: Problems
+) -> None:
+    """Refuse the first difference that goes the long way round."""
+    differences = table[f"{quantity.name}_adj"].to_numpy(dtype=float)
+    far = np.flatnonzero(np.abs(differences) > half_turn)
+    if not len(far):
+        return
+    first = int(far[0])
+    unit = quantity.unit
+    message = f"a difference of more than half a turn, {half_turn:.4g} {unit}; {len(far)} in all."
+    hint = f"Add or subtract {2 * half_turn:.4g} {unit}."
+    value = float(differences[first])
+    column = f"{quantity.name}_adj"
+    problems.add(message, column=column, value=value, hint=hint, **place(first))
