@@ -50,7 +50,8 @@ class DevicePosteriorTable(Table):
     Attributes
     ----------
     parameters : tuple of str
-        `mass`, `damping`, and `mode 1 mass`, `mode 1 stiffness`, `mode 1 damping` and so on.
+        `mass`, `damping`, `stiffness`, and `mode 1 mass`, `mode 1 stiffness`, `mode 1 damping` and
+        so on.
     covariance : list of lists
         Of the logarithms of these parameters, about those of `[device]`.
     draws : str
@@ -96,7 +97,7 @@ class VelocityFilterTable(Table):
 
 
 class DeviceTable(Table):
-    """The haptic device: mass (kg) and damping (N·s/m) with flexible modes, or a measured response.
+    """The haptic device: mass (kg), damping (N·s/m), a spring and modes, or a measured response.
 
     `response` names a CSV with columns omega (rad/s), real and imaginary (N·s/m), from the folder
     of the scene's file; `period` is in s.
@@ -104,6 +105,7 @@ class DeviceTable(Table):
 
     mass: NonNegative | None = None
     damping: NonNegative | None = None
+    stiffness: NonNegative = 0.0
     modes: tuple[ModeTable, ...] = ()
     response: str | None = None
     period: Positive
@@ -118,10 +120,11 @@ class DeviceTable(Table):
         if self.response is None and (self.mass is None or self.damping is None):
             raise ValueError("give mass and damping, or response")
         if self.response is not None and not (
-            self.mass is None and self.damping is None and not self.modes
+            self.mass is None and self.damping is None and not self.modes and not self.stiffness
         ):
             raise ValueError(
-                "a measured response holds mass, damping and modes: give one or the other"
+                "a measured response holds mass, damping, stiffness and modes:"
+                " give one or the other"
             )
         return self
 
@@ -145,7 +148,7 @@ class DeviceTable(Table):
         """Parameters by the names that a posterior gives them; empty for a measured response."""
         if self.mass is None or self.damping is None:
             return {}
-        values = {"mass": self.mass, "damping": self.damping}
+        values = {"mass": self.mass, "damping": self.damping, "stiffness": self.stiffness}
         for number, mode in enumerate(self.modes, start=1):
             values[f"mode {number} mass"] = mode.mass
             values[f"mode {number} stiffness"] = mode.stiffness

@@ -62,6 +62,7 @@ class Inputs:
     b_i: float
     k_i: float
     delay: float = 0.0  # Samples
+    k_d: float = 0.0  # Of the device's spring
 
     @property
     def late(self) -> Hold:
@@ -80,8 +81,8 @@ class Inputs:
 
     @property
     def flexible(self) -> Device:
-        """The same with one mode."""
-        return Device(self.m, self.b_d, (Mode(self.m_i, self.k_i, self.b_i),))
+        """The same with one mode and a spring."""
+        return Device(self.m, self.b_d, (Mode(self.m_i, self.k_i, self.b_i),), self.k_d)
 
     @property
     def environment(self) -> Environment:
@@ -130,7 +131,7 @@ def haptics_digits(
         A row for each quantity and decade.
     """
     errors: dict[tuple[str, int], list[float]] = {}
-    # Delays have a stream of their own: all else is drawn as without them.
+    # Delays and the device's spring have a stream of their own: all else is drawn as without them.
     delays = np.random.default_rng([seed, 1])
     for inputs in _cases(cases, np.random.default_rng(seed), delays):
         decade = int(np.floor(np.log10(inputs.omega * inputs.period)))
@@ -147,7 +148,8 @@ def haptics_digits(
 
 def _cases(count: int, rng: np.random.Generator, delays: np.random.Generator) -> Iterator[Inputs]:
     """Yield sets of parameters, all drawn on the log scale."""
-    names = [field.name for field in fields(Inputs)[2:] if field.name != "delay"]
+    by_delays = ("delay", "k_d")
+    names = [field.name for field in fields(Inputs)[2:] if field.name not in by_delays]
     for _ in range(count):
         period = 10 ** rng.uniform(-6, 0)
         nyquist = np.pi / period
@@ -168,7 +170,8 @@ def _cases(count: int, rng: np.random.Generator, delays: np.random.Generator) ->
         delay = delays.uniform(0, _LONGEST_DELAY)
         if delays.uniform() < 0.5:
             delay = float(np.round(delay))
-        yield Inputs(max(omega, _SLOWEST), period, **values, delay=delay)
+        k_d = float(10 ** delays.uniform(-decades, decades))
+        yield Inputs(max(omega, _SLOWEST), period, **values, delay=delay, k_d=k_d)
 
 
 def _coupled(v: Inputs, discretization: str) -> Any:
@@ -217,7 +220,7 @@ _LATE = (*_W, "delay")
 _SHOWN = ("k_e", "b_e", "m_e")
 _VC = ("k_c", "b_c")
 _RIGID = (*_W, "m", "b_d")
-_FLEXIBLE = (*_RIGID, "m_i", "b_i", "k_i")
+_FLEXIBLE = (*_RIGID, "m_i", "b_i", "k_i", "k_d")
 _ENVIRONMENT = (*_W, *_SHOWN)
 _COUPLING = (*_W, *_VC)
 _DIRECT = (*_RIGID, *_SHOWN)

@@ -252,9 +252,9 @@ def rigid(p: Point) -> Number:
 
 
 def flexible(p: Point) -> Number:
-    """Eq. 5 with one mode added."""
+    """Eq. 5 with a spring and one mode added."""
     joint = p.b_i + p.k_i / p.s
-    return rigid(p) + _series(p.m_i * p.s, joint)
+    return rigid(p) + p.k_d / p.s + _series(p.m_i * p.s, joint)
 
 
 def environment(p: Point) -> Number:

@@ -164,7 +164,7 @@ def corner_crossings(
     Parameters
     ----------
     device : Device
-        Rigid; its modes are not looked at.
+        Its modes are not looked at.
     stiffness, damping : pair of float
         (low, high) of k, N/m, and b, N·s/m.
     period : float
@@ -181,8 +181,10 @@ def corner_crossings(
     b_width = b_high - b_low
     mass_like = device.mass + device.damping * period / 2
     square = -device.mass * period * b_width
-    linear = b_width * (b_low + b_high + 2 * device.damping) - 2 * k_width * mass_like
-    constant = k_width * (k_low + k_high)
+    # Turned by the hold, the device's spring joins its damping with k·T/2.
+    damping_like = device.damping + device.stiffness * period / 2
+    linear = b_width * (b_low + b_high + 2 * damping_like) - 2 * k_width * mass_like
+    constant = k_width * (k_low + k_high + 2 * device.stiffness)
     roots = np.roots(np.array([square, linear, constant]))
     crosses = (roots.imag == 0) & (roots.real > 0)
     rates = np.sqrt(np.sort(roots.real[crosses]))

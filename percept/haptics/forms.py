@@ -107,22 +107,31 @@ def _turned(end: _Impedance, turn: _Turn, square: Form) -> _Impedance:
 
 
 def _modal(square: Form, device: Device, half: float) -> _Impedance:
-    """Return Z_d·e^{jh}/cos h of a rigid device with its modes; `half` is T/2.
+    """Return Z_d·e^{jh}/cos h of a device with its spring and modes; `half` is T/2.
 
     e^{jh}/cos h is 1 + jΩT/2.
     """
     real = device.damping - np.multiply(device.mass, half) * square
     imaginary = as_form(device.mass + np.multiply(device.damping, half))
     denominator = as_form(1.0)
-    for mode in device.modes:
-        if not mode.mass or not (mode.stiffness or mode.damping):
-            continue
-        added = _mode(square, mode, half)
+    parts = [
+        _mode(square, mode, half)
+        for mode in device.modes
+        if mode.mass and (mode.stiffness or mode.damping)
+    ]
+    if device.stiffness:
+        parts.append(_spring(square, float(device.stiffness), half))
+    for added in parts:
         real = real * added.denominator + added.real * denominator
         imaginary = imaginary * added.denominator + added.imaginary * denominator
         denominator = denominator * added.denominator
     largest = np.abs(denominator.coefficients).max(axis=0)
     return _Impedance(real / largest, imaginary / largest, denominator / largest)
+
+
+def _spring(square: Form, stiffness: float, half: float) -> _Impedance:
+    """Return what a spring to ground adds to that, −jk/Ω·(1 + jΩT/2)."""
+    return _Impedance(stiffness * half * square, as_form(-stiffness), square)
 
 
 def _mode(square: Form, mode: Mode, half: float) -> _Impedance:

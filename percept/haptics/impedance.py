@@ -146,7 +146,7 @@ def _weighted(first: Element, second: Element, z1: FloatArray, z2: FloatArray) -
 
 
 def device_impedance(omega: ArrayLike, device: AnyDevice, period: float) -> ComplexArray:
-    """Return Z_d(jω) of a device (Eq. 5, flexible modes added).
+    """Return Z_d(jω) of a device (Eq. 5, a spring and flexible modes added).
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def device_impedance(omega: ArrayLike, device: AnyDevice, period: float) -> Comp
     -------
     ndarray of complex
         N·s/m, of the broadcast shape of ω and the device's parameters. At Nyquist a mass makes it
-        infinite.
+        infinite, at DC a spring.
 
     Raises
     ------
@@ -177,8 +177,8 @@ def device_parts(grid: Warp, device: AnyDevice) -> tuple[FloatArray, FloatArray]
         value = device.at(grid.omega)
         return value.real, value.imag
     damping, flexible = _modes(grid, device)
-    inertia = times(device.mass, grid.rate)
-    return np.add(device.damping, damping), inertia + flexible
+    rigid = times(device.mass, grid.rate) + grid.spring(device.stiffness)
+    return np.add(device.damping, damping), rigid + flexible
 
 
 def rotated_device(grid: Warp, device: AnyDevice, hold: AnyHold) -> tuple[FloatArray, FloatArray]:
@@ -188,7 +188,12 @@ def rotated_device(grid: Warp, device: AnyDevice, hold: AnyHold) -> tuple[FloatA
     if lag is None:
         return real, imaginary
     turned_real = times(lag.cos, real) - times(lag.sin, imaginary)
-    return turned_real, times(lag.cos, imaginary) + times(lag.sin, real)
+    turned_imaginary = times(lag.cos, imaginary) + times(lag.sin, real)
+    if isinstance(device, TabulatedDevice):
+        return turned_real, turned_imaginary
+    # sin ψ times the spring's infinite imaginary part is finite at DC.
+    at_dc = np.multiply(device.stiffness, lag.sin_per_sin * (grid.period / 2))
+    return turned_real + np.where(grid.sin == 0, at_dc, 0.0), turned_imaginary
 
 
 def _device_behind_hold(grid: Warp, device: AnyDevice) -> tuple[FloatArray, FloatArray]:
@@ -205,6 +210,8 @@ def _device_behind_hold(grid: Warp, device: AnyDevice) -> tuple[FloatArray, Floa
         swing = times(device.mass, push_tan)
         rigid_real = device.damping * grid.cos - swing
         rigid_imag = device.damping * grid.sin + device.mass * push
+        rigid_real = rigid_real + np.multiply(device.stiffness, (grid.period / 2) * grid.cos)
+        rigid_imag = rigid_imag + grid.spring(device.stiffness) * grid.cos
         damping, flexible = _modes(grid, device)
     real = rigid_real + (damping * grid.cos - flexible * grid.sin)
     imaginary = rigid_imag + (flexible * grid.cos + damping * grid.sin)

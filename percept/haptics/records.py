@@ -137,7 +137,7 @@ class Mode(_Parameters):
 
 @dataclass(frozen=True)
 class Device(_Parameters):
-    """A haptic device, Z_d = m·s + b (Eq. 5), with flexible modes where there are any.
+    """A haptic device, Z_d = m·s + b + k/s (Eq. 5 with k = 0), with modes where there are any.
 
     Parameters
     ----------
@@ -147,6 +147,9 @@ class Device(_Parameters):
         N·s/m, zero or more.
     modes : iterable of Mode, optional
         Each adds its own impedance.
+    stiffness : float or array_like, optional
+        Of a spring to ground, N/m, zero or more. It stores energy and gives it back, so stability
+        does not ask for it.
 
     Raises
     ------
@@ -157,6 +160,7 @@ class Device(_Parameters):
     mass: Scalars
     damping: Scalars
     modes: tuple[Mode, ...] = ()
+    stiffness: Scalars = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()

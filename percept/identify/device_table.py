@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from percept.errors import RefusalError
@@ -43,6 +45,9 @@ def device_toml(found: Identified, period: float, source: str) -> str:
                 hint="Excite the device over a wider range of frequencies.",
             )
     kept = ["mass", "damping"]
+    if found.terms.spring and not by_name["stiffness"].not_identifiable:
+        kept.append("stiffness")
+    written = list(kept)
     modes = []
     for mode in range(1, found.terms.modes + 1):
         names = mode_names(mode)
@@ -56,19 +61,13 @@ def device_toml(found: Identified, period: float, source: str) -> str:
     lines += [_comment(estimate) for estimate in found.estimates if estimate.name not in kept]
     lines += ["[device]", f"mass = {by_name['mass'].value!r}  # kg"]
     lines += [f"damping = {by_name['damping'].value!r}  # N·s/m"]
+    if "stiffness" in written:
+        lines.append(f"stiffness = {by_name['stiffness'].value!r}  # N/m, of a spring to ground")
     lines += [f"period = {period!r}  # s, of the control loop"]
     if modes:
-        lines.append("modes = [")
-        for names in modes:
-            values = [
-                f"{part} = {by_name[name].value!r}"
-                for part, name in zip(_PARTS, names, strict=True)
-            ]
-            lines.append(f"  {{ {', '.join(values)} }},")
-        lines.append("]")
+        lines += ["modes = [", *[_mode(names, by_name) for names in modes], "]"]
     index = [list(by_name).index(name) for name in kept]
     covariance = found.covariance[np.ix_(index, index)].tolist()
-    written = ["mass", "damping"]
     for number in range(1, len(modes) + 1):
         written += mode_names(number)
     quoted = ", ".join(f'"{name}"' for name in written)
@@ -77,6 +76,14 @@ def device_toml(found: Identified, period: float, source: str) -> str:
     lines += [f"  {row}," for row in covariance]
     lines += ["]", ""]
     return "\n".join(lines)
+
+
+def _mode(names: list[str], by_name: Mapping[str, ParameterEstimate]) -> str:
+    """Write a mode as a row of `modes`."""
+    values = []
+    for part, name in zip(_PARTS, names, strict=True):
+        values.append(f"{part} = {by_name[name].value!r}")
+    return f"  {{ {', '.join(values)} }},"
 
 
 def _comment(estimate: ParameterEstimate) -> str:

@@ -128,7 +128,8 @@ class Setup:
             return device.omega[:: max(1, device.omega.size // _MOST_ROWS)]
         pairs = [(mode.stiffness, mode.mass) for mode in device.modes]
         reference = self.references[environment]
-        pairs.append((reference.stiffness, device.mass + reference.mass))
+        joint_stiffness = reference.stiffness + device.stiffness
+        pairs.append((joint_stiffness, device.mass + reference.mass))
         return np.array([float(np.sqrt(k / m)) for k, m in pairs if m])
 
     def coupling_of(self, stiffness: Scalars, damping: Scalars) -> Coupling:
@@ -244,7 +245,7 @@ def device_of(scene: Scene) -> AnyDevice | None:
         return None
     if table.mass is not None and table.damping is not None:
         modes = tuple(haptics.Mode(m.mass, m.stiffness, m.damping) for m in table.modes)
-        return Device(mass=table.mass, damping=table.damping, modes=modes)
+        return Device(table.mass, table.damping, modes, table.stiffness)
     # An absolute path stays what it is.
     file = str(scene.folder / str(table.response))
     measured = read_response(file)

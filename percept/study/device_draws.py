@@ -68,6 +68,7 @@ class DeviceDraws:
             mass=np.asarray(stacked.mass)[which],
             damping=np.asarray(stacked.damping)[which],
             modes=tuple(modes),
+            stiffness=np.asarray(stacked.stiffness)[which],
         )
 
 
@@ -112,7 +113,8 @@ def device_draws(scene: Scene) -> DeviceDraws | None:
     for number in range(1, len(table.modes) + 1):
         parts = (arrays[f"mode {number} {part}"] for part in ("mass", "stiffness", "damping"))
         modes.append(Mode(*parts))
-    return DeviceDraws(Device(arrays["mass"], arrays["damping"], tuple(modes)))
+    stiffness = arrays["stiffness"]
+    return DeviceDraws(Device(arrays["mass"], arrays["damping"], tuple(modes), stiffness))
 
 
 def _read_draws(file: str, parameters: tuple[str, ...]) -> Array:

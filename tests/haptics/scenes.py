@@ -104,7 +104,7 @@ class Scene:
             start, end = (mp.mpf(device.omega[i]) for i in (row, row + 1))
             first, last = (mp.mpmathify(complex(device.impedance[i])) for i in (row, row + 1))
             return first + (last - first) * (w - start) / (end - start)
-        total = mp.mpf(device.damping) + mp.mpf(device.mass) * s
+        total = mp.mpf(device.damping) + mp.mpf(device.mass) * s + mp.mpf(device.stiffness) / s
         for mode in device.modes:
             m, k, b = (mp.mpf(v) for v in (mode.mass, mode.stiffness, mode.damping))
             total += m * s * (b * s + k) / (m * s * s + b * s + k)
@@ -128,8 +128,12 @@ def scenes(
     mass: bool = False,
     delay: bool = False,
     filtered: bool = False,
+    sprung: bool = False,
 ) -> Iterator[Scene]:
-    """Rigid, modal and tabulated devices in turn, all with a mass, delay or filter if asked for."""
+    """Rigid, modal and tabulated devices in turn, all with a mass, delay or filter if asked for.
+
+    A spring goes to rigid and modal ones alone.
+    """
     rng = np.random.default_rng(seed)
     for i in range(count):
         display, limits = _random(rng, ("rigid", "modal", "table")[i % 3])
@@ -140,6 +144,9 @@ def scenes(
             display = replace(display, hold=Hold(str(display.hold), samples))
         if filtered:
             display = _filtered(rng, display)
+        if sprung and isinstance(display.device, Device):
+            spring = replace(display.device, stiffness=10 ** rng.uniform(0, 5))
+            display = replace(display, device=spring)
         planted = ("excursion" if i % 10 < _PLANTED else "tie") if i % 10 <= _PLANTED else ""
         if planted:
             height = 10 ** rng.uniform(-9.3, -7.5) if planted == "excursion" else 0.0

@@ -30,7 +30,7 @@ def test_promise_is_kept(sweep, quantity):
 
 
 parameter = st.one_of(st.just(0.0), st.floats(-15, 15).map(lambda e: 10.0**e), st.floats(0.5, 50))
-NAMES = ("m", "b_d", "k_e", "b_e", "m_e", "k_c", "b_c", "m_i", "b_i", "k_i")
+NAMES = ("m", "b_d", "k_e", "b_e", "m_e", "k_c", "b_c", "m_i", "b_i", "k_i", "k_d")
 
 
 @REDUCED

@@ -3,10 +3,13 @@
 import json
 
 import numpy as np
+import pytest
 
 from percept import Scene
 from percept.cli import main
 from percept.identify.model import Terms
+from percept.study.device import device_of
+from percept.study.device_draws import device_draws
 from tests.identify.simulated import Recording, simulate
 
 RECORDING = Recording(length=256, periods=6)
@@ -52,6 +55,21 @@ def test_what_the_log_does_not_tell_is_no_number(tmp_path, capsys):
     assert "stiffness         not identifiable: 95 % of its posterior" in capsys.readouterr().out
     assert "# stiffness: not identifiable" in out.read_text(encoding="utf-8")
     assert "Not identifiable: stiffness" in out.with_suffix(".html").read_text(encoding="utf-8")
+
+
+def test_the_scene_takes_a_spring_that_the_log_tells(tmp_path, capsys):
+    out = tmp_path / "device.toml"
+    values = [1.0, 5.0, 2000.0]
+    log = log_file(tmp_path, Terms(spring=True), values)
+    words = ["identify", log, "--repeat", "0.256", "--spring", "--out", str(out)]
+    assert main([*words, "--quiet"]) == 0
+    table = Scene.load(out).device
+    assert table.posterior.parameters == ("mass", "damping", "stiffness")
+    assert table.stiffness == pytest.approx(2000.0, rel=0.05)
+    assert device_of(Scene.load(out)).stiffness == table.stiffness
+    drawn = device_draws(Scene.load(out)).stacked.stiffness
+    sd = np.sqrt(table.posterior.covariance[2][2])
+    assert np.log(drawn).std() == pytest.approx(sd, rel=0.01)
 
 
 def test_a_device_without_damping_is_refused_and_its_page_is_there(tmp_path, capsys):

@@ -1,0 +1,104 @@
+"""A device on a spring to ground: Eqs 10 and 13 in 50 digits, verdicts, crossings, scenes."""
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from percept import Scene, UsageError
+from percept.haptics import (
+    Coupling,
+    Device,
+    Environment,
+    absolute_stability,
+    corner_curves,
+    device_impedance,
+    magnitude_envelope,
+    perceived_impedance,
+)
+from percept.haptics.axis import warp
+from percept.haptics.envelope import corner_crossings
+from percept.haptics.loop import Hold
+from percept.haptics.perceived import DistancePlane, perceived_magnitude
+from tests import LONG
+from tests.haptics.scenes import LOWER, UPPER, contradiction, scenes
+
+T = 1e-3
+DEVICE = Device(1.0, 5.0, stiffness=300.0)
+
+
+def exact_plane(omega, delay):
+    """Parts of Z_d·e^{j(1 + 2d)h} as they are written, in 50 digits."""
+    with mp.workdps(50):
+        h = mp.mpf(omega) * mp.mpf(T) / 2
+        s = mp.mpc(0, 2 / mp.mpf(T) * mp.tan(h))
+        return (s + 5 + 300 / s) * mp.expj((1 + 2 * mp.mpf(delay)) * h)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.4, 3.0])
+def test_the_plane_of_a_device_on_a_spring_keeps_its_digits(delay):
+    omega = np.array([0.0, 1e-9, 1e-3, 2.0, 300.0, 3000.0])
+    plane = DistancePlane.of(warp(omega, T), DEVICE, Hold(delay=delay))
+    for index, rate in enumerate(omega[1:], start=1):
+        exact = exact_plane(rate, delay)
+        assert plane.real[index] == pytest.approx(float(exact.real), rel=1e-12)
+        assert plane.imaginary[index] == pytest.approx(float(exact.imag), rel=1e-12)
+    assert plane.real[0] == pytest.approx(float(exact_plane(1e-12, delay).real), rel=1e-12)
+    assert plane.imaginary[0] == -np.inf
+
+
+@pytest.mark.parametrize("hold", ["average", "true", Hold("average", 1.5)])
+def test_the_magnitude_is_that_of_the_impedance(hold):
+    omega = np.array([1e-9, 1e-3, 17.0, 300.0, 3000.0])
+    felt = perceived_impedance(omega, DEVICE, Environment(1e3, 2.0), T, hold=hold)
+    magnitude = perceived_magnitude(omega, DEVICE, 1e3, 2.0, T, hold=hold)
+    assert magnitude == pytest.approx(np.abs(felt), rel=1e-13)
+    assert device_impedance(0.0, DEVICE, T).imag == -np.inf
+
+
+def test_a_spring_is_no_matter_of_stability():
+    coupling = Coupling(20e3, 20.0)
+    for hold in ("average", Hold("true", 0.7)):
+        without = absolute_stability(Device(1.0, 5.0), coupling, T, hold=hold)
+        assert absolute_stability(DEVICE, coupling, T, hold=hold) == without
+
+
+@pytest.mark.evidence(reduced=True)
+@pytest.mark.parametrize("delay", [False, True])
+def test_verdicts_over_a_range_hold_with_a_spring(delay):
+    omega = np.geomspace(LOWER, UPPER, 20_000 if LONG else 3_000)
+    count = 90 if LONG else 2
+    found = [contradiction(one, omega) for one in scenes(count, 23, delay=delay, sprung=True)]
+    assert [wrong for wrong, _ in found if wrong] == []
+
+
+def test_crossings_are_all_there_are_with_a_spring():
+    rng = np.random.default_rng(8)
+    omega = np.linspace(1e-2, np.pi / T * 0.999, 40_001)
+    crossed = 0
+    for _ in range(20):
+        device = Device(*10 ** rng.uniform(-2, 1, 2), stiffness=10 ** rng.uniform(1, 4))
+        k = 1e3, 1e3 + 10 ** rng.uniform(0, 4)
+        b = 3.0, 3.0 + 10 ** rng.uniform(-1, 1)
+        found = corner_crossings(device, k, b, T)
+        low, high = corner_curves(omega, device, k, b, T)
+        seen = omega[:-1][np.diff(np.sign(high - low)) != 0]
+        expected = found[(found > omega[0]) & (found < omega[-1])]
+        np.testing.assert_allclose(seen, expected, atol=2 * (omega[1] - omega[0]))
+        crossed += seen.size
+    assert crossed >= 10
+
+
+def test_an_envelope_holds_every_pair_of_the_box():
+    omega = np.geomspace(0.1, 3000.0, 60)
+    lower, upper = magnitude_envelope(omega, DEVICE, (500.0, 2000.0), (1.0, 6.0), T)
+    k, b = np.meshgrid(np.linspace(500.0, 2000.0, 41), np.linspace(1.0, 6.0, 41))
+    inside = perceived_magnitude(omega[:, None], DEVICE, k.ravel(), b.ravel(), T)
+    assert (inside.min(axis=1) >= lower * (1 - 1e-12)).all()
+    assert upper == pytest.approx(inside.max(axis=1), rel=1e-12)
+
+
+def test_a_measured_response_has_its_spring():
+    with pytest.raises(UsageError, match="a measured response holds mass, damping, stiffness"):
+        Scene(device={"response": "zd.csv", "stiffness": 10.0, "period": T})
+    with pytest.raises(UsageError, match=r"device.stiffness = -1\.0: must be 0 or more"):
+        Scene(device={"mass": 1.0, "damping": 5.0, "stiffness": -1.0, "period": T})
