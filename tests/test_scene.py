@@ -56,7 +56,7 @@ from percept.sessions import ReadOptions
         ),
         (
             '[device]\nmass = 1\ndamping = 2\nresponse = "zd.csv"\nperiod = 1e-3\n',
-            "device: a measured response holds mass, damping, stiffness and modes: give one or the other.",
+            "device: a measured response holds mass, damping, stiffness and modes: give one",
         ),
         (
             "[inference]\nlevel = 99\n",
@@ -105,7 +105,7 @@ from percept.sessions import ReadOptions
         ("[device]\nmass = 1\nperiod = 1e-3\n", "device: give mass and damping, or response."),
         (
             '[device]\nmass = 1\nresponse = "zd.csv"\nperiod = 1e-3\n',
-            "device: a measured response holds mass, damping, stiffness and modes: give one or the other.",
+            "device: a measured response holds mass, damping, stiffness and modes: give one",
         ),
         (
             "[model.priors]\ntau_scale = -3\n",
