@@ -19,23 +19,33 @@ settings.register_profile("percept", derandomize=True, deadline=None)
 settings.load_profile("percept")
 
 
-#: Their files share fixtures that take seconds, so that one worker runs them all.
-TOGETHER = ("tests/report/",)
-#: They take long and hold few tests. They begin, so that no worker is left alone with one.
-FIRST = ("tests/test_readme.py", "tests/test_notebooks.py")
+#: What begins a test's id, in groups that share fits and fixtures of seconds: one worker runs all
+#: of a group. They come first, since no worker should end alone with one.
+TOGETHER = (
+    ("tests/study/",),
+    ("tests/report/",),
+    ("tests/commands/",),
+    ("tests/test_readme.py", "tests/test_notebooks.py"),
+)
+
+
+@pytest.fixture(scope="session")
+def posteriors(tmp_path_factory):
+    """A folder for posteriors that tests share: tests/cache holds that none is changed by it."""
+    return str(tmp_path_factory.mktemp("posteriors"))
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """Hand out files, some folders whole, in the order of the collection."""
+    """Hand out files, some of them together, in the order of the collection."""
     if config.getvalue("dist") != "loadfile":
         return None
     from xdist.scheduler import LoadFileScheduling
 
     class Scheduling(LoadFileScheduling):
         def _split_scope(self, nodeid):
-            folders = [folder for folder in TOGETHER if nodeid.startswith(folder)]
-            return folders[0] if folders else super()._split_scope(nodeid)
+            groups = [group[0] for group in TOGETHER if nodeid.startswith(group)]
+            return groups[0] if groups else super()._split_scope(nodeid)
 
     config.option.loadscopereorder = False
     return Scheduling(config, log)
@@ -50,7 +60,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(items):
-    items.sort(key=lambda item: not item.nodeid.startswith((*TOGETHER, *FIRST)))
+    items.sort(key=lambda item: not item.nodeid.startswith(sum(TOGETHER, ())))
     for item in items:
         marker = item.get_closest_marker("evidence")
         if marker is not None and not LONG and not marker.kwargs.get("reduced", False):

@@ -9,13 +9,10 @@ import pytest
 NOTEBOOKS = Path(__file__).resolve().parents[1] / "docs" / "notebooks"
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    """A posterior cache of the tests' own."""
-    folder = tmp_path_factory.mktemp("cache")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PERCEPT_CACHE", str(folder))
-        yield
+@pytest.fixture
+def cache(posteriors, monkeypatch):
+    """One cache for all pages, so that none samples what another has sampled."""
+    monkeypatch.setenv("PERCEPT_CACHE", posteriors)
 
 
 def run(name):

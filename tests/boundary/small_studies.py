@@ -55,9 +55,10 @@ def subsets(count: int) -> Iterator[tuple[str, ...]]:
     yield from chosen if count == 3 else (chosen[i * len(chosen) // 60] for i in range(60))
 
 
-def curves_of(subjects: tuple[str, ...]) -> Study:
-    """Draw the curves of some of the published study's subjects."""
+def curves_of(subjects: tuple[str, ...], environments: int = len(_PLACES)) -> Study:
+    """Draw the curves of some of the published study's subjects, in its first environments."""
     table = read_sessions(DATASETS / "hbfd_sessions.csv").table
+    table = table[table["environment"].isin(list(_PLACES)[:environments])]
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(tolerance=_TOLERANCE)
     study = Study(Sessions.from_frame(table[table["subject"].isin(subjects)]), scene)
     boundaries = study.boundaries

@@ -9,7 +9,7 @@ from tests.boundary.small_studies import curves_of, pages_of
 
 
 def test_curves_of_three_subjects_are_drawn_or_said_to_be_missing() -> None:
-    study = curves_of(("S01", "S02", "S03"))
+    study = curves_of(("S01", "S02", "S03"), environments=2)
     assert {boundary.environment for boundary in study.boundaries} == set(study.parts.environments)
 
 

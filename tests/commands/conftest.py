@@ -4,11 +4,6 @@ digit."""
 import pytest
 
 
-@pytest.fixture(scope="session")
-def kept(tmp_path_factory):
-    return str(tmp_path_factory.mktemp("posteriors"))
-
-
 @pytest.fixture(autouse=True)
-def _posteriors_are_kept(kept, monkeypatch):
-    monkeypatch.setenv("PERCEPT_CACHE", kept)
+def _posteriors_are_kept(posteriors, monkeypatch):
+    monkeypatch.setenv("PERCEPT_CACHE", posteriors)

@@ -116,7 +116,7 @@ def sessions() -> Sessions:
 @pytest.mark.parametrize("subjects", [2, 3, 4] if LONG else [2, 3])
 def test_the_smallest_studies_have_maps_or_a_reason(sessions, subjects) -> None:
     kept = sessions.table["subject"].isin(sorted(sessions.subjects)[:subjects])
-    kept &= sessions.table["environment"].isin(["VE1", "VE2"])
+    kept &= sessions.table["environment"].isin(["VE1", "VE2"] if LONG else ["VE1"])
     study = Study(Sessions.from_frame(sessions.table[kept]), scene_of())
     results = study.results()
     if subjects == 2:
@@ -125,7 +125,8 @@ def test_the_smallest_studies_have_maps_or_a_reason(sessions, subjects) -> None:
         assert results.design is results.sensitivity is None
         return
     assert results.design.method == "classical"
-    assert len(results.design.environments) == 3
+    # With several there is a map of them all.
+    assert len(results.design.environments) == (3 if LONG else 1)
     largest = max(environment.probability.max() for environment in results.design.environments)
     assert 0.0 < largest < 1.0
     assert {one.name for one in results.sensitivity.environments} == set(
