@@ -30,7 +30,7 @@ _FLAGS = (
 )
 _PATIENCE = 60.0
 # Of a picture kept. With 40 two colours of lines would become one.
-_COLOURS = 128
+_COLOURS = 64
 _NAMES = (
     "chromium",
     "chromium-browser",

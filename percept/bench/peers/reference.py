@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -69,26 +68,29 @@ class Reference:
         return float(np.sqrt(np.mean(relative**2)))
 
 
-def stored_references() -> dict[str, Reference]:
-    """Return the references that come with percept, by study."""
-    text = resources.files("percept.bench.peers").joinpath(_FILE).read_text(encoding="utf-8")
-    references = {}
-    for study, fields in json.loads(text).items():
+def stored_references(folder: str | Path) -> dict[str, Reference]:
+    """Return the references that a folder keeps, by study; none where it has no file of them."""
+    path = Path(folder) / _FILE
+    references: dict[str, Reference] = {}
+    if not path.is_file():
+        return references
+    for study, fields in json.loads(path.read_text(encoding="utf-8")).items():
         value = np.array(fields.pop("value"))
         error = np.array(fields.pop("error"))
         references[study] = Reference(value, error, **fields)
     return references
 
 
-def stored_reference(study: str) -> Reference:
+def stored_reference(folder: str | Path, study: str) -> Reference:
     """Return the reference of one study; RefusalError where there is none."""
-    references = stored_references()
+    references = stored_references(folder)
     if study not in references:
         raise RefusalError(
-            f"no reference limits are stored; there are some for {', '.join(references)}.",
+            f"{Path(folder) / _FILE} has no reference limits of this study.",
             key="--rows",
             value=study,
-            hint="Make them: percept bench reference --rows STUDY --out DIR.",
+            hint="Copy reports/benchmark/reference.json of the repository there,"
+            " or make them: percept bench reference --rows STUDY --out DIR.",
         )
     return references[study]
 
@@ -119,7 +121,7 @@ def make_references(
         The references, in the form percept stores them in.
     """
     folder = Path(out)
-    references = stored_references()
+    references = stored_references(folder)
     for study in studies or STUDIES:
         log(f"{study}: {runs} runs")
         run = partial(_run, study_statistics(study))

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from percept.bench.measure import machine
 from percept.bench.peers.document import Benchmark, StudyFacts, build_document
-from percept.bench.peers.engines import ENGINES, Engine, engine
+from percept.bench.peers.engines import ENGINES, STUDIES, Engine, engine
 from percept.bench.peers.processes import (
     COMMANDS,
     LONGEST,
@@ -22,7 +22,7 @@ from percept.bench.peers.processes import (
     measure,
     whole_commands,
 )
-from percept.bench.peers.reference import stored_reference, stored_references
+from percept.bench.peers.reference import stored_reference
 from percept.errors import RefusalError
 from percept.files import FolderFiles, filled_folder, refuse_foreign
 from percept.provenance import made_by
@@ -64,7 +64,7 @@ def run_benchmark(
     Parameters
     ----------
     out : str or Path
-        Folder of the page, made where it does not exist.
+        Folder of the page, which keeps reference.json.
     plan : Plan
         What is measured.
     command : str
@@ -88,7 +88,6 @@ def run_benchmark(
     """
     refuse_foreign(out, _FILES, force=force)
     chosen = [engine(name) for name in plan.engines] or list(ENGINES)
-    references = {name: stored_reference(name) for name in plan.studies or stored_references()}
     present = [sampler for sampler in chosen if not sampler.missing]
     left_out = {sampler.title: sampler.missing for sampler in chosen if sampler.missing}
     for title, missing in left_out.items():
@@ -96,6 +95,7 @@ def run_benchmark(
     if not present:
         names = ", ".join(plan.engines)
         raise RefusalError("none of these engines is installed.", value=names, hint=_EXTRA)
+    references = {name: stored_reference(out, name) for name in plan.studies or STUDIES}
     begun = time.perf_counter()
     load_before = os.getloadavg()[0]
     whole: list[Whole] = []

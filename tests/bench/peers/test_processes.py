@@ -3,12 +3,14 @@ them."""
 
 import importlib.util
 import json
+import shutil
 
 import pytest
 
 from percept.bench.peers.processes import whole_commands
 from percept.cli import main
 from percept.errors import RefusalError
+from tests import BENCHMARK
 
 
 def test_commands_take_turns_and_are_timed(tmp_path):
@@ -47,6 +49,7 @@ without_peers = pytest.mark.skipif(
 
 @without_peers
 def test_what_is_not_installed_is_left_out_and_its_extra_named(tmp_path, capsys):
+    shutil.copy(BENCHMARK / "reference.json", tmp_path)
     words = ["--engines", "percept", "nutpie", "--rows", "published", "--quick", "--repeats", "0"]
     assert main(["bench", "peers", *words, "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().err
@@ -65,6 +68,8 @@ def test_what_is_not_installed_is_left_out_and_its_extra_named(tmp_path, capsys)
 @without_peers
 def test_a_whole_quick_benchmark_of_what_is_installed(tmp_path, capsys):
     out = tmp_path / "out"
+    out.mkdir()
+    shutil.copy(BENCHMARK / "reference.json", out)
     words = [
         "bench",
         "peers",

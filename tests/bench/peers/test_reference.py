@@ -2,6 +2,7 @@
 with it."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -11,11 +12,12 @@ from percept.bench.peers import reference
 from percept.bench.peers.engines import percept_run, study_statistics
 from percept.bench.peers.reference import Reference, make_references, stored_reference
 from percept.errors import RefusalError
+from tests import BENCHMARK
 
 
 @pytest.fixture(scope="module")
 def stored():
-    return stored_reference("published")
+    return stored_reference(BENCHMARK, "published")
 
 
 def rows(seed, sd):
@@ -63,11 +65,14 @@ def test_relative_error_is_in_half_widths(stored):
     assert stored.relative_error(moved) == pytest.approx(0.03, rel=1e-12)
 
 
-def test_a_study_without_reference_is_refused():
+def test_a_study_without_reference_is_refused(tmp_path):
     with pytest.raises(
-        RefusalError, match="no reference limits are stored; there are some for published"
-    ):
-        stored_reference("nobody's")
+        RefusalError, match=r"reference\.json has no reference limits of this study"
+    ) as refused:
+        stored_reference(BENCHMARK, "nobody's")
+    assert "Copy reports/benchmark/reference.json" in str(refused.value)
+    with pytest.raises(RefusalError, match="has no reference limits"):
+        stored_reference(tmp_path, "published")
 
 
 def test_reference_command_goes_on_from_what_is_there(tmp_path, stored):
@@ -77,6 +82,7 @@ def test_reference_command_goes_on_from_what_is_there(tmp_path, stored):
         json.dumps({"plan": f"published-k {reference._TOLERANCE}", "index": index} | kept)
         for index in range(2)
     ]
+    shutil.copy(BENCHMARK / "reference.json", tmp_path)
     (tmp_path / "runs.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
     path = make_references(tmp_path, ("published-k",), runs=2)
     found = json.loads(path.read_text(encoding="utf-8"))
