@@ -151,7 +151,8 @@ def test_points_of_equality_stand_on_their_line_s_figure(both):
         for row in both["psychophysics"]
         if row["measure"] == "pse" and row["parameter"] == "k" and row["method"] == "bayesian"
     ]
-    shown = [float(line.get_xdata()[0] * line.get_ydata()[0]) for line in marks]
+    (line,) = marks
+    shown = list(line.get_xdata() * line.get_ydata())
     assert shown == pytest.approx(points)
 
 

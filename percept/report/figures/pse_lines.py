@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
+from numpy.typing import NDArray
 
-from percept.errors import counted
 from percept.inference.record import percent
 from percept.report.figures.canvas import (
     COLOURS,
@@ -28,11 +27,13 @@ from percept.report.figures.canvas import (
     row_labels,
 )
 from percept.report.figures.intervals import tick_steps
-from percept.report.select import MOST_OPEN, distinct, matching, words_of
+from percept.report.select import choice_said, chosen, distinct, matching, words_of
 from percept.results import PseLineRow, PsychophysicsRow, Results
 from percept.sessions.quantities import Quantity
 
 __all__ = ["line_drawings"]
+
+FloatArray = NDArray[np.float64]
 
 #: mm, half a page, for one condition; several share the whole width.
 _WIDTH = 86.0
@@ -53,109 +54,99 @@ _FILL = 0.22
 
 def line_drawings(results: Results) -> list[Drawing]:
     """Return a figure per quantity, with a panel for each condition."""
+    words = words_of(results)
+    said = (
+        f"Line: where the {words.environments} lie on average, with limits at each reference and"
+        " limits that hold the whole line. Marks with bars: the point of subjective equality of"
+        f" each {words.environment}. Dashed: it equals the reference. All Bayesian."
+    )
     drawings = []
     for parameter in distinct(results.pse_lines, "parameter"):
-        rows = matching(results.pse_lines, parameter=parameter)
-        every = distinct(rows, "condition")
-        conditions = every[:MOST_OPEN]
-        columns = min(_COLUMNS, len(conditions))
-        further_rows = (len(conditions) - 1) // columns
-        label = results.data.quantities[parameter].label
+        conditions = distinct(matching(results.pse_lines, parameter=parameter), "condition")
+        shown = chosen(conditions)
+        columns = min(_COLUMNS, len(shown))
+        further_rows = (len(shown) - 1) // columns
         drawing = Drawing(
             name=f"pse_{parameter}",
-            title=f"Point of subjective equality of {label} over its reference",
-            description=_caption(results, len(every) - len(conditions)),
+            title="Points of subjective equality over the reference",
+            description=said + choice_said(conditions, "conditions"),
             size=(_WIDTH if columns == 1 else WIDE, _HEIGHT + _ROW_HEIGHT * further_rows),
-            draw=_draw_with(results, rows, conditions),
+            draw=_draw_with(results, parameter, shown),
         )
         drawings.append(drawing)
     return drawings
 
 
 def _draw_with(
-    results: Results, rows: Sequence[PseLineRow], conditions: Sequence[str]
+    results: Results, parameter: str, conditions: Sequence[str]
 ) -> Callable[[Figure], None]:
     """Return what draws the lines of a quantity on a figure."""
-    parameter = rows[0].parameter
     quantity = results.data.quantities[parameter]
+    rows = matching(results.pse_lines, parameter=parameter)
     cells = matching(results.data.cells, parameter=parameter)
     references = {cell.environment: cell.reference for cell in cells}
-    of_quantity = matching(results.psychophysics, parameter=parameter)
-    points = matching(of_quantity, measure="pse", method="bayesian")
+    of_quantity = matching(results.psychophysics, parameter=parameter, method="bayesian")
+    points = matching(of_quantity, measure="pse")
     columns = min(_COLUMNS, len(conditions))
     titles = row_labels(conditions, most=_TITLE)
-    ends = _ends(rows, points, references)
 
     def draw(figure: Figure) -> None:
         axes = panels(figure, len(conditions), columns=columns, frame=Frame(bottom=18.0))
+        lows = []
+        highs = []
         for condition, title, ax in zip(conditions, titles, axes, strict=True):
             line = matching(rows, condition=condition)
-            _draw_axes(ax, quantity, line, ends)
-            _draw_line(ax, line)
-            for point in points:
-                # A cell's name ends with its condition.
-                if str(point.environment).endswith(f" ({condition})" if condition else ""):
-                    _draw_point(ax, point, references[str(point.environment)])
+            # A cell's name ends with its condition.
+            ending = f" ({condition})" if condition else ""
+            own = [point for point in points if str(point.environment).endswith(ending)]
+            band = _draw_line(ax, line)
+            bars = _draw_points(ax, own, [references[str(point.environment)] for point in own])
+            lows += [*band[0], *bars[0]]
+            highs += [*band[1], *bars[1]]
             ax.set_title(title or quantity.head, loc="left")
+        ends = common_range(lows, highs, log=rows[0].family == "lognormal")
+        for ax in axes:
+            _draw_axes(ax, quantity, rows, ends)
         outer_labels(axes, columns)
         legend(axes[0], ncols=2)
 
     return draw
 
 
-def _ends(
-    rows: Sequence[PseLineRow],
-    points: Sequence[PsychophysicsRow],
-    references: Mapping[str, float],
-) -> tuple[float, float]:
-    """Return the ends of the axis that all panels share: nothing far out flattens the rest."""
-    lows = [row.lower_together / row.reference for row in rows]
-    highs = [row.upper_together / row.reference for row in rows]
-    for point in points:
-        reference = references[str(point.environment)]
-        lows.append(point.lower / reference)
-        highs.append(point.upper / reference)
-    return common_range(lows, highs, log=rows[0].family == "lognormal")
-
-
-def _draw_line(ax: Axes, rows: Sequence[PseLineRow]) -> None:
-    """Draw a line with both of its bands, over the reference."""
+def _draw_line(ax: Axes, rows: Sequence[PseLineRow]) -> FloatArray:
+    """Draw a line with both of its bands; return the limits of the wider one, (2, n)."""
     reference = np.array([row.reference for row in rows])
-    curves = {}
-    for name in ("estimate", "lower", "upper", "lower_together", "upper_together"):
-        curves[name] = np.array([getattr(row, name) for row in rows]) / reference
+    band = np.array([(row.lower_together, row.upper_together) for row in rows]).T / reference
+    curves = np.array([(row.lower, row.upper, row.estimate) for row in rows]) / reference[:, None]
     colour = COLOURS["bayesian"]
     level = percent(rows[0].level)
-    together = ax.fill_between(
-        reference,
-        curves["lower_together"],
-        curves["upper_together"],
-        color=colour,
-        alpha=_FILL,
-        linewidth=0.0,
-        label=f"whole line, {level}",
-    )
-    drawn: list[Artist] = [together]
-    for name in ("lower", "upper"):
-        label = f"each reference, {level}"
-        drawn += ax.plot(reference, curves[name], color=colour, linewidth=0.7, label=label)
-    drawn += ax.plot(reference, curves["estimate"], color=colour, linewidth=1.6, label="line")
-    mark(ax, drawn, "bayesian", "mean")
+    label = f"whole line, {level}"
+    whole = ax.fill_between(reference, *band, color=colour, alpha=_FILL, linewidth=0.0, label=label)
+    label = f"each reference, {level}"
+    limits = ax.plot(reference, curves[:, :2], color=colour, linewidth=0.7, label=label)
+    line = ax.plot(reference, curves[:, 2], color=colour, linewidth=1.6, label="line")
+    mark(ax, [whole, *limits, *line], "bayesian", "mean")
+    return band
 
 
-def _draw_point(ax: Axes, point: PsychophysicsRow, reference: float) -> None:
-    """Draw an environment's estimate with its interval."""
-    ends = np.array([point.lower, point.upper]) / reference
-    bar = ax.plot([reference, reference], ends, color=COLOURS["ink"], linewidth=0.9)
-    estimate = ax.plot(
-        [reference],
-        [point.estimate / reference],
-        MARKERS["bayesian"],
+def _draw_points(
+    ax: Axes, points: Sequence[PsychophysicsRow], references: Sequence[float]
+) -> FloatArray:
+    """Draw what each environment has of its own; return the ends of the bars, (2, n)."""
+    limits = np.array([(point.lower, point.upper) for point in points]).T / references
+    estimates = np.array([point.estimate for point in points]) / references
+    drawn = ax.errorbar(
+        references,
+        estimates,
+        np.abs(limits - estimates),
+        fmt=MARKERS["bayesian"],
+        color=COLOURS["ink"],
         markersize=3.6,
         markerfacecolor=COLOURS["paper"],
-        markeredgecolor=COLOURS["ink"],
+        linewidth=0.9,
     )
-    mark(ax, [*bar, *estimate], "bayesian", "mean")
+    mark(ax, drawn.get_children(), "bayesian", "mean")
+    return limits
 
 
 def _draw_axes(
@@ -176,16 +167,3 @@ def _draw_axes(
     unit = f" ({quantity.unit})" if quantity.unit else ""
     ax.set_xlabel(f"reference{unit}")
     ax.set_ylabel("PSE / reference")
-
-
-def _caption(results: Results, left_out: int) -> str:
-    """Say what line, bands and marks stand for, and which conditions are not drawn."""
-    words = words_of(results)
-    said = (
-        f"Line: where the {words.environments} lie on average, with limits at each reference and"
-        " limits that hold the whole line. Marks with bars: the point of subjective equality of"
-        f" each {words.environment}. Dashed: it equals the reference. All Bayesian."
-    )
-    if left_out:
-        said += f" {counted(left_out, 'condition')} more in the table."
-    return said

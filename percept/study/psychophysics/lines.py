@@ -107,7 +107,8 @@ class _Line:
         # Of the location alone: users are not asked for.
         laws = ConditionalMoments(mean @ weights, np.sqrt(variance), np.zeros_like(variance))
         single_limits = bounded_means(laws, asked.level, len(mean))
-        worst = max(_error(limits) for limits in single_limits)
+        # In half-widths.
+        worst = max(2.0 * (own.error or 0.0) / (own.upper - own.lower) for own in single_limits)
         if worst > _MOST_TOLERANCES * asked.tolerance:
             what = f"line of {quantity.label} over the reference"
             why = f"the Monte Carlo error of its limits is {worst:.0%} of a half-width"
@@ -156,9 +157,3 @@ class _Line:
         if self.fit.scale.log:
             return mapped(bounded, lambda response: reference * math.exp(response))
         return mapped(bounded, lambda response: reference * (1.0 + response))
-
-
-def _error(limits: Bounded) -> float:
-    """Return the Monte Carlo error of limits in half-widths."""
-    half_width = 0.5 * (limits.upper - limits.lower)
-    return (limits.error or 0.0) / half_width
