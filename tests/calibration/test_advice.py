@@ -203,6 +203,7 @@ def test_a_study_that_cannot_be_simulated_has_theory_alone() -> None:
     assert "would tell" not in text
 
 
+@pytest.mark.evidence
 def test_calibrate_writes_what_compare_recommends_by(
     plain: Study, tmp_path, monkeypatch, capsys
 ) -> None:

@@ -63,6 +63,7 @@ def test_a_batch_on_two_processes(percept, tmp_path):
     assert list(dict.fromkeys(row["study"] for row in rows)) == studies
 
 
+@pytest.mark.evidence
 def test_calibration_as_it_is_recommended(percept, tmp_path):
     """On as many processes as there are cores, one of which may be this one."""
     words = ["--from", "prior", "--method", "classical", "--studies", "2", "--quiet"]

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 
+import pandas as pd
 import pytest
 
 from percept.commands.analysis import Working
@@ -79,7 +80,7 @@ def test_a_long_command_tells_the_time_left_by_its_own_rate():
     assert 60 * int(minutes) + int(seconds) >= 149
 
 
-@pytest.mark.parametrize("columns", [40, 80, 100])
+@pytest.mark.parametrize("columns", [40, 100])
 def test_shows_what_it_does_and_then_the_sampler(columns):
     code, printed, shown = on_a_terminal(SAMPLING, columns=columns)
     assert code == 0, shown
@@ -137,7 +138,10 @@ def test_a_quiet_command_says_nothing_of_a_long_run(capsys):
 
 
 def test_a_fit_on_a_terminal(tmp_path):
-    words = ["fit", SESSIONS, "--tolerance", "0.3", "--seed", "1", "--no-cache", "--out", tmp_path]
+    table = pd.read_csv(SESSIONS, dtype={"subject": str})
+    sessions = tmp_path / "sessions.csv"
+    table[table["environment"] == "VE1"].to_csv(sessions, index=False)
+    words = ["fit", sessions, "--tolerance", "0.3", "--seed", "1", "--no-cache", "--out", tmp_path]
     code, printed, shown = on_a_terminal(COMMAND, *map(str, words))
     assert code == 0, shown
     assert (tmp_path / "posterior.nc").exists()

@@ -18,6 +18,7 @@ from percept.haptics import (
 from percept.haptics.design import EnvironmentBoundary, design_couplings
 from percept.haptics.limits import best_coupling_damping
 from percept.haptics.search import Intervals, where_positive
+from tests import LONG
 
 T = 1e-3
 RANGE = (0.1, 100.0)
@@ -69,6 +70,10 @@ def test_intervals_are_what_the_forward_problem_says(boundaries):
         assert not found[~near].any()
 
 
+COUPLINGS = 500 if LONG else 100
+
+
+@pytest.mark.evidence(reduced=True)
 def test_extremes_qualify_and_nothing_beyond_does():
     design = design_couplings(DEVICE, BOUNDARIES, RANGE, T)
     assert len(design.each) == 3
@@ -80,9 +85,9 @@ def test_extremes_qualify_and_nothing_beyond_does():
         for coupling in (region.largest, region.softest):
             one = Coupling(np.array([coupling.stiffness]), coupling.damping)
             assert qualifies(one, boundaries).all()
-        damping = rng.uniform(0, 170, 500)
-        beyond = Coupling(region.largest.stiffness * rng.uniform(1.001, 3, 500), damping)
-        below = Coupling(region.softest.stiffness * rng.uniform(0.3, 0.999, 500), damping)
+        damping = rng.uniform(0, 170, COUPLINGS)
+        beyond = Coupling(region.largest.stiffness * rng.uniform(1.001, 3, COUPLINGS), damping)
+        below = Coupling(region.softest.stiffness * rng.uniform(0.3, 0.999, COUPLINGS), damping)
         assert not qualifies(beyond, boundaries).any()
         assert not qualifies(below, boundaries).any()
     # Wide boundaries do not stop the stiffest coupling there is.

@@ -129,19 +129,18 @@ def test_levels_that_differ_in_spread_are_factors():
 def planted():
     """Two factors within subjects, groups, and a covariate, with their effects planted."""
     scene = Scene(
-        # Trial SDs of each subject take most of the time, and other tests are of them.
         model={
             "bias": "hand * load + group + dose",
             "spread": "hand",
-            "subjects_trial_sd": LONG,
+            "subjects_trial_sd": True,
         },
-        inference={"tolerance": 0.05 if LONG else 0.3, "level": 0.95, "parameters": ["k"]},
+        inference={"tolerance": 0.05, "level": 0.95, "parameters": ["k"]},
     )
     options = ReadOptions.from_mapping(dict(scene))
-    return Study(Sessions.from_frame(crossed(subjects=16 if LONG else 8), scene=options), scene)
+    return Study(Sessions.from_frame(crossed(subjects=16), scene=options), scene)
 
 
-@pytest.mark.evidence(reduced=True)
+@pytest.mark.evidence
 def test_planted_effects_are_recovered(planted):
     """Every planted value lies within its limits, which are not wide."""
     found = planted.parts.contrasts
@@ -153,7 +152,7 @@ def test_planted_effects_are_recovered(planted):
             "records"
         )
         assert np.log(row["lower"]) < effect < np.log(row["upper"]), factor
-        assert np.log(row["upper"] / row["lower"]) < (0.6 if LONG else 1.2), factor
+        assert np.log(row["upper"] / row["lower"]) < 0.6, factor
     assert set(found["of"]) == {"level", "bias", "spread", "interaction", "slope"}
     within = found.groupby("factor")["within"].first()
     assert not within["group"]
@@ -163,6 +162,7 @@ def test_planted_effects_are_recovered(planted):
     assert set(groups["kind"]) == {"mean"}
 
 
+@pytest.mark.evidence
 def test_both_methods_have_the_contrasts_of_factors(planted):
     found = planted.parts.contrasts
     keys = ["factor", "first", "second", "environment", "kind", "of"]
@@ -178,6 +178,7 @@ def test_both_methods_have_the_contrasts_of_factors(planted):
     assert set(spreads["factor"]) == {"hand"}
 
 
+@pytest.mark.evidence
 def test_the_page_tells_every_kind_of_contrast(planted):
     page = page_of(build_document(planted, curves=False))
     assert "Slope on dose of" in page

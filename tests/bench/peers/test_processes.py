@@ -47,6 +47,7 @@ without_peers = pytest.mark.skipif(
 )
 
 
+@pytest.mark.evidence
 @without_peers
 def test_what_is_not_installed_is_left_out_and_its_extra_named(tmp_path, capsys):
     shutil.copy(BENCHMARK / "reference.json", tmp_path)

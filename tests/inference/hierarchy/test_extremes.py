@@ -12,6 +12,7 @@ from percept.inference.hierarchy.blocks import block
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.scales import Scales
 from percept.inference.hierarchy.statistics import from_trials
+from tests import LONG
 from tests.inference.hierarchy import exact
 
 BOUND = 1e-9
@@ -162,13 +163,19 @@ def check(case):
     assert abs(value - wanted) <= BOUND * (1 + abs(wanted))
 
 
-@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@pytest.mark.evidence(reduced=True)
+@settings(
+    max_examples=80 if LONG else 30, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
 @given(cases(from_model=False))
 def test_any_design_at_any_scales(case):
     check(case)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@pytest.mark.evidence(reduced=True)
+@settings(
+    max_examples=60 if LONG else 30, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
 @given(cases(from_model=True))
 def test_data_that_follow_the_model(case):
     check(case)
@@ -208,7 +215,10 @@ def test_one_level_a_million_million_times_the_others(large):
     check(case)
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@pytest.mark.evidence(reduced=True)
+@settings(
+    max_examples=100 if LONG else 40, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
 @given(cases(from_model=False), st.floats(0.0, 35.0), st.integers(0, 2**31))
 def test_never_nan_for_any_coordinates(case, reach, seed):
     *_, density = build(case)
