@@ -94,7 +94,7 @@ def with_mapping(
     proposal = propose_columns(*arguments.sessions, options=options)
     if not proposal.guessed:
         raise error
-    if proposal.refused is not None:
+    if proposal.refused is not None and not proposal.missing:
         first = getattr(proposal.refused, "problems", (proposal.refused,))[0]
         hint = f"{error.hint} percept tried a mapping of its own. Under it: {first}"
         raise UsageError(
@@ -113,14 +113,19 @@ def with_mapping(
             # Stiffness and damping are what a scene without quantities means, not a part of it.
             del tables["quantities"]
         return scene.with_tables(**_without_defaults(tables, tomllib.loads(proposal.text)))
-    lacking = f" It lacks {', '.join(proposal.missing)}." if proposal.missing else ""
+    lacking = f"It lacks {', '.join(proposal.missing)}."
     hint = (
         "Add --accept to go on with it, or --write-scene scene.toml to write it too."
-        f" percept new --from writes it alone.{lacking}"
+        " percept new --from writes it alone."
     )
     if written:
         hint = (
-            f"{written.strip()}{lacking} Fill that in, then give --scene {arguments.write_scene}."
+            f"{written.strip()} {lacking} Fill that in, then give --scene {arguments.write_scene}."
+        )
+    elif proposal.missing:
+        hint = (
+            f"{lacking} Add --write-scene scene.toml to write it, fill that in, then give"
+            " --scene scene.toml."
         )
     message = (
         f"the columns have other names. This is what percept would make of them:\n\n{proposal.text}"

@@ -124,8 +124,13 @@ def screen(
     pooled: Iterable[str],
     family: str,
     factors: Factors | None,
+    *,
+    left_out: bool = False,
 ) -> Iterator[Notice]:
-    """Warn of what is seldom meant. Nothing is left out: that is for the analyst to declare."""
+    """Warn of what is seldom meant. Nothing is left out: that is for the analyst to declare.
+
+    `left_out` says that the analyst declared limits, and that some cells may have lost all trials.
+    """
     for slip in slips(table, quantities):
         yield Notice(f"{slip.text}: mistyped?", column=f"{slip.parameter}_adj", **place(slip.index))
     yield from _single_trials(table)
@@ -133,7 +138,7 @@ def screen(
         yield from _without_logarithm(table, quantity.name, place, family)
         yield from _at_a_limit(table, quantity.name, place)
         yield from _never_moved(table, quantity.name)
-    yield from _empty_cells(table, factors)
+    yield from _empty_cells(table, factors, "no trial left" if left_out else "no trial")
     for column in pooled:
         yield from _pooled(table, column)
 
@@ -171,12 +176,15 @@ def empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[tuple[
             yield subject, name
 
 
-def _empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[Notice]:
+def _empty_cells(table: pd.DataFrame, factors: Factors | None, what: str) -> Iterator[Notice]:
     """Name the subjects that lack an environment."""
     lacking = [f"{subject} at {name}" for subject, name in empty_cells(table, factors)]
-    if lacking:
+    of_subjects = table.groupby("subject", sort=False)["environment"].nunique()
+    if lacking and len(of_subjects) > 1 and (of_subjects == 1).all():
+        yield Notice("each subject met one environment: environments are groups of subjects")
+    elif lacking:
         has = "has" if len(lacking) == 1 else "have"
-        yield Notice(f"{counted(len(lacking), 'cell')} {has} no trial: {shown(lacking)}")
+        yield Notice(f"{counted(len(lacking), 'cell')} {has} {what}: {shown(lacking)}")
 
 
 def _without_logarithm(

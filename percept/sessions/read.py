@@ -165,8 +165,15 @@ class Sessions:
         if self.form != "trials":
             return tuple(scales)
         pooled = self.options.pooled(self.table.columns)
-        family = self.options.family
-        seldom = doubts.screen(self.table, quantities, self.place, pooled, family, self.factors)
+        seldom = doubts.screen(
+            self.table,
+            quantities,
+            self.place,
+            pooled,
+            self.options.family,
+            self.factors,
+            left_out=not self.at_limits.empty,
+        )
         return (*scales, *seldom)
 
     @cached_property

@@ -245,6 +245,23 @@ def test_scales_without_ratios_say_what_to_set(tmp_path, unit, references, said)
         assert text.endswith(ERRORS)
 
 
+def test_environments_of_different_subjects_are_groups_of_them(tmp_path):
+    path = tmp_path / "groups.csv"
+    rows = [f"{s},{'metres' if s % 2 else 'feet'},14,{12 + s}" for s in range(1, 9)]
+    path.write_text("\n".join(["subject,environment,x_ref,x_adj", *rows]) + "\n")
+    (said,) = read_sessions(path, scene=Scene(quantities={"x": {}})).warnings
+    assert str(said) == "each subject met one environment: environments are groups of subjects"
+
+
+def test_cells_whose_trials_lie_at_a_limit_had_some(tmp_path):
+    path = tmp_path / "ends.csv"
+    rows = [f"{s},{r},{r},{r + s}" for s in range(1, 6) for r in (40, 60)]
+    path.write_text("\n".join(["subject,environment,x_ref,x_adj", *rows]) + "\n")
+    scene = Scene(quantities={"x": {"limits": [0.0, 65.0]}})
+    (said,) = read_sessions(path, scene=scene).warnings
+    assert str(said) == "1 cell has no trial left: '5 at 60'"
+
+
 @pytest.mark.parametrize(
     ("unit", "references", "half"),
     [("deg", (10.0, 170.0, 350.0), "180 deg"), ("rad", (0.5, 4.0), "3.142 rad")],
