@@ -24,8 +24,8 @@ __all__ = ["CellProblem", "PatternScatter"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-#: Numbers in the largest temporary of a pass: more leave the processor's cache, fewer waste calls.
-_NUMBERS = 1 << 17
+#: Numbers in the largest temporary of a pass: fewer waste calls, and more gain nothing.
+_NUMBERS = 1 << 19
 #: Draws of a pass, whatever the design.
 _FEWEST_DRAWS = 8
 _MOST_DRAWS = 512

@@ -6,7 +6,10 @@ transport fitted to its draws shortens the autocorrelation time by about a third
 
 from __future__ import annotations
 
+import ctypes
+import functools
 import math
+import platform
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -34,6 +37,9 @@ _WORTH_REFINING = 3.0
 #: Later it does at this multiple, times how much larger its sample is than that of its transport.
 _WORTH_AGAIN = 1.5
 _LARGER_SAMPLE = 6.0
+#: Draws of an ensemble per coordinate: a transport fitted to fewer leaves walkers slow, and a run
+#: that is far from its accuracy begins again too.
+_THIN_SAMPLE = 100.0
 #: Times a run may begin again: each transport follows many coordinates better than the one before.
 _MOST_REFINED = 4
 #: Expected ratio of autocorrelation times after and before that.
@@ -47,6 +53,14 @@ _REFINED_STEPS = 168
 #: Least and most steps of its first round.
 _LEAST_REFINED_ROUND = 96
 _MOST_REFINED_ROUND = 384
+
+#: Names of two settings in glibc's malloc.h.
+_TRIM_THRESHOLD = -1
+_MMAP_THRESHOLD = -3
+#: Bytes of freed memory that are kept: more than what one pass over a density needs.
+_KEPT = 1 << 28
+#: Bytes of the largest array that is taken from it, the most that glibc allows.
+_LARGEST = 1 << 25
 
 
 def sample(
@@ -82,6 +96,7 @@ def sample(
     RefusalError
         A density that is NaN somewhere, or -inf everywhere.
     """
+    _keep_freed_memory()
     task = Task(estimands, settings, memory or Memory(), progress)
     seeds = np.random.SeedSequence(settings.seed).spawn(2 + 2 * _MOST_REFINED)
     shape = (settings.ensembles, settings.walkers or _WALKERS)
@@ -111,17 +126,32 @@ def sample(
         chain = Chain(task, transported, points, seed, Pace(_REFINED_STRIDE, size.first_round))
 
 
-def _worth_refining(
-    chain: Chain,
-    run: Run,
-    draws: int,
-    transport_draws: int,
-) -> bool:
-    """Whether to begin again: once for accuracy, later for slow walkers with a larger sample."""
+@functools.cache
+def _keep_freed_memory() -> None:
+    """Have glibc keep what arrays free for the next ones; other C libraries stay as they are.
+
+    By default glibc gives it back to the system after every pass over a density, and the next pass
+    takes it again page by page. That is a quarter of the time of a fit with subjects' own trial
+    SDs.
+    """
+    if platform.libc_ver()[0] != "glibc":
+        return
+    library = ctypes.CDLL(None)
+    library.mallopt(_TRIM_THRESHOLD, _KEPT)
+    library.mallopt(_MMAP_THRESHOLD, _LARGEST)
+
+
+def _worth_refining(chain: Chain, run: Run, draws: int, transport_draws: int) -> bool:
+    """Whether to begin again: once for accuracy, later with a far larger sample to fit to."""
+    rounds = chain.steps_needed(run) / chain.spanned
     if not transport_draws:
-        return chain.steps_needed(run) / chain.spanned > _WORTH_REFINING
-    rounds = run.steps_to_settle / chain.spanned
-    return rounds > _WORTH_AGAIN and rounds * draws > _LARGER_SAMPLE * transport_draws
+        return rounds > _WORTH_REFINING
+    settling = run.steps_to_settle / chain.spanned
+    larger = draws / transport_draws
+    if settling > _WORTH_AGAIN and settling * larger > _LARGER_SAMPLE:
+        return True
+    thin = transport_draws < _THIN_SAMPLE * run.points.shape[-1]
+    return thin and rounds > _WORTH_REFINING and rounds * larger > _LARGER_SAMPLE
 
 
 @dataclass(frozen=True)

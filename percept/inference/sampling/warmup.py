@@ -166,34 +166,55 @@ def _tempered(log_weights: Array, effective: float) -> Array:
 def find_mode(density: Density, start: Array) -> tuple[Array, Array]:
     """Climb to a mode (d,) and measure the covariance (d, d) that the curvature there gives.
 
-    Newton steps on central differences, with the Hessian's eigenvalues kept negative and the step
-    halved until the density rises. All points of one step are evaluated in one call.
+    Newton steps with gradients by central differences, each halved until the density rises. The
+    curvature begins as that along each coordinate alone. Every step then corrects it by how the
+    gradient changed (Broyden, Fletcher, Goldfarb and Shanno, 1970). It is measured in full at the
+    mode alone: pairs of coordinates take most density values.
     """
     point = start
     value = float(density(point[None])[0])
     lengths = 0.5 ** np.arange(_HALVINGS)
+    gradient, hessian = _derivatives(density, point, paired=False)
+    precision = -hessian
     for _ in range(_STEPS):
-        gradient, hessian = _derivatives(density, point)
-        step = _limited_inverse(hessian) @ gradient
+        step = _limited_inverse(precision) @ gradient
         trials = point + lengths[:, None] * step
         values = density(trials)
         best = int(np.argmax(values))
         if not values[best] > value:
             break
         rise = values[best] - value
+        moved = trials[best] - point
         point = trials[best]
         value = float(values[best])
         if rise < _SMALL_RISE:
             break
-    _, hessian = _derivatives(density, point)
-    return point, _limited_inverse(hessian)
+        before = gradient
+        gradient, _ = _derivatives(density, point, paired=False)
+        precision = _corrected(precision, moved, before - gradient)
+    _, hessian = _derivatives(density, point, paired=point.size <= _MOST_PAIRED)
+    return point, _limited_inverse(-hessian)
 
 
-def _derivatives(density: Density, point: Array) -> tuple[Array, Array]:
-    """Gradient and Hessian by central differences, zero where these are infinite."""
+def _corrected(precision: Array, moved: Array, fall: Array) -> Array:
+    """Change a precision as little as makes it explain the fall of the gradient over a move."""
+    along = float(fall @ moved)
+    if along <= 0.0:
+        # The density is not concave here, and a precision cannot be negative.
+        return precision
+    expected = precision @ moved
+    explained = np.outer(expected, expected) / float(expected @ moved)
+    return precision - explained + np.outer(fall, fall) / along
+
+
+def _derivatives(density: Density, point: Array, *, paired: bool) -> tuple[Array, Array]:
+    """Gradient and Hessian by central differences, zero where these are infinite.
+
+    Without pairs of coordinates the Hessian is diagonal.
+    """
     size = point.size
     steps = _DIFFERENCE * np.eye(size)
-    rows, columns = np.triu_indices(size if size <= _MOST_PAIRED else 0, 1)
+    rows, columns = np.triu_indices(size if paired else 0, 1)
     pairs = steps[rows] + steps[columns]
     around = (
         point[None],
@@ -220,8 +241,8 @@ def _derivatives(density: Density, point: Array) -> tuple[Array, Array]:
     return gradient, np.nan_to_num(hessian, posinf=0.0, neginf=0.0)
 
 
-def _limited_inverse(hessian: Array) -> Array:
-    """Inverse of -H with its eigenvalues limited."""
-    values, vectors = np.linalg.eigh(-hessian)
+def _limited_inverse(precision: Array) -> Array:
+    """Inverse of a precision with its eigenvalues limited."""
+    values, vectors = np.linalg.eigh(precision)
     limited = np.clip(values, _LEAST_CURVATURE, _MOST_CURVATURE)
     return (vectors / limited) @ vectors.T

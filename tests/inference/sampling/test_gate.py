@@ -1,6 +1,8 @@
 """The gate withholds what must be withheld and says why; broken densities are refused by name."""
 
+import platform
 import re
+import resource
 
 import numpy as np
 import pytest
@@ -367,3 +369,20 @@ def test_autocorrelation_times_are_in_steps_and_all_walkers_count():
     assert run.gate.effective_draws == pytest.approx(
         kept * run.stride / run.gate.autocorrelation_time
     )
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="of glibc alone")
+def test_freed_memory_serves_the_next_arrays():
+    sample(Normal(2), MEAN, Settings(tolerance=0.5))
+
+    def fill():
+        # Five arrays of 8 MB, whose pages are touched.
+        return [np.ones(1 << 20) for _ in range(5)]
+
+    fill()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(10):
+        fill()
+    faults = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+    # Otherwise there are thousands: each time the pages are taken from the system again.
+    assert faults < 1000

@@ -21,3 +21,26 @@ def test_starting_points_are_draws_of_the_target_and_not_of_what_proposed_them()
     # four times.
     np.testing.assert_allclose(points.mean(axis=0), 1.0, atol=0.15)
     np.testing.assert_allclose(points.std(axis=0), 0.8, atol=0.15)
+
+
+def test_the_mode_of_a_correlated_normal_takes_its_full_curvature_once():
+    rng = np.random.default_rng(5)
+    size = 30
+    turn, _ = np.linalg.qr(rng.normal(size=(size, size)))
+    covariance = turn * np.geomspace(0.01, 3.0, size) @ turn.T
+    precision = np.linalg.inv(covariance)
+    centre = rng.normal(size=size)
+    counts = []
+
+    def density(points):
+        counts.append(len(points))
+        return -0.5 * np.einsum("wi,ij,wj->w", points - centre, precision, points - centre)
+
+    mode, found = warmup.find_mode(density, np.zeros(size))
+    # The search ends where a step gains less than 0.001: all steps left gain some times as much.
+    distance = (mode - centre) @ precision @ (mode - centre)
+    assert distance < 0.02
+    np.testing.assert_allclose(found, covariance, rtol=1e-6, atol=1e-6)
+    # Two density values for each pair, and two for each coordinate.
+    full = size * (size - 1) + 2 * size + 1
+    assert [count for count in counts if count > 2 * size + 1] == [full]
