@@ -29,6 +29,7 @@ from percept.inference.hierarchy.blocks import Block
 from percept.inference.hierarchy.cell_problem import CellProblem, PatternScatter
 from percept.inference.hierarchy.information import precision_entries
 from percept.inference.hierarchy.one_pattern import CellScales, SubjectCovariance
+from percept.inference.hierarchy.small_cholesky import with_prior
 from percept.inference.hierarchy.trial_scatter import TrialScatter
 
 __all__ = ["CellEquations"]
@@ -63,7 +64,9 @@ class CellEquations:
         self._width = scales.effects.shape[-1]
         #: (C, G, W) D, of any value where a pattern has no cell.
         self.noise = self._cell_noise(scales.between)
-        self.precision = self.noise.inverse().scaled(problem.present[..., None])
+        #: (C, G, W) D⁻¹, zero where a pattern has no cell.
+        present = problem.present[..., None]
+        self.precision = self.noise.inverse().scaled(present)
         self._set_effects()
         self._set_latents_by_effects()
         self._set_latents()
@@ -76,35 +79,38 @@ class CellEquations:
         noise = between[:, None]
         if self.trial is not None:
             per_trial = self.trial[problem.trial_group]
-            noise = noise + per_trial.scaled(1.0 / problem.trials[..., None])
+            share = 1.0 / problem.trials
+            noise = noise + per_trial.scaled(share[..., None])
         grid = (*problem.present.shape, self._width)
         return noise.mapped(lambda part: np.broadcast_to(part, grid))
 
     def _set_effects(self) -> None:
         """Store H = D⁻¹Z, and the precision I + Z'H of the effects of each pattern."""
         # (P, C, q, W), so that products with columns of cells are products of matrices.
-        columns = np.ascontiguousarray(self.effect_columns.transpose(1, 2, 0, 3))
-        by_cell = self.precision.mapped(lambda part: part[:, None])
+        effects_third = self.effect_columns.transpose(1, 2, 0, 3)
+        columns = np.ascontiguousarray(effects_third)
+        for_effects = self.precision.mapped(lambda part: part[:, None])
         for_patterns = columns[:, :, :, None]
-        #: (P, C, q, G, W) H.
-        self.weighted_effects = np.stack(by_cell.apply(tuple(for_patterns)))
-        self.effects = np.einsum("pcaw,pcbgw->abgw", columns, self.weighted_effects)
-        diagonal = np.arange(len(self.effects))
-        self.effects[diagonal, diagonal] += 1.0
+        weighted = for_effects.apply(tuple(for_patterns))
+        self.weighted_effects = np.stack(weighted)  # (P, C, q, G, W) H
+        products = np.einsum("pcaw,pcbgw->abgw", columns, self.weighted_effects)
+        self.effects = with_prior(products)
 
     def _set_latents_by_effects(self) -> None:
         """Store the products √N B'H of the latents, and √N m'H of the data."""
         problem = self.problem
         weighted = self.weighted_effects
         effect_shape = weighted.shape[2:]
-        by_cell = weighted.reshape(problem.size * problem.cells, -1)
+        count = problem.size * problem.cells
+        by_cell = weighted.reshape(count, -1)
         # A product with b_i is √N times one with u = √N b̄, once summed over N subjects.
         root_subjects = np.sqrt(problem.subjects)[:, None]
         basis_by_effects = problem.sparse_basis @ by_cell
         basis_by_effects = basis_by_effects.reshape(-1, *effect_shape)
         basis_by_effects *= root_subjects
         deviations = self._by_environment(basis_by_effects[: problem.deviations])
-        self.deviations_by_effects = deviations * self.deviation_sd[:, None, None, None]
+        sd = self.deviation_sd[:, None, None, None]
+        self.deviations_by_effects = deviations * sd
         fixed = basis_by_effects[problem.deviations :]
         slopes = np.einsum("pcqgw,mcg->mpqgw", weighted, problem.covariate_mean)
         slopes = problem.covariate_sd * slopes.reshape(-1, *effect_shape)
@@ -130,21 +136,24 @@ class CellEquations:
         sd = self.deviation_sd[:, None]
         own_products = problem.own_products @ by_cell
         own_products = own_products.reshape(own_columns, own_columns, environments, width)
-        self.deviations = own_products * sd[:, None] * sd[None]
+        products_of_sd = sd[:, None] * sd
+        self.deviations = own_products * products_of_sd
 
-        rest_count = fixed_columns + problem.slopes
+        rest_and_data = fixed_columns + problem.slopes + 1
         mixed_products = problem.mixed_products @ by_cell
         mixed_products = mixed_products.reshape(own_columns, fixed_columns, environments, width)
-        by_rest = np.zeros((own_columns, environments, rest_count + 1, width))
+        by_rest = np.zeros((own_columns, environments, rest_and_data, width))
         by_rest[:, :, :fixed_columns] = mixed_products.swapaxes(1, 2)
-        by_rest[:, :, -1] = self._by_environment(basis_by_data[: problem.deviations])
+        own_by_data = basis_by_data[: problem.deviations]
+        by_rest[:, :, -1] = self._by_environment(own_by_data)
         self.deviations_by_rest = by_rest * sd[:, None]
 
         fixed_products = problem.fixed_products @ by_cell
         fixed_products = fixed_products.reshape(fixed_columns, fixed_columns, width)
-        self.rest_and_data = np.zeros((rest_count + 1, rest_count + 1, width))
-        self.rest_and_data[:fixed_columns, :fixed_columns] = fixed_products
-        self.rest_and_data[:fixed_columns, -1] = basis_by_data[problem.deviations :]
+        self.rest_and_data = np.zeros((rest_and_data, rest_and_data, width))
+        fixed = slice(fixed_columns)
+        self.rest_and_data[fixed, fixed] = fixed_products
+        self.rest_and_data[fixed, -1] = basis_by_data[problem.deviations :]
 
     def _add_slopes(self) -> None:
         """Add the products of the slopes of covariates with the latents and the data."""
@@ -153,7 +162,8 @@ class CellEquations:
         basis_by_slopes = sd * self._basis_by_slopes()
         deviations = self._by_environment(basis_by_slopes[: problem.deviations])
         slopes = slice(problem.fixed_columns, -1)
-        self.deviations_by_rest[:, :, slopes] = deviations * self.deviation_sd[:, None, None]
+        deviation_sd = self.deviation_sd[:, None, None]
+        self.deviations_by_rest[:, :, slopes] = deviations * deviation_sd
         fixed = slice(problem.fixed_columns)
         fixed_by_slopes = basis_by_slopes[problem.deviations :]
         self.rest_and_data[fixed, slopes] = fixed_by_slopes
@@ -161,10 +171,13 @@ class CellEquations:
 
         products = _slopes_of_means(problem, self._entries)
         if self.trial is not None:
-            products = products.plus(_slopes_of_trials(problem.trial_scatter, self.trial))
-        for scatter, covariance in zip(problem.scatter, self.covariances(), strict=True):
+            of_trials = _slopes_of_trials(problem.trial_scatter, self.trial)
+            products = products.plus(of_trials)
+        covariances = self.covariances()
+        for scatter, covariance in zip(problem.scatter, covariances, strict=True):
             cells = self.precision[scatter.cells, scatter.pattern]
-            products = products.plus(_slopes_of_scatter(scatter, covariance, cells))
+            of_scatter = _slopes_of_scatter(scatter, covariance, cells)
+            products = products.plus(of_scatter)
         self.rest_and_data[slopes, slopes] = sd * sd * products.information
         self.rest_and_data[slopes, -1] = sd * products.by_data
 
@@ -174,14 +187,16 @@ class CellEquations:
         weighted = problem.covariate_mean * problem.subjects
         # (P, C, M, P, W): the last P is the quantity of the slope.
         by_cell = np.einsum("pqcgw,mcg->pcmqw", self._entries, weighted)
-        by_cell = by_cell.reshape(problem.size * problem.cells, -1)
-        products = problem.sparse_basis @ by_cell
-        return np.asarray(products.reshape(-1, problem.slopes, self._width))
+        count = problem.size * problem.cells
+        products = problem.sparse_basis @ by_cell.reshape(count, -1)
+        by_slope = products.reshape(-1, problem.slopes, self._width)
+        return np.asarray(by_slope)
 
     def _by_environment(self, rows: Array) -> Array:
         """Rows of own deviations (a J, ...), by column and environment (a, J, ...)."""
         problem = self.problem
-        return rows.reshape(problem.own_columns, problem.environments, *rows.shape[1:])
+        counts = (problem.own_columns, problem.environments)
+        return rows.reshape(*counts, *rows.shape[1:])
 
     def covariances(self) -> list[SubjectCovariance]:
         """Covariance of the subjects of each pattern with scatter."""
@@ -241,15 +256,18 @@ def _slopes_of_scatter(
 
     With LL' = I + Z'H the inverse is V⁻¹ = D⁻¹ - (L⁻¹H')'(L⁻¹H').
     """
-    slopes_and_data = np.concatenate([scatter.slopes, scatter.rows[None]])  # (k, n, P, E)
-    count = len(slopes_and_data)
+    data = scatter.rows[None]
+    rows = np.concatenate([scatter.slopes, data])  # (k, n, P, E)
+    count, subjects, *of_cells = rows.shape
     entries = precision_entries(precision)  # (P, P, E, W)
-    squares = np.einsum("anpe,bnqe->abpqe", slopes_and_data, slopes_and_data)
-    squares = squares.reshape(count * count, -1)
-    by_noise = squares @ entries.reshape(squares.shape[1], -1)
-    flat = slopes_and_data.reshape(-1, *slopes_and_data.shape[2:])
+    width = entries.shape[-1]
+    squares = np.einsum("anpe,bnqe->abpqe", rows, rows)
+    by_noise = squares.reshape(count * count, -1) @ entries.reshape(-1, width)
+    by_noise = by_noise.reshape(count, count, width)
+    flat = rows.reshape(-1, *of_cells)
     whitened = covariance.whitened_effects(flat)  # (q, k n, W)
-    whitened = whitened.reshape(len(whitened), count, -1, whitened.shape[-1])
+    whitened = whitened.reshape(-1, count, subjects, width)
     explained_by_effects = np.einsum("qanw,qbnw->abw", whitened, whitened)
-    products = by_noise.reshape(count, count, -1) - explained_by_effects
-    return _SlopeProducts(information=products[:-1, :-1], by_data=products[:-1, -1])
+    products = by_noise - explained_by_effects
+    slopes = products[:-1]
+    return _SlopeProducts(information=slopes[:, :-1], by_data=slopes[:, -1])

@@ -26,6 +26,7 @@ from percept.inference.hierarchy.small_cholesky import (
     lower_factor,
     solve_lower,
     solve_upper,
+    with_prior,
 )
 
 __all__ = ["Elimination", "EnvironmentsFirst", "SubjectsFirst"]
@@ -62,7 +63,8 @@ class _Remainder:
     """
 
     def __init__(self, joint: Array, explained: Array) -> None:
-        diagonal_of_r = np.einsum("wii->wi", joint)[:, :-1].copy()
+        diagonal = np.einsum("wii->wi", joint)
+        diagonal_of_r = diagonal[:, :-1].copy()
         joint -= explained @ explained.swapaxes(1, 2)
         matrix = joint[:, :-1, :-1]
         data = joint[:, :-1, -1]
@@ -81,44 +83,68 @@ class _Remainder:
         return np.asarray(weights @ inverse.swapaxes(1, 2))
 
 
+def _joint(blocks: Array, blocks_by_rest: Array, rest_and_data: Array) -> Array:
+    """Joint precision of what an elimination leaves, before it goes, with the data last.
+
+    Parameters
+    ----------
+    blocks : ndarray
+        Precisions of B independent vectors of k numbers, (k, k, B, W).
+    blocks_by_rest : ndarray
+        These by the rest and the data, (k B, r + 1, W).
+    rest_and_data : ndarray
+        The rest and the data by one another, without the prior's one, (r + 1, r + 1, W).
+
+    Returns
+    -------
+    ndarray
+        Draws first, (W, k B + r + 1, k B + r + 1).
+    """
+    count, _, number, width = blocks.shape
+    first = count * number
+    size = first + len(rest_and_data)
+    joint = np.zeros((width, size, size))
+    corner = joint[:, :first, :first]
+    by_block = corner.reshape(width, count, number, count, number)
+    block = np.arange(number)
+    by_block[:, :, block, :, block] = blocks.transpose(2, 3, 0, 1)
+    mixed = blocks_by_rest.transpose(2, 0, 1)
+    joint[:, :first, first:] = mixed
+    joint[:, first:, :first] = mixed.swapaxes(1, 2)
+    joint[:, first:, first:] = rest_and_data.transpose(2, 0, 1)
+    rest = np.arange(first, size)
+    joint[:, rest, rest] += 1.0
+    return joint
+
+
 class SubjectsFirst:
     """Subjects' effects are eliminated; own deviations and the rest are left."""
 
     def __init__(self, equations: CellEquations, factor: Array) -> None:
         self._deviation_sd = equations.deviation_sd  # (a, W)
-        joint = self._joint(equations)
         deviations = equations.problem.deviations
-        by_effects = equations.deviations_by_effects.reshape(deviations, *factor.shape[1:])
+        by_rest = equations.deviations_by_rest
+        width = by_rest.shape[-1]
+        shape_of_rest = by_rest.shape[2:]
+        joint = _joint(
+            blocks=with_prior(equations.deviations),
+            blocks_by_rest=by_rest.reshape(deviations, *shape_of_rest),
+            rest_and_data=equations.rest_and_data,
+        )
+        effect_shape = factor.shape[1:]
+        by_effects = equations.deviations_by_effects.reshape(deviations, *effect_shape)
         latents_by_effects = np.concatenate([by_effects, equations.rest_by_effects])
         right = latents_by_effects.swapaxes(0, 1)
         explained = solve_lower(factor[:, :, None], right)  # T, (q, Q + 1, G, W)
-        width, size = joint.shape[:2]
+        size = joint.shape[1]
         draws_first = explained.transpose(3, 1, 0, 2)
-        self._remainder = _Remainder(joint, draws_first.reshape(width, size, -1))
+        by_latent = draws_first.reshape(width, size, -1)
+        self._remainder = _Remainder(joint, by_latent)
         self.latents = np.ascontiguousarray(self._remainder.solution.T)
         subjects = equations.problem.subjects
         of_effects = 2.0 * subjects @ log_diagonal(factor)
         self.log_determinant = of_effects + self._remainder.log_determinant
         self.sound = self._remainder.sound
-
-    def _joint(self, equations: CellEquations) -> Array:
-        """Precision of the latents, data last, before subjects' effects go, (W, Q + 1, Q + 1)."""
-        own, environments, rest_and_data, width = equations.deviations_by_rest.shape
-        count = own * environments
-        size = count + rest_and_data
-        joint = np.zeros((width, size, size))
-        corner = joint[:, :count, :count]
-        blocks = corner.reshape(width, own, environments, own, environments)
-        environment = np.arange(environments)
-        blocks[:, :, environment, :, environment] = equations.deviations.transpose(2, 3, 0, 1)
-        mixed = equations.deviations_by_rest.reshape(count, rest_and_data, width)
-        mixed = mixed.transpose(2, 0, 1)
-        joint[:, :count, count:] = mixed
-        joint[:, count:, :count] = mixed.swapaxes(1, 2)
-        joint[:, count:, count:] = equations.rest_and_data.transpose(2, 0, 1)
-        diagonal = np.arange(size)
-        joint[:, diagonal, diagonal] += 1.0
-        return joint
 
     def columns_of(self, own: Array, rest: Array) -> Array:
         """Columns (W, L, K) of weights of own deviations and of the rest."""
@@ -126,7 +152,8 @@ class SubjectsFirst:
         width = scaled.shape[-1]
         flat = scaled.reshape(len(own), -1, width)
         deviation_weights = np.moveaxis(flat, -1, 0)
-        rest_weights = np.broadcast_to(rest, (width, *rest.shape))
+        every_draw = (width, *rest.shape)
+        rest_weights = np.broadcast_to(rest, every_draw)
         weights = np.concatenate([deviation_weights, rest_weights], axis=2)
         return self._remainder.columns_of(weights)
 
@@ -144,20 +171,26 @@ class EnvironmentsFirst:
         own, environments, rest_and_data, width = equations.deviations_by_rest.shape
         count, patterns = factor.shape[1:3]
         self._effects = count * patterns
-        precision = equations.deviations.copy()
-        diagonal = np.arange(own)
-        precision[diagonal, diagonal] += 1.0
+        precision = with_prior(equations.deviations)
         self._factor = lower_factor(precision)  # (a, a, J, W)
         of_effects = equations.deviations_by_effects.reshape(
             own, environments, self._effects, width
         )
-        columns = np.concatenate([of_effects, equations.deviations_by_rest], axis=2)
-        explained = solve_lower(self._factor[:, :, :, None], columns)  # T, (a, J, k + 1, W)
+        of_rest = equations.deviations_by_rest
+        columns = np.concatenate([of_effects, of_rest], axis=2)
+        for_columns = self._factor[:, :, :, None]
+        explained = solve_lower(for_columns, columns)  # T, (a, J, k + 1, W)
         size = self._effects + rest_and_data
         self._explained = explained[:, :, :-1]
         flat = explained.reshape(own * environments, size, width)
-        joint = self._joint(equations)
-        self._remainder = _Remainder(joint, flat.transpose(2, 1, 0))
+        rest_by_effects = equations.rest_by_effects.reshape(rest_and_data, self._effects, width)
+        joint = _joint(
+            blocks=equations.effects,
+            blocks_by_rest=rest_by_effects.swapaxes(0, 1),
+            rest_and_data=equations.rest_and_data,
+        )
+        draws_first = flat.transpose(2, 1, 0)
+        self._remainder = _Remainder(joint, draws_first)
         self.sound = self._remainder.sound
         solved = self._remainder.solution.T
         fitted = np.einsum("ajkw,kw->ajw", self._explained, solved)
@@ -165,7 +198,8 @@ class EnvironmentsFirst:
         residual = explained[:, :, -1] - fitted
         deviations = solve_upper(self._factor, residual)
         deviations = deviations.reshape(own * environments, width)
-        self.latents = np.concatenate([deviations, solved[self._effects :]])
+        rest = solved[self._effects :]
+        self.latents = np.concatenate([deviations, rest])
         # The remainder has the effects of one subject of each pattern.
         other_subjects = equations.problem.subjects - 1.0
         of_others = other_subjects @ log_diagonal(factor)
@@ -173,36 +207,19 @@ class EnvironmentsFirst:
         eliminated = 2.0 * (of_others + of_environments)
         self.log_determinant = eliminated + self._remainder.log_determinant
 
-    def _joint(self, equations: CellEquations) -> Array:
-        """Precision of effects and the rest, data last, before own deviations go."""
-        count, _, patterns, width = equations.effects.shape
-        effects = self._effects
-        rest_and_data = len(equations.rest_and_data)
-        size = effects + rest_and_data
-        joint = np.zeros((width, size, size))
-        corner = joint[:, :effects, :effects]
-        blocks = corner.reshape(width, count, patterns, count, patterns)
-        pattern = np.arange(patterns)
-        blocks[:, :, pattern, :, pattern] = equations.effects.transpose(2, 3, 0, 1)
-        mixed = equations.rest_by_effects.reshape(rest_and_data, effects, width)
-        mixed = mixed.transpose(2, 0, 1)
-        joint[:, effects:, :effects] = mixed
-        joint[:, :effects, effects:] = mixed.swapaxes(1, 2)
-        joint[:, effects:, effects:] = equations.rest_and_data.transpose(2, 0, 1)
-        diagonal = np.arange(effects, size)
-        joint[:, diagonal, diagonal] += 1.0
-        return joint
-
     def columns_of(self, own: Array, rest: Array) -> Array:
         """Columns (W, L, K) of weights of own deviations and of the rest."""
         count = len(own)
         width = self._deviation_sd.shape[-1]
-        weights_last = np.moveaxis(own, 0, 2)[..., None]
-        scaled = weights_last * self._deviation_sd[:, None, None]  # (a, J, L, W)
-        whitened = solve_lower(self._factor[:, :, :, None], scaled)
+        weights_last = np.moveaxis(own, 0, 2)
+        sd = self._deviation_sd[:, None, None]
+        scaled = weights_last[..., None] * sd  # (a, J, L, W)
+        for_weights = self._factor[:, :, :, None]
+        whitened = solve_lower(for_weights, scaled)
         of_own = whitened.reshape(-1, count, width)
         of_own = of_own.transpose(2, 1, 0)  # L⁻¹a
-        explained = self._explained.reshape(of_own.shape[2], -1, width)
+        deviations = of_own.shape[2]
+        explained = self._explained.reshape(deviations, -1, width)
         weights = -of_own @ explained.transpose(2, 0, 1)
         weights[:, :, self._effects :] += rest
         remaining = self._remainder.columns_of(weights)
@@ -212,16 +229,18 @@ class EnvironmentsFirst:
         """Variances (W, L) of combinations with these weights, most of which are zero."""
         count, columns, _ = own.shape
         width = self._deviation_sd.shape[-1]
-        unit = np.eye(columns)[:, :, None, None]
-        unit = np.broadcast_to(unit, self._factor.shape)
-        inverse = solve_lower(self._factor[:, :, None], unit)
+        unit = np.eye(columns)
+        unit = np.broadcast_to(unit[:, :, None, None], self._factor.shape)
+        for_columns = self._factor[:, :, None]
+        inverse = solve_lower(for_columns, unit)
         inverse *= self._deviation_sd[:, None]
         covariance = np.einsum("kajw,kbjw->abjw", inverse, inverse)
         products = own[:, :, None] * own[:, None]  # (L, a, a, J)
         sparse_products = sparse.csr_array(products.reshape(count, -1))
         of_own = sparse_products @ covariance.reshape(-1, width)
         solved = np.einsum("kajw,kjrw->ajrw", inverse, self._explained)
-        flat = solved.reshape(-1, solved.shape[2] * width)
+        rest_and_effects = solved.shape[2]
+        flat = solved.reshape(-1, rest_and_effects * width)
         sparse_own = sparse.csr_array(own.reshape(count, -1))
         explained = sparse_own @ flat
         explained = explained.reshape(count, -1, width)

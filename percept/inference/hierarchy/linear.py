@@ -372,9 +372,6 @@ class LinearModel(Model):
         for name in parts[0]:
             value = np.concatenate([np.moveaxis(part[name], -1, 0) for part in parts])
             named[name] = (dimensions[value.ndim], value)
-            if name.startswith("eta:"):
-                # The columns of a term are no environments.
-                named[name] = (("parameter", f"column of {name}"), value)
         if "phi" in named:
             named["phi"] = (("parameter", "subject"), named["phi"][1])
         for term in self.design.stretch:

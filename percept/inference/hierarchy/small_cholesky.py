@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["log_diagonal", "lower_factor", "solve_lower", "solve_upper"]
+__all__ = ["log_diagonal", "lower_factor", "solve_lower", "solve_upper", "with_prior"]
 
 Array = NDArray[np.float64]
 
@@ -19,31 +19,53 @@ def lower_factor(matrices: Array) -> Array:
     factor = np.zeros_like(matrices)
     for i in range(len(matrices)):
         row = factor[i, :i]
-        explained = np.einsum("k...,ik...->i...", row, factor[i:, :i])
+        rows_from_here = factor[i:, :i]
+        explained = np.einsum("k...,ik...->i...", row, rows_from_here)
         column = matrices[i:, i] - explained
-        factor[i:, i] = column / np.sqrt(column[0])
+        pivot = np.sqrt(column[0])
+        factor[i:, i] = column / pivot
     return factor
 
 
 def solve_lower(factor: Array, right: Array) -> Array:
     """Solve L x = right for lower factors (K, K, ...) and vectors (K, ...)."""
-    x = np.empty(np.broadcast_shapes(right.shape, factor.shape[1:]))
+    x = _unsolved(factor, right)
     for i in range(len(factor)):
-        solved = np.einsum("k...,k...->...", factor[i, :i], x[:i])
-        x[i] = (right[i] - solved) / factor[i, i]
+        row = factor[i, :i]
+        solved = np.einsum("k...,k...->...", row, x[:i])
+        remaining = right[i] - solved
+        x[i] = remaining / factor[i, i]
     return x
 
 
 def solve_upper(factor: Array, right: Array) -> Array:
     """Solve L'x = right."""
-    x = np.empty(np.broadcast_shapes(right.shape, factor.shape[1:]))
+    x = _unsolved(factor, right)
     for i in reversed(range(len(factor))):
-        solved = np.einsum("k...,k...->...", factor[i + 1 :, i], x[i + 1 :])
-        x[i] = (right[i] - solved) / factor[i, i]
+        after = i + 1
+        column = factor[after:, i]
+        solved = np.einsum("k...,k...->...", column, x[after:])
+        remaining = right[i] - solved
+        x[i] = remaining / factor[i, i]
     return x
+
+
+def _unsolved(factor: Array, right: Array) -> Array:
+    """Room for the solution: there may be several right sides for each factor."""
+    shape = np.broadcast_shapes(right.shape, factor.shape[1:])
+    return np.empty(shape)
+
+
+def with_prior(precision: Array) -> Array:
+    """Add the precision of a standard normal prior to precisions (K, K, ...)."""
+    whole = precision.copy()
+    diagonal = np.arange(len(precision))
+    whole[diagonal, diagonal] += 1.0
+    return whole
 
 
 def log_diagonal(factor: Array) -> Array:
     """Log determinants of lower factors (K, K, ...)."""
-    logs = [np.log(factor[i, i]) for i in range(len(factor))]
-    return np.asarray(sum(logs))
+    pivots = np.einsum("ii...->i...", factor)
+    logs = np.log(pivots)
+    return np.asarray(logs.sum(axis=0))

@@ -68,9 +68,13 @@ class _Table:
 
 def _log_sd(squares: Array, df: Array, log_other: Array) -> Array:
     """Log SDs over the last axis but one, (P, C), once other log SDs (P, N) are divided out."""
-    scaled = squares * np.exp(-2.0 * log_other)[..., None]
-    variance = scaled.sum(axis=-2) / np.maximum(df.sum(axis=-2), 1.0)
-    return 0.5 * np.log(np.where(variance > 0.0, variance, 1.0))
+    inverse_variance = np.exp(-2.0 * log_other)
+    scaled = squares * inverse_variance[..., None]
+    total_df = df.sum(axis=-2)
+    variance = scaled.sum(axis=-2) / np.maximum(total_df, 1.0)
+    # A log SD of zero stands where there is no scatter.
+    positive = np.where(variance > 0.0, variance, 1.0)
+    return 0.5 * np.log(positive)
 
 
 def chance_of_differences(scatter: TrialScatter, subjects: int, cells: int) -> Array:
@@ -95,10 +99,12 @@ def chance_of_differences(scatter: TrialScatter, subjects: int, cells: int) -> A
     """
     table = _Table.of(scatter, subjects, cells)
     half_df = 0.5 * table.df.sum(axis=2)
+    log_sds = table.of_subjects()
     chances = []
-    for log_sd, half_df_here in zip(table.of_subjects(), half_df, strict=True):
-        informed = half_df_here > 0.0
-        chances.append(_chance_of(log_sd[informed], half_df_here[informed]))
+    for p in range(len(log_sds)):
+        informed = half_df[p] > 0.0
+        chance = _chance_of(log_sds[p, informed], half_df[p, informed])
+        chances.append(chance)
     return np.array(chances)
 
 
@@ -106,11 +112,14 @@ def _chance_of(log_sd: Array, half_df: Array) -> float:
     """Probability that log SDs (N,) of one quantity differ by chance as much as they do."""
     if len(log_sd) < 2:
         return 1.0
-    unbiased = log_sd - 0.5 * (special.digamma(half_df) - np.log(half_df))
+    twice_bias = special.digamma(half_df) - np.log(half_df)
+    unbiased = log_sd - 0.5 * twice_bias
     weight = 4.0 / special.polygamma(1, half_df)
-    mean = float(unbiased @ weight) / float(weight.sum())
-    squares = float((unbiased - mean) ** 2 @ weight)
-    return float(stats.chi2.sf(squares, len(log_sd) - 1))
+    mean = np.average(unbiased, weights=weight)
+    departure = unbiased - mean
+    squares = departure**2 @ weight
+    free = len(log_sd) - 1
+    return float(stats.chi2.sf(squares, free))
 
 
 class SubjectSpreads:
@@ -138,21 +147,22 @@ class SubjectSpreads:
         df = table.df.sum(axis=2)
         self.weight = 2.0 * df  # (P, N) w
         self.weight[1:] /= 1.0 - correlation * correlation
-        self._rough_log_sd = np.where(df > 0.0, table.of_subjects(), 0.0)  # (P, N) l
+        log_sds = table.of_subjects()
+        self._rough_log_sd = np.where(df > 0.0, log_sds, 0.0)  # (P, N) l
         self._correlation = correlation
 
     def __call__(self, coordinates: Array, omega: Array) -> tuple[Array, Array]:
         """Map coordinates (P, N, W) given omega_s (P, W) to phi (P, N, W) and log density (W,)."""
-        rough = self._rough_log_sd[:, :, None]
-        first, log_density = self._of_quantity(0, coordinates[0], omega[0], rough[0])
-        phi = [first]
-        if len(coordinates) == 2:
-            shift = self._correlation * (first - rough[0])
-            second, log_density_of_second = self._of_quantity(
-                1, coordinates[1], omega[1], rough[1] + shift
-            )
-            phi.append(second)
-            log_density = log_density + log_density_of_second
+        phi: list[Array] = []
+        log_density = np.zeros(omega.shape[1])
+        for p, rough_log_sd in enumerate(self._rough_log_sd):
+            rough = rough_log_sd[:, None]
+            if phi:
+                first_rough = self._rough_log_sd[0, :, None]
+                rough = rough + self._correlation * (phi[0] - first_rough)
+            of_quantity, density = self._of_quantity(p, coordinates[p], omega[p], rough)
+            phi.append(of_quantity)
+            log_density += density
         return np.stack(phi), log_density
 
     def _of_quantity(
@@ -160,20 +170,23 @@ class SubjectSpreads:
     ) -> tuple[Array, Array]:
         """Log ratios phi (N, W) of one quantity by its rough log SDs, and log density (W,)."""
         weight = self.weight[quantity][:, None]
-        total = float(weight.sum())
-        precision_ratio = 1.0 + weight * omega**2
-        root = np.sqrt(precision_ratio)
+        total = weight.sum()
+        s = 1.0 + weight * omega**2
+        root = np.sqrt(s)
         if total == 0.0:
             ratios = coordinates
             g = np.ones_like(omega)
         else:
-            g = np.sqrt(total / (weight / precision_ratio).sum(axis=0))
-            mean = (weight * rough).sum(axis=0) / total
+            shares = weight / s
+            g = np.sqrt(total / shares.sum(axis=0))
+            weighted = weight * rough
+            mean = weighted.sum(axis=0) / total
             pull = omega * weight * (rough - mean)
             ratios = _ratios(coordinates, pull, weight, root, g)
         squares = np.einsum("nw,nw->w", ratios, ratios)
         # The prior of f = phi/omega_s times the Jacobian of the map, g prod(s^(-1/2)).
-        log_density = -0.5 * squares - np.log(root).sum(axis=0) + np.log(g)
+        log_roots = np.log(root)
+        log_density = np.log(g) - log_roots.sum(axis=0) - 0.5 * squares
         log_density -= 0.5 * _LOG_2PI * len(coordinates)
         return omega * ratios, log_density
 
@@ -181,12 +194,13 @@ class SubjectSpreads:
         """How far phi (P, N, W) moves the rough log SDs of cells, (P, C, W)."""
         moves = []
         for squares, log_ratios in zip(self._table.squares, phi, strict=True):
-            adjusted = squares.T @ np.exp(-2.0 * log_ratios)  # (C, W)
+            inverse_ratios = np.exp(-2.0 * log_ratios)
+            adjusted = squares.T @ inverse_ratios  # (C, W)
             unadjusted = squares.sum(axis=0)[:, None]
             has_scatter = (adjusted > 0.0) & (unadjusted > 0.0)
-            adjusted = np.where(has_scatter, adjusted, 1.0)
-            unadjusted = np.where(has_scatter, unadjusted, 1.0)
-            moves.append(0.5 * np.log(adjusted / unadjusted))
+            unmoved = np.ones_like(adjusted)
+            ratio = np.divide(adjusted, unadjusted, out=unmoved, where=has_scatter)
+            moves.append(0.5 * np.log(ratio))
         return np.stack(moves)
 
 
@@ -196,10 +210,12 @@ def _ratios(coordinates: Array, pull: Array, weight: Array, root: Array, g: Arra
     The pull (N, W) is omega_s w (l - l̄), which the covariance takes to the mean; the root is √s.
     """
     direction = weight / root
-    direction = direction / np.sqrt(np.einsum("nw,nw->w", direction, direction))
+    square = np.einsum("nw,nw->w", direction, direction)
+    direction = direction / np.sqrt(square)
     scaled_pull = pull / root
     pull_along = np.einsum("nw,nw->w", direction, scaled_pull)
     coordinates_along = np.einsum("nw,nw->w", direction, coordinates)
     mean = scaled_pull + (g**2 - 1.0) * direction * pull_along
     departure = coordinates + (g - 1.0) * direction * coordinates_along
-    return np.asarray((mean + departure) / root)
+    whitened = mean + departure
+    return np.asarray(whitened / root)

@@ -34,12 +34,13 @@ _STRIDE = 3
 _REFINED_STRIDE = 6
 #: A run begins again if it is predicted to take this multiple of its first round.
 _WORTH_REFINING = 3.0
-#: Later it does at this multiple, times how much larger its sample is than that of its transport.
-_WORTH_AGAIN = 1.5
-_LARGER_SAMPLE = 6.0
-#: Draws of an ensemble per coordinate: a transport fitted to fewer leaves walkers slow, and a run
-#: that is far from its accuracy begins again too.
+#: Draws of an ensemble per coordinate. A transport fitted to fewer is little better than that of the
+#: warm-up, and the run may begin again for accuracy once more.
 _THIN_SAMPLE = 100.0
+#: With a better transport a run begins again at this multiple, and only if its walkers are slow.
+_WORTH_AGAIN = 1.5
+#: Least of the multiple, times how much larger its sample is than that of its transport.
+_LARGER_SAMPLE = 6.0
 #: Times a run may begin again: each transport follows many coordinates better than the one before.
 _MOST_REFINED = 4
 #: Expected ratio of autocorrelation times after and before that.
@@ -142,16 +143,15 @@ def _keep_freed_memory() -> None:
 
 
 def _worth_refining(chain: Chain, run: Run, draws: int, transport_draws: int) -> bool:
-    """Whether to begin again: once for accuracy, later with a far larger sample to fit to."""
-    rounds = chain.steps_needed(run) / chain.spanned
-    if not transport_draws:
-        return rounds > _WORTH_REFINING
-    settling = run.steps_to_settle / chain.spanned
-    larger = draws / transport_draws
-    if settling > _WORTH_AGAIN and settling * larger > _LARGER_SAMPLE:
-        return True
-    thin = transport_draws < _THIN_SAMPLE * run.points.shape[-1]
-    return thin and rounds > _WORTH_REFINING and rounds * larger > _LARGER_SAMPLE
+    """Whether to begin again, the first time for accuracy and later for slow walkers."""
+    if transport_draws < _THIN_SAMPLE * run.points.shape[-1]:
+        needed = chain.steps_needed(run)
+        least = _WORTH_REFINING
+    else:
+        needed = run.steps_to_settle
+        least = _WORTH_AGAIN
+    rounds = needed / chain.spanned
+    return rounds > least and rounds * draws > _LARGER_SAMPLE * transport_draws
 
 
 @dataclass(frozen=True)
