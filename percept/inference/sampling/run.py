@@ -34,8 +34,8 @@ _STRIDE = 3
 _REFINED_STRIDE = 6
 #: A run begins again if it is predicted to take this multiple of its first round.
 _WORTH_REFINING = 3.0
-#: Draws of an ensemble per coordinate. A transport fitted to fewer is little better than that of the
-#: warm-up, and the run may begin again for accuracy once more.
+#: Draws of an ensemble per coordinate. A transport fitted to fewer is little better than that of
+#: the warm-up, and the run may begin again for accuracy once more.
 _THIN_SAMPLE = 100.0
 #: With a better transport a run begins again at this multiple, and only if its walkers are slow.
 _WORTH_AGAIN = 1.5
