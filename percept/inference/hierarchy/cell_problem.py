@@ -28,7 +28,7 @@ Indices = NDArray[np.intp]
 _NUMBERS = 1 << 19
 #: Draws of a pass, whatever the design.
 _FEWEST_DRAWS = 8
-_MOST_DRAWS = 512
+_MOST_DRAWS = 1024
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
