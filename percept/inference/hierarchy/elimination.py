@@ -84,21 +84,10 @@ class _Remainder:
 
 
 def _joint(blocks: Array, blocks_by_rest: Array, rest_and_data: Array) -> Array:
-    """Joint precision of what an elimination leaves, before it goes, with the data last.
+    """Joint precision of what an elimination leaves, before it goes, (W, k B + r + 1, k B + r + 1).
 
-    Parameters
-    ----------
-    blocks : ndarray
-        Precisions of B independent vectors of k numbers, (k, k, B, W).
-    blocks_by_rest : ndarray
-        These by the rest and the data, (k B, r + 1, W).
-    rest_and_data : ndarray
-        The rest and the data by one another, without the prior's one, (r + 1, r + 1, W).
-
-    Returns
-    -------
-    ndarray
-        Draws first, (W, k B + r + 1, k B + r + 1).
+    The blocks (k, k, B, W) are the precisions of B independent vectors. The rest and the data stand
+    last: by the blocks (k B, r + 1, W), and by one another (r + 1, r + 1, W) without the prior.
     """
     count, _, number, width = blocks.shape
     first = count * number
