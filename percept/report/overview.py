@@ -63,7 +63,7 @@ def overview(results: Results) -> Overview:
         sentences.append(" ".join(about_coupling))
     sentences += user_sentences(rows, results.data.quantities, words)
     # The next user's ranges answer where no device lets percept judge what feels real.
-    most = contrasts + max(3, len(distinct(rows, "parameter")) + 2)
+    most = contrasts + max(3, 2 * len(distinct(rows, "parameter")))
     return Overview(tuple(rows), tuple(sentences[:most]))
 
 

@@ -61,7 +61,7 @@ def title_of(results: Results) -> str:
     if makes_impedance(results):
         return "Realistic performance boundaries"
     labels = [quantity.label for quantity in results.data.quantities.values()]
-    return f"Intervals of {' and '.join(labels)}"
+    return f"Intervals of {listed(labels)}"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,9 @@
-"""Analysis of variance of a study: the classical test of every term of the model."""
+"""Analysis of variance of a study: the classical test of every term of the model.
+
+A subject's value in a cell is their mean over the cell's trials, on the response scale. The values
+of N subjects are an array with an axis for the references and one for each factor within subjects.
+At most one factor may be between subjects: it puts each subject into a group.
+"""
 
 from __future__ import annotations
 
@@ -68,8 +73,8 @@ def by_level(sessions: Sessions, scene: Scene, parameters: Sequence[str]) -> ByL
         cells = subject_cells(data, factors, conditions.between)
         scale = scene.model.scale.get(parameter, 1.0) if by_difference(sessions, parameter) else 1.0
         for comparison in means:
-            own = cells.at_level(comparison)
-            settings = np.exp(own) if data.scale.log else scale * own
+            responses = cells.at_level(comparison)
+            settings = np.exp(responses) if data.scale.log else scale * responses
             values = [None if np.isnan(value) else value for value in settings.tolist()]
             levels.append(
                 LevelValues(
@@ -93,25 +98,27 @@ def _tests(
     if len(conditions.between) > 1:
         yield Skipped(what, "two columns of groups are more than it takes")
         return
-    levels = {ENVIRONMENT: tuple(factors.environments)}
-    if len(factors.environments) == 1:
-        levels = {}
-    levels |= {name: own for name, own in factors.levels.items() if name not in conditions.between}
-    group = None
-    between = ""
-    for between in conditions.between:
-        group = pd.factorize(cells.groups[between])[0]
+    axes: dict[str, Sequence[str]] = {}
+    if len(factors.environments) > 1:
+        axes[ENVIRONMENT] = tuple(factors.environments)
+    within = {
+        name: labels for name, labels in factors.levels.items() if name not in conditions.between
+    }
+    axes |= within
+    between = next(iter(conditions.between), "")
+    group = pd.factorize(cells.groups[between])[0] if between else None
     try:
-        values = _values(cells, data.subjects, factors, tuple(levels.values()))
-        effects = anova(values, tuple(levels), group=group, between=between)
+        values = _values(cells, data.subjects, factors, list(within.values()))
+        values = values.reshape(len(values), *(len(labels) for labels in axes.values()))
+        effects = anova(values, tuple(axes), group=group, between=between)
     except RefusalError as refused:
         yield Skipped(what, str(refused))
         return
     # The order of the factors in a formula is no matter.
     terms = {frozenset(term) for term in conditions.terms}
     for effect in effects:
-        own = frozenset(effect.factors) - {ENVIRONMENT}
-        if not own or own in terms:
+        of_model = frozenset(effect.factors) - {ENVIRONMENT}
+        if not of_model or of_model in terms:
             yield AnovaRow(
                 factor=":".join(effect.factors),
                 parameter=data.parameters[0],
@@ -126,27 +133,29 @@ def _values(
     cells: SubjectCells,
     subjects: Sequence[str],
     factors: Factors,
-    levels: Sequence[Sequence[str]],
+    within: Sequence[Sequence[str]],
 ) -> Array:
-    """Subjects' values by the levels of all axes; refuse a subject who lacks one."""
-    of_factors = levels[len(levels) - len(cells.within) :]
-    keys = list(itertools.product(factors.environments, itertools.product(*of_factors)))
+    """Subjects' values in all cells, (N, cells), references slowest; refuse a missing one.
+
+    `within` holds the levels of each factor within subjects.
+    """
+    keys = list(itertools.product(factors.environments, itertools.product(*within)))
     table = cells.in_cells(keys)
     missing = np.argwhere(np.isnan(table))
     if len(missing):
         row, column = missing[0].tolist()
-        environment, own = keys[column]
+        environment, levels = keys[column]
         subject = subjects[cells.values.index[row]]
         count = len(np.unique(missing[:, 0]))
         more = f" Cells are missing for {count} subjects in all." if count > 1 else ""
         rule = f'{{ column = "subject", equals = "{subject}", why = "incomplete" }}'
         raise RefusalError(
-            f"{subject} has no trial in {factors.cell(environment, own)}, and it takes complete"
+            f"{subject} has no trial in {factors.cell(environment, levels)}, and it takes complete"
             f" cells.{more}",
             hint=f"To leave {subject} out: [sessions] exclude = [{rule}]. The contrasts take what"
             " there is.",
         )
-    return table.reshape(len(table), *map(len, levels))
+    return table
 
 
 def _assumes(effect: Effect, conditions: Conditions) -> str:

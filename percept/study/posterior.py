@@ -1,4 +1,10 @@
-"""The posterior as an ArviZ DataTree, for other programs to read."""
+"""The posterior as an ArviZ DataTree, for other programs to read.
+
+A variable goes by its name in `posterior.toml`, which has its meaning and unit, too. Until it is
+put into a tree it is a pair: names of dimensions, and values with S draws first. After the draws
+stand P parameters, J environments or C cells, and N subjects. A tree then has the draws as chains,
+one for each ensemble of the sampler.
+"""
 
 from __future__ import annotations
 
@@ -149,10 +155,11 @@ def _thinned(fit: Fit) -> Array:
     """Keep independent draws of each chain, fewer in large studies, (S, d)."""
     chains = len(fit.run.points)
     by_chain = fit.points.reshape(chains, -1, fit.points.shape[1])
-    largest = len(fit.model.cells)
+    numbers_per_draw = len(fit.model.cells)
+    # The largest variable has a number for every subject and cell: responses of new studies.
     if fit.trials is not None:
-        largest *= len(fit.trials.subjects)
-    affordable = _MOST_NUMBERS // (largest * chains)
+        numbers_per_draw *= len(fit.trials.subjects)
+    affordable = _MOST_NUMBERS // (numbers_per_draw * chains)
     draws_per_chain = min(max(affordable, _FEWEST_DRAWS), _MOST_DRAWS)
     gap = _gap(by_chain.shape[1], draws_per_chain)
     thinned = by_chain[:, ::gap]
@@ -160,9 +167,9 @@ def _thinned(fit: Fit) -> Array:
 
 
 def _gap(draws: int, draws_wanted: int) -> int:
-    """Return the steps from one draw that is kept to the next.
+    """Return the steps from one draw that is kept to the next, so that no more are kept.
 
-    Whole steps keep fewer than wanted, by up to a half: the fewest are kept all the same.
+    Rounded up, a gap may leave half of the draws wanted. It never leaves fewer than the fewest.
     """
     widest = max(1, draws // _FEWEST_DRAWS)
     return min(math.ceil(draws / draws_wanted), widest)

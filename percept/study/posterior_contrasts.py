@@ -1,9 +1,20 @@
-"""Contrasts of a fit: each at the level asked for, and all of a term together."""
+"""Contrasts of a fit: each at the level asked for, and all of a term together.
+
+A plan lists contrasts as weights of the model's locations. Those within subjects ("users") have all
+kinds: of the average user, the next one, and a share of them. Those between groups, and slopes of
+covariates ("groups"), have the average's only. Contrasts are numbered: users' first, then groups'.
+
+A family is what a reader compares at a glance: all contrasts of one term in one quantity. Its
+limits hold together if all its true values lie within theirs at once, with the level asked for.
+Joint draws say how much wider single limits must be for that; the limits themselves rest on all
+draws of the scales, as those of single contrasts.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Self
 
 import numpy as np
 
@@ -14,7 +25,7 @@ from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.record import Kind
 from percept.inference.sampling.lines import line_limits
 from percept.scene import InferenceTable
-from percept.study.basics import Skipped, Stream, generator
+from percept.study.basics import Array, Skipped, Stream, generator
 from percept.study.contrast_table import ContrastTable
 from percept.study.fit import Fit
 from percept.study.intervals import Row
@@ -52,6 +63,7 @@ def posterior_contrasts(fit: Fit, tables: Mapping[str, ContrastTable]) -> Iterat
     first_table = next(iter(tables.values()))
     contrasts = _Contrasts(fit, plan, first_table.inference)
     for compared, ends in contrasts.limits():
+        # The model's slope is for an SD of its covariate, which `unit` is; elsewhere it is one.
         unit = compared.comparison.unit
         limits = np.array([ends.lower, ends.upper, ends.estimate]) / unit
         yield tables[compared.parameter].row(
@@ -72,15 +84,7 @@ class _Contrasts:
         self._fit = fit
         self._plan = plan
         self._inference = inference
-        stride = max(1, len(fit.points) // _MOST_DRAWS)
-        points = fit.points[::stride]
-        rows = plan.rows([*plan.users, *plan.groups])
-        numbers_per_repeat = max(1, rows.shape[0] * len(points))
-        affordable = max(1, _MOST_NUMBERS // numbers_per_repeat)
-        rng = generator(inference.seed, Stream.CONTRASTS)
-        repeats = min(affordable, _MOST_REPEATS)
-        self._laws = plan.model.laws_of(rows, points)
-        self._draws = plan.model.draw_of(rows, points, rng, repeats=repeats)
+        self._joint = _JointDraws.of(fit, plan, inference.seed)
 
     def limits(self) -> Iterator[tuple[Compared, _Ends]]:
         """Yield every contrast with its limits, kind by kind."""
@@ -92,69 +96,88 @@ class _Contrasts:
         components = components.reshape(-1, components.shape[-1])
         by_kind = []
         for kind in self._inference.kinds:
-            limits = estimands.of_users(kind, value, components)
-            by_kind.append(self._of_kind(users, kind, limits, first=0))
+            single = estimands.of_users(kind, value, components)
+            by_kind.append(self._with_families(users, kind, single, first_number=0))
         for compared, *ends_by_kind in zip(users, *by_kind, strict=True):
             for ends in ends_by_kind:
                 yield compared, ends
-        limits = estimands.of_groups(value, components)
-        ends_of_groups = self._of_kind(groups, "mean", limits, first=len(users))
+        single = estimands.of_groups(value, components)
+        ends_of_groups = self._with_families(groups, "mean", single, first_number=len(users))
         yield from zip(groups, ends_of_groups, strict=True)
 
-    def _of_kind(
-        self, compared: Sequence[Compared], kind: Kind, limits: ContrastLimits, *, first: int
+    def _with_families(
+        self, compared: Sequence[Compared], kind: Kind, single: ContrastLimits, *, first_number: int
     ) -> list[_Ends]:
-        """Limits of one kind, with those that hold together.
+        """Put single limits of one kind beside those that hold together.
 
-        `first` is the number of the first of these contrasts among users' and groups' contrasts.
+        `first_number` is that of the first of these contrasts.
         """
         together: dict[int, tuple[float, float]] = {}
         # No family of shares has limits that hold together.
         families = [] if kind == "share" else _families(compared)
-        for family in families:
-            numbers = [first + number for number in family]
-            level = self._level_together(numbers, kind)
-            together |= self._together(family, kind, level, limits.laws)
-        estimates = limits.laws.mean.mean(axis=0).tolist()
+        for members in families:
+            numbers = [first_number + member for member in members]
+            level = self._joint.level_together(numbers, kind, self._inference.level)
+            together |= self._wider(members, kind, level, single.laws)
+        estimates = single.laws.mean.mean(axis=0).tolist()
         ends = []
-        for number, estimate in enumerate(estimates):
-            lower = float(limits.lower[number])
-            upper = float(limits.upper[number])
-            ends.append(_Ends(kind, lower, upper, estimate, together.get(number)))
+        for member, estimate in enumerate(estimates):
+            lower = float(single.lower[member])
+            upper = float(single.upper[member])
+            ends.append(_Ends(kind, lower, upper, estimate, together.get(member)))
         return ends
 
-    def _level_together(self, numbers: list[int], kind: Kind) -> float:
-        """Level of single limits at which a family holds together."""
-        laws = self._laws.of(numbers)
-        locations, users = self._draws
-        if kind == "user":
-            sd = np.hypot(laws.sd, laws.population_sd)
-            return level_together(laws.mean, sd, users[:, numbers], self._inference.level)
-        return level_together(laws.mean, laws.sd, locations[:, numbers], self._inference.level)
-
-    def _together(
-        self, family: list[int], kind: Kind, level: float, laws: ConditionalMoments
+    def _wider(
+        self, members: list[int], kind: Kind, level: float, laws: ConditionalMoments
     ) -> dict[int, tuple[float, float]]:
-        """Limits of a family that hold together, by the number of the contrast.
-
-        They rest on all draws, as the limits of single contrasts, which lie within them.
-        """
+        """Limits of a family's members at a higher level, by member."""
         intervals = IntervalEstimands(self._fit.model, level=level)
-        limits = intervals.limits(kind, laws.of(family))
+        limits = intervals.limits(kind, laws.of(members))
         lower = limits.lower.tolist()
         upper = limits.upper.tolist()
         pairs = zip(lower, upper, strict=True)
-        return dict(zip(family, pairs, strict=True))
+        return dict(zip(members, pairs, strict=True))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _JointDraws:
+    """Joint draws of L contrasts, repeated for some draws of the scales."""
+
+    laws: ConditionalMoments  # (S, L) Given each of these draws of the scales
+    locations: Array  # (N, L) Of the average user
+    users: Array  # (N, L) Of the next user
+
+    @classmethod
+    def of(cls, fit: Fit, plan: ContrastPlan, seed: int) -> Self:
+        """Draw all contrasts of a plan."""
+        stride = max(1, len(fit.points) // _MOST_DRAWS)
+        points = fit.points[::stride]
+        rows = plan.rows([*plan.users, *plan.groups])
+        numbers_per_repeat = max(1, rows.shape[0] * len(points))
+        affordable = max(1, _MOST_NUMBERS // numbers_per_repeat)
+        repeats = min(affordable, _MOST_REPEATS)
+        rng = generator(seed, Stream.CONTRASTS)
+        laws = plan.model.laws_of(rows, points)
+        locations, users = plan.model.draw_of(rows, points, rng, repeats=repeats)
+        return cls(laws, locations, users)
+
+    def level_together(self, numbers: list[int], kind: Kind, level: float) -> float:
+        """Level of single limits at which some contrasts hold together."""
+        laws = self.laws.of(numbers)
+        if kind == "user":
+            sd = np.hypot(laws.sd, laws.population_sd)
+            return level_together(laws.mean, sd, self.users[:, numbers], level)
+        return level_together(laws.mean, laws.sd, self.locations[:, numbers], level)
 
 
 def _families(compared: Sequence[Compared]) -> list[list[int]]:
-    """Numbers of the contrasts of each term in each quantity, where there are several."""
+    """Members of each family of several: their places among these contrasts."""
     families: dict[tuple[str, str], list[int]] = {}
-    for number, contrast in enumerate(compared):
+    for member, contrast in enumerate(compared):
         comparison = contrast.comparison
         if comparison.of in ("bias", "interaction"):
             term = (contrast.parameter, comparison.factor)
-            families.setdefault(term, []).append(number)
+            families.setdefault(term, []).append(member)
     return [family for family in families.values() if len(family) > 1]
 
 

@@ -10,7 +10,7 @@ from percept.boundary.feels_real import judge
 from percept.report.feelings import feeling_sentences
 from percept.report.numbers import digits_of
 from percept.report.overview import findings, overview
-from percept.report.select import Words, first, matching
+from percept.report.select import Words, first, matching, title_of
 from percept.results import (
     Confidences,
     Coupling,
@@ -23,6 +23,7 @@ from percept.results import (
     PosteriorEvidence,
     Verdict,
 )
+from percept.sessions.quantities import IMPEDANCE, Quantity
 from tests.documents import EMPTY, as_results
 
 
@@ -412,3 +413,21 @@ def test_what_the_data_do_not_determine_is_said_without_its_numbers():
     classical = [dataclasses.replace(row, environment="A") for row in results([wide]).intervals]
     both = dataclasses.replace(made, intervals=(*classical, *bayesian))
     assert "(99 % CI too wide to tell; 99 % credible interval" in findings(both).paragraph
+
+
+def test_each_of_three_quantities_has_its_sentences_and_its_name_in_the_title():
+    one = results([SOFT, HARD])
+    names = ("k", "b", "mass")
+    intervals = [
+        dataclasses.replace(row, parameter=name) for name in names for row in one.intervals
+    ]
+    mass = Quantity(name="mass", label="mass", symbol="m", unit="kg")
+    quantities = {**IMPEDANCE, "mass": mass}
+    data = dataclasses.replace(one.data, quantities=quantities)
+    three = dataclasses.replace(one, intervals=tuple(intervals), data=data)
+    said = overview(three).sentences
+    assert len(said) == 6
+    for label in ("stiffness", "damping", "mass"):
+        assert any(sentence.startswith(f"{label.capitalize()} is ") for sentence in said)
+        assert any(f"next user’s {label} will" in sentence for sentence in said)
+    assert title_of(three) == "Intervals of stiffness, damping and mass"

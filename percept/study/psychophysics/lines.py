@@ -20,7 +20,7 @@ from percept.results import PseLineRow
 from percept.scene import Scene
 from percept.study.basics import Array, References, Skipped, Stream, generator
 from percept.study.fit import Fit
-from percept.study.psychophysics.posterior import bounded_means
+from percept.study.psychophysics.limits import bounded_means
 from percept.study.psychophysics.site import mapped
 
 __all__ = ["posterior_lines"]
