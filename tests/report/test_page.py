@@ -257,9 +257,9 @@ def test_sections_stand_in_reading_order(both):
 def test_without_a_coupling_there_is_the_device_alone():
     tables = scene_of().to_dict()
     del tables["coupling"]
-    document = build_document(
-        Study(read_sessions(DATASETS / "hbfd_sessions.csv"), type(scene_of())(**tables))
-    )
+    table = read_sessions(DATASETS / "hbfd_sessions.csv").table
+    table = table[table["environment"].isin(["VE1", "VE4", "VE5"])]
+    document = build_document(Study(Sessions.from_frame(table), type(scene_of())(**tables)))
     assert document["coupling"] is document["design"] is None
     skipped = {entry["what"]: entry["why"] for entry in document["skipped"]}
     assert (
@@ -270,8 +270,7 @@ def test_without_a_coupling_there_is_the_device_alone():
     assert not {"coupling", "design"} & set(names_of(document))
     # b_d > kT/2 + |b|, with k and b of Table 1 and T = 1 ms.
     needed = {row["environment"]: row["needed_colgate"] for row in document["passivity"]}
-    table = read_sessions(DATASETS / "hbfd_sessions.csv").table.drop_duplicates("environment")
-    for row in table.itertuples():
+    for row in table.drop_duplicates("environment").itertuples():
         assert needed[row.environment] == pytest.approx(row.k_ref * 0.001 / 2 + row.b_ref)
     active = [name for name, damping in needed.items() if damping >= tables["device"]["damping"]]
     assert active
@@ -405,7 +404,7 @@ def without_device(**inference):
 
 def test_an_error_above_the_tolerance_is_said_beside_the_bayesian_numbers():
     table = read_sessions(DATASETS / "hbfd_sessions.csv").table
-    sessions = Sessions.from_frame(table[table["environment"].isin(["VE2", "VE4"])])
+    sessions = Sessions.from_frame(table[table["environment"] == "VE2"])
     document = build_document(Study(sessions, without_device(tolerance=0.0001, most_steps=200)))
     gate = document["diagnostics"]["gate"]
     assert gate["passed"]

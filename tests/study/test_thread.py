@@ -161,7 +161,7 @@ def test_failed_gate_withholds_the_bayesian_numbers():
 
 def test_a_run_that_mixes_and_misses_its_tolerance_gives_its_numbers():
     table = frame()
-    few = Sessions.from_frame(table[table.environment.isin(["VE2", "VE4"])])
+    few = Sessions.from_frame(table[table.environment == "VE2"])
     study = Study(few, hbfd_scene(tolerance=1e-4, most_steps=200))
     assert set(study.intervals["method"]) == {"classical", "bayesian"}
     assert study.posterior is not None
