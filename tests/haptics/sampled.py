@@ -4,9 +4,10 @@ The computer samples the position, works out the wall's force from it and from i
 difference (filtered where there is a filter), and holds that force for a sample, later by a delay.
 Nothing here knows the frequency domain, but for the choice of the worst hand.
 
-    python -m tests.haptics.sampled --scenes 500 --out reports/evidence
+    python -m tests.haptics.sampled --scenes 500 --couplings 200 --out reports/evidence
 
-writes how often verdicts are right.
+writes how often verdicts are right. A coupling with a rigid wall behind it is a wall of the
+coupling's stiffness and damping: Eq. 6 is a spring and a backward difference.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from scipy.linalg import expm
 from scipy.optimize import nnls
 from scipy.signal import butter, tf2ss
 
-from percept.haptics import Environment
+from percept.haptics import Coupling, Environment, required_damping
+from percept.haptics.loop import HOLDS, Hold
 from percept.haptics.rendering import passivity_damping
 from percept.haptics.velocity import VelocityFilter
 from percept.provenance import made_by
@@ -53,6 +55,17 @@ Each scene meets the hands that its worst frequency suggests and {random} random
 The paper's model (averaging hold, Eq. 8, with Tustin's method) gives another verdict in
 {average_wrong} of {scenes} scenes: {average_called_stable} that grow it calls passive, and
 {average_called_unstable} that never grow it calls active.
+
+## Couplings with a rigid wall behind them
+
+{couplings} random couplings (Eq. 6), some with a delay, hold a rigid wall. Equation 10 asks for
+stability with every wall. Its model of the loop is not that of the motion: Tustin's method
+discretizes the device, and forces that alias are left out. The device's damping is 0.2 to 5 times
+what Eq. 10 asks for under Eq. 8.
+
+| called stable by | couplings | some hand makes them grow |
+|---|---|---|
+{coupling_rows}
 
 """
 RANDOM_HANDS = 10
@@ -259,6 +272,42 @@ def outcome(rng: np.random.Generator) -> Outcome:
     return Outcome(setup, setup.damping > colgate, setup.damping > paper, growth)
 
 
+@dataclass(frozen=True)
+class CouplingOutcome:
+    """What verdicts on a coupling say, and what its motion with a rigid wall does."""
+
+    called_stable: dict[str, bool]  # By criterion
+    grows: bool
+
+
+def coupling_outcome(rng: np.random.Generator) -> CouplingOutcome:
+    """Draw a coupling and a device, and look for a hand that makes the motion grow."""
+    k_c, b_c = 10 ** rng.uniform([2, -1], [5, 2])
+    delay = float(rng.choice([0.0, 1.0, 2.0, rng.uniform(0, 3)]))
+    factor = np.exp(rng.choice([-1, 1]) * rng.uniform(np.log1p(TOO_NEAR), np.log(5)))
+    needed = {}
+    for hold in HOLDS:
+        asked = required_damping(Coupling(k_c, b_c), PERIOD, hold=Hold(hold, delay))
+        needed[f"Eq. 10, {hold} hold"] = float(asked.damping)
+    device = factor * needed["Eq. 10, average hold"]
+    setup = SampledWall(10 ** rng.uniform(-2, 0.3), device, Environment(k_c, b_c), delay)
+    needed["Colgate and Schenkel, the coupling as a wall"] = setup.needed[0]
+    hands = [random_hand(rng) for _ in range(RANDOM_HANDS)]
+    hands += worst_hands(setup, worst_angle(setup))
+    growth = max(setup.growth(hand) for hand in hands)
+    stable = {name: device > enough for name, enough in needed.items()}
+    return CouplingOutcome(stable, growth > GROWS)
+
+
+def coupling_rows(outcomes: list[CouplingOutcome]) -> str:
+    """Count by criterion what was called stable, and what of it grows."""
+    rows = []
+    for name in outcomes[0].called_stable:
+        stable = [one for one in outcomes if one.called_stable[name]]
+        rows.append(f"| {name} | {len(stable)} | {sum(one.grows for one in stable)} |")
+    return "\n".join(rows)
+
+
 def worst_angle(setup: SampledWall) -> float:
     """Angle ωT at which the loop asks for most."""
     angles = np.concatenate([np.geomspace(0.01, 0.1, 10), np.linspace(0.1, np.pi, 120)])
@@ -268,7 +317,7 @@ def worst_angle(setup: SampledWall) -> float:
     return np.pi if worst > 3.1 else worst
 
 
-def page(outcomes: list[Outcome]) -> str:
+def page(outcomes: list[Outcome], couplings: list[CouplingOutcome]) -> str:
     """Count what was called stable and unstable, and what grew."""
     unstable = [one for one in outcomes if not one.called_stable]
     stable = [one for one in outcomes if one.called_stable]
@@ -286,6 +335,8 @@ def page(outcomes: list[Outcome]) -> str:
         average_wrong=len(blind) + len(harsh),
         average_called_stable=len(blind),
         average_called_unstable=len(harsh),
+        couplings=len(couplings),
+        coupling_rows=coupling_rows(couplings),
     )
 
 
@@ -293,14 +344,16 @@ def main() -> None:
     """Write the page."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--scenes", type=int, default=500, help="scenes (500)")
+    parser.add_argument("--couplings", type=int, default=200, help="couplings (200)")
     parser.add_argument("--out", type=Path, required=True, help="folder of the page")
     parsed = parser.parse_args()
     rng = np.random.default_rng(2)
     outcomes = [outcome(rng) for _ in range(parsed.scenes)]
+    couplings = [coupling_outcome(rng) for _ in range(parsed.couplings)]
     made = made_by(shlex.join(["python", "-m", "tests.haptics.sampled", *sys.argv[1:]]))
     parsed.out.mkdir(parents=True, exist_ok=True)
     path = parsed.out / "loop.md"
-    path.write_text(page(outcomes) + made.sentence + "\n", encoding="utf-8")
+    path.write_text(page(outcomes, couplings) + made.sentence + "\n", encoding="utf-8")
     print(path)
 
 

@@ -223,6 +223,57 @@ def test_what_is_called_stable_keeps_its_poles_inside_the_circle():
     assert left["unstable"] > 15
 
 
+def poles_in_the_strip(device, wall, coupling, hand, delay):
+    """Count poles with Re s > 0 and abs(Im s) < π/T by the argument principle, for any delay.
+
+    A fraction of a sample leaves no polynomial. Device and hand A, wall and coupling S are passive,
+    so 1 + ZOH·S/A has no poles there: its turns along the axis, and out along Im s = π/T, count its
+    zeros. The lower half of the path is the mirror image of the upper one.
+    """
+    up = np.concatenate([np.geomspace(1e-9, 1, 8000), np.linspace(1e-6, 1, 8000)])
+    up = np.unique(up[up < 1 - 1e-12])
+    s = np.concatenate([1j * np.pi / T * up, (1j * np.pi + np.geomspace(1e-9, 60, 8000)) / T])
+    while True:
+        w = 2 / T * np.tanh(s * T / 2)
+        a = (device.mass + hand[0]) * w + device.damping + hand[1] + hand[2] / w
+        z_e = wall.mass * w + wall.damping + wall.stiffness / w
+        z_c = coupling.damping + coupling.stiffness * T / 2 + coupling.stiffness / w
+        late = (1 + np.exp(-s * T)) / 2 * np.exp(-s * T * delay)
+        angle = np.unwrap(np.angle(1 + late * z_e * z_c / (z_e + z_c) / a))
+        # A sharp resonance of the hand turns fast.
+        fast = np.flatnonzero(np.abs(np.diff(angle)) > 1)
+        if not fast.size:
+            break
+        s = np.insert(s, fast + 1, (s[fast] + s[fast + 1]) / 2)
+    turns = (angle[0] - angle[-1]) / np.pi
+    assert turns == pytest.approx(round(turns), abs=0.05)
+    return round(turns)
+
+
+@pytest.mark.evidence(reduced=True)
+@pytest.mark.parametrize("whole", [True, False])
+def test_poles_counted_along_a_path_are_those_of_the_polynomial_and_of_the_verdict(whole):
+    """Whole samples have both; a fraction has the count alone."""
+    rng = np.random.default_rng(5)
+    found = {"stable": 0, "unstable": 0}
+    for _ in range(300 if LONG else 10):
+        delay = float(rng.integers(0, 4)) if whole else rng.uniform(0, 4)
+        coupling = Coupling(*(10 ** rng.uniform([2, -1], [5.5, 2.5])))
+        need = required_damping(coupling, T, hold=Hold(delay=delay)).damping
+        device = Device(10 ** rng.uniform(-2, 0.5), need * 10 ** rng.uniform(-2, 0.5))
+        verdict = absolute_stability(device, coupling, T, hold=Hold(delay=delay)).verdict
+        for _ in range(4):
+            wall = Environment(*(10 ** rng.uniform([0, -2, -3], [7, 2, 0])))
+            hand = 10 ** rng.uniform([-2, -3, 0], [1, 1, 5])
+            count = poles_in_the_strip(device, wall, coupling, hand, delay)
+            found[verdict] += count > 0
+            if whole:
+                inverse = np.roots(closed_loop(device, wall, coupling, hand, int(delay))[::-1])
+                assert count == (np.abs(inverse) < 1 - 1e-9).sum()
+    assert found["stable"] == 0
+    assert found["unstable"] >= 3
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
