@@ -192,8 +192,9 @@ def stable_stiffness(
     Returns
     -------
     ndarray
-        N/m, of b_c's shape; 0 where b_c alone is not stable. From the second order on a filter
-        makes every damper active: then it is 0 but for b_c = 0.
+        N/m, of b_c's shape; 0 where b_c alone is not stable. From the second order of a filter on
+        that is every b_c but 0: stable couplings then have a lowest stiffness too, and this is no
+        edge of theirs.
 
     Raises
     ------

@@ -335,6 +335,7 @@ def absolute_stability(
     None does: records refuse negative masses, stiffnesses and dampings, and Tustin's method keeps
     the left half plane inside the circle. The coupling's pole, (2β − K)/(2β + K) with K = k_c·T,
     lies inside it too. A delay multiplies the hold: whole samples add poles at zero.
+    With a fraction of a sample the loop is no polynomial. The tests count its poles instead.
     """
     period = checked_period(period)
     refuse_arrays(device, coupling)

@@ -211,6 +211,8 @@ class Coupling(NotebookRecord):
     memberships: tuple[Membership, ...]  # By the paper's rule, one per environment
     read_at: float  # Where single values are read, rad/s
     by_device: DeviceStability | None = None  # None where the scene's device has no posterior
+    # Device damping that the coupling needs as a wall in time, by Colgate and Schenkel, N·s/m
+    rigid_wall_damping: float | None = None
 
     @property
     def stable(self) -> bool | None:

@@ -145,7 +145,7 @@ class Setup:
     def why_no_coupling(self) -> str:
         """Why no stable coupling is known."""
         if self.velocity_filter is not None and self.velocity_filter.order > 1:
-            return "the edge of stable couplings is known for velocity filters of order 1 alone"
+            return "from order 2 of the velocity filter on stiffness has a lower limit too"
         return "no coupling is stable with this device"
 
     @property
@@ -306,6 +306,9 @@ def study_coupling(
     by_device = None
     if setup.draws is not None:
         by_device = device_stability(setup.draws, coupling, period, hold)
+    # With a rigid wall behind it a coupling is a wall of its stiffness and damping.
+    as_wall = Environment(coupling.stiffness, coupling.damping, 0.0, coupling.velocity_filter)
+    rigid_wall = passivity_damping(as_wall, period, delay=hold_of(hold).delay)
     memberships = []
     for region in _best_regions(setup, regions, family):
         memberships.append(_membership(setup, region, within, read_at))
@@ -333,6 +336,7 @@ def study_coupling(
         memberships=tuple(memberships),
         read_at=read_at,
         by_device=by_device,
+        rigid_wall_damping=float(rigid_wall.colgate),
     )
 
 
