@@ -12,7 +12,6 @@ import pytest
 from percept.cache import PosteriorCache, cache_folder
 from percept.cli import COMMANDS, build_parser, main
 from percept.scene import Scene
-from tests import LONG
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
@@ -50,14 +49,9 @@ def blocks(page):
     ]
 
 
-def run_line(line, capsys, page):
-    """Run a line of a shell block, and return what it prints.
-
-    README's report draws each figure in all forms, those of other pages draw one.
-    """
+def run_line(line, capsys):
+    """Run a line of a shell block, and return what it prints."""
     words = shlex.split(line)
-    if words[:2] == ["percept", "report"] and page != README and not LONG:
-        words += ["--formats", "svg"]
     if words[0] == "make":
         target = words[1] if words[1:] else "install"
         assert re.search(
@@ -93,7 +87,7 @@ def test_every_block_runs(page, capsys):
         elif language == "toml":
             Scene(**tomllib.loads(text))
         elif language == "sh":
-            printed = "".join(run_line(line, capsys, page) for line in text.splitlines())
+            printed = "".join(run_line(line, capsys) for line in text.splitlines())
         elif language == "python":
             exec(compile(text, page.name, "exec"), names)
             hold_comments(text, names)

@@ -54,6 +54,7 @@ def test_scatter_between_subjects_vanishes_where_sigma_w_does():
     assert between / trials == pytest.approx(np.ones(2), abs=0.45)
 
 
+@pytest.mark.evidence
 def test_a_fit_is_measured_kept_and_not_measured_again(tmp_path, capsys):
     """Two seconds of processor time: a fit to the default tolerance is what the part measures."""
     command = [

@@ -23,6 +23,7 @@ def test_sixteen_times_the_draws_divide_the_error_by_four():
     assert whole.difference == 0.0
 
 
+@pytest.mark.evidence
 def test_every_environment_of_a_study_is_timed():
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(tolerance=0.2)
     table = read_sessions(DATASETS / "hbfd_sessions.csv").table

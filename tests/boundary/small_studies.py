@@ -114,7 +114,6 @@ def pages_of(seed: int, folder: Path) -> list[str]:
     sessions, scene = random_study(seed, folder)
     out = folder / f"{seed}"
     told = ["report", str(sessions), "--scene", str(scene), "--out", str(out), "--quiet"]
-    told += ["--formats", "svg"]
     assert percept([*told, "--no-cache"]) == 0
     assert (out / "report.html").stat().st_size > 10_000
     document = json.loads((out / "report.json").read_text(encoding="utf-8"))

@@ -15,8 +15,6 @@ from tests import DATASETS
 from tests.unmixed import unmixed_sessions
 
 SESSIONS = str(DATASETS / "hbfd_sessions.csv")
-#: Three files of each figure would be most of what a small report takes.
-SVG = ["--formats", "svg"]
 HEADER = "subject,environment,k_ref,b_ref,k_adj,b_adj\n"
 ROWS = [
     "S1,A,10,1,9,1.1",
@@ -66,7 +64,7 @@ def test_bad_input_says_where_and_leaves_nothing(tmp_path, capsys, lines, header
 def test_what_no_logarithm_is_of_costs_the_model_one_environment(tmp_path, capsys):
     out = tmp_path / "out"
     path = write(tmp_path, [*ROWS, "S3,B,100,2,-4,2.0"])
-    words = ["report", path, "--tolerance", "0.3", "--out", str(out), *SVG]
+    words = ["report", path, "--tolerance", "0.3", "--out", str(out)]
     assert main(words) == 0
     printed = capsys.readouterr().out
     assert (
@@ -140,7 +138,7 @@ def test_report_ends_with_the_page_and_keeps_what_was_there(tmp_path, capsys):
     out = tmp_path / "out"
     out.mkdir()
     (out / "notes.txt").write_text("mine")
-    code = main(["report", SESSIONS, "--method", "classical", "--out", str(out), *SVG])
+    code = main(["report", SESSIONS, "--method", "classical", "--out", str(out)])
     *said, last = capsys.readouterr().out.strip().splitlines()
     assert code == 0
     assert Path(last) == out / "report.html"
@@ -201,7 +199,7 @@ def test_the_study_s_words_are_the_terminal_s(tmp_path, capsys):
     )
     words = [path, "--scene", str(scene)]
     classical = ["--method", "classical", "--out", str(tmp_path / "out")]
-    for command in (["fit", *words, *classical], ["report", *words, *classical, *SVG]):
+    for command in (["fit", *words, *classical], ["report", *words, *classical]):
         assert main(command) == 0
         printed = capsys.readouterr().out
         assert "standard" in printed
@@ -499,7 +497,6 @@ def test_a_device_that_cannot_be_read_is_said_before_anything_is_sampled(tmp_pat
 def test_a_report_in_the_folder_of_the_sessions_is_no_session(tmp_path, capsys):
     (tmp_path / "sessions.csv").write_bytes(Path(SESSIONS).read_bytes())
     words = ["report", str(tmp_path), "--method", "classical", "--out", str(tmp_path / "report")]
-    words += SVG
     assert main(words) == 0
     assert any((tmp_path / "report" / "tables").glob("*.csv"))
     capsys.readouterr()
@@ -513,7 +510,7 @@ def test_a_report_says_that_the_bayesian_numbers_are_withheld(tmp_path, capsys):
     sessions = tmp_path / "unmixed.csv"
     unmixed_sessions().to_csv(sessions, index=False)
     words = ["--scene", str(scene), "--out", str(tmp_path / "out"), "--no-cache", "--quiet"]
-    assert main(["report", str(sessions), *words, *SVG]) == 1
+    assert main(["report", str(sessions), *words]) == 1
     captured = capsys.readouterr()
     assert captured.out.strip() == str(tmp_path / "out" / "report.html")
     assert captured.err.startswith("percept: Bayesian intervals are withheld: ")
@@ -557,8 +554,8 @@ def test_a_report_of_withheld_numbers_alone_is_written_and_no_success(tmp_path, 
     sessions = tmp_path / "unmixed.csv"
     unmixed_sessions().to_csv(sessions, index=False)
     words = ["--scene", str(scene), "--no-cache", "--quiet", "--out", str(tmp_path / "out")]
-    for command, formats in (("report", SVG), ("fit", [])):
-        assert main([command, str(sessions), *words, *formats]) == 1
+    for command in ("report", "fit"):
+        assert main([command, str(sessions), *words]) == 1
         captured = capsys.readouterr()
         assert captured.err.startswith("percept: Bayesian intervals are withheld: ")
         assert "Empty DataFrame" not in captured.out

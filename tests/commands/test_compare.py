@@ -175,6 +175,7 @@ def test_conditions_of_the_same_subjects_are_paired(tmp_path, capsys):
     assert "no contrast can be worked out" in capsys.readouterr().err
 
 
+@pytest.mark.evidence
 def test_methods_are_printed_with_their_reasons(folder, capsys, monkeypatch, tmp_path):
     monkeypatch.setenv("PERCEPT_CACHE", str(tmp_path))
     words = ["compare", folder / "all.csv", "--scene", folder / "scene.toml", "--tolerance", "0.2"]
@@ -246,7 +247,7 @@ ESCAPE = "\x1b[2J\u202e"
         ["compare", "a", "b"],
         ["compare", "a", "--by", "hand"],
         ["compare", "a", "--by", f"eye{ESCAPE}"],
-        ["report", "a", "--formats", "svg"],
+        ["report", "a"],
         ["predict", "a", "--k", "500", "--b", "2"],
     ],
     ids=" ".join,

@@ -76,7 +76,8 @@ def test_groups_of_a_pilot_study(tmp_path, capsys):
     assert "expert against novice: With" in capsys.readouterr().out
 
 
-def test_undecided_verdicts_come_with_the_subjects_that_decide_them(tmp_path, capsys):
+def undecided(tmp_path, method):
+    """Write a study of a wall that needs more subjects, and return the words that plan them."""
     rows = ["510,1.9", "470,2.4", "560,1.7", "520,2.6", "450,2.1"]
     lines = [f"S{i},soft,500,2,{row}" for i, row in enumerate(rows)]
     head = "subject,environment,k_ref,b_ref,k_adj,b_adj"
@@ -85,7 +86,11 @@ def test_undecided_verdicts_come_with_the_subjects_that_decide_them(tmp_path, ca
     scene = tmp_path / "scene.toml"
     device = "[device]\nmass = 0.5\ndamping = 5.0\nperiod = 0.001\n"
     scene.write_text(f"coupling = {{ stiffness = 3e3, damping = 20.0 }}\n{device}")
-    words = ["plan", str(data), "--scene", str(scene), "--method", "classical", "--decide"]
+    return ["plan", str(data), "--scene", str(scene), "--method", method, "--decide"]
+
+
+def test_undecided_verdicts_come_with_the_subjects_that_decide_them(tmp_path, capsys):
+    words = undecided(tmp_path, "classical")
     assert main([*words, "--quiet", "--json"]) == 0
     (direct, coupled) = json.loads(capsys.readouterr().out)["verdicts"]
     assert main([*words, "--quiet"]) == 0
@@ -97,7 +102,14 @@ def test_undecided_verdicts_come_with_the_subjects_that_decide_them(tmp_path, ca
         f"soft, through the coupling: too little data; {more} more subject"
     )
     assert direct["outcome"] in printed[0]
-    words[words.index("classical")] = "both"
+    (tmp_path / "scene.toml").write_text("")
+    assert main([*words, "--quiet"]) == 1
+    assert "there is no verdict to decide" in capsys.readouterr().err
+
+
+@pytest.mark.evidence
+def test_the_subjects_that_decide_are_checked_by_studies(tmp_path, capsys):
+    words = undecided(tmp_path, "both")
     checked = [*words, "--quiet", "--tolerance", "0.2", "--no-cache", "--studies"]
     assert main([*checked, "2", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -107,9 +119,6 @@ def test_undecided_verdicts_come_with_the_subjects_that_decide_them(tmp_path, ca
     assert found["checked"]["bayesian"] in (0.0, 0.5, 1.0)
     assert main([*checked, "1"]) == 2
     assert "a standard error needs at least two studies" in capsys.readouterr().err
-    scene.write_text("")
-    assert main([*words, "--quiet"]) == 1
-    assert "there is no verdict to decide" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -367,7 +367,7 @@ def test_why_the_methods_differ_stands_on_the_page_where_it_is_asked(tmp_path):
     table = pd.concat([once, again])
     table.drop(columns="source").to_csv(tmp_path / "sessions.csv", index=False)
     words = ["report", str(tmp_path / "sessions.csv"), "--why", "--tolerance", "0.2", "--quiet"]
-    assert main([*words, "--formats", "svg", "--out", str(tmp_path / "out")]) == 0
+    assert main([*words, "--out", str(tmp_path / "out")]) == 0
     document = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
     page = Reader((tmp_path / "out" / "report.html").read_text(encoding="utf-8"))
     # Of the average user and of the next one, who leaves trial noise out.

@@ -227,6 +227,7 @@ def test_the_page_s_numbers_follow_the_list(both):
     assert list(dict.fromkeys(shown)) == list(range(1, len(cited(as_results(both))) + 1))
 
 
+@pytest.mark.evidence
 def test_of_many_environments_some_are_drawn_and_the_page_says_so(classical):
     document = copy.deepcopy(classical)
     names = [f"E{number:02d}" for number in range(60)]

@@ -11,7 +11,7 @@ from tests import LONG
 from tests.sessions.dialects import WRITERS, example
 from tests.sessions.fuzz import check, fuzz, main
 
-FILES = 10_000 if LONG else 200
+FILES = 10_000 if LONG else 120
 
 
 @pytest.mark.evidence(reduced=True)

@@ -59,7 +59,7 @@ def same(sessions, trials):
 
 
 @pytest.mark.evidence(reduced=True)
-@settings(max_examples=1500 if LONG else 40, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=1500 if LONG else 25, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     trials=studies(),
     delimiter=st.sampled_from([",", ";", "\t", "|"]),
@@ -101,7 +101,8 @@ def test_delimited(tmp_path_factory, trials, delimiter, mark, encoding, newline,
 
 
 @pytest.mark.parametrize("name", WRITERS)
-@settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck))
+@pytest.mark.evidence(reduced=True)
+@settings(max_examples=15 if LONG else 6, deadline=None, suppress_health_check=list(HealthCheck))
 @given(trials=studies())
 def test_tools(tmp_path_factory, name, trials):
     writer = WRITERS[name]

@@ -33,7 +33,7 @@ def known(study: Study, covariance: list[list[float]]):
     return dataclasses.replace(setup, draws=device_draws(scene), coupling=COUPLING)
 
 
-@pytest.mark.parametrize("coupled", [False, True])
+@pytest.mark.parametrize("coupled", [pytest.param(False, marks=pytest.mark.evidence), True])
 def test_the_average_is_that_of_every_device_judged_in_full(fitted: Study, coupled) -> None:
     setup = known(fitted, [[0.25, 0.0], [0.0, 0.04]])
     (verdict,) = [

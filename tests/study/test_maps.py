@@ -140,7 +140,7 @@ def test_published_limits_have_no_joint_law_for_classical_maps() -> None:
     assert said["sensitivity to the device's mass and damping"].endswith("stiffness and damping")
 
 
-@pytest.mark.parametrize("coupled", [True, False])
+@pytest.mark.parametrize("coupled", [True, pytest.param(False, marks=pytest.mark.evidence)])
 def test_devices_are_judged_as_the_scene_s_own_is(fitted: Study, coupled) -> None:
     scene = fitted.scene if coupled else fitted.scene.with_tables(coupling=None)
     study = fitted if coupled else Study(fitted.sessions, scene)

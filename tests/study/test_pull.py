@@ -111,6 +111,7 @@ def scaled_study(scale):
     return Study(sessions, scene)
 
 
+@pytest.mark.evidence
 def test_a_scale_far_smaller_than_the_settings_is_named_without_checks():
     study = scaled_study(1.0)
     rows = study.intervals.query("kind == 'mean' and method == 'bayesian'")

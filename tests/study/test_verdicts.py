@@ -38,7 +38,9 @@ def test_both_methods_follow_the_decision(fitted: Study) -> None:
         assert row.stable_and_real == (0.0 if row.coupled else None)
 
 
-@pytest.mark.parametrize("method", ["bayesian", "classical"])
+@pytest.mark.parametrize(
+    "method", [pytest.param("bayesian", marks=pytest.mark.evidence), "classical"]
+)
 def test_four_participants_are_too_few_to_say_that_a_wall_feels_real(method) -> None:
     columns = {
         "subject": "participant",
@@ -73,7 +75,7 @@ def test_published_limits_are_judged_part_by_part() -> None:
         assert row.probability == row.classical.least
 
 
-@pytest.mark.parametrize("method", ["both", "classical"])
+@pytest.mark.parametrize("method", [pytest.param("both", marks=pytest.mark.evidence), "classical"])
 def test_a_mistyped_row_is_named_with_the_verdict_without_it(tmp_path, method) -> None:
     head = "subject,environment,k_ref,b_ref,k_adj,b_adj\n"
     rows = ["Ann,soft,500,2,560,2.4", "Ben,soft,500,2,610,1.9", "Cem,soft,500,2,530,2.6"]

@@ -13,6 +13,7 @@ from percept import RefusalError, Scene, Study
 from percept.cli import main
 from percept.inference import prediction_interval, tolerance_interval
 from percept.sessions import Sessions
+from tests import LONG
 
 KINDS = ("mean", "user", "share")
 DECADES = {"k": (10.0, 5e4), "b": (0.1, 50.0)}
@@ -113,7 +114,8 @@ def plain():
     return answered(study_of(table_of(responses(6, 2, seed=3))))
 
 
-@pytest.mark.parametrize("unit", [1e-6, 1e6])
+@pytest.mark.evidence(reduced=True)
+@pytest.mark.parametrize("unit", [1e-6, 1e6] if LONG else [1e6])
 def test_units_of_the_data_only_scale_the_limits(plain, unit):
     scaled = answered(study_of(table_of(responses(6, 2, seed=3), unit=unit)))
     difference = on_the_model_scale(plain)[0] - on_the_model_scale(scaled)[0]

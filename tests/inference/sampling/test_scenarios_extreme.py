@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from percept.inference import prediction_interval
+from tests import LONG
 from tests.inference.sampling.test_scenarios import (
     KINDS,
     answered,
@@ -35,6 +36,7 @@ def test_a_subject_wild_everywhere_is_an_effect_of_the_subject():
     assert scales["sigma_u"][1].mean() > 5 * scales["sigma"][1].mean()
 
 
+@pytest.mark.evidence
 def test_spreads_below_the_subjects_effect_in_a_large_study():
     """Cells' SDs are mostly the subjects' own: the coordinates begin fifty units from where
     sigma is."""
@@ -49,7 +51,8 @@ def test_spreads_below_the_subjects_effect_in_a_large_study():
             assert abs(limits[k, side, c] - wanted) < 4 * errors[k, side, c] + allowed
 
 
-@pytest.mark.parametrize("unit", [1e-3, 1e-6])
+@pytest.mark.evidence(reduced=True)
+@pytest.mark.parametrize("unit", [1e-3, 1e-6] if LONG else [1e-6])
 def test_variances_of_a_million_million(unit):
     """Responses in units a million times too small: the means are pinned by the prior, the
     spread is not."""
