@@ -22,7 +22,6 @@ from pydantic import (
 
 from percept.errors import UsageError
 from percept.html import fields_html
-from percept.inference.hierarchy.priors import Priors
 from percept.scene_device import CouplingTable, DeviceTable, ModeTable, Positive
 from percept.sessions.formula import Term, model_terms, terms_of
 from percept.sessions.options import DataTables, said
@@ -175,6 +174,9 @@ class ModelTable(Table):
     @field_validator("priors")
     @classmethod
     def _priors_of_the_model(cls, priors: dict[str, float]) -> dict[str, float]:
+        # SciPy comes with them: files are validated and studies planned without it.
+        from percept.inference.hierarchy.priors import Priors
+
         known = [field.name for field in dataclasses.fields(Priors)]
         for name, value in priors.items():
             known_key(known, name, name, value)

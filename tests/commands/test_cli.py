@@ -391,6 +391,14 @@ def test_help_imports_no_numerics():
     assert not modules & {"numpy", "pandas", "scipy", "pydantic", "matplotlib", "emcee"}
 
 
+def test_validating_imports_the_reader_and_no_more():
+    reading = imported_by(f"from percept import read_sessions; read_sessions({SESSIONS!r})")
+    modules = imported_by(f"from percept.cli import main; main(['validate', {SESSIONS!r}])")
+    more = {name.partition(".")[0] for name in modules - reading}
+    assert more <= {"percept", "argparse", "gettext", "shlex", "pandas"}
+    assert "scipy" not in modules
+
+
 def test_classical_fit_imports_no_sampler(tmp_path):
     modules = imported_by(
         "from percept.cli import main\n"
