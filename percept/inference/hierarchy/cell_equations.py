@@ -56,7 +56,11 @@ class CellEquations:
         Precision of the subjects' effects with the prior's one, (q, q, G, W).
     """
 
-    def __init__(self, problem: CellProblem, scales: CellScales) -> None:
+    def __init__(
+        self,
+        problem: CellProblem,
+        scales: CellScales,
+    ) -> None:
         self.problem = problem
         self.trial = scales.trial
         self.effect_columns = scales.effects  # (q, P, C, W) Z
@@ -104,19 +108,23 @@ class CellEquations:
         count = problem.size * problem.cells
         by_cell = weighted.reshape(count, -1)
         # A product with b_i is √N times one with u = √N b̄, once summed over N subjects.
-        root_subjects = np.sqrt(problem.subjects)[:, None]
+        root_subjects = np.sqrt(problem.subjects)
+        of_pattern = root_subjects[:, None]
         basis_by_effects = problem.sparse_basis @ by_cell
         basis_by_effects = basis_by_effects.reshape(-1, *effect_shape)
-        basis_by_effects *= root_subjects
-        deviations = self._by_environment(basis_by_effects[: problem.deviations])
+        basis_by_effects *= of_pattern
+        own = basis_by_effects[: problem.deviations]
+        deviations = self._by_environment(own)
         sd = self.deviation_sd[:, None, None, None]
         self.deviations_by_effects = deviations * sd
         fixed = basis_by_effects[problem.deviations :]
         slopes = np.einsum("pcqgw,mcg->mpqgw", weighted, problem.covariate_mean)
-        slopes = problem.covariate_sd * slopes.reshape(-1, *effect_shape)
+        slopes = slopes.reshape(-1, *effect_shape)
+        slopes *= problem.covariate_sd
         data = np.einsum("pcqgw,pcg->qgw", weighted, problem.mean)
         slopes_and_data = np.concatenate([slopes, data[None]])
-        self.rest_by_effects = np.concatenate([fixed, slopes_and_data * root_subjects])
+        slopes_and_data *= of_pattern
+        self.rest_by_effects = np.concatenate([fixed, slopes_and_data])
 
     def _set_latents(self) -> None:
         """Store the products B'D⁻¹B of the latents, and B'D⁻¹m of the data."""
@@ -131,7 +139,8 @@ class CellEquations:
         by_cell = over_subjects.reshape(-1, width)
         weighted_mean = problem.mean * problem.subjects
         data = np.einsum("pqcgw,qcg->pcw", self._entries, weighted_mean)
-        basis_by_data = problem.sparse_basis @ data.reshape(-1, width)
+        data_by_cell = data.reshape(-1, width)
+        basis_by_data = problem.sparse_basis @ data_by_cell
 
         sd = self.deviation_sd[:, None]
         own_products = problem.own_products @ by_cell
@@ -160,7 +169,8 @@ class CellEquations:
         problem = self.problem
         sd = problem.covariate_sd
         basis_by_slopes = sd * self._basis_by_slopes()
-        deviations = self._by_environment(basis_by_slopes[: problem.deviations])
+        own = basis_by_slopes[: problem.deviations]
+        deviations = self._by_environment(own)
         slopes = slice(problem.fixed_columns, -1)
         deviation_sd = self.deviation_sd[:, None, None]
         self.deviations_by_rest[:, :, slopes] = deviations * deviation_sd
@@ -178,7 +188,8 @@ class CellEquations:
             cells = self.precision[scatter.cells, scatter.pattern]
             of_scatter = _slopes_of_scatter(scatter, covariance, cells)
             products = products.plus(of_scatter)
-        self.rest_and_data[slopes, slopes] = sd * sd * products.information
+        information = sd * sd * products.information
+        self.rest_and_data[slopes, slopes] = information
         self.rest_and_data[slopes, -1] = sd * products.by_data
 
     def _basis_by_slopes(self) -> Array:
@@ -188,7 +199,8 @@ class CellEquations:
         # (P, C, M, P, W): the last P is the quantity of the slope.
         by_cell = np.einsum("pqcgw,mcg->pcmqw", self._entries, weighted)
         count = problem.size * problem.cells
-        products = problem.sparse_basis @ by_cell.reshape(count, -1)
+        flat = by_cell.reshape(count, -1)
+        products = problem.sparse_basis @ flat
         by_slope = products.reshape(-1, problem.slopes, self._width)
         return np.asarray(by_slope)
 
@@ -215,6 +227,16 @@ class _SlopeProducts:
     information: Array  # (M P, M P, W) With one another
     by_data: Array  # (M P, W) With the data
 
+    @classmethod
+    def in_one_row(cls, information: Array, by_data: Array) -> _SlopeProducts:
+        """Slopes in one row, from products (M, P, M, P, W) and (M, P, W)."""
+        covariates, size, width = by_data.shape
+        slopes = covariates * size
+        return cls(
+            information=information.reshape(slopes, slopes, width),
+            by_data=by_data.reshape(slopes, width),
+        )
+
     def plus(self, other: _SlopeProducts) -> _SlopeProducts:
         """Sum of two independent sources of information."""
         information = self.information + other.information
@@ -223,15 +245,11 @@ class _SlopeProducts:
 
 def _slopes_of_means(problem: CellProblem, entries: Array) -> _SlopeProducts:
     """Products by the precisions (P, P, C, G, W) of the patterns' mean responses."""
-    slopes = problem.slopes
     covariates = problem.covariate_mean
     weighted = covariates * problem.subjects
     information = np.einsum("pqcgw,mcg,ncg->mpnqw", entries, covariates, weighted)
     by_data = np.einsum("pqcgw,mcg,qcg->mpw", entries, weighted, problem.mean)
-    return _SlopeProducts(
-        information=information.reshape(slopes, slopes, -1),
-        by_data=by_data.reshape(slopes, -1),
-    )
+    return _SlopeProducts.in_one_row(information, by_data)
 
 
 def _slopes_of_trials(scatter: TrialScatter, trial: Block) -> _SlopeProducts:
@@ -242,15 +260,13 @@ def _slopes_of_trials(scatter: TrialScatter, trial: Block) -> _SlopeProducts:
     responses = np.einsum("lmt,lqt->mqt", rows, scatter.response_rows)
     information = np.einsum("mnt,pqtw->mpnqw", squares, entries)
     by_data = np.einsum("mqt,pqtw->mpw", responses, entries)
-    slopes = information.shape[0] * information.shape[1]
-    return _SlopeProducts(
-        information=information.reshape(slopes, slopes, -1),
-        by_data=by_data.reshape(slopes, -1),
-    )
+    return _SlopeProducts.in_one_row(information, by_data)
 
 
 def _slopes_of_scatter(
-    scatter: PatternScatter, covariance: SubjectCovariance, precision: Block
+    scatter: PatternScatter,
+    covariance: SubjectCovariance,
+    precision: Block,
 ) -> _SlopeProducts:
     """Products by the inverse of V = D + ZZ' of subjects about the mean of their pattern.
 
@@ -262,7 +278,9 @@ def _slopes_of_scatter(
     entries = precision_entries(precision)  # (P, P, E, W)
     width = entries.shape[-1]
     squares = np.einsum("anpe,bnqe->abpqe", rows, rows)
-    by_noise = squares.reshape(count * count, -1) @ entries.reshape(-1, width)
+    flat_squares = squares.reshape(count * count, -1)
+    flat_entries = entries.reshape(-1, width)
+    by_noise = flat_squares @ flat_entries
     by_noise = by_noise.reshape(count, count, width)
     flat = rows.reshape(-1, *of_cells)
     whitened = covariance.whitened_effects(flat)  # (q, k n, W)
@@ -270,4 +288,7 @@ def _slopes_of_scatter(
     explained_by_effects = np.einsum("qanw,qbnw->abw", whitened, whitened)
     products = by_noise - explained_by_effects
     slopes = products[:-1]
-    return _SlopeProducts(information=slopes[:, :-1], by_data=slopes[:, -1])
+    return _SlopeProducts(
+        information=slopes[:, :-1],
+        by_data=slopes[:, -1],
+    )

@@ -62,12 +62,17 @@ class _Remainder:
     R and the columns T' (W, k + 1, K) hold the data last.
     """
 
-    def __init__(self, joint: Array, explained: Array) -> None:
+    def __init__(
+        self,
+        joint: Array,
+        explained: Array,
+    ) -> None:
         diagonal = np.einsum("wii->wi", joint)
         diagonal_of_r = diagonal[:, :-1].copy()
         joint -= explained @ explained.swapaxes(1, 2)
-        matrix = joint[:, :-1, :-1]
-        data = joint[:, :-1, -1]
+        rows = joint[:, :-1]
+        matrix = rows[:, :, :-1]
+        data = rows[:, :, -1]
         self.lower = cholesky(matrix)
         whitened = lower_solve(self.lower, data)
         self.solution = upper_solve(self.lower, whitened)
@@ -80,10 +85,15 @@ class _Remainder:
     def columns_of(self, weights: Array) -> Array:
         """Columns (W, L, K) of weights (W or 1, L, K)."""
         inverse = np.linalg.inv(self.lower)
-        return np.asarray(weights @ inverse.swapaxes(1, 2))
+        transposed = inverse.swapaxes(1, 2)
+        return np.asarray(weights @ transposed)
 
 
-def _joint(blocks: Array, blocks_by_rest: Array, rest_and_data: Array) -> Array:
+def _joint(
+    blocks: Array,
+    blocks_by_rest: Array,
+    rest_and_data: Array,
+) -> Array:
     """Joint precision of what an elimination leaves, before it goes, (W, k B + r + 1, k B + r + 1).
 
     The blocks (k, k, B, W) are the precisions of B independent vectors. The rest and the data stand
@@ -93,14 +103,17 @@ def _joint(blocks: Array, blocks_by_rest: Array, rest_and_data: Array) -> Array:
     first = count * number
     size = first + len(rest_and_data)
     joint = np.zeros((width, size, size))
-    corner = joint[:, :first, :first]
+    of_blocks = joint[:, :first]
+    of_rest = joint[:, first:]
+    corner = of_blocks[:, :, :first]
     by_block = corner.reshape(width, count, number, count, number)
     block = np.arange(number)
-    by_block[:, :, block, :, block] = blocks.transpose(2, 3, 0, 1)
+    block_first = blocks.transpose(2, 3, 0, 1)
+    by_block[:, :, block, :, block] = block_first
     mixed = blocks_by_rest.transpose(2, 0, 1)
-    joint[:, :first, first:] = mixed
-    joint[:, first:, :first] = mixed.swapaxes(1, 2)
-    joint[:, first:, first:] = rest_and_data.transpose(2, 0, 1)
+    of_blocks[:, :, first:] = mixed
+    of_rest[:, :, :first] = mixed.swapaxes(1, 2)
+    of_rest[:, :, first:] = rest_and_data.transpose(2, 0, 1)
     rest = np.arange(first, size)
     joint[:, rest, rest] += 1.0
     return joint
@@ -124,12 +137,14 @@ class SubjectsFirst:
         by_effects = equations.deviations_by_effects.reshape(deviations, *effect_shape)
         latents_by_effects = np.concatenate([by_effects, equations.rest_by_effects])
         right = latents_by_effects.swapaxes(0, 1)
-        explained = solve_lower(factor[:, :, None], right)  # T, (q, Q + 1, G, W)
+        for_latents = factor[:, :, None]
+        explained = solve_lower(for_latents, right)  # T, (q, Q + 1, G, W)
         size = joint.shape[1]
         draws_first = explained.transpose(3, 1, 0, 2)
         by_latent = draws_first.reshape(width, size, -1)
         self._remainder = _Remainder(joint, by_latent)
-        self.latents = np.ascontiguousarray(self._remainder.solution.T)
+        latents_first = self._remainder.solution.T
+        self.latents = np.ascontiguousarray(latents_first)
         subjects = equations.problem.subjects
         of_effects = 2.0 * subjects @ log_diagonal(factor)
         self.log_determinant = of_effects + self._remainder.log_determinant
@@ -137,9 +152,11 @@ class SubjectsFirst:
 
     def columns_of(self, own: Array, rest: Array) -> Array:
         """Columns (W, L, K) of weights of own deviations and of the rest."""
-        scaled = own[..., None] * self._deviation_sd[:, None]  # (L, a, J, W)
+        sd = self._deviation_sd[:, None]
+        scaled = own[..., None] * sd  # (L, a, J, W)
+        count = len(own)
         width = scaled.shape[-1]
-        flat = scaled.reshape(len(own), -1, width)
+        flat = scaled.reshape(count, -1, width)
         deviation_weights = np.moveaxis(flat, -1, 0)
         every_draw = (width, *rest.shape)
         rest_weights = np.broadcast_to(rest, every_draw)
@@ -172,10 +189,10 @@ class EnvironmentsFirst:
         size = self._effects + rest_and_data
         self._explained = explained[:, :, :-1]
         flat = explained.reshape(own * environments, size, width)
-        rest_by_effects = equations.rest_by_effects.reshape(rest_and_data, self._effects, width)
+        by_rest = equations.rest_by_effects.reshape(rest_and_data, self._effects, width)
         joint = _joint(
             blocks=equations.effects,
-            blocks_by_rest=rest_by_effects.swapaxes(0, 1),
+            blocks_by_rest=by_rest.swapaxes(0, 1),
             rest_and_data=equations.rest_and_data,
         )
         draws_first = flat.transpose(2, 1, 0)
@@ -192,7 +209,8 @@ class EnvironmentsFirst:
         # The remainder has the effects of one subject of each pattern.
         other_subjects = equations.problem.subjects - 1.0
         of_others = other_subjects @ log_diagonal(factor)
-        of_environments = log_diagonal(self._factor).sum(axis=0)
+        by_environment = log_diagonal(self._factor)
+        of_environments = by_environment.sum(axis=0)
         eliminated = 2.0 * (of_others + of_environments)
         self.log_determinant = eliminated + self._remainder.log_determinant
 
@@ -209,7 +227,8 @@ class EnvironmentsFirst:
         of_own = of_own.transpose(2, 1, 0)  # L⁻¹a
         deviations = of_own.shape[2]
         explained = self._explained.reshape(deviations, -1, width)
-        weights = -of_own @ explained.transpose(2, 0, 1)
+        draws_first = explained.transpose(2, 0, 1)
+        weights = -of_own @ draws_first
         weights[:, :, self._effects :] += rest
         remaining = self._remainder.columns_of(weights)
         return np.concatenate([of_own, remaining], axis=2)
@@ -219,18 +238,22 @@ class EnvironmentsFirst:
         count, columns, _ = own.shape
         width = self._deviation_sd.shape[-1]
         unit = np.eye(columns)
-        unit = np.broadcast_to(unit[:, :, None, None], self._factor.shape)
+        of_environment = unit[:, :, None, None]
+        unit = np.broadcast_to(of_environment, self._factor.shape)
         for_columns = self._factor[:, :, None]
         inverse = solve_lower(for_columns, unit)
         inverse *= self._deviation_sd[:, None]
         covariance = np.einsum("kajw,kbjw->abjw", inverse, inverse)
         products = own[:, :, None] * own[:, None]  # (L, a, a, J)
-        sparse_products = sparse.csr_array(products.reshape(count, -1))
-        of_own = sparse_products @ covariance.reshape(-1, width)
+        flat_products = products.reshape(count, -1)
+        sparse_products = sparse.csr_array(flat_products)
+        flat_covariance = covariance.reshape(-1, width)
+        of_own = sparse_products @ flat_covariance
         solved = np.einsum("kajw,kjrw->ajrw", inverse, self._explained)
         rest_and_effects = solved.shape[2]
         flat = solved.reshape(-1, rest_and_effects * width)
-        sparse_own = sparse.csr_array(own.reshape(count, -1))
+        flat_own = own.reshape(count, -1)
+        sparse_own = sparse.csr_array(flat_own)
         explained = sparse_own @ flat
         explained = explained.reshape(count, -1, width)
         weights = -explained.transpose(2, 0, 1)

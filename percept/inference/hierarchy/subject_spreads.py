@@ -45,19 +45,26 @@ class _Table:
     df: Array  # (P, N, C) Zero for a subject whose repeats are all alike, which has no log SD
 
     @classmethod
-    def of(cls, scatter: TrialScatter, subjects: int, cells: int) -> _Table:
+    def of(
+        cls,
+        scatter: TrialScatter,
+        subjects: int,
+        cells: int,
+    ) -> _Table:
         """Spread groups of trials over subjects and cells."""
         groups = scatter.squares()
-        squares = np.zeros((len(groups), subjects, cells))
+        size = len(groups)
+        squares = np.zeros((size, subjects, cells))
         squares[:, scatter.subject, scatter.cell] = groups
         df = np.zeros((subjects, cells))
         df[scatter.subject, scatter.cell] = scatter.df
-        has_scatter = squares.sum(axis=2, keepdims=True) > 0.0
-        return cls(squares, np.where(has_scatter, df, 0.0))
+        of_subject = squares.sum(axis=2, keepdims=True)
+        return cls(squares, np.where(of_subject > 0.0, df, 0.0))
 
     def of_subjects(self) -> Array:
         """Log SDs of subjects over those of the cells, (P, N)."""
-        rough = np.zeros(self.squares.shape[:2])
+        size, subjects, _ = self.squares.shape
+        rough = np.zeros((size, subjects))
         squares_by_cell = self.squares.swapaxes(1, 2)
         df_by_cell = self.df.swapaxes(1, 2)
         for _ in range(_ROUGH_TURNS):
@@ -66,18 +73,27 @@ class _Table:
         return rough
 
 
-def _log_sd(squares: Array, df: Array, log_other: Array) -> Array:
+def _log_sd(
+    squares: Array,
+    df: Array,
+    log_other: Array,
+) -> Array:
     """Log SDs over the last axis but one, (P, C), once other log SDs (P, N) are divided out."""
     inverse_variance = np.exp(-2.0 * log_other)
     scaled = squares * inverse_variance[..., None]
-    total_df = df.sum(axis=-2)
-    variance = scaled.sum(axis=-2) / np.maximum(total_df, 1.0)
+    # Where there are no degrees of freedom there are no squares either.
+    total_df = np.maximum(df.sum(axis=-2), 1.0)
+    variance = scaled.sum(axis=-2) / total_df
     # A log SD of zero stands where there is no scatter.
     positive = np.where(variance > 0.0, variance, 1.0)
     return 0.5 * np.log(positive)
 
 
-def chance_of_differences(scatter: TrialScatter, subjects: int, cells: int) -> Array:
+def chance_of_differences(
+    scatter: TrialScatter,
+    subjects: int,
+    cells: int,
+) -> Array:
     """Probability that subjects of equal trial SD differ by chance as much as these subjects do.
 
     The log of a sample SD of nu degrees of freedom has the variance psi'(nu/2)/4 about
@@ -140,7 +156,11 @@ class SubjectSpreads:
     """
 
     def __init__(
-        self, scatter: TrialScatter, subjects: int, cells: int, correlation: float
+        self,
+        scatter: TrialScatter,
+        subjects: int,
+        cells: int,
+        correlation: float,
     ) -> None:
         table = _Table.of(scatter, subjects, cells)
         self._table = table
@@ -159,14 +179,19 @@ class SubjectSpreads:
             rough = rough_log_sd[:, None]
             if phi:
                 first_rough = self._rough_log_sd[0, :, None]
-                rough = rough + self._correlation * (phi[0] - first_rough)
+                departure = phi[0] - first_rough
+                rough = rough + self._correlation * departure
             of_quantity, density = self._of_quantity(p, coordinates[p], omega[p], rough)
             phi.append(of_quantity)
             log_density += density
         return np.stack(phi), log_density
 
     def _of_quantity(
-        self, quantity: int, coordinates: Array, omega: Array, rough: Array
+        self,
+        quantity: int,
+        coordinates: Array,
+        omega: Array,
+        rough: Array,
     ) -> tuple[Array, Array]:
         """Log ratios phi (N, W) of one quantity by its rough log SDs, and log density (W,)."""
         weight = self.weight[quantity][:, None]
@@ -186,8 +211,9 @@ class SubjectSpreads:
         squares = np.einsum("nw,nw->w", ratios, ratios)
         # The prior of f = phi/omega_s times the Jacobian of the map, g prod(s^(-1/2)).
         log_roots = np.log(root)
-        log_density = np.log(g) - log_roots.sum(axis=0) - 0.5 * squares
-        log_density -= 0.5 * _LOG_2PI * len(coordinates)
+        log_jacobian = np.log(g) - log_roots.sum(axis=0)
+        log_prior = -0.5 * (squares + _LOG_2PI * len(coordinates))
+        log_density = log_prior + log_jacobian
         return omega * ratios, log_density
 
     def cells_given(self, phi: Array) -> Array:
@@ -204,7 +230,13 @@ class SubjectSpreads:
         return np.stack(moves)
 
 
-def _ratios(coordinates: Array, pull: Array, weight: Array, root: Array, g: Array) -> Array:
+def _ratios(
+    coordinates: Array,
+    pull: Array,
+    weight: Array,
+    root: Array,
+    g: Array,
+) -> Array:
     """Ratios f = phi/omega_s, (N, W): their mean, and coordinates by a root of their covariance.
 
     The pull (N, W) is omega_s w (l - l̄), which the covariance takes to the mean; the root is √s.
