@@ -45,6 +45,42 @@ class LinearScales:
     log_prior: Array  # (W,) Prior density of the coordinates
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Reading:
+    """Coordinates by scale, and the scales that are worked out from them as they are read."""
+
+    coords: Array  # (d, W)
+    slots: dict[str, slice]  # Coordinates of each scale
+    named: dict[str, Array] = dataclasses.field(default_factory=dict)
+
+    @property
+    def width(self) -> int:
+        """Number W of sets of coordinates."""
+        return self.coords.shape[1]
+
+    def by_quantity(self, scale: str, size: int) -> Array:
+        """Coordinates of a scale, (P, count, W)."""
+        flat = self.coords[self.slots[scale]]
+        return flat.reshape(size, -1, self.width)
+
+    def half_normal(self, name: str, prior_scale: float) -> Array:
+        """Read SDs (P, W) under a half-normal prior."""
+        coordinates = self.coords[self.slots[name]]
+        sd = half_normal(coordinates, prior_scale)
+        self.named[name] = sd
+        return sd
+
+    def block(self, sd: Array, rho: str, rho_shape: float) -> Block:
+        """Read the covariance over the quantities of SDs (P, ..., W)."""
+        variances = tuple(sd)
+        if len(variances) == 1:
+            return block(variances)
+        (coordinate,) = self.coords[self.slots[rho]]
+        rho_value, rest = correlation(coordinate, rho_shape)
+        self.named[rho] = rho_value
+        return block(variances, rho_value, rest)
+
+
 def _effect_name(greek: str, term: Term) -> str:
     """Name of a scale of a term, such as sigma_u, and sigma_v:hand."""
     if term.name == LEVEL:
@@ -172,38 +208,39 @@ class LinearModel(Model):
 
     def linear_scales(self, points: Array) -> LinearScales:
         """Map coordinates (W, d) to scales."""
-        coords = np.ascontiguousarray(points.T)
-        named: dict[str, Array] = {}
-        log_prior = np.zeros(len(points))
-        ratios, log_density = self._subject_ratios(coords, named)
-        log_prior = log_prior + log_density
+        reading = self.reading(points)
+        ratios, log_prior = self._subject_ratios(reading)
         blocks: dict[str, Block] = {}
         for level in self._levels:
-            shift = np.zeros((self.design.parameters, 1, coords.shape[1]))
+            shift = np.zeros((self.design.parameters, 1, reading.width))
             if level.suffix and self._subject_spreads is not None:
                 shift = self._subject_spreads.cells_given(ratios)
-            log_sigma, log_density = self._log_sigma(level, coords, named, shift)
+            log_sigma, log_density = self._log_sigma(level, reading, shift)
             log_prior = log_prior + log_density
             if level.suffix:
                 log_sigma = log_sigma[:, self.scatter.cell]
                 if self.scatter.subject is not None:
                     log_sigma = log_sigma + ratios[:, self.scatter.subject]
-            blocks[level.suffix] = self._block(np.exp(log_sigma), level.rho, coords, named)
-        taus = []
+            sd = np.exp(log_sigma)
+            blocks[level.suffix] = reading.block(sd, level.rho, self.priors.rho_shape)
+        taus = [np.zeros((0, self.design.parameters, reading.width))]
         for term in self.design.own:
             name = _effect_name("tau", term)
-            tau = self._half_normal(name, self.priors.tau_scale, coords, named)
-            taus.append(np.repeat(tau[None], len(term.columns), axis=0))
-        # Own scales in log_prior: all but those of the levels' SDs are standard normal.
-        standard = np.concatenate([coords[part] for part in self._standard_slots()])
-        log_prior -= 0.5 * (np.einsum("dw,dw->w", standard, standard) + _LOG_2PI * len(standard))
+            tau = reading.half_normal(name, self.priors.tau_scale)
+            of_columns = np.repeat(tau[None], len(term.columns), axis=0)
+            taus.append(of_columns)
+        # All coordinates but those of the levels' SDs and of phi are standard normal.
+        standard = np.concatenate([reading.coords[part] for part in self._standard_slots()])
+        squares = np.einsum("dw,dw->w", standard, standard)
+        constant = _LOG_2PI * len(standard)
+        log_prior = log_prior - 0.5 * (squares + constant)
         cells = CellScales(
             between=blocks[""],
             trial=blocks.get("_e"),
-            effects=self._effects(coords, named),
-            tau=np.concatenate(taus) if taus else np.zeros((0, 1, len(log_prior))),
+            effects=self.effects(reading, self.design),
+            tau=np.concatenate(taus),
         )
-        return LinearScales(named, cells, log_prior)
+        return LinearScales(reading.named, cells, log_prior)
 
     def _standard_slots(self) -> Iterator[slice]:
         """Coordinates that are standard normal under the prior, whatever the rest."""
@@ -211,31 +248,36 @@ class LinearModel(Model):
             if not name.startswith("coefficients") and name not in ("sigma", "sigma_e", "phi"):
                 yield part
 
-    def _subject_ratios(self, coords: Array, named: dict[str, Array]) -> tuple[Array, Array]:
+    def _subject_ratios(self, reading: Reading) -> tuple[Array, Array]:
         """Log ratios of subjects' trial SDs, (P, N, W), and log density of their coordinates."""
-        width = coords.shape[1]
+        size = self.design.parameters
         if self._subject_spreads is None:
-            return np.zeros((self.design.parameters, 0, width)), np.zeros(width)
-        omega = self._half_normal("omega_s", self.priors.omega_s_scale, coords, named)
-        own = coords[self._slots["phi"]].reshape(self.design.parameters, -1, width)
-        named["phi"], log_density = self._subject_spreads(own, omega)
-        return named["phi"], log_density
+            nobody = np.zeros((size, 0, reading.width))
+            return nobody, np.zeros(reading.width)
+        omega = reading.half_normal("omega_s", self.priors.omega_s_scale)
+        coordinates = reading.by_quantity("phi", size)
+        phi, log_density = self._subject_spreads(coordinates, omega)
+        reading.named["phi"] = phi
+        return phi, log_density
 
     def _log_sigma(
-        self, level: CellSpreads, coords: Array, named: dict[str, Array], shift: Array
+        self,
+        level: CellSpreads,
+        reading: Reading,
+        shift: Array,
     ) -> tuple[Array, Array]:
         """Log SDs of one level, (P, C, W), and the log density of their coordinates."""
         suffix = level.suffix
         size = self.design.parameters
-        width = coords.shape[1]
         scale = getattr(self.priors, f"omega{suffix}_scale")
-        omega = self._half_normal(f"omega{suffix}", scale, coords, named)
-        own = coords[self._slots[f"sigma{suffix}"]].reshape(size, -1, width)
-        joint = coords[self._slots[f"coefficients{suffix}"]].reshape(size, -1, width)
+        omega = reading.half_normal(f"omega{suffix}", scale)
+        own = reading.by_quantity(f"sigma{suffix}", size)
+        joint = reading.by_quantity(f"coefficients{suffix}", size)
         spreads = level(joint, own, omega, shift)
         for k, name in enumerate(level.coefficients):
-            named[name] = spreads.multiples[:, k] * self._prior_sd(name)
-        named[f"sigma{suffix}"] = np.exp(spreads.log_sigma)
+            multiple = spreads.multiples[:, k]
+            reading.named[name] = multiple * self._prior_sd(name)
+        reading.named[f"sigma{suffix}"] = np.exp(spreads.log_sigma)
         return spreads.log_sigma, spreads.log_density
 
     def _prior_sd(self, name: str) -> float:
@@ -244,40 +286,29 @@ class LinearModel(Model):
             return self.priors.psi_sd
         return float(getattr(self.priors, f"{name}_sd"))
 
-    def _half_normal(
-        self, name: str, scale: float, coords: Array, named: dict[str, Array]
-    ) -> Array:
-        named[name] = half_normal(coords[self._slots[name]], scale)
-        return named[name]
+    def reading(self, points: Array) -> Reading:
+        """Coordinates (W, d) by scale."""
+        return Reading(np.ascontiguousarray(points.T), self._slots)
 
-    def _block(self, sd: Array, rho: str, coords: Array, named: dict[str, Array]) -> Block:
-        """Covariance over the quantities of SDs (P, ..., W)."""
-        if len(sd) == 1:
-            return block(tuple(sd))
-        named[rho], rest = correlation(coords[self._slots[rho].start], self.priors.rho_shape)
-        return block(tuple(sd), named[rho], rest)
-
-    def _effects(
-        self, coords: Array, named: dict[str, Array], design: Design | None = None
-    ) -> Array:
-        """Columns of the subjects' effects on their settings, (q, P, C, W)."""
-        design = design or self.design
-        stretch = np.zeros((*design.cells.x.shape, coords.shape[1]))
+    def effects(self, reading: Reading, design: Design) -> Array:
+        """Columns of the subjects' effects on their settings in a design's cells, (q, P, C, W)."""
+        stretch = np.zeros((*design.cells.x.shape, reading.width))
         for term in design.stretch:
             name = f"eta:{term.name}"
-            flat = coords[self._slots[name]]
-            eta = flat.reshape(design.parameters, len(term.columns), -1)
-            named[name] = self.priors.psi_sd * eta
+            eta = reading.by_quantity(name, design.parameters)
+            reading.named[name] = self.priors.psi_sd * eta
             stretch += np.einsum("kpc,pkw->pcw", term.columns, eta)
         stretch = np.exp(stretch)
         effects = []
         for term in design.subject:
-            scale = self.priors.sigma_u_scale
-            sd = self._half_normal(_effect_name("sigma", term), scale, coords, named)
-            covariance = self._block(sd, _effect_name("rho", term), coords, named)
+            name = _effect_name("sigma", term)
+            rho = _effect_name("rho", term)
+            sd = reading.half_normal(name, self.priors.sigma_u_scale)
+            covariance = reading.block(sd, rho, self.priors.rho_shape)
             for column in term.columns:
                 for root in covariance.factor_columns():
-                    effects.append(column[..., None] * np.stack(root)[:, None] * stretch)
+                    of_quantity = np.stack(root)[:, None]
+                    effects.append(column[..., None] * of_quantity * stretch)
         return np.stack(effects)
 
     def __call__(self, points: Array) -> Array:

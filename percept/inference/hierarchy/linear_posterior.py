@@ -349,8 +349,8 @@ class LinearPosterior(LinearModel, Pooled):
         """Laws of the one new cell of a design."""
         linear = self.linear_scales(points)
         mean, covariance = self._new_location(linear, cell)
-        coordinates = np.ascontiguousarray(points.T)
-        effects = self._effects(coordinates, {}, cell)[:, :, 0]  # (q, P, W)
+        reading = self.reading(points)
+        effects = self.effects(reading, cell)[:, :, 0]  # (q, P, W)
         of_effects = np.einsum("qpw,qrw->wpr", effects, effects)
         within_cell = self._new_spread(linear, cell, repeats, rng)
         population = of_effects[:, None] + within_cell

@@ -167,7 +167,7 @@ def test_spreads_of_new_conditions_lie_about_the_columns_of_log_sigma():
     found = model.new_environment(point, PLACE, repeats, np.random.default_rng(7))
     named = model.linear_scales(point).named
     wider = with_new_cells(model.design, model.priors, PLACE)
-    effects = model._effects(point.T, {}, wider)[..., 0]
+    effects = model.effects(model.reading(point), wider)[..., 0]
     shared = np.einsum("qpc,qpc->pc", effects, effects)[:, -len(found) :]
     coefficients = [named[name][:, 0] for name in model._levels[0].coefficients]
     scaled = [column / model._prior_sd(name) for name, column in _named_columns(model, wider)]
