@@ -46,8 +46,8 @@ _COLUMNS = 3
 _TITLE = 44.0
 #: Room at both ends of the references, a factor.
 _ROOM = 1.15
-#: Span from which on powers of ten are labelled alone, as powers.
-_LONG_SPAN = 1e3
+#: Span of the references from which on powers of ten alone are labelled: more labels touch.
+_LONG_SPAN = 100.0
 #: Opacity of what lies between the limits: points and grid show through.
 _FILL = 0.22
 
@@ -156,8 +156,9 @@ def _draw_axes(
     first = rows[0].reference
     last = rows[-1].reference
     span = last / first
-    log_scale(ax, "x", plain=span < _LONG_SPAN)
-    ax.xaxis.set_major_locator(LogLocator(subs=tick_steps(span)))
+    short = span < _LONG_SPAN
+    log_scale(ax, "x", plain=short)
+    ax.xaxis.set_major_locator(LogLocator(subs=tick_steps(span) if short else (1,)))
     ax.set_xlim(first / _ROOM, last * _ROOM)
     if rows[0].family == "lognormal":
         log_scale(ax, "y", plain=True)
@@ -165,5 +166,5 @@ def _draw_axes(
     ax.set_ylim(ends)
     ax.axhline(1.0, color=COLOURS["ink"], linestyle=REFERENCE_DASHES, linewidth=0.8)
     unit = f" ({quantity.unit})" if quantity.unit else ""
-    ax.set_xlabel(f"reference{unit}")
+    ax.set_xlabel(f"reference {quantity.words}{unit}")
     ax.set_ylabel("PSE / reference")
