@@ -15,6 +15,7 @@ import numpy as np
 from scipy import stats
 
 from percept.cli import main
+from percept.provenance import made_by
 
 
 @dataclass(frozen=True)
@@ -120,3 +121,5 @@ if __name__ == "__main__":
         if (arguments.data / name).exists()
     ]
     print("\n".join(table))
+    command = "python -m tests.sessions.two_calls FOLDER --out DIR"
+    print(made_by(command, ("numpy", "scipy", "pandas")).sentence)
