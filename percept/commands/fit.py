@@ -31,7 +31,6 @@ from percept.errors import UsageError, counted, printable
 if TYPE_CHECKING:
     from percept.batch import Summary
     from percept.study import Study
-    from percept.study.parts import Parts
 
 __all__ = ["BATCH", "FIT", "PREDICT", "REPORT"]
 
@@ -91,22 +90,11 @@ def _print_intervals(study: Study, *, every: bool) -> None:
         return
     table = table.rename(columns={"environment": study.scene.environment_noun[0]})
     show(table.to_string(index=False, float_format="{:.6g}".format, na_rep="–"))
-    _print_left_out(study.parts)
     if not every:
         print(
             f"--all prints all {len(study.intervals)} intervals: both families, and those that hold"
             " together."
         )
-
-
-def _print_left_out(parts: Parts) -> None:
-    """Print how many adjustments the intervals leave out at the limits of their controls."""
-    for name in parts.parameters:
-        for environment in parts.environments:
-            count = parts.sessions.left_out(environment, name)
-            if count:
-                said = f"Intervals of {name} in {environment} leave out {counted(count, 'value')}"
-                show(f"{said} at the limits of the control.")
 
 
 def _print_checks(study: Study, say: Callable[[str], str]) -> None:

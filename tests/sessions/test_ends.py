@@ -123,9 +123,9 @@ def test_intervals_say_what_they_leave_out(tmp_path, capsys):
         '[sessions]\ntrial = "order"\n[inference]\nmethod = "classical"\n'
     )
     assert main(["fit", str(path), "--scene", str(scene), "--out", str(tmp_path / "fit")]) == 0
-    said = capsys.readouterr().out
-    assert "Intervals of k in a leave out 2 values at the limits of the control." in said
-    assert "Intervals of k in b leave out 1 value at the limits of the control." in said
+    said = capsys.readouterr().err
+    assert "are left out: 2 of 12 in 'a' (2 subjects), 1 of 11 in 'b' (1 subject)." in said
+    assert "Every interval describes the other values only" in said
     document = json.loads((tmp_path / "fit" / "fit.json").read_text())
     counts = {row["environment"]: row["left_out"] for row in document["intervals"]}
     assert counts == {"a": 2, "b": 1}
