@@ -22,16 +22,17 @@ ComplexArray = NDArray[np.complex128]
 
 #: Fewest repeats: the noise of a line has two degrees of freedom per repeat beyond the first.
 _FEWEST_REPEATS = 4
-#: A line is used where the power of force or of velocity is above this multiple of its noise.
-_LEAST_POWER = 10.0
+#: Chance that noise alone makes a line of force, or of velocity, stand out.
+_FALSE_LINES = 1e-4
 #: Fewest lines: eight real numbers, for the two parameters of a rigid device and its misfit.
 _FEWEST_LINES = 4
 #: Fraction by which a duration may miss a whole number of samples: the step of a log is rounded.
 _ROUNDING = 1e-6
-#: Every second line is used: neighbours under a Hann window share noise.
+#: Every second line is used. Under a Hann window neighbours share 44 % of their noise's power, and
+#: second neighbours 3 %.
 _HANN_STEP = 2
-#: Largest ωT, rad. A central difference has the gain sin(ωT)/(ωT), and beyond this its correction
-#: raises noise alone.
+#: Largest ωT, rad. A central difference has the gain sin(ωT)/(ωT). Its correction is 4 here, and
+#: grows without bound up to π.
 _LARGEST_ANGLE = 2.5
 
 
@@ -278,8 +279,13 @@ def _periodwise(values: Array, length: int, window: Array | float = 1.0) -> Comp
 
 
 def _stands_out(repeated: ComplexArray) -> NDArray[np.bool_]:
-    """Say at which lines the mean of repeats is well above the noise of a mean."""
+    """Say at which lines the mean of repeats is well above the noise of a mean.
+
+    Of noise alone the power over its estimate has an F distribution of 2 and 2(R - 1) degrees of
+    freedom, which exceeds x with the chance (1 + x/(R - 1))^-(R - 1).
+    """
     mean = repeated.mean(axis=1)
-    repeats = repeated.shape[1]
-    noise = repeated.var(axis=1) / (repeats - 1)
-    return np.abs(mean) ** 2 > _LEAST_POWER * noise
+    degrees = repeated.shape[1] - 1
+    noise = repeated.var(axis=1) / degrees
+    least_power = degrees * (_FALSE_LINES ** (-1.0 / degrees) - 1.0)
+    return np.abs(mean) ** 2 > least_power * noise

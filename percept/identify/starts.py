@@ -14,7 +14,8 @@ __all__ = ["rough_devices"]
 
 Array = NDArray[np.float64]
 
-#: Resonances tried for a mode, evenly spaced in their logarithm over the band.
+#: Resonances tried for a mode, evenly spaced in their logarithm over the band. The tests hold
+#: climbs from such starts against climbs from the truth.
 _RESONANCES = 32
 #: Masses tried for a mode, as multiples of the device's: a decade apart, for the climb to refine.
 _MASS_RATIOS = (0.03, 0.3, 3.0)

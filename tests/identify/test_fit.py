@@ -5,12 +5,13 @@ import pytest
 
 from percept.errors import RefusalError, UsageError
 from percept.identify.bootstrap import bootstrap_sds
-from percept.identify.fit import fit_device
+from percept.identify.fit import climb, fit_device
 from percept.identify.log import Response
 from percept.identify.model import Terms
 from percept.identify.posterior import sample_device
 from percept.identify.result import Request, identify
 from percept.identify.spectra import Periods, TimeLog, of_segments
+from tests import LONG
 from tests.identify.simulated import DEVICES, Recording, simulate
 
 RECORDING = Recording()
@@ -131,3 +132,45 @@ def test_what_is_refused():
         identify(log, Request(terms=Terms(friction=True)))
     with pytest.raises(UsageError, match="must be 0 to 4"):
         Terms(modes=5)
+
+
+def random_device(terms, rng):
+    """A device of one mode within the band, or one whose log has a delay."""
+    mass, damping = 10 ** rng.uniform([-1, 0], [0.5, 1.2])
+    if not terms.modes:
+        return [mass, damping, 10 ** rng.uniform(-4.3, -2.1)]
+    resonance = np.exp(rng.uniform(np.log(60.0), np.log(500.0)))
+    carried = mass * 10 ** rng.uniform(-1, 0.5)
+    ratio = 10 ** rng.uniform(-2, -0.5)
+    return [mass, damping, carried, carried * resonance**2, 2.0 * ratio * carried * resonance]
+
+
+@pytest.mark.evidence(reduced=True)
+@pytest.mark.parametrize("terms", [Terms(modes=1), Terms(delay=True)])
+def test_climbs_from_rough_devices_end_no_lower_than_from_the_truth(terms):
+    recording = Recording(length=256, periods=6)
+    for seed in range(60 if LONG else 3):
+        rng = np.random.default_rng([seed, 5])
+        values = random_device(terms, rng)
+        log = simulate(terms, values, rng, recording)
+        spectra = Periods.of(log, recording.period, recording.band).spectra()
+        fit = fit_device(spectra, terms)
+        from_truth = climb(fit.density, np.log(values)).x
+        reached, best = fit.density(np.array([fit.point, from_truth]))
+        assert reached >= best - 0.01
+
+
+@pytest.mark.parametrize("repeats", [4, 8, 30])
+def test_noise_alone_stands_out_as_rarely_as_stated(repeats):
+    """At one line in 10,000 of force, and as many of velocity, whatever the repeats."""
+    rng = np.random.default_rng(repeats)
+    length = 20_000
+    logs = 10
+    found = 0
+    for _ in range(logs):
+        force, motion = rng.standard_normal((2, repeats * length))
+        log = TimeLog(1e-3, force, motion, is_position=False)
+        found += Periods.of(log, length * 1e-3, (1.0, 3000.0)).omega.size
+    lines = logs * length * (3000.0 - 1.0) * 1e-3 / (2.0 * np.pi)
+    expected = 2e-4 * lines
+    assert abs(found - expected) < 4.0 * np.sqrt(expected)
