@@ -208,8 +208,8 @@ def _messages(
         if check.outlier:
             yield (
                 f"{check.subject} lies far from what the others predict, all cells together: as far"
-                f" or farther with probability {check.farther:.1e}. See whether the session went"
-                " wrong before believing the spread."
+                f" or farther with a probability of {100.0 * check.farther:.2g} %. See whether the"
+                " session went wrong before believing the spread."
             )
     for cell in cells:
         if cell.outlier:
