@@ -9,6 +9,7 @@ reaches one environment, and those of one quantity do not reach the other.
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +72,8 @@ class CellProblem:
         self.environments = len(design.cells.environments)
         self.trial_scatter = scatter
         self.covariate_sd = covariate_sd
-        self.subjects = np.array([pattern.subjects for pattern in patterns], dtype=float)  # (G,)
+        counts = [pattern.subjects for pattern in patterns]
+        self.subjects = np.array(counts, dtype=float)  # (G,)
         grid = (self.cells, len(patterns))
         self.present = np.zeros(grid)  # One where a pattern has the cell
         self.trials = np.ones(grid)  # Trials of a cell, one where there is none
@@ -93,7 +95,9 @@ class CellProblem:
             if pattern.subjects > 1
         ]
         # As if the patterns' means were what is observed, with covariances V/N.
-        self.constant = 0.5 * self.size * float(np.log(self.subjects) @ self.present.sum(axis=0))
+        cells_of_pattern = self.present.sum(axis=0)
+        log_counts = np.log(self.subjects)
+        self.constant = 0.5 * self.size * float(log_counts @ cells_of_pattern)
 
     @property
     def slopes(self) -> int:
@@ -115,19 +119,23 @@ class CellProblem:
         own = _by_quantity(design.own, self.size, self.cells)
         fixed = _by_quantity(design.fixed, self.size, self.cells)
         #: (J, C) One where a cell is of the environment.
-        in_environment = np.arange(self.environments)[:, None] == design.cells.environment
+        number = np.arange(self.environments)[:, None]
+        in_environment = number == design.cells.environment
         self.own_columns = len(own)
         self.fixed_columns = len(fixed)
         spread = own[:, None] * in_environment[:, None]  # (o P, J, P, C)
-        columns = np.concatenate([spread.reshape(-1, *own.shape[1:]), fixed])
-        flat = columns.reshape(len(columns), -1)
+        deviations = spread.reshape(-1, self.size, self.cells)
+        columns = np.concatenate([deviations, fixed])
+        flat = columns.reshape(-1, self.size * self.cells)
         #: (P C, Q) Columns of the cells.
         self.basis = flat.T
         self.sparse_basis = sparse.csr_array(flat)  # (Q, P C)
         # Products of columns, as they weigh the entries (P, P, C) of the cells' information.
-        self.own_products = _products(own, own, in_environment * 1.0)
-        self.mixed_products = _products(own, fixed, in_environment * 1.0)
-        self.fixed_products = _products(fixed, fixed, np.ones((1, self.cells)))
+        by_environment = in_environment.astype(float)
+        everywhere = np.ones((1, self.cells))
+        self.own_products = _products(own, own, by_environment)
+        self.mixed_products = _products(own, fixed, by_environment)
+        self.fixed_products = _products(fixed, fixed, everywhere)
 
     def own_sd(self, tau: Array) -> Array:
         """SDs (o P, W) of own deviations, in the order of their columns, from (o, P, W)."""
@@ -142,10 +150,15 @@ class CellProblem:
         """Draws worked on at once, for so many columns of subjects' effects."""
         columns = max(self.size * self.cells, self.deviations)
         numbers = columns * len(self.subjects) * effects
-        return min(max(_NUMBERS // numbers, _FEWEST_DRAWS), _MOST_DRAWS)
+        draws = max(_NUMBERS // numbers, _FEWEST_DRAWS)
+        return min(draws, _MOST_DRAWS)
 
 
-def _by_quantity(terms: tuple[Term, ...], size: int, cells: int) -> Array:
+def _by_quantity(
+    terms: tuple[Term, ...],
+    size: int,
+    cells: int,
+) -> Array:
     """Columns of terms, each once for every quantity that it enters alone: (k P, P, C)."""
     columns = []
     for term in terms:
@@ -159,23 +172,37 @@ def _by_quantity(terms: tuple[Term, ...], size: int, cells: int) -> Array:
     return np.stack(columns)
 
 
-def _products(first: Array, second: Array, groups: Array) -> sparse.csr_array:
+def _products(
+    first: Array,
+    second: Array,
+    groups: Array,
+) -> sparse.csr_array:
     """Products of columns (a, P, C) and (b, P, C) by group of cells: (a b groups, P P C)."""
-    shape = (len(first) * len(second) * len(groups), first.shape[1] ** 2 * groups.shape[1])
     products = np.einsum("apc,bqc,jc->abjpqc", first, second, groups)
-    return sparse.csr_array(products.reshape(shape))
+    *of_columns, size, _, cells = products.shape
+    rows = math.prod(of_columns)
+    flat = products.reshape(rows, size * size * cells)
+    return sparse.csr_array(flat)
 
 
-def _trial_groups(scatter: TrialScatter, patterns: tuple[Pattern, ...], cells: int) -> Indices:
+def _trial_groups(
+    scatter: TrialScatter,
+    patterns: tuple[Pattern, ...],
+    cells: int,
+) -> Indices:
     """Return the group of trials of each cell and pattern, zero where there is none."""
     if scatter.subject is None:
         groups = np.zeros((cells, 1), dtype=np.intp)
-        groups[scatter.cell, 0] = np.arange(len(scatter.cell))
+        count = len(scatter.cell)
+        groups[scatter.cell, 0] = np.arange(count)
         return groups
-    pattern_of = {int(pattern.members[0]): g for g, pattern in enumerate(patterns)}
+    # Subjects with trial SDs of their own have a pattern each.
+    pattern_of = np.zeros(len(patterns), dtype=np.intp)
+    for g, pattern in enumerate(patterns):
+        pattern_of[pattern.members] = g
     groups = np.zeros((cells, len(patterns)), dtype=np.intp)
-    for t, (cell, subject) in enumerate(zip(scatter.cell, scatter.subject, strict=True)):
-        groups[cell, pattern_of[int(subject)]] = t
+    count = len(scatter.cell)
+    groups[scatter.cell, pattern_of[scatter.subject]] = np.arange(count)
     return groups
 
 
@@ -183,12 +210,14 @@ def _pattern_scatter(
     number: int, pattern: Pattern, covariates: Covariates | None
 ) -> PatternScatter:
     """Rows of one pattern, and what slopes of covariates add to them."""
-    rows = np.ascontiguousarray(pattern.rows.transpose(1, 0, 2))
+    subjects_first = pattern.rows.transpose(1, 0, 2)
+    rows = np.ascontiguousarray(subjects_first)
     size = rows.shape[1]
     slopes = np.zeros((0, *rows.shape))
     if covariates is not None:
         of_covariates = covariates.between[number]
-        slopes = np.zeros((of_covariates.shape[1], size, *rows.shape))
+        count = of_covariates.shape[1]
+        slopes = np.zeros((count, size, *rows.shape))
         for p in range(size):
             slopes[:, p, :, p] = of_covariates.swapaxes(0, 1)
         slopes = slopes.reshape(-1, *rows.shape)

@@ -27,6 +27,7 @@ from percept.inference.hierarchy.small_cholesky import (
     lower_factor,
     solve_lower,
     solve_upper,
+    with_prior,
 )
 from percept.inference.hierarchy.statistics import Statistics
 
@@ -69,23 +70,28 @@ class SubjectCovariance:
         self._noise = noise
         self._effects = effects
         by_quantity = np.moveaxis(effects, 1, 0)
-        weighted = noise.inverse().apply(tuple(by_quantity))
+        precision = noise.inverse()
+        weighted = precision.apply(tuple(by_quantity))
         self._weighted_effects = np.stack(weighted, axis=1)  # (q, P, E, W) H = D⁻¹Z
-        precision = np.einsum("apew,bpew->abw", effects, self._weighted_effects)
-        diagonal = np.arange(len(effects))
-        precision[diagonal, diagonal] += 1.0
-        self._factor = lower_factor(precision)  # L of LL' = I + Z'H
+        products = np.einsum("apew,bpew->abw", effects, self._weighted_effects)
+        #: (q, q, W) L of LL' = I + Z'H.
+        self._factor = lower_factor(with_prior(products))
+        #: (q, q, 1, W) The same for several rows.
+        self._factor_of_rows = self._factor[:, :, None]
 
     def log_determinant(self) -> Array:
         """Return log det V, shape (W,)."""
-        return self._noise.log_determinant().sum(axis=0) + 2.0 * log_diagonal(self._factor)
+        of_cells = self._noise.log_determinant()
+        of_effects = 2.0 * log_diagonal(self._factor)
+        return of_cells.sum(axis=0) + of_effects
 
     def whitened_effects(self, rows: Array) -> Array:
         """L⁻¹H'r of constant rows r (n, P, E), where LL' = I + Z'H: shape (q, n, W)."""
         effects, *_, width = self._weighted_effects.shape
         by_cell = self._weighted_effects.reshape(effects, -1, width)
-        products = rows.reshape(len(rows), -1) @ by_cell
-        return solve_lower(self._factor[:, :, None], products)
+        flat_rows = rows.reshape(len(rows), -1)
+        products = flat_rows @ by_cell
+        return solve_lower(self._factor_of_rows, products)
 
     def scatter_distance(self, rows: Array) -> Array:
         """Sum of r'V⁻¹r over rows (n, P, E, W or 1), as squares: shape (W,).
@@ -98,11 +104,13 @@ class SubjectCovariance:
             whitened = self.whitened_effects(rows[..., 0])
         else:
             whitened = self._whitened_draws(rows)
-        effect = solve_upper(self._factor[:, :, None], whitened)  # (q, n, W)
-        repeated = np.broadcast_to(rows, (*rows.shape[:-1], width))
+        effect = solve_upper(self._factor_of_rows, whitened)  # (q, n, W)
+        every_draw = (*rows.shape[:-1], width)
+        repeated = np.broadcast_to(rows, every_draw)
         unexplained = self._unexplained(repeated, effect)
-        squares = self._noise.distance(unexplained).sum(axis=0)
-        return np.asarray(squares + np.einsum("qnw,qnw->w", effect, effect))
+        by_cell = self._noise.distance(unexplained)
+        of_effects = np.einsum("qnw,qnw->w", effect, effect)
+        return np.asarray(by_cell.sum(axis=0) + of_effects)
 
     def draw_effects(self, rows: Array, rng: np.random.Generator) -> Array:
         """Draw subjects' effects (q, n, W) given rows r (n, P, E, W), cell means less locations.
@@ -112,12 +120,12 @@ class SubjectCovariance:
         """
         whitened = self._whitened_draws(rows)
         normals = rng.standard_normal(whitened.shape)
-        return solve_upper(self._factor[:, :, None], whitened + normals)
+        return solve_upper(self._factor_of_rows, whitened + normals)
 
     def _whitened_draws(self, rows: Array) -> Array:
         """L⁻¹H'r of rows r (n, P, E, W) that differ between draws: shape (q, n, W)."""
         weighted = np.einsum("npew,qpew->qnw", rows, self._weighted_effects)
-        return solve_lower(self._factor[:, :, None], weighted)
+        return solve_lower(self._factor_of_rows, weighted)
 
     def _unexplained(self, rows: Array, effect: Array) -> Vector:
         """Rows (n, P, E, W) less what the subject's effect (q, n, W) explains."""
@@ -132,10 +140,10 @@ class SubjectCovariance:
     def whiten(self, r: Vector) -> list[Vector]:
         """Split vectors (n, E, W) into pieces whose squares sum to r'V⁻¹r."""
         rows = np.stack(r, axis=1)
-        weighted = np.einsum("npew,qpew->qnw", rows, self._weighted_effects)
-        factor = self._factor[:, :, None]
-        effect = solve_upper(factor, solve_lower(factor, weighted))
-        return [self._noise.whiten(self._unexplained(rows, effect)), tuple(effect)]
+        whitened = self._whitened_draws(rows)
+        effect = solve_upper(self._factor_of_rows, whitened)
+        unexplained = self._unexplained(rows, effect)
+        return [self._noise.whiten(unexplained), tuple(effect)]
 
 
 class OnePattern:
@@ -154,9 +162,13 @@ class OnePattern:
         self._subjects = pattern.subjects
         self._trials = pattern.trials[:, None]
         #: (n, P, C, 1) Rows of scatter between subjects
-        self._rows = np.ascontiguousarray(pattern.rows.transpose(1, 0, 2))[..., None]
+        subjects_first = pattern.rows.transpose(1, 0, 2)
+        self._rows = np.ascontiguousarray(subjects_first)[..., None]
         size, cells = design.cells.x.shape
-        self._own = np.concatenate([t.columns for t in design.own]) if design.own else None
+        self._own: Array | None = None
+        if design.own:
+            columns = [term.columns for term in design.own]
+            self._own = np.concatenate(columns)
         fixed = []
         for term in design.fixed:
             for column in term.columns:
@@ -179,46 +191,59 @@ class OnePattern:
         """Log density of all cell means, (W,), but for powers of 2 pi and counts."""
         noise = scales.between
         if scales.trial is not None:
-            noise = noise + scales.trial.scaled(1.0 / self._trials)
-        value = self._of_means(noise.scaled(1.0 / self._subjects), scales)
+            of_mean = scales.trial.scaled(1.0 / self._trials)
+            noise = noise + of_mean
+        noise_of_means = noise.scaled(1.0 / self._subjects)
+        value = self._of_means(noise_of_means, scales)
         if self._subjects > 1:
             covariance = SubjectCovariance(noise, scales.effects)
-            value += (self._subjects - 1.0) * covariance.log_determinant()
+            others = self._subjects - 1.0
+            value += others * covariance.log_determinant()
             value += covariance.scatter_distance(self._rows)
         return -0.5 * value
 
     def _of_means(self, noise: Block, scales: CellScales) -> Array:
         """Log determinant and distance of the subjects' mean, of noise with covariance `noise`."""
         width = scales.effects.shape[-1]
-        constant = np.broadcast_to(self._constant[..., None], (*self._constant.shape, width))
+        every_draw = (*self._constant.shape, width)
+        constant = np.broadcast_to(self._constant[..., None], every_draw)
         columns = [scales.effects / np.sqrt(self._subjects), constant]
         size = self._constant.shape[1]
         own = 0
         if self._own is not None:
             own = len(self._own) * size
             columns.insert(0, self._own_columns(scales.tau))
-        whitened = noise.whiten(tuple(np.moveaxis(np.concatenate(columns), 1, 0)))
+        all_columns = np.concatenate(columns)
+        by_quantity = np.moveaxis(all_columns, 1, 0)
+        whitened = noise.whiten(tuple(by_quantity))
         rows = np.stack(whitened, axis=1)  # (columns, P, C, W)
-        padded = np.concatenate([rows, np.zeros_like(rows[:, :, :1])], axis=2)
-        by_environment = padded[:, :, self._cells].reshape(
-            len(rows), -1, self._cells.shape[1], width
-        )
-        determinant = noise.log_determinant().sum(axis=0)
+        no_cell = np.zeros_like(rows[:, :, :1])
+        padded = np.concatenate([rows, no_cell], axis=2)
+        count = len(rows)
+        environments = self._cells.shape[1]
+        by_environment = padded[:, :, self._cells]
+        by_environment = by_environment.reshape(count, -1, environments, width)
+        by_cell = noise.log_determinant()
+        determinant = by_cell.sum(axis=0)
         if own:
             absorbed, by_block = absorb(by_environment, own)
             determinant = determinant + by_block.sum(axis=0)
             by_environment = absorbed
         flat = by_environment.reshape(len(by_environment), -1, width)
-        solved = factor(flat[:-1], flat[-1])
-        return np.asarray(determinant + solved.log_determinant + solved.distance)
+        means = flat[-1]
+        solved = factor(flat[:-1], means)
+        of_columns = solved.log_determinant + solved.distance
+        return np.asarray(determinant + of_columns)
 
     def _own_columns(self, tau: Array) -> Array:
         """Columns of the environments' own deviations, (o P, P, C, W)."""
         assert self._own is not None
         count, size, cells = self._own.shape
-        columns = np.zeros((count, size, size, cells, tau.shape[-1]))
+        width = tau.shape[-1]
+        columns = np.zeros((count, size, size, cells, width))
         for p in range(size):
-            columns[:, p, p] = self._own[:, p, :, None] * tau[:, p, None]
+            of_cells = self._own[:, p, :, None]
+            columns[:, p, p] = of_cells * tau[:, p, None]
         return columns.reshape(count * size, size, cells, -1)
 
 
@@ -245,13 +270,16 @@ def absorb(columns: Array, count: int) -> tuple[Array, Array]:
     work[:, count:] = columns
     # The identity stands upside down, so that what can be other than zero of each column is one
     # stretch.
-    work[np.arange(count), count - 1 - np.arange(count)] = 1.0
+    first = np.arange(count)
+    work[first, count - 1 - first] = 1.0
     log_determinant = np.zeros(draws)
     for i in range(count):
-        column = work[i, count - 1 - i :]
-        later = work[i + 1 :, count - 1 - i :]
+        start = count - 1 - i
+        column = work[i, start:]
+        later = work[i + 1 :, start:]
         square = np.einsum("m...,m...->...", column, column)
         log_determinant += np.log(square)
-        shares = np.einsum("m...,km...->k...", column, later) / square
+        products = np.einsum("m...,km...->k...", column, later)
+        shares = products / square
         later -= shares[:, None] * column
     return work[count:], log_determinant
