@@ -12,7 +12,7 @@ UNMIXED = {"tolerance": 0.01, "most_steps": 200}
 
 
 def unmixed_sessions(*environments: str) -> pd.DataFrame:
-    """Sessions of two published environments, or of others, damping following stiffness to 0.5 %.
+    """Sessions of two published environments, or of others, damping following stiffness to 0.01 %.
 
     The posterior is a ridge that is slow to walk along.
     """
@@ -20,5 +20,5 @@ def unmixed_sessions(*environments: str) -> pd.DataFrame:
         columns="source"
     )
     table = table[table["environment"].isin(environments or ("VE2", "VE4"))]
-    scatter = np.exp(0.005 * np.random.default_rng(1).standard_normal(len(table)))
+    scatter = np.exp(0.0001 * np.random.default_rng(1).standard_normal(len(table)))
     return table.assign(b_adj=table["b_ref"] * table["k_adj"] / table["k_ref"] * scatter)
