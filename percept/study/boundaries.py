@@ -107,7 +107,6 @@ class BoundaryDrawing:
         self._on_grid: dict[Law, Magnitude] = {}
         self._levels: dict[Law, SimultaneousLevel] = {}
         self._widenings: dict[Law, float] = {}
-        self._averaged: dict[tuple[Law, Shape], MagnitudeLimits] = {}
         # Of the last law alone: they take 30 MB.
         self._last_curves: tuple[Law, DeviceCurves] | None = None
         self._refused: dict[Law, dict[Shape, Skipped]] = {}
@@ -230,20 +229,12 @@ class BoundaryDrawing:
         limits = self._limits_at_point(law, shape, omega)
         if self._setup.draws is None or law.method == "classical":
             return limits
-        on_grid = omega is self.grid(law.environment)
-        key = law, shape
-        if on_grid and key in self._averaged:
-            return self._averaged[key]
         curves = self._device_curves(law, omega)
         if shape == "pointwise":
-            averaged = curves.averaged(limits, score_of(law.level))
-        else:
-            score = score_of(self._level(law).level)
-            averaged = curves.averaged(limits, score, self._widening(law))
-            averaged = averaged.joined(self._limits(law, "pointwise", omega))
-        if on_grid:
-            self._averaged[key] = averaged
-        return averaged
+            return curves.averaged(limits, score_of(law.level))
+        score = score_of(self._level(law).level)
+        averaged = curves.averaged(limits, score, self._widening(law))
+        return averaged.joined(self._limits(law, "pointwise", omega))
 
     def _device_curves(self, law: Law, omega: Array) -> DeviceCurves:
         if omega is not self.grid(law.environment):
