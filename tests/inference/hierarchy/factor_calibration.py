@@ -46,8 +46,8 @@ WRONG = {
     ),
     "one trial SD for all subjects": ("subjects' own trial SDs", {"own_trial_sds": False}),
 }
-#: A wrong model shows in fewer fits than a right one needs.
-WRONG_SHARE = 3
+#: A right model needs so many times the fits that show a wrong one.
+WRONG_SHARE = 6
 PAGE = """# Simulation-based calibration of studies with factors
 
 {fits} studies of each kind were drawn from the prior and fitted by the right model. Places of
