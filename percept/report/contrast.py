@@ -122,7 +122,7 @@ class Design:
 def design_words(results: Results) -> Design:
     """Name the levels of factors, the sizes of groups, and the covariates."""
     # Of several quantities the first has the same levels.
-    levels = matching(results.levels, parameter=results.data.parameters[0])
+    levels = matching(results.levels, parameter=results.data.parameters[0], environment=None)
     within = []
     groups = []
     for factor in distinct(levels, "factor"):

@@ -77,11 +77,12 @@ class ContrastRow(NotebookRecord):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LevelValues:
-    """What the subjects set at one level of a factor, over all references: of no model."""
+    """What the subjects set at one level of a factor: of no model."""
 
     factor: str
     level: str
     parameter: str
+    environment: str | None = None  # None over all references
     within: bool  # Whether each subject has all levels
     #: One per subject, in the same order at all levels: a ratio to the reference (lognormal), or a
     #: difference in the unit of the contrasts. None without some cell of the level.

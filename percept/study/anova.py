@@ -63,7 +63,9 @@ def by_level(sessions: Sessions, scene: Scene, parameters: Sequence[str]) -> ByL
     if factors is None or not scene.terms:
         return ByLevel((), ())
     conditions = conditions_of(sessions, scene)
-    means = list(level_means(conditions, factors, list(factors.cells.values())))
+    cells_of_all = list(factors.cells.values())
+    overall = list(level_means(conditions, factors, cells_of_all))
+    each = list(level_means(conditions, factors, cells_of_all, each=True))
     for parameter in parameters:
         try:
             data = trials(sessions, scene, (parameter,))
@@ -72,7 +74,7 @@ def by_level(sessions: Sessions, scene: Scene, parameters: Sequence[str]) -> ByL
             continue
         cells = subject_cells(data, factors, conditions.between)
         scale = scene.model.scale.get(parameter, 1.0) if by_difference(sessions, parameter) else 1.0
-        for comparison in means:
+        for comparison in [*overall, *each]:
             responses = cells.at_level(comparison)
             settings = np.exp(responses) if data.scale.log else scale * responses
             values = [None if np.isnan(value) else value for value in settings.tolist()]
@@ -81,6 +83,7 @@ def by_level(sessions: Sessions, scene: Scene, parameters: Sequence[str]) -> ByL
                     factor=comparison.factor,
                     level=comparison.second,
                     parameter=parameter,
+                    environment=comparison.environment if comparison in each else None,
                     within=comparison.within,
                     values=tuple(values),
                 )

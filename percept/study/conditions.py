@@ -253,9 +253,12 @@ def _signs(pairs: Sequence[tuple[str, str]]) -> Signs:
 
 
 def level_means(
-    conditions: Conditions, factors: Factors, cells: Sequence[CellKey]
+    conditions: Conditions, factors: Factors, cells: Sequence[CellKey], *, each: bool = False
 ) -> Iterator[Comparison]:
-    """Yield the mean of every level over all references, which is compared with these."""
+    """Yield the mean of every level over all references, which is compared with these.
+
+    `each` yields the means at every reference instead, if several have the level.
+    """
     for factor in conditions.factors:
         within = factor not in conditions.between
         for level in factors.levels[factor]:
@@ -263,7 +266,7 @@ def level_means(
             signs: Signs = {(level,): 1.0}
             means = list(_by_reference((factor,), outline, signs, factors, cells))
             # Of several references the last is their average.
-            yield from means[-1:]
+            yield from means[:-1] if each else means[-1:]
 
 
 def _by_reference(

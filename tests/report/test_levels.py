@@ -3,11 +3,13 @@
 import dataclasses
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
 from percept.report.figures.levels import level_drawings
 from percept.report.figures.output import drawn
+from percept.report.select import matching
 from percept.results import ContrastRow
 from tests.documents import build_document, page_of
 from tests.study.test_anova import modelled
@@ -36,7 +38,8 @@ def test_a_line_per_subject_and_the_means_of_the_contrasts():
     (drawing,) = level_drawings(results)
     ax = axes_of(drawing)
     _, y = subjects_of(ax)
-    expected = np.array([row.values for row in results.levels]).T
+    overall = matching(results.levels, environment=None)
+    expected = np.array([row.values for row in overall]).T
     np.testing.assert_array_equal(y.reshape(9, 4)[:, :3], expected)
     assert np.isnan(y.reshape(9, 4)[:, 3]).all()
     means = [line for line in ax.lines if str(line.get_gid()).startswith("mark-classical-mean")]
@@ -53,7 +56,7 @@ def test_values_beyond_the_axis_are_marked_and_counted():
     results = results_of(study(table))
     (drawing,) = level_drawings(results)
     ax = axes_of(drawing)
-    assert "2 values lie beyond the axis, at its end." in drawing.description
+    assert "8 values lie beyond the axis, at its end." in drawing.description
     arrows = [line for line in ax.lines if line.get_marker() == "^"]
     assert len(arrows) >= 2
     _, y = subjects_of(ax)
@@ -61,10 +64,64 @@ def test_values_beyond_the_axis_are_marked_and_counted():
     assert np.isfinite(y).sum() == 24
 
 
+@pytest.mark.parametrize("family", ["lognormal", "normal"])
+def test_each_environment_has_a_panel_with_the_limits_of_its_cells(family):
+    results = results_of(study(frame(3), family))
+    (drawing,) = level_drawings(results)
+    figure = Figure()
+    drawing.draw(figure)
+    assert [ax.get_title("left") for ax in figure.axes] == ["Stiffness k", "VE1", "VE2", "VE3"]
+    for ax in figure.axes[1:]:
+        _, y = subjects_of(ax)
+        # Two levels and a gap for each of three subjects.
+        values = y.reshape(3, 3)[:, :2]
+        means = [line for line in ax.lines if str(line.get_gid()).startswith("mark-classical-mean")]
+        bars = [list(line.get_ydata()) for line in means if len(line.get_ydata()) == 2]
+        points = [line.get_ydata()[0] for line in means if len(line.get_ydata()) == 1]
+        for place, level in enumerate(("left", "right")):
+            cell = f"{ax.get_title('left')} ({level})"
+            of_cell = matching(results.intervals, environment=cell, family=family)
+            (row,) = matching(of_cell, kind="mean", joint="marginal")
+            ends = np.array([row.lower, row.upper]) / row.reference
+            centre = values[:, place].mean()
+            if family == "lognormal":
+                centre = np.exp(np.log(values[:, place]).mean())
+            else:
+                ends -= 1.0
+            np.testing.assert_allclose(bars[place], ends, rtol=1e-12)
+            assert points[place] == pytest.approx(centre, rel=1e-9)
+    assert (
+        "The first panel is over all references, every other one of one environment."
+        in drawing.description
+    )
+
+
+def test_values_by_environment_average_to_those_over_all_references():
+    results = results_of(study(frame(4)))
+    for level in ("left", "right"):
+        rows = matching(results.levels, level=level)
+        assert [row.environment for row in rows] == [None, "VE1", "VE2", "VE3"]
+        logs = np.log([row.values for row in rows])
+        np.testing.assert_allclose(logs[0], logs[1:].mean(axis=0), atol=1e-12)
+
+
+def test_seven_environments_have_one_panel():
+    table = frame(3)
+    for number in range(4, 8):
+        more = table[table["environment"] == "VE1"].assign(environment=f"VE{number}")
+        table = pd.concat([table, more])
+    (drawing,) = level_drawings(results_of(study(table)))
+    figure = Figure()
+    drawing.draw(figure)
+    assert len(figure.axes) == 1
+    assert "panel" not in drawing.description
+
+
 def test_groups_stand_side_by_side_as_points_and_a_mixed_design_has_both():
     results = results_of(modelled(crossed(), "hand * load + group"))
     drawings = level_drawings(results)
     assert [drawing.name for drawing in drawings] == ["levels_k_1", "levels_k_2", "levels_k_3"]
+    assert "panel" not in drawings[0].description
     ax = axes_of(drawings[2])
     x, y = subjects_of(ax)
     assert np.isfinite(y).sum() == 8

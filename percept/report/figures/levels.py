@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -27,7 +29,7 @@ from percept.report.figures.canvas import (
     panels,
     row_labels,
 )
-from percept.report.figures.intervals import tick_steps
+from percept.report.figures.intervals import bars_of, tick_steps
 from percept.report.select import (
     METHOD_NAMES,
     METHODS,
@@ -38,7 +40,6 @@ from percept.report.select import (
     words_of,
 )
 from percept.results import ContrastRow, Results
-from percept.sessions.quantities import Quantity
 
 __all__ = ["level_drawings"]
 
@@ -48,6 +49,10 @@ FloatArray = NDArray[np.float64]
 _WIDTH = 86.0
 _HEIGHT = 68.0
 _MOST_ON_HALF_A_PAGE = 6
+#: Each of so many environments has a panel: two rows of three, and one, fit a page.
+_MOST_ENVIRONMENTS = 6
+#: Panels in a row across the page.
+_COLUMNS = 3
 #: mm beside the levels, for the labels of the other axis.
 _MARGINS = 18.0
 #: Levels stand one unit apart: from a level to the intervals of its methods, beside the subjects.
@@ -66,8 +71,8 @@ _FAR_OUT = 3.0
 class _Panel:
     """One quantity over the levels of one factor."""
 
+    title: str
     factor: str
-    quantity: Quantity
     levels: list[str]
     within: bool  # Whether lines join each subject's values
     values: FloatArray  # (levels, subjects) NaN where a subject lacks a cell
@@ -97,44 +102,82 @@ class _Panel:
 
 
 def level_drawings(results: Results) -> list[Drawing]:
-    """Return a figure per quantity and factor: subjects, and the average user at each level."""
+    """Return a figure per quantity and factor: subjects, and the average user at each level.
+
+    Its first panel is over all references. In a study with one factor and few environments, each
+    of these has another.
+    """
     outlines = level_panels(results)
-    parts = [_panel(results, outline) for outline in outlines]
+    figures = [_panels(results, outline) for outline in outlines]
     subject = words_of(results).subject
     factors = listed(distinct(outlines, "factor"))
-    description = _caption(results, parts)
+    description = _caption(results, figures)
     drawings = []
-    for outline, panel in zip(outlines, parts, strict=True):
-        narrow = len(panel.levels) <= _MOST_ON_HALF_A_PAGE
-        width = _WIDTH if narrow else WIDE
+    for outline, parts in zip(outlines, figures, strict=True):
+        narrow = len(parts) == 1 and len(parts[0].levels) <= _MOST_ON_HALF_A_PAGE
+        rows = -(-len(parts) // _COLUMNS)
         drawing = Drawing(
             name=outline.name,
             title=f"What each {subject} set at the levels of {factors}",
             description=description,
-            size=(width, _HEIGHT),
-            draw=_draw_with(panel, width, subject),
+            size=(_WIDTH if narrow else WIDE, _HEIGHT * rows),
+            draw=_draw_with(parts, _WIDTH if narrow else WIDE, subject),
         )
         drawings.append(drawing)
     return drawings
 
 
-def _panel(results: Results, outline: LevelPanel) -> _Panel:
-    """Gather what one panel shows."""
-    rows = matching(results.levels, parameter=outline.parameter, factor=outline.factor)
-    values = np.array([row.values for row in rows], dtype=float)
+def _panels(results: Results, outline: LevelPanel) -> list[_Panel]:
+    """Gather what the panels of a figure show, that over all references first."""
+    of_figure = matching(results.levels, parameter=outline.parameter, factor=outline.factor)
+    means: dict[str | None, list[ContrastRow]] = {None: outline.means}
+    environments = [name for name in distinct(of_figure, "environment") if name is not None]
+    if len(environments) <= _MOST_ENVIRONMENTS:
+        for name in environments:
+            in_environment = _means_in(results, outline, name)
+            # Cells of several factors have no mean over the others.
+            if in_environment:
+                means[name] = in_environment
+    drawn = [row for row in of_figure if row.environment in means]
     log = family_of(results) == "lognormal"
-    low, high = _ends(values, outline.means, log=log)
-    return _Panel(
-        factor=outline.factor,
-        quantity=results.data.quantities[outline.parameter],
-        levels=[row.level for row in rows],
-        within=rows[0].within,
-        values=values,
-        means=outline.means,
-        log=log,
-        low=low,
-        high=high,
-    )
+    # One axis for all panels: they are there to be compared.
+    values = np.array([row.values for row in drawn], dtype=float)
+    low, high = _ends(values, list(itertools.chain(*means.values())), log=log)
+    parts = []
+    for environment, of_users in means.items():
+        rows = matching(drawn, environment=environment)
+        panel = _Panel(
+            title=environment or results.data.quantities[outline.parameter].head,
+            factor=outline.factor,
+            levels=[row.level for row in rows],
+            within=rows[0].within,
+            values=np.array([row.values for row in rows], dtype=float),
+            means=of_users,
+            log=log,
+            low=low,
+            high=high,
+        )
+        parts.append(panel)
+    return parts
+
+
+def _means_in(results: Results, outline: LevelPanel, environment: str) -> list[ContrastRow]:
+    """Return the average user at each level in one environment, in a study with one factor."""
+    bars = bars_of(results.intervals, outline.parameter, ("mean",), [family_of(results)])
+    means = []
+    for mean in outline.means:
+        cell = f"{environment} ({mean.second})"
+        # A difference in references is a ratio less one.
+        less = 1.0 if mean.unit == "references" else 0.0
+        for bar in matching(bars, environment=cell, method=mean.method):
+            row = dataclasses.replace(
+                mean,
+                lower=bar.lower - less,
+                upper=bar.upper - less,
+                estimate=bar.estimate - less,
+            )
+            means.append(row)
+    return means
 
 
 def _ends(values: FloatArray, means: Sequence[ContrastRow], *, log: bool) -> tuple[float, float]:
@@ -161,22 +204,24 @@ def _ends(values: FloatArray, means: Sequence[ContrastRow], *, log: bool) -> tup
     return float(low), float(high)
 
 
-def _draw_with(panel: _Panel, width: float, subject: str) -> Callable[[Figure], None]:
-    """Return what draws a panel on a figure."""
+def _draw_with(parts: Sequence[_Panel], width: float, subject: str) -> Callable[[Figure], None]:
+    """Return what draws the panels of a figure."""
+    columns = min(_COLUMNS, len(parts))
 
     def draw(figure: Figure) -> None:
-        (ax,) = panels(figure, frame=Frame(bottom=17.0))
-        _draw_axis(ax, panel, width)
-        _draw_subjects(ax, panel, subject)
-        for method in METHODS:
-            rows = matching(panel.means, method=method)
-            if rows:
-                # A line of no length stands for the method in the legend.
-                label = METHOD_NAMES[method]
-                ax.plot([], [], color=COLOURS[method], linewidth=2.4, label=label)
-            for row in rows:
+        axes = panels(figure, len(parts), columns=columns, frame=Frame(bottom=17.0))
+        for panel, ax in zip(parts, axes, strict=True):
+            _draw_axis(ax, panel, width / columns)
+            _draw_subjects(ax, panel, subject)
+            for row in panel.means:
                 _draw_mean(ax, row, panel)
-        legend(ax, ncols=3)
+        for index, ax in enumerate(axes):
+            if index % columns:
+                ax.set_ylabel("")
+        for method in distinct(parts[0].means, "method"):
+            # A line of no length stands for the method in the legend.
+            axes[0].plot([], [], color=COLOURS[method], linewidth=2.4, label=METHOD_NAMES[method])
+        legend(axes[0], ncols=3)
 
     return draw
 
@@ -200,7 +245,8 @@ def _draw_axis(ax: Axes, panel: _Panel, width: float) -> None:
     ax.set_xlabel(panel.factor)
     ax.grid(visible=False, axis="x")
     ax.axhline(panel.reference, color=COLOURS["ink"], linestyle=REFERENCE_DASHES, linewidth=0.8)
-    ax.set_title(panel.quantity.head, loc="left")
+    (title,) = row_labels([panel.title], most=width)
+    ax.set_title(title, loc="left")
 
 
 def _draw_subjects(ax: Axes, panel: _Panel, subject: str) -> None:
@@ -270,8 +316,9 @@ def _point_beyond(
     )
 
 
-def _caption(results: Results, parts: Sequence[_Panel]) -> str:
+def _caption(results: Results, figures: Sequence[list[_Panel]]) -> str:
     """Say what lines, points and marks stand for, and who is not drawn."""
+    parts = list(itertools.chain(*figures))
     words = words_of(results)
     sentences = []
     if any(panel.within for panel in parts):
@@ -281,6 +328,10 @@ def _caption(results: Results, parts: Sequence[_Panel]) -> str:
     drawn = {row.method for panel in parts for row in panel.means}
     by = " and ".join(METHOD_NAMES[method] for method in METHODS if method in drawn)
     sentences.append(f"Bars: the average {words.user}, {by} interval; dashed: the reference")
+    if len(parts) > len(figures):
+        sentences.append(
+            f"The first panel is over all references, every other one of one {words.environment}"
+        )
     beyond = sum(panel.beyond for panel in parts)
     if beyond:
         lies = "lies" if beyond == 1 else "lie"
