@@ -90,10 +90,8 @@ def test_each_environment_has_a_panel_with_the_limits_of_its_cells(family):
                 ends -= 1.0
             np.testing.assert_allclose(bars[place], ends, rtol=1e-12)
             assert points[place] == pytest.approx(centre, rel=1e-9)
-    assert (
-        "The first panel is over all references, every other one of one environment."
-        in drawing.description
-    )
+    said = "Means are over all references in the first panel; every other panel is of one"
+    assert f" {said} environment. " in drawing.description
 
 
 def test_values_by_environment_average_to_those_over_all_references():

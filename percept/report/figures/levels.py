@@ -132,7 +132,8 @@ def _panels(results: Results, outline: LevelPanel) -> list[_Panel]:
     of_figure = matching(results.levels, parameter=outline.parameter, factor=outline.factor)
     means: dict[str | None, list[ContrastRow]] = {None: outline.means}
     environments = [name for name in distinct(of_figure, "environment") if name is not None]
-    if len(environments) <= _MOST_ENVIRONMENTS:
+    narrow = len(matching(of_figure, environment=None)) <= _MOST_ON_HALF_A_PAGE
+    if narrow and len(environments) <= _MOST_ENVIRONMENTS:
         for name in environments:
             in_environment = _means_in(results, outline, name)
             # Cells of several factors have no mean over the others.
@@ -322,16 +323,16 @@ def _caption(results: Results, figures: Sequence[list[_Panel]]) -> str:
     words = words_of(results)
     sentences = []
     if any(panel.within for panel in parts):
-        sentences.append(f"A line joins the means of one {words.subject} over all references")
+        sentences.append(f"A line joins the means of one {words.subject}")
     if not all(panel.within for panel in parts):
         sentences.append(f"In groups, a point is the mean of one {words.subject}")
+    over = "Means are over all references"
+    if len(parts) > len(figures):
+        over += f" in the first panel; every other panel is of one {words.environment}"
+    sentences.append(over)
     drawn = {row.method for panel in parts for row in panel.means}
     by = " and ".join(METHOD_NAMES[method] for method in METHODS if method in drawn)
     sentences.append(f"Bars: the average {words.user}, {by} interval; dashed: the reference")
-    if len(parts) > len(figures):
-        sentences.append(
-            f"The first panel is over all references, every other one of one {words.environment}"
-        )
     beyond = sum(panel.beyond for panel in parts)
     if beyond:
         lies = "lies" if beyond == 1 else "lie"
