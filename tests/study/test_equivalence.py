@@ -161,4 +161,4 @@ def test_subjects_who_adjusted_alike_have_no_verdict_and_a_reason():
     assert list(study.equivalence["environment"]) == ["B"]
     said = {part.what: part.why for part in study.skipped}
     what = "classical verdict whether stiffness is within one JND in A"
-    assert said[what] == "all subjects adjusted alike"
+    assert said[what] == "all subjects made the same adjustments"
