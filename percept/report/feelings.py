@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 from percept.boundary.confidence import FEWEST_FOR_PAIR, PARTS
@@ -116,7 +117,7 @@ def _said_range(probabilities: Sequence[float], decision: float) -> str:
 
 def _deciding(judged: Sequence[Verdict], words: Words) -> list[str]:
     """Say how many more subjects would decide what there is too little data on."""
-    numbers: dict[str, int] = {}
+    decisive: dict[str, MoreSubjects] = {}
     too_many: list[str] = []
     for verdict in judged:
         more = verdict.more
@@ -125,19 +126,19 @@ def _deciding(judged: Sequence[Verdict], words: Words) -> list[str]:
         if more.subjects is None:
             too_many.append(verdict.environment)
         else:
-            numbers[verdict.environment] = more.subjects
+            decisive[verdict.environment] = more
     sentences = []
-    if numbers:
+    if decisive:
         assurance = next(verdict.more.assurance for verdict in judged if verdict.more)
-        counts = [_about(count) for count in numbers.values()]
+        counts = [_range_of(more) for more in decisive.values()]
         several = words.subject if counts == ["1"] else words.subjects
-        if len(numbers) > MOST_NAMED:
-            fewest = _about(min(numbers.values()))
-            largest = _about(max(numbers.values()))
-            each = f"each of {len(numbers)} {words.environments}"
-            said = f"{fewest} to {largest} more {several} would decide {each}"
+        if len(decisive) > MOST_NAMED:
+            fewest = _two_digits(min(more.lower for more in decisive.values()))
+            largest = max(decisive.values(), key=_upper)
+            each = f"each of {len(decisive)} {words.environments}"
+            said = f"{fewest} to {_upper_end(largest)} more {several} would decide {each}"
         else:
-            said = f"{listed(counts)} more {several} would decide {listed(list(numbers))}"
+            said = f"{listed(counts)} more {several} would decide {listed(list(decisive))}"
         sentences.append(f"About {said} with probability {assurance:g}.")
     if too_many:
         most = next(verdict.more.most for verdict in judged if verdict.more)
@@ -148,8 +149,22 @@ def _deciding(judged: Sequence[Verdict], words: Words) -> list[str]:
     return sentences
 
 
-def _about(count: int) -> str:
-    """Write a number with the two digits that its error leaves."""
+def _range_of(more: MoreSubjects) -> str:
+    """Write the numbers that the Monte Carlo error leaves, each to two digits."""
+    lower = _two_digits(more.lower)
+    upper = _upper_end(more)
+    return lower if lower == upper else f"{lower} to {upper}"
+
+
+def _upper(more: MoreSubjects) -> float:
+    return math.inf if more.upper is None else more.upper
+
+
+def _upper_end(more: MoreSubjects) -> str:
+    return f"over {more.most:,}" if more.upper is None else _two_digits(more.upper)
+
+
+def _two_digits(count: int) -> str:
     return f"{float(f'{count:.2g}'):,.0f}"
 
 

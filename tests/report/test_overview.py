@@ -357,24 +357,32 @@ def test_digits_end_near_a_hundredth_of_the_half_width(value, limits, digits):
 
 
 @pytest.mark.parametrize(
-    ("counts", "said"),
+    ("ranges", "said"),
     [
-        ([8], "About 8 more users would decide W0 with probability 0.8."),
-        ([137, 14], "About 140 and 14 more users would decide W0 and W1 with probability 0.8."),
+        ([(7, 9)], "About 7 to 9 more users would decide W0 with probability 0.8."),
         (
-            [None, 1],
+            [(118, 162), (14, 14)],
+            "About 120 to 160 and 14 more users would decide W0 and W1 with probability 0.8.",
+        ),
+        ([(900, None)], "About 900 to over 1,000 more users would decide W0"),
+        (
+            [None, (1, 1)],
             "About 1 more user would decide W1 with probability 0.8. W0 would take more than",
         ),
-        ([9, 30, 4, 5, 6, 7], "About 4 to 30 more users would decide each of 6 walls with"),
+        (
+            [(9, 11), (26, 34), (3, 5), (4, 6), (5, 7), (6, 8)],
+            "About 3 to 34 more users would decide each of 6 walls with",
+        ),
     ],
 )
-def test_an_undecided_verdict_says_how_many_more_subjects_decide(counts, said):
+def test_an_undecided_verdict_says_how_many_more_subjects_decide(ranges, said):
     verdicts = []
-    for index, count in enumerate(counts):
+    for index, limits in enumerate(ranges):
+        lower, upper = limits or (1000, None)
         more = MoreSubjects(
-            subjects=count,
-            lower=1,
-            upper=None,
+            subjects=lower if limits else None,
+            lower=lower,
+            upper=upper,
             probability=0.8,
             error=0.02,
             assurance=0.8,
