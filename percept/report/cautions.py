@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from percept.errors import counted
 from percept.report.select import (
     METHODS,
+    MOST_OPEN,
     STATISTICS,
     Words,
     distinct,
@@ -62,9 +63,11 @@ def _levels(contrast: Sequence[ContrastRow], words: Words) -> Iterator[str]:
         if matching(contrast, method="bayesian"):
             of_all = "One model of all levels gives every Bayesian result."
             alone = f"{of_all} In classical results, outside"
+        within = matching(contrast, within=True)
+        how = f"levels within {words.subjects}" if within else f"{its} levels"
         yield (
             f"{alone} the section on {listed(factors)} each of {its} levels stands by itself. "
-            f"Only that section compares levels within {words.subjects}."
+            f"Only that section compares {how}."
         )
 
 
@@ -114,7 +117,7 @@ def _below_zero(intervals: Sequence[IntervalRow], data: Data) -> Iterator[str]:
         labels = " or ".join(
             quantity.label for name, quantity in data.quantities.items() if name not in signed
         )
-        where = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in cells.items())
+        where = "; ".join(f"{kind}: {_first_of(list(names))}" for kind, names in cells.items())
         yield (
             f"Some limits of the normal family are below zero, where no {labels} can be ({where})."
             " Limits of the lognormal family never are."
@@ -125,7 +128,7 @@ def _active(passivity: Sequence[Passivity], words: Words) -> Iterator[str]:
     names = [row.environment for row in passivity if not row.passive]
     if names:
         yield (
-            f"Without a coupling this device has too little damping to render {listed(names)}"
+            f"Without a coupling this device has too little damping to render {_first_of(names)}"
             f" passively (Colgate and Schenkel). They may chatter, and {words.users} may then"
             " set them wrongly."
         )
@@ -137,14 +140,14 @@ def misfits(checks: Checks, words: Words) -> Iterator[str]:
         rows = matching(checks.normality, family=family)
         # Bonferroni over the cells tested: a study of many cells is not alarmed by chance.
         cells = [
-            f"{row.parameter} of {row.environment}"
+            f"{row.parameter} in {row.environment}"
             for row in rows
             if row.p_value * len(rows) < 0.05
         ]
         if cells:
             yield (
-                f"Shapiro–Wilk tests reject the {family} family, which its classical intervals"
-                f" assume, for {', '.join(cells)}."
+                f"Shapiro–Wilk tests reject the {family} family, which classical intervals"
+                f" assume, for {_first_of(cells)}."
             )
     if checks.loo:
         yield from checks.loo.messages
@@ -155,6 +158,13 @@ def misfits(checks: Checks, words: Words) -> Iterator[str]:
         if unusual:
             yield f"The hierarchical model does not reproduce the {'; '.join(unusual)}."
         yield from checks.pull
+
+
+def _first_of(names: Sequence[str]) -> str:
+    """List names; of more than ten, the first ten and the number of the others."""
+    if len(names) <= MOST_OPEN:
+        return listed(names)
+    return f"{', '.join(names[:MOST_OPEN])} and {len(names) - MOST_OPEN} more"
 
 
 def _warnings(warnings: Sequence[Note]) -> Iterator[str]:

@@ -131,8 +131,8 @@ def _latex(caption: str, table: _Table) -> str:
 def _tex(text: str) -> str:
     """Write text for LaTeX; what would be a command there is text."""
     written = text.translate(_TEX_CHARACTERS).translate(_RAISED)
-    # A row that begins with a bracket would be an option of the line break before it.
-    return f"{{}}{written}" if written.startswith("[") else written
+    # At the head of a row, a bracket or a star would belong to the line break before it.
+    return f"{{}}{written}" if written.startswith(("[", "*")) else written
 
 
 def _word(caption: str, table: str) -> str:

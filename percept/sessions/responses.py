@@ -1,4 +1,4 @@
-"""Adjustments made whole by their references: ratios, differences, and angles that go round."""
+"""Adjustments made absolute by their references: ratios, differences, and angles that wrap."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from percept.sessions.records import Places, Problems
 __all__ = ["complete_responses"]
 
 #: A whole turn in units of angles.
-_TURNS = {"deg": 360.0, "°": 360.0, "degree": 360.0, "degrees": 360.0, "rad": 2 * np.pi}
+_TURNS = {"deg": 360.0, "°": 360.0, "degree": 360.0, "degrees": 360.0}
+_TURNS |= dict.fromkeys(("rad", "radian", "radians"), 2 * np.pi)
 
 
 def complete_responses(
@@ -51,19 +52,25 @@ def _half_turn(quantity: Quantity) -> float | None:
 def _refuse_whole_turns(
     table: pd.DataFrame, quantity: Quantity, half_turn: float, problems: Problems
 ) -> None:
-    """Refuse an angle whose references reach beyond half a turn."""
-    references = table[f"{quantity.name}_ref"].dropna().to_numpy(dtype=float)
-    if not len(references) or max(np.ptp(references), np.abs(references).max()) <= half_turn:
-        return
+    """Refuse an angle whose references, or adjustments about them, reach beyond half a turn."""
     name = f"{quantity.name}_adj"
+    pairs = table[[f"{quantity.name}_ref", name]].dropna().to_numpy(dtype=float)
+    references = pairs[:, 0]
+    if not len(pairs):
+        return
+    far_references = max(np.ptp(references), np.abs(references).max()) > half_turn
+    if not far_references and np.abs(pairs[:, 1] - references).max() <= half_turn:
+        return
+    which = "references reach" if far_references else "adjustments lie"
     message = (
-        f"{quantity.label} in {quantity.unit} goes round: references reach beyond half a turn,"
+        f"{quantity.label} in {quantity.unit} wraps: {which} beyond half a turn,"
         f" {half_turn:.4g} {quantity.unit}."
     )
     hint = (
         f"Give {name} a column of adjusted − reference, within half a turn:"
-        f' {name} = {{ name = "…", response = "difference" }} in [columns]. An angle of a knob that'
-        ' turns on is none that goes round: give it in turns, unit = "turn".'
+        f' {name} = {{ name = "…", response = "difference" }} in [columns].'
+        " If the knob can turn more than once its angle does not wrap: give it in turns,"
+        ' unit = "turn".'
     )
     problems.add(message, column=name, hint=hint)
 

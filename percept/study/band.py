@@ -229,7 +229,9 @@ def band_study(
             continue
         by_labels = dict(iter(table.groupby(_LABELS, sort=False)))
         for (method, kind, family), limits in replicates.items():
-            rows = by_labels[method, kind, family]
+            rows = by_labels.get((method, kind, family))
+            if rows is None:  # no environment has an interval of this family
+                continue
             drawn = one_band.ends(limits)
             size = rows[size_name(one_band.parameter)].to_numpy()
             environments = tuple(rows["environment"])

@@ -1,7 +1,7 @@
-"""Trials with references of their own: told at one reference of each environment.
+"""Trials with references of their own: restated at one reference of each environment.
 
-The response of a trial is taken to its own reference. The model then needs one reference for each
-environment, and what is left of the trial's own as a covariate.
+The response of a trial is relative to its own reference. The model then needs one reference for
+each environment, and what is left of the trial's own as a covariate.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from percept.errors import UsageError
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.formula import TRIAL_REFERENCE
+from percept.sessions.quantities import quantity_of
 from percept.sessions.records import Notice
 from percept.study.basics import analysed_parameters
 
@@ -25,7 +26,7 @@ _RANGES = 5
 
 
 def at_typical_references(sessions: Sessions, scene: Scene) -> Sessions:
-    """Tell every adjustment at its environment's geometric mean of references.
+    """Restate every adjustment at its environment's geometric mean of references.
 
     The column `reference` keeps each trial's own, in decades above that mean. References without
     environments are split into ranges with equal numbers of trials.
@@ -55,11 +56,11 @@ def at_typical_references(sessions: Sessions, scene: Scene) -> Sessions:
         table["environment"] = _ranges(table[column])
     own = np.log(table[column])
     typical = own.groupby(table["environment"]).transform("mean")
-    adjusted = column.replace("_ref", "_adj")
+    adjusted = f"{quantity_of(column)}_adj"
     table[TRIAL_REFERENCE] = (own - typical) / np.log(10.0)
     table[adjusted] *= np.exp(typical - own)
     table[column] = np.exp(typical)
-    text = f"{adjusted} is told at the geometric mean of each environment's {column}"
+    text = f"{adjusted} is restated at the geometric mean of each environment's {column}"
     notices = (*sessions.notices, Notice(text, column=column))
     return replace(sessions, table=table, notices=notices)
 
@@ -73,16 +74,20 @@ def _varying(sessions: Sessions, scene: Scene) -> str:
     varying = [column for column in columns if counts[column] > 1]
     key = "model.bias"
     if not varying:
-        message = "every environment has one reference; the trend over these is in the model."
+        message = (
+            "every environment has one reference: the model already has the trend over references."
+        )
         raise UsageError(message, key=key, value=TRIAL_REFERENCE, hint="Leave it out.")
     if len(varying) > 1:
-        message = f"{' and '.join(varying)} both vary by trial."
-        hint = f'Analyse one quantity: [inference] parameters = ["{parameters[0]}"].'
+        message = f"{' and '.join(varying)} vary by trial."
+        hint = f'Analyse one of them: [inference] parameters = ["{quantity_of(varying[0])}"].'
         raise UsageError(message, key=key, value=TRIAL_REFERENCE, hint=hint)
     (column,) = varying
     low = sessions.table[column].min()
     if low <= 0.0:
-        message = "a trial's own reference must be positive: it is compared by decades."
+        message = (
+            "a trial's own reference must be positive: references are compared by their logarithms."
+        )
         hint = "Leave these trials out: [sessions] exclude."
         raise UsageError(message, column=column, value=float(low), hint=hint)
     return column
@@ -92,5 +97,6 @@ def _ranges(references: pd.Series[float]) -> pd.Series[str]:
     """Name the range of each reference by its ends."""
     number = pd.qcut(references, _RANGES, labels=False, duplicates="drop")
     ends = references.groupby(number).agg(["min", "max"])
-    names = [f"{low:.4g} to {high:.4g}" for low, high in ends.to_numpy()]
-    return number.map(dict(enumerate(names)))
+    # Ties may leave a range empty: its number is then missing.
+    names = [f"{low:.6g} to {high:.6g}" for low, high in ends.to_numpy().tolist()]
+    return number.map(dict(zip(ends.index, names, strict=True)))

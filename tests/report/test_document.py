@@ -214,7 +214,7 @@ def test_checks_of_normality_are_scipy_s_and_speak_where_they_reject():
         )
     said = [text for text in document["summary"]["cautions"] if "Shapiro" in text]
     assert said[1].endswith(
-        f"the lognormal family, which its classical intervals assume, for k of {first}."
+        f"the lognormal family, which classical intervals assume, for k in {first}."
     )
     assert document["checks"]["loo"] is None
 

@@ -114,7 +114,8 @@ def test_names_become_no_commands(both):
     document = copy.deepcopy(both)
     for part in ("intervals", "boundaries"):
         for row in document[part]:
-            row["environment"] = row["environment"].replace("VE1", HOSTILE)
+            name = row["environment"].replace("VE1", HOSTILE)
+            row["environment"] = name.replace("VE2", "*VE2")
     document["boundaries"] = []
     files = tables(as_results(document))
     told = [name for name, text in files.items() if "etc/passwd" in text]
@@ -128,6 +129,7 @@ def test_names_become_no_commands(both):
         assert r"\input" not in text
         row = next(line for line in text.split("\n") if "etc/passwd" in line)
         assert r"\textbackslash{}input\{/etc/passwd\} \& 50\% $<$b$>$\_\$\#" in row
+        assert "\n*VE2" not in text
         assert text.count("{") - text.count(r"\{") == text.count("}") - text.count(r"\}")
 
 

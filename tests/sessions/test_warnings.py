@@ -270,11 +270,19 @@ def test_angles_that_go_round_are_refused(tmp_path, unit, references, half):
     with pytest.raises(UsageError) as caught:
         scale_warnings(tmp_path, unit, references)
     said = str(caught.value)
-    assert f"size in {unit} goes round: references reach beyond half a turn, {half}." in said
+    assert f"size in {unit} wraps: references reach beyond half a turn, {half}." in said
     assert 'x_adj = { name = "…", response = "difference" } in [columns].' in said
     # A knob that turns on does not go round.
     columns = {name: {"name": name, "unit": unit} for name in ("x_ref", "x_adj")}
     assert scale_warnings(tmp_path, "turn", references, columns=columns) == []
+
+
+def test_adjustments_on_the_other_side_of_a_turn_are_refused(tmp_path):
+    path = tmp_path / "angles.csv"
+    path.write_text("subject,environment,x_ref,x_adj\n1,a,0.2,0.1\n2,a,0.2,6.1\n3,a,0.2,0.3\n")
+    with pytest.raises(UsageError) as caught:
+        read_sessions(path, scene=Scene(quantities={"x": {"unit": "radians"}}))
+    assert "wraps: adjustments lie beyond half a turn, 3.142 radians." in str(caught.value)
 
 
 def test_differences_of_angles_are_read_within_half_a_turn(tmp_path):

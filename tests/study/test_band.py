@@ -237,6 +237,18 @@ def test_posterior_laws_hold_the_true_parameters(law: str) -> None:
     assert np.all(upper - lower < 2.0 * true)
 
 
+def test_a_zero_in_every_environment_leaves_the_normal_family_s_laws() -> None:
+    rows = [
+        (subject, environment, 10.0, 0.0 if subject == "a" else value + step)
+        for step, environment in enumerate(("x", "y"))
+        for subject, value in zip("abcd", (0.0, 12.0, 11.0, 9.0), strict=True)
+    ]
+    frame = pd.DataFrame(rows, columns=["subject", "environment", "k_ref", "k_adj"])
+    scene = Scene(inference={"method": "classical"})
+    study = Study(Sessions.from_frame(frame, scene=scene), scene)
+    assert {row.family for row in study.results().intervals} == {"normal"}
+
+
 def test_the_size_of_an_environment_ranges_over_its_limits_as_on_a_grid() -> None:
     for k, b in (
         ((900.0, 1100.0), (0.5, 2.0)),

@@ -63,14 +63,25 @@ def test_references_without_environments_fall_into_ranges_of_equal_size():
         low, high = map(float, environment.split(" to "))
         own = made["k_ref"][rows.index]
         assert (low, high) == (
-            pytest.approx(own.min(), rel=1e-3),
-            pytest.approx(own.max(), rel=1e-3),
+            pytest.approx(own.min(), rel=1e-5),
+            pytest.approx(own.max(), rel=1e-5),
         )
-    assert study.sessions.environments[0].startswith(f"{made['k_ref'].min():.4g}")
+    assert study.sessions.environments[0].startswith(f"{made['k_ref'].min():.6g}")
     # A study of these sessions is the same study.
     assert Study(study.sessions, scene_of()).sessions.table.equals(told)
     (notice,) = [note.text for note in study.sessions.notices if "geometric mean" in note.text]
-    assert notice == "k_adj is told at the geometric mean of each environment's k_ref"
+    assert notice == "k_adj is restated at the geometric mean of each environment's k_ref"
+
+
+def test_ranges_that_ties_leave_empty_mix_nothing_up():
+    references = np.repeat([10.0, 20.0, 40.0], [4, 4, 2])
+    rows = {"subject": ["A", "B"] * 5, "trial": np.arange(10) + 1, "k_ref": references}
+    made = pd.DataFrame(rows | {"k_adj": 1.1 * references})
+    told = at_typical_references(read(made), scene_of()).table
+    for environment, own in made["k_ref"].groupby(told["environment"]):
+        low, high = map(float, environment.split(" to "))
+        assert own.between(low, high).all()
+    assert told["k_adj"].to_numpy() == pytest.approx(1.1 * told["k_ref"].to_numpy())
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +165,7 @@ def test_references_that_the_model_cannot_carry_are_refused(changed, scene, mess
 def test_one_quantity_has_references_by_trial():
     made = frame()
     made = made.assign(b_ref=made["k_ref"], b_adj=made["k_adj"] * 1.01)
-    with pytest.raises(UsageError, match="k_ref and b_ref both vary by trial"):
+    with pytest.raises(UsageError, match="k_ref and b_ref vary by trial"):
         Study(read(made), scene_of())
     study = Study(read(made), scene_of(parameters=["k"]))
     assert study.parts.parameters == ("k",)

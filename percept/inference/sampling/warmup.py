@@ -143,8 +143,8 @@ def _weigh(
     values = transported(z)
     if np.all(np.isneginf(values)):
         raise RefusalError(
-            "the log density is -inf at every walker, for example at"
-            f" {describe_point(transported.names, z[0])}.",
+            "the log density is -inf at every point tried, for example at"
+            f" {describe_point(transported.names, transported.map(z[:1])[0])}.",
             hint="Check the data and the priors of these parameters.",
         )
     return z, values - law.log_density(z)
