@@ -29,8 +29,8 @@ Array = NDArray[np.float64]
 _LARGEST_SD = 1.0
 #: Width in SDs of the middle 95 % of a normal distribution.
 _WIDTH_OF_95_PERCENT = 3.92
-#: Standard errors by which the misfit may exceed its expectation: noise alone does so in 1 of
-#: 30,000 logs.
+#: Standard errors by which the misfit may exceed its expectation: the misfit of noise alone
+#: follows a gamma law, and does so in 1 of 1,800 logs of 20 lines, and in fewer of longer logs.
 _MOST_ERRORS = 4.0
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import json
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -99,7 +100,7 @@ def _tests(
 ) -> Iterator[AnovaRow | Skipped]:
     """Yield the tests of the model's terms, and of how these differ between references."""
     if len(conditions.between) > 1:
-        yield Skipped(what, "two columns of groups are more than it takes")
+        yield Skipped(what, "only one column of groups is supported")
         return
     axes: dict[str, Sequence[str]] = {}
     if len(factors.environments) > 1:
@@ -151,12 +152,13 @@ def _values(
         subject = subjects[cells.values.index[row]]
         count = len(np.unique(missing[:, 0]))
         more = f" Cells are missing for {count} subjects in all." if count > 1 else ""
-        rule = f'{{ column = "subject", equals = "{subject}", why = "incomplete" }}'
+        name = json.dumps(subject, ensure_ascii=False)  # JSON's texts are TOML's, too
+        rule = f'{{ column = "subject", equals = {name}, why = "incomplete" }}'
         raise RefusalError(
-            f"{subject} has no trial in {factors.cell(environment, levels)}, and it takes complete"
-            f" cells.{more}",
-            hint=f"To leave {subject} out: [sessions] exclude = [{rule}]. The contrasts take what"
-            " there is.",
+            f"{subject} has no trial in {factors.cell(environment, levels)}, and the analysis"
+            f" needs complete cells.{more}",
+            hint=f"To leave {subject} out: [sessions] exclude = [{rule}]. The contrasts use all"
+            " data.",
         )
     return table
 

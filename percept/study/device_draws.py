@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pandas as pd
@@ -196,10 +197,12 @@ def device_stability(
     margins = smallest_margins(draws, coupling, period, hold)
     tail = 0.5 * (1.0 - _LEVEL)
     lower, upper = np.quantile(margins, [tail, 1.0 - tail])
-    probability = float(np.mean(margins >= 1.0))
+    stable = int(np.count_nonzero(margins >= 1.0))
+    # A share of none or all still has an error: one more of each kind is counted for it.
+    hedged = (stable + 1) / (margins.size + 2)
     return DeviceStability(
-        probability=probability,
-        error=float(np.sqrt(probability * (1.0 - probability) / margins.size)),
+        probability=stable / margins.size,
+        error=math.sqrt(hedged * (1.0 - hedged) / margins.size),
         draws=margins.size,
         level=_LEVEL,
         margin_lower=float(lower),

@@ -84,7 +84,7 @@ def test_incomplete_subjects_are_named_with_what_to_do():
     made = study(table[~gone])
     assert effects_of(made) == {}
     (why,) = skipped_of(made)
-    assert why.startswith("S2 has no trial in VE3 (right), and it takes complete cells.")
+    assert why.startswith("S2 has no trial in VE3 (right), and the analysis needs complete cells.")
     rule = '{ column = "subject", equals = "S2", why = "incomplete" }'
     assert f"To leave S2 out: [sessions] exclude = [{rule}]." in why
     assert any(part.what == "analysis of variance of stiffness" for part in made.skipped)
@@ -101,7 +101,7 @@ def test_two_columns_of_groups_are_refused():
     number = table["subject"].str[1:].astype(int)
     table = table.assign(site=np.where(number % 4 < 2, "north", "south"))
     (why,) = skipped_of(modelled(table, "group + site"))
-    assert why == "two columns of groups are more than it takes"
+    assert why == "only one column of groups is supported"
 
 
 @pytest.mark.parametrize("subjects", [2, 3, 4])
