@@ -30,7 +30,7 @@ MOST_UNTYPED_MAPPINGS = 30
 MOST_LINES_OF_A_MODULE = 450
 MOST_MODULES = 281
 #: Folders that are denser: forms of one integral that are to be rebuilt.
-DENSER_FOLDERS = {"inference/hierarchy": 11.0}
+DENSER_FOLDERS = {"inference/hierarchy": 9.9}
 
 NOT_CODE = {
     tokenize.COMMENT,

@@ -159,7 +159,9 @@ def write_new(path: str, text: str) -> None:
 def lacks(proposal: Proposal) -> str:
     """Say what a scene that was written lacks."""
     if proposal.missing:
-        return f"It lacks {', '.join(proposal.missing)}: fill them in."
+        several = len(proposal.missing) > 1
+        missing = f"{', '.join(proposal.missing)} {'are' if several else 'is'} missing"
+        return f"{missing}: fill {'them' if several else 'it'} in."
     if proposal.refused is not None:
         first = getattr(proposal.refused, "problems", (proposal.refused,))[0]
         return f"The files are not read under it yet: {printable(str(first))}"

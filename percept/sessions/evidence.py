@@ -130,6 +130,10 @@ class Column:
         if self.is_numeric and len(self.texts) > _LISTED_NUMBERS:
             ends = f"{np.nanmin(self.numbers):g} to {np.nanmax(self.numbers):g}"
             return f"{ends}: {self.quoted()}"
+        if not self.texts:
+            return "empty"
+        if len(self.texts) == 1:
+            return f"always {self.quoted()}"
         return f"{len(self.texts)} different: {self.quoted(_QUOTED + 1)}"
 
 

@@ -168,13 +168,13 @@ class Draft:
 def outcome(sessions: Sessions, draft: Draft) -> list[str]:
     """Say what reading under a draft gives: subjects, environments, trials, first warnings."""
     table = sessions.table
-    stand_in = ", with the median adjustment for each reference" if draft.missing else ""
+    stand_in = ", with medians in place of missing references" if draft.missing else ""
     sizes = table.groupby(["subject", "environment"], sort=False).size()
     trials = counted(int(sizes.max()), "trial")
     each = trials if sizes.min() == sizes.max() else f"{sizes.min()} to {trials}"
     said = [
         f"Tried on the whole file{stand_in}:"
-        f" {counted(len(table), 'row')} of {draft.rows} give an adjustment.",
+        f" {counted(draft.rows, 'row')} give {counted(len(table), 'adjustment')}.",
         f"It holds {counted(len(sessions.subjects), 'subject')} and"
         f" {counted(len(sessions.environments), 'environment')}:"
         f" {counted(len(sizes), 'cell')} with {each} each.",

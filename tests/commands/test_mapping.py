@@ -139,7 +139,7 @@ def test_a_scene_written_from_data_says_what_it_lacks(tmp_path, capsys):
     rows = [f"{s},{kind},{50 + s + t * 3.5}" for s in range(9) for t, kind in enumerate("abc")]
     path.write_text("\n".join(["person,condition,estimate", *rows]) + "\n")
     assert main(["new", str(scene), "--from", str(path)]) == 0
-    assert "It lacks response_ref: fill them in. Then: percept report " in capsys.readouterr().err
+    assert "response_ref is missing: fill it in. Then: percept report " in capsys.readouterr().err
     lines = scene.read_text().splitlines()
     start = lines.index("# [environments]")
     lines[start : start + 4] = [line.removeprefix("# ") for line in lines[start : start + 4]]
@@ -203,7 +203,7 @@ def mapping_of(tmp_path, head, rows):
 def test_a_proposal_says_how_many_rows_it_was_tried_on(tmp_path):
     rows = [f"{p},{r},{r + p / 10}" for p in range(1, 3000) for r in (300, 600)]
     proposal = mapping_of(tmp_path, "pp,reference,match", [*rows, "3000,300,"])
-    assert "# Tried on the whole file: 5998 rows of 5999 give an adjustment." in proposal.text
+    assert "# Tried on the whole file: 5999 rows give 5998 adjustments." in proposal.text
     assert 'subject = "pp"  # 1 to 3000' in proposal.text
     late = mapping_of(tmp_path, "pp,reference,match", [*rows, "3000,300,abc"])
     assert (late.refused.row, late.refused.value) == (6000, "abc")

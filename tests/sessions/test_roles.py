@@ -221,7 +221,7 @@ def test_references_that_are_missing_stop_no_trial_of_the_rest(tmp_path):
     assert proposal.missing == ("time_ref",)
     assert 'environment = "Music"' in proposal.text
     assert '# "calm" = { time_ref = 0.0 }' in proposal.text
-    assert "with the median adjustment for each reference: 16 rows of 16 give" in proposal.text
+    assert "with medians in place of missing references: 16 rows give 16" in proposal.text
     assert "16 cells with 1 trial each." in proposal.text
     # Nobody left a reference that nobody knows.
     assert "warning" not in proposal.text

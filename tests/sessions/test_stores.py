@@ -89,7 +89,7 @@ def test_folders_of_jspsych_are_read(tmp_path):
     assert proposal.missing == ()
     assert proposal.refused is None
     assert 'response_ref = "target"' in proposal.text
-    assert "96 rows of 120 give an adjustment" in proposal.text
+    assert "120 rows give 96 adjustments" in proposal.text
 
 
 def test_json_that_holds_no_records_is_refused(tmp_path):

@@ -142,7 +142,7 @@ def test_an_unknown_file_gets_lines_to_fill_in(tmp_path):
     assert proposal.guessed == ()
     assert proposal.missing == ("subject", "environment", "NAME_ref", "NAME_adj")
     assert '# subject = ""' in text
-    assert r'# not used: "what \"it\" was": 1 different: 2' in text
+    assert r'# not used: "what \"it\" was": always 2' in text
     file.write_text("subj,sub,k_adj\n1,2,3\n")
     assert "# row 1, column" not in propose_columns(file).text
     assert "'subj', 'sub' could each be subject." in propose_columns(file).text
