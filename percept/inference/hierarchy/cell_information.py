@@ -51,8 +51,10 @@ class CellLaw:
             self._solved = EnvironmentsFirst(equations, self._effects_factor)
         else:
             self._solved = SubjectsFirst(equations, self._effects_factor)
-        #: (W,) Whether enough digits remain.
+        #: (W,) Whether enough digits remain for the density.
         self.sound = self._solved.sound
+        #: (W,) Whether enough remain for the law of the locations.
+        self.laws_sound = self._solved.laws_sound
         self._latents = self._solved.latents
         self.log_density = problem.constant - 0.5 * (
             self._solved.log_determinant

@@ -331,11 +331,12 @@ class LinearModel(Model):
     def log_likelihood(self, scales: CellScales) -> Array:
         """Log density of the data given scales, locations and subject effects integrated out."""
         law = CellLaw(self._problem, scales)
-        # Unequal cells have no orthogonal form to turn to. Draws whose digits are lost are refused:
-        # their scales lie far from any that data allow.
+        # Unequal cells have no orthogonal fallback. Draws whose digits are lost are refused: their
+        # scales lie far from any that data allow. One pattern has a fallback for the density and
+        # none for the locations, so draws whose locations are lost are refused there too.
         value = np.where(law.sound, self._constant + law.log_density, -np.inf)
-        if self._one_pattern is not None and not law.sound.all():
-            lost = np.flatnonzero(~law.sound)
+        lost = np.flatnonzero(law.laws_sound & ~law.sound)
+        if self._one_pattern is not None and lost.size:
             value[lost] = self._constant + self._one_pattern.log_density(scales.at(lost))
         if scales.trial is None:
             return value

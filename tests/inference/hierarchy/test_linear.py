@@ -158,6 +158,41 @@ def test_no_draw_that_has_lost_its_digits_is_weighed(name):
     assert compared > 10
 
 
+@pytest.mark.parametrize("name", ["no factor", "two by two, spread", "one environment"])
+@pytest.mark.parametrize("spread", [5.0, 12.0])
+def test_every_draw_of_one_pattern_that_is_weighed_has_laws(name, spread):
+    """At extreme scales the orthogonal form still gives a density where no law has digits left."""
+    model = made(name).model
+    points = np.random.default_rng(5).normal(0.0, spread, (200, len(model.names)))
+    weighed = points[np.isfinite(model(points))]
+    assert len(weighed) > 20
+    laws = model.laws(weighed)
+    assert np.isfinite(laws.mean).all()
+    assert (laws.sd > 0.0).all()
+
+
+def test_laws_keep_their_digits_where_only_the_orthogonal_form_gives_a_density():
+    study = made("one quantity, two levels")
+    model = study.model
+    points = np.random.default_rng(5).normal(0.0, 9.0, (400, len(model.names)))
+    scales = model.linear_scales(points)
+    law = CellLaw(model._problem, scales.cells)
+    weighed = np.isfinite(model(points))
+    assert law.laws_sound[weighed].all()
+    laws = model.laws(points)
+    compared = 0
+    for s in np.flatnonzero(weighed & ~law.sound):
+        covariance, *_ = dense(study, scales.named, s)
+        if np.linalg.cond(covariance) < 1e11:
+            mean, left, _ = locations_given(study, scales.named, s)
+            sd = np.sqrt(np.diag(left))
+            # The dense law of doubles has itself lost up to eleven of sixteen digits.
+            np.testing.assert_allclose(laws.mean[s] / sd, mean / sd, rtol=1e-4, atol=1e-4)
+            np.testing.assert_allclose(laws.sd[s], sd, rtol=1e-4)
+            compared += 1
+    assert compared > 5
+
+
 def test_both_forms_of_the_density_agree():
     """Blocks by environment, and the information of all patterns."""
     model = made("two by two, spread").model
