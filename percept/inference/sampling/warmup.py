@@ -48,6 +48,8 @@ _MOST_PAIRED = 128
 #: Least and largest curvature that is believed: priors have unit scale.
 _LEAST_CURVATURE = 0.25
 _MOST_CURVATURE = 1e6
+#: Share of the product of two lengths below which a scalar product of the vectors is rounding.
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -198,13 +200,17 @@ def find_mode(density: Density, start: Array) -> tuple[Array, Array]:
 
 def _corrected(precision: Array, moved: Array, fall: Array) -> Array:
     """Change a precision as little as makes it explain the fall of the gradient over a move."""
+    length = float(np.linalg.norm(moved))
     along = float(fall @ moved)
-    if along <= 0.0:
+    if along <= _ROUNDING * length * float(np.linalg.norm(fall)):
         # The density is not concave here, and a precision cannot be negative.
         return precision
     expected = precision @ moved
-    explained = np.outer(expected, expected) / float(expected @ moved)
-    return precision - explained + np.outer(fall, fall) / along
+    expected_along = float(expected @ moved)
+    # A precision that expected no fall along the move holds nothing to take away.
+    if abs(expected_along) > _ROUNDING * length * float(np.linalg.norm(expected)):
+        precision = precision - np.outer(expected, expected) / expected_along
+    return precision + np.outer(fall, fall) / along
 
 
 def _derivatives(density: Density, point: Array, *, paired: bool) -> tuple[Array, Array]:

@@ -44,3 +44,13 @@ def test_the_mode_of_a_correlated_normal_takes_its_full_curvature_once():
     # Two density values for each pair, and two for each coordinate.
     full = size * (size - 1) + 2 * size + 1
     assert [count for count in counts if count > 2 * size + 1] == [full]
+
+
+def test_the_mode_of_a_ridge_is_found_where_the_curvature_at_the_start_is_zero():
+    def density(points):
+        return np.minimum(points[:, 0], 8.0 - points[:, 0])
+
+    mode, covariance = warmup.find_mode(density, np.zeros(1))
+    np.testing.assert_allclose(mode, [4.0], rtol=1e-12)
+    # The slope falls by 2 over a difference of 0.01.
+    np.testing.assert_allclose(covariance, [[0.01 / 2.0]], rtol=1e-6)
