@@ -1,9 +1,9 @@
 """Locations by orthogonal regression, for one pattern of counts and for scales of any size.
 
 Cell means of pattern g in environment j are z_gj = beta_j + ubar_g + noise with beta_j = alpha +
-gamma x_j + delta_j. With a single pattern the environments' own biases delta_j are summed out, and
-alpha and ubar merge since only their sum enters. With several patterns ubar_g is summed out and the
-delta_j are latents.
+gamma x_j + delta_j. With a single pattern the environments' own biases delta_j are integrated out,
+and alpha and ubar merge since only their sum enters. With several patterns ubar_g is integrated out
+and the delta_j are latents.
 
 With y | xi ~ N(A xi, I) and xi ~ N(0, I), everything wanted of y and of xi given y comes from the
 triangular factor of [[I], [A]]. Modified Gram-Schmidt with the target carried along is backward
@@ -64,8 +64,7 @@ class Factored:
 def factor(design: Array, target: Array) -> Factored:
     """Factor [[I], [A]] and project the target, for every set of scales."""
     size, rows, width = design.shape
-    # The identity stands upside down, so that what can be other than zero of each column is one
-    # stretch.
+    # The identity is flipped so that each column's nonzeros are contiguous.
     work = np.zeros((size + 1, size + rows, width))
     work[:size, size:] = design
     work[size, size:] = target
@@ -103,7 +102,7 @@ class Whitened:
     locations: list[Vector]  # What each adds to the locations
     summed: (
         tuple[Block, Vector] | None
-    )  # Noise and mean of the one pattern, its own biases summed out
+    )  # Noise and mean of the one pattern, its own biases integrated out
 
 
 class LocationProblem:
@@ -194,13 +193,18 @@ def _rows(pieces: list[Vector], *columns: int) -> list[Array]:
 
 
 class Regression:
-    """Locations at W sets of scales: density of patterns' means, and on demand the law of beta."""
+    """Locations at W sets of scales: density of patterns' means, and on demand the law of beta.
+
+    With `merge`, one pattern's level and subject effect share a latent. That has one latent fewer,
+    and gives the density alone: the law of beta needs the level by itself.
+    """
 
     def __init__(
         self, problem: LocationProblem, scales: Scales, cells: list[Block], *, merge: bool = False
     ) -> None:
         self._scales = scales
         self._shape = problem.environments, scales.log_prior.size
+        self._merged = merge and len(cells) == 1 and scales.shared is not None
         self._whitened = whitened = problem.whitened(scales, cells, merge=merge)
         self._solved = factor(whitened.design, whitened.target)
         self.log_density = -0.5 * (
@@ -210,6 +214,7 @@ class Regression:
     @cached_property
     def _on_latents(self) -> tuple[list[Array], list[Array], Block | None]:
         """Columns of beta on the latents (Q, J, W), the rest of its mean, its own covariance."""
+        self._refuse_merged()
         problem, scales, shape = self._whitened, self._scales, self._shape
         columns = list(_stack(problem.locations, shape))
         constant = [np.zeros(shape) for _ in columns]
@@ -228,6 +233,11 @@ class Regression:
         ]
         inverse = tuple(np.broadcast_to(1.0 / variance, shape) for variance in variances)
         return columns, constant, noise.inverse().plus_diagonal(inverse).inverse()
+
+    def _refuse_merged(self) -> None:
+        """Refuse a law of latents that hold a subject effect as well."""
+        if self._merged:
+            raise ValueError("A merged regression gives no law of beta: build it without merge.")
 
     def _of_latents(self, latents: Array) -> Vector:
         columns, constant, _ = self._on_latents
@@ -278,6 +288,7 @@ class Regression:
 
     def trend(self, rows: Array) -> tuple[Array, Array]:
         """Mean (R, W) and columns (Q, R, W) of rows (R, 2 P) of alpha and gamma over prior SDs."""
+        self._refuse_merged()
         count, width = self._solved.coefficients.shape
         padded = np.zeros((count, len(rows), width))
         padded[: rows.shape[1]] = rows.T[..., None]

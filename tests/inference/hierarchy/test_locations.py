@@ -5,7 +5,7 @@ import pytest
 
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.information import Information
-from percept.inference.hierarchy.regression import factor
+from percept.inference.hierarchy.regression import Regression, factor
 from percept.inference.hierarchy.scales import Options
 from tests.inference.hierarchy import designs
 
@@ -54,6 +54,22 @@ def test_merging_a_single_pattern_changes_nothing():
     assert found[0][0] == found[1][0] - 2
     np.testing.assert_allclose(found[0][1], found[1][1], rtol=1e-11)
     np.testing.assert_allclose(found[0][2], found[1][2], rtol=1e-10)
+
+
+def test_a_merged_regression_gives_no_law_of_beta():
+    density = CollapsedDensity(designs.study("balanced", np.random.default_rng(4)).statistics)
+    scales = density.layout.scales(np.zeros((density.dimension, 2)))
+    merged = Regression(density.regression, scales, density.cell_blocks(scales), merge=True)
+    plain = Regression(density.regression, scales, density.cell_blocks(scales))
+    np.testing.assert_allclose(merged.log_density, plain.log_density, rtol=1e-10)
+    for law in (
+        lambda: merged.mean,
+        lambda: merged.covariance,
+        lambda: merged.draw(np.random.default_rng(1)),
+        lambda: merged.trend(np.eye(2)),
+    ):
+        with pytest.raises(ValueError, match="no law of beta: build it without merge"):
+            law()
 
 
 def test_without_subject_effect_u_is_gone_from_the_population():
