@@ -94,7 +94,7 @@ class CellProblem:
             for g, pattern in enumerate(patterns)
             if pattern.subjects > 1
         ]
-        # As if the patterns' means were what is observed, with covariances V/N.
+        # Treats each pattern's mean as the observation, with covariances V/N.
         cells_of_pattern = self.present.sum(axis=0)
         log_counts = np.log(self.subjects)
         self.constant = 0.5 * self.size * float(log_counts @ cells_of_pattern)

@@ -318,7 +318,7 @@ class CollapsedDensity(Pooled):
     def new_environment(
         self, points: Array, x: Array, repeats: int, rng: np.random.Generator
     ) -> dict[str, NewEnvironment]:
-        """Laws of an environment nobody was tested in, under an empty name."""
+        """Laws of an untested environment, under an empty name."""
         if not self.layout.trend:
             raise RefusalError(ONE_ENVIRONMENT, hint=MORE_ENVIRONMENTS)
 

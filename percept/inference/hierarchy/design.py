@@ -193,7 +193,7 @@ def design_of(cells: Cells, factors: Factors, priors: Priors) -> Design:
 
 
 def new_cells(design: Design, x: Array, priors: Priors) -> Design:
-    """Write out the columns of an environment nobody was tested in, at the levels of all cells.
+    """Write out the columns of an untested environment, at the levels of all cells.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ class InformationProblem:
         self.subjects = np.array(subjects, dtype=float)  # (G,)
         self._set_kinds(patterns)
         self._set_means(patterns)
-        # As if the patterns' means were what is observed, with covariances V_g over the subjects.
+        # Treats each pattern's mean as the observation, with covariances V_g over the subjects.
         kinds_of_pattern = self.has_kind.sum(axis=0)
         self.constant = 0.5 * self.size * float(np.log(self.subjects) @ kinds_of_pattern)
         self._set_scatter(patterns)

@@ -83,7 +83,7 @@ class LinearPosterior(LinearModel, Pooled):
         self.priors_in_force = self._priors_in_use()
 
     def _priors_in_use(self) -> dict[str, float]:
-        """Priors that the model has a use for, by their names in `Priors`."""
+        """Priors the model uses, by their names in `Priors`."""
         design = self.design
         coefficients = list(self._slots)
         for level in self._levels:
@@ -279,7 +279,7 @@ class LinearPosterior(LinearModel, Pooled):
         return PriorDraws(blank.scales(points), np.concatenate(means), np.concatenate(users))
 
     def _draw_locations(self, scales: CellScales, rng: np.random.Generator) -> Array:
-        """Draw the locations of all cells before any data, (W, C)."""
+        """Draw the locations of all cells before any data, (W, P C)."""
         problem = self._problem
         column_sd = problem.own_sd(scales.tau)
         deviation_sd = np.repeat(column_sd, problem.environments, axis=0)  # (a J, W)
@@ -289,7 +289,7 @@ class LinearPosterior(LinearModel, Pooled):
         return np.asarray((problem.basis @ latents).T)
 
     def _draw_departures(self, scales: CellScales, rng: np.random.Generator) -> Array:
-        """Draw what a new user adds to the locations of all cells, (W, C)."""
+        """Draw what a new user adds to the locations of all cells, (W, P C)."""
         count, *_, width = scales.effects.shape
         effects = rng.standard_normal((count, width))
         departures = np.einsum("qpcw,qw->pcw", scales.effects, effects)
@@ -327,7 +327,7 @@ class LinearPosterior(LinearModel, Pooled):
     def new_environment(
         self, points: Array, x: Array, repeats: int, rng: np.random.Generator
     ) -> dict[str, NewEnvironment]:
-        """Laws of an environment nobody was tested in, by the levels of all factors."""
+        """Laws of an untested environment, by the levels of all factors."""
         self._refuse_one_environment()
         design = new_cells(self.design, x, self.priors)
         laws = {}
@@ -392,7 +392,7 @@ class LinearPosterior(LinearModel, Pooled):
         return covariances(by_draw, named.get(level.rho))
 
     def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Draw the locations of all cells jointly and one new user of all cells, each (W, C)."""
+        """Draw the locations of all cells jointly and one new user of all cells, each (W, P C)."""
         cells = np.eye(len(self.cells), self.locations_count)
         return self.draw_of(cells, points, rng)
 

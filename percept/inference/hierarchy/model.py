@@ -120,4 +120,4 @@ class Pooled(Model):
     def new_environment(
         self, points: Array, x: Array, repeats: int, rng: np.random.Generator
     ) -> dict[str, NewEnvironment]:
-        """Laws of an environment nobody was tested in, as the function `new_environment`."""
+        """Laws of an untested environment, as the function `new_environment`."""

@@ -1,4 +1,4 @@
-"""Users of an environment nobody was tested in, by the regression over the environments tested."""
+"""Users of an untested environment, by the regression over the environments tested."""
 
 from __future__ import annotations
 

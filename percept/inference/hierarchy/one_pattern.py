@@ -268,8 +268,7 @@ def absorb(columns: Array, count: int) -> tuple[Array, Array]:
     total, rows, *draws = columns.shape
     work = np.zeros((total, count + rows, *draws))
     work[:, count:] = columns
-    # The identity stands upside down, so that what can be other than zero of each column is one
-    # stretch.
+    # The identity is flipped so that each column's nonzeros are contiguous.
     first = np.arange(count)
     work[first, count - 1 - first] = 1.0
     log_determinant = np.zeros(draws)

@@ -172,7 +172,7 @@ class Layout:
 
     @property
     def priors_in_force(self) -> dict[str, float]:
-        """Priors the model has a use for, by their names in `Priors`."""
+        """Priors the model uses, by their names in `Priors`."""
         used = {"alpha", *self._slots}
         used |= {f"log_s{level.suffix}" for level in self._levels}
         if self.trend:

@@ -4,8 +4,8 @@ For one quantity, log sigma = m + U h + omega e over J cells. h are the multiple
 of the trend's two columns U, and h and e are standard normal. A rough likelihood
 N(log sigma; l, diag(1/w)) makes log sigma, given omega, normal with some covariance C. The
 coordinates u are C^(-1/2) times the distance from its mean: neither a centred nor a non-centred
-form is good for all data. The rough likelihood shapes the coordinates alone: their density gives
-the prior its due.
+form is good for all data. The rough likelihood shapes the coordinates alone: the Jacobian is
+included, so the prior is exact.
 
 The trend is integrated out of log sigma. It has its own coordinates, and follows its exact law
 given log sigma and omega, of which the data say nothing more.
@@ -120,7 +120,8 @@ class SpreadMap:
         d22 = variance + b22
         root_det = np.sqrt(d11 * d22 - b12 * b12)
         # The root of a 2 x 2 matrix D is (D + √det(D) I) / √(trace(D) + 2 √det(D)). The root R of
-        # omega² I + B, plus omega I, is what takes whitened multiples to u.
+        # omega² I + B, plus omega I, is what takes whitened multiples to u: a root of C takes v to
+        # s^(-1/2) (omega v + G (R + omega I)^(-1) G'v), by R² = omega² I + B.
         over = 1.0 / np.sqrt(d11 + d22 + 2.0 * root_det)
         r11 = omega + (d11 + root_det) * over
         r12 = b12 * over

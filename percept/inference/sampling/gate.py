@@ -101,7 +101,9 @@ class Settings:
     seed: int = 1  # Seed of the whole run
     ensembles: int = 4  # Independent ensembles, at least 4
     walkers: int | None = None  # Walkers per ensemble
-    most_steps: int = 20_000  # Steps per ensemble at which the run ends, whatever its error
+    #: Steps per ensemble since the last restart, after which the run ends, whatever its error. It
+    #: always takes its burn-in and one round, and it completes its last stride.
+    most_steps: int = 20_000
 
     def __post_init__(self) -> None:
         if not 0.0 < self.tolerance < 1.0:

@@ -1,7 +1,8 @@
 """Sample until the gate passes and every limit meets the tolerance, or to a cap of steps.
 
 A run that will be long begins again after its first round, which then counts as warm-up: a
-transport fitted to its draws shortens the autocorrelation time by about a third.
+transport fitted to its draws shortens the autocorrelation time by about a third. The cap counts
+from the last restart, and never cuts short the first round.
 """
 
 from __future__ import annotations
@@ -32,14 +33,14 @@ _FIRST_ROUND = 144
 #: position takes as long as a few steps: long runs keep fewer.
 _STRIDE = 3
 _REFINED_STRIDE = 6
-#: A run begins again if it is predicted to take this multiple of its first round.
+#: Restart only if the run is predicted to take this multiple of its first round.
 _WORTH_REFINING = 3.0
 #: Draws of an ensemble per coordinate. A transport fitted to fewer is little better than that of
 #: the warm-up, and the run may begin again for accuracy once more.
 _THIN_SAMPLE = 100.0
 #: With a better transport a run begins again at this multiple, and only if its walkers are slow.
 _WORTH_AGAIN = 1.5
-#: Least of the multiple, times how much larger its sample is than that of its transport.
+#: Restart only if predicted draws exceed this many times those the transport was fitted to.
 _LARGER_SAMPLE = 6.0
 #: Times a run may begin again: each transport follows many coordinates better than the one before.
 _MOST_REFINED = 4
