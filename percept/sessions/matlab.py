@@ -59,6 +59,9 @@ def _found(most_cells: int, part: str) -> dict[str, Any]:
     except _TooManyCellsError as error:
         return {"cells": error.cells}
     tables = [name for name, value in variables.items() if not _is_vector(value)]
+    if not part and _vectors_are_longer(variables, tables):
+        variables = {name: variables[name] for name in variables if name not in tables}
+        tables = []
     if part not in variables and (part or len(tables) > 1):
         return {"names": tables or list(variables), "columns": {}}
     if part or tables:
@@ -156,6 +159,19 @@ def _is_vector(value: Any) -> bool:
     return not isinstance(value, dict) and not value.dtype.names and value.ndim != 2
 
 
+def _vectors_are_longer(variables: _Variables, tables: list[str]) -> bool:
+    """Whether two vectors of one length have more rows than every table beside them."""
+    lengths = [value.size for name, value in variables.items() if name not in tables]
+    repeated = [length for length in lengths if lengths.count(length) > 1]
+    rows = [_row_count(variables[name]) for name in tables]
+    return bool(repeated and rows) and max(repeated) > max(rows)
+
+
+def _row_count(table: Any) -> int:
+    """Rows of a table: those of its longest column."""
+    return max((column.size for column in _columns(table).values()), default=0)
+
+
 def _columns(value: Any) -> _Variables:
     """Columns of a struct, of an array of structs, or of a matrix."""
     if isinstance(value, dict):
@@ -164,7 +180,8 @@ def _columns(value: Any) -> _Variables:
     if not fields:
         columns = value.T if value.ndim == 2 else [value]
         return {f"column {number}": column for number, column in enumerate(columns, 1)}
-    if len(value) > 1:
+    # An array of structs has a row each, and one of none has no rows.
+    if len(value) != 1:
         return {name: value[name] for name in fields}
     return {name: np.atleast_1d(value[name][0]) for name in fields}
 

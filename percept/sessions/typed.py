@@ -37,7 +37,16 @@ def is_typed(entry: Input) -> bool:
     """Whether a file holds typed values instead of delimited text."""
     with entry.open() as stream:
         beginning = stream.read(_BEGINNING)
+    if _reader(beginning) is None and _is_unread_matlab(beginning, entry.name):
+        message = "not a MATLAB file that percept reads (versions 5, 7 and 7.3)."
+        raise UsageError(message, file=entry.name, hint="In Octave, save with -v7.")
     return _reader(beginning) is not None or is_workbook(entry.data or b"", entry.name)
+
+
+def _is_unread_matlab(beginning: bytes, name: str) -> bool:
+    """Whether a file is of MATLAB 4, which has no header, or of Octave's formats."""
+    is_octave = beginning.startswith((b"Octave-1-", b"# Created by Octave"))
+    return is_octave or (name.casefold().endswith(".mat") and b"\0" in beginning)
 
 
 def typed_rows(data: bytes, file: str, part: str | None, limits: FileLimits) -> list[Sequence[Any]]:

@@ -199,6 +199,36 @@ def test_matlab_files_that_are_not_read_say_why(tmp_path):
     assert "there is no column for" in refusal(path, **same)
 
 
+def test_vectors_beside_a_shorter_struct_are_the_table(tmp_path):
+    path = tmp_path / "m.mat"
+    savemat(path, {**columns(), "info": {"date": "2024-05-01", "rate": 1000.0}})
+    same_as_frame(path)
+    # A struct that is named is read, and a longer one is the table.
+    with pytest.raises(UsageError, match="there is no column for"):
+        read_sessions(f"{path}::info")
+    savemat(path, {"trials": columns(), "one": [1.0, 2.0], "two": [3.0, 4.0]})
+    same_as_frame(path)
+
+
+@pytest.mark.parametrize("head", ["MATLAB 4", b"Octave-1-L\0\1", b"# Created by Octave 8.4.0\n"])
+def test_matlab_files_of_other_versions_say_which_are_read(tmp_path, head):
+    path = tmp_path / "m.mat"
+    if head == "MATLAB 4":
+        savemat(path, {"k_ref": [1.0, 2.0]}, format="4")
+    else:
+        path.write_bytes(head)
+    said = refusal(path)
+    assert "not a MATLAB file that percept reads (versions 5, 7 and 7.3)." in said
+    assert "In Octave, save with -v7." in said
+
+
+def test_an_array_of_no_structs_has_no_rows(tmp_path):
+    path = tmp_path / "m.mat"
+    savemat(path, {"S": np.empty((0, 0), dtype=[("a", object)])})
+    said = refusal(path)
+    assert "there are no data below the header." in said
+
+
 def hdf5_cell(file, item):
     """Store one value as MATLAB 7.3 does: arrays lie with their first axis last."""
     name = f"#refs#/{len(file.require_group('#refs#'))}"
