@@ -140,7 +140,7 @@ class Periods:
         return cls(omega[used], force[used], velocity[used], sign[used])
 
     def spectra(self, which: NDArray[np.intp] | None = None) -> Spectra:
-        """Average all periods, or those of these indices."""
+        """Average all periods, or the periods of these indices."""
         chosen = slice(None) if which is None else which
         force = self.force[:, chosen]
         velocity = self.velocity[:, chosen]

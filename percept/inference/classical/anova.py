@@ -44,7 +44,7 @@ class Effect:
     df_error_corrected: float
     p_corrected: float
     partial_eta2: float  # Of the sums of squares of the effect and its error
-    generalised_eta2: float  # Of those of the effect and of all errors
+    generalised_eta2: float  # Share of the sums of squares of the effect and of all errors
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def anova(
         Names of the factors within subjects, in the order of the axes.
     group : ndarray of int, shape (n,), optional
         Number of each subject's group, from 0. Groups may differ in size: effects within subjects
-        then weigh all groups alike (sums of squares of type III).
+        then give all groups the same weight (sums of squares of type III).
     between : str
         Name of the groups' factor.
 

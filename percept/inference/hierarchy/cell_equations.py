@@ -1,7 +1,7 @@
 """Normal equations of a linear design: own deviations, coefficients, and subjects' effects.
 
 Subject i has the cell means m_i = A_i B xi + Z b_i + noise. A_i picks the cells of the subject, B
-holds the columns of the design, and Z holds those of the subject's effects. The noise has the
+holds the columns of the design, and Z the columns of the subject's effects. The noise has the
 covariance D, a small block for each cell. xi and b_i are standard normal a priori. With H = D⁻¹Z
 their joint precision has these parts:
 

@@ -1,6 +1,6 @@
 """Locations of a linear design by normal equations, and the density of all responses.
 
-The locations are those of cells, B xi, and the slopes of covariates. `CellEquations` holds the
+The locations are the cells', B xi, and the slopes of covariates. `CellEquations` holds the
 parts of the joint precision of the latents xi and the subjects' effects, and `elimination` solves
 them: subjects or environments first, whichever leaves the smaller matrix. With A that precision and
 D_i the noise of subject i's cells,
@@ -71,7 +71,7 @@ class CellLaw:
         cell_latents = deviations + problem.fixed_columns
         deviation_sd = self._equations.deviation_sd
         coefficients = self._latents.copy()
-        # Columns of fixed terms carry their prior SDs; those of own deviations and slopes do not.
+        # Columns of fixed terms carry their prior SDs; columns of own deviations and slopes do not.
         coefficients[:deviations] *= np.repeat(deviation_sd, problem.environments, axis=0)
         cells = problem.sparse_basis.T @ coefficients[:cell_latents]
         slopes = problem.covariate_sd * coefficients[cell_latents:]
@@ -180,7 +180,7 @@ class CellLaw:
         return self._solved.variances_of(deviation_rows, rest_rows)
 
     def _latent_rows(self, rows: Array) -> tuple[Array, Array]:
-        """Weights of own deviations (L, a, J) and of the rest (L, r), from those of locations."""
+        """Weights of own deviations (L, a, J) and of the rest (L, r), from weights of locations."""
         problem = self._problem
         cells = problem.size * problem.cells
         cell_latent_rows = rows[:, :cells] @ problem.basis

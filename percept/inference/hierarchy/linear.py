@@ -386,7 +386,7 @@ class LinearModel(Model):
         return np.concatenate(parts)
 
     def _user_variance(self, rows: Array, scales: CellScales) -> Array:
-        """Variance of one user's own combinations about those of the locations, (W, L)."""
+        """Variance of one user's own combinations about the locations', (W, L)."""
         size, cells = self.design.cells.x.shape
         weights = rows[:, : size * cells].reshape(-1, size, cells)
         shared = np.einsum("lpc,qpcw->qlw", weights, scales.effects)
