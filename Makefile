@@ -30,6 +30,7 @@ evidence: $(STAMP)  ## tests that take minutes: refits, kills, sweeps; their pag
 	@$(BIN)/python -m tests.evidence --workers $(JOBS) --out reports/evidence
 	@$(BIN)/python -m tests.boundary.throughout --out reports/evidence
 	@$(BIN)/python -m tests.haptics.sampled --out reports/evidence
+	@$(BIN)/python -m tests.study.factor_costs --out reports/evidence
 
 test-page: $(STAMP) build/node_modules/axe-core  ## the report's page in a headless Chromium
 	@$(BIN)/python -m pytest -m page tests/page -q -rs

@@ -1,0 +1,200 @@
+"""What a fit costs in studies with factors, covariates or trial SDs of subjects' own.
+
+    python -m tests.study.factor_costs --out reports/evidence
+
+Each study is simulated and fitted to the default tolerance in a process of its own. The time is
+processor time from the opened study to its intervals, without imports.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+import shlex
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from percept import Scene, Study
+from percept.provenance import made_by, markdown_table
+from percept.sessions import ReadOptions, Sessions
+
+PAGE = """# What factors, covariates and subjects' own trial SDs cost
+
+Simulated studies of stiffness and damping, fitted at 99 % to the default tolerance. `s` is the
+processor time from the opened study to its intervals, without imports: the median of {repeats}
+processes. `times` is the same over the time of the study named beside it.
+
+{table}
+
+{made}
+"""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A simulated study, and what its fit may cost."""
+
+    name: str
+    subjects: int
+    environments: int
+    factors: tuple[str, ...] = ()  # Each has two levels, which every subject meets
+    covariate: bool = False  # A column that varies by trial
+    trials: int = 2
+    family: str = "lognormal"
+    own_trial_sds: bool = False
+    allowed_s: float | None = None
+    against: str = ""  # The case that its time is compared with
+    allowed_times: float | None = None
+
+
+PLAIN_CELLS = Case("16 x 10 cells, no factor", 16, 10)
+ONE_SD = Case("12 x 5, 5 trials, one trial SD", 12, 5, trials=5)
+ONE_SD_FACTOR = Case("12 x 5 x 2, 5 trials, one trial SD", 12, 5, ("hand",), trials=5)
+CASES = (
+    PLAIN_CELLS,
+    Case("16 x 5 x 2", 16, 5, ("hand",), against=PLAIN_CELLS.name, allowed_times=3.0),
+    Case(
+        "16 x 5 x 2 and a covariate of trials",
+        16,
+        5,
+        ("hand",),
+        covariate=True,
+        against=PLAIN_CELLS.name,
+        allowed_times=6.0,
+    ),
+    Case(
+        "40 x 6 x 2 x 2 and a covariate of trials",
+        40,
+        6,
+        ("hand", "load"),
+        covariate=True,
+        allowed_s=60.0,
+    ),
+    Case("300 x 5 x 2, 3 trials", 300, 5, ("hand",), trials=3, allowed_s=60.0),
+    Case("4 x 60, normal family", 4, 60, family="normal", allowed_s=30.0),
+    Case("4 x 30 x 2", 4, 30, ("hand",)),
+    ONE_SD,
+    Case(
+        "12 x 5, 5 trials, trial SDs of subjects' own",
+        12,
+        5,
+        trials=5,
+        own_trial_sds=True,
+        against=ONE_SD.name,
+        allowed_times=3.0,
+    ),
+    ONE_SD_FACTOR,
+    Case(
+        "12 x 5 x 2, 5 trials, trial SDs of subjects' own",
+        12,
+        5,
+        ("hand",),
+        trials=5,
+        own_trial_sds=True,
+        against=ONE_SD_FACTOR.name,
+        allowed_times=3.0,
+    ),
+)
+
+
+def simulated_study(case, seed=1):
+    """Draw the trials of a case, and open them as a study."""
+    rng = np.random.default_rng(seed)
+    shape = (case.environments, *(2 for _ in case.factors))
+    reference = np.geomspace(10.0, 10_000.0, case.environments)
+    shift = rng.normal(0.0, 0.1, (case.subjects, 1, 2))
+    own = shift + rng.normal(0.0, 0.08, (case.subjects, int(np.prod(shape)), 2))
+    trial_sd = 0.05 * np.exp(0.4 * rng.standard_normal(case.subjects) * case.own_trial_sds)
+    rows = []
+    for subject in range(case.subjects):
+        for cell, (environment, *levels) in enumerate(itertools.product(*map(range, shape))):
+            for trial in range(1, case.trials + 1):
+                start = rng.normal()
+                response = own[subject, cell] + 0.05 * sum(levels) + 0.02 * start
+                response = response + trial_sd[subject] * rng.standard_normal(2)
+                k = reference[environment]
+                b = 0.01 * k
+                adjusted = np.array([k, b]) * np.exp(response)
+                names = [f"S{subject}", f"VE{environment}", k, b, trial, start, *adjusted]
+                rows.append([*names, *(f"level {level}" for level in levels)])
+    columns = ["subject", "environment", "k_ref", "b_ref", "trial", "start", "k_adj", "b_adj"]
+    table = pd.DataFrame(rows, columns=[*columns, *case.factors])
+    terms = " * ".join(case.factors)
+    if case.covariate:
+        terms += " + start"
+    model = {"subjects_trial_sd": case.own_trial_sds}
+    if terms:
+        model["bias"] = terms
+    inference = {"method": "bayesian", "level": 0.99, "family": case.family}
+    scene = Scene(model=model, inference=inference)
+    sessions = Sessions.from_frame(table, scene=ReadOptions.from_mapping(dict(scene)))
+    return Study(sessions, scene)
+
+
+def fit_time(case):
+    """Processor time of one fit, in s."""
+    study = simulated_study(case)
+    start = time.process_time()
+    assert len(study.intervals)
+    return time.process_time() - start
+
+
+def time_in_a_process(case):
+    """Fit a case in a new process, and return its processor time in s."""
+    words = [sys.executable, "-m", "tests.study.factor_costs", "--case", case.name]
+    # One thread each: processor time then counts work, not waiting threads.
+    environ = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(words, env=environ, capture_output=True, text=True, check=True)
+    return float(done.stdout.split()[-1])
+
+
+def row_of(case, seconds):
+    """Cells of a row: study, time, what it is compared with, and what was allowed."""
+    times = ""
+    allowed = ""
+    if case.against:
+        times = f"{seconds[case.name] / seconds[case.against]:.1f} of {case.against}"
+        allowed = f"{case.allowed_times:g} times"
+    if case.allowed_s is not None:
+        allowed = f"{case.allowed_s:g} s"
+    return [case.name, f"{seconds[case.name]:.1f}", times, allowed]
+
+
+def main():
+    """Time every case, and write ``factor_costs.md``; or print the time of one."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--out", type=Path, help="folder of the page")
+    parser.add_argument("--case", help="only print the time of this one")
+    parser.add_argument("--repeats", type=int, default=3, help="processes a case (3)")
+    parsed = parser.parse_args()
+    if parsed.case:
+        (case,) = (case for case in CASES if case.name == parsed.case)
+        print(fit_time(case))
+        return
+    times = {case.name: [] for case in CASES}
+    # Rounds, not case by case: what else the machine does falls on all of them.
+    for _ in range(parsed.repeats):
+        for case in CASES:
+            times[case.name].append(time_in_a_process(case))
+            print(f"{case.name}: {times[case.name][-1]:.1f} s", flush=True)
+    seconds = {name: float(np.median(each)) for name, each in times.items()}
+    rows = [row_of(case, seconds) for case in CASES]
+    table = markdown_table(["study", "s", "times", "allowed"], rows)
+    made = made_by(shlex.join(["python", "-m", "tests.study.factor_costs", *sys.argv[1:]])).sentence
+    page = PAGE.format(repeats=parsed.repeats, table=table, made=made)
+    if parsed.out is None:
+        print(page)
+        return
+    parsed.out.mkdir(parents=True, exist_ok=True)
+    (parsed.out / "factor_costs.md").write_text(page, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
