@@ -27,9 +27,10 @@ from numpy.typing import NDArray
 
 from percept.inference.hierarchy.blocks import Block
 from percept.inference.hierarchy.cell_problem import CellProblem, PatternScatter
+from percept.inference.hierarchy.cell_scales import CellScales
 from percept.inference.hierarchy.information import precision_entries
-from percept.inference.hierarchy.one_pattern import CellScales, SubjectCovariance
 from percept.inference.hierarchy.small_cholesky import with_prior
+from percept.inference.hierarchy.subject_covariance import SubjectCovariance
 from percept.inference.hierarchy.trial_scatter import TrialScatter
 
 __all__ = ["CellEquations"]

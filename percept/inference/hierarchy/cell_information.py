@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 from percept.inference.hierarchy.cell_equations import CellEquations
 from percept.inference.hierarchy.cell_problem import CellProblem
+from percept.inference.hierarchy.cell_scales import CellScales
 from percept.inference.hierarchy.elimination import (
     Elimination,
     EnvironmentsFirst,
     SubjectsFirst,
 )
-from percept.inference.hierarchy.one_pattern import CellScales
 from percept.inference.hierarchy.small_cholesky import lower_factor, solve_lower, solve_upper
 
 __all__ = ["CellLaw"]

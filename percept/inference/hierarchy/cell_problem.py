@@ -20,7 +20,7 @@ from percept.inference.hierarchy.design import Design, Term
 from percept.inference.hierarchy.statistics import Pattern, Statistics
 from percept.inference.hierarchy.trial_scatter import TrialScatter
 
-__all__ = ["CellProblem", "PatternScatter"]
+__all__ = ["CellProblem", "PatternScatter", "columns_by_quantity"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -116,8 +116,8 @@ class CellProblem:
 
     def _set_columns(self, design: Design) -> None:
         """Store the columns of cells: own deviations first, environment by environment."""
-        own = _by_quantity(design.own, self.size, self.cells)
-        fixed = _by_quantity(design.fixed, self.size, self.cells)
+        own = columns_by_quantity(design.own, self.size, self.cells)
+        fixed = columns_by_quantity(design.fixed, self.size, self.cells)
         #: (J, C) One where a cell is of the environment.
         number = np.arange(self.environments)[:, None]
         in_environment = number == design.cells.environment
@@ -154,7 +154,7 @@ class CellProblem:
         return min(draws, _MOST_DRAWS)
 
 
-def _by_quantity(
+def columns_by_quantity(
     terms: tuple[Term, ...],
     size: int,
     cells: int,

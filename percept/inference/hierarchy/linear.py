@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from percept.inference.hierarchy.blocks import Block, block
 from percept.inference.hierarchy.cell_information import CellLaw
 from percept.inference.hierarchy.cell_problem import CellProblem
+from percept.inference.hierarchy.cell_scales import CellScales
 from percept.inference.hierarchy.cell_spreads import CellSpreads, numbered
 from percept.inference.hierarchy.covariates import Covariates
 from percept.inference.hierarchy.design import LEVEL, Design, Term
 from percept.inference.hierarchy.laws import ConditionalMoments
 from percept.inference.hierarchy.model import Model
-from percept.inference.hierarchy.one_pattern import CellScales, OnePattern
+from percept.inference.hierarchy.one_pattern import OnePattern
 from percept.inference.hierarchy.priors import LIMIT, Named, Priors, correlation, half_normal
 from percept.inference.hierarchy.rough_spreads import tie_trial
 from percept.inference.hierarchy.statistics import Statistics

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from percept.errors import RefusalError
 from percept.inference.hierarchy.cell_information import CellLaw
+from percept.inference.hierarchy.cell_scales import CellScales
 from percept.inference.hierarchy.covariates import Covariates
 from percept.inference.hierarchy.design import (
     TREND,
@@ -39,9 +40,9 @@ from percept.inference.hierarchy.laws import (
 )
 from percept.inference.hierarchy.linear import LinearModel, LinearScales
 from percept.inference.hierarchy.model import MORE_ENVIRONMENTS, ONE_ENVIRONMENT, Pooled, Resolution
-from percept.inference.hierarchy.one_pattern import CellScales, SubjectCovariance
 from percept.inference.hierarchy.priors import Named, Priors
 from percept.inference.hierarchy.statistics import Statistics
+from percept.inference.hierarchy.subject_covariance import SubjectCovariance
 from percept.inference.hierarchy.subject_effects import draw_effects_of
 from percept.inference.hierarchy.trial_scatter import TrialScatter
 

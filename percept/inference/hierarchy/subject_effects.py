@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from percept.inference.hierarchy.blocks import Block, Vector, weighted_mean
 from percept.inference.hierarchy.laws import SubjectLaws
-from percept.inference.hierarchy.one_pattern import SubjectCovariance
 from percept.inference.hierarchy.statistics import Statistics
+from percept.inference.hierarchy.subject_covariance import SubjectCovariance
 
 __all__ = ["draw_effects_of", "draw_subject_effects"]
 
