@@ -28,7 +28,7 @@ MOST_UNPACKED_GENERATORS = 0.5
 #: Annotations that hide what a mapping holds.
 MOST_UNTYPED_MAPPINGS = 30
 MOST_LINES_OF_A_MODULE = 450
-MOST_MODULES = 281
+MOST_MODULES = 283
 #: Folders that are denser: forms of one integral that are to be rebuilt.
 DENSER_FOLDERS = {"inference/hierarchy": 9.9}
 
