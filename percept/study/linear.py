@@ -317,7 +317,7 @@ def _design(
         levels=levels,
         level=level,
         terms=conditions.terms,
-        between=conditions.between,
+        between_subjects=conditions.between,
         spread=conditions.spread,
         slopes=subjects_slope,
     )

@@ -170,7 +170,7 @@ def test_a_step_makes_up_for_scatter_that_it_hides():
     point = np.zeros((1, len(model.names)))
     scales = model.linear_scales(point).cells
     observed = model.laws(point)
-    coarse = model._observed(scales).between.leading - scales.between.leading
+    coarse = model.with_resolution(scales).between.leading - scales.between.leading
     np.testing.assert_allclose(coarse[:, 0], between[0], atol=1e-15)
     users = (scales.effects[:, 0, :, 0] ** 2).sum(axis=0) + scales.between.leading[:, 0]
     np.testing.assert_allclose(observed.population_sd[0] ** 2, users, rtol=1e-12)

@@ -116,7 +116,7 @@ class CellProblem:
 
     def _set_columns(self, design: Design) -> None:
         """Store the columns of cells: own deviations first, environment by environment."""
-        own = columns_by_quantity(design.own, self.size, self.cells)
+        own = columns_by_quantity(design.deviation, self.size, self.cells)
         fixed = columns_by_quantity(design.fixed, self.size, self.cells)
         #: (J, C) One where a cell is of the environment.
         number = np.arange(self.environments)[:, None]

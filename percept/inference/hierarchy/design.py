@@ -1,14 +1,17 @@
 """The linear design of a study: which columns join its cells, and which of them vary.
 
-A cell is an environment at one level of every factor. The location of cell c in quantity p, and the
-setting of subject i there, are
+A cell is an environment at one level of every factor. There are P quantities p, C cells c, J
+environments j, and subjects i. The location of a cell, a subject's setting in it, and its SD are
 
-    beta_cp  = sum over fixed terms X_cp theta_p + sum over own terms Q_c zeta_jp
-    user_icp = beta_cp + sum over subject terms Z_cp v_ip + w_icp
+    beta_cp      = sum over fixed terms X_cp theta_p + sum over deviation terms X_cp zeta_jp
+    setting_icp  = beta_cp + exp(h_cp) × sum over subject terms X_cp v_ip + w_icp
+    log sigma_cp = m + sum over SD terms X_cp psi_p + omega_p e_cp,    sigma_cp the SD of w_icp
+    h_cp         = sum over effect size terms X_cp eta_p
 
-The coefficients theta have known prior SDs. Each environment j has deviations zeta of its own,
-whose SD tau is estimated for each term. Each subject has effects v, whose covariance over the
-quantities is estimated for each term. Log SDs of a cell follow log-linear columns in the same way.
+X are the columns of each term, (K, P, C). The coefficients theta, psi and eta have known prior SDs,
+which their columns are multiplied by. Each environment has deviations zeta, whose SD tau is
+estimated for each term; each subject has effects v, whose covariance over the quantities is
+estimated for each term. SDs between subjects and between trials have terms each.
 """
 
 from __future__ import annotations
@@ -40,11 +43,12 @@ __all__ = [
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-#: Names of terms that every design of several environments has.
+#: Name of the term whose column is one in every cell.
 LEVEL = "level"
+#: Name of the term whose column is the decades of the reference; one environment has none.
 TREND = "trend"
 #: Fields of a design that hold terms.
-_TERMS = ("fixed", "own", "subject", "between", "trial", "stretch")
+_TERMS = ("fixed", "deviation", "subject", "sd_between", "sd_trial", "effect_size")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,9 +68,9 @@ class Factors:
     levels: Mapping[str, tuple[str, ...]]  # Levels of each factor
     level: Mapping[str, Indices]  # (C,) Level of each cell under each factor
     terms: tuple[tuple[str, ...], ...]  # Each a factor, or several that interact
-    between: frozenset[str] = frozenset()  # Factors of which a subject has one level only
+    between_subjects: frozenset[str] = frozenset()  # Factors of which a subject has one level only
     spread: tuple[str, ...] = ()  # Factors whose levels differ in the spread of subject effects
-    slopes: bool = False  # Whether every subject has a trend over the references of its own
+    slopes: bool = False  # Whether each subject has a trend over the references
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -87,12 +91,12 @@ class Design:
 
     cells: Cells
     factors: Factors
-    fixed: tuple[Term, ...]  # Columns times the prior SD of their coefficients
-    own: tuple[Term, ...]  # Deviations that each environment has of its own
-    subject: tuple[Term, ...]  # Effects that each subject has
-    between: tuple[Term, ...]  # Of log sigma between subjects, times their prior SDs
-    trial: tuple[Term, ...]  # Of log sigma between trials, times their prior SDs
-    stretch: tuple[Term, ...]  # Of the log size of subject effects, times their prior SDs
+    fixed: tuple[Term, ...]  # Of the locations, times the prior SD of their coefficients
+    deviation: tuple[Term, ...]  # Whose coefficients differ between environments
+    subject: tuple[Term, ...]  # Whose coefficients differ between subjects
+    sd_between: tuple[Term, ...]  # Of log sigma between subjects, times their prior SDs
+    sd_trial: tuple[Term, ...]  # Of log sigma between trials, times their prior SDs
+    effect_size: tuple[Term, ...]  # Of the log size of subject effects, times their prior SDs
 
     @property
     def parameters(self) -> int:
@@ -100,7 +104,7 @@ class Design:
         return len(self.cells.x)
 
     def identity(self) -> tuple[object, ...]:
-        """Return what decides a density: cells and columns, which the factors say no more than."""
+        """Return what decides a density: cells and columns, since the columns hold the factors."""
         parts = [dataclasses.astuple(self.cells)]
         for name in _TERMS:
             terms: tuple[Term, ...] = getattr(self, name)
@@ -109,32 +113,38 @@ class Design:
 
     def under(self, priors: Priors) -> Design:
         """Columns under other priors."""
-        whole = design_of(self.cells, self.factors, priors)
-        if any(term.name == TREND for term in self.between):
-            return whole
-        return whole.without_spread_trend()
+        design = design_of(self.cells, self.factors, priors)
+        if any(term.name == TREND for term in self.sd_between):
+            return design
+        return design.without_spread_trend()
 
     def at(self, cells: Indices) -> Design:
         """Columns of some of the cells."""
-        kept = {}
+        terms_at = {}
         for name in _TERMS:
             terms: tuple[Term, ...] = getattr(self, name)
-            kept[name] = tuple(term.at(cells) for term in terms)
-        level = {name: values[cells] for name, values in self.factors.level.items()}
-        own = Cells(
+            terms_at[name] = tuple(term.at(cells) for term in terms)
+        some_cells = Cells(
             names=tuple(self.cells.names[cell] for cell in cells),
             environment=self.cells.environment[cells],
             environments=self.cells.environments,
             x=self.cells.x[:, cells],
         )
+        level = {name: values[cells] for name, values in self.factors.level.items()}
         factors = dataclasses.replace(self.factors, level=level)
-        return dataclasses.replace(self, cells=own, factors=factors, **kept)
+        return dataclasses.replace(self, cells=some_cells, factors=factors, **terms_at)
 
     def without_spread_trend(self) -> Design:
-        """Take the trend over references out of the SDs: they are a constant share of these."""
-        between = tuple(term for term in self.between if term.name != TREND)
-        trial = tuple(term for term in self.trial if term.name != TREND)
-        return dataclasses.replace(self, between=between, trial=trial)
+        """Take the trend out of the SDs: they are a constant share of the reference."""
+        return dataclasses.replace(
+            self,
+            sd_between=_without_trend(self.sd_between),
+            sd_trial=_without_trend(self.sd_trial),
+        )
+
+
+def _without_trend(terms: tuple[Term, ...]) -> tuple[Term, ...]:
+    return tuple(term for term in terms if term.name != TREND)
 
 
 def contrast_columns(levels: int) -> Array:
@@ -162,21 +172,23 @@ def design_of(cells: Cells, factors: Factors, priors: Priors) -> Design:
     -------
     Design
     """
-    ones = np.ones_like(cells.x)
-    level = Term(LEVEL, ones[None])
-    effects = [_effect(cells, factors, term) for term in factors.terms]
-    several = len(cells.environments) > 1
-    trend = [Term(TREND, cells.x[None])] if several else []
-    main_effects = [
-        effect for effect, term in zip(effects, factors.terms, strict=True) if len(term) == 1
-    ]
-    within = [
-        effect
-        for effect, term in zip(effects, factors.terms, strict=True)
-        if not factors.between.intersection(term)
-    ]
-    slopes = trend if factors.slopes else []
-    stretched = [effect for effect in main_effects if effect.name in factors.spread]
+    several_environments = len(cells.environments) > 1
+    level = Term(LEVEL, np.ones_like(cells.x)[None])
+    trend = [Term(TREND, cells.x[None])] if several_environments else []
+    effects = []
+    main_effects = []
+    within_subjects = []
+    for factor_names in factors.terms:
+        effect = _effect(cells, factors, factor_names)
+        effects.append(effect)
+        if len(factor_names) == 1:
+            main_effects.append(effect)
+        # A subject sees one level of the others, which therefore show no effect of the subject.
+        if not factors.between_subjects.intersection(factor_names):
+            within_subjects.append(effect)
+    subject_trend = trend if factors.slopes else []
+    sized = [effect for effect in main_effects if effect.name in factors.spread]
+    sd_terms = [level, *trend, *main_effects]
     fixed_sd = {LEVEL: priors.alpha_sd, TREND: priors.gamma_sd}
     between_sd = {LEVEL: priors.log_s_sd, TREND: priors.kappa_sd}
     trial_sd = {LEVEL: priors.log_s_e_sd, TREND: priors.kappa_e_sd}
@@ -184,16 +196,45 @@ def design_of(cells: Cells, factors: Factors, priors: Priors) -> Design:
         cells=cells,
         factors=factors,
         fixed=_scaled([level, *trend, *effects], fixed_sd, priors.lambda_sd),
-        own=(level, *effects) if several else (),
-        subject=(level, *slopes, *within),
-        between=_scaled([level, *trend, *main_effects], between_sd, priors.psi_sd),
-        trial=_scaled([level, *trend, *main_effects], trial_sd, priors.psi_sd),
-        stretch=_scaled(stretched, {}, priors.psi_sd),
+        # One environment cannot tell its deviation from the level.
+        deviation=(level, *effects) if several_environments else (),
+        subject=(level, *subject_trend, *within_subjects),
+        sd_between=_scaled(sd_terms, between_sd, priors.psi_sd),
+        sd_trial=_scaled(sd_terms, trial_sd, priors.psi_sd),
+        effect_size=_scaled(sized, {}, priors.psi_sd),
     )
 
 
+def _scaled(
+    terms: Sequence[Term], prior_sds: Mapping[str, float], usual: float
+) -> tuple[Term, ...]:
+    """Multiply the columns of terms by the prior SDs of their coefficients."""
+    scaled = []
+    for term in terms:
+        columns = term.columns * prior_sds.get(term.name, usual)
+        scaled.append(dataclasses.replace(term, columns=columns))
+    return tuple(scaled)
+
+
+def _effect(cells: Cells, factors: Factors, factor_names: tuple[str, ...]) -> Term:
+    """Columns of a factor, or of an interaction: products of the columns of its factors."""
+    columns_by_factor = []
+    for name in factor_names:
+        of_levels = contrast_columns(len(factors.levels[name]))
+        of_cells = of_levels[factors.level[name]]
+        columns_by_factor.append(of_cells.T)
+    products = []
+    for columns in itertools.product(*columns_by_factor):
+        products.append(np.prod(columns, axis=0))
+    shape = (len(products), *cells.x.shape)
+    every_quantity = np.broadcast_to(np.stack(products)[:, None], shape)
+    return Term(":".join(factor_names), every_quantity)
+
+
 def new_cells(design: Design, x: Array, priors: Priors) -> Design:
-    """Write out the columns of an untested environment, at the levels of all cells.
+    """Write out the columns of an untested environment, in every condition.
+
+    A condition is a level of each factor that some cell has.
 
     Parameters
     ----------
@@ -211,36 +252,40 @@ def new_cells(design: Design, x: Array, priors: Priors) -> Design:
     """
     cells = design.cells
     factors = design.factors
-    grid = np.stack([*factors.level.values(), np.zeros_like(cells.environment)])
-    # As the cells stand: in the order in which their levels first appear.
-    _, first = np.unique(grid, axis=1, return_index=True)
-    like = np.sort(first)
-    names = []
-    for cell in like:
-        own = []
-        for name, level in factors.level.items():
-            labels = factors.levels[name]
-            own.append(labels[level[cell]])
-        names.append(", ".join(own))
-    environments = (*cells.environments, "")
-    added = np.full(len(like), len(cells.environments))
-    new_x = np.repeat(x[:, None], len(like), axis=1)
-    joined = Cells(
+    examples = _first_cells(cells, factors)
+    names = [_condition_name(factors, cell) for cell in examples]
+    added_environment = np.full(len(examples), len(cells.environments))
+    added_x = np.repeat(x[:, None], len(examples), axis=1)
+    all_cells = Cells(
         names=(*cells.names, *names),
-        environment=np.concatenate([cells.environment, added]),
-        environments=environments,
-        x=np.concatenate([cells.x, new_x], axis=1),
+        environment=np.concatenate([cells.environment, added_environment]),
+        environments=(*cells.environments, ""),
+        x=np.concatenate([cells.x, added_x], axis=1),
     )
-    longer = {}
+    all_levels = {}
     for name, level in factors.level.items():
-        longer[name] = np.concatenate([level, level[like]])
-    more = dataclasses.replace(factors, level=longer)
-    whole = dataclasses.replace(design, cells=joined, factors=more).under(priors)
-    return whole.at(np.arange(len(cells.names), len(joined.names)))
+        all_levels[name] = np.concatenate([level, level[examples]])
+    all_factors = dataclasses.replace(factors, level=all_levels)
+    wider = dataclasses.replace(design, cells=all_cells, factors=all_factors).under(priors)
+    return wider.at(np.arange(len(cells.names), len(all_cells.names)))
+
+
+def _first_cells(cells: Cells, factors: Factors) -> Indices:
+    """First cell of each condition, in the order of the cells."""
+    # The row of zeros stands for no factor: there is one condition then.
+    levels = np.stack([*factors.level.values(), np.zeros_like(cells.environment)])
+    _, first = np.unique(levels, axis=1, return_index=True)
+    return np.sort(first)
+
+
+def _condition_name(factors: Factors, cell: int) -> str:
+    """Levels of a cell, joined."""
+    labels = [factors.levels[name][level[cell]] for name, level in factors.level.items()]
+    return ", ".join(labels)
 
 
 def trend_rows(design: Design, priors: Priors) -> dict[str, Array]:
-    """Weights (2 P, f) of the fixed coefficients in each condition's intercepts, then its slopes.
+    """Weights (2 P, f) of the f fixed coefficients in each condition's intercepts, then its slopes.
 
     Coefficients stand over their prior SDs.
     """
@@ -266,23 +311,3 @@ def cell_columns(terms: tuple[Term, ...]) -> list[Array]:
         for column in term.columns:
             columns.append(column[:, 0])
     return columns
-
-
-def _scaled(terms: Sequence[Term], sd: Mapping[str, float], usual: float) -> tuple[Term, ...]:
-    """Multiply the columns of terms by the prior SDs of their coefficients."""
-    scaled = []
-    for term in terms:
-        columns = term.columns * sd.get(term.name, usual)
-        scaled.append(dataclasses.replace(term, columns=columns))
-    return tuple(scaled)
-
-
-def _effect(cells: Cells, factors: Factors, term: tuple[str, ...]) -> Term:
-    """Columns of a factor, or of an interaction: products of the columns of its factors."""
-    per_factor = []
-    for factor in term:
-        columns = contrast_columns(len(factors.levels[factor]))
-        per_factor.append(columns[factors.level[factor]].T)
-    products = [np.prod(columns, axis=0) for columns in itertools.product(*per_factor)]
-    shape = (len(products), *cells.x.shape)
-    return Term(":".join(term), np.broadcast_to(np.stack(products)[:, None], shape))

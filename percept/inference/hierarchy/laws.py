@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Protocol
+from collections.abc import Sequence
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ __all__ = [
     "Whitened",
     "covariances",
     "even_normals",
+    "joined",
 ]
 
 Array = NDArray[np.float64]
@@ -136,6 +138,18 @@ class NewEnvironment:
             sd=np.sqrt(variance),
             population_sd=np.sqrt(population_variance),
         )
+
+
+#: Laws whose fields are arrays, draws first.
+_Laws = TypeVar("_Laws", ConditionalMoments, PairLaws, TrendLaw, NewEnvironment)
+
+
+def joined(laws: Sequence[_Laws]) -> _Laws:
+    """Laws of some draws after another, as one."""
+    fields = {}
+    for field in dataclasses.fields(laws[0]):
+        fields[field.name] = np.concatenate([getattr(law, field.name) for law in laws])
+    return dataclasses.replace(laws[0], **fields)
 
 
 def even_normals(

@@ -58,7 +58,7 @@ class OnePattern:
         #: (n, P, C, 1) Rows whose products sum to the scatter between subjects.
         self._scatter_rows = np.ascontiguousarray(subjects_first)[..., None]
         #: (o P, P, C) K without its SDs, over the cells of all environments at once.
-        self._own = columns_by_quantity(design.own, size, cells)
+        self._own = columns_by_quantity(design.deviation, size, cells)
         fixed = columns_by_quantity(design.fixed, size, cells)
         #: (f + 1, P, C) X, and the subjects' mean.
         self._fixed_and_mean = np.concatenate([fixed, pattern.mean[None]])

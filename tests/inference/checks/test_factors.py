@@ -116,7 +116,7 @@ def test_draws_before_any_data_have_the_priors(name):
     design = density.design
     fixed = sum((term.columns**2).sum(axis=0) for term in design.fixed)
     own = np.zeros((count, *fixed.shape))
-    for term in design.own:
+    for term in design.deviation:
         tau = prior.scales["tau" if term.name == "level" else f"tau:{term.name}"][1]
         own += tau[..., None] ** 2 * (term.columns**2).sum(axis=0)
     scores = prior.means.reshape(own.shape) / np.sqrt(fixed + own)

@@ -291,7 +291,7 @@ def model_of(drawn, *, subjects_contrasts=True, own_trial_sds=True, priors=PRIOR
         levels=levels,
         level=drawn.level,
         terms=tuple(tuple(term.split(":")) for term in kind.terms),
-        between=frozenset({GROUP}.intersection(kind.factors)),
+        between_subjects=frozenset({GROUP}.intersection(kind.factors)),
         spread=kind.spread,
     )
     design = design_of(cells, factors, priors)

@@ -86,7 +86,7 @@ def made(name, seed=0, priors=None):
         levels=levels,
         level=level,
         terms=terms,
-        between=frozenset(between),
+        between_subjects=frozenset(between),
         spread=asked.get("spread", ()),
         slopes=asked.get("slopes", False),
     )
@@ -170,13 +170,13 @@ def dense(made, named, s):
     for term in design.fixed:
         for p in range(size):
             block[p, :, p] += np.einsum("kc,kd->cd", term.columns[:, p], term.columns[:, p])
-    for term in design.own:
+    for term in design.deviation:
         tau = value["tau" if term.name == "level" else f"tau:{term.name}"]
         for p in range(size):
             product = np.einsum("kc,kd->cd", term.columns[:, p], term.columns[:, p])
             block[p, :, p] += tau[p] ** 2 * same * product
     stretch = np.ones((size, count))
-    for term in design.stretch:
+    for term in design.effect_size:
         eta = value[f"eta:{term.name}"] / priors.psi_sd
         stretch = stretch * np.exp(np.einsum("kpc,pk->pc", term.columns, eta))
     user = np.zeros_like(block)

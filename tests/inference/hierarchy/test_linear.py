@@ -142,7 +142,7 @@ def test_no_draw_that_has_lost_its_digits_is_weighed(name):
     points = np.random.default_rng(5).normal(0.0, 5.0, (60, len(study.model.names)))
     with np.errstate(all="ignore"):
         scales = study.model.linear_scales(points)
-        lost = ~CellLaw(study.model._problem, scales.cells).sound
+        lost = ~CellLaw(study.model.problem, scales.cells).sound
     found = study.model(points) - scales.log_prior
     assert lost.any()
     assert np.isneginf(found[lost]).all()
@@ -176,7 +176,7 @@ def test_laws_keep_their_digits_where_only_the_orthogonal_form_gives_a_density()
     model = study.model
     points = np.random.default_rng(5).normal(0.0, 9.0, (400, len(model.names)))
     scales = model.linear_scales(points)
-    law = CellLaw(model._problem, scales.cells)
+    law = CellLaw(model.problem, scales.cells)
     weighed = np.isfinite(model(points))
     assert law.laws_sound[weighed].all()
     laws = model.laws(points)
@@ -197,8 +197,8 @@ def test_both_forms_of_the_density_agree():
     """Blocks by environment, and the information of all patterns."""
     model = made("two by two, spread").model
     scales = model.linear_scales(points_of(model)).cells
-    by_blocks = model._one_pattern.log_density(scales)
-    law = CellLaw(model._problem, scales)
+    by_blocks = model.one_pattern.log_density(scales)
+    law = CellLaw(model.problem, scales)
     assert law.sound.all()
     np.testing.assert_allclose(law.log_density, by_blocks, rtol=1e-11)
 

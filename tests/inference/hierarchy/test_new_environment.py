@@ -11,6 +11,7 @@ from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.design import Cells, Factors, design_of
 from percept.inference.hierarchy.linear_posterior import LinearPosterior
+from percept.inference.hierarchy.linear_scales import effect_columns
 from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.hierarchy.new_environment import NewEstimands, new_environment
 from tests.inference.hierarchy import designs
@@ -106,7 +107,7 @@ def with_new_cells(design, priors, x):
         levels=design.factors.levels,
         level=of_all,
         terms=design.factors.terms,
-        between=design.factors.between,
+        between_subjects=design.factors.between_subjects,
         spread=design.factors.spread,
         slopes=design.factors.slopes,
     )
@@ -167,10 +168,13 @@ def test_spreads_of_new_conditions_lie_about_the_columns_of_log_sigma():
     found = model.new_environment(point, PLACE, repeats, np.random.default_rng(7))
     named = model.linear_scales(point).named
     wider = with_new_cells(model.design, model.priors, PLACE)
-    effects = model.effects(model.reading(point), wider)[..., 0]
+    effects = effect_columns(model.linear_scales(point).effects, wider)[..., 0]
     shared = np.einsum("qpc,qpc->pc", effects, effects)[:, -len(found) :]
-    coefficients = [named[name][:, 0] for name in model._levels[0].coefficients]
-    scaled = [column / model._prior_sd(name) for name, column in _named_columns(model, wider)]
+    coefficients = [named[name][:, 0] for name in model.coordinates.between.coefficients]
+    scaled = [
+        column / model.coordinates.coefficient_sd(name)
+        for name, column in _named_columns(model, wider)
+    ]
     trend = np.einsum("kpc,kp->pc", np.stack(scaled), np.stack(coefficients))[:, -len(found) :]
     omega = named["omega"][:, 0]
     for number, laws in enumerate(found.values()):
@@ -182,8 +186,8 @@ def test_spreads_of_new_conditions_lie_about_the_columns_of_log_sigma():
 
 
 def _named_columns(model, design):
-    columns = np.concatenate([term.columns for term in design.between])
-    return zip(model._levels[0].coefficients, columns, strict=True)
+    columns = np.concatenate([term.columns for term in design.sd_between])
+    return zip(model.coordinates.between.coefficients, columns, strict=True)
 
 
 def test_one_environment_with_factors_predicts_no_other():
