@@ -1,13 +1,15 @@
 """Whether a value lies in the central range of all users: a confidence for one normal quantity.
 
 The central range of a population N(μ, σ²) is μ ± zσ with z the (1 + level)/2 quantile of a
-standard normal. For a value x let δ = (x − μ)/σ. The pivot √n(x − x̄)/s has a noncentral t law with
-ν = n − 1 and noncentrality √n·δ; read as a law of δ, it puts on |δ| ≤ z the confidence
+standard normal. For a value x let δ = (x − μ)/σ. The pivot √n(x − x̄)/s of n users has a noncentral
+t law with ν = n − 1 and noncentrality √n·δ. Read as a law of δ, it puts on |δ| ≤ z the confidence
 
-    E[Φ(√n(z − d·w)) − Φ(√n(−z − d·w))],   d = |x − x̄|/s,   ν·w² ~ χ²_ν.
+    E[Φ(√n(z − d·w)) − Φ(√n(−z − d·w))],   d = |x − x̄|/s,   w = s/σ,   ν·w² ~ χ²_ν.
 
 A value at the edge of the range gets a confidence of c or more in at most 1 − c of studies.
-SciPy's noncentral t gives NaN where its tail is small, so the expectation is a sum over w here.
+SciPy's noncentral t gives NaN where its tail is small, so the expectation is a sum over w here. The
+integrand falls from 1 to 0 where d·w passes z. The sum has four pieces of w: below that fall, its
+two halves, and above it. Shapes: (...) is that of the values; nodes of w take a further last axis.
 """
 
 from __future__ import annotations
@@ -24,13 +26,15 @@ from percept.inference.record import FloatOrArray
 
 __all__ = ["central_range_confidence"]
 
-#: Probability of w beyond either end of the sum.
+Array = NDArray[np.float64]
+
+#: Probability that the sum leaves out at either end of w: rounding is as large.
 _NEGLIGIBLE = 1e-16
-#: Standard errors about the edge of the range within which Φ goes from 0 to 1.
+#: SDs within which Φ goes from 0 to 1: it leaves out 6e-16.
 _STEP = 8.0
-#: SDs; a value nearer to the mean counts as this far.
+#: Smallest d: keeps z/d finite for a value at the mean, where the integrand does not fall.
 _LEAST_DISTANCE = 1e-30
-#: Nodes of each of four pieces: 12 digits from n = 2 to 1,000.
+#: Nodes in each of the four pieces: they give 12 digits from n = 2 to 1,000.
 _NODES = 96
 
 _legendre = cache(np.polynomial.legendre.leggauss)
@@ -44,7 +48,7 @@ def central_range_confidence(
     Parameters
     ----------
     value : array_like
-        What is displayed, on the scale of `users`: the logarithm under the lognormal family.
+        What is displayed, on the scale of `users`: the logarithm in the lognormal family.
     users : Moments
         Mean, SD and number n of the users, at least 2; broadcasts against `value`.
     level : float
@@ -63,38 +67,49 @@ def central_range_confidence(
         A level outside (0, 1).
     """
     edge = -special.ndtri(0.5 * tail_of(level))
+    value = np.asarray(value, dtype=np.float64)
     sd = np.asarray(users.sd, dtype=np.float64)
+    n = np.asarray(users.n, dtype=np.float64)
     if np.any(sd <= 0.0):
         raise RefusalError("All users set the same value, so their range has no width.")
-    distance = np.abs(np.asarray(value, dtype=np.float64) - users.mean) / sd
-    distance, n = np.broadcast_arrays(distance, np.asarray(users.n, dtype=np.float64))
-    root_n = np.sqrt(n)[..., None]
-    w, weights = _sd_ratios(edge, distance, n)
-    shift = distance[..., None] * w
-    held = special.ndtr(root_n * (edge - shift)) - special.ndtr(root_n * (-edge - shift))
-    return plain(np.minimum((weights * held).sum(axis=-1), 1.0))
+    distance = np.abs(value - users.mean) / sd
+    distance, n = np.broadcast_arrays(distance, n)
+    distance = distance[..., None]
+    n = n[..., None]
+    w, lengths = _nodes(edge, distance, n)
+    probability = lengths * _density(w, n - 1.0)
+    root_n = np.sqrt(n)
+    below_upper_end = special.ndtr(root_n * (edge - distance * w))
+    below_lower_end = special.ndtr(root_n * (-edge - distance * w))
+    confidence = np.sum(probability * (below_upper_end - below_lower_end), axis=-1)
+    return plain(np.minimum(confidence, 1.0))
 
 
-def _sd_ratios(
-    edge: float, distance: NDArray[np.float64], n: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return ratios w = s/σ, on a new last axis, and their probabilities; dense where Φ steps."""
+def _nodes(edge: float, distance: Array, n: Array) -> tuple[Array, Array]:
+    """Return nodes of w and the length that each stands for, (..., nodes), from d, n (..., 1)."""
     nu = n - 1.0
     lowest = np.sqrt(special.chdtri(nu, 1.0 - _NEGLIGIBLE) / nu)
     highest = np.sqrt(special.chdtri(nu, _NEGLIGIBLE) / nu)
-    # At a distance of zero the step is nowhere: far off is the same.
     distance = np.maximum(distance, _LEAST_DISTANCE)
-    centre = edge / distance
-    reach = _STEP / (np.sqrt(n) * distance)
-    cuts = [np.clip(cut, lowest, highest) for cut in (centre - reach, centre, centre + reach)]
-    ends = np.stack([lowest, *cuts, highest], axis=-1)
-    nodes, node_weights = _legendre(_NODES)
-    half = 0.5 * np.diff(ends)[..., None]
-    middle = 0.5 * (ends[..., 1:] + ends[..., :-1])[..., None]
-    w = (middle + half * nodes).reshape(*n.shape, -1)
-    lengths = (half * node_weights).reshape(w.shape)
-    nu = nu[..., None]
-    # The density of w, by its logarithm: its factors overflow from n = 300 on.
-    log_constant = 0.5 * nu * np.log(0.5 * nu) - special.gammaln(0.5 * nu) + np.log(2.0)
-    density = np.exp(log_constant + special.xlogy(nu - 1.0, w) - 0.5 * nu * w**2)
-    return w, lengths * density
+    fall = edge / distance
+    half_width = _STEP / (np.sqrt(n) * distance)
+    cuts = np.concatenate([fall - half_width, fall, fall + half_width], axis=-1)
+    cuts = np.clip(cuts, lowest, highest)
+    ends = np.concatenate([lowest, cuts, highest], axis=-1)
+    nodes, weights = _legendre(_NODES)
+    half_length = 0.5 * np.diff(ends)[..., None]
+    middle = ends[..., :-1, None] + half_length
+    shape = (*ends.shape[:-1], -1)
+    w = middle + half_length * nodes
+    lengths = half_length * weights
+    return w.reshape(shape), lengths.reshape(shape)
+
+
+def _density(w: Array, nu: Array) -> Array:
+    """Density of w = s/σ with ν degrees of freedom."""
+    half_nu = 0.5 * nu
+    # By its logarithm: the factors overflow from n = 300 on.
+    log_constant = np.log(2.0) + half_nu * np.log(half_nu) - special.gammaln(half_nu)
+    log_power = special.xlogy(nu - 1.0, w)
+    log_exponential = -half_nu * w**2
+    return np.exp(log_constant + log_power + log_exponential)
