@@ -53,7 +53,7 @@ class DevicePosteriorTable(Table):
         `mass`, `damping`, `stiffness`, and `mode 1 mass`, `mode 1 stiffness`, `mode 1 damping` and
         so on.
     covariance : list of lists
-        Of the logarithms of these parameters, about those of `[device]`.
+        Of the logarithms of these parameters, about the logarithms of the values in `[device]`.
     draws : str
         Instead: a CSV with a column per parameter, in SI units, from the folder of the scene's
         file.

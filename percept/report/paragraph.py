@@ -74,9 +74,9 @@ def _biases(label: str, biases: Sequence[Bias], others: dict[str, Bias], words: 
         (False, f"{name} showed no clear bias in"),
         (True, f"These data do not determine the bias of {label} in"),
     ):
-        alike = matching(unclear, says_nothing=says_nothing)
-        if alike:
-            names = [bias.row.environment for bias in alike]
+        of_case = matching(unclear, says_nothing=says_nothing)
+        if of_case:
+            names = [bias.row.environment for bias in of_case]
             sentences.append(f"{claim} {named_or_counted(names, len(biases), words)}.")
     return sentences
 

@@ -81,9 +81,9 @@ def psychophysics(results: Results) -> Section | None:
     for measure in ordered(_NAMES, rows, "measure"):
         of_measure = matching(rows, measure=measure)
         for parameter in distinct(of_measure, "parameter"):
-            alike = matching(of_measure, parameter=parameter)
-            together = matching(alike, subject=None)
-            by_subject = [row for row in alike if row.subject is not None]
+            of_parameter = matching(of_measure, parameter=parameter)
+            together = matching(of_parameter, subject=None)
+            by_subject = [row for row in of_parameter if row.subject is not None]
             for own in (together, by_subject):
                 if own:
                     groups.append(_group(results, own, methods))
@@ -105,7 +105,7 @@ def _group(results: Results, rows: Sequence[PsychophysicsRow], methods: Sequence
         head += f", by {words.subject}"
     lines = []
     for environment, subject in dict.fromkeys((row.environment, row.subject) for row in rows):
-        alike = matching(rows, environment=environment, subject=subject)
+        of_line = matching(rows, environment=environment, subject=subject)
         label = subject or environment or "all"
-        lines.append(Line(label, [first(matching(alike, method=name)) for name in methods]))
+        lines.append(Line(label, [first(matching(of_line, method=name)) for name in methods]))
     return Group(head, _STYLES.get(row.measure, "plain"), lines)

@@ -206,7 +206,7 @@ def steadiness(column: Column) -> float:
 
 
 def is_designed(column: Column, subjects: _Codes) -> bool:
-    """Whether the values of a column are those of a design: most subjects meet most of them."""
+    """Whether a column's values belong to a design: most subjects meet most of them."""
     if len(column.texts) > _MOST_LEVELS:
         return False
     known = ~column.cells.map(is_missing).to_numpy()

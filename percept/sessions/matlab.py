@@ -168,7 +168,7 @@ def _vectors_are_longer(variables: _Variables, tables: list[str]) -> bool:
 
 
 def _row_count(table: Any) -> int:
-    """Rows of a table: those of its longest column."""
+    """Rows of a table: the length of its longest column."""
     return max((column.size for column in _columns(table).values()), default=0)
 
 

@@ -41,7 +41,7 @@ __all__ = ["Proposal", "propose_columns"]
 
 #: Files of a folder, and members of an archive, that are looked at.
 _FILES = 40
-#: Kinds of files, by their headers, that a mapping is looked for in; those of most rows first.
+#: Kinds of files, by their headers, that a mapping is looked for in; kinds with most rows first.
 _KINDS = 4
 #: Attempts to read under a draft: each takes back one guess.
 _ATTEMPTS = 8

@@ -214,5 +214,5 @@ def toml_value(value: object) -> str:
         return f"{{ {', '.join(items)} }}"
     if isinstance(value, Sequence):
         return f"[{', '.join(toml_value(item) for item in value)}]"
-    # JSON and TOML write numbers, true and false alike.
+    # JSON and TOML write numbers, true and false in the same way.
     return json.dumps(value)

@@ -361,7 +361,7 @@ def _checked_trials(
 
 
 def _telling_columns(options: ReadOptions, opened: _Opened) -> list[str]:
-    """Name unused columns of which each tells all trials apart, those of fewest levels first."""
+    """Name unused columns of which each tells all trials apart, the fewest levels first."""
     telling: dict[str, int] = {}
     # What is wrong with the files is told by the first reading.
     with suppress(UsageError):

@@ -101,7 +101,7 @@ def _json_cell(value: Any) -> str:
 
 
 def _rows_of_columns(columns: Columns, file: str, limits: FileLimits) -> Rows:
-    """Put columns side by side; those of another length than most are no part of the table."""
+    """Put columns side by side; columns of another length than most are no part of the table."""
     lengths = Counter(len(column) for column in columns.values())
     if not lengths:
         return []
@@ -172,7 +172,7 @@ def r_rows(data: bytes, file: str, part: str | None, limits: FileLimits) -> Rows
         data, altrep_constructor_dict=constructors, extension=extension
     )
     with warnings.catch_warnings():
-        # Classes that it does not know, such as those of nlme, lie around a data frame or beside.
+        # Classes that it does not know, such as nlme's, lie around a data frame or beside.
         warnings.simplefilter("ignore", UserWarning)
         frame = rdata.conversion.convert(parsed)
     if isinstance(frame, dict):

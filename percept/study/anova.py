@@ -100,7 +100,7 @@ def _tests(
 ) -> Iterator[AnovaRow | Skipped]:
     """Yield the tests of the model's terms, and of how these differ between references."""
     if len(conditions.between) > 1:
-        yield Skipped(what, "only one column of groups is supported")
+        yield Skipped(what, "it compares the groups of one column only")
         return
     axes: dict[str, Sequence[str]] = {}
     if len(factors.environments) > 1:

@@ -96,7 +96,7 @@ def _classical(
         yield from _of_level(own, comparison, table)
     if len(conditions.between) > 1:
         what = f"classical contrasts of groups in {table.quantity.label}"
-        yield Skipped(what, "two columns of groups are more than Welch's test takes")
+        yield Skipped(what, "Welch's test compares the groups of one column only")
         return
     for comparison in comparisons(conditions, factors, cells_of_all):
         if not comparison.within:

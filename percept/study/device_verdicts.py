@@ -108,7 +108,7 @@ def _device_share(shifts: Array, probability: float) -> float:
 
 
 def _stable_and_real(probabilities: Array, margins: Array, average: float) -> float:
-    """Return P(stable), of all devices, times P(real) with those of the first that are stable."""
+    """Return P(stable) over all devices times P(real) over the stable ones of the first devices."""
     stable = margins >= 1.0
     of_stable = probabilities[stable[: probabilities.size]]
     real = float(of_stable.mean()) if of_stable.size >= _FEWEST_STABLE else average

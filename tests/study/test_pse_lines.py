@@ -159,7 +159,7 @@ def test_each_condition_has_a_line():
         pytest.param(
             [0.0, 10.0, 20.0],
             {"family": "normal", "scale": {"k": 5.0}},
-            "a reference of zero or below has no place on the scale of decades",
+            "a reference of zero or below has no logarithm",
             marks=pytest.mark.evidence,
         ),
     ],

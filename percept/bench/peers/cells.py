@@ -6,6 +6,7 @@ environment is summed into the cell means' covariance; every other unknown is sa
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,29 +23,34 @@ from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Scales
 from percept.inference.hierarchy.statistics import Statistics
 
-__all__ = ["averaged_limits", "cells_model", "nutpie_limits"]
+__all__ = ["averaged_limits", "cells_model", "imported_nutpie", "nutpie_limits"]
 
 Array = NDArray[np.float64]
 #: A number or an array of PyMC, or of numpy; PyMC has no types.
 Term: TypeAlias = Any
 
+#: nutpie's default is 6; R-hat needs several, and a run here has a thread for each.
 _CHAINS = 4
-_WARM_UP = 2000  # Draws of each chain that are not kept
-_DRAWS = 10_000  # Of each chain, unless time ends first
-_ACCEPTANCE = 0.95  # Shorter steps than by default: divergences would bias the comparison
-_FEWEST_DRAWS = 100  # Draws per chain below which there are no limits
-#: What the limits need.
+#: Draws of each chain that are not kept; nutpie's default is 300 to 400: rare shapes adapt late.
+_WARM_UP = 2000
+#: Draws of each chain, unless time ends first.
+_DRAWS = 10_000
+#: Share of steps accepted: above the default of 0.8, for divergences would bias the comparison.
+_ACCEPTANCE = 0.95
+#: Draws per chain below which a limit's Monte Carlo error is itself unknown.
+_FEWEST_DRAWS = 100
+#: Scales that limits of kinds mean and user depend on, by their names in the model.
 _SCALES = ("tau", "sigma_u", "rho_u", "sigma", "rho_w", "sigma_e", "rho_e")
 
 
 @dataclass(frozen=True, eq=False)
 class _Cells:
-    """The cells that have trials, one row each."""
+    """The C cells that have trials."""
 
-    person: NDArray[np.intp]
-    environment: NDArray[np.intp]
-    mean: Array  # (cells, parameters)
-    trials: Array
+    person: NDArray[np.intp]  # (C,)
+    environment: NDArray[np.intp]  # (C,)
+    mean: Array  # (C, parameters) Of each cell's trials
+    trials: Array  # (C,) How many
 
     @classmethod
     def of(cls, statistics: Statistics) -> _Cells:
@@ -54,6 +60,15 @@ class _Cells:
             trials[np.ix_(pattern.members, pattern.environments)] = pattern.trials
         mean = statistics.cell_means[person, :, environment]
         return cls(person, environment, mean, trials[person, environment])
+
+    def variances(self, sigma: Term) -> list[Term]:
+        """Variances of cells, one term per parameter, from SDs by parameter and environment."""
+        return [sigma[p][self.environment] ** 2 for p in range(self.mean.shape[1])]
+
+    def covariance(self, sigma: Term, rho: Term) -> Term:
+        """Covariance of both parameters in cells, which one parameter does not need."""
+        products = sigma[0] * sigma[-1]
+        return rho * products[self.environment]
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,18 +107,31 @@ class _Terms:
         delta = self.about(0.0, tau, "delta", "z_delta")
         return pm.Deterministic("beta", alpha[:, None] + gamma[:, None] * self.x + delta)
 
-    def spreads(self, suffix: str) -> Term:
-        """Return SDs by parameter and environment, between subjects or ("_e") between trials."""
+    def subject_effects(self, subjects: int) -> tuple[Term, list[Term]]:
+        """Return the SDs of the subjects' effects, and the effects parameter by parameter."""
         import pymc as pm
 
         size = len(self.x)
-        centre = getattr(self.priors, f"log_s{suffix}_mean")
-        sd = getattr(self.priors, f"log_s{suffix}_sd")
+        sigma_u = pm.HalfNormal("sigma_u", self.priors.sigma_u_scale, shape=size)
+        rho_u = self.correlation("rho_u")
+        z = pm.Normal("z_u", shape=(size, subjects))
+        effects = [sigma_u[0] * z[0]]
+        if size == 2:
+            uncorrelated = pm.math.sqrt(1.0 - rho_u**2) * z[1]
+            effects.append(sigma_u[1] * (rho_u * z[0] + uncorrelated))
+        return sigma_u, effects
+
+    def spreads(self, suffix: str) -> Term:
+        """Return SDs by parameter and environment: "" between subjects, "_e" between trials."""
+        import pymc as pm
+
+        size = len(self.x)
+        prior = vars(self.priors)
+        centre = prior[f"log_s{suffix}_mean"]
+        sd = prior[f"log_s{suffix}_sd"]
         log_s = pm.Normal(f"log_s{suffix}", centre, sd, shape=size)
-        kappa_sd = getattr(self.priors, f"kappa{suffix}_sd")
-        kappa = pm.Normal(f"kappa{suffix}", 0.0, kappa_sd, shape=size)
-        omega_scale = getattr(self.priors, f"omega{suffix}_scale")
-        omega = pm.HalfNormal(f"omega{suffix}", omega_scale, shape=size)
+        kappa = pm.Normal(f"kappa{suffix}", 0.0, prior[f"kappa{suffix}_sd"], shape=size)
+        omega = pm.HalfNormal(f"omega{suffix}", prior[f"omega{suffix}_scale"], shape=size)
         trend = log_s[:, None] + kappa[:, None] * self.x
         log_sigma = self.about(trend, omega, f"log_sigma{suffix}", f"z{suffix}")
         return pm.Deterministic(f"sigma{suffix}", pm.math.exp(log_sigma))
@@ -136,31 +164,28 @@ def cells_model(statistics: Statistics, priors: Priors, *, centred: bool = False
         beta = terms.locations()
         sigma = terms.spreads("")
         rho_w = terms.correlation("rho_w")
-        sigma_u = pm.HalfNormal("sigma_u", priors.sigma_u_scale, shape=size)
-        rho_u = terms.correlation("rho_u")
-        z = pm.Normal("z_u", shape=(size, len(statistics.subjects)))
-        u = [sigma_u[0] * z[0]]
-        if size == 2:
-            uncorrelated = pm.math.sqrt(1.0 - rho_u**2) * z[1]
-            u.append(sigma_u[1] * (rho_u * z[0] + uncorrelated))
+        sigma_u, u = terms.subject_effects(len(statistics.subjects))
         pm.Deterministic("spread", pm.math.sqrt(sigma_u[:, None] ** 2 + sigma**2))
-        variance = [sigma[p][cells.environment] ** 2 for p in range(size)]
-        shared = rho_w * (sigma[0] * sigma[-1])[cells.environment]
+        variances = cells.variances(sigma)
+        covariance = cells.covariance(sigma, rho_w)
         if statistics.repeats:
             sigma_e = terms.spreads("_e")
             rho_e = terms.correlation("rho_e")
+            variances_e = cells.variances(sigma_e)
             for p in range(size):
-                variance[p] += sigma_e[p][cells.environment] ** 2 / cells.trials
-            shared += rho_e * (sigma_e[0] * sigma_e[-1])[cells.environment] / cells.trials
+                variances[p] += variances_e[p] / cells.trials
+            covariance += cells.covariance(sigma_e, rho_e) / cells.trials
             pm.Potential("scatter", _scatter_density(statistics, sigma_e, rho_e))
-        location = [beta[p][cells.environment] + u[p][cells.person] for p in range(size)]
-        off = cells.mean[:, 0] - location[0]
+        expected = [beta[p][cells.environment] + u[p][cells.person] for p in range(size)]
+        # The density of both means: of k, and of b given k. Written so that zero is observed, k's
+        # has the residual that b's needs.
+        residual = cells.mean[:, 0] - expected[0]
         zero = np.zeros(len(cells.mean))
-        pm.Normal("k", off, pm.math.sqrt(variance[0]), observed=zero)
+        pm.Normal("k", residual, pm.math.sqrt(variances[0]), observed=zero)
         if size == 2:
-            given_k = location[1] + shared / variance[0] * off
-            remainder = variance[1] - shared**2 / variance[0]
-            pm.Normal("b", given_k, pm.math.sqrt(remainder), observed=cells.mean[:, 1])
+            b_given_k = expected[1] + covariance / variances[0] * residual
+            remainder = variances[1] - covariance**2 / variances[0]
+            pm.Normal("b", b_given_k, pm.math.sqrt(remainder), observed=cells.mean[:, 1])
     return model
 
 
@@ -182,16 +207,23 @@ def _scatter_density(statistics: Statistics, sigma_e: Term, rho_e: Term) -> Term
     return -(df * log_sd + 0.5 * squares / remainder).sum()
 
 
-def nutpie_limits(statistics: Statistics, seed: int, *, seconds: float) -> Printed:
-    """Sample for at most `seconds`; limits of kinds mean and user, and what the run took."""
+def imported_nutpie() -> Any:
+    """Import nutpie without what its arviz would plot with."""
+    # nutpie's arviz imports arviz-plots if it is there; release 0.8 fails with matplotlib 3.11.
+    sys.modules.setdefault("arviz_plots", None)  # type: ignore[arg-type]
     import nutpie
 
+    return nutpie
+
+
+def nutpie_limits(statistics: Statistics, seed: int, *, seconds: float) -> Printed:
+    """Sample for at most `seconds`; limits of kinds mean and user, and what the run took."""
+    nutpie = imported_nutpie()
     model = cells_model(statistics, Priors())
     scales = [name for name in _SCALES if name in model]
     compiled = nutpie.compile_pymc_model(model, var_names=scales)
     started = time.perf_counter()
-    # A thread per chain, whatever the processors: a run that is cut short then has draws of every
-    # chain.
+    # A thread per chain, whatever the processors: a run cut short then has draws of every chain.
     sampler = nutpie.sample(
         compiled,
         draws=_DRAWS,

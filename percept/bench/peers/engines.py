@@ -209,8 +209,9 @@ def _pymc(statistics: Statistics) -> Sampler:
 
 
 def _nutpie(statistics: Statistics, *, centred: bool) -> Sampler:
-    import nutpie
+    from percept.bench.peers.cells import imported_nutpie
 
+    nutpie = imported_nutpie()
     model = _plain_model(statistics, centred=centred)
     compiled = nutpie.compile_pymc_model(model, var_names=["beta", "spread"])
 

@@ -63,7 +63,7 @@ class ConditionalMoments:
         return cls(*np.split(packed, 3, axis=1))
 
     def draw(self, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Draw each cell's location and a new user of it, cells apart from one another."""
+        """Draw each cell's location and a new user of it, independently of other cells."""
         mean = self.mean + self.sd * rng.standard_normal(self.mean.shape)
         users = mean + self.population_sd * rng.standard_normal(mean.shape)
         return mean, users

@@ -1,4 +1,4 @@
-"""A monotone spline per coordinate, from standard normal values to those of a sample.
+"""A monotone spline per coordinate, from standard normal values to values of a sample.
 
 The spline takes the normal quantiles at its knots to the quantiles of the sample. Where these
 differ from a straight line by chance alone the spline is that line.
@@ -17,7 +17,7 @@ __all__ = ["Spline"]
 
 Array = NDArray[np.float64]
 
-#: Last knot, in SDs: quantiles beyond it are those of single draws.
+#: Last knot, in SDs: quantiles beyond it are single draws.
 _REACH = 3.0
 #: Knots per SD, a power of two: finding the piece rounds nothing.
 _PER_UNIT = 2

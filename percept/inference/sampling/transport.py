@@ -235,7 +235,7 @@ class _Regression:
 def _regress(features: Array, y: Array, effective: float) -> _Regression:
     """Regress the mean and log spread of columns y (N, C) on features (N, F), F odd."""
     gram = features.T @ features
-    # Errors of dependent draws are as many times those of independent ones.
+    # Errors of dependent draws over errors of as many independent ones.
     error_ratio = np.sqrt(len(y) / effective)
     mean = _regress_mean(features, gram, y, error_ratio)
     residual = y - features @ mean

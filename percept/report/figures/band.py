@@ -200,9 +200,9 @@ def _size(row: BandRow) -> float:
 
 def _widths(band: Band, like: BandRow, grid: FloatArray) -> Widths:
     """Return the bands and laws of the same method, kind, family and parameter as a row."""
-    rows = _alike(band.rows, like)
+    rows = _with_keys_of(band.rows, like)
     laws: dict[str, FloatArray] = {}
-    for law in _alike(band.laws, like):
+    for law in _with_keys_of(band.laws, like):
         values = np.array([[estimate.value for estimate in law.parameters.values()]])
         laws[_LAWS[law.model]] = law_band(law.model, values, grid)[0]
     return Widths(
@@ -215,7 +215,7 @@ def _widths(band: Band, like: BandRow, grid: FloatArray) -> Widths:
     )
 
 
-def _alike(records: Sequence[T], like: BandRow) -> list[T]:
+def _with_keys_of(records: Sequence[T], like: BandRow) -> list[T]:
     return matching(
         records, method=like.method, kind=like.kind, family=like.family, parameter=like.parameter
     )

@@ -212,7 +212,7 @@ LETTER = 1.45
 
 
 def row_labels(names: Sequence[str], *, most: float) -> list[str]:
-    """Fit names of rows or panels into a width, mm; those that then look alike are numbered."""
+    """Fit names of rows or panels into a width, mm; equal short names are numbered."""
     letters = int(most / LETTER)
     labels = [_shortened(name, letters) for name in names]
     if len(set(labels)) == len(labels):

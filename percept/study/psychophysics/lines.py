@@ -1,7 +1,7 @@
 """Points of subjective equality over the reference: the line that environments scatter about.
 
 Given a draw of the scales a line's intercept and slope are jointly normal, so that its limits at
-any reference are roots of a mixture of normal laws, as those of environments are.
+any reference are roots of a mixture of normal laws, as limits at environments are.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def posterior_lines(
 def _why_not(references: Array) -> str:
     """Say why different references have no line; empty where they have."""
     if references[0] <= 0.0:
-        return "a reference of zero or below has no place on the scale of decades"
+        return "a reference of zero or below has no logarithm"
     if len(references) < _FEWEST_REFERENCES:
         return (
             f"it needs {_FEWEST_REFERENCES} different references, and there are {len(references)}"
