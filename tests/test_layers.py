@@ -51,10 +51,10 @@ OUTSIDE = {
     "files": set(),
     "provenance": set(),
     "haptics": {"numpy"},
-    "inference": {"numpy", "scipy", "emcee", "arviz_base", "arviz_stats", "xarray"},
+    "inference": {"numpy", "scipy", "emcee"},
     "results": {"numpy", "pydantic"},
     "boundary": {"numpy", "scipy", "pandas"},
-    "study": {"numpy", "scipy", "pandas", "pydantic", "xarray", "arviz_stats"},
+    "study": {"numpy", "scipy", "pandas", "pydantic", "xarray"},
     "planning": {"numpy", "scipy"},
 }
 

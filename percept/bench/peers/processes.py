@@ -162,7 +162,7 @@ def _row(
     )
 
 
-_NEEDED = "numpy, scipy.stats, pandas, emcee, arviz_base, arviz_stats, h5netcdf"
+_NEEDED = "numpy, scipy.optimize, pandas, emcee, h5netcdf"
 _REPORT = ("-m", "percept", "report", "SESSIONS", "--out", "OUT")
 _FIT = ("-m", "percept", "fit", "SESSIONS", "--out", "OUT")
 _SEEDED_REPORT = (*_REPORT, "--seed", "SEED", "--scene", "SCENE")

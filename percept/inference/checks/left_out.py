@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
 from percept.errors import RefusalError, UsageError
+from percept.inference.checks.pareto import good_index, smoothed_log_weights
 from percept.inference.checks.subjects import SubjectDensity
 
-__all__ = ["Loo", "Predicted", "leave_one_out", "limit_moves", "predict_left_out"]
+__all__ = [
+    "Loo",
+    "Predicted",
+    "leave_one_out",
+    "limit_moves",
+    "predict_left_out",
+    "smoothed_subjects",
+]
 
 Array = NDArray[np.float64]
 
@@ -110,33 +116,37 @@ def leave_one_out(
             " rests on this subject alone, at next to no scatter.",
             hint="Leave that environment out, or ask for no model checks.",
         )
-    return _smoothed(log_density, kept, chains)
+    return smoothed_subjects(log_density, kept)
 
 
-def _smoothed(
-    log_density: Array,
-    points: Array,
-    chains: int,
-) -> Loo:
-    """Smooth the weights' tails by ArviZ."""
-    import arviz_base
-    import arviz_stats
+def smoothed_subjects(log_density: Array, points: Array) -> Loo:
+    """Leave subjects out by weights 1/p(y_i | scales, other subjects), their tails smoothed.
 
-    shaped = log_density.reshape(chains, -1, log_density.shape[1])
-    tree = arviz_base.from_dict(
-        {"log_likelihood": {"trials": shaped}}, dims={"trials": ["subject"]}
-    )
-    with warnings.catch_warnings():
-        # Bad indices are in the record, and every user of it says so.
-        warnings.filterwarnings("ignore", message="Estimated shape parameter")
-        leave_out: Any = arviz_stats.loo  # type: ignore[attr-defined]
-        loo = leave_out(tree, pointwise=True, reff=1.0)
-    log_weights = loo.log_weights.transpose("chain", "draw", "subject").to_numpy()
-    weights = np.exp(log_weights.reshape(log_density.shape) - log_weights.max())
+    Parameters
+    ----------
+    log_density : ndarray, shape (S, N)
+        Log densities of the subjects' data given the others', at every draw.
+    points : ndarray, shape (S, d)
+        The draws.
+
+    Returns
+    -------
+    Loo
+    """
+    pointwise = []
+    indices = []
+    by_subject = []
+    for densities in log_density.T:
+        log_weights, index = smoothed_log_weights(-densities)
+        pointwise.append(special.logsumexp(log_weights + densities))
+        indices.append(index)
+        by_subject.append(log_weights)
+    all_log_weights = np.stack(by_subject).T
+    weights = np.exp(all_log_weights - all_log_weights.max())
     return Loo(
-        pointwise=loo.elpd_i.to_numpy(),
-        pareto_k=loo.pareto_k.to_numpy(),
-        good_k=float(loo.good_k),
+        pointwise=np.array(pointwise),
+        pareto_k=np.array(indices),
+        good_k=good_index(len(points)),
         points=points,
         weights=weights / weights.sum(axis=0),
     )

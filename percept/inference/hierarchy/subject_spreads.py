@@ -24,7 +24,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
 from percept.inference.hierarchy.trial_scatter import TrialScatter
 
@@ -135,7 +135,7 @@ def _chance_of(log_sd: Array, half_df: Array) -> float:
     departure = unbiased - mean
     squares = departure**2 @ weight
     free = len(log_sd) - 1
-    return float(stats.chi2.sf(squares, free))
+    return float(special.chdtrc(free, squares))
 
 
 class SubjectSpreads:
