@@ -45,7 +45,8 @@ class CellLaw:
         self._problem = problem
         equations = CellEquations(problem, scales)
         self._equations = equations
-        self._effects_factor = lower_factor(equations.effects)  # (q, q, G, W)
+        self._trial = scales.trial
+        self._effects_factor = lower_factor(equations.subject.effect_precision)  # (q, q, G, W)
         self._solved: Elimination
         if problem.eliminates_environments(len(scales.effects)):
             self._solved = EnvironmentsFirst(equations, self._effects_factor)
@@ -86,7 +87,7 @@ class CellLaw:
         """Log determinants of the noise of all subjects' cells, summed."""
         problem = self._problem
         subjects_by_cell = problem.present * problem.subjects
-        determinants = self._equations.noise.log_determinant()
+        determinants = self._equations.subject.noise.log_determinant()
         return np.einsum("cg,cgw->w", subjects_by_cell, determinants)
 
     def _distance(self) -> Array:
@@ -100,13 +101,13 @@ class CellLaw:
         slopes = self._locations[cells:]
         slopes_by_quantity = slopes.reshape(-1, problem.size, slopes.shape[-1])
         distance = self._distance_of_means(slopes_by_quantity)
-        covariances = self._equations.covariances()
+        covariances = self._equations.subject.covariances()
         for scatter, covariance in zip(problem.scatter, covariances, strict=True):
             residuals = scatter.rows[..., None]
             if problem.slopes:
                 residuals = residuals - np.einsum("snpe,sw->npew", scatter.slopes, slopes)
             distance = distance + covariance.scatter_distance(residuals)
-        trial = self._equations.trial
+        trial = self._trial
         if trial is not None and problem.slopes:
             scatter_of_trials = problem.trial_scatter
             covariate_rows = scatter_of_trials.covariate_rows
@@ -134,15 +135,15 @@ class CellLaw:
         With b = (I + Z'H)⁻¹H'r, the subject's effect that fits r best, r'V⁻¹r is the distance of
         r - Zb by D, plus b'b.
         """
-        equations = self._equations
+        subject = self._equations.subject
         factor = self._effects_factor
-        weighted = np.einsum("pcqgw,pcgw->qgw", equations.weighted_effects, residuals)
+        weighted = np.einsum("pcqgw,pcgw->qgw", subject.weighted_effects, residuals)
         effects = solve_upper(factor, solve_lower(factor, weighted))
-        explained = np.einsum("qpcw,qgw->pcgw", equations.effect_columns, effects)
+        explained = np.einsum("qpcw,qgw->pcgw", subject.effect_columns, effects)
         unexplained = residuals - explained
         unexplained *= self._problem.present[..., None]
         per_pattern = unexplained[:, None]
-        squares = equations.noise.distance(tuple(per_pattern)).sum(axis=0)
+        squares = subject.noise.distance(tuple(per_pattern)).sum(axis=0)
         return np.asarray(squares + np.einsum("qgw,qgw->gw", effects, effects))
 
     def fixed(self, rows: Array) -> tuple[Array, Array]:

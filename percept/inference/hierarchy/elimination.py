@@ -139,7 +139,7 @@ class SubjectsFirst:
         joint = _joint(
             blocks=with_prior(equations.deviations),
             blocks_by_rest=by_rest.reshape(deviations, *shape_of_rest),
-            rest_and_data=equations.rest_and_data,
+            rest_and_data=equations.rest,
         )
         effect_shape = factor.shape[1:]
         by_effects = equations.deviations_by_effects.reshape(deviations, *effect_shape)
@@ -200,9 +200,9 @@ class EnvironmentsFirst:
         flat = explained.reshape(own * environments, size, width)
         by_rest = equations.rest_by_effects.reshape(rest_and_data, self._effects, width)
         joint = _joint(
-            blocks=equations.effects,
+            blocks=equations.subject.effect_precision,
             blocks_by_rest=by_rest.swapaxes(0, 1),
-            rest_and_data=equations.rest_and_data,
+            rest_and_data=equations.rest,
         )
         draws_first = flat.transpose(2, 1, 0)
         self._remainder = _Remainder(joint, draws_first)

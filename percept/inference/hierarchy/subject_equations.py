@@ -1,0 +1,90 @@
+"""What one subject of each pattern says of its effects: the noise of its cells, and their columns.
+
+Subjects of one pattern have the same cells and numbers of trials. Given the scales, the cell means
+of one subject are its locations, Z b and noise. The effects b are standard normal a priori, and the
+noise has the covariance D, a small block for each cell. Two products of these serve all that
+follows:
+
+    H = D⁻¹Z      the columns of the effects, weighted
+    I + Z'H       the precision of the effects, given the locations
+
+The shapes of arrays use these letters:
+
+    W  sets of scales (draws)     G  patterns of cells and trials     q  effects of one subject
+    P  quantities                 C  cells of the study               E  cells of one pattern
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.inference.hierarchy.blocks import Block
+from percept.inference.hierarchy.cell_problem import CellProblem
+from percept.inference.hierarchy.cell_scales import CellScales
+from percept.inference.hierarchy.information import precision_entries
+from percept.inference.hierarchy.small_cholesky import with_prior
+from percept.inference.hierarchy.subject_covariance import SubjectCovariance
+
+__all__ = ["SubjectEquations"]
+
+Array = NDArray[np.float64]
+
+
+class SubjectEquations:
+    """Noise and effects of one subject of each pattern, at W sets of scales.
+
+    Attributes
+    ----------
+    noise : Block
+        D, entries (C, G, W). Where a pattern lacks a cell, its value has no meaning.
+    precision : Block
+        D⁻¹, entries (C, G, W), zero where a pattern lacks a cell.
+    precision_entries : ndarray
+        D⁻¹ written out, (P, P, C, G, W).
+    effect_columns : ndarray
+        Z, (q, P, C, W).
+    weighted_effects : ndarray
+        H = D⁻¹Z, (P, C, q, G, W).
+    effect_precision : ndarray
+        I + Z'H, (q, q, G, W).
+    """
+
+    def __init__(self, problem: CellProblem, scales: CellScales) -> None:
+        self._problem = problem
+        self.effect_columns = scales.effects
+        self.noise = _noise(problem, scales)
+        present = problem.present[..., None]
+        precision = self.noise.inverse()
+        self.precision = precision.scaled(present)
+        self.precision_entries = precision_entries(self.precision)
+        # (P, C, q, W), so that products with columns of cells are products of matrices.
+        cells_first = scales.effects.transpose(1, 2, 0, 3)
+        columns = np.ascontiguousarray(cells_first)
+        for_effects = self.precision.mapped(lambda part: part[:, None])
+        for_patterns = columns[:, :, :, None]
+        weighted = for_effects.apply(tuple(for_patterns))
+        self.weighted_effects = np.stack(weighted)
+        products = np.einsum("pcaw,pcbgw->abgw", columns, self.weighted_effects)
+        self.effect_precision = with_prior(products)
+
+    def covariances(self) -> list[SubjectCovariance]:
+        """Covariance of a subject's cell means, for each entry of `problem.scatter`."""
+        covariances = []
+        for scatter in self._problem.scatter:
+            noise = self.noise[scatter.cells, scatter.pattern]
+            effects = self.effect_columns[:, :, scatter.cells]
+            covariances.append(SubjectCovariance(noise, effects))
+        return covariances
+
+
+def _noise(problem: CellProblem, scales: CellScales) -> Block:
+    """D: the covariance between subjects, and the covariance of the mean of a cell's trials."""
+    noise = scales.between[:, None]
+    if scales.trial is not None:
+        trial = scales.trial[problem.trial_group]
+        of_one_trial = 1.0 / problem.trials
+        noise = noise + trial.scaled(of_one_trial[..., None])
+    width = scales.effects.shape[-1]
+    grid = (*problem.present.shape, width)
+    return noise.mapped(lambda part: np.broadcast_to(part, grid))
