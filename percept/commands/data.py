@@ -38,7 +38,9 @@ def _new(arguments: argparse.Namespace) -> None:
     from percept.sessions import propose_columns
 
     _, options = read_scene(arguments)
-    proposal = propose_columns(*arguments.data, options=options)
+    with Working("reading", shown=True) as working:
+        working.stage("judging columns of the whole file")
+        proposal = propose_columns(*arguments.data, options=options)
     write_new(arguments.path, whole_scene(proposal, arguments.scene))
     print(proposal.text, file=sys.stderr)
     print(arguments.path)

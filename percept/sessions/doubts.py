@@ -10,6 +10,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import counted
@@ -41,6 +42,8 @@ _ELSEWHERE = 3.0
 _FEW = 0.05
 #: Environments that a study hardly has on purpose.
 _MANY = 12
+#: Values that are named as mistyped; where more are, they have another reason.
+_MOST_SLIPS = 20
 #: Names of logarithmic units.
 _LOGARITHMIC = re.compile(r"db.*|bels?|np|phons?|cents?|semitones?|octaves?|decades?|ph")
 #: Equal values at one end that chance hardly gives, where adjustments are read to several digits.
@@ -50,6 +53,8 @@ _HOMOGLYPHS = str.maketrans(
     "АВЕКМНОРСТХаеорсухіѕјԁһ" + "ΑΒΕΖΗΙΚΜΝΟΡΤΥΧονκρ",
     "ABEKMHOPCTXaeopcyxisjdh" + "ABEZHIKMNOPTYXovkp",
 )
+
+_Sorted = npt.NDArray[np.float64]
 
 
 def doubtful_ids(table: pd.DataFrame, place: Places) -> Iterator[Notice]:
@@ -131,8 +136,11 @@ def screen(
 
     `left_out` says that the analyst declared limits, and that some cells may have lost all trials.
     """
-    for slip in slips(table, quantities):
+    found = list(slips(table, quantities))
+    for slip in found[:_MOST_SLIPS]:
         yield Notice(f"{slip.text}: mistyped?", column=f"{slip.parameter}_adj", **place(slip.index))
+    if len(found) > _MOST_SLIPS:
+        yield Notice(f"{counted(len(found) - _MOST_SLIPS, 'more value')} may be mistyped")
     yield from _single_trials(table)
     for quantity in quantities:
         yield from _without_logarithm(table, quantity.name, place, family)
@@ -326,44 +334,72 @@ def slips(table: pd.DataFrame, quantities: Iterable[Quantity]) -> Iterator[Slip]
         trials["decades"] = np.log10(trials["value"])
         middle = trials.groupby("environment", sort=False)["decades"].transform("median")
         trials["off"] = trials["decades"] - middle
-        for index in trials.index[trials["off"].abs() > _LOOKED_AT]:
-            one = trials.loc[index]
-            others = trials.drop(index=index)
-            beside = others[others["environment"] == one["environment"]]
-            if len(beside) and _is_slip(one, others, beside):
+        beside = _Others(trials)
+        looked_at = trials[trials["off"].abs() > _LOOKED_AT]
+        for one in looked_at.itertuples():
+            if len(beside.decades[one.environment]) > 1 and _is_slip(one, beside):
+                usual = _quantile(beside.values[one.environment], one.value, 0.5)
                 text = (
-                    f"{name} = {one['value']:.6g} of subject {shown([one['subject']])}, where the"
-                    f" other trials of {shown([one['environment']])} have a median of"
-                    f" {beside['value'].median():.6g}"
+                    f"{name} = {one.value:.6g} of subject {shown([one.subject])}, where the"
+                    f" other trials of {shown([one.environment])} have a median of {usual:.6g}"
                 )
-                yield Slip(index, one["environment"], name, text)
+                yield Slip(one.Index, one.environment, name, text)
 
 
-def _is_slip(one: pd.Series, others: pd.DataFrame, beside: pd.DataFrame) -> bool:
-    """Whether a digit explains how far a trial lies from those `beside` it, or nothing does."""
-    typical = beside["decades"].median()
-    distance = abs(one["decades"] - typical)
-    subjects = {one["subject"], *beside["subject"]}
-    gross = distance > _GROSS and len(subjects) >= _FEWEST
+class _Others:
+    """Trials sorted by environment and by subject once, so that each is cheap to leave out."""
+
+    def __init__(self, trials: pd.DataFrame) -> None:
+        by_environment = trials.groupby("environment", sort=False)
+        self.decades = {name: np.sort(own) for name, own in by_environment["decades"]}
+        self.values = {name: np.sort(own) for name, own in by_environment["value"]}
+        self.subjects = by_environment["subject"].nunique().to_dict()
+        self.off = {name: np.sort(own) for name, own in trials.groupby("subject")["off"]}
+        sds = by_environment["decades"].agg(_robust_sd)
+        #: SD that the other environments usually have, in decades.
+        ordered = np.sort(sds)
+        self.usual_sd = {name: _quantile(ordered, sd, 0.5) for name, sd in sds.items()}
+        if len(sds) == 1:
+            self.usual_sd = dict.fromkeys(sds.index, _USUAL_SD)
+
+
+def _quantile(ordered: _Sorted, left_out: float, share: float) -> float:
+    """Quantile of sorted numbers without one of them."""
+    last = len(ordered) - 2
+    if last < 0:
+        return np.nan
+    gap = np.searchsorted(ordered, left_out)
+    below = int(share * last)
+    above = min(below + 1, last)
+    # Behind the gap each number stands one place later.
+    low = ordered[below + (below >= gap)]
+    high = ordered[above + (above >= gap)]
+    return float(low + (share * last - below) * (high - low))
+
+
+def _is_slip(one: Any, others: _Others) -> bool:
+    """Whether a digit explains how far a trial lies from those beside it, or nothing does."""
+    beside = others.decades[one.environment]
+    typical = _quantile(beside, one.decades, 0.5)
+    distance = abs(one.decades - typical)
+    gross = distance > _GROSS and others.subjects[one.environment] >= _FEWEST
     if abs(distance - 1.0) > _NEAR_TEN and not gross:
         return False
-    if len(beside) == 1:
+    if len(beside) == 2:
         # Of two trials either may be the slip: it is the one farther from what was shown.
-        shown = np.log10(one["reference"]) if one["reference"] > 0 else np.nan
-        if not abs(one["decades"] - shown) > abs(typical - shown):
+        shown = np.log10(one.reference) if one.reference > 0 else np.nan
+        if not abs(one.decades - shown) > abs(typical - shown):
             return False
-    elsewhere = others[others["environment"] != one["environment"]]
-    sd = elsewhere.groupby("environment")["decades"].apply(_robust_sd).median()
-    if np.isnan(sd):
-        sd = _USUAL_SD
-    freedom = len(beside) - 1
-    own = freedom * _robust_sd(beside["decades"]) ** 2
-    variance = (_ELSEWHERE * sd**2 + own) / (_ELSEWHERE + freedom)
-    if distance <= _FAR * np.sqrt(variance * (1.0 + 1.0 / len(beside))):
+    freedom = len(beside) - 2
+    quartiles = [_quantile(beside, one.decades, share) for share in (0.25, 0.75)]
+    own_sd = (quartiles[1] - quartiles[0]) / _QUARTILES
+    elsewhere = _ELSEWHERE * others.usual_sd[one.environment] ** 2
+    variance = (elsewhere + freedom * own_sd**2) / (_ELSEWHERE + freedom)
+    if distance <= _FAR * np.sqrt(variance * (1.0 + 1.0 / (len(beside) - 1))):
         return False
     # A subject who is as far off in other trials has a habit, or another unit.
-    habit = others.loc[others["subject"] == one["subject"], "off"].median()
-    off = one["decades"] - typical
+    habit = _quantile(others.off[one.subject], one.off, 0.5)
+    off = one.decades - typical
     return not abs(off - habit) < 1.0 - _NEAR_TEN
 
 

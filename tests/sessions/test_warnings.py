@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -406,3 +408,21 @@ def test_ordinary_scatter_and_habits_are_no_slips():
     # One subject sets a tenth of what was shown, in every trial.
     table.loc[table["subject"] == "S0", "k_adj"] = 0.1 * table["k_ref"]
     assert list(slips(table, [IMPEDANCE["k"]])) == []
+
+
+def test_many_doubtful_values_of_a_large_table_are_found_in_seconds() -> None:
+    random = np.random.default_rng(3)
+    rows = 40_000
+    table = pd.DataFrame(
+        {
+            "subject": random.integers(1, 2_000, rows).astype(str),
+            "environment": random.choice(["a", "b"], rows),
+            "k_adj": random.integers(1, 2_000, rows).astype(float),
+            "k_ref": 1_000.0,
+        }
+    )
+    began = time.process_time()
+    found = list(slips(table, [IMPEDANCE["k"]]))
+    assert len(found) > 100
+    # A median of all other trials per value took minutes.
+    assert time.process_time() - began < 5.0
