@@ -336,6 +336,7 @@ def slips(table: pd.DataFrame, quantities: Iterable[Quantity]) -> Iterator[Slip]
         trials["off"] = trials["decades"] - middle
         beside = _Others(trials)
         looked_at = trials[trials["off"].abs() > _LOOKED_AT]
+        one: Any
         for one in looked_at.itertuples():
             if len(beside.decades[one.environment]) > 1 and _is_slip(one, beside):
                 usual = _quantile(beside.values[one.environment], one.value, 0.5)
