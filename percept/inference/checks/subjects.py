@@ -20,9 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block, cholesky
+from percept.inference.hierarchy.blocks import Block
 from percept.inference.hierarchy.laws import SubjectLaws, Whitened
 from percept.inference.hierarchy.model import Pooled
+from percept.inference.hierarchy.stacked_cholesky import stacked_factor
 
 __all__ = ["LeftOut", "SubjectDensity"]
 
@@ -197,7 +198,7 @@ def _variances(noise: Block, effects: Array) -> Array:
 
 def _factor(matrices: Array) -> Array:
     """Lower factors of (W, R, R) matrices, NaN of all that are singular but for rounding."""
-    factor = cholesky(matrices)
+    factor = stacked_factor(matrices)
     if np.isnan(factor).any():
         smallest = np.linalg.eigvalsh(matrices)[:, 0]
         factor[~(smallest > _LEAST_EIGENVALUE)] = np.nan

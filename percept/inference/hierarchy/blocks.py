@@ -21,7 +21,6 @@ __all__ = [
     "SharedCovariance",
     "Vector",
     "block",
-    "cholesky",
     "gram",
     "weighted_mean",
     "weighted_mean_of_rows",
@@ -232,17 +231,6 @@ def gram(columns: Sequence[Array]) -> Block:
     residual = columns[1] - slope * columns[0]
     rest = np.einsum("qjw,qjw->jw", residual, residual)
     return Block((first, rest), slope)
-
-
-def cholesky(matrices: Array) -> Array:
-    """Lower factors of matrices (W, Q, Q), NaN where rounding left no positive definite one."""
-    try:
-        return np.asarray(np.linalg.cholesky(matrices), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        if len(matrices) == 1:
-            return np.full_like(matrices, np.nan)
-        halves = np.array_split(matrices, 2)
-        return np.concatenate([cholesky(half) for half in halves])
 
 
 class SharedCovariance:

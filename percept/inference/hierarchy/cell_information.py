@@ -22,11 +22,7 @@ from numpy.typing import NDArray
 from percept.inference.hierarchy.cell_equations import CellEquations
 from percept.inference.hierarchy.cell_problem import CellProblem
 from percept.inference.hierarchy.cell_scales import CellScales
-from percept.inference.hierarchy.elimination import (
-    Elimination,
-    EnvironmentsFirst,
-    SubjectsFirst,
-)
+from percept.inference.hierarchy.elimination import solve
 from percept.inference.hierarchy.small_cholesky import lower_factor, solve_lower, solve_upper
 
 __all__ = ["CellLaw"]
@@ -47,15 +43,11 @@ class CellLaw:
         self._equations = equations
         self._trial = scales.trial
         self._effects_factor = lower_factor(equations.subject.effect_precision)  # (q, q, G, W)
-        self._solved: Elimination
-        if problem.eliminates_environments(len(scales.effects)):
-            self._solved = EnvironmentsFirst(equations, self._effects_factor)
-        else:
-            self._solved = SubjectsFirst(equations, self._effects_factor)
+        self._solved = solve(equations, self._effects_factor)
         #: (W,) Whether enough digits remain for the density.
-        self.sound = self._solved.sound
+        self.sound = self._solved.remainder.sound
         #: (W,) Whether enough remain for the law of the locations.
-        self.laws_sound = self._solved.laws_sound
+        self.laws_sound = self._solved.remainder.laws_sound
         self._latents = self._solved.latents
         self.log_density = problem.constant - 0.5 * (
             self._solved.log_determinant

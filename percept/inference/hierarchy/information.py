@@ -27,16 +27,19 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block, Vector, cholesky, gram, weighted_mean
+from percept.inference.hierarchy.blocks import Block, Vector, gram, weighted_mean
 from percept.inference.hierarchy.information_problem import InformationProblem
 from percept.inference.hierarchy.scales import Scales
+from percept.inference.hierarchy.stacked_cholesky import (
+    stacked_factor,
+    stacked_solve_lower,
+    stacked_solve_upper,
+)
 
 __all__ = [
     "LEAST_PIVOT",
     "Information",
-    "lower_solve",
     "precision_entries",
-    "upper_solve",
 ]
 
 Array = NDArray[np.float64]
@@ -83,13 +86,13 @@ class Information:
             effect_covariance = effect_precision.inverse()  # T
         entries = precision_entries(kinds.inverse())
         equations = self._normal_equations(entries, effect_covariance)
-        self._factor = cholesky(equations.matrix)
+        self._factor = stacked_factor(equations.matrix)
         pivots = np.einsum("wii->wi", self._factor)
         kept = pivots * pivots >= LEAST_PIVOT * equations.full_diagonal
         #: (W,) Whether enough digits are left.
         self.sound = kept.all(axis=1)
-        whitened = lower_solve(self._factor, equations.right)
-        self._latents = upper_solve(self._factor, whitened)
+        whitened = stacked_solve_lower(self._factor, equations.right)
+        self._latents = stacked_solve_upper(self._factor, whitened)
         self.mean: Vector = tuple(self._of_latents(self._latents))
         determinants = problem.subjects_of_kind @ kinds.log_determinant()
         if scales.shared is not None and effect_covariance is not None:
@@ -246,7 +249,7 @@ class Information:
     def draw(self, rng: np.random.Generator) -> Array:
         """Draw beta of all environments jointly, once per set of scales: (P, J, W)."""
         normals = rng.standard_normal(self._latents.shape)
-        departures = upper_solve(self._factor, normals)
+        departures = stacked_solve_upper(self._factor, normals)
         return self._of_latents(self._latents + departures)
 
     def trend(self, rows: Array) -> tuple[Array, Array]:
@@ -282,21 +285,3 @@ def precision_entries(precision: Block) -> Array:
     cross = second * slope
     first = precision.rest + cross * slope
     return np.stack([[first, cross], [cross, second]])
-
-
-def lower_solve(factor: Array, right: Array) -> Array:
-    """Solve L x = right for lower factors (W, Q, Q) and vectors (W, Q)."""
-    x = right.copy()
-    for i in range(x.shape[1]):
-        solved = np.einsum("wk,wk->w", factor[:, i, :i], x[:, :i])
-        x[:, i] = (x[:, i] - solved) / factor[:, i, i]
-    return x
-
-
-def upper_solve(factor: Array, right: Array) -> Array:
-    """Solve L'x = right."""
-    x = right.copy()
-    for i in reversed(range(x.shape[1])):
-        solved = np.einsum("wk,wk->w", factor[:, i + 1 :, i], x[:, i + 1 :])
-        x[:, i] = (x[:, i] - solved) / factor[:, i, i]
-    return x
