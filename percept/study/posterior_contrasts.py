@@ -1,13 +1,16 @@
-"""Contrasts of a fit: each at the level asked for, and all of a term together.
+"""Contrasts of a fit that passed: limits of each, and limits that hold for a whole term at once.
 
-A plan lists contrasts as weights of the model's locations. Those within subjects ("users") have all
-kinds: of the average user, the next one, and a share of them. Those between groups, and slopes of
-covariates ("groups"), have the average's only. Contrasts are numbered: users' first, then groups'.
+A contrast is a weighted sum of the model's locations. A plan has L of them in this order:
 
-A family is what a reader compares at a glance: all contrasts of one term in one quantity. Its
-limits hold together if all its true values lie within theirs at once, with the level asked for.
-Joint draws say how much wider single limits must be for that; the limits themselves rest on all
-draws of the scales, as those of single contrasts.
+- `users`, within subjects: limits of every kind (the average user, the next one, a share of users);
+- `groups`, between groups of subjects, and slopes of covariates: limits of the average user only.
+
+A family is the contrasts of one term in one quantity: what a reader compares at a glance. Its
+limits hold together if, with the level asked for, all its true values lie within them at once. They
+are single limits at a higher level. Joint draws of the L contrasts say how high that level must be;
+the limits themselves rest on every draw of the scales, as all single limits do.
+
+Shapes: S draws of the scales, a few joint draws for each of them, N in all.
 """
 
 from __future__ import annotations
@@ -33,12 +36,14 @@ from percept.study.linear import Compared, ContrastPlan
 
 __all__ = ["posterior_contrasts"]
 
-#: Draws of the scales on which families rest: thinned in whole steps, fewer than twice as many.
-_MOST_DRAWS = 4096
-#: Joint draws of a family for each draw of the scales, at most. With 65,536 in all, the limits that
-#: hold together at 99 % are known to 1 % of their half-widths.
+#: Draws of the scales, S, that joint draws are made for. Every k-th draw of the fit is kept, with k
+#: a whole number: up to twice as many stay.
+_LEAST_KEPT = 4096
+#: Joint draws for each draw of the scales, at most. With 16 times 4096 in all, limits that hold
+#: together at 99 % are known to 1 % of their half-widths.
 _MOST_REPEATS = 16
-#: Numbers in all joint draws of a quantity, at most: 32 MB for locations, and 32 MB for users.
+#: Numbers in an array of joint draws, (N, L), at most: 32 MB. There are two, of average users and
+#: of next users.
 _MOST_NUMBERS = 1 << 22
 
 
@@ -50,7 +55,7 @@ class _Ends:
     lower: float
     upper: float
     estimate: float
-    together: tuple[float, float] | None  # Limits that hold with the rest of its family
+    together: tuple[float, float] | None  # Limits that hold with its family; None without one
 
 
 def posterior_contrasts(fit: Fit, tables: Mapping[str, ContrastTable]) -> Iterator[Row | Skipped]:
@@ -63,9 +68,9 @@ def posterior_contrasts(fit: Fit, tables: Mapping[str, ContrastTable]) -> Iterat
     first_table = next(iter(tables.values()))
     contrasts = _Contrasts(fit, plan, first_table.inference)
     for compared, ends in contrasts.limits():
-        # The model's slope is for an SD of its covariate, which `unit` is; elsewhere it is one.
-        unit = compared.comparison.unit
-        limits = np.array([ends.lower, ends.upper, ends.estimate]) / unit
+        # A slope of the model is for one SD of its covariate, and a row's for one unit of it:
+        # `unit` is that SD. It is 1 for all other contrasts.
+        limits = np.array([ends.lower, ends.upper, ends.estimate]) / compared.comparison.unit
         yield tables[compared.parameter].row(
             compared.comparison,
             limits,
@@ -78,7 +83,7 @@ def posterior_contrasts(fit: Fit, tables: Mapping[str, ContrastTable]) -> Iterat
 
 
 class _Contrasts:
-    """Contrasts of bias and slopes, all kinds of a contrast after each other."""
+    """Limits of all contrasts of a plan but ratios of SDs."""
 
     def __init__(self, fit: Fit, plan: ContrastPlan, inference: InferenceTable) -> None:
         self._fit = fit
@@ -87,104 +92,96 @@ class _Contrasts:
         self._joint = _JointDraws.of(fit, plan, inference.seed)
 
     def limits(self) -> Iterator[tuple[Compared, _Ends]]:
-        """Yield every contrast with its limits, kind by kind."""
+        """Yield every contrast with its limits: all kinds of one contrast, then the next one."""
         users = self._plan.users
         groups = self._plan.groups
         estimands = self._plan.estimands(self._inference)
         value = self._fit.run.estimates.value
         components = self._fit.run.components
         components = components.reshape(-1, components.shape[-1])
-        by_kind = []
+        ends_by_kind = []
         for kind in self._inference.kinds:
             single = estimands.of_users(kind, value, components)
-            by_kind.append(self._with_families(users, kind, single, first_number=0))
-        for compared, *ends_by_kind in zip(users, *by_kind, strict=True):
+            ends_by_kind.append(self._ends(users, kind, single, first_column=0))
+        for index, compared in enumerate(users):
             for ends in ends_by_kind:
-                yield compared, ends
+                yield compared, ends[index]
         single = estimands.of_groups(value, components)
-        ends_of_groups = self._with_families(groups, "mean", single, first_number=len(users))
+        ends_of_groups = self._ends(groups, "mean", single, first_column=len(users))
         yield from zip(groups, ends_of_groups, strict=True)
 
-    def _with_families(
-        self, compared: Sequence[Compared], kind: Kind, single: ContrastLimits, *, first_number: int
+    def _ends(
+        self, compared: Sequence[Compared], kind: Kind, single: ContrastLimits, *, first_column: int
     ) -> list[_Ends]:
-        """Put single limits of one kind beside those that hold together.
+        """Join single limits of one kind with the limits that hold together.
 
-        `first_number` is that of the first of these contrasts.
+        `first_column` is the column of the first of these contrasts in the joint draws.
         """
         together: dict[int, tuple[float, float]] = {}
-        # No family of shares has limits that hold together.
+        # Limits of a share hold for one contrast only.
         families = [] if kind == "share" else _families(compared)
         for members in families:
-            numbers = [first_number + member for member in members]
-            level = self._joint.level_together(numbers, kind, self._inference.level)
-            together |= self._wider(members, kind, level, single.laws)
+            columns = [first_column + member for member in members]
+            level = self._joint.level_of_single(columns, kind, self._inference.level)
+            intervals = IntervalEstimands(self._fit.model, level=level)
+            limits = intervals.limits(kind, single.laws.of(members))
+            pairs = zip(limits.lower.tolist(), limits.upper.tolist(), strict=True)
+            together |= zip(members, pairs, strict=True)
         estimates = single.laws.mean.mean(axis=0).tolist()
         ends = []
-        for member, estimate in enumerate(estimates):
-            lower = float(single.lower[member])
-            upper = float(single.upper[member])
-            ends.append(_Ends(kind, lower, upper, estimate, together.get(member)))
+        for index, estimate in enumerate(estimates):
+            lower = float(single.lower[index])
+            upper = float(single.upper[index])
+            ends.append(_Ends(kind, lower, upper, estimate, together.get(index)))
         return ends
-
-    def _wider(
-        self, members: list[int], kind: Kind, level: float, laws: ConditionalMoments
-    ) -> dict[int, tuple[float, float]]:
-        """Limits of a family's members at a higher level, by member."""
-        intervals = IntervalEstimands(self._fit.model, level=level)
-        limits = intervals.limits(kind, laws.of(members))
-        lower = limits.lower.tolist()
-        upper = limits.upper.tolist()
-        pairs = zip(lower, upper, strict=True)
-        return dict(zip(members, pairs, strict=True))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _JointDraws:
-    """Joint draws of L contrasts, repeated for some draws of the scales."""
+    """Joint draws of all L contrasts of a plan."""
 
-    laws: ConditionalMoments  # (S, L) Given each of these draws of the scales
-    locations: Array  # (N, L) Of the average user
-    users: Array  # (N, L) Of the next user
+    laws: ConditionalMoments  # (S, L) Of each contrast, given a draw of the scales
+    average_users: Array  # (N, L)
+    next_users: Array  # (N, L)
 
     @classmethod
     def of(cls, fit: Fit, plan: ContrastPlan, seed: int) -> Self:
         """Draw all contrasts of a plan."""
-        stride = max(1, len(fit.points) // _MOST_DRAWS)
+        stride = max(1, len(fit.points) // _LEAST_KEPT)
         points = fit.points[::stride]
-        rows = plan.rows([*plan.users, *plan.groups])
-        numbers_per_repeat = max(1, rows.shape[0] * len(points))
+        weights = plan.rows([*plan.users, *plan.groups])
+        numbers_per_repeat = max(1, len(weights) * len(points))
         affordable = max(1, _MOST_NUMBERS // numbers_per_repeat)
         repeats = min(affordable, _MOST_REPEATS)
         rng = generator(seed, Stream.CONTRASTS)
-        laws = plan.model.laws_of(rows, points)
-        locations, users = plan.model.draw_of(rows, points, rng, repeats=repeats)
-        return cls(laws, locations, users)
+        laws = plan.model.laws_of(weights, points)
+        average_users, next_users = plan.model.draw_of(weights, points, rng, repeats=repeats)
+        return cls(laws, average_users, next_users)
 
-    def level_together(self, numbers: list[int], kind: Kind, level: float) -> float:
-        """Level of single limits at which some contrasts hold together."""
-        laws = self.laws.of(numbers)
+    def level_of_single(self, columns: list[int], kind: Kind, level: float) -> float:
+        """Level of single limits at which these contrasts all hold with the given level."""
+        laws = self.laws.of(columns)
         if kind == "user":
             sd = np.hypot(laws.sd, laws.population_sd)
-            return level_together(laws.mean, sd, self.users[:, numbers], level)
-        return level_together(laws.mean, laws.sd, self.locations[:, numbers], level)
+            return level_together(laws.mean, sd, self.next_users[:, columns], level)
+        return level_together(laws.mean, laws.sd, self.average_users[:, columns], level)
 
 
 def _families(compared: Sequence[Compared]) -> list[list[int]]:
-    """Members of each family of several: their places among these contrasts."""
+    """Return the indices of each family's contrasts; levels, slopes and lone ones have none."""
     families: dict[tuple[str, str], list[int]] = {}
-    for member, contrast in enumerate(compared):
+    for index, contrast in enumerate(compared):
         comparison = contrast.comparison
         if comparison.of in ("bias", "interaction"):
             term = (contrast.parameter, comparison.factor)
-            families.setdefault(term, []).append(member)
-    return [family for family in families.values() if len(family) > 1]
+            families.setdefault(term, []).append(index)
+    return [members for members in families.values() if len(members) > 1]
 
 
 def _spreads(
     fit: Fit, plan: ContrastPlan, tables: Mapping[str, ContrastTable]
 ) -> Iterator[Row | Skipped]:
-    """Yield the ratios of SDs between users."""
+    """Yield ratios of the SDs between users, and where their limits miss the tolerance."""
     for compared in plan.spreads:
         table = tables[compared.parameter]
         comparison = compared.comparison
