@@ -12,7 +12,7 @@ The latents are integrated out in this order, with the data carried along as one
 
 1. Every column is whitened by D/N, cell by cell.
 2. `absorb` integrates out the own deviations, environment by environment.
-3. `regression.factor` integrates out the few columns of Z and X that are left, over all cells.
+3. `orthogonal.factor` integrates out the few columns of Z and X that are left, over all cells.
 
 Steps 2 and 3 are modified Gram-Schmidt, so no digits are lost at scales of any size. Arrays have P
 quantities, C cells, J environments with L cells at most, W sets of scales, and f fixed columns.
@@ -27,7 +27,7 @@ from percept.inference.hierarchy.blocks import Block
 from percept.inference.hierarchy.cell_problem import columns_by_quantity
 from percept.inference.hierarchy.cell_scales import CellScales
 from percept.inference.hierarchy.design import Design
-from percept.inference.hierarchy.regression import factor
+from percept.inference.hierarchy.orthogonal import factor
 from percept.inference.hierarchy.statistics import Statistics
 from percept.inference.hierarchy.subject_covariance import SubjectCovariance
 

@@ -1,13 +1,25 @@
-"""Locations by orthogonal regression, for one pattern of counts and for scales of any size.
+"""Locations by orthogonal regression, for scales of any size: at its fastest with one pattern.
 
-Cell means of pattern g in environment j are z_gj = beta_j + ubar_g + noise with beta_j = alpha +
-gamma x_j + delta_j. With a single pattern the environments' own biases delta_j are integrated out,
-and alpha and ubar merge since only their sum enters. With several patterns ubar_g is integrated out
-and the delta_j are latents.
+Subjects with equal cells and trials form a pattern g of n_g subjects. Their mean z_gj in
+environment j is
 
-With y | xi ~ N(A xi, I) and xi ~ N(0, I), everything wanted of y and of xi given y comes from the
-triangular factor of [[I], [A]]. Modified Gram-Schmidt with the target carried along is backward
-stable for this; normal equations, and Woodbury's identity, subtract large numbers instead.
+    z_gj = beta_j + ubar_g + noise,    beta_j = alpha + gamma x_j + delta_j
+
+with one entry for each of P quantities. Priors are normal about zero: alpha and gamma with known
+SDs, the environments' biases delta_j with SDs tau, the mean subject effect ubar_g with the
+covariance shared/n_g. The means are whitened by the covariance that is integrated out, and
+regressed on standard normal latents xi by `orthogonal`:
+
+    patterns   integrated out   latents
+    one        delta            alpha, gamma, ubar; merged: the sum alpha + ubar, and gamma
+    several    ubar             alpha, gamma, delta
+
+Only the sum of alpha and ubar enters the means of one pattern. So the merged form gives their
+density with P latents fewer, and no law of beta.
+
+Shapes: P quantities, J environments, E of them in a pattern, Q latents, M whitened means, W sets of
+scales. A `Vector` holds an array per quantity, and a `Block` a covariance of the quantities per
+entry.
 """
 
 from __future__ import annotations
@@ -19,277 +31,315 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.hierarchy.blocks import Block, SharedCovariance, Vector, gram
+from percept.inference.hierarchy.orthogonal import factor
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Layout, Scales
 from percept.inference.hierarchy.statistics import Statistics
 
-__all__ = ["Factored", "LocationProblem", "Regression", "factor"]
+__all__ = ["LocationProblem", "Regression"]
 
 Array = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Factored:
-    """Result of `factor` for latents of dimension q and W sets of scales."""
+class OnePatternMeans:
+    """What the biases delta are drawn back from, once they are integrated out."""
 
-    log_determinant: Array  # (W,) log det(I + A'A)
-    distance: Array  # (W,) y'(I + AA')⁻¹y, a sum of squares
-    triangle: Array  # (q, q, W) Upper triangular R with R'R = I + A'A
-    coefficients: Array  # (q, W) R times the conditional mean of xi
-
-    def solve(self, right: Array) -> Array:
-        """Solve R x = right for x, `right` of shape (q, ..., W)."""
-        solution = np.array(np.broadcast_to(right, right.shape[:-1] + self.triangle.shape[-1:]))
-        for i in reversed(range(len(solution))):
-            solution[i] /= self.triangle[i, i]
-            for k in range(i):
-                solution[k] -= self.triangle[k, i] * solution[i]
-        return solution
-
-    def solve_transposed(self, right: Array) -> Array:
-        """Solve R'x = right for x, `right` of shape (q, ..., W)."""
-        solution = np.array(np.broadcast_to(right, right.shape[:-1] + self.triangle.shape[-1:]))
-        for i in range(len(solution)):
-            solution[i] /= self.triangle[i, i]
-            for k in range(i + 1, len(solution)):
-                solution[k] -= self.triangle[i, k] * solution[i]
-        return solution
-
-    @property
-    def mean(self) -> Array:
-        """Conditional mean of xi, shape (q, W)."""
-        return self.solve(self.coefficients)
-
-
-def factor(design: Array, target: Array) -> Factored:
-    """Factor [[I], [A]] and project the target, for every set of scales."""
-    size, rows, width = design.shape
-    # The identity is flipped so that each column's nonzeros are contiguous.
-    work = np.zeros((size + 1, size + rows, width))
-    work[:size, size:] = design
-    work[size, size:] = target
-    work[np.arange(size), size - 1 - np.arange(size)] = 1.0
-    triangle = np.zeros((size, size, width))
-    coefficients = np.empty((size, width))
-    squares = np.empty((size, width))
-    for i in range(size):
-        column = work[i, size - 1 - i :]
-        later = work[i + 1 :, size - 1 - i :]
-        np.einsum("mw,mw->w", column, column, out=squares[i])
-        norm = np.sqrt(squares[i], out=triangle[i, i])
-        column /= norm
-        shares = np.einsum("mw,kmw->kw", column, later)
-        later -= shares[:, None] * column
-        triangle[i, i + 1 :] = shares[:-1]
-        coefficients[i] = shares[-1]
-    residual = work[size]
-    return Factored(
-        np.log(squares).sum(axis=0),
-        np.einsum("mw,mw->w", residual, residual),
-        triangle,
-        coefficients,
-    )
+    noise: Block  # (J, W) Covariance of the means about beta + ubar
+    mean: Vector  # (J, W) z
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Whitened:
-    """A regression on standard normal latents with unit noise, and how beta follows from it."""
+class WhitenedMeans:
+    """Pattern means as a regression on standard normal latents with unit noise."""
 
-    design: Array  # (q, M, W) Columns of the whitened design
+    design: Array  # (Q, M, W) Columns of the whitened design
     target: Array  # (M, W) Whitened pattern means
-    log_determinant: Array  # (W,) log det of the noise covariance that was whitened away
-    columns: list[Vector]  # What each latent adds to the means, per parameter
-    locations: list[Vector]  # What each adds to the locations
-    summed: (
-        tuple[Block, Vector] | None
-    )  # Noise and mean of the one pattern, its own biases integrated out
+    log_determinant: Array  # (W,) log det of the covariance that was whitened away
+    columns: list[Vector]  # (J, W or 1) What each latent adds to the means
+    location_columns: list[Vector]  # (J, W or 1) What each latent adds to beta
+    integrated_out: OnePatternMeans | None  # None with several patterns, whose delta are latents
 
 
 class LocationProblem:
-    """Builds the regression of the pattern means on the locations."""
+    """Builds the regression of the pattern means on the latents.
+
+    Parameters
+    ----------
+    statistics : Statistics
+        Of the responses.
+    layout : Layout
+        Whose scales the regression takes.
+    priors : Priors
+        Prior SDs of alpha and gamma.
+
+    Attributes
+    ----------
+    environments : int
+        Their number J.
+    trend : ndarray
+        Columns (P or 2 P, P, J) of alpha, and of gamma if there are several environments, times
+        their prior SDs.
+    """
 
     def __init__(self, statistics: Statistics, layout: Layout, priors: Priors) -> None:
-        self._patterns, self._size = statistics.patterns, layout.parameters
+        self._patterns = statistics.patterns
+        self._size = layout.parameters
         self.environments = layout.environments
         self._alpha_sd = priors.alpha_sd
-        each = np.eye(self._size)[..., None]
-        slopes = [priors.gamma_sd * statistics.x * each] if layout.trend else []
-        #: Columns (Q, P, J) of alpha and gamma, times their prior SDs.
-        self.trend = np.concatenate([priors.alpha_sd * each + np.zeros(self.environments), *slopes])
+        each_quantity = np.eye(self._size)[..., None]
+        every_environment = np.zeros(self.environments)
+        trend = [priors.alpha_sd * each_quantity + every_environment]
+        if layout.trend:
+            trend.append(priors.gamma_sd * statistics.x * each_quantity)
+        self.trend = np.concatenate(trend)
         self._trend_columns = [tuple(column[..., None]) for column in self.trend]
 
-    def whitened(self, scales: Scales, cells: list[Block], *, merge: bool) -> Whitened:
-        """Whiten pattern means and the latents' design, level and subject effect merged or not."""
-        # Covariance of each pattern's mean about its mean subject effect, entries (E, W).
-        noises = [
-            cell.scaled(1.0 / pattern.subjects)
-            for cell, pattern in zip(cells, self._patterns, strict=True)
-        ]
-        if len(noises) == 1:
-            return self._of_one_pattern(scales, noises[0], merge=merge)
-        return self._of_several(scales, noises)
+    def whitened(self, scales: Scales, cell_noise: list[Block], *, merge: bool) -> WhitenedMeans:
+        """Whiten the pattern means and the latents' columns.
 
-    def _of_several(self, scales: Scales, noises: list[Block]) -> Whitened:
+        The noise is the covariance of one subject's cell means about beta + u, by pattern (E, W).
+        """
+        noise_of_means = []
+        for pattern, noise in zip(self._patterns, cell_noise, strict=True):
+            noise_of_means.append(noise.scaled(1.0 / pattern.subjects))
+        if len(noise_of_means) == 1:
+            return self._of_one_pattern(scales, noise_of_means[0], merge=merge)
+        return self._of_several(scales, noise_of_means)
+
+    def _of_several(self, scales: Scales, noise_of_means: list[Block]) -> WhitenedMeans:
+        """Integrate out each pattern's ubar; delta are latents."""
         width = scales.log_prior.size
-        columns = list(self._trend_columns)
-        for p, tau in enumerate(scales.tau or ()):
-            for j in range(self.environments):
-                own = np.zeros((self._size, self.environments, width))
-                own[p, j] = tau
-                columns.append(tuple(own))
-        stacked = _stack(columns, (self.environments, width))
-        targets: list[Array] = []
-        designs: list[Array] = []
+        columns = self._trend_columns + self._bias_columns(scales)
+        by_latent = _stacked(columns, (self.environments, width))
+        targets = []
+        designs = []
         log_determinant = np.zeros(width)
-        for pattern, noise in zip(self._patterns, noises, strict=True):
-            shared = None if scales.shared is None else scales.shared.scaled(1.0 / pattern.subjects)
+        for pattern, noise in zip(self._patterns, noise_of_means, strict=True):
+            shared: Block | None = None
+            if scales.shared is not None:
+                shared = scales.shared.scaled(1.0 / pattern.subjects)
             covariance = SharedCovariance(noise, shared)
             log_determinant += covariance.log_determinant()
-            mean = tuple(np.broadcast_to(m[:, None], (m.size, width)) for m in pattern.mean)
-            targets += _rows(covariance.whiten(mean))
-            part = tuple(c[:, pattern.environments] for c in stacked)
-            designs += _rows(covariance.whiten(part), len(columns))
-        design = np.concatenate(designs, axis=1)
-        return Whitened(design, np.concatenate(targets), log_determinant, columns, columns, None)
+            shape = (len(pattern.environments), width)
+            mean = tuple(np.broadcast_to(m[:, None], shape) for m in pattern.mean)
+            for part in _components(covariance.whiten(mean)):
+                targets.append(part.reshape(-1, width))
+            present = tuple(rows[:, pattern.environments] for rows in by_latent)
+            for part in _components(covariance.whiten(present)):
+                designs.append(part.reshape(len(columns), -1, width))
+        return WhitenedMeans(
+            design=np.concatenate(designs, axis=1),
+            target=np.concatenate(targets),
+            log_determinant=log_determinant,
+            columns=columns,
+            location_columns=columns,
+            integrated_out=None,
+        )
 
-    def _of_one_pattern(self, scales: Scales, noise: Block, *, merge: bool) -> Whitened:
+    def _bias_columns(self, scales: Scales) -> list[Vector]:
+        """Columns of delta, quantity by quantity and environment by environment."""
+        columns: list[Vector] = []
+        if scales.tau is None:
+            return columns
+        for p, tau in enumerate(scales.tau):
+            for j in range(self.environments):
+                column = np.zeros((self._size, self.environments, tau.size))
+                column[p, j] = tau
+                columns.append(tuple(column))
+        return columns
+
+    def _of_one_pattern(self, scales: Scales, noise: Block, *, merge: bool) -> WhitenedMeans:
+        """Integrate out delta; ubar is a latent, by itself or merged with alpha."""
         (pattern,) = self._patterns
-        shape = self.environments, scales.log_prior.size
+        shape = (self.environments, scales.log_prior.size)
         mean = tuple(np.broadcast_to(m[:, None], shape) for m in pattern.mean)
-        spread = noise
+        covariance = noise
         if scales.tau is not None:
-            spread = noise.plus_diagonal(tuple(tau * tau for tau in scales.tau))
+            covariance = noise.plus_diagonal(_squares(scales.tau))
         columns = list(self._trend_columns)
         if scales.shared is not None:
-            effect = scales.shared.scaled(1.0 / pattern.subjects)
+            of_ubar = scales.shared.scaled(1.0 / pattern.subjects)
             if merge:
-                both = effect.plus_diagonal((np.array(self._alpha_sd**2),) * self._size)
-                columns[: self._size] = both.factor_columns()
+                alpha_variance = np.array(self._alpha_sd**2)
+                of_sum = of_ubar.plus_diagonal((alpha_variance,) * self._size)
+                columns[: self._size] = of_sum.factor_columns()
             else:
-                columns += effect.factor_columns()
-        whitened = np.concatenate(
-            _rows([spread.whiten(_stack([*columns, mean], shape))], len(columns) + 1), axis=1
+                columns += of_ubar.factor_columns()
+        with_mean = _stacked([*columns, mean], shape)
+        whitened = covariance.whiten(with_mean)
+        rows = np.concatenate(whitened, axis=1)
+        # The subject effect moves the means and not beta.
+        nothing = (np.zeros(1),) * self._size
+        effects = len(columns) - len(self._trend_columns)
+        return WhitenedMeans(
+            design=rows[:-1],
+            target=rows[-1],
+            log_determinant=covariance.log_determinant().sum(axis=0),
+            columns=columns,
+            location_columns=self._trend_columns + [nothing] * effects,
+            integrated_out=OnePatternMeans(noise, mean),
         )
-        log_determinant = spread.log_determinant().sum(axis=0)
-        # The subject effect moves the means and not the locations.
-        apart = [(np.zeros(1),) * self._size] * (len(columns) - len(self._trend_columns))
-        locations = [*self._trend_columns, *apart]
-        return Whitened(
-            whitened[:-1], whitened[-1], log_determinant, columns, locations, (noise, mean)
-        )
 
 
-def _stack(columns: list[Vector], shape: tuple[int, int]) -> Vector:
-    """Stack columns along a new first axis, each parameter (Q, J, W)."""
-    return tuple(
-        np.stack([np.broadcast_to(part, shape) for part in parts])
-        for parts in zip(*columns, strict=True)
-    )
+def _stacked(columns: list[Vector], shape: tuple[int, int]) -> Vector:
+    """Columns side by side along a new first axis: (Q, J, W) per quantity."""
+    stacked = []
+    for parts in zip(*columns, strict=True):
+        broadcast = [np.broadcast_to(part, shape) for part in parts]
+        stacked.append(np.stack(broadcast))
+    return tuple(stacked)
 
 
-def _rows(pieces: list[Vector], *columns: int) -> list[Array]:
-    """Rows of every component of every piece, for each column: (*columns, rows, W)."""
-    return [np.reshape(c, (*columns, -1, c.shape[-1])) for piece in pieces for c in piece]
+def _components(pieces: list[Vector]) -> list[Array]:
+    """All components of all vectors."""
+    components: list[Array] = []
+    for piece in pieces:
+        components += piece
+    return components
+
+
+def _squares(sd: Vector) -> Vector:
+    return tuple(part * part for part in sd)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _BetaGivenLatents:
+    """beta = constant + columns xi + remainder, the remainder independent by environment."""
+
+    columns: list[Array]  # (Q, J, W) per quantity
+    constant: list[Array]  # (J, W) per quantity
+    remainder: Block | None  # (J, W) Covariance of the remainder; None if there is none
 
 
 class Regression:
-    """Locations at W sets of scales: density of patterns' means, and on demand the law of beta.
+    """Locations at W sets of scales: density of the pattern means, and the law of beta.
 
-    With `merge`, one pattern's level and subject effect share a latent. That has one latent fewer,
-    and gives the density alone: the law of beta needs the level by itself.
+    Parameters
+    ----------
+    problem : LocationProblem
+        Patterns and priors.
+    scales : Scales
+        At W sets of coordinates.
+    cell_noise : list of Block
+        Covariance of one subject's cell means about beta + u, by pattern, entries (E, W).
+    merge : bool
+        Whether one pattern's alpha and ubar share latents. The density is then cheaper, and a law
+        of beta raises ValueError.
+
+    Attributes
+    ----------
+    log_density : ndarray
+        Of the pattern means, (W,), up to powers of 2 pi and of counts.
     """
 
     def __init__(
-        self, problem: LocationProblem, scales: Scales, cells: list[Block], *, merge: bool = False
+        self,
+        problem: LocationProblem,
+        scales: Scales,
+        cell_noise: list[Block],
+        *,
+        merge: bool = False,
     ) -> None:
         self._scales = scales
-        self._shape = problem.environments, scales.log_prior.size
-        self._merged = merge and len(cells) == 1 and scales.shared is not None
-        self._whitened = whitened = problem.whitened(scales, cells, merge=merge)
-        self._solved = factor(whitened.design, whitened.target)
-        self.log_density = -0.5 * (
-            whitened.log_determinant + self._solved.log_determinant + self._solved.distance
-        )
+        self._shape = (problem.environments, scales.log_prior.size)
+        self._merged = merge and len(cell_noise) == 1 and scales.shared is not None
+        self._whitened = problem.whitened(scales, cell_noise, merge=merge)
+        self._solved = factor(self._whitened.design, self._whitened.target)
+        log_determinant = self._whitened.log_determinant + self._solved.log_determinant
+        self.log_density = -0.5 * (log_determinant + self._solved.distance)
 
     @cached_property
-    def _on_latents(self) -> tuple[list[Array], list[Array], Block | None]:
-        """Columns of beta on the latents (Q, J, W), the rest of its mean, its own covariance."""
+    def _beta(self) -> _BetaGivenLatents:
+        """Write beta by the latents.
+
+        Several patterns have delta among the latents, and nothing remains. One pattern has
+        delta | xi, z ~ N(tau² (noise + tau²)⁻¹ (z - columns xi), (noise⁻¹ + tau⁻²)⁻¹).
+        """
         self._refuse_merged()
-        problem, scales, shape = self._whitened, self._scales, self._shape
-        columns = list(_stack(problem.locations, shape))
-        constant = [np.zeros(shape) for _ in columns]
-        if problem.summed is None or scales.tau is None:
-            return columns, constant, None
-        noise, mean = problem.summed
-        variances = tuple(tau * tau for tau in scales.tau)
-        pull = noise.plus_diagonal(variances).inverse()
-        change = pull.apply(_stack(problem.columns, shape))
-        columns = [
-            rows - variance * part
-            for rows, variance, part in zip(columns, variances, change, strict=True)
-        ]
-        constant = [
-            variance * part for variance, part in zip(variances, pull.apply(mean), strict=True)
-        ]
-        inverse = tuple(np.broadcast_to(1.0 / variance, shape) for variance in variances)
-        return columns, constant, noise.inverse().plus_diagonal(inverse).inverse()
+        shape = self._shape
+        of_locations = _stacked(self._whitened.location_columns, shape)
+        means = self._whitened.integrated_out
+        if means is None or self._scales.tau is None:
+            nothing = [np.zeros(shape) for _ in of_locations]
+            return _BetaGivenLatents(list(of_locations), nothing, None)
+        variances = _squares(self._scales.tau)
+        pull = means.noise.plus_diagonal(variances).inverse()
+        pulled_columns = pull.apply(_stacked(self._whitened.columns, shape))
+        pulled_mean = pull.apply(means.mean)
+        columns = []
+        constant = []
+        precisions = []
+        for p, variance in enumerate(variances):
+            columns.append(of_locations[p] - variance * pulled_columns[p])
+            constant.append(variance * pulled_mean[p])
+            precisions.append(np.broadcast_to(1.0 / variance, shape))
+        precision = means.noise.inverse().plus_diagonal(tuple(precisions))
+        return _BetaGivenLatents(columns, constant, precision.inverse())
 
     def _refuse_merged(self) -> None:
         """Refuse a law of latents that hold a subject effect as well."""
         if self._merged:
             raise ValueError("A merged regression gives no law of beta: build it without merge.")
 
-    def _of_latents(self, latents: Array) -> Vector:
-        columns, constant, _ = self._on_latents
-        return tuple(
-            c + np.einsum("qjw,qw->jw", rows, latents)
-            for c, rows in zip(constant, columns, strict=True)
-        )
+    def _at_latents(self, latents: Array) -> Vector:
+        """Beta without its remainder, (J, W), at latents (Q, W)."""
+        beta = []
+        for constant, columns in zip(self._beta.constant, self._beta.columns, strict=True):
+            beta.append(constant + np.einsum("qjw,qw->jw", columns, latents))
+        return tuple(beta)
 
     @cached_property
     def mean(self) -> Vector:
-        """Conditional mean of beta, (J, W) per parameter."""
-        return self._of_latents(self._solved.mean)
+        """Conditional mean of beta, (J, W) per quantity."""
+        return self._at_latents(self._solved.mean)
 
     @cached_property
-    def _spread(self) -> list[Array]:
-        """Columns (Q, J, W) per parameter that the latents give to the covariance of beta."""
-        columns, *_ = self._on_latents
-        return [self._solved.solve_transposed(rows) for rows in columns]
+    def _latent_columns(self) -> list[Array]:
+        """Columns (Q, J, W) per quantity that the latents give to the covariance of beta."""
+        return [self._solved.solve_transposed(columns) for columns in self._beta.columns]
 
     @cached_property
     def covariance(self) -> Block:
         """Conditional covariance of beta within each environment, entries (J, W)."""
-        *_, own = self._on_latents
-        return gram(self._spread) if own is None else gram(self._spread) + own
+        of_latents = gram(self._latent_columns)
+        if self._beta.remainder is None:
+            return of_latents
+        return of_latents + self._beta.remainder
 
     def columns(self) -> Array:
         """Columns (R, P, J, W) whose outer products sum to the covariance of beta."""
-        *_, own = self._on_latents
-        columns = np.stack(self._spread, axis=1)
-        if own is None:
-            return columns
-        _, size, environments, width = columns.shape
-        apart = np.zeros((size, environments, size, environments, width))
-        at = np.arange(environments)
-        for c, column in enumerate(own.factor_columns()):
+        of_latents = np.stack(self._latent_columns, axis=1)
+        if self._beta.remainder is None:
+            return of_latents
+        _, size, environments, width = of_latents.shape
+        # Each environment has its own columns of the remainder.
+        of_remainder = np.zeros((size, environments, size, environments, width))
+        each = np.arange(environments)
+        for k, column in enumerate(self._beta.remainder.factor_columns()):
             for p, part in enumerate(column):
-                apart[c, at, p, at] = part
-        return np.concatenate([columns, apart.reshape(-1, size, environments, width)])
+                of_remainder[k, each, p, each] = part
+        flat = of_remainder.reshape(-1, size, environments, width)
+        return np.concatenate([of_latents, flat])
 
     def draw(self, rng: np.random.Generator) -> Array:
         """Draw beta of all environments jointly, once per set of scales: (P, J, W)."""
-        normal = rng.standard_normal(self._solved.coefficients.shape)
-        beta = np.stack(self._of_latents(self._solved.solve(self._solved.coefficients + normal)))
-        *_, own = self._on_latents
-        for column in own.factor_columns() if own is not None else ():
-            beta += np.stack(column) * rng.standard_normal(beta.shape[1:])
+        coefficients = self._solved.coefficients
+        normals = rng.standard_normal(coefficients.shape)
+        latents = self._solved.solve(coefficients + normals)
+        beta = np.stack(self._at_latents(latents))
+        if self._beta.remainder is not None:
+            for column in self._beta.remainder.factor_columns():
+                beta += np.stack(column) * rng.standard_normal(beta.shape[1:])
         return beta
 
     def trend(self, rows: Array) -> tuple[Array, Array]:
-        """Mean (R, W) and columns (Q, R, W) of rows (R, 2 P) of alpha and gamma over prior SDs."""
+        """Mean (L, W) and columns (Q, L, W) of rows (L, 2 P) of alpha and gamma over prior SDs."""
         self._refuse_merged()
-        count, width = self._solved.coefficients.shape
-        padded = np.zeros((count, len(rows), width))
-        padded[: rows.shape[1]] = rows.T[..., None]
-        return rows @ self._solved.mean[: rows.shape[1]], self._solved.solve_transposed(padded)
+        latents, width = self._solved.coefficients.shape
+        combinations, count = rows.shape
+        # The latents of alpha and gamma are the first ones.
+        weights = np.zeros((latents, combinations, width))
+        weights[:count] = rows.T[..., None]
+        mean = rows @ self._solved.mean[:count]
+        return mean, self._solved.solve_transposed(weights)

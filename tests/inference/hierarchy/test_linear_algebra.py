@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from percept.inference.hierarchy.blocks import Block, SharedCovariance, block
-from percept.inference.hierarchy.regression import factor
+from percept.inference.hierarchy.orthogonal import factor
 
 WIDTH = 3
 

@@ -5,7 +5,8 @@ import pytest
 
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.information import Information
-from percept.inference.hierarchy.regression import Regression, factor
+from percept.inference.hierarchy.orthogonal import factor
+from percept.inference.hierarchy.regression import Regression
 from percept.inference.hierarchy.scales import Options
 from tests.inference.hierarchy import designs
 
@@ -42,7 +43,7 @@ def test_merging_a_single_pattern_changes_nothing():
     scales = density.layout.scales(np.random.default_rng(1).normal(size=(density.dimension, 20)))
     found = []
     for merge in (True, False):
-        problem = density.regression.whitened(scales, density.cell_blocks(scales), merge=merge)
+        problem = density.regression.whitened(scales, density.cell_noise(scales), merge=merge)
         solved = factor(problem.design, problem.target)
         found.append(
             (
@@ -59,8 +60,8 @@ def test_merging_a_single_pattern_changes_nothing():
 def test_a_merged_regression_gives_no_law_of_beta():
     density = CollapsedDensity(designs.study("balanced", np.random.default_rng(4)).statistics)
     scales = density.layout.scales(np.zeros((density.dimension, 2)))
-    merged = Regression(density.regression, scales, density.cell_blocks(scales), merge=True)
-    plain = Regression(density.regression, scales, density.cell_blocks(scales))
+    merged = Regression(density.regression, scales, density.cell_noise(scales), merge=True)
+    plain = Regression(density.regression, scales, density.cell_noise(scales))
     np.testing.assert_allclose(merged.log_density, plain.log_density, rtol=1e-10)
     for law in (
         lambda: merged.mean,
