@@ -23,7 +23,7 @@ from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Scales
 from percept.inference.hierarchy.statistics import Statistics
 
-__all__ = ["averaged_limits", "cells_model", "imported_nutpie", "nutpie_limits"]
+__all__ = ["averaged_limits", "cells_model", "nutpie_limits"]
 
 Array = NDArray[np.float64]
 #: A number or an array of PyMC, or of numpy; PyMC has no types.
@@ -155,6 +155,8 @@ def cells_model(statistics: Statistics, priors: Priors, *, centred: bool = False
     pymc.Model
         Its `beta` and `spread` are what limits need.
     """
+    # PyMC and nutpie import arviz-plots if it is there; its release 0.8 fails with matplotlib 3.11.
+    sys.modules.setdefault("arviz_plots", None)  # type: ignore[arg-type]
     import pymc as pm
 
     cells = _Cells.of(statistics)
@@ -207,19 +209,11 @@ def _scatter_density(statistics: Statistics, sigma_e: Term, rho_e: Term) -> Term
     return -(df * log_sd + 0.5 * squares / remainder).sum()
 
 
-def imported_nutpie() -> Any:
-    """Import nutpie without what its arviz would plot with."""
-    # nutpie's arviz imports arviz-plots if it is there; release 0.8 fails with matplotlib 3.11.
-    sys.modules.setdefault("arviz_plots", None)  # type: ignore[arg-type]
-    import nutpie
-
-    return nutpie
-
-
 def nutpie_limits(statistics: Statistics, seed: int, *, seconds: float) -> Printed:
     """Sample for at most `seconds`; limits of kinds mean and user, and what the run took."""
-    nutpie = imported_nutpie()
     model = cells_model(statistics, Priors())
+    import nutpie
+
     scales = [name for name in _SCALES if name in model]
     compiled = nutpie.compile_pymc_model(model, var_names=scales)
     started = time.perf_counter()

@@ -187,9 +187,8 @@ def _emcee(statistics: Statistics) -> Sampler:
 
 
 def _pymc(statistics: Statistics) -> Sampler:
-    import pymc as pm
-
     model = _plain_model(statistics, centred=True)
+    import pymc as pm
 
     def fit(budget: float, seed: int) -> Fitted:
         with model:
@@ -209,10 +208,9 @@ def _pymc(statistics: Statistics) -> Sampler:
 
 
 def _nutpie(statistics: Statistics, *, centred: bool) -> Sampler:
-    from percept.bench.peers.cells import imported_nutpie
-
-    nutpie = imported_nutpie()
     model = _plain_model(statistics, centred=centred)
+    import nutpie
+
     compiled = nutpie.compile_pymc_model(model, var_names=["beta", "spread"])
 
     def fit(budget: float, seed: int) -> Fitted:

@@ -1,16 +1,24 @@
-"""Posterior rows of the psychophysics table.
+"""Bayesian rows of the psychophysics table, from the posterior of a fit.
 
-A model has P quantities in J environments and N subjects, and S draws of its scales. Its P J cells
-stand quantity by quantity. Scales go by their names in docs/posterior.md, such as `sigma_u`. Given
-a draw the location of a cell is normal, so that limits of points of equality are roots of mixtures.
-Measures of the scales alone, and reliabilities, have quantiles of draws.
+A fit has one model of all its quantities, or one model for each. A model has P quantities in J
+environments and N subjects. Its P J cells stand quantity by quantity: all environments of the
+first one come first. All SDs are of responses:
+
+- `sigma_u`: between subjects, in the effect that a subject has in all environments;
+- `sigma`: between subjects, in what else each has in one environment (rows call it `sigma_w`);
+- `population_sd`: between users in one environment: both together, and effects of factors;
+- `sigma_e`: between trials of one subject.
+
+There are S draws of the scales. Some R of them are independent, and stand for what takes long to
+draw or to solve. Given a draw a location is normal, so limits of points of equality are roots of
+mixtures. Scales and reliabilities have quantiles of draws.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Self
 
 import numpy as np
@@ -54,29 +62,31 @@ def posterior_psychophysics(
     level = scene.inference.level
     independent = fit.points
     limits = DrawLimits(level, effective=len(independent))
-    pses = bounded_means(fit.moments, level, len(independent))
-    user_sds = fit.moments.population_sd
+    points_of_equality = bounded_means(fit.moments, level, limits.effective)
+    population_sd = fit.moments.population_sd
     for cell, c in fit.column.items():
         site = sites[cell]
-        yield from site.of_location(mapped(pses[c], _to_native(fit, c)))
-        yield from site.of_subjects(limits.of(user_sds[:, c]))
+        yield from site.of_location(mapped(points_of_equality[c], _to_native(fit, c)))
+        yield from site.of_subjects(limits.of(population_sd[:, c]))
     rng = generator(scene.inference.seed, Stream.PSYCHOPHYSICS)
     locations, _ = fit.model.draw(independent, rng)
-    # Quantiles of scales take every draw. What must be drawn or solved takes the independent ones.
-    every = fit.run.points.reshape(len(user_sds), -1)
-    # Quantities without a common model have models of their own.
-    models = zip(fit.model.pooled_parts(every), fit.model.pooled_parts(independent), strict=True)
-    for (model, every_draw), (_, independent_draws) in models:
-        own_sites = [sites[cell] for cell in model.cells]
+    every = fit.run.points.reshape(len(population_sd), -1)
+    every_by_model = fit.model.pooled_parts(every)
+    independent_by_model = fit.model.pooled_parts(independent)
+    for (model, every_draw), (_, independent_draws) in zip(
+        every_by_model, independent_by_model, strict=True
+    ):
         columns = [fit.column[cell] for cell in model.cells]
-        scales = _Scales.of(model, every_draw)
-        yield from _cell_rows(scales, user_sds[:, columns], limits, own_sites)
-        yield from _subject_rows(model, scales, limits, own_sites)
-        yield from _slope_rows(model, independent_draws, limits, own_sites)
-        scales = _Scales.of(model, independent_draws)
-        yield from _overall_rows(model, scales, locations[:, columns], limits, own_sites)
-        if len(model.statistics.parameters) == 2:
-            yield from _correlation_rows(model, independent_draws, limits, own_sites)
+        posterior = _Posterior(
+            model=model,
+            sites=[sites[cell] for cell in model.cells],
+            limits=limits,
+            scales=_Scales.of(model, every_draw),
+            population_sd=population_sd[:, columns],
+            independent=independent_draws,
+            locations=locations[:, columns],
+        )
+        yield from posterior.rows()
 
 
 def _sites(
@@ -115,10 +125,10 @@ def _to_native(fit: Fit, c: int) -> Callable[[float], float]:
 class _Scales:
     """Draws of the scales of one model."""
 
-    sigma: Array  # (S, P, J) SD between subjects within an environment
-    sigma_u: Array | None  # (S, P) SD of the subject effect; None in a model without it
-    sigma_e: Array | None  # (S, P, J) SD between trials; None without repeats
-    phi: Array | None  # (S, P, N) Log of a subject's trial SD over sigma_e; None if all have one
+    sigma: Array  # (S, P, J)
+    sigma_u: Array | None  # (S, P) None in a model without effects of subjects
+    sigma_e: Array | None  # (S, P, J) None without repeats
+    phi: Array | None  # (S, P, N) Log of a subject's trial SD over sigma_e; None if all share it
 
     @classmethod
     def of(cls, model: Pooled, points: Array) -> Self:
@@ -134,114 +144,125 @@ class _Scales:
         )
 
 
-def _cell_rows(
-    scales: _Scales,
-    user_sds: Array,
-    limits: DrawLimits,
-    sites: Sequence[Site],
-) -> Iterator[PsychophysicsRow]:
-    """Yield components and reliability of each cell; SDs of its users are (S, P J).
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Posterior:
+    """Draws of one model, and where its rows belong."""
 
-    ICC(1) is user_sd²/(user_sd² + sigma_e²).
-    """
-    if scales.sigma_u is not None:
-        sigma = scales.sigma.reshape(user_sds.shape)
-        for c, site in enumerate(sites):
-            yield site.sigma("sigma_w", limits.of(sigma[:, c]))
-    if scales.sigma_e is None:
-        return
-    sigma_e = scales.sigma_e.reshape(user_sds.shape)
-    icc = user_sds**2 / (user_sds**2 + sigma_e**2)
-    for c, site in enumerate(sites):
-        yield from site.of_trials(limits.of(sigma_e[:, c]))
-        yield site.row("icc_1", limits.of(icc[:, c]))
+    model: Pooled
+    sites: list[Site]  # P J, of the cells
+    limits: DrawLimits
+    scales: _Scales  # S draws
+    population_sd: Array  # (S, P J)
+    independent: Array  # (R, d) Coordinates of the independent draws
+    locations: Array  # (R, P J) Drawn
 
+    def rows(self) -> Iterator[PsychophysicsRow]:
+        """Yield all rows but those that every cell of a fit has."""
+        yield from self._cell_rows()
+        yield from self._subject_rows()
+        yield from self._slope_rows()
+        yield from self._overall_rows()
+        if len(self.model.statistics.parameters) == 2:
+            yield from self._correlation_rows()
 
-def _overall_rows(
-    model: Pooled,
-    scales: _Scales,
-    locations: Array,
-    limits: DrawLimits,
-    sites: Sequence[Site],
-) -> Iterator[PsychophysicsRow]:
-    """Yield components and reliability over all environments; locations are (S, P J).
+    @property
+    def _overall_sites(self) -> list[Site]:
+        """Where rows of every quantity over all environments belong."""
+        statistics = self.model.statistics
+        of_quantities = self.sites[:: len(statistics.environments)]
+        return [site.over_all(len(statistics.subjects)) for site in of_quantities]
 
-    With r trials a cell, total = sigma_u² + mean sigma² + mean sigma_e²/r. ICC(C,1) is
-    sigma_u²/total, and ICC(A,1) is sigma_u²/(total + variance of the environments' locations).
-    """
-    if scales.sigma_u is None:
-        return
-    statistics = model.statistics
-    by_environment = locations.reshape(scales.sigma.shape)
-    of_environments = by_environment.var(axis=2, ddof=1)
-    of_subjects = scales.sigma_u**2
-    within = np.square(scales.sigma).mean(axis=2)
-    of_trials = np.zeros_like(within)
-    if scales.sigma_e is not None:
-        of_trials = np.square(scales.sigma_e).mean(axis=2)
-    total = of_subjects + within + of_trials / _repeats(model)
-    for p, site in enumerate(_first_sites(model, sites)):
-        overall = site.over_all(len(statistics.subjects))
-        yield overall.sigma("sigma_u", limits.of(scales.sigma_u[:, p]))
-        yield overall.sigma("sigma_w", limits.of(np.sqrt(within[:, p])))
+    def _cell_rows(self) -> Iterator[PsychophysicsRow]:
+        """Yield components of variance and the reliability of each cell.
+
+        ICC(1) is population_sd²/(population_sd² + sigma_e²).
+        """
+        if self.scales.sigma_u is not None:
+            sigma = self.scales.sigma.reshape(self.population_sd.shape)
+            for c, site in enumerate(self.sites):
+                yield site.sigma("sigma_w", self.limits.of(sigma[:, c]))
+        if self.scales.sigma_e is None:
+            return
+        sigma_e = self.scales.sigma_e.reshape(self.population_sd.shape)
+        of_users = self.population_sd**2
+        icc = of_users / (of_users + sigma_e**2)
+        for c, site in enumerate(self.sites):
+            yield from site.of_trials(self.limits.of(sigma_e[:, c]))
+            yield site.row("icc_1", self.limits.of(icc[:, c]))
+
+    def _subject_rows(self) -> Iterator[PsychophysicsRow]:
+        """Yield each subject's own trial SD: the geometric mean over all environments."""
+        if self.scales.sigma_e is None or self.scales.phi is None:
+            return
+        mean_log_sd = np.log(self.scales.sigma_e).mean(axis=2)
+        trial_sd = np.exp(mean_log_sd[:, :, None] + self.scales.phi)  # (S, P, N)
+        for p, site in enumerate(self._overall_sites):
+            for i, subject in enumerate(self.model.statistics.subjects):
+                of_subject = site.of_subject(subject)
+                yield from of_subject.of_own_trials(self.limits.of(trial_sd[:, p, i]))
+
+    def _slope_rows(self) -> Iterator[PsychophysicsRow]:
+        """Yield how the bias grows with the reference, where there are several."""
+        several = np.ptp(self.model.statistics.x, axis=1) > 0.0
+        if not several.any():
+            return
+        # Trends of all levels of factors have the same slope: the first one's tells it.
+        trend = next(iter(self.model.trends(self.independent).values()))
+        slope_sd = np.sqrt(trend.covariance[..., 1, 1])
+        laws = ConditionalMoments(trend.mean[..., 1], slope_sd, np.zeros_like(slope_sd))
+        slopes = bounded_means(laws, self.limits.level, self.limits.effective)
+        scales = self.model.scales(self.independent)
+        _, sd_of_subjects = scales.get("sigma_v:trend", ((), None))
+        for p, site in enumerate(self._overall_sites):
+            if not several[p]:
+                continue
+            yield site.row("gamma", slopes[p])
+            if sd_of_subjects is not None:
+                yield site.row("sigma_slope", self.limits.of(sd_of_subjects[:, p]))
+
+    def _overall_rows(self) -> Iterator[PsychophysicsRow]:
+        """Yield components of variance and reliability over all environments.
+
+        With r trials a cell, total = sigma_u² + mean sigma² + mean sigma_e²/r. ICC(C,1) is
+        sigma_u²/total, and ICC(A,1) is sigma_u²/(total + variance of the environments' locations).
+        """
+        scales = _Scales.of(self.model, self.independent)
+        if scales.sigma_u is None:
+            return
+        by_environment = self.locations.reshape(scales.sigma.shape)
+        of_environments = by_environment.var(axis=2, ddof=1)
+        of_subjects = scales.sigma_u**2
+        within = np.square(scales.sigma).mean(axis=2)
+        of_trials = np.zeros_like(within)
         if scales.sigma_e is not None:
-            yield overall.sigma("sigma_e", limits.of(np.sqrt(of_trials[:, p])))
-        # With factors subjects also differ in their effects, which these two do not count.
-        if isinstance(model, CollapsedDensity):
-            consistency = of_subjects / total
-            agreement = of_subjects / (total + of_environments)
-            yield overall.row("icc_c1", limits.of(consistency[:, p]))
-            yield overall.row("icc_a1", limits.of(agreement[:, p]))
+            of_trials = np.square(scales.sigma_e).mean(axis=2)
+        total = of_subjects + within + of_trials / _mean_trials(self.model)
+        consistency = of_subjects / total
+        agreement = of_subjects / (total + of_environments)
+        for p, site in enumerate(self._overall_sites):
+            yield site.sigma("sigma_u", self.limits.of(scales.sigma_u[:, p]))
+            yield site.sigma("sigma_w", self.limits.of(np.sqrt(within[:, p])))
+            if scales.sigma_e is not None:
+                yield site.sigma("sigma_e", self.limits.of(np.sqrt(of_trials[:, p])))
+            # With factors subjects also differ in effects of these, which both ratios leave out.
+            if isinstance(self.model, CollapsedDensity):
+                yield site.row("icc_c1", self.limits.of(consistency[:, p]))
+                yield site.row("icc_a1", self.limits.of(agreement[:, p]))
+
+    def _correlation_rows(self) -> Iterator[PsychophysicsRow]:
+        """Yield the correlation of both quantities between users, environment by environment."""
+        statistics = self.model.statistics
+        users = self.model.pairs(self.independent).users
+        covariance = users[..., 0, 1]
+        variances = np.diagonal(users, axis1=2, axis2=3)
+        correlation = covariance / np.sqrt(variances.prod(axis=2))
+        of_first_quantity = self.sites[: len(statistics.environments)]
+        for site, draws in zip(of_first_quantity, correlation.T, strict=True):
+            row = site.row("correlation", self.limits.of(draws))
+            yield dataclasses.replace(row, parameter=", ".join(statistics.parameters))
 
 
-def _slope_rows(
-    model: Pooled,
-    points: Array,
-    limits: DrawLimits,
-    sites: Sequence[Site],
-) -> Iterator[PsychophysicsRow]:
-    """Yield how the bias grows with the reference, where there are several."""
-    several = np.ptp(model.statistics.x, axis=1) > 0.0
-    if not several.any():
-        return
-    # Conditions have one slope.
-    trend = next(iter(model.trends(points).values()))
-    slope_sd = np.sqrt(trend.covariance[..., 1, 1])
-    laws = ConditionalMoments(trend.mean[..., 1], slope_sd, np.zeros_like(slope_sd))
-    slopes = bounded_means(laws, limits.level, limits.effective)
-    _, sd_of_subjects = model.scales(points).get("sigma_v:trend", ((), None))
-    for p, site in enumerate(_first_sites(model, sites)):
-        if not several[p]:
-            continue
-        overall = site.over_all(len(model.statistics.subjects))
-        yield overall.row("gamma", slopes[p])
-        if sd_of_subjects is not None:
-            yield overall.row("sigma_slope", limits.of(sd_of_subjects[:, p]))
-
-
-def _subject_rows(
-    model: Pooled,
-    scales: _Scales,
-    limits: DrawLimits,
-    sites: Sequence[Site],
-) -> Iterator[PsychophysicsRow]:
-    """Yield each subject's own trial SD: the geometric mean over all environments."""
-    if scales.sigma_e is None or scales.phi is None:
-        return
-    mean_log_sd = np.log(scales.sigma_e).mean(axis=2)
-    trial_sd = np.exp(mean_log_sd[:, :, None] + scales.phi)  # (S, P, N)
-    for p, site in enumerate(_first_sites(model, sites)):
-        for i, subject in enumerate(model.statistics.subjects):
-            own = site.of_subject(subject)
-            yield from own.of_own_trials(limits.of(trial_sd[:, p, i]))
-
-
-def _first_sites(model: Pooled, sites: Sequence[Site]) -> Sequence[Site]:
-    """Return the site of every quantity's first environment, which stands for the quantity."""
-    return sites[:: len(model.statistics.environments)]
-
-
-def _repeats(model: Pooled) -> float:
+def _mean_trials(model: Pooled) -> float:
     """Harmonic mean of the numbers of trials of all cells."""
     cells = 0.0
     sum_of_inverses = 0.0
@@ -250,21 +271,3 @@ def _repeats(model: Pooled) -> float:
         inverses_of_subject = float((1.0 / pattern.trials).sum())
         sum_of_inverses += pattern.subjects * inverses_of_subject
     return cells / sum_of_inverses
-
-
-def _correlation_rows(
-    model: Pooled,
-    points: Array,
-    limits: DrawLimits,
-    sites: Sequence[Site],
-) -> Iterator[PsychophysicsRow]:
-    """Yield the correlation of both quantities between users, environment by environment."""
-    pair = ", ".join(model.statistics.parameters)
-    users = model.pairs(points).users
-    covariance = users[..., 0, 1]
-    variances = np.diagonal(users, axis1=2, axis2=3)
-    correlation = covariance / np.sqrt(variances.prod(axis=2))
-    of_first_quantity = sites[: len(model.statistics.environments)]
-    for site, draws in zip(of_first_quantity, correlation.T, strict=True):
-        row = site.row("correlation", limits.of(draws))
-        yield dataclasses.replace(row, parameter=pair)
