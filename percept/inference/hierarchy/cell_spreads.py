@@ -1,35 +1,24 @@
-"""SDs of all cells at one level, between subjects or between trials, from their coordinates."""
+"""Log SDs of all cells at one level, between subjects or between trials, from their coordinates.
+
+Each quantity has a `LogLinear` map. The rough likelihood of the second quantity moves with the log
+SDs of the first, as `RoughLikelihood` says.
+"""
 
 from __future__ import annotations
-
-import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.hierarchy.design import LEVEL, TREND, Term
-from percept.inference.hierarchy.log_linear import LogLinear
+from percept.inference.hierarchy.log_linear import LogLinear, LogSpreads
 from percept.inference.hierarchy.priors import Priors
-from percept.inference.hierarchy.rough_spreads import (
-    rough_between,
-    rough_trial,
-    tie_between,
-    tie_trial,
-)
+from percept.inference.hierarchy.rough_likelihood import likelihood_between, likelihood_of_trials
+from percept.inference.hierarchy.spreads import stacked
 from percept.inference.hierarchy.statistics import Statistics
 
-__all__ = ["CellSpreads", "LevelSpreads", "numbered"]
+__all__ = ["CellSpreads", "numbered"]
 
 Array = NDArray[np.float64]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class LevelSpreads:
-    """Log SDs of one level at W sets of coordinates."""
-
-    log_sigma: Array  # (P, C, W)
-    multiples: Array  # (P, K, W) Coefficients over their prior SDs
-    log_density: Array  # (W,) Of the coordinates under the prior
 
 
 def numbered(name: str, count: int) -> list[str]:
@@ -40,18 +29,26 @@ def numbered(name: str, count: int) -> list[str]:
 
 
 class CellSpreads:
-    """Map from coordinates to the SDs of one level, the second quantity's given the first's.
+    """Map from coordinates to the log SDs of P quantities in C cells.
 
     Parameters
     ----------
     statistics : Statistics
         What the rough likelihood of the SDs is taken from.
     terms : tuple of Term
-        Columns of log sigma, times the prior SDs of their coefficients.
+        Columns of log sigma, times the prior SDs of their coefficients: K in all.
     priors : Priors
         Prior scales.
     suffix : str
         Of names: "" between subjects, "_e" between trials.
+
+    Attributes
+    ----------
+    rho : str
+        Name of the correlation of the level.
+    weight : ndarray
+        Weights of the rough likelihood, (P, C): a unit of the coordinates is shorter by
+        √(1 + weight) than a prior SD.
     """
 
     def __init__(
@@ -62,49 +59,52 @@ class CellSpreads:
         self.rho = f"rho{suffix or '_w'}"
         centre = getattr(priors, f"log_s{suffix}_mean")
         columns = np.concatenate([term.columns for term in terms])
+        loadings = np.moveaxis(columns, 1, 0)  # (P, K, C)
         if suffix:
-            mean, weight = rough_trial(statistics)
-            tie = tie_trial(statistics)
+            self._rough = likelihood_of_trials(statistics)
         else:
-            loadings = np.moveaxis(columns, 1, 0)
-            mean, weight = rough_between(
+            self._rough = likelihood_between(
                 statistics, loadings, centre, priors.log_s_sd, subject_effect=True
             )
-            tie = tie_between(statistics, subject_effect=True)
-        # What the first quantity says of the second: near a correlation of one their ratio is
-        # known far better than either.
-        known = (weight > 0).all(axis=0)
-        ratio = weight[0] / np.where(known, weight[-1], 1.0)
-        self._slope = np.where(known, tie * np.sqrt(ratio), 0.0)[:, None]
-        self._rough_mean = mean[0][:, None]
-        self.weight = weight.copy()  # (P, C)
-        self.weight[1:] /= np.where(known, 1.0 - tie * tie, 1.0)
-        self._maps = [
-            LogLinear(centre, columns[:, p], mean[p], self.weight[p]) for p in range(len(weight))
-        ]
+        self.weight = self._rough.weight
+        self._maps = []
+        for p, of_quantity in enumerate(loadings):
+            log_linear = LogLinear(centre, of_quantity, self._rough.mean[p], self.weight[p])
+            self._maps.append(log_linear)
 
     @property
     def coefficients(self) -> list[str]:
         """Names of the coefficients of log sigma, one for each column."""
         names = {LEVEL: f"log_s{self.suffix}", TREND: f"kappa{self.suffix}"}
-        found = []
+        coefficients = []
         for term in self.terms:
             name = names.get(term.name, f"psi{self.suffix}:{term.name}")
-            found += numbered(name, len(term.columns))
-        return found
+            coefficients += numbered(name, len(term.columns))
+        return coefficients
 
-    def __call__(self, joint: Array, own: Array, omega: Array, shift: Array) -> LevelSpreads:
-        """Map coordinates of coefficients (P, K, W) and of cells (P, C, W), given omega (P, W).
+    def __call__(
+        self,
+        columns: Array,
+        cells: Array,
+        omega: Array,
+        shift: Array,
+    ) -> LogSpreads:
+        """Map coordinates to the spreads of W draws.
 
-        The means of the rough likelihood are moved by a shift (P, C or 1, W).
+        Parameters
+        ----------
+        columns : ndarray
+            Coordinates of the coefficients, (P, K, W).
+        cells : ndarray
+            Coordinates of the cells' departures from their columns, (P, C, W).
+        omega : ndarray
+            SDs of these departures, (P, W).
+        shift : ndarray
+            What is added to the means of the rough likelihood, (P, C or 1, W).
         """
-        first = self._maps[0](joint[0], own[0], omega[0], shift[0])
-        spreads = [first]
-        if len(self._maps) == 2:
-            towards = self._slope * (first.log_sigma - self._rough_mean - shift[0])
-            spreads.append(self._maps[1](joint[1], own[1], omega[1], shift[1] + towards))
-        return LevelSpreads(
-            log_sigma=np.stack([spread.log_sigma for spread in spreads]),
-            multiples=np.stack([spread.multiples for spread in spreads]),
-            log_density=np.sum([spread.log_density for spread in spreads], axis=0),
-        )
+        first = self._maps[0](columns[0], cells[0], omega[0], shift[0])
+        if len(self._maps) == 1:
+            return stacked([first])
+        by_first = self._rough.shift_of_second(first.log_sigma, shift[0])
+        second = self._maps[1](columns[1], cells[1], omega[1], shift[1] + by_first)
+        return stacked([first, second])

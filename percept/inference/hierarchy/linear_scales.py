@@ -31,9 +31,9 @@ from percept.inference.hierarchy.cell_scales import CellScales
 from percept.inference.hierarchy.cell_spreads import CellSpreads, numbered
 from percept.inference.hierarchy.design import LEVEL, Design, Term
 from percept.inference.hierarchy.priors import LIMIT, Priors, correlation, half_normal
-from percept.inference.hierarchy.rough_spreads import tie_trial
 from percept.inference.hierarchy.statistics import Statistics
 from percept.inference.hierarchy.subject_spreads import SubjectSpreads
+from percept.inference.hierarchy.ties import tie_trial
 from percept.inference.hierarchy.trial_scatter import TrialScatter
 
 __all__ = ["EffectScales", "LinearCoordinates", "LinearScales", "effect_columns"]

@@ -11,12 +11,7 @@ from numpy.typing import NDArray
 
 from percept.inference.hierarchy.blocks import Block, Vector, block
 from percept.inference.hierarchy.priors import LIMIT, Priors, correlation, half_normal
-from percept.inference.hierarchy.rough_spreads import (
-    rough_between,
-    rough_trial,
-    tie_between,
-    tie_trial,
-)
+from percept.inference.hierarchy.rough_likelihood import likelihood_between, likelihood_of_trials
 from percept.inference.hierarchy.spreads import TiedSpreads
 from percept.inference.hierarchy.statistics import Statistics
 
@@ -127,13 +122,12 @@ class Layout:
         if self.trend and not self.options.weber:
             loadings[:, 1] = kappa_sd * statistics.x
         if suffix:
-            rough = rough_trial(statistics)
-            tie = tie_trial(statistics)
+            rough = likelihood_of_trials(statistics)
         else:
-            effect = self.subject_effect
-            rough = rough_between(statistics, loadings, centre, log_s_sd, subject_effect=effect)
-            tie = tie_between(statistics, subject_effect=effect)
-        spreads = TiedSpreads(centre, loadings, *rough, tie)
+            rough = likelihood_between(
+                statistics, loadings, centre, log_s_sd, subject_effect=self.subject_effect
+            )
+        spreads = TiedSpreads(centre, loadings, rough)
         return _Level(suffix, centre, log_s_sd, kappa_sd, loadings, spreads)
 
     def _name_coordinates(self) -> None:
@@ -234,7 +228,10 @@ class Layout:
             # Without a trend log sigma is about its prior mean, with the prior SD of log s.
             alone = np.full((self.parameters, width), level.log_s_sd)
             omega = named.get(f"omega{suffix}", alone)
-            log_sigma, trend, log_density = level.spreads(u, omega, trend)
+            spreads = level.spreads(u, omega, trend)
+            log_sigma = spreads.log_sigma
+            trend = spreads.multiples
+            log_density = spreads.log_density
         if self.trend:
             named[f"s{suffix}"] = np.exp(level.centre + level.log_s_sd * trend[:, 0])
         if self.trend and not self.options.weber:

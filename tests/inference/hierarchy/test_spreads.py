@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 from mpmath import mp
 
-from percept.inference.hierarchy.rough_spreads import _tie
-from percept.inference.hierarchy.spreads import SpreadMap, TiedSpreads
+from percept.inference.hierarchy.rough_likelihood import RoughLikelihood
+from percept.inference.hierarchy.spreads import TiedSpreads
+from percept.inference.hierarchy.ties import _tie
+from percept.inference.hierarchy.trend_map import TrendMap
 
 CENTRE = -1.6
 WEIGHTS = {
@@ -60,28 +62,27 @@ def test_map_is_dense_algebra(loadings, weights, omega):
     u = np.array([[2.0, -3.0, 0.1, 1.0], rng.normal(size=4)]).T
     trend = rng.normal(size=(2, 2))
     basis, weight = np.array(LOADINGS[loadings]), np.array(WEIGHTS[weights])
-    log_sigma, multiples, log_density = SpreadMap(CENTRE, basis, ROUGH, weight)(
-        u, np.full(2, omega), trend
-    )
+    spreads = TrendMap(CENTRE, basis, ROUGH, weight)(u, np.full(2, omega), trend)
     with mp.workdps(60):
         for w in range(2):
             arguments = (LOADINGS[loadings], WEIGHTS[weights], mp.mpf(omega), u[:, w], trend[:, w])
             value, given, wanted = dense(*arguments)
             for cell in range(4):
-                assert abs(log_sigma[cell, w] - float(value[cell])) < 1e-12
+                assert abs(spreads.log_sigma[cell, w] - float(value[cell])) < 1e-12
             for part in range(2):
-                assert abs(multiples[part, w] - float(given[part])) < 1e-9
-            assert abs(log_density[w] - float(wanted)) < 1e-10 * (1 + abs(float(wanted)))
+                assert abs(spreads.multiples[part, w] - float(given[part])) < 1e-9
+            assert abs(spreads.log_density[w] - float(wanted)) < 1e-10 * (1 + abs(float(wanted)))
 
 
 @pytest.mark.parametrize("omega", [1e-70, 1e70])
 def test_extreme_spreads_keep_their_digits(omega):
     basis, weight = np.array(LOADINGS["trend"]), np.array(WEIGHTS["uneven"])
     u, trend = np.array([[30.0], [-30.0], [0.0], [1.0]]), np.ones((2, 1))
-    found = SpreadMap(CENTRE, basis, ROUGH, weight)(u, np.full(1, omega), trend)
+    spreads = TrendMap(CENTRE, basis, ROUGH, weight)(u, np.full(1, omega), trend)
     with mp.workdps(400):
         arguments = (LOADINGS["trend"], WEIGHTS["uneven"], mp.mpf(omega), u[:, 0], trend[:, 0])
         value, given, log_density = dense(*arguments)
+    found = (spreads.log_sigma, spreads.multiples, spreads.log_density)
     for part, exact in zip(found, (value, given, [log_density]), strict=True):
         np.testing.assert_allclose(
             part.ravel(), np.array([float(one) for one in exact]), rtol=1e-13
@@ -91,9 +92,9 @@ def test_extreme_spreads_keep_their_digits(omega):
 def test_tied_spreads_have_the_rough_likelihood_s_correlation():
     """Under a flat prior the map is l + A u with AA' the covariance of the rough likelihood."""
     mean, weight = np.array([[-1.0, -2.0], [-1.5, -2.5]]), np.array([[20.0, 30.0], [45.0, 0.0]])
-    tied = TiedSpreads(CENTRE, np.zeros((2, 2, 2)), mean, weight, 0.98)
+    tied = TiedSpreads(CENTRE, np.zeros((2, 2, 2)), RoughLikelihood.tied(mean, weight, 0.98))
     u = np.concatenate([np.zeros((4, 1)), np.eye(4)], axis=1).reshape(2, 2, 5)
-    value, *_ = tied(u, np.full((2, 5), 1e7), np.zeros((2, 2, 5)))
+    value = tied(u, np.full((2, 5), 1e7), np.zeros((2, 2, 5))).log_sigma
     first = value[:, 0]
     np.testing.assert_allclose(first[:, 0], mean[:, 0], atol=1e-9)
     columns = first[:, 1:] - first[:, :1]
@@ -109,14 +110,16 @@ def test_tied_spreads_leave_the_prior_as_it_is():
     rng = np.random.default_rng(3)
     loadings = np.array([LOADINGS["trend"], LOADINGS["off centre"]])
     weight = np.array([WEIGHTS["uneven"], WEIGHTS["all"]])
-    tied = TiedSpreads(CENTRE, loadings, np.array([ROUGH, ROUGH + 0.3]), weight, 0.95)
+    rough = RoughLikelihood.tied(np.array([ROUGH, ROUGH + 0.3]), weight, 0.95)
+    tied = TiedSpreads(CENTRE, loadings, rough)
     omega = np.array([0.4, 0.7])
     for u in rng.normal(size=(3, 8)):
         points = np.concatenate(
             [u[:, None], u[:, None] + 1e-4 * np.eye(8), u[:, None] - 1e-4 * np.eye(8)], axis=1
         )
         wide = np.repeat(omega[:, None], 17, axis=1)
-        log_sigma, _, log_density = tied(points.reshape(2, 4, 17), wide, np.zeros((2, 2, 17)))
+        spreads = tied(points.reshape(2, 4, 17), wide, np.zeros((2, 2, 17)))
+        log_sigma, log_density = spreads.log_sigma, spreads.log_density
         value = log_sigma.reshape(8, 17)
         _, log_jacobian = np.linalg.slogdet((value[:, 1:9] - value[:, 9:]) / 2e-4)
         prior = 0.0
