@@ -264,7 +264,7 @@ def _fit(statistics: Statistics, seed: int) -> Printed:
     import resource
 
     from percept.inference.hierarchy.density import CollapsedDensity
-    from percept.inference.hierarchy.models import IntervalEstimands
+    from percept.inference.hierarchy.interval_estimands import IntervalEstimands
     from percept.inference.sampling.gate import Settings
     from percept.inference.sampling.run import sample
 

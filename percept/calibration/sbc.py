@@ -21,7 +21,7 @@ from percept.calibration.studies import Checkpoint, Line, plan_digest
 from percept.calibration.uniformity import Calibration, judge_places
 from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import IntervalEstimands
+from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.statistics import Statistics, from_trials
 from percept.inference.sampling.gate import Run, Settings

@@ -14,10 +14,10 @@ from percept.inference.hierarchy.contrasts import ContrastEstimands, ContrastRow
 from percept.inference.hierarchy.covariates import Covariates, with_covariates
 from percept.inference.hierarchy.design import Cells, design_of
 from percept.inference.hierarchy.design import Factors as CellFactors
+from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.linear_posterior import LinearPosterior
 from percept.inference.hierarchy.linear_product import LinearProduct
 from percept.inference.hierarchy.model import Resolution
-from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.statistics import Statistics, apart_by_subject
 from percept.inference.hierarchy.subject_spreads import chance_of_differences

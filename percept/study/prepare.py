@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.model import Resolution
-from percept.inference.hierarchy.models import Model, Product, Unpooled
+from percept.inference.hierarchy.model import Model, Resolution
+from percept.inference.hierarchy.models import Product, Unpooled
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Options
 from percept.inference.hierarchy.statistics import Statistics, from_summary

@@ -174,7 +174,7 @@ def _halved(probability: float) -> float:
 
 def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
     """Yield posterior rectangles whose sides leave out half as much each."""
-    from percept.inference.hierarchy.models import IntervalEstimands
+    from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 
     halved = IntervalEstimands(
         fit.model,

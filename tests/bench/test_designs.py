@@ -14,7 +14,7 @@ from percept.bench.studies import DESIGNS, simulated
 from percept.cli import main
 from percept.errors import UsageError
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import IntervalEstimands
+from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 
 BENCHMARK = Path(__file__).resolve().parents[2] / "reports" / "benchmark"
 

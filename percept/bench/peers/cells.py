@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from percept.bench.measure import Printed
 from percept.inference.hierarchy.blocks import Block, block
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import IntervalEstimands
+from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Scales
 from percept.inference.hierarchy.statistics import Statistics

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from percept.errors import UsageError
 
 if TYPE_CHECKING:
-    from percept.inference.hierarchy.models import IntervalEstimands, Model
+    from percept.inference.hierarchy.interval_estimands import IntervalEstimands
+    from percept.inference.hierarchy.model import Model
     from percept.inference.hierarchy.statistics import Statistics
 
 __all__ = [
@@ -113,7 +114,7 @@ def study_statistics(name: str) -> Statistics:
 def _percept_model(statistics: Statistics) -> tuple[Model, IntervalEstimands]:
     """Return percept's model with its default priors, and the limits compared."""
     from percept.inference.hierarchy.density import CollapsedDensity
-    from percept.inference.hierarchy.models import IntervalEstimands
+    from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 
     model = CollapsedDensity(statistics)
     estimands = IntervalEstimands(

@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.laws import ConditionalMoments
-from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.sampling.gate import Estimates
 
 __all__ = ["ContrastEstimands", "ContrastLimits", "ContrastRows"]

@@ -1,11 +1,12 @@
 """Covariates of trials or subjects: what they add to the sufficient statistics of a study.
 
-Covariates x and responses y of the subjects of one pattern have cell means. Their scatter about the
-pattern's mean enters by a triangle: with [x y] the centred means of all subjects,
+The subjects of a pattern have cell means of M covariates x and of P responses y. Side by side, less
+their means over the n subjects, they form a matrix [x y] with a row for each subject, and its
+triangle holds all that the density needs of any number of subjects:
 
     [x y] = Q R,  so that  [x y]'[x y] = R'R
 
-and the rows of R hold all that the density needs of any number of subjects.
+Shapes: N subjects, C cells, G patterns, E cells in a pattern.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.statistics import Pattern, Statistics
+from percept.inference.hierarchy.statistics import Statistics
 from percept.inference.hierarchy.trial_scatter import TrialScatter
 
 __all__ = ["Covariates", "with_covariates"]
@@ -30,7 +31,15 @@ class Covariates:
 
     names: tuple[str, ...]
     mean: Array  # (M, C, G) Means over a pattern's subjects, zero where there is no cell
-    between: tuple[Array, ...]  # (n, M, E) Rows of each pattern that go with those of responses
+    between: tuple[Array, ...]  # (rows, M, E) By pattern: x in the rows of R, as `Pattern.rows` y
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _JointScatter:
+    """Scatter of one pattern's subjects, as the rows of R."""
+
+    covariate_rows: Array  # (rows, M, E)
+    response_rows: Array  # (P, rows, E)
 
 
 def with_covariates(
@@ -52,7 +61,7 @@ def with_covariates(
     names : tuple of str
         Names of the covariates.
     statistics : Statistics
-        Those of the responses alone.
+        Statistics of the responses alone.
     scatter : TrialScatter
         Scatter of covariates and responses within cells, subjects pooled.
 
@@ -74,38 +83,51 @@ def with_covariates(
         of_covariates = covariate_means[pattern.members][:, :, present]  # (n, M, E)
         of_responses = statistics.cell_means[pattern.members][:, :, present]  # (n, P, E)
         mean[:, present, g] = of_covariates.mean(axis=0)
-        covariate_rows, joined = _joined(pattern, of_covariates, of_responses)
-        between.append(covariate_rows)
-        patterns.append(joined)
-    # As many covariates as degrees of freedom explain all scatter: what is left is rounding.
-    informed = scatter.df > len(names)
-    trial_rows = np.zeros_like(statistics.trial_rows)
-    trial_rows[..., scatter.cell[informed]] = scatter.rows[..., informed]
-    reduced = dataclasses.replace(statistics, patterns=tuple(patterns), trial_rows=trial_rows)
+        joint = _joint_scatter(of_covariates, of_responses)
+        between.append(joint.covariate_rows)
+        patterns.append(dataclasses.replace(pattern, rows=joint.response_rows))
+    reduced = dataclasses.replace(
+        statistics,
+        patterns=tuple(patterns),
+        trial_rows=_unexplained_rows(statistics, scatter, len(names)),
+    )
     return reduced, Covariates(names, mean, tuple(between))
 
 
 def _cell_means(
-    covariates: Array, subject: Indices, cell: Indices, shape: tuple[int, int]
+    covariates: Array,
+    subject: Indices,
+    cell: Indices,
+    shape: tuple[int, int],
 ) -> Array:
     """Means of covariates (trials, M) by subject and cell, (N, M, C); zero without trials."""
     subjects, cells = shape
-    number = subject * cells + cell
-    trials = np.bincount(number, minlength=subjects * cells)
+    subject_cell = subject * cells + cell
+    trials = np.bincount(subject_cell, minlength=subjects * cells)
     means = []
     for values in covariates.T:
-        sums = np.bincount(number, weights=values, minlength=len(trials))
+        sums = np.bincount(subject_cell, weights=values, minlength=len(trials))
         of_cells = sums / np.maximum(trials, 1)
         means.append(of_cells.reshape(subjects, cells))
     return np.stack(means, axis=1)
 
 
-def _joined(pattern: Pattern, covariates: Array, responses: Array) -> tuple[Array, Pattern]:
-    """Rows of covariates (n, M, E), and a pattern whose rows of responses go with them."""
+def _joint_scatter(covariates: Array, responses: Array) -> _JointScatter:
+    """Scatter of cell means of covariates (n, M, E) and responses (n, P, E)."""
     count = covariates.shape[1]
     joint = np.concatenate([covariates, responses], axis=1)
     centred = joint - joint.mean(axis=0)
-    triangle = np.asarray(np.linalg.qr(centred.reshape(len(joint), -1), mode="r"))
+    by_subject = centred.reshape(len(joint), -1)
+    triangle = np.asarray(np.linalg.qr(by_subject, mode="r"))
     rows = triangle.reshape(-1, *joint.shape[1:])
-    response_rows = np.ascontiguousarray(rows[:, count:].transpose(1, 0, 2))
-    return rows[:, :count], dataclasses.replace(pattern, rows=response_rows)
+    response_rows = rows[:, count:].swapaxes(0, 1)
+    return _JointScatter(rows[:, :count], np.ascontiguousarray(response_rows))
+
+
+def _unexplained_rows(statistics: Statistics, scatter: TrialScatter, covariates: int) -> Array:
+    """Scatter between trials that the covariates leave, (P, P, C)."""
+    # As many covariates as degrees of freedom explain all scatter: the rest is rounding.
+    informed = scatter.df > covariates
+    rows = np.zeros_like(statistics.trial_rows)
+    rows[..., scatter.cell[informed]] = scatter.rows[..., informed]
+    return rows

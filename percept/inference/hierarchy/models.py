@@ -1,9 +1,11 @@
-"""Models side by side or cell by cell, and the limits that any model estimates."""
+"""Models that pool nothing, or nothing between their parts.
+
+`Product` joins models of different quantities; `Unpooled` takes each cell by itself.
+"""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +14,25 @@ from percept.errors import RefusalError
 from percept.inference.hierarchy.laws import ConditionalMoments
 from percept.inference.hierarchy.model import Model, Pooled
 from percept.inference.hierarchy.priors import Named
-from percept.inference.sampling.endpoints import mixture_quantile, share_half_width
-from percept.inference.sampling.gate import Estimates
 
-__all__ = ["KINDS", "IntervalEstimands", "Limits", "Model", "Product", "Unpooled"]
+__all__ = ["Product", "Unpooled", "split_columns"]
 
 Array = NDArray[np.float64]
 
-#: What an interval covers: the average user, the next user, a share of all users.
-KINDS = ("mean", "user", "share")
+#: An SD of one subject is unknown.
+_FEWEST_SUBJECTS = 2
 
 
 class Product(Model):
-    """Product of models of different parameters."""
+    """Product of independent models of different quantities.
+
+    Coordinates and cells of the models stand one after another, in the order of the models.
+
+    Attributes
+    ----------
+    models : tuple of Model
+        The factors.
+    """
 
     def __init__(self, models: Sequence[Model]) -> None:
         self.models = tuple(models)
@@ -38,17 +46,17 @@ class Product(Model):
 
     def _split(self, points: Array) -> list[tuple[Model, Array]]:
         """Each model with its coordinates (W, d), views."""
-        sizes = [len(model.names) for model in self.models]
-        ends = np.cumsum(sizes)[:-1]
-        parts = np.split(points, ends, axis=1)
-        return list(zip(self.models, parts, strict=True))
+        counts = [len(model.names) for model in self.models]
+        coordinates = split_columns(points, counts)
+        return list(zip(self.models, coordinates, strict=True))
 
     def identity(self) -> tuple[object, ...]:
         """Return what decides each of the models."""
-        return ("product", *(model.identity() for model in self.models))
+        identities = [model.identity() for model in self.models]
+        return ("product", *identities)
 
     def pooled_parts(self, points: Array) -> list[tuple[Pooled, Array]]:
-        """Pooled densities of all models."""
+        """Pooled densities of all models, each with its coordinates."""
         parts: list[tuple[Pooled, Array]] = []
         for model, coordinates in self._split(points):
             parts += model.pooled_parts(coordinates)
@@ -56,28 +64,42 @@ class Product(Model):
 
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, d), shape (W,)."""
-        values = [model(coordinates) for model, coordinates in self._split(points)]
-        return np.sum(values, axis=0)
+        log_densities = []
+        for model, coordinates in self._split(points):
+            log_densities.append(model(coordinates))
+        return np.sum(log_densities, axis=0)
 
     def laws(self, points: Array) -> ConditionalMoments:
         """Moments of all cells at coordinates (W, d)."""
-        laws = [model.laws(coordinates) for model, coordinates in self._split(points)]
+        means = []
+        sds = []
+        population_sds = []
+        for model, coordinates in self._split(points):
+            laws = model.laws(coordinates)
+            means.append(laws.mean)
+            sds.append(laws.sd)
+            population_sds.append(laws.population_sd)
         return ConditionalMoments(
-            mean=np.hstack([law.mean for law in laws]),
-            sd=np.hstack([law.sd for law in laws]),
-            population_sd=np.hstack([law.population_sd for law in laws]),
+            mean=np.hstack(means),
+            sd=np.hstack(sds),
+            population_sd=np.hstack(population_sds),
         )
 
     def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """Draw population means and new users of all cells, each (W, C)."""
-        drawn = [model.draw(coordinates, rng) for model, coordinates in self._split(points)]
-        means = np.hstack([mean for mean, _ in drawn])
-        users = np.hstack([user for _, user in drawn])
-        return means, users
+        means = []
+        users = []
+        for model, coordinates in self._split(points):
+            model_means, model_users = model.draw(coordinates, rng)
+            means.append(model_means)
+            users.append(model_users)
+        return np.hstack(means), np.hstack(users)
 
     def scales(self, points: Array) -> Named:
-        """Scales of all models by name, those along parameters put together."""
-        parts = [model.scales(coordinates) for model, coordinates in self._split(points)]
+        """Scales of all models by name, side by side along the quantities."""
+        parts = []
+        for model, coordinates in self._split(points):
+            parts.append(model.scales(coordinates))
         named: Named = {}
         for name, (dimensions, _) in parts[0].items():
             values = np.hstack([part[name][1] for part in parts])
@@ -85,27 +107,46 @@ class Product(Model):
         return named
 
 
+def split_columns(matrix: Array, counts: Sequence[int]) -> list[Array]:
+    """Split the columns of a matrix (rows, sum of counts) into parts (rows, count), views."""
+    starts = np.cumsum(counts)[:-1]
+    return np.split(matrix, starts, axis=1)
+
+
 class Unpooled(Model):
     """Each cell by itself: y ~ N(beta, sigma²), beta and log sigma flat.
 
     Responses are standardised by the cell's own mean and SD, so that an offset costs no digits.
-    With t = log(sigma/SD) the posterior is exp(-nu t - nu exp(-2t)/2), nu = n - 1, and beta given
-    sigma is N(0, exp(2t)/n). The coordinate is t in units of 1/sqrt(2 nu).
+    With t = log(sigma/SD) and n subjects the posterior is exp(-nu t - nu exp(-2t)/2), nu = n - 1,
+    and beta given sigma is N(0, exp(2t)/n). The coordinate is t in units of 1/sqrt(2 nu), the SD of
+    t at the mode.
+
+    Parameters
+    ----------
+    cells : tuple of (str, str)
+        Parameter and environment of each of the C cells.
+    counts : ndarray of int
+        Subjects n of each cell, (C,).
+
+    Raises
+    ------
+    RefusalError
+        If a cell has one subject.
     """
 
     def __init__(self, cells: tuple[tuple[str, str], ...], counts: NDArray[np.int64]) -> None:
-        if np.any(counts < 2):
+        if np.any(counts < _FEWEST_SUBJECTS):
             parameter, environment = cells[int(np.argmin(counts))]
             raise RefusalError(
                 f"{parameter} in {environment} has one subject; the reference prior needs two.",
                 hint='Add subjects, or use pooling = "partial".',
             )
         self.cells = cells
-        self.names = [f"log sigma[{p},{e}]" for p, e in cells]
+        self.names = [f"log sigma[{parameter},{environment}]" for parameter, environment in cells]
         self.priors_in_force: dict[str, float] = {}
         self._n = np.asarray(counts, dtype=float)
-        self._df = self._n - 1.0
-        self._unit = 1.0 / np.sqrt(2.0 * self._df)
+        self._nu = self._n - 1.0
+        self._unit = 1.0 / np.sqrt(2.0 * self._nu)
 
     def identity(self) -> tuple[object, ...]:
         """Return cells and counts: the data are standardised."""
@@ -115,106 +156,22 @@ class Unpooled(Model):
         """Log density of coordinates (W, C), shape (W,)."""
         t = points * self._unit
         with np.errstate(over="ignore"):
-            cost = self._df * (t + 0.5 * np.exp(-2.0 * t))
+            cost = self._nu * (t + 0.5 * np.exp(-2.0 * t))
         return -cost.sum(axis=1)
+
+    def _sigma_ratio(self, points: Array) -> Array:
+        """exp(t), sigma over the cell's SD, (W, C)."""
+        return np.exp(points * self._unit)
 
     def laws(self, points: Array) -> ConditionalMoments:
         """Moments of the standardised beta and of the population at coordinates (W, C)."""
-        spread = np.exp(points * self._unit)
+        sigma = self._sigma_ratio(points)
         return ConditionalMoments(
-            mean=np.zeros_like(spread),
-            sd=spread / np.sqrt(self._n),
-            population_sd=spread,
+            mean=np.zeros_like(sigma),
+            sd=sigma / np.sqrt(self._n),
+            population_sd=sigma,
         )
 
     def scales(self, points: Array) -> Named:
         """Ratio of sigma to the sample SD per cell."""
-        ratio = np.exp(points * self._unit)
-        return {"sigma_ratio": (("cell",), ratio)}
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Limits:
-    """Limits of one kind in C cells, on the response scale."""
-
-    lower: Array  # (C,)
-    upper: Array  # (C,)
-    influence: Array  # (S, 2 C) Pull of each draw on the lower limits, then on the upper ones
-
-
-class IntervalEstimands:
-    """Limits of the requested intervals, of every cell.
-
-    Parameters
-    ----------
-    model : Model
-        Whose cells they are.
-    kinds : tuple of str
-        Of `KINDS`.
-    level : float
-        Credibility of the intervals of the average user and of the next user.
-    share, confidence : float
-        The third kind holds this share of all users with this probability.
-    """
-
-    def __init__(
-        self,
-        model: Model,
-        *,
-        kinds: tuple[str, ...] = KINDS,
-        level: float = 0.99,
-        share: float = 0.99,
-        confidence: float = 0.95,
-    ) -> None:
-        self.model = model
-        self.cells = model.cells
-        self.kinds = kinds
-        self.level = level
-        self.share = share
-        self.confidence = confidence
-
-    def identity(self) -> tuple[object, ...]:
-        """Return what beside the model decides the limits."""
-        return ("intervals", self.kinds, self.level, self.share, self.confidence)
-
-    def components(self, points: Array) -> Array:
-        """ConditionalMoments per draw, packed: shape (W, 3 C)."""
-        return self.model.laws(points).pack()
-
-    def limits(self, kind: str, laws: ConditionalMoments) -> Limits:
-        """Limits of one kind from the laws of all draws."""
-        if kind == "share":
-            return self._share_limits(laws)
-        sd = laws.sd
-        if kind == "user":
-            sd = np.hypot(laws.sd, laws.population_sd)
-        tail = 0.5 * (1.0 - self.level)
-        lower, on_lower = mixture_quantile(laws.mean, sd, tail, upper=False)
-        upper, on_upper = mixture_quantile(laws.mean, sd, tail, upper=True)
-        influence = np.hstack([on_lower, on_upper])
-        return Limits(lower, upper, influence)
-
-    def _share_limits(self, laws: ConditionalMoments) -> Limits:
-        centre, half_width, influence = share_half_width(
-            laws.mean,
-            laws.sd,
-            laws.population_sd,
-            share=self.share,
-            confidence=self.confidence,
-        )
-        return Limits(centre - half_width, centre + half_width, influence)
-
-    def estimates(self, components: Array) -> Iterator[tuple[Estimates, Array]]:
-        """Limits of one kind after another, their scale being the interval's half-width."""
-        laws = ConditionalMoments.unpack(components)
-        for kind in self.kinds:
-            limits = self.limits(kind, laws)
-            lower = [f"lower {kind} limit of {p} in {e}" for p, e in self.cells]
-            upper = [f"upper {kind} limit of {p} in {e}" for p, e in self.cells]
-            half_width = 0.5 * (limits.upper - limits.lower)
-            estimates = Estimates(
-                names=(*lower, *upper),
-                value=np.concatenate([limits.lower, limits.upper]),
-                scale=np.tile(half_width, 2),
-            )
-            yield estimates, limits.influence
+        return {"sigma_ratio": (("cell",), self._sigma_ratio(points))}

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from percept.errors import RefusalError
+from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.laws import NewEnvironment
-from percept.inference.hierarchy.models import IntervalEstimands, Model
+from percept.inference.hierarchy.model import Model
 from percept.inference.sampling.gate import Estimates
 
 __all__ = ["NewEstimands", "new_environment", "new_name"]

@@ -22,8 +22,8 @@ from percept.calibration.studies import Checkpoint, plan_digest
 from percept.calibration.uniformity import judge_places
 from percept.errors import RefusalError
 from percept.inference.hierarchy.contrasts import ContrastEstimands, ContrastRows
+from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.linear_posterior import LinearPosterior
-from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.sampling.gate import Run, Settings
 from percept.inference.sampling.run import sample

@@ -21,7 +21,7 @@ from scipy import optimize, special
 
 from percept.calibration.studies import Checkpoint, plan_digest
 from percept.inference.hierarchy.contrasts import ContrastEstimands
-from percept.inference.hierarchy.models import IntervalEstimands
+from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 from percept.provenance import made_by, markdown_table

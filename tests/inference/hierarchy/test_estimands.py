@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import IntervalEstimands
+from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from tests.inference.hierarchy import designs
 
 

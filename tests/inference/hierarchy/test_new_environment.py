@@ -10,9 +10,9 @@ import pytest
 from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.design import Cells, Factors, design_of
+from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.linear_posterior import LinearPosterior
 from percept.inference.hierarchy.linear_scales import effect_columns
-from percept.inference.hierarchy.models import IntervalEstimands
 from percept.inference.hierarchy.new_environment import NewEstimands, new_environment
 from tests.inference.hierarchy import designs
 from tests.inference.hierarchy.linear_designs import dense, made

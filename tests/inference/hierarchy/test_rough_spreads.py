@@ -8,7 +8,7 @@ from scipy import optimize
 
 from percept.inference.hierarchy import priors as coordinates
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.models import IntervalEstimands
+from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.rough_spreads import rough_trial
 from percept.inference.hierarchy.scales import Options
