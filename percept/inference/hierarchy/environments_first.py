@@ -49,22 +49,27 @@ class EnvironmentsFirst:
         self._deviations = columns * environments
         effects, patterns = effect_factor.shape[1:3]
         self._effect_count = effects * patterns
-        self._factor = lower_factor(with_prior(equations.deviations))  # (a, a, J, W)
-        by_effects = equations.deviations_by_effects.reshape(columns, environments, -1, width)
-        mixed = np.concatenate([by_effects, equations.deviations_by_rest], axis=2)
+        precision = with_prior(equations.deviations)
+        self._factor = lower_factor(precision)  # (a, a, J, W)
+        by_rest = equations.deviations_by_rest
+        by_effects = equations.deviations_by_effects
+        by_effects = by_effects.reshape(columns, environments, -1, width)
+        mixed = np.concatenate([by_effects, by_rest], axis=2)
         for_columns = self._factor[:, :, :, None]
         explained = solve_lower(for_columns, mixed)  # T, (a, J, K + 1, W)
         #: T without the data's column, (a, J, K, W).
         self._explained = explained[:, :, :-1]
         explained_data = explained[:, :, -1]
-        effects_last = equations.rest_by_effects.reshape(rest, self._effect_count, width)
+        rest_by_effects = equations.rest_by_effects
+        rest_by_effects = rest_by_effects.reshape(rest, self._effect_count, width)
         joint = joined(
             blocks=equations.subject.effect_precision,
-            blocks_by_rest=effects_last.swapaxes(0, 1),
+            blocks_by_rest=rest_by_effects.swapaxes(0, 1),
             rest=equations.rest,
         )
         flat = explained.reshape(self._deviations, -1, width)
-        self.remainder = Remainder(joint, flat.transpose(2, 1, 0))
+        draws_first = flat.transpose(2, 1, 0)
+        self.remainder = Remainder(joint, draws_first)
         self.latents = self._solution(explained_data)
         # The remainder holds u = √N b̄ of each pattern, one subject's effects. The effects along the
         # other N - 1 directions have the precision I + Z'H each.
@@ -99,7 +104,8 @@ class EnvironmentsFirst:
         of_own = flat.transpose(2, 1, 0)  # L⁻¹x
         explained = self._explained.reshape(self._deviations, -1, width)
         draws_first = explained.transpose(2, 0, 1)
-        remaining = self._remaining_weights(of_own @ draws_first, rest)
+        explained_own = of_own @ draws_first
+        remaining = self._remaining_weights(explained_own, rest)
         of_remaining = self.remainder.columns_of(remaining)
         return np.concatenate([of_own, of_remaining], axis=2)
 
@@ -113,15 +119,19 @@ class EnvironmentsFirst:
         width = inverse.shape[-1]
         # (a, a, J, W) Covariance of own deviations if all that remains were known.
         covariance = np.einsum("kajw,kbjw->abjw", inverse, inverse)
-        products = own[:, :, None] * own[:, None]  # (n, a, a, J)
+        first = own[:, :, None]
+        second = own[:, None]
+        products = first * second  # (n, a, a, J)
         flat_products = products.reshape(count, -1)
         flat_covariance = covariance.reshape(-1, width)
-        of_own = sparse.csr_array(flat_products) @ flat_covariance
+        sparse_products = sparse.csr_array(flat_products)
+        of_own = sparse_products @ flat_covariance
         # L'⁻¹T times the SDs: what each remaining unknown takes from an own deviation.
         taken = np.einsum("kajw,kjrw->ajrw", inverse, self._explained)
         flat_taken = taken.reshape(self._deviations, -1)
         flat_own = own.reshape(count, -1)
-        explained = sparse.csr_array(flat_own) @ flat_taken
+        sparse_own = sparse.csr_array(flat_own)
+        explained = sparse_own @ flat_taken
         by_unknown = explained.reshape(count, -1, width)
         draws_first = by_unknown.transpose(2, 0, 1)
         remaining = self._remaining_weights(draws_first, rest)
@@ -132,7 +142,8 @@ class EnvironmentsFirst:
         """L⁻¹ with each column times the SD of its own deviation, (a, a, J, W)."""
         columns = len(self._factor)
         unit = np.eye(columns)
-        every_environment = np.broadcast_to(unit[:, :, None, None], self._factor.shape)
+        one_environment = unit[:, :, None, None]
+        every_environment = np.broadcast_to(one_environment, self._factor.shape)
         for_columns = self._factor[:, :, None]
         inverse = solve_lower(for_columns, every_environment)
         return inverse * self._deviation_sd[:, None]

@@ -54,14 +54,16 @@ class OnePattern:
         self._subjects = pattern.subjects
         #: (C, 1) Trials of each cell.
         self._trials = pattern.trials[:, None]
-        subjects_first = pattern.rows.transpose(1, 0, 2)
+        rows_first = pattern.rows.swapaxes(0, 1)
+        rows = np.ascontiguousarray(rows_first)
         #: (n, P, C, 1) Rows whose products sum to the scatter between subjects.
-        self._scatter_rows = np.ascontiguousarray(subjects_first)[..., None]
+        self._scatter_rows = rows[..., None]
         #: (o P, P, C) K without its SDs, over the cells of all environments at once.
         self._own = columns_by_quantity(design.deviation, size, cells)
         fixed = columns_by_quantity(design.fixed, size, cells)
         #: (f + 1, P, C) X, and the subjects' mean.
-        self._fixed_and_mean = np.concatenate([fixed, pattern.mean[None]])
+        mean = pattern.mean[None]
+        self._fixed_and_mean = np.concatenate([fixed, mean])
         #: (L, J) Cells of each environment.
         self._cells_of_environment = _cells_of_environment(design)
 
@@ -85,24 +87,31 @@ class OnePattern:
         columns = self._columns(scales)
         by_quantity = np.moveaxis(columns, 1, 0)
         whitened = noise_of_mean.whiten(tuple(by_quantity))
-        by_environment = self._by_environment(np.stack(whitened, axis=1))
-        rest, log_determinants = absorb(by_environment, len(self._own))
-        width = rest.shape[-1]
-        over_cells = rest.reshape(len(rest), -1, width)
-        solved = factor(over_cells[:-1], over_cells[-1])
-        of_noise = noise_of_mean.log_determinant().sum(axis=0)
-        of_own = log_determinants.sum(axis=0)
+        columns_first = np.stack(whitened, axis=1)
+        by_environment = self._by_environment(columns_first)
+        own = len(self._own)
+        rest, by_block = absorb(by_environment, own)
+        count, _, _, width = rest.shape
+        over_cells = rest.reshape(count, -1, width)
+        mean = over_cells[-1]
+        solved = factor(over_cells[:-1], mean)
+        by_cell = noise_of_mean.log_determinant()
+        of_noise = by_cell.sum(axis=0)
+        of_own = by_block.sum(axis=0)
         of_rest = solved.log_determinant + solved.distance
         return np.asarray(of_noise + of_own + of_rest)
 
     def _columns(self, scales: CellScales) -> Array:
         """K, Z/√N, X and the subjects' mean, side by side: (o P + q + f + 1, P, C, W)."""
         width = scales.effects.shape[-1]
-        sd = scales.tau.reshape(len(self._own), 1, 1, width)
+        count = len(self._own)
+        sd = scales.tau.reshape(count, 1, 1, width)
         own = self._own[..., None] * sd
-        effects = scales.effects / np.sqrt(self._subjects)
+        root_subjects = np.sqrt(self._subjects)
+        effects = scales.effects / root_subjects
+        constant = self._fixed_and_mean[..., None]
         every_draw = (*self._fixed_and_mean.shape, width)
-        fixed_and_mean = np.broadcast_to(self._fixed_and_mean[..., None], every_draw)
+        fixed_and_mean = np.broadcast_to(constant, every_draw)
         return np.concatenate([own, effects, fixed_and_mean])
 
     def _by_environment(self, columns: Array) -> Array:
@@ -118,8 +127,10 @@ def _cells_of_environment(design: Design) -> Indices:
     """Cells of each environment, (L, J); C, which is no cell, where one has fewer than L."""
     environment = design.cells.environment
     number = len(design.cells.environments)
-    most = int(np.bincount(environment).max())
-    cells = np.full((most, number), len(environment))
+    counts = np.bincount(environment)
+    most = counts.max()
+    no_cell = len(environment)
+    cells = np.full((most, number), no_cell)
     for j in range(number):
         of_environment = np.flatnonzero(environment == j)
         cells[: len(of_environment), j] = of_environment
@@ -150,7 +161,8 @@ def absorb(columns: Array, count: int) -> tuple[Array, Array]:
     work = np.zeros((total, count + rows, *draws))
     work[:, count:] = columns
     absorbed = np.arange(count)
-    work[absorbed, count - 1 - absorbed] = 1.0
+    rows_of_priors = count - 1 - absorbed
+    work[absorbed, rows_of_priors] = 1.0
     log_determinant = np.zeros(draws)
     for i in range(count):
         first_nonzero = count - 1 - i

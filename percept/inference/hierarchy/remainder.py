@@ -59,7 +59,8 @@ class Remainder:
     def __init__(self, joint: Array, explained: Array) -> None:
         diagonal = np.einsum("wii->wi", joint)
         diagonal_of_r = diagonal[:, :-1].copy()
-        joint -= explained @ explained.swapaxes(1, 2)
+        transposed = explained.swapaxes(1, 2)
+        joint -= explained @ transposed
         rows = joint[:, :-1]
         matrix = rows[:, :, :-1]
         data = rows[:, :, -1]
@@ -114,7 +115,8 @@ def joined(blocks: Array, blocks_by_rest: Array, rest: Array) -> Array:
     corner = of_blocks[:, :, :first]
     by_block = corner.reshape(width, count, number, count, number)
     block = np.arange(number)
-    by_block[:, :, block, :, block] = blocks.transpose(2, 3, 0, 1)
+    block_first = blocks.transpose(2, 3, 0, 1)
+    by_block[:, :, block, :, block] = block_first
     mixed = blocks_by_rest.transpose(2, 0, 1)
     of_blocks[:, :, first:] = mixed
     of_rest[:, :, :first] = mixed.swapaxes(1, 2)

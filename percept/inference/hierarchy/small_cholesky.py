@@ -32,7 +32,8 @@ def solve_lower(factor: Array, right: Array) -> Array:
     x = _unsolved(factor, right)
     for i in range(len(factor)):
         row = factor[i, :i]
-        solved = np.einsum("k...,k...->...", row, x[:i])
+        before = x[:i]
+        solved = np.einsum("k...,k...->...", row, before)
         remaining = right[i] - solved
         x[i] = remaining / factor[i, i]
     return x
@@ -42,17 +43,19 @@ def solve_upper(factor: Array, right: Array) -> Array:
     """Solve L'x = right."""
     x = _unsolved(factor, right)
     for i in reversed(range(len(factor))):
-        after = i + 1
-        column = factor[after:, i]
-        solved = np.einsum("k...,k...->...", column, x[after:])
+        next_row = i + 1
+        column = factor[next_row:, i]
+        after = x[next_row:]
+        solved = np.einsum("k...,k...->...", column, after)
         remaining = right[i] - solved
         x[i] = remaining / factor[i, i]
     return x
 
 
 def _unsolved(factor: Array, right: Array) -> Array:
-    """Room for the solution: there may be several right sides for each factor."""
-    shape = np.broadcast_shapes(right.shape, factor.shape[1:])
+    """Room for the solution, with the axes of right sides that share a factor."""
+    one_solution = factor.shape[1:]
+    shape = np.broadcast_shapes(right.shape, one_solution)
     return np.empty(shape)
 
 

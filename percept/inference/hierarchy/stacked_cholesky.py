@@ -21,20 +21,24 @@ def stacked_factor(matrices: Array) -> Array:
     numpy refuses a whole stack if one matrix fails, so the stack is halved until it stands alone.
     """
     try:
-        return np.asarray(np.linalg.cholesky(matrices), dtype=np.float64)
+        factor = np.linalg.cholesky(matrices)
+        return np.asarray(factor)
     except np.linalg.LinAlgError:
         if len(matrices) == 1:
             return np.full_like(matrices, np.nan)
         halves = np.array_split(matrices, 2)
-        return np.concatenate([stacked_factor(half) for half in halves])
+        factors = [stacked_factor(half) for half in halves]
+        return np.concatenate(factors)
 
 
 def stacked_solve_lower(factor: Array, right: Array) -> Array:
     """Solve L x = right for lower factors (W, Q, Q) and vectors (W, Q)."""
     x = right.copy()
-    for i in range(x.shape[1]):
+    size = x.shape[1]
+    for i in range(size):
         row = factor[:, i, :i]
-        solved = np.einsum("wk,wk->w", row, x[:, :i])
+        before = x[:, :i]
+        solved = np.einsum("wk,wk->w", row, before)
         remaining = x[:, i] - solved
         x[:, i] = remaining / factor[:, i, i]
     return x
@@ -43,10 +47,12 @@ def stacked_solve_lower(factor: Array, right: Array) -> Array:
 def stacked_solve_upper(factor: Array, right: Array) -> Array:
     """Solve L'x = right."""
     x = right.copy()
-    for i in reversed(range(x.shape[1])):
-        after = i + 1
-        column = factor[:, after:, i]
-        solved = np.einsum("wk,wk->w", column, x[:, after:])
+    size = x.shape[1]
+    for i in reversed(range(size)):
+        next_row = i + 1
+        column = factor[:, next_row:, i]
+        after = x[:, next_row:]
+        solved = np.einsum("wk,wk->w", column, after)
         remaining = x[:, i] - solved
         x[:, i] = remaining / factor[:, i, i]
     return x

@@ -69,7 +69,9 @@ class SubjectCovariance:
         whitened = self._whitened_effects_by_draw(rows)
         effects = solve_upper(self._factor_for_rows, whitened)
         unexplained = self._unexplained(rows, effects)
-        return [self._noise.whiten(unexplained), tuple(effects)]
+        of_cells = self._noise.whiten(unexplained)
+        of_effects = tuple(effects)
+        return [of_cells, of_effects]
 
     def scatter_distance(self, rows: Array) -> Array:
         """Sum of r'V⁻¹r over rows r, (n, P, E, W), or (n, P, E, 1) of constants: shape (W,)."""
@@ -83,8 +85,9 @@ class SubjectCovariance:
         repeated = np.broadcast_to(rows, every_draw)
         unexplained = self._unexplained(repeated, effects)
         by_cell = self._noise.distance(unexplained)
+        of_cells = by_cell.sum(axis=0)
         of_effects = np.einsum("qnw,qnw->w", effects, effects)
-        return np.asarray(by_cell.sum(axis=0) + of_effects)
+        return np.asarray(of_cells + of_effects)
 
     def draw_effects(self, rows: Array, rng: np.random.Generator) -> Array:
         """Draw subjects' effects (q, n, W) given rows r (n, P, E, W).
@@ -113,7 +116,8 @@ class SubjectCovariance:
         unexplained = []
         for p in range(rows.shape[1]):
             residual = np.array(rows[:, p])
-            for column, effect in zip(self._effects[:, p], effects, strict=True):
+            columns = self._effects[:, p]
+            for column, effect in zip(columns, effects, strict=True):
                 residual -= column * effect[:, None]
             unexplained.append(residual)
         return tuple(unexplained)

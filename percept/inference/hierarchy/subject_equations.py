@@ -63,7 +63,8 @@ class SubjectEquations:
         columns = np.ascontiguousarray(cells_first)
         for_effects = self.precision.mapped(lambda part: part[:, None])
         for_patterns = columns[:, :, :, None]
-        weighted = for_effects.apply(tuple(for_patterns))
+        by_quantity = tuple(for_patterns)
+        weighted = for_effects.apply(by_quantity)
         self.weighted_effects = np.stack(weighted)
         products = np.einsum("pcaw,pcbgw->abgw", columns, self.weighted_effects)
         self.effect_precision = with_prior(products)

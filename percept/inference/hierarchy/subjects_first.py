@@ -39,10 +39,11 @@ class SubjectsFirst:
         problem = equations.problem
         self._deviation_sd = equations.deviation_sd
         deviations = problem.deviations
-        _, _, *shape_of_rest = equations.deviations_by_rest.shape
+        by_rest = equations.deviations_by_rest
+        _, _, *shape_of_rest = by_rest.shape
         joint = joined(
             blocks=with_prior(equations.deviations),
-            blocks_by_rest=equations.deviations_by_rest.reshape(deviations, *shape_of_rest),
+            blocks_by_rest=by_rest.reshape(deviations, *shape_of_rest),
             rest=equations.rest,
         )
         _, *effect_shape = effect_factor.shape
@@ -52,20 +53,23 @@ class SubjectsFirst:
         for_latents = effect_factor[:, :, None]
         explained = solve_lower(for_latents, effects_by_latents)  # T, (q, K + 1, G, W)
         latents_second = explained.transpose(3, 1, 0, 2)
-        width, count = latents_second.shape[:2]
+        width, count, *_ = latents_second.shape
         flat = latents_second.reshape(width, count, -1)
         self.remainder = Remainder(joint, flat)
-        self.latents = np.ascontiguousarray(self.remainder.solution.T)
+        draws_last = self.remainder.solution.T
+        self.latents = np.ascontiguousarray(draws_last)
         of_effects = 2.0 * problem.subjects @ log_diagonal(effect_factor)
         self.log_determinant = of_effects + self.remainder.log_determinant
 
     def columns_of(self, own: Array, rest: Array) -> Array:
         """Columns (W, n, K) whose products are the covariance of n combinations of latents."""
-        return self.remainder.columns_of(self._weights(own, rest))
+        weights = self._weights(own, rest)
+        return self.remainder.columns_of(weights)
 
     def variances_of(self, own: Array, rest: Array) -> Array:
         """Variances (W, n) of combinations of latents."""
-        return self.remainder.variances_of(self._weights(own, rest))
+        weights = self._weights(own, rest)
+        return self.remainder.variances_of(weights)
 
     def _weights(self, own: Array, rest: Array) -> Array:
         """Weights (W, n, K) of latents, from (n, a, J) of own deviations and (n, r)."""
