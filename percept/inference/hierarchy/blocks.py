@@ -1,10 +1,14 @@
 """Covariance blocks of one or two parameters, in algebra that does not cancel.
 
 A block holds a 1 x 1 or 2 x 2 covariance for every entry of its axes. The 2 x 2 form is kept as a
-regression: the variance v of the first parameter, the slope g of the second on it and the variance
-w left over, so that A = L diag(v, w) L' with L = [[1, 0], [g, 1]]. Sums, inverses, determinants and
-distances then need positive terms only, and a correlation of 1 - 1e-9 keeps the digits that ``v1*v2
-- c*c`` would lose.
+regression: the variance v of the leading parameter, the slope g of the other on it and the variance
+w left over, so that A = F F' with F = [[1, 0], [g, 1]] diag(√v, √w). Sums, inverses, determinants
+and distances then need positive terms only, and a correlation of 1 - 1e-9 keeps the digits that
+``v1*v2 - c*c`` would lose.
+
+The first parameter leads a covariance. The inverse of a regression of the second on the first is a
+regression of the first on the second, so the second parameter leads a precision. Blocks that are
+added have the same parameter leading.
 """
 
 from __future__ import annotations
@@ -18,12 +22,9 @@ from numpy.typing import NDArray
 
 __all__ = [
     "Block",
-    "SharedCovariance",
     "Vector",
     "block",
     "gram",
-    "weighted_mean",
-    "weighted_mean_of_rows",
 ]
 
 Array = NDArray[np.float64]
@@ -33,7 +34,7 @@ Vector = tuple[Array, ...]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Block:
-    """A covariance per entry, or a precision, which regresses the first parameter on the second."""
+    """A covariance per entry, or a precision, in which the second parameter leads."""
 
     variances: Vector  # Of the leading parameter, and of the other what the leading one leaves
     slope: Array | None = None  # Of the other on the leading one; none of a single parameter
@@ -58,8 +59,12 @@ class Block:
     def __getitem__(self, key: Any) -> Block:
         return self.mapped(lambda part: part[key])
 
+    def _with(self, *variances: Array, slope: Array | None = None) -> Block:
+        """Return a block in which the same parameter leads."""
+        return Block(variances, slope, self.precision)
+
     def _leading_first(self, r: Vector) -> Vector:
-        """Swap the components where the second parameter leads; its own inverse."""
+        """Swap the components where the second parameter leads; twice changes nothing."""
         return r[::-1] if self.precision else r
 
     def __add__(self, other: Block) -> Block:
@@ -67,39 +72,42 @@ class Block:
         v2 = other.leading
         v = v1 + v2
         if self.slope is None or other.slope is None:
-            return Block((v,), None, self.precision)
+            return self._with(v)
         difference = self.slope - other.slope
         share = v2 / v
         # The slope as a weighted mean: g1 - share (g1 - g2) would cancel where v2 is far above v1.
-        slope = (v1 * self.slope + v2 * other.slope) / v
+        weighted = v1 * self.slope + v2 * other.slope
+        slope = weighted / v
         rest = self.rest + other.rest
         rest = rest + v1 * share * difference * difference
-        return Block((v, rest), slope, self.precision)
+        return self._with(v, rest, slope=slope)
 
     def plus_diagonal(self, diagonal: Vector) -> Block:
         """Return the sum with a diagonal block, given in the order of the parameters."""
         added = self._leading_first(diagonal)
         v = self.leading + added[0]
         if self.slope is None:
-            return Block((v,), None, self.precision)
+            return self._with(v)
         share = added[0] / v
-        # v (g - s)² + d1 s² with s = g v/(v + d1) is g² v d1/(v + d1).
+        # v (g - s)² + d s² with s = g v/(v + d) is g² v d/(v + d), d the first variance added.
         rest = self.rest + added[1]
-        rest = rest + self.slope * self.slope * self.leading * share
+        squared_slope = self.slope * self.slope
+        rest = rest + squared_slope * self.leading * share
         slope = self.slope * (self.leading / v)
-        return Block((v, rest), slope, self.precision)
+        return self._with(v, rest, slope=slope)
 
     def total(self) -> Block:
         """Return the sum over the first axis."""
         v = self.leading.sum(axis=0)
         if self.slope is None:
-            return Block((v,), None, self.precision)
+            return self._with(v)
         weighted = self.leading * self.slope
         slope = weighted.sum(axis=0) / v
         difference = self.slope - slope
         scatter = self.leading * difference * difference
-        rest = self.rest.sum(axis=0) + scatter.sum(axis=0)
-        return Block((v, rest), slope, self.precision)
+        rest = self.rest.sum(axis=0)
+        rest = rest + scatter.sum(axis=0)
+        return self._with(v, rest, slope=slope)
 
     def scaled(self, factor: Array | float) -> Block:
         """Return the block times a positive number per entry."""
@@ -108,7 +116,8 @@ class Block:
 
     def inverse(self) -> Block:
         """Return the inverse block."""
-        variances = tuple(1.0 / part for part in self.variances[::-1])
+        other_leads = self.variances[::-1]
+        variances = tuple(1.0 / part for part in other_leads)
         slope = None if self.slope is None else -self.slope
         return Block(variances, slope, not self.precision)
 
@@ -122,7 +131,8 @@ class Block:
         if self.slope is None:
             return (self.leading * r[0],)
         first, second = self._leading_first(r)
-        leading = self.leading * (first + self.slope * second)
+        explained = first + self.slope * second
+        leading = self.leading * explained
         following = self.slope * leading + self.rest * second
         return self._leading_first((leading, following))
 
@@ -130,17 +140,20 @@ class Block:
         """Components of a vector, of the second what the first does not explain."""
         if self.slope is None:
             return r
-        return (r[0], r[1] - self.slope * r[0])
+        first, second = r
+        return (first, second - self.slope * first)
 
     def whiten(self, r: Vector) -> Vector:
         """Return F⁻¹r, where F is the lower factor of a covariance, FF' = A."""
-        parts = zip(self._remainders(r), self.variances, strict=True)
-        return tuple(part / np.sqrt(variance) for part, variance in parts)
+        remainders = self._remainders(r)
+        pairs = zip(remainders, self.variances, strict=True)
+        return tuple(part / np.sqrt(variance) for part, variance in pairs)
 
     def distance(self, r: Vector) -> Array:
         """Return the sum of r'A⁻¹r over the first axis of r, per entry of a covariance A."""
         distance: Array | float = 0.0
-        for part, variance in zip(self._remainders(r), self.variances, strict=True):
+        remainders = self._remainders(r)
+        for part, variance in zip(remainders, self.variances, strict=True):
             squares = np.einsum("k...,k...->...", part, part)
             distance = distance + squares / variance
         return np.asarray(distance)
@@ -151,7 +164,10 @@ class Block:
         if self.slope is None:
             return [(root,)]
         rest = np.sqrt(self.rest)
-        return [(root, self.slope * root), (np.zeros_like(root), rest)]
+        nothing = np.zeros_like(root)
+        first = (root, self.slope * root)
+        second = (nothing, rest)
+        return [first, second]
 
     def diagonal(self) -> Vector:
         """Return the variances of a covariance, one array per parameter."""
@@ -176,102 +192,22 @@ def block(
     first, second = variances
     if rho is None or one_minus_size is None:
         return Block(variances, np.zeros_like(first))
-    unexplained = one_minus_size * (1.0 + np.abs(rho))
-    slope = rho * (sd[1] / sd[0])
-    return Block((first, second * unexplained), slope)
-
-
-def weighted_mean(
-    parts: Block,
-    total: Block,
-    r: Vector,
-    *,
-    axis: int = -2,
-) -> Vector:
-    """Return K⁻¹ sum_j P_j r_j, K the total of the precisions P_j."""
-    if parts.slope is None or total.slope is None:
-        weighted = parts.leading * r[0]
-        return (weighted.sum(axis=axis) / total.leading,)
-    second = parts.leading * (r[1] + parts.slope * r[0])
-    # Differences of slopes: applying K⁻¹ to P_j r_j would subtract numbers 1/(1 - rho²) times the
-    # result.
-    first = parts.rest * r[0] + (parts.slope - total.slope) * second
-    mean = first.sum(axis=axis) / total.rest
-    along = second.sum(axis=axis) / total.leading
-    return (mean, along - total.slope * mean)
-
-
-def weighted_mean_of_rows(
-    parts: Block,
-    total: Block,
-    rows: Array,
-) -> Vector:
-    """Return K⁻¹ sum_j P_j r_j for many constant vectors."""
-    if parts.slope is None or total.slope is None:
-        return (rows[0] @ parts.leading / total.leading,)
-    v, rest = parts.variances
-    # The weights of `weighted_mean`, applied to all vectors by one product of matrices each.
-    cross = v * parts.slope
-    difference = parts.slope - total.slope
-    first = rows[0] @ (rest + difference * cross) + rows[1] @ (difference * v)
-    second = rows[0] @ cross + rows[1] @ v
-    mean = first / total.rest
-    return (mean, second / total.leading - total.slope * mean)
+    one_plus_size = 1.0 + np.abs(rho)
+    unexplained = one_minus_size * one_plus_size  # 1 - rho²
+    ratio = sd[1] / sd[0]
+    return Block((first, second * unexplained), rho * ratio)
 
 
 def gram(columns: Sequence[Array]) -> Block:
     """C'C for columns (q, J, W) per parameter; residual sums keep a near-singular one exact."""
-    first = np.einsum("qjw,qjw->jw", columns[0], columns[0])
+    leading = columns[0]
+    v = np.einsum("qjw,qjw->jw", leading, leading)
     if len(columns) == 1:
-        return Block((first,))
-    cross = np.einsum("qjw,qjw->jw", columns[0], columns[1])
+        return Block((v,))
+    cross = np.einsum("qjw,qjw->jw", leading, columns[1])
     # A variance that underflows leaves nothing to regress on.
     nothing = np.zeros_like(cross)
-    slope = np.divide(cross, first, out=nothing, where=first > 0)
-    residual = columns[1] - slope * columns[0]
+    slope = np.divide(cross, v, out=nothing, where=v > 0)
+    residual = columns[1] - slope * leading
     rest = np.einsum("qjw,qjw->jw", residual, residual)
-    return Block((first, rest), slope)
-
-
-class SharedCovariance:
-    """blockdiag(D_1 … D_E) + 11' (x) S for W sets of scales, never formed.
-
-    A vector r splits into its precision-weighted mean m and the deviations from it, and r'V⁻¹r =
-    sum_j (r_j - m)'D_j⁻¹(r_j - m) + m'(S + (sum_j D_j⁻¹)⁻¹)⁻¹m: squares only, where Woodbury's
-    identity would subtract (up to 12 digits at extreme variances).
-    """
-
-    def __init__(self, cells: Block, shared: Block | None) -> None:
-        self._cells = cells
-        self._shared = shared is not None
-        if shared is not None:
-            self._precisions = cells.inverse()
-            self._precision = self._precisions.total()
-            self._outer = shared + self._precision.inverse()
-
-    def log_determinant(self) -> Array:
-        """Return log det V, shape (W,)."""
-        value = self._cells.log_determinant().sum(axis=0)
-        if self._shared:
-            value = value + self._precision.log_determinant() + self._outer.log_determinant()
-        return value
-
-    def whiten(self, r: Vector) -> list[Vector]:
-        """Split r into pieces whose squares sum to r'V⁻¹r."""
-        if not self._shared:
-            return [self._cells.whiten(r)]
-        mean = weighted_mean(self._precisions, self._precision, r)
-        pairs = zip(r, mean, strict=True)
-        inside = tuple(component - m[..., None, :] for component, m in pairs)
-        return [self._cells.whiten(inside), self._outer.whiten(mean)]
-
-    def scatter_distance(self, rows: Array) -> Array:
-        """Sum of r'V⁻¹r over constant rows."""
-        vectors = tuple(rows[..., None])
-        if not self._shared:
-            return self._cells.distance(vectors).sum(axis=0)
-        mean = weighted_mean_of_rows(self._precisions, self._precision, rows)
-        pairs = zip(vectors, mean, strict=True)
-        inside = tuple(component - m[:, None] for component, m in pairs)
-        within_cells = self._cells.distance(inside).sum(axis=0)
-        return within_cells + self._outer.distance(mean)
+    return Block((v, rest), slope)

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError
-from percept.inference.hierarchy.blocks import Block, SharedCovariance
+from percept.inference.hierarchy.blocks import Block
 from percept.inference.hierarchy.information import Information
 from percept.inference.hierarchy.information_problem import InformationProblem
 from percept.inference.hierarchy.laws import (
@@ -47,6 +47,7 @@ from percept.inference.hierarchy.prior_draws import draw_prior_of
 from percept.inference.hierarchy.priors import Named, Priors, draws_first
 from percept.inference.hierarchy.regression import LocationProblem, Regression
 from percept.inference.hierarchy.scales import Layout, Options, Scales
+from percept.inference.hierarchy.shared_covariance import SharedCovariance
 from percept.inference.hierarchy.statistics import Statistics
 from percept.inference.hierarchy.subject_effects import draw_subject_effects
 from percept.inference.hierarchy.trend_laws import new_environment_given, trend_given

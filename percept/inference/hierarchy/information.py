@@ -27,9 +27,10 @@ import functools
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block, Vector, gram, weighted_mean
+from percept.inference.hierarchy.blocks import Block, Vector, gram
 from percept.inference.hierarchy.information_problem import InformationProblem
 from percept.inference.hierarchy.scales import Scales
+from percept.inference.hierarchy.shared_covariance import weighted_mean
 from percept.inference.hierarchy.stacked_cholesky import (
     stacked_factor,
     stacked_solve_lower,

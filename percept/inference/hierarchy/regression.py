@@ -30,10 +30,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block, SharedCovariance, Vector, gram
+from percept.inference.hierarchy.blocks import Block, Vector, gram
 from percept.inference.hierarchy.orthogonal import factor
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Layout, Scales
+from percept.inference.hierarchy.shared_covariance import SharedCovariance
 from percept.inference.hierarchy.statistics import Statistics
 
 __all__ = ["LocationProblem", "Regression"]

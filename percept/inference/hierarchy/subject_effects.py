@@ -20,8 +20,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block, Vector, weighted_mean
+from percept.inference.hierarchy.blocks import Block, Vector
 from percept.inference.hierarchy.laws import SubjectLaws
+from percept.inference.hierarchy.shared_covariance import weighted_mean
 from percept.inference.hierarchy.statistics import Statistics
 from percept.inference.hierarchy.subject_covariance import SubjectCovariance
 

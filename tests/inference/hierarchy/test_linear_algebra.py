@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from percept.inference.hierarchy.blocks import Block, SharedCovariance, block
+from percept.inference.hierarchy.blocks import Block, block
 from percept.inference.hierarchy.orthogonal import factor
+from percept.inference.hierarchy.shared_covariance import SharedCovariance
 
 WIDTH = 3
 
