@@ -152,7 +152,8 @@ class ModelTable(Table):
     trial's own reference, where that differs within an environment. The levels of the factors
     named in `spread` differ in how far subjects lie apart; all factors, by default.
     `subjects_trial_sd` gives subjects trial SDs of their own: "auto" where half of at most 60
-    subjects have eight trials or more beyond the first of each cell.
+    subjects have eight trials or more beyond the first of each cell. There must be two cells or
+    more, and every subject who repeats trials must set different values.
     `subjects_slope` lets the bias of each subject grow with the reference in a way of their own.
     `resolution` is the step of the adjustment. Its variance, step²/12, stands in for scatter in
     cells that show none or whose parameters move in proportion. percept adds it nowhere else.

@@ -108,6 +108,10 @@ def simulated(design: StudyDesign, seed: int) -> Statistics:
     of_outlier = table["subject"] == plan.subjects[0]
     for name in design.parameters:
         table.loc[of_outlier, f"{name}_adj"] *= design.outlier
-    scene = Scene(inference={"family": design.family, "parameters": list(design.parameters)})
+    scene = Scene(
+        inference={"family": design.family, "parameters": list(design.parameters)},
+        # These studies are fitted by the model in which subjects share one trial SD.
+        model={"subjects_trial_sd": False},
+    )
     model: Any = prepare(Sessions.from_frame(table), scene, design.parameters).model
     return model.statistics

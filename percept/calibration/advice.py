@@ -86,10 +86,14 @@ def own_values(study: Study, fitted: TrueValues) -> TrueValues:
     counts = study.sessions.table.groupby(["environment", "subject"], sort=False).size()
     # A subject's mean has the trial variance over its number of trials.
     trial_share = (1.0 / counts).groupby("environment", sort=False).mean().to_numpy()[:, None]
-    between = sd**2 - trial_share * np.square(fitted.sigma_e)
+    omega_s = fitted.hyper.omega_s
+    # Over subjects, whose log SDs are normal, the variance averages to this multiple.
+    trial_variance = np.square(fitted.sigma_e) * np.exp(2.0 * np.square(omega_s))
+    between = sd**2 - trial_share * trial_variance
     beta = mean - 1.0
+    alone = Hyperparameters.zero(len(study.parts.parameters))
     return TrueValues(
-        hyper=Hyperparameters.zero(len(study.parts.parameters)),
+        hyper=replace(alone, omega_s=omega_s),
         delta=beta,
         beta=beta,
         sigma=np.sqrt(np.maximum(between, _LEAST_VARIANCE * sd**2)),

@@ -44,7 +44,7 @@ __all__ = [
 # The truth that an interrupted run goes on from, in the folder of its results.
 _TRUTH_FILE = "truth.json"
 # Of the posterior, what `Hyperparameters` holds; trials have no law over environments there.
-_HYPER_SCALES = ("tau", "sigma_u", "s", "kappa", "omega")
+_HYPER_SCALES = ("tau", "sigma_u", "s", "kappa", "omega", "omega_s")
 _CORRELATIONS = ("rho_u", "rho_w", "rho_e")
 # Tolerance of simulated fits: the error of a limit hardly moves what it covers, and time counts.
 _TOLERANCE = 0.05

@@ -130,6 +130,13 @@ class CoveragePlan:
             trials = np.array(self.trials)
         return Design(references, trials, self.parameters, self.environments)
 
+    @property
+    def model_of_truth(self) -> dict[str, Any]:
+        """Return [model] of the analysis: subjects have trial SDs of their own if they truly do."""
+        if self.values is not None and np.any(self.values.hyper.omega_s):
+            return self.model
+        return {**self.model, "subjects_trial_sd": False}
+
     def scene(self, seed: int) -> Scene:
         """Return the scene that a simulated study is analysed under."""
         lower, upper, points = self.frequencies
@@ -140,7 +147,7 @@ class CoveragePlan:
         return Scene(
             **described,
             frequency={"lower": lower, "upper": upper, "points": points},
-            model=self.model,
+            model=self.model_of_truth,
             inference={
                 "kinds": ["user"] if self.each else ["mean", "user", "share"],
                 "level": self.level,

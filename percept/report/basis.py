@@ -362,6 +362,9 @@ def _model(results: Results) -> str:
         scatter += (
             f", in proportion to the reference but for each {words.environment}’s own deviation"
         )
+    in_force = results.diagnostics.priors if results.diagnostics else ()
+    if any(prior.prior == "omega_s_scale" for prior in in_force):
+        scatter += f", with trial SDs that differ between {words.subjects}"
     by_itself = f" ({' and '.join(names)} each by itself)" if pair and not sessions else ""
     return f"{', '.join(parts)}, and {scatter}{by_itself}"
 

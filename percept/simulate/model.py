@@ -4,6 +4,8 @@
     β_jp = α_p + γ_p x_jp + δ_jp          δ_jp ~ N(0, τ_p²)
     log σ_jp ~ N(log s_p + κ_p x_jp, ω_p²)
 
+Subjects may have trial SDs of their own: σ_e times exp(φ_ip), with φ_ip ~ N(0, ω_s,p²).
+
 Each of three steps has its own record, so that a calibration can hold any of them fixed.
 """
 
@@ -124,6 +126,7 @@ class Hyperparameters:
     kappa_e: Array
     omega_e: Array
     rho_e: float
+    omega_s: Array | float = 0.0  # SD of the log of a subject's trial SD over its typical size
 
     @classmethod
     def zero(cls, parameters: int) -> Hyperparameters:
@@ -154,7 +157,7 @@ class TrueValues:
     delta: Array  # (J, P) an environment's own shift
     beta: Array  # (J, P) its point of equality α + γx + δ
     sigma: Array  # (J, P) SD between subjects within an environment
-    sigma_e: Array  # (J, P) SD between trials
+    sigma_e: Array  # (J, P) SD between trials, of a typical subject where they differ
 
     @property
     def cov_u(self) -> Array:
@@ -312,8 +315,11 @@ def draw_responses(values: TrueValues, design: Design, rng: np.random.Generator)
     subject, environment = np.divmod(cell, environments)
     # Number of the first trial of each trial's cell.
     first = np.repeat(np.cumsum(counts) - counts, counts)
-    noise = correlated_normal(rng, (cell.size, parameters), hyper.rho_e)
-    e = values.sigma_e[environment] * noise
+    trial_sd = values.sigma_e[environment]
+    if np.any(hyper.omega_s):
+        ratios = np.exp(hyper.omega_s * rng.standard_normal((subjects, parameters)))
+        trial_sd = trial_sd * ratios[subject]
+    e = trial_sd * correlated_normal(rng, (cell.size, parameters), hyper.rho_e)
     return Responses(
         subject=subject,
         environment=environment,

@@ -146,6 +146,8 @@ def simpler_models(model: Model) -> list[str]:
     settings = []
     if model.takes_options and any(name.startswith("omega") for name in model.names):
         settings.append("[model] common_spread = true")
+    if any(name.startswith("omega_s") for name in model.names):
+        settings.append("[model] subjects_trial_sd = false")
     names = list(dict.fromkeys(parameter for parameter, _ in model.cells))
     if len(names) == 2:
         settings.append(f'[inference] parameters = ["{names[0]}"] or ["{names[1]}"]')

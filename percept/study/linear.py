@@ -20,12 +20,11 @@ from percept.inference.hierarchy.linear_product import LinearProduct
 from percept.inference.hierarchy.model import Resolution
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.statistics import Statistics, apart_by_subject
-from percept.inference.hierarchy.subject_spreads import chance_of_differences
 from percept.inference.hierarchy.trial_scatter import TrialScatter, trial_scatter
 from percept.scene import InferenceTable, ModelTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.formula import TRIAL_REFERENCE
-from percept.study.basics import Array, Skipped, claim_of
+from percept.study.basics import Array, claim_of
 from percept.study.conditions import (
     CellKey,
     Comparison,
@@ -36,13 +35,6 @@ from percept.study.conditions import (
     level_means,
 )
 from percept.study.responses import Trials
-
-#: Subjects beyond which their own trial SDs take the sampler too long to be the default.
-_MOST_SUBJECTS = 60
-#: Probability below which differences between subjects' trial SDs are not put down to chance.
-_DOUBTFUL = 0.01
-#: Trial degrees of freedom of the median subject: with fewer, one SD is known to a quarter at best.
-_LEAST_TRIAL_DF = 8
 
 __all__ = ["Compared", "ContrastPlan", "linear_study", "side_by_side"]
 
@@ -79,7 +71,6 @@ class ContrastPlan:
     users: tuple[Compared, ...]  # Contrasts that each user has too
     groups: tuple[Compared, ...]  # Contrasts of different users, and slopes
     spreads: tuple[Compared, ...]  # Ratios of SDs between users
-    skipped: tuple[Skipped, ...]  # What the model leaves out
 
     def estimands(self, asked: InferenceTable) -> ContrastEstimands:
         """Limits of the cells' intervals and of all contrasts, to one tolerance."""
@@ -133,19 +124,17 @@ def side_by_side(plans: Sequence[ContrastPlan]) -> ContrastPlan:
         spreads += [compared.padded(before, after) for compared in plan.spreads]
         before += width
     rows = linalg.block_diag(*(plan.cell_rows for plan in plans))
-    skipped = tuple(part for plan in plans for part in plan.skipped)
     return ContrastPlan(
         model=model,
         cell_rows=rows,
         users=tuple(users),
         groups=tuple(groups),
         spreads=tuple(spreads),
-        skipped=skipped,
     )
 
 
 def linear_study(
-    data: Trials, sessions: Sessions, scene: Scene, resolution: Resolution
+    data: Trials, sessions: Sessions, scene: Scene, resolution: Resolution, *, own_trial_sds: bool
 ) -> ContrastPlan:
     """Build the model of one or two quantities over all cells.
 
@@ -159,6 +148,8 @@ def linear_study(
         With terms, priors and options.
     resolution : Resolution
         Variance that the adjustment's resolution adds.
+    own_trial_sds : bool
+        Whether each subject has a trial SD of its own.
 
     Returns
     -------
@@ -173,9 +164,7 @@ def linear_study(
     """
     _refuse_options(scene.model)
     conditions = conditions_of(sessions, scene)
-    why_not = _one_trial_sd(scene.model.subjects_trial_sd, data.statistics)
-    by_subject = why_not is None
-    statistics, covariates, scatter, sizes = _reduced(data, sessions, conditions, by_subject)
+    statistics, covariates, scatter, sizes = _reduced(data, sessions, conditions, own_trial_sds)
     keys = tuple(_key(sessions, cell) for cell in data.environments)
     priors = Priors(**scene.model.priors)
     own_slopes = scene.model.subjects_slope
@@ -199,18 +188,12 @@ def linear_study(
     # Where the spread of subjects' effects is one for all levels, a ratio would be falsely certain.
     contrasts = [own for own in found if own.of == "bias"]
     spreads = [own for own in contrasts if own.factor in conditions.spread]
-    skipped: tuple[Skipped, ...] = ()
-    if why_not is not None and data.statistics.repeats:
-        what = " and ".join(sessions.quantities[p].label for p in data.parameters)
-        why_not += _differences(data)
-        skipped = (Skipped(f"subjects' own trial SDs of {what}", why_not),)
     return ContrastPlan(
         model=model,
         cell_rows=np.eye(len(model.cells), model.locations_count),
         users=tuple(weigh.all_quantities(users)),
         groups=tuple(weigh.all_quantities(groups + slopes)),
         spreads=tuple(weigh.all_quantities(spreads)),
-        skipped=skipped,
     )
 
 
@@ -222,40 +205,9 @@ def _refuse_options(table: ModelTable) -> None:
     if not table.subject_effect:
         reasons.append(("subject_effect", False, "comparisons within subjects rest on it"))
     for key, value, why in reasons:
-        message = f"does not go with factors, groups or covariates: {why}."
-        hint = "Leave it out, or leave out [model] bias and [study] factor."
+        message = f"does not go with factors, groups, covariates or subjects' trial SDs: {why}."
+        hint = "Leave it out, or leave out [model] bias and subjects_trial_sd, and [study] factor."
         raise UsageError(message, key=f"model.{key}", value=value, hint=hint)
-
-
-def _one_trial_sd(setting: bool | str, statistics: Statistics) -> str | None:
-    """Say why all subjects share one trial SD; None where each has one of their own."""
-    if setting is False:
-        return "[model] subjects_trial_sd = false"
-    if not statistics.repeats:
-        return "no subject repeats a trial in a cell"
-    if setting is True:
-        return None
-    why = ""
-    subjects = len(statistics.subjects)
-    df = np.zeros(subjects)
-    for pattern in statistics.patterns:
-        df[pattern.members] = (pattern.trials - 1.0).sum()
-    if subjects > _MOST_SUBJECTS:
-        why = f"the study has more than {_MOST_SUBJECTS} subjects"
-    elif np.median(df) < _LEAST_TRIAL_DF:
-        why = f"half of the subjects repeat a trial fewer than {_LEAST_TRIAL_DF} times"
-    return f"{why}; [model] subjects_trial_sd = true computes them" if why else None
-
-
-def _differences(data: Trials) -> str:
-    """Say whether subjects' trial SDs differ more than chance lets them."""
-    nothing = np.zeros((len(data.response), 0))
-    scatter = trial_scatter(data.response, data.subject, data.environment, nothing, by_subject=True)
-    chances = chance_of_differences(scatter, len(data.subjects), len(data.environments))
-    smallest = min(1.0, chances.min() * len(chances))
-    if smallest >= _DOUBTFUL:
-        return ""
-    return f". They differ beyond chance (p = {smallest:.1g}), which the model does not know"
 
 
 def _reduced(

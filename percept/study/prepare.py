@@ -33,6 +33,7 @@ from percept.study.responses import (
     resolution_of,
     trials,
 )
+from percept.study.subject_trials import subject_trials
 
 __all__ = ["Prepared", "modelled_together", "pooled", "prepare", "prepare_apart", "prepared_beside"]
 
@@ -67,12 +68,7 @@ def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Pr
     if sessions.form == "summary":
         return _from_limits(sessions, scene, parameters)
     groups = modelled_together(parameters, scene.inference.together)
-    partial = scene.inference.method == "both"
-    # A single cell has nothing to compare.
-    table = scene.model
-    asks = bool(scene.terms) or table.subjects_slope or table.subjects_trial_sd is True
-    build = _linear if asks and len(sessions.environments) > 1 else _ordinary
-    models = [build(sessions, scene, group, partial=partial) for group in groups]
+    models = [_of_group(sessions, scene, group) for group in groups]
     return models[0] if len(models) == 1 else _side_by_side(models)
 
 
@@ -92,25 +88,24 @@ def prepared_beside(
         return Skipped("Bayesian intervals", str(refused))
 
 
-def _ordinary(
-    sessions: Sessions, scene: Scene, parameters: tuple[str, ...], *, partial: bool
-) -> Prepared:
-    """Model environments without factors."""
-    data = trials(sessions, scene, parameters, partial=partial)
-    return pooled(data.statistics, scene, data.reference, data.scale, data)
-
-
-def _linear(
-    sessions: Sessions, scene: Scene, parameters: tuple[str, ...], *, partial: bool
-) -> Prepared:
-    """Model the cells of factors, groups and covariates."""
-    scaled = [p for p in parameters if by_difference(sessions, p)]
+def _of_group(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+    """Model the trials of quantities that share a model."""
+    # A single cell has nothing to compare.
+    several = len(sessions.environments) > 1
+    compares = several and (bool(scene.terms) or scene.model.subjects_slope)
+    scaled = [p for p in parameters if by_difference(sessions, p)] if compares else []
+    partial = scene.inference.method == "both"
     data = trials(sessions, scene, parameters, partial=partial, scaled=scaled)
-    resolution = resolution_of(data.statistics, scene, data.reference, data.scale)
-    plan = linear_study(data, sessions, scene, resolution)
-    prepared = _of_trials(plan.model, data.statistics, data.scale, scene, data)
-    skipped = (*prepared.skipped, *plan.skipped)
-    return dataclasses.replace(prepared, contrasts=plan, skipped=skipped)
+    trial_sds = subject_trials(data, scene)
+    if not (compares or trial_sds.own):
+        prepared = pooled(data.statistics, scene, data.reference, data.scale, data)
+    else:
+        resolution = resolution_of(data.statistics, scene, data.reference, data.scale)
+        plan = linear_study(data, sessions, scene, resolution, own_trial_sds=trial_sds.own)
+        prepared = _of_trials(plan.model, data.statistics, data.scale, scene, data)
+        if compares:
+            prepared = dataclasses.replace(prepared, contrasts=plan)
+    return dataclasses.replace(prepared, skipped=(*prepared.skipped, *trial_sds.skipped))
 
 
 def prepare_apart(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:

@@ -14,7 +14,7 @@ from percept.report.basis import bibtex, checks, cited, methods
 from percept.report.feelings import coupling_sentences
 from percept.report.figures import drawings
 from percept.report.overview import findings
-from percept.results import IntervalRow
+from percept.results import IntervalRow, Prior
 from percept.sessions.quantities import IMPEDANCE
 from tests.documents import EMPTY, as_results, build_document, page_of, sections_of
 from tests.study.checked import study_of, table_of
@@ -128,7 +128,7 @@ PAIR = " and correlated between stiffness and damping"
 WITHIN = "between-subject scatter within each environment"
 
 
-def model_of(*, form="trials", environments=3, parameters=("k", "b"), **model):
+def model_of(*, form="trials", environments=3, parameters=("k", "b"), diagnostics=None, **model):
     scene = Scene(
         model=model, inference={"method": "bayesian"}, study={"subject": ["subject", "subjects"]}
     )
@@ -146,6 +146,7 @@ def model_of(*, form="trials", environments=3, parameters=("k", "b"), **model):
         EMPTY, data=data,
         provenance=dataclasses.replace(EMPTY.provenance, scene=scene.to_dict()),
         intervals=tuple(dataclasses.replace(row, parameter=p) for p in parameters),
+        diagnostics=diagnostics,
     )  # fmt: skip
     return methods(results).view.model
 
@@ -173,6 +174,13 @@ def model_of(*, form="trials", environments=3, parameters=("k", "b"), **model):
 )
 def test_the_model_that_was_fitted_is_named(given, said):
     assert model_of(**given) == said
+
+
+def test_subjects_own_trial_sds_are_named(both):
+    prior = Prior(prior="omega_s_scale", value=0.5, meaning="")
+    diagnostics = dataclasses.replace(as_results(both).diagnostics, priors=(prior,))
+    said = model_of(diagnostics=diagnostics)
+    assert said.endswith(f"{WITHIN}, with trial SDs that differ between subjects")
 
 
 @pytest.fixture(scope="module")

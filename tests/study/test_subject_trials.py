@@ -32,9 +32,9 @@ def table(trials=5, seed=8, sds=SDS):
     return pd.DataFrame(rows, columns=names)
 
 
-def study(made, **model):
+def study(made, *, bias="hand", **model):
     inference = {"method": "bayesian", "tolerance": 0.3, "level": 0.99}
-    scene = Scene(model={"bias": "hand", **model}, inference=inference)
+    scene = Scene(model={"bias": bias, **model}, inference=inference)
     options = ReadOptions.from_mapping(dict(scene))
     return Study(Sessions.from_frame(made, scene=options), scene)
 
@@ -80,6 +80,74 @@ def prepared(made, **model):
     return prepare(opened.sessions, opened.scene, ("k",))
 
 
+def plain(made, **model):
+    """Prepare a study without factors."""
+    numbered = made.assign(trial=made.groupby(["subject", "environment"]).cumcount() + 1)
+    opened = study(numbered.drop(columns="hand"), bias=None, **model)
+    return prepare(opened.sessions, opened.scene, ("k",))
+
+
+def has_own(found):
+    return any(name.startswith("phi[") for name in found.model.names)
+
+
+def test_plain_studies_have_them_too():
+    found = plain(table(trials=3))
+    assert has_own(found)
+    assert found.contrasts is None
+    assert found.skipped == ()
+
+
+@pytest.mark.parametrize(
+    ("made", "model", "why"),
+    [
+        (table(trials=2), {}, "half of the subjects repeat a trial fewer than 8 times; [model]"),
+        (table(trials=3, sds=[0.05] * 61), {}, "the study has more than 60 subjects; [model]"),
+        (table().query("environment == 'VE1'"), {}, "the study has one environment"),
+        (table(), {"common_spread": True}, "they do not go with [model] common_spread"),
+        (table(), {"subjects_trial_sd": False}, "[model] subjects_trial_sd = false"),
+    ],
+    ids=["few trials", "many subjects", "one environment", "option", "off"],
+)
+def test_plain_studies_without_them_say_why(made, model, why):
+    found = plain(made, **model)
+    (skipped,) = found.skipped
+    assert skipped.what == "subjects' own trial SDs of stiffness"
+    assert skipped.why.startswith(why)
+    assert not has_own(found)
+
+
+def test_two_subjects_and_one_of_a_single_trial_have_them():
+    assert has_own(plain(table(sds=SDS[:2])))
+    made = table()
+    lone = made["subject"].eq("S3")
+    first = made["environment"].eq("VE1") & made["hand"].eq("left") & made["trial"].eq(1)
+    assert has_own(plain(made[~lone | first]))
+
+
+@pytest.mark.parametrize(
+    ("alike", "why"),
+    [
+        ("subject == 'S2'", "the repeats of S2 are all alike, and a trial SD of zero has no"),
+        (
+            "subject != 'S2' and environment == 'VE1'",
+            "most repeats in VE1 are alike, and trial SDs of zero have no posterior",
+        ),
+    ],
+    ids=["a subject", "an environment"],
+)
+@pytest.mark.parametrize("setting", ["auto", True])
+def test_repeats_without_scatter_are_named(alike, why, setting):
+    made = table()
+    rows = made.query(alike).index
+    # Rounding of the mean leaves squares of 1e-33 about it.
+    made.loc[rows, "k_adj"] = 1.1 * made.loc[rows, "k_ref"]
+    found = plain(made, subjects_trial_sd=setting)
+    (skipped,) = found.skipped
+    assert skipped.why.startswith(why)
+    assert not has_own(found)
+
+
 @pytest.mark.parametrize(
     ("made", "why"),
     [
@@ -92,9 +160,7 @@ def test_studies_that_cannot_carry_them_say_why(made, why):
     (skipped,) = prepared(made).skipped
     assert skipped.what == "subjects' own trial SDs of stiffness"
     assert skipped.why.startswith(f"{why}; [model] subjects_trial_sd = true computes them")
-    assert any(
-        name.startswith("phi[") for name in prepared(made, subjects_trial_sd=True).model.names
-    )
+    assert has_own(prepared(made, subjects_trial_sd=True))
 
 
 def test_a_subject_without_scatter_says_nothing_of_differences():

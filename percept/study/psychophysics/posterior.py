@@ -23,7 +23,6 @@ from typing import Self
 
 import numpy as np
 
-from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.laws import ConditionalMoments
 from percept.inference.hierarchy.model import Pooled
 from percept.results import PsychophysicsRow
@@ -85,6 +84,7 @@ def posterior_psychophysics(
             population_sd=population_sd[:, columns],
             independent=independent_draws,
             locations=locations[:, columns],
+            alike=not (scene.terms or scene.model.subjects_slope),
         )
         yield from posterior.rows()
 
@@ -155,6 +155,7 @@ class _Posterior:
     population_sd: Array  # (S, P J)
     independent: Array  # (R, d) Coordinates of the independent draws
     locations: Array  # (R, P J) Drawn
+    alike: bool  # Whether a subject's effects are the same in all cells
 
     def rows(self) -> Iterator[PsychophysicsRow]:
         """Yield all rows but those that every cell of a fit has."""
@@ -244,8 +245,8 @@ class _Posterior:
             yield site.sigma("sigma_w", self.limits.of(np.sqrt(within[:, p])))
             if scales.sigma_e is not None:
                 yield site.sigma("sigma_e", self.limits.of(np.sqrt(of_trials[:, p])))
-            # With factors subjects also differ in effects of these, which both ratios leave out.
-            if isinstance(self.model, CollapsedDensity):
+            # With factors and slopes subjects also differ in effects that both ratios leave out.
+            if self.alike:
                 yield site.row("icc_c1", self.limits.of(consistency[:, p]))
                 yield site.row("icc_a1", self.limits.of(agreement[:, p]))
 

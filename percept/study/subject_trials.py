@@ -1,0 +1,142 @@
+"""Whether a study's trials carry a trial SD for every subject, or why all subjects share one."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from percept.inference.hierarchy.subject_spreads import chance_of_differences
+from percept.inference.hierarchy.trial_scatter import trial_scatter
+from percept.scene import Scene
+from percept.study.basics import Array, Skipped
+from percept.study.responses import Trials
+
+__all__ = ["SubjectTrials", "subject_trials"]
+
+#: Subjects beyond which their own trial SDs take the sampler too long to be the default.
+_MOST_SUBJECTS = 60
+#: Trial degrees of freedom of the median subject: with fewer, one SD is known to a quarter at best.
+_LEAST_TRIAL_DF = 8
+#: Probability below which differences between subjects' trial SDs are not put down to chance.
+_DOUBTFUL = 0.01
+
+
+@dataclasses.dataclass(frozen=True)
+class SubjectTrials:
+    """Whether subjects have trial SDs of their own in a model."""
+
+    own: bool
+    skipped: tuple[Skipped, ...] = ()  # Why not, where subjects repeat trials
+
+
+def subject_trials(data: Trials, scene: Scene) -> SubjectTrials:
+    """Decide whether subjects have trial SDs of their own, by the scene and the trials."""
+    why_not = _why_not(data, scene)
+    if why_not is None:
+        return SubjectTrials(own=True)
+    if not data.statistics.repeats:
+        return SubjectTrials(own=False)
+    what = " and ".join(scene.quantities[p].label for p in data.parameters)
+    skipped = Skipped(f"subjects' own trial SDs of {what}", why_not + _differences(data))
+    return SubjectTrials(own=False, skipped=(skipped,))
+
+
+def _why_not(data: Trials, scene: Scene) -> str | None:
+    """Say why all subjects share one trial SD; None where each has one of their own."""
+    setting = scene.model.subjects_trial_sd
+    if setting is False:
+        return "[model] subjects_trial_sd = false"
+    if not data.statistics.repeats:
+        return "no subject repeats a trial in a cell"
+    table = scene.model
+    if setting == "auto" and (table.common_spread or not table.subject_effect):
+        return "they do not go with [model] common_spread, nor with subject_effect = false"
+    if len(data.environments) == 1:
+        return "the study has one environment"
+    if why := _no_scatter(data):
+        return why
+    why = "" if setting is True else _why_not_by_default(data, scene)
+    return f"{why}; [model] subjects_trial_sd = true computes them" if why else None
+
+
+def _why_not_by_default(data: Trials, scene: Scene) -> str:
+    """Say why subjects share one trial SD unless the scene asks for more; empty if they do not."""
+    if len(data.subjects) > _MOST_SUBJECTS:
+        return f"the study has more than {_MOST_SUBJECTS} subjects"
+    if np.median(_trial_df(data).sum(axis=1)) < _LEAST_TRIAL_DF:
+        return f"half of the subjects repeat a trial fewer than {_LEAST_TRIAL_DF} times"
+    return ""
+
+
+def _trial_df(data: Trials) -> Array:
+    """Count the trials of each subject in each cell beyond the first, (N, J)."""
+    df = np.zeros((len(data.subjects), len(data.environments)))
+    for pattern in data.statistics.patterns:
+        df[np.ix_(pattern.members, pattern.environments)] = pattern.trials - 1.0
+    return df
+
+
+def _no_scatter(data: Trials) -> str:
+    """Say where repeats are so much alike that a trial SD has no proper posterior, or nothing."""
+    df = _trial_df(data)
+    scatters = _scatters(data)
+    steady = (df.sum(axis=1) > 0.0) & ~scatters.any(axis=1).all(axis=1)
+    if steady.any():
+        names = ", ".join(data.subjects[i] for i in np.flatnonzero(steady))
+        return f"the repeats of {names} are all alike, and a trial SD of zero has no posterior"
+    for p in range(len(data.parameters)):
+        if (vanishing := _vanishing(df, scatters[:, :, p])).size:
+            names = ", ".join(data.environments[j] for j in vanishing)
+            return f"most repeats in {names} are alike, and trial SDs of zero have no posterior"
+    return ""
+
+
+def _scatters(data: Trials) -> NDArray[np.bool_]:
+    """Say in which cells the repeats of a subject differ, by quantity, (N, J, P)."""
+    environments = len(data.environments)
+    cell_of_trial = data.subject * environments + data.environment
+    _, first, cell = np.unique(cell_of_trial, return_index=True, return_inverse=True)
+    # Values, not squares about their mean: rounding of the mean is no scatter.
+    differs = data.response != data.response[first[cell]]
+    scatters = np.zeros((len(data.subjects), environments, len(data.parameters)), dtype=bool)
+    np.logical_or.at(scatters, (data.subject, data.environment), differs)
+    # A cell in which no repeats differ is refused, unless the resolution stands in for scatter.
+    return scatters | ~scatters.any(axis=0)
+
+
+def _vanishing(df: Array, scatters: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return the cells whose SDs the likelihood of one quantity drives to zero; none if bounded.
+
+    The log SD of subject i in cell j is a_j + phi_i, and n trials beyond the first that do not
+    scatter have the log likelihood -n (a_j + phi_i). It grows without bound along a direction in
+    which no sum falls where trials scatter, and the sum over all trials does.
+    """
+    subject, cell = np.nonzero(df)
+    groups = np.arange(len(subject))
+    sums = np.zeros((len(subject), sum(df.shape)))
+    sums[groups, subject] = 1.0
+    sums[groups, len(df) + cell] = 1.0
+    scatter = scatters[subject, cell]
+    trials = df[subject, cell]
+    bound = np.zeros(scatter.sum())
+    steepest = optimize.linprog(trials @ sums, A_ub=-sums[scatter], b_ub=bound, bounds=(-1.0, 1.0))
+    moves = sums @ np.asarray(steepest.x)
+    # The steepest direction has whole components: one half tells them from zero.
+    vanishes = moves < -0.5
+    if trials @ moves > -0.5:
+        vanishes[:] = False
+    return np.unique(cell[vanishes])
+
+
+def _differences(data: Trials) -> str:
+    """Say whether subjects' trial SDs differ more than chance lets them."""
+    nothing = np.zeros((len(data.response), 0))
+    scatter = trial_scatter(data.response, data.subject, data.environment, nothing, by_subject=True)
+    chances = chance_of_differences(scatter, len(data.subjects), len(data.environments))
+    smallest = min(1.0, chances.min() * len(chances))
+    if smallest >= _DOUBTFUL:
+        return ""
+    return f". They differ beyond chance (p = {smallest:.1g}), which the model does not know"
