@@ -83,9 +83,11 @@ def _no_scatter(data: Trials) -> str:
     """Say where repeats are so much alike that a trial SD has no proper posterior, or nothing."""
     df = _trial_df(data)
     scatters = _scatters(data)
-    steady = (df.sum(axis=1) > 0.0) & ~scatters.any(axis=1).all(axis=1)
-    if steady.any():
-        names = ", ".join(data.subjects[i] for i in np.flatnonzero(steady))
+    somewhere = scatters.any(axis=1)
+    repeats = df.sum(axis=1) > 0.0
+    steady = np.flatnonzero(repeats & ~np.all(somewhere, axis=1))
+    if steady.size:
+        names = ", ".join(data.subjects[i] for i in steady)
         return f"the repeats of {names} are all alike, and a trial SD of zero has no posterior"
     for p in range(len(data.parameters)):
         if (vanishing := _vanishing(df, scatters[:, :, p])).size:
