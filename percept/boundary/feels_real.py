@@ -17,6 +17,7 @@ from scipy import special
 from scipy.optimize import elementwise
 
 from percept.boundary.users import (
+    PASS,
     DiscIntegral,
     MagnitudeRanges,
     Users,
@@ -72,8 +73,6 @@ _FIRST_ACCURACY = 1e-4
 _UNSURE_BELOW = 0.1
 #: Standard errors between a probability and a threshold that decide.
 _CLEAR = 2.0
-#: Values of (draws, frequencies, nodes) computed at once: temporaries of 0.5 MB stay in the cache.
-_PASS = 1 << 16
 
 
 @dataclasses.dataclass(frozen=True)
@@ -262,17 +261,15 @@ class MarginsAt:
     ) -> None:
         self._disc = _Disc.of(display, omega)
         self._level = level
-        # The difference that settled is the error of half the nodes.
         chosen = choose_integral(like.few(), self._disc.plane, self._disc.radius, accuracy)
-        halved = [integral._replace(nodes=integral.nodes // 2) for integral in chosen]
-        self._integrals = by_integral(halved)
+        self._integrals = by_integral(chosen)
 
     def of(self, users: Users) -> Array:
         """Return the margins (D, M) of populations."""
         margins = np.empty((users.size, self._disc.radius.size))
         for integral, frequencies in self._integrals.items():
             part = self._disc.select(frequencies)
-            step = max(1, _PASS // (part.radius.size * integral.nodes))
+            step = max(1, PASS // (part.radius.size * integral.nodes))
             for start in range(0, users.size, step):
                 rows = slice(start, start + step)
                 some = users.select(rows).column()
@@ -286,6 +283,8 @@ def search_margins(display: Display, users: Users, omega: Array, level: float) -
     exact = by_integral(choose_integral(users.few(), disc.plane, disc.radius))
     margins = MarginsAt(display, users, omega, level, _FIRST_ACCURACY).of(users)
     unsure = np.abs(margins) < _UNSURE_BELOW
+    # The least has all digits, also where it is no dip but an end of the range.
+    unsure[np.arange(users.size), margins.argmin(axis=1)] = True
     for integral, frequencies in exact.items():
         draw, index = np.nonzero(unsure & frequencies)
         if draw.size:

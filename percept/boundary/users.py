@@ -20,18 +20,27 @@ from percept.haptics.containment import Boxes, Range
 from percept.haptics.perceived import DistancePlane
 
 __all__ = [
-    "DiscIntegral", "MagnitudeRanges", "Users", "by_integral", "choose_integral",
+    "PASS", "DiscIntegral", "MagnitudeRanges", "Users", "by_integral", "choose_integral",
     "magnitude_ranges", "share_within",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
 #: Beyond so many SDs lies less than 1e-12 of a population.
 _FARTHEST = 7.2
-#: Nodes tried, from the fewest on, each twice the one before: two that agree have settled. Narrow
-#: discs in wide populations need the last.
-_NODE_COUNTS = (12, 24, 48, 96, 192, 384)
+#: Nodes tried, from the fewest on: two counts in a row that agree have settled. Narrow discs in
+#: wide populations need the last.
+_NODE_COUNTS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384)
+#: Of an integral's accuracy, what may lie beyond each of its ends.
+_BEYOND_EDGE = 0.05
+#: Of the accuracy, by how much two counts in a row may differ: half as many nodes again gain little
+#: where a disc ends at a slant.
+_AGREEMENT = 0.25
+#: Ways to take an integral, whether with even nodes, and which quantity is the inner one. The first
+#: to settle is taken.
+_KINDS = ((True, 0), (True, 1), (False, 0), (False, 1))
 #: Shares are as good as exact from here on: verdicts look at shares of 0.005 and their like.
 _ACCURACY = 1e-7
 #: Logarithms of a stiffness or damping of zero, and below: no user is there.
@@ -46,8 +55,9 @@ _SCORE_ACCURACY = 1e-3
 _LEAST_SHARE = 1e-9
 #: Of the largest abs(Z_h) of users: below it lie next to none, also where abs(Z_h) can vanish.
 _LEAST_FRACTION = 1e-4
-#: Values of (limits, nodes) computed at once: their temporaries, 1 MB each, stay in the cache.
-_PASS = 1 << 17
+#: Values of (limits, nodes) computed at once. Temporaries of 128 KiB or more come from fresh pages
+#: of memory, and take twice as long.
+PASS = 15_000
 #: Populations that show how the integral is best taken: it depends on the frequency far more.
 _TRIED = 8
 #: Rows of a population's mean and SD.
@@ -120,6 +130,10 @@ class DiscIntegral(NamedTuple):
 
     inner: int  # 0 where stiffness has its law given damping, 1 the other way round
     nodes: int  # Over the other quantity
+    edge: float = _FARTHEST  # SDs of it from the mean at which the integral ends
+    #: Even nodes from edge to edge, by far the best where the disc does not end between; else dense
+    #: at the ends of the disc.
+    even: bool = False
 
 
 class _Axis(NamedTuple):
@@ -153,8 +167,10 @@ class _Axis(NamedTuple):
 
 
 @cache
-def _nodes(count: int) -> tuple[Array, Array]:
-    """Return places from -1 to 1 and weights; even in the angle, as a disc ends like a root."""
+def _nodes(count: int, *, even: bool) -> tuple[Array, Array]:
+    """Return places from -1 to 1 and weights; even, or in the angle, as a disc ends like a root."""
+    if even:
+        return np.linspace(-1.0, 1.0, count), np.full(count, 2.0 / (count - 1))
     places, weights = special.roots_legendre(count)
     quarter = 0.5 * np.pi
     angle = quarter * places
@@ -168,6 +184,25 @@ def share_within(
 
     Fields of populations, plane and radius have shapes that broadcast; so has the result.
     """
+    outer, inner = _axes(users, plane, integral.inner)
+    low = np.array(-integral.edge)
+    high = np.array(integral.edge)
+    if not integral.even:
+        low, high = _ends(outer, radius, integral.edge, log=users.log)
+    half = 0.5 * (high - low)
+    middle = 0.5 * (high + low)
+    places, weights = _nodes(integral.nodes, even=integral.even)
+    score = middle[..., None] + half[..., None] * places
+    density = np.exp(-0.5 * score**2) / _SQRT_2PI
+    outer = outer.beside_nodes()
+    inner = inner.beside_nodes()
+    chord = _chord(users, outer, inner, score, radius[..., None])
+    integral_over_half = (density * chord) @ weights
+    return np.asarray(half * integral_over_half)
+
+
+def _axes(users: Users, plane: DistancePlane, inner: int) -> tuple[_Axis, _Axis]:
+    """Return the outer and the inner quantity of an integral."""
     stiffness = _Axis(
         gain=-plane.per_rate,
         offset=plane.imaginary,
@@ -180,30 +215,15 @@ def share_within(
         mean=users.mean[_DAMPING],
         sd=users.sd[_DAMPING],
     )
-    outer = damping
-    inner = stiffness
-    if integral.inner == _DAMPING:
-        outer = stiffness
-        inner = damping
-    low, high = _ends(outer, radius, log=users.log)
-    half = 0.5 * (high - low)
-    middle = 0.5 * (high + low)
-    places, weights = _nodes(integral.nodes)
-    score = middle[..., None] + half[..., None] * places
-    density = np.exp(-0.5 * score**2) / _SQRT_2PI
-    outer = outer.beside_nodes()
-    inner = inner.beside_nodes()
-    chord = _chord(users, outer, inner, score, radius[..., None])
-    integral_over_half = (density * chord) @ weights
-    return np.asarray(half * integral_over_half)
+    return (stiffness, damping) if inner == _DAMPING else (damping, stiffness)
 
 
-def _ends(outer: _Axis, radius: Array, *, log: bool) -> tuple[Array, Array]:
-    """Return the scores of the outer quantity between which the disc lies."""
+def _ends(outer: _Axis, radius: Array, edge: float, *, log: bool) -> tuple[Array, Array]:
+    """Return the scores of the outer quantity between which the disc lies, within an edge."""
     first = outer.score(outer.value_at(-radius), log=log)
     second = outer.score(outer.value_at(radius), log=log)
-    first = np.clip(first, -_FARTHEST, _FARTHEST)
-    second = np.clip(second, -_FARTHEST, _FARTHEST)
+    first = np.clip(first, -edge, edge)
+    second = np.clip(second, -edge, edge)
     return np.minimum(first, second), np.maximum(first, second)
 
 
@@ -211,15 +231,17 @@ def _chord(users: Users, outer: _Axis, inner: _Axis, score: Array, radius: Array
     """Return the probability of the inner quantity's chord through the disc at each outer score."""
     across = outer.part_at(score, log=users.log)
     square = (radius - across) * (radius + across)
-    half_chord = np.sqrt(np.maximum(square, 0.0))
-    first = inner.score(inner.value_at(-half_chord), log=users.log)
-    second = inner.score(inner.value_at(half_chord), log=users.log)
+    half_chord = np.sqrt(np.maximum(square, 0.0)) / inner.gain
+    middle = -inner.offset / inner.gain
     correlation = users.correlation[..., None]
-    sd_given_outer = np.sqrt((1.0 - correlation) * (1.0 + correlation))
-    mean_given_outer = correlation * score
-    first_given_outer = (first - mean_given_outer) / sd_given_outer
-    second_given_outer = (second - mean_given_outer) / sd_given_outer
-    return np.abs(special.ndtr(second_given_outer) - special.ndtr(first_given_outer))
+    sd_given_outer = inner.sd * np.sqrt((1.0 - correlation) * (1.0 + correlation))
+    mean_given_outer = inner.mean + (correlation * inner.sd) * score
+    shares = []
+    for value in (middle - half_chord, middle + half_chord):
+        if users.log:
+            value = np.log(np.maximum(value, _LEAST))
+        shares.append(special.ndtr((value - mean_given_outer) / sd_given_outer))
+    return np.abs(shares[1] - shares[0])
 
 
 def choose_integral(
@@ -231,29 +253,38 @@ def choose_integral(
     the draw.
     """
     _, count = np.broadcast_shapes(users.correlation.shape, radius.shape)
-    fewest = np.full(count, _NODE_COUNTS[-1])
-    inner = np.full(count, _STIFFNESS)
-    for quantity in (_STIFFNESS, _DAMPING):
-        unsettled = np.arange(count)
-        integral = DiscIntegral(quantity, _NODE_COUNTS[0])
-        shares = share_within(users, plane, radius, integral)
-        for nodes in _NODE_COUNTS[1:]:
-            # More nodes than the other order needs are of no use.
-            useful = nodes < fewest[unsettled]
-            unsettled = unsettled[useful]
-            if not unsettled.size:
-                break
-            integral = DiscIntegral(quantity, nodes)
-            some = plane.select(unsettled)
+    edge = float(-special.ndtri(_BEYOND_EDGE * accuracy))
+    kinds = [DiscIntegral(inner, _NODE_COUNTS[0], edge, even) for even, inner in _KINDS]
+    shares = [share_within(users, plane, radius, kind) for kind in kinds]
+    allowed = [_is_smooth(users, plane, radius, kind) for kind in kinds]
+    chosen = [kinds[-1]] * count
+    unsettled = np.arange(count)
+    for nodes in _NODE_COUNTS[1:]:
+        some = plane.select(unsettled)
+        settled = np.zeros(unsettled.size, dtype=bool)
+        for number, kind in enumerate(kinds):
+            integral = kind._replace(nodes=nodes)
             finer = share_within(users, some, radius[unsettled], integral)
-            change = np.abs(finer - shares[:, useful]).max(axis=0)
-            settled = change < accuracy
-            fewest[unsettled[settled]] = nodes
-            inner[unsettled[settled]] = quantity
-            unsettled = unsettled[~settled]
-            shares = finer[:, ~settled]
-    pairs = zip(inner.tolist(), fewest.tolist(), strict=True)
-    return [DiscIntegral(quantity, nodes) for quantity, nodes in pairs]
+            change = np.abs(finer - shares[number][:, unsettled]).max(axis=0)
+            agrees = (change < _AGREEMENT * accuracy) & allowed[number][unsettled] & ~settled
+            shares[number][:, unsettled] = finer
+            for frequency in unsettled[agrees]:
+                chosen[frequency] = integral
+            settled |= agrees
+        unsettled = unsettled[~settled]
+        if not unsettled.size:
+            break
+    for frequency in unsettled:
+        chosen[frequency] = kinds[-1]._replace(nodes=_NODE_COUNTS[-1])
+    return chosen
+
+
+def _is_smooth(users: Users, plane: DistancePlane, radius: Array, integral: DiscIntegral) -> Flags:
+    """Say at which frequencies (M,) nodes suit all populations: discs must not end between even."""
+    outer, _ = _axes(users, plane, integral.inner)
+    low, high = _ends(outer, radius, integral.edge, log=users.log)
+    whole = (low == -integral.edge) & (high == integral.edge)
+    return whole.all(axis=0) | (not integral.even)
 
 
 def by_integral(integrals: list[DiscIntegral]) -> dict[DiscIntegral, NDArray[np.bool_]]:
@@ -332,7 +363,7 @@ def _limit(users: Users, plane: DistancePlane, brackets: _Brackets, score: float
     limit = np.empty_like(brackets.low)
     for integral, frequencies in by_integral(chosen).items():
         (columns,) = np.nonzero(frequencies)
-        step = max(1, _PASS // (columns.size * integral.nodes))
+        step = max(1, PASS // (columns.size * integral.nodes))
         for start in range(0, users.size, step):
             stop = min(start + step, users.size)
             draws = np.arange(start, stop)
