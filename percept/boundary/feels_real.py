@@ -395,12 +395,11 @@ class CouplingJudge:
         self._work_out(draws[~known])
         cells = np.ix_(rows, draws)
         kept = inside[cells]
-        for index in range(self._omega.size):
-            there = self._plane.select(np.array([index]))
-            displayed = Point(stiffness[index, rows], damping[index, rows])
-            radius = there.distance(displayed)[:, None]
-            kept &= radius >= self._ranges.lower[draws, index]
-            kept &= radius <= self._ranges.upper[draws, index]
+        plane = DistancePlane(*(field[:, None] for field in self._plane))
+        displayed = plane.distance(Point(stiffness[:, rows], damping[:, rows]))
+        for index, radius in enumerate(displayed):
+            kept &= radius[:, None] >= self._ranges.lower[draws, index]
+            kept &= radius[:, None] <= self._ranges.upper[draws, index]
         counts = kept.sum(axis=1)
         probabilities = np.zeros(len(inside))
         probabilities[rows] = counts / self._users.size

@@ -46,8 +46,8 @@ _ACCURACY = 1e-7
 #: Logarithms of a stiffness or damping of zero, and below: no user is there.
 _LEAST = np.finfo(np.float64).tiny
 _SQRT_2PI = float(np.sqrt(2.0 * np.pi))
-#: Accuracy of shares of users: most limits move by less than a hundredth of an SD.
-_SHARE_ACCURACY = 3e-4
+#: Accuracy of shares of users: next to all limits move by less than a hundredth of an SD.
+_SHARE_ACCURACY = 3e-5
 #: Accuracy of the logarithm of a limit, and of its normal score; a map shows no finer step.
 _LIMIT_ACCURACY = 1e-4
 _SCORE_ACCURACY = 1e-3
@@ -363,12 +363,9 @@ def _limit(users: Users, plane: DistancePlane, brackets: _Brackets, score: float
     limit = np.empty_like(brackets.low)
     for integral, frequencies in by_integral(chosen).items():
         (columns,) = np.nonzero(frequencies)
-        step = max(1, PASS // (columns.size * integral.nodes))
-        for start in range(0, users.size, step):
-            stop = min(start + step, users.size)
-            draws = np.arange(start, stop)
-            cells = np.ix_(draws, columns)
-            limit[cells] = _solve(users, plane, brackets, score, integral, cells)
+        draw, column = np.meshgrid(np.arange(users.size), columns, indexing="ij")
+        cells = draw.ravel(), column.ravel()
+        limit[cells] = _solve(users, plane, brackets, score, integral, cells)
     return limit
 
 
@@ -378,21 +375,25 @@ def _solve(
     brackets: _Brackets,
     score: float,
     integral: DiscIntegral,
-    cells: tuple[Indices, ...],
+    cells: tuple[Indices, Indices],
 ) -> Array:
-    """Return the limits of some draws at some frequencies."""
+    """Return the limits (n,) of n cells, each a draw and a frequency."""
+    step = PASS // integral.nodes
 
     def excess(log_radius: Array, draw: Array, column: Array) -> Array:
-        some = users.select(draw.astype(np.intp))
-        there = plane.select(column.astype(np.intp))
         radius = np.exp(log_radius)
-        shares = share_within(some, there, radius, integral)
+        shares = np.empty(radius.shape)
+        for start in range(0, radius.size, step):
+            part = slice(start, start + step)
+            some = users.select(draw[part].astype(np.intp))
+            there = plane.select(column[part].astype(np.intp))
+            shares[part] = share_within(some, there, radius[part], integral)
         most = 1.0 - _LEAST_SHARE
         bounded = np.clip(shares, _LEAST_SHARE, most)
         return np.asarray(special.ndtri(bounded) - score)
 
     low = brackets.low[cells]
-    draw, column = np.broadcast_arrays(*cells)
+    draw, column = cells
     root = elementwise.find_root(
         excess,
         (low, brackets.high[cells]),
