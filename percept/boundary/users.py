@@ -38,9 +38,6 @@ _BEYOND_EDGE = 0.05
 #: Of the accuracy, by how much two counts in a row may differ: half as many nodes again gain little
 #: where a disc ends at a slant.
 _AGREEMENT = 0.25
-#: Ways to take an integral, whether with even nodes, and which quantity is the inner one. The first
-#: to settle is taken.
-_KINDS = ((True, 0), (True, 1), (False, 0), (False, 1))
 #: Shares are as good as exact from here on: verdicts look at shares of 0.005 and their like.
 _ACCURACY = 1e-7
 #: Logarithms of a stiffness or damping of zero, and below: no user is there.
@@ -170,7 +167,9 @@ class _Axis(NamedTuple):
 def _nodes(count: int, *, even: bool) -> tuple[Array, Array]:
     """Return places from -1 to 1 and weights; even, or in the angle, as a disc ends like a root."""
     if even:
-        return np.linspace(-1.0, 1.0, count), np.full(count, 2.0 / (count - 1))
+        places = np.linspace(-1.0, 1.0, count)
+        spacing = 2.0 / (count - 1)
+        return places, np.full(count, spacing)
     places, weights = special.roots_legendre(count)
     quarter = 0.5 * np.pi
     angle = quarter * places
@@ -185,9 +184,10 @@ def share_within(
     Fields of populations, plane and radius have shapes that broadcast; so has the result.
     """
     outer, inner = _axes(users, plane, integral.inner)
-    low = np.array(-integral.edge)
-    high = np.array(integral.edge)
-    if not integral.even:
+    if integral.even:
+        low = np.array(-integral.edge)
+        high = -low
+    else:
         low, high = _ends(outer, radius, integral.edge, log=users.log)
     half = 0.5 * (high - low)
     middle = 0.5 * (high + low)
@@ -234,13 +234,17 @@ def _chord(users: Users, outer: _Axis, inner: _Axis, score: Array, radius: Array
     half_chord = np.sqrt(np.maximum(square, 0.0)) / inner.gain
     middle = -inner.offset / inner.gain
     correlation = users.correlation[..., None]
-    sd_given_outer = inner.sd * np.sqrt((1.0 - correlation) * (1.0 + correlation))
+    remainder = (1.0 - correlation) * (1.0 + correlation)
+    sd_given_outer = inner.sd * np.sqrt(remainder)
     mean_given_outer = inner.mean + (correlation * inner.sd) * score
     shares = []
     for value in (middle - half_chord, middle + half_chord):
         if users.log:
-            value = np.log(np.maximum(value, _LEAST))
-        shares.append(special.ndtr((value - mean_given_outer) / sd_given_outer))
+            positive = np.maximum(value, _LEAST)
+            value = np.log(positive)
+        score_given_outer = (value - mean_given_outer) / sd_given_outer
+        share = special.ndtr(score_given_outer)
+        shares.append(share)
     return np.abs(shares[1] - shares[0])
 
 
@@ -252,39 +256,45 @@ def choose_integral(
     A few populations (D, 1) are tried: which order is smooth depends on the frequency more than on
     the draw.
     """
-    _, count = np.broadcast_shapes(users.correlation.shape, radius.shape)
+    shape = np.broadcast_shapes(users.correlation.shape, radius.shape)
     edge = float(-special.ndtri(_BEYOND_EDGE * accuracy))
-    kinds = [DiscIntegral(inner, _NODE_COUNTS[0], edge, even) for even, inner in _KINDS]
-    shares = [share_within(users, plane, radius, kind) for kind in kinds]
-    allowed = [_is_smooth(users, plane, radius, kind) for kind in kinds]
-    chosen = [kinds[-1]] * count
-    unsettled = np.arange(count)
-    for nodes in _NODE_COUNTS[1:]:
-        some = plane.select(unsettled)
-        settled = np.zeros(unsettled.size, dtype=bool)
-        for number, kind in enumerate(kinds):
-            integral = kind._replace(nodes=nodes)
-            finer = share_within(users, some, radius[unsettled], integral)
-            change = np.abs(finer - shares[number][:, unsettled]).max(axis=0)
-            agrees = (change < _AGREEMENT * accuracy) & allowed[number][unsettled] & ~settled
-            shares[number][:, unsettled] = finer
-            for frequency in unsettled[agrees]:
-                chosen[frequency] = integral
-            settled |= agrees
-        unsettled = unsettled[~settled]
+    candidates = [
+        DiscIntegral(inner, nodes, edge, even)
+        for nodes in _NODE_COUNTS
+        for even in (True, False)
+        for inner in (_STIFFNESS, _DAMPING)
+    ]
+    chosen = np.full(shape[1], len(candidates) - 1)
+    unsettled = np.arange(shape[1])
+    # The last shares of each kind of integral.
+    shares = np.full((2, 2, *shape), np.nan)
+    for number, integral in enumerate(candidates):
         if not unsettled.size:
             break
-    for frequency in unsettled:
-        chosen[frequency] = kinds[-1]._replace(nodes=_NODE_COUNTS[-1])
-    return chosen
+        some = plane.select(unsettled)
+        there = radius[unsettled]
+        finer = share_within(users, some, there, integral)
+        coarser = shares[int(integral.even), integral.inner]
+        change = np.abs(finer - coarser[:, unsettled]).max(axis=0)
+        coarser[:, unsettled] = finer
+        settled = change < _AGREEMENT * accuracy
+        if integral.even:
+            settled &= _reaches_edges(users, some, there, integral)
+        chosen[unsettled[settled]] = number
+        unsettled = unsettled[~settled]
+    return [candidates[number] for number in chosen]
 
 
-def _is_smooth(users: Users, plane: DistancePlane, radius: Array, integral: DiscIntegral) -> Flags:
-    """Say at which frequencies (M,) nodes suit all populations: discs must not end between even."""
+def _reaches_edges(
+    users: Users, plane: DistancePlane, radius: Array, integral: DiscIntegral
+) -> Flags:
+    """Say at which frequencies (M,) no population's disc ends between the edges."""
     outer, _ = _axes(users, plane, integral.inner)
     low, high = _ends(outer, radius, integral.edge, log=users.log)
-    whole = (low == -integral.edge) & (high == integral.edge)
-    return whole.all(axis=0) | (not integral.even)
+    below = low == -integral.edge
+    above = high == integral.edge
+    whole = below & above
+    return np.asarray(whole.all(axis=0))
 
 
 def by_integral(integrals: list[DiscIntegral]) -> dict[DiscIntegral, NDArray[np.bool_]]:
@@ -363,7 +373,8 @@ def _limit(users: Users, plane: DistancePlane, brackets: _Brackets, score: float
     limit = np.empty_like(brackets.low)
     for integral, frequencies in by_integral(chosen).items():
         (columns,) = np.nonzero(frequencies)
-        draw, column = np.meshgrid(np.arange(users.size), columns, indexing="ij")
+        draws = np.arange(users.size)
+        draw, column = np.meshgrid(draws, columns, indexing="ij")
         cells = draw.ravel(), column.ravel()
         limit[cells] = _solve(users, plane, brackets, score, integral, cells)
     return limit
