@@ -1,9 +1,9 @@
 """The posterior as an ArviZ DataTree, for other programs to read.
 
-A variable goes by its name in `posterior.toml`, which has its meaning and unit, too. Until it is
-put into a tree it is a pair: names of dimensions, and values with S draws first. After the draws
-stand P parameters, J environments or C cells, and N subjects. A tree then has the draws as chains,
-one for each ensemble of the sampler.
+A tree has groups (posterior, prior, ...), and a group has variables. A variable goes by its name in
+`posterior.toml`, which has its meaning and unit. Here it is a pair at first: names of dimensions,
+and values. Values have S draws first; then P parameters, J environments or C cells, and N subjects.
+In the tree the draws become two dimensions: chains, one per ensemble of the sampler, and draws.
 """
 
 from __future__ import annotations
@@ -26,15 +26,16 @@ from percept.study.fit import Fit
 
 __all__ = ["posterior_tree", "variables_of_posterior"]
 
-#: Draws of a chain, of four: enough for plots and summaries, and a file of few megabytes.
+#: Draws kept of each chain, at most. Four chains of as many suffice for plots and summaries, and
+#: make a file of few megabytes.
 _MOST_DRAWS = 1000
-#: Fewest draws of a chain, in large studies: plots of fewer are rough.
+#: Draws kept of each chain, at least, however large the study: plots of fewer are rough.
 _FEWEST_DRAWS = 100
-#: Numbers of the largest variable, 8 MB: they limit the draws of large studies.
+#: Numbers of the largest variable, 8 MB as doubles: large studies keep fewer draws for it.
 _MOST_NUMBERS = 1 << 20
-#: Draws from the prior.
+#: Draws from the prior: as many as of a chain.
 _PRIOR_DRAWS = 1000
-#: In place of "/" in the name of a variable, where a DataTree would read a path.
+#: Written for "/" in names of variables: a DataTree would read a path.
 _SLASH = "\N{DIVISION SLASH}"
 
 _NAMES = resources.files("percept.study").joinpath("posterior.toml")
@@ -59,9 +60,9 @@ def posterior_tree(fit: Fit, *, seed: int) -> Any:
     Returns
     -------
     xarray.DataTree
-        Groups posterior, posterior_predictive and sample_stats; and of one model of sessions
-        log_likelihood, observed_data and prior too. `variables_of_posterior` says what
-        they hold.
+        Groups posterior, posterior_predictive and sample_stats. One model of all quantities, fitted
+        to sessions, has log_likelihood, observed_data and prior too. `variables_of_posterior` says
+        what they hold.
     """
     import xarray
 
@@ -71,8 +72,8 @@ def posterior_tree(fit: Fit, *, seed: int) -> Any:
     for group, named in _groups(fit, seed).items():
         variables = {}
         for name, (dimensions, values) in named.items():
-            sample, by_chain = _by_chain(fit, group, values)
-            variables[name] = ((*sample, *dimensions), by_chain, _attributes(name))
+            draw_dimensions, by_chain = _by_chain(fit, group, values)
+            variables[name] = ((*draw_dimensions, *dimensions), by_chain, _attributes(name))
         dataset = xarray.Dataset(variables, attrs=_about(fit))
         coordinates: dict[str, object] = {}
         for dimension, size in dataset.sizes.items():
@@ -86,7 +87,7 @@ def posterior_tree(fit: Fit, *, seed: int) -> Any:
 
 
 def _groups(fit: Fit, seed: int) -> dict[str, Named]:
-    """Draw every group: by name, dimensions after the draw, and values, draws first."""
+    """Draw every group: its variables by name."""
     points = _thinned(fit)
     rng = generator(seed, Stream.LOCATIONS)
     means, users = fit.model.draw(points, rng)
@@ -99,6 +100,7 @@ def _groups(fit: Fit, seed: int) -> dict[str, Named]:
         "sample_stats": {"lp": _named(fit.model(points))},
     }
     subjects = fit.subjects
+    # What follows needs the sessions, in one model of all quantities.
     if not isinstance(subjects, SubjectDensity):
         return groups
     density = subjects.density
@@ -109,12 +111,13 @@ def _groups(fit: Fit, seed: int) -> dict[str, Named]:
     groups["log_likelihood"] = {"left_out": _named(left_out, "subject")}
     studies = list(new_studies(subjects, points, rng))
     predicted["response"] = _observations(subjects, np.concatenate(studies))
+    # Data are one draw of themselves.
     observed = density.statistics.cell_means[None]
     groups["observed_data"] = {"response": _observations(subjects, observed)}
     rng_of_prior = generator(seed, Stream.PRIOR)
     prior = density.draw_prior(_PRIOR_DRAWS, rng_of_prior)
-    groups["prior"] = prior.scales
-    groups["prior"]["population_mean"] = _in_cells(fit, prior.means)
+    prior_mean = _in_cells(fit, prior.means)
+    groups["prior"] = prior.scales | {"population_mean": prior_mean}
     return groups
 
 
@@ -131,7 +134,7 @@ def _without_slashes(dataset: Any) -> Any:
 
 
 def _by_chain(fit: Fit, group: str, values: Array) -> tuple[tuple[str, ...], Array]:
-    """Return the dimensions before a variable's own, and its values with them."""
+    """Split draws into chains: the dimensions that they take, and values with these."""
     if group == "observed_data":
         return (), values[0]
     chains = 1 if group == "prior" else len(fit.run.points)
@@ -152,31 +155,37 @@ def _attributes(name: str) -> dict[str, str]:
 
 
 def _thinned(fit: Fit) -> Array:
-    """Keep independent draws of each chain, fewer in large studies, (S, d)."""
+    """Keep every k-th independent draw of each chain, (S, d)."""
     chains = len(fit.run.points)
     by_chain = fit.points.reshape(chains, -1, fit.points.shape[1])
+    gap = _gap(by_chain.shape[1], _draws_per_chain(fit))
+    thinned = by_chain[:, ::gap]
+    return thinned.reshape(-1, thinned.shape[2])
+
+
+def _draws_per_chain(fit: Fit) -> int:
+    """How many draws to keep of each chain, so that the largest variable is small enough."""
+    chains = len(fit.run.points)
     numbers_per_draw = len(fit.model.cells)
     # The largest variable has a number for every subject and cell: responses of new studies.
     if fit.trials is not None:
         numbers_per_draw *= len(fit.trials.subjects)
     affordable = _MOST_NUMBERS // (numbers_per_draw * chains)
-    draws_per_chain = min(max(affordable, _FEWEST_DRAWS), _MOST_DRAWS)
-    gap = _gap(by_chain.shape[1], draws_per_chain)
-    thinned = by_chain[:, ::gap]
-    return thinned.reshape(-1, thinned.shape[2])
+    return min(max(affordable, _FEWEST_DRAWS), _MOST_DRAWS)
 
 
-def _gap(draws: int, draws_wanted: int) -> int:
-    """Return the steps from one draw that is kept to the next, so that no more are kept.
+def _gap(draws: int, most_kept: int) -> int:
+    """Return k, so that every k-th of a chain's draws is kept, and at most so many.
 
-    Rounded up, a gap may leave half of the draws wanted. It never leaves fewer than the fewest.
+    With k rounded up, little more than half of them may stay. If that falls below the fewest, k is
+    smaller, and the kept draws may then be more than `most_kept`.
     """
     widest = max(1, draws // _FEWEST_DRAWS)
-    return min(math.ceil(draws / draws_wanted), widest)
+    return min(math.ceil(draws / most_kept), widest)
 
 
 def _in_cells(fit: Fit, responses: Array) -> tuple[tuple[str, ...], Array]:
-    """Lay cells (S, C) out by parameter and environment, in the quantities' units."""
+    """Lay responses (S, C) out as (S, P, J), in the quantities' units; NaN where no cell is."""
     shape = (len(responses), len(fit.parameters), len(fit.environments))
     values = np.full(shape, np.nan)
     native = fit.scale.native(responses)
@@ -204,13 +213,11 @@ def _present(subjects: SubjectDensity) -> NDArray[np.bool_]:
 
 
 def _observations(subjects: SubjectDensity, cells: Array) -> tuple[tuple[str, ...], Array]:
-    """Keep of cell means (S, N, P, J) those that were observed, (S, P, observations).
-
-    They are most of the file, and seven digits are more than anybody reads.
-    """
+    """Keep the cell means that were observed: from (S, N, P, J) to (S, P, observations)."""
     present = _present(subjects)
     by_parameter = cells.transpose(0, 2, 1, 3)
     observed = by_parameter[:, :, present]
+    # They are most of the file. Single precision halves it, and seven digits are enough to read.
     return ("parameter", "observation"), observed.astype(np.float32)
 
 
