@@ -1,7 +1,14 @@
 """The most probable device of a log, its covariance, and the parameters that the log cannot tell.
 
-Least squares climb from rough devices to the mode of the posterior density of log parameters. The
-curvature there, the observed information, gives the covariance.
+A log is force and motion of a device, as spectra at K frequencies (lines) with R repeats. The
+unknown is a point: the logarithms of d parameters, such as masses and springs. The fit has steps:
+
+1. A device with one mode fewer is fitted first; it is where one of the climbs starts.
+2. Least squares climb from several rough devices. The climb of the lowest cost is near the mode of
+   the posterior density. J'J there is its curvature but for second derivatives.
+3. Coordinates in which J'J is the unit matrix (`Whitened`) suit `find_mode`. It ends at the mode of
+   the density itself, and its curvature there gives the covariance.
+4. Modes of the device are put in the order of their resonances.
 """
 
 from __future__ import annotations
@@ -24,13 +31,13 @@ __all__ = ["DeviceFit", "Whitened", "climb", "fit_device"]
 
 Array = NDArray[np.float64]
 
-#: SD of a log parameter above which it is not identifiable: 95 % of its posterior span a factor of
-#: 50.
+#: SD of a log parameter above which the log does not tell it: 95 % of its posterior then span a
+#: factor of exp(3.92) = 50.
 _LARGEST_SD = 1.0
-#: Width in SDs of the middle 95 % of a normal distribution.
+#: Width in SDs of the middle 95 % of a normal distribution: 2 times 1.96.
 _WIDTH_OF_95_PERCENT = 3.92
-#: Standard errors by which the misfit may exceed its expectation: the misfit of noise alone
-#: follows a gamma law, and does so in 1 of 1,800 logs of 20 lines, and in fewer of longer logs.
+#: Standard errors by which the misfit may exceed 1. The misfit of noise alone has a gamma law, and
+#: exceeds it by more in 1 of 1,800 logs of 20 lines, and in fewer of longer logs.
 _MOST_ERRORS = 4.0
 
 
@@ -54,9 +61,10 @@ class DeviceFit:
 
     @property
     def misfit(self) -> float:
-        """Mean deviance of a line over that of noise alone, which leaves 1 ± 1/√K.
+        """Mean deviance of the K lines over what noise alone leaves on average.
 
-        Under noise alone log(1 + abs(t)²) has an exponential law of mean 1/(R - 1).
+        With t the residual of a line in standard errors, log(1 + abs(t)²) has an exponential law of
+        mean 1/(R - 1) under noise alone. The misfit then is 1 with a standard error of 1/√K.
         """
         t = self.density.standardized(self.point[None])
         deviances = np.log1p(np.abs(t) ** 2)
@@ -70,7 +78,7 @@ class DeviceFit:
         return self.misfit < 1.0 + _MOST_ERRORS * standard_error
 
     def unidentified(self) -> dict[str, str]:
-        """Return why the log does not tell a parameter, by the parameter's name."""
+        """Return why the log does not tell a parameter, by the name of each such parameter."""
         reasons = {}
         for name, sd in zip(self.names, self.sd, strict=True):
             if sd > _LARGEST_SD:
@@ -83,6 +91,7 @@ class DeviceFit:
             if omega[0] <= resonance <= omega[-1]:
                 continue
             reason = f"the mode resonates at {resonance:.4g} rad/s, outside the log's band"
+            # This tells more than a wide posterior, whose reason it replaces.
             for name in mode_names(mode):
                 reasons[name] = reason
         return reasons
@@ -96,7 +105,7 @@ class DeviceFit:
 
 
 class Whitened:
-    """A density in coordinates in which a fit has unit covariance, as samplers take it."""
+    """A density in coordinates z, in which a fit has mean 0 and unit covariance."""
 
     def __init__(self, density: DeviceDensity, centre: Array, covariance: Array) -> None:
         self._density = density
@@ -109,11 +118,11 @@ class Whitened:
         return self._density.names
 
     def points(self, z: Array) -> Array:
-        """Take coordinates (W, d) to log parameters."""
+        """Take coordinates z (W, d) to log parameters."""
         return self._centre + z @ self._factor.T
 
     def covariance(self, covariance_of_z: Array) -> Array:
-        """Take a covariance (d, d) of coordinates to one of log parameters."""
+        """Take a covariance (d, d) of z to that of the log parameters."""
         return self._factor @ covariance_of_z @ self._factor.T
 
     def __call__(self, points: Array) -> Array:
@@ -150,6 +159,7 @@ def fit_device(
     """
     parameters = parameters or terms.parameters
     density = DeviceDensity(DeviceModel(terms), spectra, parameters)
+    # A line has two numbers, the real and the imaginary part of its impedance.
     if len(density.names) >= 2 * spectra.omega.size:
         raise RefusalError(
             f"{spectra.omega.size} frequencies do not tell {len(density.names)} parameters.",
@@ -163,10 +173,10 @@ def fit_device(
     climbs = [climb(density, start) for start in rough_devices(density, fewer)]
     best = min(climbs, key=lambda result: result.cost)
     jacobian = np.asarray(best.jac)
-    # The rows of the prior make this invertible, whatever the log tells.
+    # The residuals include the prior's: they make this invertible, whatever the log tells.
     information = jacobian.T @ jacobian
     whitened = Whitened(density, best.x, np.linalg.inv(information))
-    # J'J leaves second derivatives out; the covariance is of the density's own curvature.
+    # J'J lacks the second derivatives, which the density's own curvature has.
     mode, covariance_of_z = find_mode(whitened, np.zeros(best.x.size))
     point = whitened.points(mode[None])[0]
     covariance = whitened.covariance(covariance_of_z)
@@ -196,7 +206,7 @@ def _by_resonance(point: Array, terms: Terms) -> list[int]:
     """Return the order of coordinates in which the modes' resonances rise."""
     first_of_modes = point.size - OF_A_MODE * terms.modes
     mass = np.arange(first_of_modes, point.size, OF_A_MODE)
-    # The logarithm of a mode's stiffness stands behind that of its mass.
+    # A mode's parameters are its mass, stiffness and damping, in this order, after all others.
     stiffness = mass + 1
     log_resonance_squared = point[stiffness] - point[mass]
     rising = np.argsort(log_resonance_squared)

@@ -41,7 +41,7 @@ class ByLevel:
 
 
 def by_level(sessions: Sessions, scene: Scene, parameters: Sequence[str]) -> ByLevel:
-    """Average subjects at every level, and test the model's terms unless Bayes alone is asked for.
+    """Average subjects at every level; test the model's terms, unless the method is Bayesian alone.
 
     Parameters
     ----------
@@ -74,6 +74,7 @@ def by_level(sessions: Sessions, scene: Scene, parameters: Sequence[str]) -> ByL
             # The contrasts say why.
             continue
         cells = subject_cells(data, factors, conditions.between)
+        # A response is a log ratio, a difference over the reference, or a difference over `scale`.
         scale = scene.model.scale.get(parameter, 1.0) if by_difference(sessions, parameter) else 1.0
         for comparison in [*overall, *each]:
             responses = cells.at_level(comparison)
@@ -98,7 +99,7 @@ def by_level(sessions: Sessions, scene: Scene, parameters: Sequence[str]) -> ByL
 def _tests(
     cells: SubjectCells, data: Trials, factors: Factors, conditions: Conditions, what: str
 ) -> Iterator[AnovaRow | Skipped]:
-    """Yield the tests of the model's terms, and of how these differ between references."""
+    """Yield the tests of the references, of the model's terms, and of their interactions."""
     if len(conditions.between) > 1:
         yield Skipped(what, "it compares the groups of one column only")
         return
@@ -118,9 +119,10 @@ def _tests(
     except RefusalError as refused:
         yield Skipped(what, str(refused))
         return
-    # The order of the factors in a formula is no matter.
+    # As sets: a:b and b:a are one term.
     terms = {frozenset(term) for term in conditions.terms}
     for effect in effects:
+        # Every term is tested by itself, and as it differs between references.
         of_model = frozenset(effect.factors) - {ENVIRONMENT}
         if not of_model or of_model in terms:
             yield AnovaRow(

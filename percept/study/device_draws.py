@@ -1,4 +1,9 @@
-"""Devices that a scene's posterior leaves likely, and how stable a coupling is with them."""
+"""Devices that a scene's posterior leaves likely, and how stable a coupling is with them.
+
+The posterior of `[device]` is a file of draws, or a normal law of log parameters. Of a file, draws
+in random order are taken; of a normal law, Sobol's points. A margin of stability is the smallest
+ratio over all frequencies from DC to Nyquist: a coupling is stable where it is 1 or more.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +26,16 @@ from percept.study.basics import Array, Stream, generator
 
 __all__ = ["DeviceDraws", "device_draws", "device_stability", "smallest_margins"]
 
-#: Devices, a power of two as Sobol's points are best: enough for the tails of limits of abs(Z_h).
+#: Devices drawn, at most: 20 lie beyond a limit with a tail of 0.5 %. A power of two: Sobol's
+#: points are then even.
 _COUNT = 4096
-#: Devices with modes whose margins are searched: a probability is known to 0.02 by as many
-#: independent ones, and better by these.
+#: Devices with modes whose margins are searched for: each takes a search over frequencies. As many
+#: independent ones tell a probability to a standard error of 0.02, and Sobol's points a better one.
 _SEARCHED = 512
-#: Devices whose resonances set the frequencies at which margins are looked at.
-_SHOWN = 16
-#: One draw is a point.
+#: Devices whose resonances set the frequencies of that search. They spread over the posterior, and
+#: the frequencies of one device lie dense enough for similar ones.
+_RESOLVED = 16
+#: Draws that a file needs: of one draw there is no spread.
 _FEWEST_DRAWS = 2
 #: Central share of the margins that is reported.
 _LEVEL = 0.95
@@ -36,7 +43,7 @@ _LEVEL = 0.95
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DeviceDraws:
-    """N devices, spread evenly over their posterior, in an order that any first few are too."""
+    """N devices, spread over their posterior; the first few of them spread over it, too."""
 
     stacked: Device  # Of parameters (N,)
 
@@ -88,8 +95,8 @@ def device_draws(scene: Scene) -> DeviceDraws | None:
     Raises
     ------
     UsageError
-        A file of draws that cannot be read, or that lacks a parameter or holds a value that is not
-        positive.
+        A file of draws that cannot be read, lacks a parameter, has fewer than two draws, or holds a
+        value that is not positive.
     """
     table = scene.device
     if table is None or table.posterior is None:
@@ -166,16 +173,16 @@ def smallest_margins(draws: DeviceDraws, coupling: Coupling, period: float, hold
     Returns
     -------
     ndarray, shape (N,)
-        Ratios: at least 1 is stable. Rigid devices are judged exactly. Of others the first 512 are,
-        on the frequencies that resolve the modes of sixteen of them.
+        Ratios: at least 1 is stable. All rigid devices are judged, exactly. Of devices with modes
+        the first 512 are, at the frequencies that resolve the modes of the first 16.
     """
     if not draws.stacked.modes:
         needed = haptics.required_damping(coupling, period, hold=hold).damping
         with np.errstate(divide="ignore"):
             return np.asarray(draws.stacked.damping / np.float64(needed))
     searched = draws.first(_SEARCHED)
-    shown = range(min(_SHOWN, searched.count))
-    grids = [search_grid(searched.device(index), period, hold) for index in shown]
+    resolved = range(min(_RESOLVED, searched.count))
+    grids = [search_grid(searched.device(index), period, hold) for index in resolved]
     omega = np.unique(np.concatenate(grids))
     devices = searched.stacked
     margins = haptics.stability_margin(omega[:, None], devices, coupling, period, hold=hold)
@@ -198,7 +205,8 @@ def device_stability(
     tail = 0.5 * (1.0 - _LEVEL)
     lower, upper = np.quantile(margins, [tail, 1.0 - tail])
     stable = int(np.count_nonzero(margins >= 1.0))
-    # A share of none or all still has an error: one more of each kind is counted for it.
+    # Laplace's rule of succession: one stable and one unstable device more are counted for the
+    # error, which a share of 0 or 1 would not have otherwise.
     hedged = (stable + 1) / (margins.size + 2)
     return DeviceStability(
         probability=stable / margins.size,

@@ -1,7 +1,8 @@
-"""Trials with references of their own: restated at one reference of each environment.
+"""Trials that each have a reference of their own: restated at one reference per environment.
 
-The response of a trial is relative to its own reference. The model then needs one reference for
-each environment, and what is left of the trial's own as a covariate.
+The model needs one reference per environment. That is the geometric mean g of the references r of
+its trials. What subjects adjusted, a, becomes a·g/r: the ratio to the reference stays. How far r
+lies above g, in decades, becomes a column, so that the model can have its effect as a covariate.
 """
 
 from __future__ import annotations
@@ -21,15 +22,16 @@ from percept.study.basics import analysed_parameters
 
 __all__ = ["at_typical_references"]
 
-#: Ranges that references of one environment are split into: a line, and what departs from it.
+#: Environments made of a study that has one only. A line over references takes two; five show
+#: whether the means depart from it, and leave each a fifth of the trials.
 _RANGES = 5
 
 
 def at_typical_references(sessions: Sessions, scene: Scene) -> Sessions:
     """Restate every adjustment at its environment's geometric mean of references.
 
-    The column `reference` keeps each trial's own, in decades above that mean. References without
-    environments are split into ranges with equal numbers of trials.
+    The column `reference` keeps how far each trial's own lies above that mean, in decades. Sessions
+    with one environment get several: ranges of references with about equal numbers of trials.
 
     Parameters
     ----------
@@ -54,19 +56,20 @@ def at_typical_references(sessions: Sessions, scene: Scene) -> Sessions:
     table = sessions.table.copy()
     if table["environment"].nunique() == 1:
         table["environment"] = _ranges(table[column])
-    own = np.log(table[column])
-    typical = own.groupby(table["environment"]).transform("mean")
+    log_reference = np.log(table[column])
+    log_mean = log_reference.groupby(table["environment"]).transform("mean")
+    log_ratio = log_reference - log_mean
     adjusted = f"{quantity_of(column)}_adj"
-    table[TRIAL_REFERENCE] = (own - typical) / np.log(10.0)
-    table[adjusted] *= np.exp(typical - own)
-    table[column] = np.exp(typical)
+    table[TRIAL_REFERENCE] = log_ratio / np.log(10.0)
+    table[adjusted] *= np.exp(-log_ratio)
+    table[column] = np.exp(log_mean)
     text = f"{adjusted} is restated at the geometric mean of each environment's {column}"
     notices = (*sessions.notices, Notice(text, column=column))
     return replace(sessions, table=table, notices=notices)
 
 
 def _varying(sessions: Sessions, scene: Scene) -> str:
-    """Name the one column of references that vary within environments."""
+    """Name the one column of references that vary within environments; refuse none, or several."""
     asked = scene.inference.parameters
     parameters = analysed_parameters(sessions.parameters, asked, sessions.quantities)
     columns = [f"{parameter}_ref" for parameter in parameters]
@@ -94,9 +97,10 @@ def _varying(sessions: Sessions, scene: Scene) -> str:
 
 
 def _ranges(references: pd.Series[float]) -> pd.Series[str]:
-    """Name the range of each reference by its ends."""
+    """Name the range that each reference lies in, by the range's ends."""
+    # Ranges have equal numbers of trials; quantiles that ties make equal are dropped.
     number = pd.qcut(references, _RANGES, labels=False, duplicates="drop")
     ends = references.groupby(number).agg(["min", "max"])
-    # Ties may leave a range empty: its number is then missing.
+    # A range that ties leave empty is missing here: names go by number, not by place.
     names = [f"{low:.6g} to {high:.6g}" for low, high in ends.to_numpy().tolist()]
     return number.map(dict(zip(ends.index, names, strict=True)))
