@@ -102,11 +102,13 @@ class CollapsedDensity(Pooled):
         self.statistics = statistics
         self.priors = priors or Priors()
         self.resolution = resolution or Resolution()
-        self.layout = Layout(statistics, self.priors, options or Options())
+        options = options or Options()
+        self.layout = Layout(statistics, self.priors, options)
         self.names = self.layout.names
         self.dimension = self.layout.dimension
         self.priors_in_force = self.layout.priors_in_force
-        self.cells = tuple(itertools.product(statistics.parameters, statistics.environments))
+        cells = itertools.product(statistics.parameters, statistics.environments)
+        self.cells = tuple(cells)
         self.regression = LocationProblem(statistics, self.layout, self.priors)
         self.information: InformationProblem | None = None
         draws = max(_FEWEST_DRAWS, _NUMBERS_PER_PASS // self.dimension)
@@ -118,7 +120,8 @@ class CollapsedDensity(Pooled):
         for pattern in statistics.patterns:
             trials += pattern.subjects * pattern.trials.sum()
         responses = len(statistics.parameters) * float(trials)
-        self._constant = statistics.constant - 0.5 * _LOG_2PI * responses
+        log_powers = 0.5 * _LOG_2PI * responses
+        self._constant = statistics.constant - log_powers
 
     def identity(self) -> tuple[object, ...]:
         """Return statistics, priors, options and resolution: they decide everything."""
@@ -165,7 +168,8 @@ class CollapsedDensity(Pooled):
         if trial is not None:
             rows = tuple(self.statistics.trial_rows[..., None])
             squares = trial.distance(rows).sum(axis=0)
-            determinants = np.einsum("j,jw->w", self.statistics.trial_df, trial.log_determinant())
+            by_environment = trial.log_determinant()
+            determinants = np.einsum("j,jw->w", self.statistics.trial_df, by_environment)
             value = value - 0.5 * (squares + determinants)
         return value + self._of_cell_means(scales)
 
@@ -186,8 +190,10 @@ class CollapsedDensity(Pooled):
         for pattern, noise in zip(self.statistics.patterns, cell_noise, strict=True):
             if pattern.subjects > 1:
                 covariance = SharedCovariance(noise, scales.shared)
-                determinants = (pattern.subjects - 1.0) * covariance.log_determinant()
-                about_means -= 0.5 * (determinants + covariance.scatter_distance(pattern.rows))
+                df = pattern.subjects - 1.0
+                determinants = df * covariance.log_determinant()
+                squares = covariance.scatter_distance(pattern.rows)
+                about_means -= 0.5 * (determinants + squares)
         law = Regression(self.regression, scales, cell_noise, merge=True)
         return about_means + law.log_density
 
@@ -275,7 +281,8 @@ class CollapsedDensity(Pooled):
     def trial_group(self) -> NDArray[np.intp]:
         """Group of trials of every subject in every environment, (N, J): its environment."""
         subjects = len(self.statistics.subjects)
-        return np.tile(np.arange(self.layout.environments), (subjects, 1))
+        environments = np.arange(self.layout.environments)
+        return np.tile(environments, (subjects, 1))
 
     def subject_laws(self, points: Array) -> SubjectLaws:
         """Say what coordinates (W, d) tell of every subject's cell means."""
@@ -287,15 +294,19 @@ class CollapsedDensity(Pooled):
         mean = np.stack(law.mean)
         effects = np.zeros((0, *mean.shape))
         if scales.shared is not None:
-            columns = [np.stack(column)[:, None] for column in scales.shared.factor_columns()]
-            effects = np.stack([np.broadcast_to(column, mean.shape) for column in columns])
+            columns = []
+            for column in scales.shared.factor_columns():
+                by_quantity = np.stack(column)[:, None]
+                columns.append(np.broadcast_to(by_quantity, mean.shape))
+            effects = np.stack(columns)
         noise = self.cell_noise(scales)
+        covariances = [SharedCovariance(of_pattern, scales.shared) for of_pattern in noise]
         return SubjectLaws(
             mean=mean,
             columns=law.columns(),
             effects=effects,
             noise=tuple(noise),
-            covariances=tuple(SharedCovariance(of_cells, scales.shared) for of_cells in noise),
+            covariances=tuple(covariances),
             trial=self._trial_covariance(scales),
         )
 
@@ -312,21 +323,28 @@ class CollapsedDensity(Pooled):
     def with_bias_prior(self, alpha_sd: float) -> CollapsedDensity:
         """Return the same model with another prior of the common bias."""
         priors = dataclasses.replace(self.priors, alpha_sd=alpha_sd)
-        return CollapsedDensity(self.statistics, priors, self.layout.options, self.resolution)
+        options = self.layout.options
+        return CollapsedDensity(self.statistics, priors, options, self.resolution)
 
     def draw_prior(self, draws: int, rng: np.random.Generator) -> PriorDraws:
         """Draw scales, population means and new users before any data."""
-        return draw_prior_of(self.statistics, self.priors, self.layout.options, draws, rng)
+        options = self.layout.options
+        return draw_prior_of(self.statistics, self.priors, options, draws, rng)
 
     def new_environment(
-        self, points: Array, x: Array, repeats: int, rng: np.random.Generator
+        self,
+        points: Array,
+        x: Array,
+        repeats: int,
+        rng: np.random.Generator,
     ) -> dict[str, NewEnvironment]:
         """Laws of an untested environment, under an empty name."""
         self._refuse_one_environment()
         parts = []
         for scales in self._passes(points):
             law = self.locations(scales)
-            parts.append(new_environment_given(law, scales, x, repeats, self.priors, rng))
+            of_pass = new_environment_given(law, scales, x, repeats, self.priors, rng)
+            parts.append(of_pass)
         return {"": joined(parts)}
 
     def trends(self, points: Array) -> dict[str, TrendLaw]:
@@ -351,7 +369,8 @@ class CollapsedDensity(Pooled):
             beta = self.locations(scales).draw(rng)
             user = beta.copy()
             for column in self.population(scales).factor_columns():
-                user += np.stack(column) * rng.standard_normal(beta.shape[1:])
+                normals = rng.standard_normal(beta.shape[1:])
+                user += np.stack(column) * normals
             locations.append(beta.reshape(cells, -1).T)
             users.append(user.reshape(cells, -1).T)
         return np.concatenate(locations), np.concatenate(users)

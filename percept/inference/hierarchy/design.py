@@ -130,7 +130,9 @@ class Design:
             environments=self.cells.environments,
             x=self.cells.x[:, cells],
         )
-        level = {name: values[cells] for name, values in self.factors.level.items()}
+        level = {}
+        for name, values in self.factors.level.items():
+            level[name] = values[cells]
         factors = dataclasses.replace(self.factors, level=level)
         return dataclasses.replace(self, cells=some_cells, factors=factors, **terms_at)
 
@@ -206,7 +208,9 @@ def design_of(cells: Cells, factors: Factors, priors: Priors) -> Design:
 
 
 def _scaled(
-    terms: Sequence[Term], prior_sds: Mapping[str, float], usual: float
+    terms: Sequence[Term],
+    prior_sds: Mapping[str, float],
+    usual: float,
 ) -> tuple[Term, ...]:
     """Multiply the columns of terms by the prior SDs of their coefficients."""
     scaled = []
@@ -216,7 +220,11 @@ def _scaled(
     return tuple(scaled)
 
 
-def _effect(cells: Cells, factors: Factors, factor_names: tuple[str, ...]) -> Term:
+def _effect(
+    cells: Cells,
+    factors: Factors,
+    factor_names: tuple[str, ...],
+) -> Term:
     """Columns of a factor, or of an interaction: products of the columns of its factors."""
     columns_by_factor = []
     for name in factor_names:
@@ -280,7 +288,10 @@ def _first_cells(cells: Cells, factors: Factors) -> Indices:
 
 def _condition_name(factors: Factors, cell: int) -> str:
     """Levels of a cell, joined."""
-    labels = [factors.levels[name][level[cell]] for name, level in factors.level.items()]
+    labels = []
+    for name, level in factors.level.items():
+        of_factor = factors.levels[name]
+        labels.append(of_factor[level[cell]])
     return ", ".join(labels)
 
 

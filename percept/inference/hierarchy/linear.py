@@ -35,7 +35,7 @@ from percept.inference.hierarchy.laws import ConditionalMoments, joined
 from percept.inference.hierarchy.linear_scales import LinearCoordinates, LinearScales
 from percept.inference.hierarchy.model import Model, Resolution
 from percept.inference.hierarchy.one_pattern import OnePattern
-from percept.inference.hierarchy.priors import Named, Priors
+from percept.inference.hierarchy.priors import Named, Priors, draws_first
 from percept.inference.hierarchy.statistics import Statistics
 from percept.inference.hierarchy.trial_scatter import TrialScatter
 
@@ -92,7 +92,8 @@ class LinearModel(Model):
         self.covariates = covariates
         self.scatter = scatter or _pooled(statistics)
         self.resolution = resolution or Resolution()
-        self.cells = tuple(itertools.product(statistics.parameters, design.cells.names))
+        cells = itertools.product(statistics.parameters, design.cells.names)
+        self.cells = tuple(cells)
         self.coordinates = LinearCoordinates(statistics, design, self.priors, self.scatter)
         self.names = self.coordinates.names
         self.priors_in_force = self._priors_in_use()
@@ -101,12 +102,15 @@ class LinearModel(Model):
         self.one_pattern: OnePattern | None = None
         if covariates is None and len(statistics.patterns) == 1:
             self.one_pattern = OnePattern(statistics, design)
-        effects = sum(len(term.columns) for term in design.subject) * design.parameters
+        effects = 0
+        for term in design.subject:
+            effects += len(term.columns) * design.parameters
         self._draws_per_pass = self.problem.draws_per_pass(effects)
         trials = 0.0
         for pattern in statistics.patterns:
             trials += pattern.subjects * pattern.trials.sum()
-        self._constant = statistics.constant - 0.5 * _LOG_2PI * trials * design.parameters
+        log_powers = 0.5 * _LOG_2PI * trials * design.parameters
+        self._constant = statistics.constant - log_powers
 
     def _priors_in_use(self) -> dict[str, float]:
         """Priors the model uses, by their names in `Priors`."""
@@ -133,7 +137,9 @@ class LinearModel(Model):
 
     def identity(self) -> tuple[object, ...]:
         """Return what decides density and locations."""
-        covariates = None if self.covariates is None else dataclasses.astuple(self.covariates)
+        covariates: tuple[object, ...] | None = None
+        if self.covariates is not None:
+            covariates = dataclasses.astuple(self.covariates)
         return (
             "linear",
             dataclasses.astuple(self.statistics),
@@ -156,8 +162,11 @@ class LinearModel(Model):
 
     def passes(self, points: Array) -> list[Array]:
         """Points in parts that the processor's cache holds."""
-        count = self._draws_per_pass
-        return [points[start : start + count] for start in range(0, len(points), count)]
+        parts = []
+        for start in range(0, len(points), self._draws_per_pass):
+            end = start + self._draws_per_pass
+            parts.append(points[start:end])
+        return parts
 
     def linear_scales(self, points: Array) -> LinearScales:
         """Map coordinates (W, d) to scales."""
@@ -165,24 +174,27 @@ class LinearModel(Model):
 
     def scales(self, points: Array) -> Named:
         """Scales and correlations by name at coordinates: dimensions and values, draws first."""
-        parts = [self.linear_scales(part).named for part in self.passes(points)]
-        dimensions = {1: (), 2: ("parameter",), 3: ("parameter", "environment")}
+        parts = []
+        for part in self.passes(points):
+            parts.append(draws_first(self.linear_scales(part).named))
         named: Named = {}
-        for name in parts[0]:
-            value = np.concatenate([np.moveaxis(part[name], -1, 0) for part in parts])
-            named[name] = (dimensions[value.ndim], value)
-        if "phi" in named:
-            named["phi"] = (("parameter", "subject"), named["phi"][1])
+        for name, (dimensions, _) in parts[0].items():
+            values = np.concatenate([part[name][1] for part in parts])
+            named[name] = (dimensions, values)
+        # The last dimension of these is not the environment.
+        last_dimensions = {"phi": "subject"}
         for term in self.design.effect_size:
-            name = f"eta:{term.name}"
-            # A coefficient per column of the term, not per environment.
-            named[name] = (("parameter", f"{term.name} column"), named[name][1])
+            last_dimensions[f"eta:{term.name}"] = f"{term.name} column"
+        for name, last in last_dimensions.items():
+            if name in named:
+                _, values = named[name]
+                named[name] = (("parameter", last), values)
         prior_means = {"": self.priors.log_s_mean, "_e": self.priors.log_s_e_mean}
         for level in self.coordinates.levels:
             # Typical SDs, under the names of the models without factors.
-            dimensions_of_sd, deviation = named.pop(f"log_s{level.suffix}")
+            dimensions, deviation = named.pop(f"log_s{level.suffix}")
             typical_sd = np.exp(prior_means[level.suffix] + deviation)
-            named[f"s{level.suffix}"] = (dimensions_of_sd, typical_sd)
+            named[f"s{level.suffix}"] = (dimensions, typical_sd)
         return named
 
     def __call__(self, points: Array) -> Array:
@@ -191,12 +203,14 @@ class LinearModel(Model):
         # Points outside are computed at zero, so that no pass depends on how many there are.
         coordinates = np.where(inside[:, None], points, 0.0)
         values = []
+        # Draws far out overflow; they become NaN, which has no density.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
             for part in self.passes(coordinates):
                 scales = self.linear_scales(part)
                 values.append(scales.log_prior + self.log_likelihood(scales.cells))
         value = np.concatenate(values)
-        return np.where(inside & ~np.isnan(value), value, -np.inf)
+        possible = inside & ~np.isnan(value)
+        return np.where(possible, value, -np.inf)
 
     def log_likelihood(self, scales: CellScales) -> Array:
         """Log density of the data given scales, locations and subject effects integrated out."""
@@ -205,10 +219,12 @@ class LinearModel(Model):
         # Unequal cells have no orthogonal fallback. Draws whose digits are lost are refused: their
         # scales lie far from any that data allow. One pattern has a fallback for the density and
         # none for the locations, so draws whose locations are lost are refused there too.
-        value = np.where(law.sound, self._constant + law.log_density, -np.inf)
+        value = self._constant + law.log_density
+        value = np.where(law.sound, value, -np.inf)
         lost = np.flatnonzero(law.laws_sound & ~law.sound)
         if self.one_pattern is not None and lost.size:
-            value[lost] = self._constant + self.one_pattern.log_density(observed.at(lost))
+            by_pattern = self.one_pattern.log_density(observed.at(lost))
+            value[lost] = self._constant + by_pattern
         if observed.trial is None:
             return value
         rows = tuple(self.scatter.rows[..., None])
@@ -221,7 +237,8 @@ class LinearModel(Model):
         between = scales.between
         trial = scales.trial
         if self.resolution.between is not None:
-            between = between.plus_diagonal(tuple(self.resolution.between[..., None]))
+            every_draw = self.resolution.between[..., None]
+            between = between.plus_diagonal(tuple(every_draw))
         if trial is not None and self.resolution.trial is not None:
             by_group = self.resolution.trial[:, self.scatter.cell, None]
             trial = trial.plus_diagonal(tuple(by_group))
@@ -270,7 +287,9 @@ class LinearModel(Model):
 
     def cell_weights(self, rows: Array) -> Array:
         """Weights (L, P, C) of the cells among those (L, R) of all locations."""
-        return rows[:, : len(self.cells)].reshape(-1, *self.design.cells.x.shape)
+        size, cells = self.design.cells.x.shape
+        of_cells = rows[:, : size * cells]
+        return of_cells.reshape(-1, size, cells)
 
     def _user_variance(self, rows: Array, scales: CellScales) -> Array:
         """Variance of one user's combinations about the locations', (W, L)."""

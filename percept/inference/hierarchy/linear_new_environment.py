@@ -76,7 +76,11 @@ def linear_trends(model: LinearModel, points: Array) -> dict[str, TrendLaw]:
 
 
 def linear_new_environment(
-    model: LinearModel, points: Array, x: Array, repeats: int, rng: np.random.Generator
+    model: LinearModel,
+    points: Array,
+    x: Array,
+    repeats: int,
+    rng: np.random.Generator,
 ) -> dict[str, NewEnvironment]:
     """Laws of an untested environment.
 
@@ -119,7 +123,11 @@ def _refuse_one_environment(model: LinearModel) -> None:
 
 
 def _new_cell(
-    model: LinearModel, points: Array, cell: Design, repeats: int, rng: np.random.Generator
+    model: LinearModel,
+    points: Array,
+    cell: Design,
+    repeats: int,
+    rng: np.random.Generator,
 ) -> NewEnvironment:
     """Laws of a design's one new cell."""
     scales = model.linear_scales(points)
@@ -135,7 +143,11 @@ def _new_cell(
     )
 
 
-def _new_location(model: LinearModel, scales: LinearScales, cell: Design) -> tuple[Array, Array]:
+def _new_location(
+    model: LinearModel,
+    scales: LinearScales,
+    cell: Design,
+) -> tuple[Array, Array]:
     """Mean (W, P) and covariance (W, P, P) of the location of a new cell."""
     rows = [np.diag(column) for column in cell_columns(cell.fixed)]
     law = model.locations(scales.cells)

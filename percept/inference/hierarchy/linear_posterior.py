@@ -159,7 +159,11 @@ class LinearPosterior(LinearModel, Pooled):
         return linear_trends(self, points)
 
     def new_environment(
-        self, points: Array, x: Array, repeats: int, rng: np.random.Generator
+        self,
+        points: Array,
+        x: Array,
+        repeats: int,
+        rng: np.random.Generator,
     ) -> dict[str, NewEnvironment]:
         """Laws of an untested environment, by condition."""
         return linear_new_environment(self, points, x, repeats, rng)

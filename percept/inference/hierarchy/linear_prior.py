@@ -23,7 +23,11 @@ __all__ = ["draw_linear_prior"]
 Array = NDArray[np.float64]
 
 
-def draw_linear_prior(model: LinearModel, draws: int, rng: np.random.Generator) -> PriorDraws:
+def draw_linear_prior(
+    model: LinearModel,
+    draws: int,
+    rng: np.random.Generator,
+) -> PriorDraws:
     """Draw scales, population means and new users before any data.
 
     Parameters
@@ -49,7 +53,11 @@ def draw_linear_prior(model: LinearModel, draws: int, rng: np.random.Generator) 
         locations = _draw_locations(model.problem, scales, rng)
         means.append(locations)
         users.append(locations + _draw_departures(scales, rng))
-    return PriorDraws(blank.scales(points), np.concatenate(means), np.concatenate(users))
+    return PriorDraws(
+        scales=blank.scales(points),
+        means=np.concatenate(means),
+        users=np.concatenate(users),
+    )
 
 
 def _without_scatter(model: LinearModel) -> LinearModel:
@@ -67,13 +75,18 @@ def _without_scatter(model: LinearModel) -> LinearModel:
     return LinearModel(statistics, model.design, model.priors, model.covariates, scatter)
 
 
-def _draw_locations(problem: CellProblem, scales: CellScales, rng: np.random.Generator) -> Array:
+def _draw_locations(
+    problem: CellProblem,
+    scales: CellScales,
+    rng: np.random.Generator,
+) -> Array:
     """Draw the locations of all cells, (W, P C)."""
     column_sd = problem.own_sd(scales.tau)
     # Environments are the faster index of the deviations, (columns J, W).
     deviation_sd = np.repeat(column_sd, problem.environments, axis=0)
     width = deviation_sd.shape[1]
-    latents = rng.standard_normal((problem.basis.shape[1], width))
+    columns = problem.basis.shape[1]
+    latents = rng.standard_normal((columns, width))
     latents[: problem.deviations] *= deviation_sd
     return np.asarray((problem.basis @ latents).T)
 
@@ -85,5 +98,6 @@ def _draw_departures(scales: CellScales, rng: np.random.Generator) -> Array:
     departures = np.einsum("qpcw,qw->pcw", scales.effects, effects)
     for parts in scales.between.factor_columns():
         factor_column = np.stack(parts)  # (P, C, W)
-        departures += factor_column * rng.standard_normal(factor_column.shape[1:])
+        normals = rng.standard_normal(factor_column.shape[1:])
+        departures += factor_column * normals
     return departures.reshape(-1, width).T

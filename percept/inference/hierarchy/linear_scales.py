@@ -200,7 +200,12 @@ class LinearCoordinates:
         for term in design.effect_size:
             self._name(f"eta:{term.name}", parameters, numbered("column", len(term.columns)))
 
-    def _name(self, scale: str, *axes: Sequence[str], standard: bool = True) -> None:
+    def _name(
+        self,
+        scale: str,
+        *axes: Sequence[str],
+        standard: bool = True,
+    ) -> None:
         """Append the coordinates of a scale, one for each combination of labels."""
         first = len(self.names)
         for labels in itertools.product(*axes):

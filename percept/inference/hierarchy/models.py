@@ -134,7 +134,11 @@ class Unpooled(Model):
         If a cell has one subject.
     """
 
-    def __init__(self, cells: tuple[tuple[str, str], ...], counts: NDArray[np.int64]) -> None:
+    def __init__(
+        self,
+        cells: tuple[tuple[str, str], ...],
+        counts: NDArray[np.int64],
+    ) -> None:
         if np.any(counts < _FEWEST_SUBJECTS):
             parameter, environment = cells[int(np.argmin(counts))]
             raise RefusalError(
@@ -156,7 +160,8 @@ class Unpooled(Model):
         """Log density of coordinates (W, C), shape (W,)."""
         t = points * self._unit
         with np.errstate(over="ignore"):
-            cost = self._nu * (t + 0.5 * np.exp(-2.0 * t))
+            inverse_variance = np.exp(-2.0 * t)
+            cost = self._nu * (t + 0.5 * inverse_variance)
         return -cost.sum(axis=1)
 
     def _sigma_ratio(self, points: Array) -> Array:

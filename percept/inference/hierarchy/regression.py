@@ -94,9 +94,16 @@ class LocationProblem:
         if layout.trend:
             trend.append(priors.gamma_sd * statistics.x * each_quantity)
         self.trend = np.concatenate(trend)
+        # One entry for all draws.
         self._trend_columns = [tuple(column[..., None]) for column in self.trend]
 
-    def whitened(self, scales: Scales, cell_noise: list[Block], *, merge: bool) -> WhitenedMeans:
+    def whitened(
+        self,
+        scales: Scales,
+        cell_noise: list[Block],
+        *,
+        merge: bool,
+    ) -> WhitenedMeans:
         """Whiten the pattern means and the latents' columns.
 
         The noise is the covariance of one subject's cell means about beta + u, by pattern (E, W).
@@ -244,7 +251,8 @@ class Regression:
     ) -> None:
         self._scales = scales
         self._shape = (problem.environments, scales.log_prior.size)
-        self._merged = merge and len(cell_noise) == 1 and scales.shared is not None
+        mergeable = len(cell_noise) == 1 and scales.shared is not None
+        self._merged = merge and mergeable
         self._whitened = problem.whitened(scales, cell_noise, merge=merge)
         self._solved = factor(self._whitened.design, self._whitened.target)
         log_determinant = self._whitened.log_determinant + self._solved.log_determinant
@@ -331,7 +339,8 @@ class Regression:
         beta = np.stack(self._at_latents(latents))
         if self._beta.remainder is not None:
             for column in self._beta.remainder.factor_columns():
-                beta += np.stack(column) * rng.standard_normal(beta.shape[1:])
+                normals = rng.standard_normal(beta.shape[1:])
+                beta += np.stack(column) * normals
         return beta
 
     def trend(self, rows: Array) -> tuple[Array, Array]:

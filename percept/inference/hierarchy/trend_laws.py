@@ -26,7 +26,11 @@ __all__ = ["new_environment_given", "trend_given"]
 Array = NDArray[np.float64]
 
 
-def trend_given(law: Regression | Information, priors: Priors, size: int) -> TrendLaw:
+def trend_given(
+    law: Regression | Information,
+    priors: Priors,
+    size: int,
+) -> TrendLaw:
     """Law of alpha and gamma of `size` quantities, given W sets of scales."""
     prior_sds = np.repeat([priors.alpha_sd, priors.gamma_sd], size)
     mean, columns = law.trend(np.diag(prior_sds))
@@ -86,7 +90,12 @@ def new_environment_given(
     )
 
 
-def _new_population(scales: Scales, x: Array, repeats: int, rng: np.random.Generator) -> Array:
+def _new_population(
+    scales: Scales,
+    x: Array,
+    repeats: int,
+    rng: np.random.Generator,
+) -> Array:
     """Covariances of users (W, repeats, P, P), log sigma drawn evenly about its trend."""
     named = scales.named
     width = scales.log_prior.size
