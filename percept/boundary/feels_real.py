@@ -43,6 +43,7 @@ __all__ = [
     "rough_probability",
     "search_grid",
     "search_margins",
+    "share_error",
 ]
 
 Array = NDArray[np.float64]
@@ -171,6 +172,16 @@ def rough_probability(display: Display, users: Users, omega: Array, *, level: fl
     return np.count_nonzero(least >= 0.0) / users.size
 
 
+def share_error(share: float, count: int) -> float:
+    """Return the standard error of a share of `count` independent draws.
+
+    Where all draws agree it is one draw: by Wilson's interval of one standard error the truth may
+    lie 1/(count + 1) away.
+    """
+    variance = share * (1.0 - share) / count
+    return max(float(np.sqrt(variance)), 1.0 / count)
+
+
 def _evidence(judged: list[Margins], inside_plane: Flags, omega: Array) -> Evidence:
     """Count the draws under which a display feels real."""
     least = np.concatenate([margins.least for margins in judged])
@@ -182,9 +193,6 @@ def _evidence(judged: list[Margins], inside_plane: Flags, omega: Array) -> Evide
     near = np.abs(least) < _TOO_NEAR
     too_near = float(near.mean())
     probability = float((inside & inside_plane).mean())
-    variance = probability * (1.0 - probability) / draws
-    # Where all draws agree the binomial error counts as one draw.
-    binomial = max(float(np.sqrt(variance)), 1.0 / draws)
     lowest = int(np.argmin(inside_at))
     return Evidence(
         probability=probability,
@@ -192,7 +200,7 @@ def _evidence(judged: list[Margins], inside_plane: Flags, omega: Array) -> Evide
         plane=float(inside_plane.mean()),
         lowest=float(np.min(inside_at)) / draws,
         lowest_omega=float(omega[lowest]),
-        error=binomial + too_near,
+        error=share_error(probability, draws) + too_near,
         too_near=too_near,
         draws=draws,
     )

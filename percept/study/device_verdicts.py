@@ -11,7 +11,7 @@ import dataclasses
 
 import numpy as np
 
-from percept.boundary.feels_real import judge, rough_probability
+from percept.boundary.feels_real import judge, rough_probability, share_error
 from percept.boundary.users import Users
 from percept.haptics.records import Display
 from percept.results import DeviceAverage, Verdict
@@ -58,6 +58,8 @@ def with_device_draws(
     display = setup.display(verdict.environment, coupled=verdict.coupled)
     shifts = _shifts(display, draws, users, omega, verdict.level)
     shift_error = float(shifts.std(ddof=1)) / np.sqrt(shifts.size)
+    # Where no device moves the probability, the error counts as one user of all.
+    shift_error = max(shift_error, share_error(0.0, shifts.size * _USERS))
     at_point = verdict.bayesian.probability
     probability = float(np.clip(at_point + shifts.mean(), 0.0, 1.0))
     average = DeviceAverage(

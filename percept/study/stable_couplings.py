@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from percept.boundary.feels_real import share_error
 from percept.haptics import Coupling, absolute_stability
 from percept.haptics.limits import largest_coupling_damping, stable_stiffness
 from percept.haptics.records import AnyDevice
@@ -84,9 +85,10 @@ class StableCouplings:
         stiffness = np.atleast_1d(coupling.stiffness)
         damping = np.atleast_1d(coupling.damping)
         probability = float(self.probability(stiffness, damping)[0])
-        variance = probability * (1.0 - probability) / (self.devices or 1)
+        # One device is exact.
+        error = share_error(probability, self.devices) if self.devices else 0.0
         nearness = float(stiffness[0] / self.limit(damping)[0])
-        return Chance(probability, float(np.sqrt(variance)), nearness)
+        return Chance(probability, error, nearness)
 
     def allows(self, coupling: Coupling, decision: float) -> bool:
         """Whether a coupling is stable, or probably enough."""

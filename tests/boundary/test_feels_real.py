@@ -11,6 +11,7 @@ from percept.boundary.feels_real import (
     judge,
     search_grid,
     search_margins,
+    share_error,
 )
 from percept.boundary.users import Users
 from percept.haptics import Coupling, Device, Environment
@@ -88,6 +89,14 @@ def test_draws_are_added_only_while_the_error_straddles_a_threshold():
         too_near=0.0, draws=512,
     )  # fmt: skip
     assert not straddling.clear_of(DECISION)
+
+
+@pytest.mark.parametrize("count", [1, 64, 4096])
+@pytest.mark.parametrize("agreeing", [0.0, 1.0])
+def test_draws_that_agree_leave_an_error(agreeing, count):
+    farthest_by_wilson = 1.0 / (count + 1)
+    assert farthest_by_wilson <= share_error(agreeing, count) <= 2.0 * farthest_by_wilson
+    assert share_error(0.5, count) == pytest.approx(max(0.5 / np.sqrt(count), 1.0 / count))
 
 
 def test_margins_are_scores_of_the_share_below():

@@ -80,5 +80,8 @@ def test_a_device_that_is_known_changes_nothing(fitted: Study) -> None:
     assert found.by_device is not None
     assert found.probability == verdict.probability
     assert found.by_device.share == 0.0
+    # That 16 devices move none of 64 users is known to one user.
+    one_user = 1.0 / (16 * 64)
+    assert found.by_device.error == pytest.approx(np.hypot(verdict.bayesian.error, one_user))
     without = dataclasses.replace(setup, draws=None)
     assert with_device_draws(verdict, without, users, omega, 0.95) is verdict

@@ -47,10 +47,18 @@ def test_probabilities_are_shares_of_stable_devices(fitted: Study, modes) -> Non
         assert not stable.allows(coupling, found[index] + 0.001)
 
 
+def test_devices_that_agree_leave_an_error_of_one_device(fitted: Study) -> None:
+    stable = StableCouplings.of(setup_of(fitted))
+    chance = stable.chance(Coupling(1.0, 8.0))
+    assert chance.probability == 1.0
+    assert chance.error == 1.0 / stable.devices
+
+
 def test_one_device_is_certain(fitted: Study) -> None:
     setup = dataclasses.replace(setup_of(fitted), draws=None)
     stable = StableCouplings.of(setup)
     assert stable.devices is None
+    assert stable.chance(Coupling(1.0, 8.0)).error == 0.0
     damping = np.array([8.0])
     limit = stable.limit(damping)
     assert stable.probability(0.999 * limit, damping) == 1.0
