@@ -1,7 +1,8 @@
 """What cells say of the locations, pattern by pattern, before any scale is known.
 
-Cells of one environment with equal numbers of trials have equal noise: they are of one kind. Each
-precision is computed once for a kind, and summed over the patterns of subjects that have it.
+Subjects with the same trials in the same environments share a pattern. Cells of one environment
+with equal numbers of trials have equal noise: they are of one kind. Each precision is computed once
+for a kind, and summed over the patterns of subjects that have it.
 """
 
 from __future__ import annotations
@@ -16,98 +17,133 @@ __all__ = ["InformationProblem"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-#: Draws of a pass: more cost the processor's cache, fewer cost calls.
+#: Draws of a pass at the most: more put temporaries out of the processor's cache.
 _MOST_DRAWS = 128
+#: Draws of a pass at the least: fewer cost more in calls of numpy than in arithmetic.
 _FEWEST_DRAWS = 8
-#: Numbers in a temporary of a pass over cells.
-_CELLS = 1 << 17
-#: Numbers in a temporary of a pass over the matrix of the locations.
-_MATRIX = 1 << 22
+#: Numbers in a temporary over cells: 1 MB of doubles, which a core's own cache holds.
+_NUMBERS_OVER_CELLS = 1 << 17
+#: Numbers in the matrices of the locations: 32 MB of doubles. They are factored one by one, so
+#: memory limits them, and not the cache.
+_NUMBERS_OF_MATRICES = 1 << 22
 
 
 class InformationProblem:
-    """Cells of J environments, G patterns and K kinds of cells.
+    """Cells of P quantities, J environments, G patterns, K kinds of cells and R rows of scatter.
 
     Parameters
     ----------
     patterns : tuple of Pattern
         Subjects with the same environments and trials, and their mean responses.
     prior_columns : ndarray
-        Columns of alpha and gamma, times their prior SDs, (Q, P, J).
+        Columns X of alpha and gamma, times their prior SDs, (A, P, J).
+
+    Attributes
+    ----------
+    trend : ndarray
+        Columns X over all locations, quantity by quantity, (A, P J).
+    subjects : ndarray
+        Subjects of each pattern, (G,).
+    environment, trials : ndarray
+        Environment and trials of each kind of cells, (K,).
+    kind_of_cell : ndarray of int
+        Kind of each cell, (J, G); K where a pattern has no cell.
+    has_kind : ndarray
+        One where a pattern has a kind, else zero, (K, G).
+    subjects_of_kind : ndarray
+        Subjects who have each kind, (K,).
+    in_environment : ndarray
+        One where a kind is of the environment, else zero, (J, K).
+    centre : ndarray
+        Mean response of each environment over its subjects, (P, J).
+    mean : ndarray
+        Mean response of each pattern less the centre, (P, J, G); zero where it has no cell.
+    mean_of_kind : ndarray
+        The same by kind, (P, K, G).
+    rows : ndarray
+        Rows of scatter within patterns, (P, J, R); zero where a pattern has no cell.
+    row_pattern : ndarray of int
+        Pattern of each row, (R,).
+    constant : float
+        Part of the log density that no scale enters: powers of the numbers of subjects.
     """
 
     def __init__(self, patterns: tuple[Pattern, ...], prior_columns: Array) -> None:
-        self.prior_columns = prior_columns
-        self.size, self.environments = prior_columns.shape[1:]
+        self.quantities, self.environments = prior_columns.shape[1:]
+        self.trend = prior_columns.reshape(len(prior_columns), -1)
         subjects = [pattern.subjects for pattern in patterns]
-        self.subjects = np.array(subjects, dtype=float)  # (G,)
+        self.subjects = np.array(subjects, dtype=float)
         self._set_kinds(patterns)
         self._set_means(patterns)
+        self._set_scatter(patterns)
         # Treats each pattern's mean as the observation, with covariances V_g over the subjects.
         kinds_of_pattern = self.has_kind.sum(axis=0)
-        self.constant = 0.5 * self.size * float(np.log(self.subjects) @ kinds_of_pattern)
-        self._set_scatter(patterns)
+        log_subjects = np.log(self.subjects) @ kinds_of_pattern
+        self.constant = 0.5 * self.quantities * float(log_subjects)
 
     def _set_kinds(self, patterns: tuple[Pattern, ...]) -> None:
         """Store the kinds of cells, in order, and the patterns that have each."""
         distinct = set[tuple[int, float]]()
         for pattern in patterns:
-            distinct.update(_cells(pattern))
+            distinct.update(_kinds_of(pattern))
         kinds = sorted(distinct)
-        index = {kind: k for k, kind in enumerate(kinds)}
-        self.environment = np.array([environment for environment, _ in kinds])  # (K,)
-        self.trials = np.array([trials for _, trials in kinds])  # (K,)
-        #: (J, G) Kind of each cell; K where there is none.
-        self.kind = np.full((self.environments, len(patterns)), len(kinds))
+        self.environment = np.array([environment for environment, _ in kinds])
+        self.trials = np.array([trials for _, trials in kinds])
+        absent = len(kinds)
+        shape = (self.environments, len(patterns))
+        self.kind_of_cell = np.full(shape, absent)
         for g, pattern in enumerate(patterns):
-            self.kind[pattern.environments, g] = [index[cell] for cell in _cells(pattern)]
-        kind_numbers = np.arange(len(kinds))[:, None, None]
-        #: (K, G) One where a pattern has a kind.
-        self.has_kind = (self.kind == kind_numbers).any(axis=1) * 1.0
-        #: (K,) Subjects who have a kind.
+            numbers = [kinds.index(kind) for kind in _kinds_of(pattern)]
+            self.kind_of_cell[pattern.environments, g] = numbers
+        kind = np.arange(len(kinds))[:, None, None]
+        is_of_kind = self.kind_of_cell == kind  # (K, J, G)
+        self.has_kind = is_of_kind.any(axis=1).astype(float)
         self.subjects_of_kind = self.has_kind @ self.subjects
-        environment_numbers = np.arange(self.environments)[:, None]
-        #: (J, K) One where a kind is of the environment.
-        self.in_environment = (self.environment == environment_numbers) * 1.0
+        environment = np.arange(self.environments)[:, None]
+        is_in_environment = self.environment == environment
+        self.in_environment = is_in_environment.astype(float)
 
     def _set_means(self, patterns: tuple[Pattern, ...]) -> None:
-        """Store means about those of environments: a common offset stays out of products."""
-        mean = np.zeros((self.size, self.environments, len(patterns)))
+        """Store means about each environment's centre: a common offset stays out of products."""
+        shape = (self.quantities, self.environments, len(patterns))
+        mean = np.zeros(shape)
         for g, pattern in enumerate(patterns):
             mean[:, pattern.environments, g] = pattern.mean
-        present = self.kind < len(self.trials)
+        present = self.kind_of_cell < len(self.trials)
         weight = np.where(present, self.subjects, 0.0)
         sums = np.einsum("jg,pjg->pj", weight, mean)
-        self.centre = sums / weight.sum(axis=1)  # (P, J)
-        self.mean = np.where(present, mean - self.centre[..., None], 0.0)  # (P, J, G)
-        self.mean_of_kind = self.mean[:, self.environment] * self.has_kind  # (P, K, G)
+        self.centre = sums / weight.sum(axis=1)
+        departure = mean - self.centre[..., None]
+        self.mean = np.where(present, departure, 0.0)
+        self.mean_of_kind = self.mean[:, self.environment] * self.has_kind
 
     def _set_scatter(self, patterns: tuple[Pattern, ...]) -> None:
-        """Store rows of scatter within patterns, (P, J, R), zero where unmeasured."""
-        rows = []
+        """Store the rows of scatter of patterns with several subjects."""
+        rows = [np.zeros((self.quantities, self.environments, 0))]
         row_pattern: list[int] = []
         for g, pattern in enumerate(patterns):
-            if pattern.subjects > 1:
-                count = pattern.rows.shape[1]
-                of_pattern = np.zeros((self.size, self.environments, count))
-                of_pattern[:, pattern.environments] = pattern.rows.transpose(0, 2, 1)
-                rows.append(of_pattern)
-                row_pattern += [g] * count
-        nothing = np.zeros((self.size, self.environments, 0))
-        self.rows = np.concatenate([nothing, *rows], axis=2)
-        #: (R,) Pattern of each row.
+            if pattern.subjects == 1:
+                continue
+            count = pattern.rows.shape[1]
+            of_pattern = np.zeros((self.quantities, self.environments, count))
+            of_pattern[:, pattern.environments] = pattern.rows.transpose(0, 2, 1)
+            rows.append(of_pattern)
+            row_pattern += [g] * count
+        self.rows = np.concatenate(rows, axis=2)
         self.row_pattern: Indices = np.array(row_pattern, dtype=np.intp)
 
     @property
     def draws_per_pass(self) -> int:
         """Draws worked on at once."""
-        locations = self.size * self.environments
-        columns = len(self.subjects) + len(self.row_pattern)
-        by_cells = _CELLS // (self.environments * columns)
-        by_matrix = _MATRIX // locations**2
-        return max(min(by_cells, by_matrix, _MOST_DRAWS), _FEWEST_DRAWS)
+        locations = self.quantities * self.environments
+        vectors = len(self.subjects) + len(self.row_pattern)
+        by_cells = _NUMBERS_OVER_CELLS // (self.environments * vectors)
+        by_matrices = _NUMBERS_OF_MATRICES // locations**2
+        draws = min(by_cells, by_matrices, _MOST_DRAWS)
+        return max(draws, _FEWEST_DRAWS)
 
 
-def _cells(pattern: Pattern) -> list[tuple[int, float]]:
-    """Environment and trials of each cell of a pattern."""
-    return list(zip(pattern.environments.tolist(), pattern.trials, strict=True))
+def _kinds_of(pattern: Pattern) -> list[tuple[int, float]]:
+    """Kind of each cell of a pattern: its environment and its number of trials."""
+    environments = pattern.environments.tolist()
+    return list(zip(environments, pattern.trials, strict=True))

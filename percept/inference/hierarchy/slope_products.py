@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from percept.inference.hierarchy.blocks import Block
 from percept.inference.hierarchy.cell_problem import CellProblem, PatternScatter
-from percept.inference.hierarchy.information import precision_entries
+from percept.inference.hierarchy.information_equations import precision_entries
 from percept.inference.hierarchy.subject_covariance import SubjectCovariance
 from percept.inference.hierarchy.subject_equations import SubjectEquations
 from percept.inference.hierarchy.trial_scatter import TrialScatter

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from percept.inference.hierarchy.blocks import Block
 from percept.inference.hierarchy.cell_problem import CellProblem
 from percept.inference.hierarchy.cell_scales import CellScales
-from percept.inference.hierarchy.information import precision_entries
+from percept.inference.hierarchy.information_equations import precision_entries
 from percept.inference.hierarchy.small_cholesky import with_prior
 from percept.inference.hierarchy.subject_covariance import SubjectCovariance
 
