@@ -34,7 +34,18 @@ class CellLaw:
     """Law of the locations at W sets of scales, and the density of all responses.
 
     Cells and slopes of covariates stand in one vector of R = P C + M P locations, cells first and
-    quantity by quantity.
+    quantity by quantity. Other axes are G patterns, q effects of a subject, a own deviations in
+    each of J environments, f fixed columns, and the r = f + M P latents that are no deviations.
+
+    Attributes
+    ----------
+    sound : ndarray of bool
+        Whether enough digits remain for the density, (W,).
+    laws_sound : ndarray of bool
+        Whether enough remain for the law of the locations, (W,).
+    log_density : ndarray
+        Log density of the responses given the scales, without trials about their cells' means, up
+        to a constant of the study, (W,).
     """
 
     def __init__(self, problem: CellProblem, scales: CellScales) -> None:

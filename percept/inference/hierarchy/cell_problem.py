@@ -25,10 +25,12 @@ __all__ = ["CellProblem", "PatternScatter", "columns_by_quantity"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-#: Numbers in the largest temporary of a pass: fewer waste calls, and more gain nothing.
+#: Numbers in the largest temporary of a pass, 4 MB of doubles: fewer waste calls, and more gain
+#: nothing.
 _NUMBERS = 1 << 19
-#: Draws of a pass, whatever the design.
+#: Draws of a pass at the least: fewer cost more in calls of numpy than in arithmetic.
 _FEWEST_DRAWS = 8
+#: Draws of a pass at the most: calls cost little by then, and small designs need no more memory.
 _MOST_DRAWS = 1024
 
 
@@ -56,7 +58,34 @@ class CellProblem:
     covariate_sd : float
         Prior SD of the slopes of covariates.
     covariates : Covariates, optional
-        Covariates of trials or subjects.
+        Covariates of trials or subjects: M of them.
+
+    Attributes
+    ----------
+    size, cells, environments : int
+        Numbers P, C and J.
+    subjects : ndarray
+        Subjects of each pattern, (G,).
+    present : ndarray
+        One where a pattern has the cell, else zero, (C, G).
+    trials : ndarray
+        Trials of a cell, one where a pattern has none, (C, G).
+    mean : ndarray
+        Mean response of each pattern, (P, C, G); zero where it has no cell.
+    covariate_mean : ndarray
+        Mean of each covariate, (M, C, G); zero where a pattern has no cell.
+    own_columns, fixed_columns : int
+        Numbers of columns of own deviations, a in one environment, and of fixed terms, f.
+    basis, sparse_basis : ndarray, csr_array
+        Columns B of the cells, (P C, Q), and their transpose, (Q, P C), with Q = a J + f.
+    own_products, mixed_products, fixed_products : csr_array
+        Products of own columns with own ones, (a a J, P P C), of own with fixed ones,
+        (a f J, P P C), and of fixed with fixed ones, (f f, P P C). Times the precisions
+        (P P C, W) of cells, these give the precision of xi.
+    scatter : list of PatternScatter
+        Scatter within the patterns of several subjects.
+    constant : float
+        Part of the log density that no scale enters: powers of the numbers of subjects.
     """
 
     def __init__(

@@ -33,7 +33,8 @@ __all__ = ["SubjectSpreads", "chance_of_differences"]
 Array = NDArray[np.float64]
 
 _LOG_2PI = math.log(2.0 * math.pi)
-#: Turns of fitting subjects' and cells' SDs to one another: the error shrinks tenfold in a few.
+#: Turns of fitting subjects' and cells' SDs to one another, once per model. The error shrinks
+#: tenfold in a few, and the coordinates need two digits.
 _ROUGH_TURNS = 20
 
 
