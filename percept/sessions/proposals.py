@@ -20,7 +20,7 @@ from percept.sessions.evidence import Column, table_columns
 from percept.sessions.files import Input, load
 from percept.sessions.options import ReadOptions, canonical_columns
 from percept.sessions.paths import expand, pattern_of_names
-from percept.sessions.proposed import Draft, outcome
+from percept.sessions.proposed import Draft, Wide, outcome
 from percept.sessions.quantities import IMPEDANCE, factor, quantity_of
 from percept.sessions.read import Sessions, read_sessions
 from percept.sessions.reading import open_blocks
@@ -29,10 +29,13 @@ from percept.sessions.roles import (
     ID_COLUMNS,
     Numbers,
     Roles,
+    crossed_with_environment,
     drop_unnamed_subject,
+    is_of_one_scale,
     judge_environment,
     judge_ids,
     judge_numbers,
+    quantities_of_wide,
     take_most_varied,
     wide_columns,
 )
@@ -160,7 +163,7 @@ def _proposed(table: _Table, paths: Sequence[str | Path], options: ReadOptions) 
         _settle(draft, options)
     guessed = draft.guessed
     if draft.wide:
-        guessed = (*guessed, "response_adj")
+        guessed = (*guessed, *draft.wide_adjusted)
     if draft.filename:
         guessed = ("subject", *guessed)
     return Proposal(draft.text(), guessed, draft.missing, refused)
@@ -220,6 +223,7 @@ def _find_adjustments(draft: Draft, table: _Table, options: ReadOptions) -> None
         take_most_varied(roles, numbers)
     if roles.has_adjustment:
         judge_environment(roles, _free(draft))
+        draft.crossed = crossed_with_environment(roles, _free(draft))
         # Without any id a row is a subject.
         no_id = subject is None and not any(_may_be_id(column) for column in _free(draft))
         draft.by_row = no_id and draft.filename is None and not _names_subjects(options)
@@ -236,15 +240,30 @@ def _take_for_wide(draft: Draft) -> None:
     columns = wide_columns(_free(draft))
     if len(columns) < 2 or draft.rows < _FEWEST_SUBJECTS:
         return
+    for stem, own in quantities_of_wide(columns).items():
+        name = stem.casefold()
+        if re.fullmatch("[a-z][a-z0-9]*(_[a-z0-9]+)*", name):
+            first = next(iter(own.values()))
+            number = re.sub(r"\d+$", "", first.name)
+            draft.wide[name] = Wide(f"{number}{{environment}}", own)
+    if not draft.wide and is_of_one_scale(columns):
+        draft.wide["response"] = _one_quantity(columns)
+    if not draft.wide:
+        return
+    for name, wide in draft.wide.items():
+        draft.roles.units[name] = next(iter(wide.columns.values())).unit or ""
+    draft.filename = None
+    draft.by_row = "subject" not in draft.roles.found
+
+
+def _one_quantity(columns: Sequence[Column]) -> Wide:
+    """Take all columns for one quantity, each for an environment."""
     names = [column.name for column in columns]
     # The first and the last in alphabetical order share what all share.
     shared = re.match(r"(.*).*\n\1", f"{min(names)}\n{max(names)}", re.DOTALL)
     prefix = re.sub(r"[^_. -]*$", "", shared[1] if shared else "")
-    draft.pattern = f"{prefix}{{environment}}"
-    draft.wide = {column.name.removeprefix(prefix): column for column in columns}
-    draft.roles.units["response"] = columns[0].unit or ""
-    draft.filename = None
-    draft.by_row = "subject" not in draft.roles.found
+    environments = {column.name.removeprefix(prefix): column for column in columns}
+    return Wide(f"{prefix}{{environment}}", environments)
 
 
 def _names_subjects(options: ReadOptions) -> bool:
@@ -271,8 +290,8 @@ def _settle(draft: Draft, options: ReadOptions) -> None:
     quantities = dict.fromkeys(quantity_of(canonical) for canonical in numbers)
     present = set(found)
     if draft.wide:
-        present |= {"subject", "environment", "response_adj"}
-        quantities["response"] = None
+        present |= {"subject", "environment", *draft.wide_adjusted}
+        quantities |= dict.fromkeys(draft.wide)
     for name in quantities or ["NAME"]:
         needed.append(f"{name}_ref")
         needed.append(f"{name}_adj")
@@ -317,7 +336,10 @@ def _medians(draft: Draft) -> dict[str, float]:
     beside = 1.0 + 1e-9
     for canonical in draft.missing:
         name = quantity_of(canonical)
-        columns = list(draft.wide.values()) or [draft.roles.found[f"{name}_adj"]]
+        if name in draft.wide:
+            columns = list(draft.wide[name].columns.values())
+        else:
+            columns = [draft.roles.found[f"{name}_adj"]]
         median = float(np.nanmedian(np.concatenate([column.numbers for column in columns])))
         scale = factor(columns[0].unit, IMPEDANCE[name]) if name in IMPEDANCE else 1
         medians[canonical] = median * float(scale) * beside

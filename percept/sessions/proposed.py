@@ -13,7 +13,7 @@ from percept.sessions.quantities import quantity_of
 from percept.sessions.read import Sessions
 from percept.sessions.roles import DECIBELS, ID_COLUMNS, Roles
 
-__all__ = ["Draft", "outcome", "toml_text", "toml_value"]
+__all__ = ["Draft", "Wide", "outcome", "toml_text", "toml_value"]
 
 #: Name of the environment of a study with one.
 _ONE_CONDITION = "all"
@@ -23,6 +23,14 @@ _MOST_ENVIRONMENTS = 60
 _WARNINGS = 3
 #: Texts that a column of conditions has at most.
 _MOST_CONDITIONS = 6
+
+
+@dataclass(frozen=True)
+class Wide:
+    """Columns that each hold the adjustments to one environment, in a row per subject."""
+
+    pattern: str  # Of their names
+    columns: Mapping[str, Column]  # By environment
 
 
 @dataclass
@@ -39,9 +47,9 @@ class Draft:
     repeats: int = 0  # Rows whose ids stand before them, where no number tells trials apart
     filename: str | None = None  # Pattern of file names that holds the subject
     by_row: bool = False  # Each row is a subject
-    #: Of a row per subject: the columns of adjustments by environment, and the pattern of names.
-    wide: Mapping[str, Column] = field(default_factory=dict)
-    pattern: str = ""
+    wide: dict[str, Wide] = field(default_factory=dict)  # By quantity
+    #: Conditions that subjects met beside each environment.
+    crossed: Sequence[Column] = ()
     #: Unit by quantity, where values of zero or below need the normal family.
     scales: Mapping[str, float | None] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)  # Above the tables
@@ -63,7 +71,14 @@ class Draft:
         environment = self.roles.found.get("environment")
         if environment is not None:
             return environment.texts
-        return list(self.wide) or [_ONE_CONDITION]
+        for wide in self.wide.values():
+            return list(wide.columns)
+        return [_ONE_CONDITION]
+
+    @property
+    def wide_adjusted(self) -> list[str]:
+        """Canonical columns that stand in a row per subject."""
+        return [f"{name}_adj" for name in self.wide]
 
     def text(self) -> str:
         """Write it as TOML."""
@@ -107,16 +122,24 @@ class Draft:
             for other in others:
                 if other not in found.values():
                     yield f"# or {toml_text(other.name)}: {other.quoted()}"
-            if canonical == "environment" and others and self.repeats:
-                both = toml_value([column.name, others[0].name])
-                yield f"# or both: environment = {both}"
-        if self.wide:
-            pattern = toml_text(self.pattern)
-            yield f"response_adj = {pattern}  # a row per subject: {len(self.wide)} columns"
+            if canonical == "environment":
+                yield from self._crossed(column)
+        for name, wide in self.wide.items():
+            pattern = toml_text(wide.pattern)
+            yield f"{name}_adj = {pattern}  # a row per subject: {len(wide.columns)} columns"
         if self.roles.has_adjustment and "environment" not in found:
             yield '# environment = ""  # one condition: no column seems to tell several apart'
         for canonical in self.missing:
             yield f'# {canonical} = ""  # not found: fill in the name of its column'
+
+    def _crossed(self, environment: Column) -> Iterator[str]:
+        """Say that conditions are pooled as trials, and how to tell them apart."""
+        for column in self.crossed:
+            name = toml_text(column.name)
+            both = toml_value([environment.name, column.name])
+            yield f"# {name} is crossed with it: {column.quoted()}. Its values are pooled as trials."
+            yield f"# To tell them apart: environment = {both}"
+            yield f"# or, as a factor: [study] factor = {name}"
 
     def _sessions(self) -> Iterator[str]:
         """Lines of [sessions]."""
@@ -157,8 +180,11 @@ class Draft:
 
     def _left_out(self) -> Iterator[str]:
         """Name the columns that have no part, and conditions that could have one."""
+        used = list(self.roles.taken)
+        for wide in self.wide.values():
+            used += wide.columns.values()
         for column in self.columns:
-            if column in self.roles.taken or column in self.wide.values():
+            if column in used:
                 continue
             yield f"# not used: {toml_text(column.name)}: {column.seen()}"
             if not column.is_numeric and 2 <= len(column.texts) <= _MOST_CONDITIONS:

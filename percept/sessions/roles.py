@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -34,10 +35,13 @@ __all__ = [
     "ID_COLUMNS",
     "Numbers",
     "Roles",
+    "crossed_with_environment",
     "drop_unnamed_subject",
+    "is_of_one_scale",
     "judge_environment",
     "judge_ids",
     "judge_numbers",
+    "quantities_of_wide",
     "take_most_varied",
     "wide_columns",
 ]
@@ -49,7 +53,8 @@ ID_COLUMNS = ("subject", "session", "environment", "trial")
 _WORDS = {
     "subject": (
         "participant part subject subj sub nsub pp ppid pid vp vpn observer person respondent"
-        " proband rater judge panelist worker id code"
+        " proband rater judge panelist worker animal dog rat mouse rabbit monkey child student pupil"
+        " patient id code"
     ),
     "session": "session visit day",
     "environment": "environment condition standard stimulus reference cond stim level item",
@@ -63,6 +68,9 @@ _WORDS = {
         " test sample shown"
     ),
     "timing": "started stopped onset rt latency timestamp date clock frame frames elapsed wait",
+    "group": "group grp treatment arm sex gender cohort class",
+    "duration": "rt latency duration elapsed",
+    "outcome": "score rating outcome y dv points",
     "other": "initial start error err bias deviation confidence age",
     "empty": "value mean level size magnitude the of in id nr no num number",
 }
@@ -72,6 +80,10 @@ _REFERENCE = frozenset(_WORDS["reference"].split())
 #: Words of columns that hold when something happened, or what nobody adjusts.
 _NOT_ADJUSTED = frozenset(f"{_WORDS['timing']} {_WORDS['other']}".split())
 _TIMING = frozenset(_WORDS["timing"].split())
+#: Words of columns that part subjects into groups, and of times that may be the only response.
+_GROUP = frozenset(_WORDS["group"].split())
+_DURATION = frozenset(_WORDS["duration"].split())
+_OUTCOME = frozenset(_WORDS["outcome"].split())
 #: Words that say nothing of what was adjusted.
 _EMPTY = frozenset(_WORDS["empty"].split()).union(*_ID_WORDS.values())
 #: Points for a name that is a word of the role, and for one that has it among others.
@@ -81,6 +93,12 @@ _PART_OF_NAME = 2.0
 _EARLIER_WORD = 0.05
 #: Points for what is in a column, each: steady for a run of rows, designed, of one scale.
 _CONTENT = 1.5
+#: Share of its points that a condition keeps where each subject has one: they are groups.
+_OF_GROUPS = 0.25
+#: Levels that a second condition has at most.
+_MOST_LEVELS = 12
+#: Ratio of medians from which on columns of numbers are not of one scale.
+_OTHER_SCALE = 10.0
 #: Points a subject's id has at least: a name, or steady cells with many subjects.
 _SUBJECT_FROM = 2.0
 #: Subjects from which on steady cells count in full: fewer are rather groups.
@@ -135,6 +153,7 @@ class Numbers:
     """Columns of numbers, with what the subjects say of each."""
 
     columns: list[Column]
+    durations: list[Column]  # Left out of `columns`, for studies that have no other response
     designed: frozenset[str]
     subjects: npt.NDArray[np.intp]
 
@@ -142,8 +161,13 @@ class Numbers:
     def of(cls, columns: Iterable[Column], subjects: npt.NDArray[np.intp]) -> Numbers:
         """Keep columns of numbers that are no moments and do not count up."""
         kept = []
+        durations = []
         for column in columns:
-            if not column.is_numeric or _TIMING & set(column.words):
+            if not column.is_numeric:
+                continue
+            if _TIMING & set(column.words):
+                if _DURATION & set(column.words) and not is_moment(column):
+                    durations.append(column)
                 continue
             # A few adjustments rise by chance; a name that says what they are goes before.
             is_clock = is_moment(column) and not _ADJUSTED & set(column.words)
@@ -151,7 +175,7 @@ class Numbers:
                 kept.append(column)
         kept = kept[:_MOST_NUMBERS]
         designed = {column.name for column in kept if is_designed(column, subjects)}
-        return cls(kept, frozenset(designed), subjects)
+        return cls(kept, durations, frozenset(designed), subjects)
 
 
 def _is_order(column: Column) -> bool:
@@ -162,10 +186,10 @@ def _is_order(column: Column) -> bool:
 
 def _named(column: Column, role: str) -> float:
     """Points of a name for the role of an id."""
-    whole = "".join(column.words)
+    whole = re.sub("(?<=.)(number|num|no|nr|id)$", "", "".join(column.words))
     words = _ID_WORDS[role]
     for rank, word in enumerate(words):
-        if whole == word or whole == f"{word}id":
+        if whole == word:
             return _WHOLE_NAME - _EARLIER_WORD * rank
     for rank, word in enumerate(words):
         if word in column.words and word != "id":
@@ -202,6 +226,8 @@ def _subject_points(column: Column) -> float:
     if levels < 2 or (column.is_numeric and not column.is_whole):
         return 0.0
     if (_TIMING | {*_ID_WORDS["trial"]}) & set(column.words):
+        return 0.0
+    if not named and _GROUP & set(column.words):
         return 0.0
     if not named and (levels > rows / 2 or _is_order(column) or is_moment(column)):
         return 0.0
@@ -248,11 +274,22 @@ def take_most_varied(roles: Roles, numbers: Numbers) -> None:
     """Take the numbers of most values for the adjustment: no name and no reference says more."""
     points = []
     for column in numbers.columns:
-        if _may_be_adjusted(column, numbers) and column.name not in numbers.designed:
+        named = bool(_OUTCOME & set(column.words))
+        free = named or column.name not in numbers.designed
+        if free and _may_be_adjusted(column, numbers):
             # The others are alternatives, however few values they have.
-            points.append((len(column.texts) / len(column.cells), column))
+            points.append((_PART_OF_NAME * named + _variety(column), column))
+    for column in numbers.durations:
+        if varies_within(column, numbers.subjects):
+            points.append((_variety(column) / 2.0, column))
     if ranked := _ranking(points):
         _add_quantity(roles, ranked, [])
+
+
+def _variety(column: Column) -> float:
+    """Points for different values: a yes or no is hardly an adjustment."""
+    graded = 2.0 * (len(column.texts) > 2)
+    return graded + len(column.texts) / len(column.cells)
 
 
 def _may_be_adjusted(column: Column, numbers: Numbers) -> bool:
@@ -345,11 +382,51 @@ def _about(column: Column, role_words: frozenset[str]) -> str:
 
 def wide_columns(columns: Iterable[Column]) -> list[Column]:
     """Give the columns of numbers that may each hold the adjustments to one environment."""
+    columns = [column for column in columns if column.is_numeric]
+    columns = [column for column in columns if not _NOT_ADJUSTED & set(column.words)]
+    stems = [_stem(column) for column in columns]
     kept = []
-    for column in columns:
-        if column.is_numeric and not _NOT_ADJUSTED & set(column.words) and not _is_order(column):
+    for column, stem in zip(columns, stems, strict=True):
+        # Few adjustments may rise by chance; a name of the same series goes before.
+        if stems.count(stem) > 1 or not _is_order(column):
             kept.append(column)
     return kept
+
+
+def _stem(column: Column) -> str:
+    """Name of a column without the number at its end."""
+    return re.sub(r"(?<=[a-zA-Z_. -])\d+$", "", column.name)
+
+
+def is_of_one_scale(columns: Sequence[Column]) -> bool:
+    """Whether columns of numbers may hold one quantity: their medians are of one size."""
+    sizes = np.array([np.nanmedian(np.abs(column.numbers)) for column in columns])
+    sizes = sizes[sizes > 0]
+    return not len(sizes) or float(sizes.max() / sizes.min()) < _OTHER_SCALE
+
+
+def quantities_of_wide(columns: Sequence[Column]) -> dict[str, dict[str, Column]]:
+    """Part columns such as "wl1", "wl2", "se1", "se2" by stem, then by number.
+
+    Empty unless each stem has the same numbers and values apart from the others' values.
+    """
+    stems: dict[str, dict[str, Column]] = {}
+    for column in columns:
+        parts = re.fullmatch(r"(\w*[a-zA-Z])[_. -]?(\d+)", column.name)
+        if parts is None:
+            return {}
+        stems.setdefault(parts[1], {})[parts[2]] = column
+    numbers = {tuple(own) for own in stems.values()}
+    if len(numbers) > 1 or not 2 <= len(stems) <= _MOST_QUANTITIES:
+        return {}
+    ranges = []
+    for own in stems.values():
+        values = np.concatenate([column.numbers for column in own.values()])
+        ranges.append((np.nanmin(values), np.nanmax(values)))
+    ranges.sort()
+    # Values that overlap are of one quantity, and the stems are conditions.
+    apart = all(low[1] < high[0] for low, high in pairwise(ranges))
+    return stems if apart else {}
 
 
 def drop_unnamed_subject(roles: Roles) -> bool:
@@ -371,7 +448,8 @@ def judge_environment(roles: Roles, free: Sequence[Column]) -> None:
     for column in free:
         total = _named(column, "environment")
         recurs = 1 <= len(column.texts) <= len(column.cells) / 2
-        if not recurs or (column.is_numeric and not column.is_whole):
+        designed = subject is not None and is_designed(column, subject.codes)
+        if not recurs or (column.is_numeric and not column.is_whole and not designed):
             continue
         if len(column.texts) == 1 and not total:
             continue
@@ -379,14 +457,33 @@ def judge_environment(roles: Roles, free: Sequence[Column]) -> None:
             continue
         if not references:
             # Without subjects words name conditions, and numbers may as well name subjects.
-            told = is_designed(column, subject.codes) if subject else not column.is_numeric
+            told = designed if subject else not column.is_numeric
             total += _CONTENT * told
+        if subject is not None and _is_function(column, subject):
+            total *= _OF_GROUPS
         points.append((total, column))
     ranked = _ranking(points)
     if ranked:
         roles.take("environment", ranked)
     elif references:
         roles.found["environment"] = references[0]
+
+
+def crossed_with_environment(roles: Roles, free: Sequence[Column]) -> list[Column]:
+    """Give the other conditions that most subjects meet beside each of the environments."""
+    environment = roles.found.get("environment")
+    subject = roles.found.get("subject")
+    if environment is None or subject is None or environment.name.endswith("_ref"):
+        return []
+    cells = pd.MultiIndex.from_arrays([subject.codes, environment.codes])
+    codes = pd.factorize(cells)[0]
+    crossed = []
+    for column in free:
+        words = set(column.words)
+        few = 2 <= len(column.texts) <= _MOST_LEVELS
+        if few and not words & (_NOT_ADJUSTED | _OUTCOME) and is_designed(column, codes):
+            crossed.append(column)
+    return crossed
 
 
 def _is_function(reference: Column, column: Column) -> bool:

@@ -257,7 +257,9 @@ def test_a_second_factor_is_offered_beside_the_first(tmp_path):
         for j, target in enumerate(("hicon", "locon"))
     ]
     proposal = proposal_of(tmp_path, "id,tint,target,time_seen", rows)
-    assert '# or both: environment = ["tint", "target"]' in proposal.text
+    assert '# "target" is crossed with it: hicon, locon. Its values are pooled' in proposal.text
+    assert '# To tell them apart: environment = ["tint", "target"]' in proposal.text
+    assert '# or, as a factor: [study] factor = "target"' in proposal.text
 
 
 def test_columns_in_order_are_no_moments_where_a_row_is_a_subject(tmp_path):
@@ -286,3 +288,75 @@ def test_decibels_are_proposed_as_amplitudes(tmp_path):
     first = sessions.table["level_adj"].iloc[0]
     np.testing.assert_allclose(20 * np.log10(first), 42.3, rtol=1e-12)
     assert sessions.warnings == ()
+
+
+def test_two_measures_in_a_wide_table_are_two_quantities(tmp_path):
+    rows = [
+        f"{'ABC'[s % 3]},{3 + s % 3},{2 + s % 4},{1 + s % 3},{12 + s % 5},{11 + s % 7},{13 + s % 4}"
+        for s in range(24)
+    ]
+    proposal = proposal_of(tmp_path, "group,wl1,wl2,wl3,se1,se2,se3", rows)
+    assert '\nwl_adj = "wl{environment}"  # a row per subject: 3 columns' in proposal.text
+    assert '\nse_adj = "se{environment}"  # a row per subject: 3 columns' in proposal.text
+    assert proposal.missing == ("wl_ref", "se_ref")
+    assert "24 subjects and 3 environments" in proposal.text
+
+
+def test_groups_are_no_subjects_and_numbered_columns_stay_together(tmp_path):
+    # The first column of a series counts up by chance.
+    rows = [
+        f"{'ABCD'[s // 4]},{1 + s % 4},{4 - s % 4},{8 + s % 3},{9 + s % 4},{12 - s % 3}"
+        for s in range(16)
+    ]
+    proposal = proposal_of(tmp_path, "Group,V1,V2,V3,V4,V5", rows)
+    assert 'response_adj = "{environment}"  # a row per subject: 5 columns' in proposal.text
+    assert 'subject = "row"' in proposal.text
+
+
+def test_a_reaction_time_is_the_response_where_nothing_else_is(tmp_path):
+    rows = [
+        f"{p},{'ab'[p % 2]},{1 + p // 4},{t + 1},{('con', 'inc')[(t + p) % 2]},{int(t % 7 > 0)},"
+        f"{0.5 + 0.013 * ((7 * t + 3 * p) % 23)}"
+        for p in range(1, 13)
+        for t in range(20)
+    ]
+    proposal = proposal_of(tmp_path, "pno,condition,study,trialnum,congruency,acc,rt", rows)
+    for line in ("subject", "pno"), ("environment", "congruency"), ("trial", "trialnum"):
+        assert f'\n{line[0]} = "{line[1]}"  # ' in proposal.text
+    assert '\nrt_adj = "rt"  # ' in proposal.text
+
+
+def test_a_dose_may_be_the_condition_and_an_animal_the_subject(tmp_path):
+    rows = [
+        f"{5 + 3 * d + r + 0.5 * t},{6.25 * 2**d},{'CM'[t]}{r},{('Control', 'MDL')[t]},R{r}"
+        for t in (0, 1)
+        for r in range(1, 6)
+        for d in range(6)
+    ]
+    proposal = proposal_of(tmp_path, "BPchange,Dose,Run,Treatment,Animal", rows)
+    assert '\nsubject = "Animal"  # ' in proposal.text
+    assert '\nbpchange_adj = "BPchange"  # ' in proposal.text
+    assert '# To tell them apart: environment = ["Dose", "Treatment"]' in proposal.text
+
+
+def test_a_side_is_the_condition_and_numbers_of_dogs_are_subjects(tmp_path):
+    rows = [
+        f"{dog},{side},{day},{1040.8 + 5 * dog + day + 3 * (side == 'L')}"
+        for dog in range(1, 11)
+        for side in "RL"
+        for day in (0, 1, 2, 4, 6)[: 2 + dog % 4]
+    ]
+    proposal = proposal_of(tmp_path, "Dog,Side,day,pixel", rows)
+    for line in ("subject", "Dog"), ("environment", "Side"), ("pixel_adj", "pixel"):
+        assert f'\n{line[0]} = "{line[1]}"  # ' in proposal.text
+
+
+def test_a_rating_of_few_values_is_the_response_and_ids_of_others_are_not(tmp_path):
+    rows = [
+        f"{s},{1000 + (37 * s + 11 * i) % 90},{2 * (s % 3)},{i % 2},{1 + (s * 3 + i * i) % 5}"
+        for s in range(1, 41)
+        for i in range(10)
+    ]
+    proposal = proposal_of(tmp_path, "s,d,studage,service,y", rows)
+    for line in ("subject", "s"), ("environment", "service"), ("y_adj", "y"):
+        assert f'\n{line[0]} = "{line[1]}"  # ' in proposal.text
