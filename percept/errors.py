@@ -38,7 +38,9 @@ def printable(text: str) -> str:
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return a question that names the known word most like a wrong one, if there is one."""
-    matches = difflib.get_close_matches(word, list(known), n=1)
+    # Between numbers likeness says nothing.
+    words = [other for other in known if not other.isdigit()]
+    matches = difflib.get_close_matches(word, words, n=1)
     return f" Did you mean {matches[0]}?" if matches else ""
 
 

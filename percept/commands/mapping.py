@@ -113,19 +113,16 @@ def with_mapping(
             # Stiffness and damping are what a scene without quantities means, not a part of it.
             del tables["quantities"]
         return scene.with_tables(**_without_defaults(tables, tomllib.loads(proposal.text)))
-    lacking = f"It lacks {', '.join(proposal.missing)}."
     hint = (
         "Add --accept to go on with it, or --write-scene scene.toml to write it too."
         " percept new --from writes it alone."
     )
     if written:
-        hint = (
-            f"{written.strip()} {lacking} Fill that in, then give --scene {arguments.write_scene}."
-        )
+        hint = f"{written.strip()} {lacks(proposal)} Then give --scene {arguments.write_scene}."
     elif proposal.missing:
         hint = (
-            f"{lacking} Add --write-scene scene.toml to write it, fill that in, then give"
-            " --scene scene.toml."
+            f"{lacks(proposal)} Add --write-scene scene.toml to write the rest; complete it, and"
+            " give --scene scene.toml."
         )
     message = (
         f"the columns have other names. This is what percept would make of them:\n\n{proposal.text}"

@@ -126,8 +126,9 @@ def _bias_sentence(biases: Sequence[Bias], name: str, words: Words) -> str:
     if parts:
         return f"{name} is {', and '.join(parts)} ({claim})."
     largest = max(matching(biases, says_nothing=False), key=_size)
+    where = f"any of {len(biases)}" if len(biases) > 2 else "either of 2"
     return (
-        f"{name} shows no clear bias in any of {len(biases)} {words.environments} ({claim}); the"
+        f"{name} shows no clear bias in {where} {words.environments} ({claim}); the"
         f" largest is that of {_with_ends(largest)}."
     )
 

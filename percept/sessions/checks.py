@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any
@@ -53,6 +54,7 @@ def settle_references(
         columns.append(MASS)
     groups = table.groupby("environment", sort=False)
     codes = groups.ngroup().to_numpy()
+    without: dict[str, list[str]] = {}  # References that lack, by environment
     firsts = groups[columns].first()
     for column in columns:
         given = {e: own[column] for e, own in declared.items() if column in own}
@@ -85,11 +87,31 @@ def settle_references(
         adjusted = table[column.replace("_ref", "_adj")].notna().to_numpy()
         lacking = np.flatnonzero(np.isnan(expected) & adjusted)
         for row in _first_of_each(lacking, codes):
-            name = table["environment"].iloc[row]
-            message = f"environment {shown([name])} has no reference."
-            hint = f'Fill in {column}, or declare it in the scene: [environments."…"] {column} = …'
-            problems.add(message, column=column, hint=hint, **place(row))
+            without.setdefault(str(table["environment"].iloc[row]), []).append(column)
         table[column] = expected
+    if without:
+        _ask_for_references(without, declared, problems)
+
+
+def _ask_for_references(
+    without: Mapping[str, Sequence[str]],
+    declared: Mapping[str, Mapping[str, float]],
+    problems: Problems,
+) -> None:
+    """Refuse environments without a reference, with the lines that a scene needs."""
+    lines = ["[environments]"]
+    for name, columns in without.items():
+        values = [f"{column} = {value!r}" for column, value in declared.get(name, {}).items()]
+        values += [f'{column} = "?"' for column in columns]
+        lines.append(f"{json.dumps(name, ensure_ascii=False)} = {{ {', '.join(values)} }}")
+    names = shown(list(without))
+    if len(without) == 1:
+        message = f"environment {names} has no reference."
+    else:
+        message = f"{len(without)} environments have no reference: {names}."
+    hint = "Write these lines in the scene, with a number in the place of each ?:\n"
+    column = next(iter(without.values()))[0]
+    problems.add(message, column=column, hint=hint + "\n".join(lines))
 
 
 def _first_of_each(rows: npt.NDArray[np.intp], codes: npt.NDArray[Any]) -> list[int]:

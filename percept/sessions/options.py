@@ -27,6 +27,7 @@ from percept.sessions.values import LARGEST, LEAST
 __all__ = [
     "KEPT_COLUMNS",
     "SUMMARY",
+    "TO_FILL_IN",
     "ColumnRule",
     "DataTables",
     "ExcludeRule",
@@ -108,6 +109,17 @@ def in_range(value: float) -> float:
 
 Count = Annotated[int, Field(ge=1, le=1 << 50, strict=True)]
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False), AfterValidator(in_range)]
+
+
+#: What a proposed scene has in the place of a reference, which is then no number: not even zero.
+TO_FILL_IN = "?"
+
+
+def _filled_in(value: Any) -> Any:
+    """Refuse a reference that nobody has filled in; a true zero is written 0.0."""
+    if value == TO_FILL_IN:
+        raise ValueError("is not filled in: write its number; a reference of zero is 0.0")
+    return value
 
 
 class ColumnRule(Table):
@@ -295,7 +307,9 @@ class DataTables(Table):
         default_factory=lambda: dict(IMPEDANCE)
     )
     columns: dict[str, Annotated[ColumnRule, BeforeValidator(_rule)]] = Field(default_factory=dict)
-    environments: dict[str, dict[str, Number]] = Field(default_factory=dict)
+    environments: dict[str, dict[str, Annotated[Number, BeforeValidator(_filled_in)]]] = Field(
+        default_factory=dict
+    )
     sessions: SessionsTable = SessionsTable()
     files: FileLimits = FileLimits()
 
@@ -305,6 +319,7 @@ class DataTables(Table):
         columns = tuple(dict.fromkeys((*canonical_columns(self.quantities), *SUMMARY)))
         quantities = with_mass(self.quantities)
         for name, rule in self.columns.items():
+            _declared_quantity(name, quantities, f"columns.{name}")
             known_key(columns, name, f"columns.{name}")
             if rule.also and name not in IDS:
                 raise UsageError("only an id is made of several columns.", key=f"columns.{name}")
@@ -320,8 +335,18 @@ class DataTables(Table):
         references = tuple(f"{name}_ref" for name in quantities)
         for name, own in self.environments.items():
             for key in own:
+                _declared_quantity(key, quantities, f"environments.{name}.{key}")
                 known_key(references, key, f"environments.{name}.{key}")
         return self
+
+
+def _declared_quantity(column: str, quantities: Container[str], key: str) -> None:
+    """Say how to declare a quantity that a column is of."""
+    name = quantity_of(column)
+    if column.endswith(("_adj", "_ref")) and name not in quantities:
+        message = f"there is no quantity {name!r}."
+        hint = f'Declare it in the scene: [quantities.{name}], and below it unit = "…".'
+        raise UsageError(message, key=key, hint=hint)
 
 
 class ReadOptions(DataTables):

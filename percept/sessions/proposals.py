@@ -2,43 +2,40 @@
 
 from __future__ import annotations
 
-import re
 import tomllib
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
+from pathlib import Path, PurePath
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from percept.errors import PerceptError, UsageError
+from percept.errors import PerceptError, UsageError, counted
 from percept.sessions.columns import Header, resolve
 from percept.sessions.evidence import Column, table_columns
 from percept.sessions.files import Input, load
 from percept.sessions.options import ReadOptions, canonical_columns
 from percept.sessions.paths import expand, pattern_of_names
-from percept.sessions.proposed import Draft, Wide, outcome
+from percept.sessions.proposed import Draft, outcome
 from percept.sessions.quantities import IMPEDANCE, factor, quantity_of
 from percept.sessions.read import Sessions, read_sessions
 from percept.sessions.reading import open_blocks
-from percept.sessions.records import IDS, MASS, Problems, ReadError
+from percept.sessions.records import IDS, MASS, Problems, ReadError, shown
 from percept.sessions.roles import (
     ID_COLUMNS,
     Numbers,
     Roles,
     crossed_with_environment,
     drop_unnamed_subject,
-    is_of_one_scale,
     judge_environment,
     judge_ids,
     judge_numbers,
-    quantities_of_wide,
     take_most_varied,
-    wide_columns,
 )
+from percept.sessions.wide import wide_quantities
 
 __all__ = ["Proposal", "propose_columns"]
 
@@ -46,6 +43,8 @@ __all__ = ["Proposal", "propose_columns"]
 _FILES = 40
 #: Kinds of files, by their headers, that a mapping is looked for in; kinds with most rows first.
 _KINDS = 4
+#: Kinds that a remark names beside the one that it is of.
+_LISTED_KINDS = 5
 #: Attempts to read under a draft: each takes back one guess.
 _ATTEMPTS = 8
 #: Share of a guessed column's cells that may be wrong: a few refute nothing.
@@ -113,7 +112,10 @@ def propose_columns(*paths: str | Path, options: ReadOptions | None = None) -> P
         problems.raise_if_any()
     tables = [_together(list(header), parts) for header, parts in kinds.items()]
     tables.sort(key=lambda table: -len(table.cells))
-    proposals = [_proposed(table, paths, options) for table in tables[:_KINDS]]
+    proposals = []
+    for table in tables[:_KINDS]:
+        others = [other for other in tables if other is not table]
+        proposals.append(_proposed(table, paths, options, _other_kinds(table, others)))
     return min(proposals, key=lambda proposal: (len(proposal.missing), not proposal.guessed))
 
 
@@ -137,9 +139,30 @@ def _together(header: list[str], parts: Sequence[tuple[Input, pd.DataFrame]]) ->
     return _Table(names, paths, header, pd.concat(frames, ignore_index=True), codes)
 
 
-def _proposed(table: _Table, paths: Sequence[str | Path], options: ReadOptions) -> Proposal:
+def _other_kinds(table: _Table, others: Sequence[_Table]) -> list[str]:
+    """Say which files a proposal is not of, and how to choose them."""
+    if not others:
+        return []
+    kinds = f"{1 + len(others)} kinds of files, by their columns"
+    said = [f"There are {kinds}. This is of {counted(len(table.names), 'file')}:"]
+    said.append(f"  {shown(table.header)}")
+    for other in others[:_LISTED_KINDS]:
+        example = shown([PurePath(other.paths[0]).name])
+        said.append(f"not of {counted(len(other.names), 'file')} such as {example}:")
+        said.append(f"  {shown(other.header)}")
+    if len(others) > _LISTED_KINDS:
+        said.append(f"nor of {len(others) - _LISTED_KINDS} further kinds")
+    said.append("For another kind give --from its files alone. To keep to a kind in a folder, name")
+    said.append('its files by a pattern: [sessions.files] include = ["*.csv"].')
+    return said
+
+
+def _proposed(
+    table: _Table, paths: Sequence[str | Path], options: ReadOptions, remarks: Sequence[str]
+) -> Proposal:
     """Propose a mapping; guesses that the files refute are dropped."""
     draft = _draft(table, options)
+    draft.remarks += remarks
     refused: UsageError | None = None
     for _ in range(_ATTEMPTS):
         # References are the analyst's to fill in: the others of a draft are tried without them.
@@ -237,33 +260,15 @@ def _may_be_id(column: Column) -> bool:
 
 def _take_for_wide(draft: Draft) -> None:
     """Take a table with a row per subject for one with a column per environment."""
-    columns = wide_columns(_free(draft))
-    if len(columns) < 2 or draft.rows < _FEWEST_SUBJECTS:
+    if draft.rows < _FEWEST_SUBJECTS:
         return
-    for stem, own in quantities_of_wide(columns).items():
-        name = stem.casefold()
-        if re.fullmatch("[a-z][a-z0-9]*(_[a-z0-9]+)*", name):
-            first = next(iter(own.values()))
-            number = re.sub(r"\d+$", "", first.name)
-            draft.wide[name] = Wide(f"{number}{{environment}}", own)
-    if not draft.wide and is_of_one_scale(columns):
-        draft.wide["response"] = _one_quantity(columns)
+    draft.wide = wide_quantities(_free(draft))
     if not draft.wide:
         return
     for name, wide in draft.wide.items():
         draft.roles.units[name] = next(iter(wide.columns.values())).unit or ""
     draft.filename = None
     draft.by_row = "subject" not in draft.roles.found
-
-
-def _one_quantity(columns: Sequence[Column]) -> Wide:
-    """Take all columns for one quantity, each for an environment."""
-    names = [column.name for column in columns]
-    # The first and the last in alphabetical order share what all share.
-    shared = re.match(r"(.*).*\n\1", f"{min(names)}\n{max(names)}", re.DOTALL)
-    prefix = re.sub(r"[^_. -]*$", "", shared[1] if shared else "")
-    environments = {column.name.removeprefix(prefix): column for column in columns}
-    return Wide(f"{prefix}{{environment}}", environments)
 
 
 def _names_subjects(options: ReadOptions) -> bool:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from percept.errors import counted, printable
 from percept.sessions.evidence import Column
+from percept.sessions.options import TO_FILL_IN
 from percept.sessions.quantities import quantity_of
 from percept.sessions.read import Sessions
 from percept.sessions.roles import DECIBELS, ID_COLUMNS, Roles
+from percept.sessions.wide import Wide
 
-__all__ = ["Draft", "Wide", "outcome", "toml_text", "toml_value"]
+__all__ = ["Draft", "outcome", "toml_text", "toml_value"]
 
 #: Name of the environment of a study with one.
 _ONE_CONDITION = "all"
@@ -23,14 +26,6 @@ _MOST_ENVIRONMENTS = 60
 _WARNINGS = 3
 #: Texts that a column of conditions has at most.
 _MOST_CONDITIONS = 6
-
-
-@dataclass(frozen=True)
-class Wide:
-    """Columns that each hold the adjustments to one environment, in a row per subject."""
-
-    pattern: str  # Of their names
-    columns: Mapping[str, Column]  # By environment
 
 
 @dataclass
@@ -124,20 +119,41 @@ class Draft:
                     yield f"# or {toml_text(other.name)}: {other.quoted()}"
             if canonical == "environment":
                 yield from self._crossed(column)
+        yield from self._without_column()
+
+    def _without_column(self) -> Iterator[str]:
+        """Lines of [columns] for what stands in no single column, or was not found."""
         for name, wide in self.wide.items():
             pattern = toml_text(wide.pattern)
             yield f"{name}_adj = {pattern}  # a row per subject: {len(wide.columns)} columns"
-        if self.roles.has_adjustment and "environment" not in found:
+        if self.roles.has_adjustment and "environment" not in self.roles.found:
             yield '# environment = ""  # one condition: no column seems to tell several apart'
+        if "NAME_adj" in self.missing:
+            yield from self._no_adjustment()
+            return
         for canonical in self.missing:
             yield f'# {canonical} = ""  # not found: fill in the name of its column'
+
+    def _no_adjustment(self) -> Iterator[str]:
+        """Say what to write where no column seems to hold what people set."""
+        free = [c for c in self.columns if c.is_numeric and c not in self.roles.taken]
+        column = free[-1].name if free else "rt"
+        name = "_".join(re.findall("[a-z][a-z0-9]*", column.casefold())) or "response"
+        yield "# No column seems to hold what people set. Write which one does, such as:"
+        yield f"# {name}_adj = {toml_text(column)}"
+        yield "# and, above [columns], what it is and its unit:"
+        yield f"# [quantities.{name}]"
+        yield '# unit = "s"'
+        for canonical in self.missing:
+            if not canonical.startswith("NAME_"):
+                yield f'# {canonical} = ""  # not found: fill in the name of its column'
 
     def _crossed(self, environment: Column) -> Iterator[str]:
         """Say that conditions are pooled as trials, and how to tell them apart."""
         for column in self.crossed:
             name = toml_text(column.name)
             both = toml_value([environment.name, column.name])
-            yield f"# {name} is crossed with it: {column.quoted()}. Its values are pooled as trials."
+            yield f"# {name} is crossed with it: {column.quoted()}. Now its values are pooled."
             yield f"# To tell them apart: environment = {both}"
             yield f"# or, as a factor: [study] factor = {name}"
 
@@ -156,11 +172,12 @@ class Draft:
     def _environments(self) -> Iterator[str]:
         """Ask for references that no column holds."""
         lacking = [canonical for canonical in self.missing if canonical.endswith("_ref")]
-        if not lacking or "environment" in self.missing:
+        if not lacking or {"environment", "NAME_adj"} & set(self.missing):
             return
-        values = ", ".join(f"{canonical} = 0.0" for canonical in lacking)
+        unknown = toml_text(TO_FILL_IN)
+        values = ", ".join(f"{canonical} = {unknown}" for canonical in lacking)
         yield ""
-        yield "# If no column holds references, fill them in here and remove the # of each line:"
+        yield "# If no column holds references, fill each ? in and remove the # of each line:"
         yield "# [environments]"
         for name in self.conditions[:_MOST_ENVIRONMENTS]:
             yield f"# {toml_text(name)} = {{ {values} }}"

@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -33,17 +32,17 @@ from percept.sessions.quantities import IMPEDANCE
 __all__ = [
     "DECIBELS",
     "ID_COLUMNS",
+    "MOST_QUANTITIES",
+    "NOT_ADJUSTED",
     "Numbers",
     "Roles",
     "crossed_with_environment",
     "drop_unnamed_subject",
-    "is_of_one_scale",
+    "is_order",
     "judge_environment",
     "judge_ids",
     "judge_numbers",
-    "quantities_of_wide",
     "take_most_varied",
-    "wide_columns",
 ]
 
 #: Units of logarithms that are read as amplitudes.
@@ -53,8 +52,8 @@ ID_COLUMNS = ("subject", "session", "environment", "trial")
 _WORDS = {
     "subject": (
         "participant part subject subj sub nsub pp ppid pid vp vpn observer person respondent"
-        " proband rater judge panelist worker animal dog rat mouse rabbit monkey child student pupil"
-        " patient id code"
+        " proband rater judge panelist worker animal dog rat mouse rabbit monkey child student"
+        " pupil patient id code"
     ),
     "session": "session visit day",
     "environment": "environment condition standard stimulus reference cond stim level item",
@@ -78,7 +77,7 @@ _ID_WORDS = {name: _WORDS[name].split() for name in ID_COLUMNS}
 _ADJUSTED = frozenset(_WORDS["adjusted"].split())
 _REFERENCE = frozenset(_WORDS["reference"].split())
 #: Words of columns that hold when something happened, or what nobody adjusts.
-_NOT_ADJUSTED = frozenset(f"{_WORDS['timing']} {_WORDS['other']}".split())
+NOT_ADJUSTED = frozenset(f"{_WORDS['timing']} {_WORDS['other']}".split())
 _TIMING = frozenset(_WORDS["timing"].split())
 #: Words of columns that part subjects into groups, and of times that may be the only response.
 _GROUP = frozenset(_WORDS["group"].split())
@@ -97,8 +96,6 @@ _CONTENT = 1.5
 _OF_GROUPS = 0.25
 #: Levels that a second condition has at most.
 _MOST_LEVELS = 12
-#: Ratio of medians from which on columns of numbers are not of one scale.
-_OTHER_SCALE = 10.0
 #: Points a subject's id has at least: a name, or steady cells with many subjects.
 _SUBJECT_FROM = 2.0
 #: Subjects from which on steady cells count in full: fewer are rather groups.
@@ -115,7 +112,7 @@ _CLOSE = 1.5
 #: Alternatives that a proposal names for one column.
 _MOST_ALTERNATIVES = 2
 #: Quantities taken from one table.
-_MOST_QUANTITIES = 3
+MOST_QUANTITIES = 3
 #: Columns of numbers that are looked at: every pair of them is compared.
 _MOST_NUMBERS = 40
 
@@ -171,14 +168,14 @@ class Numbers:
                 continue
             # A few adjustments rise by chance; a name that says what they are goes before.
             is_clock = is_moment(column) and not _ADJUSTED & set(column.words)
-            if not is_clock and not _is_order(column):
+            if not is_clock and not is_order(column):
                 kept.append(column)
         kept = kept[:_MOST_NUMBERS]
         designed = {column.name for column in kept if is_designed(column, subjects)}
         return cls(kept, durations, frozenset(designed), subjects)
 
 
-def _is_order(column: Column) -> bool:
+def is_order(column: Column) -> bool:
     """Whether a column counts trials; a name that says adjustment or reference goes before."""
     named = (_ADJUSTED | _REFERENCE) & set(column.words)
     return not named and counts_up(column)
@@ -229,7 +226,7 @@ def _subject_points(column: Column) -> float:
         return 0.0
     if not named and _GROUP & set(column.words):
         return 0.0
-    if not named and (levels > rows / 2 or _is_order(column) or is_moment(column)):
+    if not named and (levels > rows / 2 or is_order(column) or is_moment(column)):
         return 0.0
     many = min(1.0, levels / _MANY_SUBJECTS)
     points = named + many
@@ -253,7 +250,7 @@ def judge_numbers(roles: Roles, numbers: Numbers) -> None:
     references = {column.name: _references(column, others, numbers) for column in named}
     # Beside one that goes with a reference, such as a response, stands a "response time".
     with_reference = [column for column in named if references[column.name]]
-    for column in (with_reference or named)[:_MOST_QUANTITIES]:
+    for column in (with_reference or named)[:MOST_QUANTITIES]:
         _add_quantity(roles, [(1.0, column)], references[column.name])
     if roles.has_adjustment:
         return
@@ -294,7 +291,7 @@ def _variety(column: Column) -> float:
 
 def _may_be_adjusted(column: Column, numbers: Numbers) -> bool:
     """Whether a column differs from row to row of a subject, and no word speaks against it."""
-    if _NOT_ADJUSTED & set(column.words):
+    if NOT_ADJUSTED & set(column.words):
         return False
     differs = len(column.texts) > 1 or len(column.cells) == 1
     return differs and varies_within(column, numbers.subjects)
@@ -309,7 +306,7 @@ def _references(
         words = set(other.words)
         named = bool(_REFERENCE & words)
         fewer = len(other.texts) < len(column.texts) or named
-        if not fewer or words & _NOT_ADJUSTED or words & _ADJUSTED:
+        if not fewer or words & NOT_ADJUSTED or words & _ADJUSTED:
             continue
         if not named and not _may_be_shown(other, column, numbers):
             continue
@@ -380,55 +377,6 @@ def _about(column: Column, role_words: frozenset[str]) -> str:
     return "_".join(w for w in column.words if w not in silent and not w.isdigit())
 
 
-def wide_columns(columns: Iterable[Column]) -> list[Column]:
-    """Give the columns of numbers that may each hold the adjustments to one environment."""
-    columns = [column for column in columns if column.is_numeric]
-    columns = [column for column in columns if not _NOT_ADJUSTED & set(column.words)]
-    stems = [_stem(column) for column in columns]
-    kept = []
-    for column, stem in zip(columns, stems, strict=True):
-        # Few adjustments may rise by chance; a name of the same series goes before.
-        if stems.count(stem) > 1 or not _is_order(column):
-            kept.append(column)
-    return kept
-
-
-def _stem(column: Column) -> str:
-    """Name of a column without the number at its end."""
-    return re.sub(r"(?<=[a-zA-Z_. -])\d+$", "", column.name)
-
-
-def is_of_one_scale(columns: Sequence[Column]) -> bool:
-    """Whether columns of numbers may hold one quantity: their medians are of one size."""
-    sizes = np.array([np.nanmedian(np.abs(column.numbers)) for column in columns])
-    sizes = sizes[sizes > 0]
-    return not len(sizes) or float(sizes.max() / sizes.min()) < _OTHER_SCALE
-
-
-def quantities_of_wide(columns: Sequence[Column]) -> dict[str, dict[str, Column]]:
-    """Part columns such as "wl1", "wl2", "se1", "se2" by stem, then by number.
-
-    Empty unless each stem has the same numbers and values apart from the others' values.
-    """
-    stems: dict[str, dict[str, Column]] = {}
-    for column in columns:
-        parts = re.fullmatch(r"(\w*[a-zA-Z])[_. -]?(\d+)", column.name)
-        if parts is None:
-            return {}
-        stems.setdefault(parts[1], {})[parts[2]] = column
-    numbers = {tuple(own) for own in stems.values()}
-    if len(numbers) > 1 or not 2 <= len(stems) <= _MOST_QUANTITIES:
-        return {}
-    ranges = []
-    for own in stems.values():
-        values = np.concatenate([column.numbers for column in own.values()])
-        ranges.append((np.nanmin(values), np.nanmax(values)))
-    ranges.sort()
-    # Values that overlap are of one quantity, and the stems are conditions.
-    apart = all(low[1] < high[0] for low, high in pairwise(ranges))
-    return stems if apart else {}
-
-
 def drop_unnamed_subject(roles: Roles) -> bool:
     """Take back a subject that its cells alone made one: they may be the adjustments."""
     subject = roles.found.get("subject")
@@ -481,7 +429,7 @@ def crossed_with_environment(roles: Roles, free: Sequence[Column]) -> list[Colum
     for column in free:
         words = set(column.words)
         few = 2 <= len(column.texts) <= _MOST_LEVELS
-        if few and not words & (_NOT_ADJUSTED | _OUTCOME) and is_designed(column, codes):
+        if few and not words & (NOT_ADJUSTED | _OUTCOME) and is_designed(column, codes):
             crossed.append(column)
     return crossed
 

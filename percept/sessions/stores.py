@@ -27,6 +27,7 @@ __all__ = ["database_rows", "json_rows", "matlab_rows", "r_rows"]
 #: Bytes of one cell of a database: more than any mouse track has.
 _LONGEST_CELL = 16 << 20
 _NOT_A_TABLE = "Export the table as CSV."
+_MAKE_FRAME = 'In R: write.csv(as.data.frame(OBJECT), "data.csv"), then read data.csv.'
 Rows = list[Sequence[Any]]
 Columns = Mapping[str, Sequence[object]]
 Construct = Callable[[Any], Any]
@@ -177,9 +178,14 @@ def r_rows(data: bytes, file: str, part: str | None, limits: FileLimits) -> Rows
         frame = rdata.conversion.convert(parsed)
     if isinstance(frame, dict):
         frames = [name for name, value in frame.items() if hasattr(value, "columns")]
+        if not frames:
+            message = (
+                f"this R file holds {shown([str(name) for name in frame])}, and no data frame."
+            )
+            raise NoDataError(message, file=file, hint=_MAKE_FRAME)
         frame = frame[chosen(frames, part, file)]
     if not hasattr(frame, "columns"):
-        raise UsageError("this R object is no data frame.", file=file, hint=_NOT_A_TABLE)
+        raise UsageError("this R object is no data frame.", file=file, hint=_MAKE_FRAME)
     columns = {}
     for name in frame:
         columns[str(name)] = [matlab.plain(item) for item in frame[name]]

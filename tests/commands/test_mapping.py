@@ -143,7 +143,7 @@ def test_a_scene_written_from_data_says_what_it_lacks(tmp_path, capsys):
     lines = scene.read_text().splitlines()
     start = lines.index("# [environments]")
     lines[start : start + 4] = [line.removeprefix("# ") for line in lines[start : start + 4]]
-    scene.write_text("\n".join(lines).replace("response_ref = 0.0", "response_ref = 55.0"))
+    scene.write_text("\n".join(lines).replace('response_ref = "?"', "response_ref = 55.0"))
     assert fit(path, "--scene", str(scene)) == 0
 
 
@@ -152,7 +152,7 @@ def test_what_is_not_found_is_not_made_up(tmp_path, capsys):
     path.write_text("participant,colour,match\n1,red,3\n2,red,4\n")
     assert fit(path, "--accept") == 2
     said = capsys.readouterr().err
-    assert "It lacks response_ref." in said
+    assert "response_ref is missing: fill it in." in said
     assert '# environment = ""  # one condition: no column seems to tell several apart' in said
     path.write_text("subject,environment,k_ref,k_adj\n1,a,10,x\n2,a,10,11\n")
     assert fit(path, "--accept") == 2

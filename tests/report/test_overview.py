@@ -96,7 +96,7 @@ def test_biases_are_said_where_the_interval_leaves_the_reference_out():
     )
     assert (
         overview(results([NONE, ("D", 9, 10, 11, 8, 12)])).sentences[0]
-        == "Stiffness shows no clear bias in any of 2 environments (classical, 99 %); the "
+        == "Stiffness shows no clear bias in either of 2 environments (classical, 99 %); the "
         "largest is"
         " that of C (+1 %, −10 to +10 %)."
     )

@@ -7,6 +7,7 @@ import tomllib
 import numpy as np
 import pytest
 
+from percept.errors import UsageError
 from percept.sessions import propose_columns, read_sessions
 from percept.sessions.options import ReadOptions
 from percept.sessions.paths import ids_from_name
@@ -140,7 +141,7 @@ def test_references_that_no_column_holds_are_asked_for(tmp_path):
     proposal = proposal_of(tmp_path, "trial,testType,estimate,subnum", rows)
     assert proposal.missing == ("response_ref",)
     assert 'environment = "testType"' in proposal.text
-    assert '\n# "c" = { response_ref = 0.0 }\n' in proposal.text
+    assert '\n# "c" = { response_ref = "?" }\n' in proposal.text
 
 
 def test_values_without_a_logarithm_ask_for_the_normal_family(tmp_path):
@@ -203,7 +204,7 @@ def test_a_row_for_each_subject_is_a_wide_table(tmp_path):
     assert proposal.missing == ("response_ref",)
     assert 'response_adj = "wall_{environment}"' in proposal.text
     assert 'subject = "row"  # no column holds an id' in proposal.text
-    assert '\n# "soft" = { response_ref = 0.0 }\n' in proposal.text
+    assert '\n# "soft" = { response_ref = "?" }\n' in proposal.text
     # An id that stands in each row once is taken.
     rows = [f"{7 * number},{row}" for number, row in enumerate(rows, 1)]
     proposal = proposal_of(tmp_path, "Part_ID,wall_soft,wall_mid,wall_hard,wall_rigid", rows)
@@ -220,7 +221,7 @@ def test_references_that_are_missing_stop_no_trial_of_the_rest(tmp_path):
     proposal = proposal_of(tmp_path, "Subject,Music,TimeGuess", rows)
     assert proposal.missing == ("time_ref",)
     assert 'environment = "Music"' in proposal.text
-    assert '# "calm" = { time_ref = 0.0 }' in proposal.text
+    assert '# "calm" = { time_ref = "?" }' in proposal.text
     assert "with medians in place of missing references: 16 rows give 16" in proposal.text
     assert "16 cells with 1 trial each." in proposal.text
     # Nobody left a reference that nobody knows.
@@ -233,9 +234,9 @@ def test_a_study_of_one_condition_has_one_reference_to_fill_in(tmp_path):
     assert proposal.missing == ("speed_ref",)
     for line in ('subject = "Expt"', 'trial = "Run"', 'speed_adj = "Speed"'):
         assert f"\n{line}  # " in proposal.text
-    assert '# "all" = { speed_ref = 0.0 }' in proposal.text
+    assert '# "all" = { speed_ref = "?" }' in proposal.text
     filled = proposal.text.replace("# [environments]", "[environments]")
-    scene = filled.replace('# "all" = { speed_ref = 0.0 }', '"all" = { speed_ref = 792.5 }')
+    scene = filled.replace('# "all" = { speed_ref = "?" }', '"all" = { speed_ref = 792.5 }')
     options = ReadOptions.from_mapping(tomllib.loads(scene))
     assert read_sessions(tmp_path / "s.csv", scene=options).environments == ("all",)
 
@@ -257,7 +258,7 @@ def test_a_second_factor_is_offered_beside_the_first(tmp_path):
         for j, target in enumerate(("hicon", "locon"))
     ]
     proposal = proposal_of(tmp_path, "id,tint,target,time_seen", rows)
-    assert '# "target" is crossed with it: hicon, locon. Its values are pooled' in proposal.text
+    assert '# "target" is crossed with it: hicon, locon. Now its values are pooled' in proposal.text
     assert '# To tell them apart: environment = ["tint", "target"]' in proposal.text
     assert '# or, as a factor: [study] factor = "target"' in proposal.text
 
@@ -266,7 +267,7 @@ def test_columns_in_order_are_no_moments_where_a_row_is_a_subject(tmp_path):
     rows = [f'"{s}",{5 + (s * 7) % 5},{2.1 + 0.7 * s}' for s in range(1, 12)]
     proposal = proposal_of(tmp_path, '"",Control,Drug', rows)
     assert "a row per subject: 2 columns" in proposal.text
-    assert '# "Drug" = { response_ref = 0.0 }' in proposal.text
+    assert '# "Drug" = { response_ref = "?" }' in proposal.text
 
 
 def test_decibels_are_proposed_as_amplitudes(tmp_path):
@@ -360,3 +361,52 @@ def test_a_rating_of_few_values_is_the_response_and_ids_of_others_are_not(tmp_pa
     proposal = proposal_of(tmp_path, "s,d,studage,service,y", rows)
     for line in ("subject", "s"), ("environment", "service"), ("y_adj", "y"):
         assert f'\n{line[0]} = "{line[1]}"  # ' in proposal.text
+
+
+def test_a_reference_that_nobody_filled_in_is_refused_and_a_true_zero_is_not():
+    given = {"environments": {"a": {"k_ref": "?"}}}
+    with pytest.raises(UsageError, match=r"is not filled in: .* a reference of zero is 0\.0"):
+        ReadOptions.from_mapping(given)
+    given["environments"]["a"]["k_ref"] = 0.0
+    assert ReadOptions.from_mapping(given).environments["a"]["k_ref"] == 0.0
+
+
+def test_a_column_of_an_undeclared_quantity_says_how_to_declare_it():
+    with pytest.raises(UsageError) as caught:
+        ReadOptions.from_mapping({"columns": {"rt_adj": "rt"}})
+    assert "there is no quantity 'rt'. Declare it in the scene: [quantities.rt]" in str(
+        caught.value
+    )
+    assert "k_adj" not in str(caught.value)
+
+
+def test_lacking_references_are_asked_for_once_as_lines_of_a_scene(tmp_path):
+    path = tmp_path / "s.csv"
+    rows = [f"{s},{e},{500 + s}" for s in (1, 2, 3) for e in ("soft", "hard")]
+    path.write_text("\n".join(["subject,environment,k_adj", *rows]) + "\n")
+    scene = ReadOptions.from_mapping({"environments": {"other": {"k_ref": 1.0}}})
+    with pytest.raises(UsageError) as caught:
+        read_sessions(path, scene=scene)
+    assert str(caught.value).count("no reference") == 1
+    assert '[environments]\n"soft" = { k_ref = "?" }\n"hard" = { k_ref = "?" }' in str(caught.value)
+
+
+def test_kinds_of_files_in_a_folder_are_named(tmp_path):
+    for s in range(1, 7):
+        rows = [f"{s},{c},{50 + s + t}" for t, c in enumerate("abc")]
+        (tmp_path / f"s{s}.csv").write_text("\n".join(["subject,condition,estimate", *rows]))
+    for s in (1, 2):
+        (tmp_path / f"q{s}.csv").write_text("item,answer\nhow,fine\n")
+    text = propose_columns(tmp_path).text
+    assert "# There are 2 kinds of files, by their columns. This is of 6 files:" in text
+    assert "# not of 2 files such as 'q1.csv':" in text
+    assert "item" in text
+    assert "[sessions.files] include" in text
+
+
+def test_without_a_response_the_proposal_says_what_to_write(tmp_path):
+    rows = [f"{s},{c}" for s in range(1, 9) for c in "abc"]
+    text = proposal_of(tmp_path, "subject,condition", rows).text
+    assert "NAME" not in text
+    assert "# [quantities.rt]" in text
+    assert '# rt_adj = "rt"' in text

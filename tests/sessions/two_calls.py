@@ -50,7 +50,7 @@ SETS = {
     "sleepstudy.mat": Filled({"*": 250.0}, "ms"),
     "sleepstudy73.mat": Filled({"*": 250.0}, "ms"),
 }
-REFERENCE = re.compile(r'^# ("(?:[^"\\]|\\.)*") = \{ (\w+)_ref = 0\.0 \}', re.MULTILINE)
+REFERENCE = re.compile(r'^# ("(?:[^"\\]|\\.)*") = \{ (\w+)_ref = "\?" \}', re.MULTILINE)
 
 
 def filled_in(scene, filled):
