@@ -1,4 +1,4 @@
-"""The eleven studies, and what is frozen of each: numbers of report.json, and classical curves.
+"""The twelve studies, and what is frozen of each: numbers of report.json, and classical curves.
 
 What users see makes them, `percept.Study` and report.json's fields; the paper's rule, of which the
 report keeps one line, is worked out from `percept.haptics`. Files that are not in `datasets/` stand
@@ -10,6 +10,9 @@ sessions.
 and b on
   the log scale are 0.12 and 0.2 between subjects, 0.12 and 0.25 within an environment, 0.07 and
   0.12 between trials.
+* `own_trials.csv` has 6 subjects, 3 environments and 4 trials, drawn once from the model. The log of
+a subject's
+  trial SD has the SD 0.5 between subjects: they have trial SDs of their own.
 * `conditions.csv` is part of what `crossed(subjects=8)` of `tests/study/within.py` draws: both
 hands,
   two groups and a dose at two references. Three cells are missing.
@@ -75,6 +78,7 @@ STUDIES = (
     Golden("one_parameter", _DATA / "stiffness.csv", _DATA / "stiffness.toml"),
     Golden("one_environment", _DATA / "one_environment.csv", _DATA / "curves.toml"),
     Golden("repeats", _DATA / "repeats.csv", _DATA / "curves.toml"),
+    Golden("own_trials", _DATA / "own_trials.csv", _DATA / "stiffness.toml"),
     Golden("no_pooling", _DATA / "three_environments.csv", _DATA / "no_pooling.toml"),
     Golden("no_device", DATASETS / "hbfd_sessions.csv", _DATA / "no_device.toml"),
     Golden("tabulated", _DATA / "three_environments.csv", _DATA / "tabulated.toml"),

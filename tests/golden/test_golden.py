@@ -1,4 +1,4 @@
-"""Eleven studies give the numbers they gave when these were frozen; `make test` takes three of
+"""Twelve studies give the numbers they gave when these were frozen; `make test` takes three of
 them, and the classical numbers of the published one."""
 
 from __future__ import annotations

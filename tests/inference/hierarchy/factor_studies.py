@@ -70,6 +70,7 @@ KINDS = {
     "subjects' own trial SDs": Kind(
         factors=("hand",), terms=("hand",), trials=(4, 4), own_trial_sds=True
     ),
+    "subjects' own trial SDs, no factor": Kind(trials=(6, 6), own_trial_sds=True),
 }
 
 
@@ -158,11 +159,11 @@ def draw_study(kind, rng, priors=PRIORS):
         stretch = stretch + eta[:, None] * contrast[factor]
     # The last of these people is the user nobody has seen.
     people = kind.subjects + 1
-    shared = _subject_effects(prior, people, contrast) * np.exp(stretch)
+    shared = _subject_effects(prior, people, contrast, len(grid)) * np.exp(stretch)
     cells = len(grid)
     own = prior.normals(between, people * cells).reshape(people, cells, prior.size)
     people_means = beta + shared + np.exp(log_sigma) * own.swapaxes(1, 2)  # (N + 1, P, C)
-    subject, cell = _trials(kind, rng, level)
+    subject, cell = _trials(kind, rng, level, cells)
     response = people_means[subject, :, cell]
     if kind.trials[1] > 1:
         log_sigma_e = prior.log_sds("_e", x, main)
@@ -215,10 +216,9 @@ def _locations(prior, x, environment, contrast):
     return beta
 
 
-def _subject_effects(prior, people, contrast):
+def _subject_effects(prior, people, contrast, cells):
     """What each of some people adds to all cells, (people, P, C)."""
-    cells = np.ones_like(next(iter(contrast.values())))
-    columns = {"sigma_u": cells}
+    columns = {"sigma_u": np.ones(cells)}
     for term, values in contrast.items():
         if GROUP not in term.split(":"):
             columns[f"sigma_v:{term}"] = values
@@ -231,10 +231,9 @@ def _subject_effects(prior, people, contrast):
     return total
 
 
-def _trials(kind, rng, level):
+def _trials(kind, rng, level, cells):
     """Subject and cell of every trial."""
     pairs = []
-    cells = len(next(iter(level.values())))
     for i, c in itertools.product(range(kind.subjects), range(cells)):
         if GROUP not in level or level[GROUP][c] == i % 2:
             pairs.append((i, c))
