@@ -10,9 +10,8 @@ sessions.
 and b on
   the log scale are 0.12 and 0.2 between subjects, 0.12 and 0.25 within an environment, 0.07 and
   0.12 between trials.
-* `own_trials.csv` has 6 subjects, 3 environments and 4 trials, drawn once from the model. The log of
-a subject's
-  trial SD has the SD 0.5 between subjects: they have trial SDs of their own.
+* `own_trials.csv` has 6 subjects, 3 environments and 4 trials, drawn once from the model. The
+  log of a subject's trial SD has the SD 0.5 between subjects: they have trial SDs of their own.
 * `conditions.csv` is part of what `crossed(subjects=8)` of `tests/study/within.py` draws: both
 hands,
   two groups and a dose at two references. Three cells are missing.
