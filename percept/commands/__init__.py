@@ -41,7 +41,10 @@ class Command(NamedTuple):
 
 def argument(name: str, metavar: str | None, help: str, **settings: Any) -> Argument:
     """Describe an argument with a value, text unless its `type` says otherwise."""
-    return Argument(name, {"metavar": metavar, "help": help, **settings})
+    # Not even None may be given to a flag with a --no- twin from Python 3.14 on.
+    if metavar is not None:
+        settings["metavar"] = metavar
+    return Argument(name, {"help": help, **settings})
 
 
 def flag(name: str, help: str) -> Argument:
