@@ -24,7 +24,8 @@ _BYTES_OF_PROGRAM = 4 << 30
 _Variables = dict[str, Any]
 _OBJECT = (
     "a table or string of MATLAB is an object that only MATLAB reads; in MATLAB:"
-    " S = table2struct(T, 'ToScalar', true); save(name, '-struct', 'S')"
+    " S = table2struct(T, 'ToScalar', true); save(name, '-struct', 'S');"
+    " first turn strings into texts: T.name = cellstr(T.name)"
 )
 
 
