@@ -25,7 +25,7 @@ from percept.identify.density import DeviceDensity
 from percept.identify.model import OF_A_MODE, DeviceModel, Parameter, Terms, mode_names
 from percept.identify.spectra import Spectra
 from percept.identify.starts import rough_devices
-from percept.inference.sampling.warmup import find_mode
+from percept.inference.sampling.mode import find_mode
 
 __all__ = ["DeviceFit", "Whitened", "climb", "fit_device"]
 

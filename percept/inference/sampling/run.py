@@ -2,7 +2,8 @@
 
 A run that will be long begins again after its first round, which then counts as warm-up: a
 transport fitted to its draws shortens the autocorrelation time by about a third. The cap counts
-from the last restart, and never cuts short the first round.
+from the last restart, and never cuts short the first round. There are four restarts at most, so a
+run takes five times the cap at most, and its warm-up.
 """
 
 from __future__ import annotations
@@ -33,14 +34,18 @@ _FIRST_ROUND = 144
 #: position takes as long as a few steps: long runs keep fewer.
 _STRIDE = 3
 _REFINED_STRIDE = 6
-#: Restart only if the run is predicted to take this multiple of its first round.
+#: Restart only if the run is predicted to take this multiple of its first round. A restart throws
+#: that round away and gains a third of what follows. A study with conditions takes 1.6 to 1.9
+#: times the density values if this is 6, and no others if it is 1.5.
 _WORTH_REFINING = 3.0
 #: Draws of an ensemble per coordinate. A transport fitted to fewer is little better than that of
 #: the warm-up, and the run may begin again for accuracy once more.
 _THIN_SAMPLE = 100.0
-#: With a better transport a run begins again at this multiple, and only if its walkers are slow.
+#: With a better transport a run begins again at this multiple, and only if its walkers are slow:
+#: slow walkers show a bad transport, which more draws mend. From 1.1 to 3 that study is the same.
 _WORTH_AGAIN = 1.5
-#: Restart only if predicted draws exceed this many times those the transport was fitted to.
+#: Restart only if predicted draws exceed this many times those the transport was fitted to. Larger
+#: values restart less often, each time from a better sample. From 2 to 20 that study is the same.
 _LARGER_SAMPLE = 6.0
 #: Times a run may begin again: each transport follows many coordinates better than the one before.
 _MOST_REFINED = 4
@@ -52,7 +57,9 @@ _WALKERS = 64
 _MULTIPLES = (1, 2, 4, 8)
 #: Steps that a refined run aims at, so that walkers have time to settle.
 _REFINED_STEPS = 168
-#: Least and most steps of its first round.
+#: Least and most steps of its first round. Fewer would span too few autocorrelation times to judge
+#: the run by. More would be spent before a bad prediction of the length is found out. Half or twice
+#: as many change the density values of that study by 2 % at most.
 _LEAST_REFINED_ROUND = 96
 _MOST_REFINED_ROUND = 384
 

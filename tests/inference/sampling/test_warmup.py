@@ -4,6 +4,7 @@ import numpy as np
 
 from percept.inference.sampling import warmup
 from percept.inference.sampling.coordinates import Affine, Transported
+from percept.inference.sampling.mode import find_mode
 from tests.inference.sampling.targets import Normal
 
 
@@ -36,7 +37,7 @@ def test_the_mode_of_a_correlated_normal_takes_its_full_curvature_once():
         counts.append(len(points))
         return -0.5 * np.einsum("wi,ij,wj->w", points - centre, precision, points - centre)
 
-    mode, found = warmup.find_mode(density, np.zeros(size))
+    mode, found = find_mode(density, np.zeros(size))
     # The search ends where a step gains less than 0.001: all steps left gain some times as much.
     distance = (mode - centre) @ precision @ (mode - centre)
     assert distance < 0.02
@@ -50,7 +51,7 @@ def test_the_mode_of_a_ridge_is_found_where_the_curvature_at_the_start_is_zero()
     def density(points):
         return np.minimum(points[:, 0], 8.0 - points[:, 0])
 
-    mode, covariance = warmup.find_mode(density, np.zeros(1))
+    mode, covariance = find_mode(density, np.zeros(1))
     np.testing.assert_allclose(mode, [4.0], rtol=1e-12)
     # The slope falls by 2 over a difference of 0.01.
     np.testing.assert_allclose(covariance, [[0.01 / 2.0]], rtol=1e-6)
