@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import errno
+import fnmatch
 import hashlib
 import os
 import secrets
@@ -55,9 +56,10 @@ class FolderFiles:
 
     def has(self, name: str) -> bool:
         """Say whether the command can write a file of this name."""
-        path = PurePath(name)
+        depth = name.count("/")
+        # A star of `fnmatch` reaches over folders.
         return any(
-            len(PurePath(pattern).parts) == len(path.parts) and path.match(pattern)
+            pattern.count("/") == depth and fnmatch.fnmatchcase(name, pattern)
             for pattern in self.names
         )
 

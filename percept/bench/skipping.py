@@ -127,7 +127,7 @@ def _main(task: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         if scene == "page and figures":
             with fit_folder(Path(folder) / "out") as into:
-                fill_fit(into, study.results(curves=False), posterior=study.posterior)
+                fill_fit(into, study.results(curves=False), posterior=study.parts.posterior)
         else:
             study.report(Path(folder) / "out")
     fit = study.parts.fit

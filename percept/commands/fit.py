@@ -65,7 +65,7 @@ def _fit(arguments: argparse.Namespace) -> int:
         study = open_study(arguments, progress)
         with fit_folder(arguments.out, force=arguments.force, say=notice) as into:
             results = study.results(curves=False, progress=progress.stage)
-            fill_fit(into, results, posterior=study.posterior)
+            fill_fit(into, results, posterior=study.parts.posterior)
         path = Path(arguments.out) / "fit.json"
     if arguments.json:
         print(path.read_text(encoding="utf-8"))

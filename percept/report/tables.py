@@ -135,14 +135,10 @@ def _curves(boundaries: Sequence[Boundary]) -> str:
         else:
             columns.append(boundary.coupled)
         for point in np.column_stack(columns).tolist():
-            numbers = ",".join(map(_number, point))
+            # A list writes its doubles with every digit, in a quarter of the time of one by one.
+            numbers = str(point)[1:-1].replace(", ", ",").replace("nan", "")
             lines.append(f"{labels},{numbers}\n")
     return "".join(lines)
-
-
-def _number(value: float) -> str:
-    """Write a double with every digit; nothing for NaN."""
-    return "" if math.isnan(value) else repr(value)
 
 
 def _heads(names: Sequence[str], unit: str) -> list[str]:

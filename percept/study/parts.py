@@ -61,7 +61,10 @@ __all__ = ["Parts"]
 
 # What imports the hierarchical model is imported where needed: the classical method does without.
 if TYPE_CHECKING:
+    from xarray import DataTree
+
     from percept.inference.sampling.gate import Progress
+    from percept.results import DrawGroup
     from percept.study.fit import Fit, RunStore
     from percept.study.ladder import Ladder
 
@@ -184,13 +187,22 @@ class Parts:
         return self.fit if self.fit and self.fit.passed else None
 
     @cached_property
-    def posterior(self) -> Any:
-        """Posterior as an ArviZ DataTree, thinned to the effective size; None unless it passed."""
+    def posterior(self) -> dict[str, DrawGroup] | None:
+        """Groups of draws, thinned to the effective size; None unless the fit passed."""
         if self.passed is None:
+            return None
+        from percept.study.posterior import posterior_groups
+
+        return posterior_groups(self.passed, seed=self.scene.inference.seed)
+
+    @cached_property
+    def posterior_tree(self) -> DataTree | None:
+        """The posterior as an ArviZ DataTree; None unless the fit passed."""
+        if self.posterior is None:
             return None
         from percept.study.posterior import posterior_tree
 
-        return posterior_tree(self.passed, seed=self.scene.inference.seed)
+        return posterior_tree(self.posterior)
 
     @property
     def checks(self) -> Checks | None:

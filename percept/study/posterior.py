@@ -1,18 +1,19 @@
 """The posterior as an ArviZ DataTree, for other programs to read.
 
-A tree has groups (posterior, prior, ...), and a group has variables. A variable goes by its name in
-`posterior.toml`, which has its meaning and unit. Here it is a pair at first: names of dimensions,
-and values. Values have S draws first; then P parameters, J environments or C cells, and N subjects.
-In the tree the draws become two dimensions: chains, one per ensemble of the sampler, and draws.
+A group has variables. A variable goes by its name in `posterior.toml`, which has its meaning and
+unit. Here it is a pair at first: names of dimensions, and values. Values have S draws first; then P
+parameters, J environments or C cells, and N subjects. In the group the draws become two dimensions:
+chains, one per ensemble of the sampler, and draws.
 """
 
 from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Mapping
 from functools import cache
 from importlib import resources
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +22,14 @@ import percept
 from percept.inference.checks.predictive import new_studies
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.hierarchy.priors import Named
+from percept.results import DrawGroup, NamedArray
 from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit
 
-__all__ = ["posterior_tree", "variables_of_posterior"]
+if TYPE_CHECKING:
+    from xarray import DataTree
+
+__all__ = ["posterior_groups", "posterior_tree", "variables_of_posterior"]
 
 #: Draws kept of each chain, at most. Four chains of as many suffice for plots and summaries, and
 #: make a file of few megabytes.
@@ -47,7 +52,7 @@ def variables_of_posterior() -> dict[str, dict[str, str]]:
     return tomllib.loads(_NAMES.read_text(encoding="utf-8"))
 
 
-def posterior_tree(fit: Fit, *, seed: int) -> Any:
+def posterior_groups(fit: Fit, *, seed: int) -> dict[str, DrawGroup]:
     """Collect draws and data, one chain per ensemble.
 
     Parameters
@@ -59,30 +64,49 @@ def posterior_tree(fit: Fit, *, seed: int) -> Any:
 
     Returns
     -------
-    xarray.DataTree
+    dict of str to DrawGroup
         Groups posterior, posterior_predictive and sample_stats. One model of all quantities, fitted
         to sessions, has log_likelihood, observed_data and prior too. `variables_of_posterior` says
         what they hold.
     """
-    import xarray
-
     labels = _labels(fit)
     further_labels = _further_labels(fit)
-    datasets = {}
+    groups = {}
     for group, named in _groups(fit, seed).items():
         variables = {}
         for name, (dimensions, values) in named.items():
             draw_dimensions, by_chain = _by_chain(fit, group, values)
-            variables[name] = ((*draw_dimensions, *dimensions), by_chain, _attributes(name))
-        dataset = xarray.Dataset(variables, attrs=_about(fit))
-        coordinates: dict[str, object] = {}
-        for dimension, size in dataset.sizes.items():
-            name = str(dimension)
-            coordinates[name] = labels.get(name, np.arange(size))
-        for name, (dimension_of_labels, entries) in further_labels.items():
-            if dimension_of_labels in dataset.sizes:
-                coordinates[name] = (dimension_of_labels, entries)
-        datasets[group] = _without_slashes(dataset.assign_coords(coordinates))
+            named_dimensions = tuple(map(_without_slashes, (*draw_dimensions, *dimensions)))
+            variables[_without_slashes(name)] = NamedArray(
+                named_dimensions, by_chain, _attributes(name)
+            )
+        draws = DrawGroup(variables, {}, _about(fit))
+        sizes = draws.sizes
+        for dimension, size in sizes.items():
+            entries = np.array(labels.get(dimension, np.arange(size)))
+            draws.coordinates[dimension] = NamedArray((dimension,), entries)
+        for name, (dimension, texts) in further_labels.items():
+            if dimension in sizes:
+                draws.coordinates[name] = NamedArray((dimension,), np.array(texts))
+        groups[group] = draws
+    return groups
+
+
+def posterior_tree(groups: Mapping[str, DrawGroup]) -> DataTree:
+    """Put groups of draws into an ArviZ DataTree."""
+    # Slow to import: writing the file does without.
+    import xarray
+
+    datasets = {}
+    for name, group in groups.items():
+        variables = {
+            key: (array.dimensions, array.values, array.attributes)
+            for key, array in group.variables.items()
+        }
+        coordinates = {
+            key: (array.dimensions, array.values) for key, array in group.coordinates.items()
+        }
+        datasets[name] = xarray.Dataset(variables, coordinates, group.attributes)
     return xarray.DataTree.from_dict(datasets)
 
 
@@ -126,11 +150,9 @@ def _named(values: Array, *dimensions: str) -> tuple[tuple[str, ...], Array]:
     return dimensions, values
 
 
-def _without_slashes(dataset: Any) -> Any:
-    """Rename variables and dimensions whose names hold a slash; their meanings keep it."""
-    names = [str(name) for name in (*dataset.variables, *dataset.dims)]
-    renamed = {name: name.replace("/", _SLASH) for name in names if "/" in name}
-    return dataset.rename(renamed)
+def _without_slashes(name: str) -> str:
+    """Rename what a DataTree would take for a path; meanings keep the slash."""
+    return name.replace("/", _SLASH)
 
 
 def _by_chain(fit: Fit, group: str, values: Array) -> tuple[tuple[str, ...], Array]:

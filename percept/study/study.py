@@ -183,7 +183,7 @@ class Study:
     @property
     def posterior(self) -> Any:
         """Posterior as an ArviZ DataTree, thinned to the effective size; None unless it passed."""
-        return self.parts.posterior
+        return self.parts.posterior_tree
 
     @property
     def boundaries(self) -> tuple[Boundary, ...]:
@@ -270,7 +270,7 @@ class Study:
         progress = options.get("progress")
         with report_folder(directory, formats=formats, **of_folder) as folder:
             results = self.results(why=why, progress=progress)
-            fill_report(folder, results, posterior=self.posterior, formats=formats, **options)
+            fill_report(folder, results, posterior=self.parts.posterior, formats=formats, **options)
         return Path(directory) / "report.html"
 
     # Every plot draws on the matplotlib axes `ax`, or on a new figure without them, and returns the

@@ -25,7 +25,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 @pytest.fixture(scope="module")
 def opened(fitted, tmp_path_factory):
     path = tmp_path_factory.mktemp("posterior") / "posterior.nc"
-    write_posterior(fitted.posterior, path)
+    write_posterior(fitted.parts.posterior, path)
     with xarray.open_datatree(path, engine="h5netcdf") as tree:
         yield tree
 
@@ -122,7 +122,7 @@ def test_a_slash_in_a_factors_name_is_no_path(tmp_path):
     )
     options = ReadOptions.from_mapping(dict(scene))
     path = tmp_path / "posterior.nc"
-    write_posterior(Study(Sessions.from_frame(table, scene=options), scene).posterior, path)
+    write_posterior(Study(Sessions.from_frame(table, scene=options), scene).parts.posterior, path)
     with xarray.open_datatree(path, engine="h5netcdf") as tree:
         variable = tree["posterior"].data_vars["psi:left\N{DIVISION SLASH}right"]
         assert variable.attrs["long_name"] == "differences of levels in log sigma, left/right"
