@@ -16,7 +16,6 @@ from percept.boundary.band import BandStudy
 from percept.boundary.users import Users
 from percept.errors import RefusalError, UsageError
 from percept.haptics.records import AnyDevice
-from percept.inference.record import Family
 from percept.results import (
     AdmissibleCouplings,
     BandPair,
@@ -27,7 +26,7 @@ from percept.results import (
     IntervalRow,
     Verdict,
 )
-from percept.results.fields import Method
+from percept.results.fields import Family, Method
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import is_impedance
@@ -61,8 +60,6 @@ __all__ = ["Parts"]
 
 # What imports the hierarchical model is imported where needed: the classical method does without.
 if TYPE_CHECKING:
-    from xarray import DataTree
-
     from percept.inference.sampling.gate import Progress
     from percept.results import DrawGroup
     from percept.study.fit import Fit, RunStore
@@ -194,15 +191,6 @@ class Parts:
         from percept.study.posterior import posterior_groups
 
         return posterior_groups(self.passed, seed=self.scene.inference.seed)
-
-    @cached_property
-    def posterior_tree(self) -> DataTree | None:
-        """The posterior as an ArviZ DataTree; None unless the fit passed."""
-        if self.posterior is None:
-            return None
-        from percept.study.posterior import posterior_tree
-
-        return posterior_tree(self.posterior)
 
     @property
     def checks(self) -> Checks | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable, Collection
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,8 @@ from percept.study.results import compute, data_of, record, rows
 # What imports the hierarchical model is imported where it is needed: the classical method does
 # without.
 if TYPE_CHECKING:
+    from xarray import DataTree
+
     from percept.inference.sampling.gate import Progress
     from percept.study.fit import RunStore
 
@@ -180,10 +183,14 @@ class Study:
             table = table.merge(named, on=_CELL, how="left")
         return table.reset_index(drop=True)
 
-    @property
-    def posterior(self) -> Any:
+    @cached_property
+    def posterior(self) -> DataTree | None:
         """Posterior as an ArviZ DataTree, thinned to the effective size; None unless it passed."""
-        return self.parts.posterior_tree
+        if self.parts.posterior is None:
+            return None
+        from percept.study.posterior import posterior_tree
+
+        return posterior_tree(self.parts.posterior)
 
     @property
     def boundaries(self) -> tuple[Boundary, ...]:
