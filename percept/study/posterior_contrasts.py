@@ -69,7 +69,7 @@ def posterior_contrasts(fit: Fit, tables: Mapping[str, ContrastTable]) -> Iterat
     contrasts = _Contrasts(fit, plan, first_table.inference)
     for compared, ends in contrasts.limits():
         # A slope of the model is for one SD of its covariate, and a row's for one unit of it:
-        # `unit` is that SD. It is 1 for all other contrasts.
+        # `unit` is that SD. It is 1 for all other contrasts, and slopes are in no family.
         limits = np.array([ends.lower, ends.upper, ends.estimate]) / compared.comparison.unit
         yield tables[compared.parameter].row(
             compared.comparison,

@@ -10,6 +10,7 @@ from percept.inference.hierarchy.subject_spreads import chance_of_differences
 from percept.inference.hierarchy.trial_scatter import trial_scatter
 from percept.sessions import ReadOptions, Sessions
 from percept.study.prepare import prepare
+from percept.study.psychophysics.posterior import _Scales as Scales
 
 SUBJECTS = 6
 #: Planted trial SDs: threefold from the steadiest subject to the least steady.
@@ -192,3 +193,15 @@ def test_subjects_with_one_trial_sd_seldom_seem_to_differ():
         chances.append(chance_of_differences(scatter, 5, 4))
     for of_quantity in np.array(chances).T:
         assert stats.kstest(of_quantity, "uniform").pvalue > 1e-3
+
+
+def test_reliability_averages_the_trial_variance_over_users():
+    """Trial variances of users are lognormal; quadrature over their logs gives the average."""
+    sigma_e = np.array([[[0.1, 0.2]]])
+    omega = 0.6
+    scales = Scales(sigma_e, None, sigma_e, None, np.array([[omega]]))
+    node, weight = np.polynomial.hermite_e.hermegauss(40)
+    average = (weight @ np.exp(2.0 * omega * node)) / weight.sum()
+    np.testing.assert_allclose(scales.trial_variance, sigma_e**2 * average, rtol=1e-12)
+    one_sd = Scales(sigma_e, None, sigma_e, None, None)
+    np.testing.assert_array_equal(one_sd.trial_variance, sigma_e**2)

@@ -17,8 +17,8 @@ and the right side is sum_i B'A_i'D⁻¹m_i for xi, and H'm_i for b_i. Both are 
     effects      the subjects' effects, q for each of G patterns
 
 The data stand last because an elimination then carries them along. No cell has own deviations of
-two environments, and no cell has effects of two subjects. These parts of the precision are zero and
-are not stored.
+two environments, and no subject's cell mean has effects of another. These parts of the precision
+are zero and are not stored.
 
 N subjects may share a pattern of cells and trials. Their effects then enter as u = √N b̄, with b̄
 the mean effect. u has the unit prior of one subject's effects, and sum_i H b_i = √N H u.
@@ -85,7 +85,8 @@ class CellEquations:
         problem = self.problem
         weighted = self.subject.weighted_effects  # (P, C, q, G, W)
         effect_shape = weighted.shape[2:]
-        # A product with b_i is √N times one with u = √N b̄, once summed over N subjects.
+        # Summed over N subjects, a product with effects is √N times one with u = √N b̄. Products of
+        # latents and data by themselves are N times one subject's.
         root_subjects = np.sqrt(problem.subjects)
         of_pattern = root_subjects[:, None]
         by_cell = self._flat_cells(weighted)

@@ -145,8 +145,9 @@ class CellLaw:
         explained = np.einsum("qpcw,qgw->pcgw", subject.effect_columns, effects)
         unexplained = residuals - explained
         unexplained *= self._problem.present[..., None]
-        per_pattern = unexplained[:, None]
-        squares = subject.noise.distance(tuple(per_pattern)).sum(axis=0)
+        # `distance` takes rows of each quantity and sums over them; here there is one row.
+        one_row = unexplained[:, None]
+        squares = subject.noise.distance(tuple(one_row)).sum(axis=0)
         return np.asarray(squares + np.einsum("qgw,qgw->gw", effects, effects))
 
     def fixed(self, rows: Array) -> tuple[Array, Array]:

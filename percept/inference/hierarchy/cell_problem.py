@@ -1,9 +1,10 @@
 """What the data and the design of a study say of its locations, before any scale is known.
 
 The locations of all cells are B xi. The columns B hold the deviations that environments have of
-their own, the fixed terms, and slopes of covariates. xi is standard normal, once the columns of own
-deviations are multiplied by their SDs. The matrices here are sparse: a column of an own deviation
-reaches one environment, and a quantity's effects do not reach the other quantity.
+their own, then the fixed terms. Slopes of covariates are locations beside them, not in B. xi is
+standard normal, once the columns of own deviations are multiplied by their SDs. The matrices here
+are sparse: a column of an own deviation reaches one environment, and a quantity's effects do not
+reach the other quantity.
 """
 
 from __future__ import annotations

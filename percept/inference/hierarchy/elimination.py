@@ -41,9 +41,9 @@ class Elimination(Protocol):
         Parameters
         ----------
         own : ndarray
-            Weights of own deviations before they are divided by their SD, (n, a, J).
+            Weights of the deviations themselves, in response units, (n, a, J). Effects have none.
         rest : ndarray
-            Weights of the rest, (n, r).
+            Weights of the other latents, which are standard normal, (n, r).
         """
 
     def variances_of(self, own: Array, rest: Array) -> Array:

@@ -76,7 +76,7 @@ class InformationProblem:
         self._set_kinds(patterns)
         self._set_means(patterns)
         self._set_scatter(patterns)
-        # Treats each pattern's mean as the observation, with covariances V_g over the subjects.
+        # Treats each pattern's mean as the observation, with covariances V_g / n_g of n_g subjects.
         kinds_of_pattern = self.has_kind.sum(axis=0)
         log_subjects = np.log(self.subjects) @ kinds_of_pattern
         self.constant = 0.5 * self.quantities * float(log_subjects)

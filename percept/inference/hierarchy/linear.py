@@ -216,9 +216,9 @@ class LinearModel(Model):
         """Log density of the data given scales, locations and subject effects integrated out."""
         observed = self.with_resolution(scales)
         law = CellLaw(self.problem, observed)
-        # Unequal cells have no orthogonal fallback. Draws whose digits are lost are refused: their
-        # scales lie far from any that data allow. One pattern has a fallback for the density and
-        # none for the locations, so draws whose locations are lost are refused there too.
+        # `laws_sound` is the weaker test: locations keep some digits, and the density may not. A
+        # draw that fails both is refused: its scales lie far from any that data allow. Where all
+        # subjects share one pattern, `OnePattern` has the density of a draw that fails `sound`.
         value = self._constant + law.log_density
         value = np.where(law.sound, value, -np.inf)
         lost = np.flatnonzero(law.laws_sound & ~law.sound)

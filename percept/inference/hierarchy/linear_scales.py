@@ -219,7 +219,8 @@ class LinearCoordinates:
     def _limits(self) -> Array:
         limits = np.full(len(self.names), LIMIT)
         for level in self.levels:
-            # The rough likelihood of weight w makes the unit of a coordinate that much shorter.
+            # A rough likelihood of weight w shortens the unit of a coordinate by √(1 + w). All
+            # cells inform a coefficient: their weights add up.
             units = np.sqrt(1.0 + level.weight.sum(axis=1).max())
             limits[self.slots[f"sigma{level.suffix}"]] *= units
             limits[self.slots[f"coefficients{level.suffix}"]] *= units

@@ -68,7 +68,10 @@ class OnePattern:
         self._cells_of_environment = _cells_of_environment(design)
 
     def log_density(self, scales: CellScales) -> Array:
-        """Log density of all cell means, (W,), without powers of 2 pi and of counts."""
+        """Log density of all cell means, (W,), without powers of 2 pi and `Statistics.constant`.
+
+        Numbers of subjects are in it: `CellProblem.constant` is not to be added.
+        """
         noise = scales.between
         if scales.trial is not None:
             of_mean = scales.trial.scaled(1.0 / self._trials)

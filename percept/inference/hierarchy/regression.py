@@ -57,8 +57,8 @@ class WhitenedMeans:
     design: Array  # (Q, M, W) Columns of the whitened design
     target: Array  # (M, W) Whitened pattern means
     log_determinant: Array  # (W,) log det of the covariance that was whitened away
-    columns: list[Vector]  # (J, W or 1) What each latent adds to the means
-    location_columns: list[Vector]  # (J, W or 1) What each latent adds to beta
+    columns: list[Vector]  # (J, W or 1) What each latent adds to the means, effects of subjects too
+    location_columns: list[Vector]  # (J, W or 1) To beta: zero for effects of subjects
     integrated_out: OnePatternMeans | None  # None with several patterns, whose delta are latents
 
 

@@ -60,12 +60,12 @@ class TiedSpreads:
         self.weight = rough.weight
         self._rough = rough
         self._maps = []
-        for arguments in zip(loadings, rough.mean, rough.weight, strict=True):
-            trend_map = TrendMap(centre, *arguments)
+        for loading, mean, weight in zip(loadings, rough.mean, rough.weight, strict=True):
+            trend_map = TrendMap(centre, loading, mean, weight)
             self._maps.append(trend_map)
 
     def __call__(self, u: Array, omega: Array, trend: Array) -> LogSpreads:
-        """Map coordinates (P, J, W), given omega (P, W) and the trend (P, 2, W), to spreads."""
+        """Map coordinates (P, J, W), given omega (P, W) and the trend's (P, 2, W), to spreads."""
         spreads: list[LogSpreads] = []
         shift: Array | float = 0.0
         for p, trend_map in enumerate(self._maps):

@@ -37,7 +37,7 @@ _DIFFERENCE = 1e-2
 #: 16,000 for 128. With more coordinates the curvature is taken along each alone.
 _MOST_PAIRED = 128
 #: Least curvature that is believed: an SD of two. Priors have unit SD, and a posterior is rarely
-#: wider.
+#: wider. An SD larger than two is therefore found as two.
 _LEAST_CURVATURE = 0.25
 #: Largest curvature that is believed: an SD of a thousandth. A larger one would be the edge of an
 #: impossible region.

@@ -34,9 +34,10 @@ _FIRST_ROUND = 144
 #: position takes as long as a few steps: long runs keep fewer.
 _STRIDE = 3
 _REFINED_STRIDE = 6
-#: Restart only if the run is predicted to take this multiple of its first round. A restart throws
-#: that round away and gains a third of what follows. A study with conditions takes 1.6 to 1.9
-#: times the density values if this is 6, and no others if it is 1.5.
+#: Restart only if the run is predicted to take in all this multiple of its steps so far. A restart
+#: throws those away and gains a third of what follows. A prediction is at most four times the
+#: steps. A study with conditions takes 1.6 to 1.9 times the density values if this is 6, and no
+#: others if it is 1.5.
 _WORTH_REFINING = 3.0
 #: Draws of an ensemble per coordinate. A transport fitted to fewer is little better than that of
 #: the warm-up, and the run may begin again for accuracy once more.
@@ -151,7 +152,7 @@ def _keep_freed_memory() -> None:
 
 
 def _worth_refining(chain: Chain, run: Run, draws: int, transport_draws: int) -> bool:
-    """Whether to begin again, the first time for accuracy and later for slow walkers."""
+    """Whether to begin again: for accuracy after a thin sample, and else for slow walkers alone."""
     if transport_draws < _THIN_SAMPLE * run.points.shape[-1]:
         needed = chain.steps_needed(run)
         least = _WORTH_REFINING

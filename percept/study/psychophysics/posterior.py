@@ -7,7 +7,7 @@ first one come first. All SDs are of responses:
 - `sigma_u`: between subjects, in the effect that a subject has in all environments;
 - `sigma`: between subjects, in what else each has in one environment (rows call it `sigma_w`);
 - `population_sd`: between users in one environment: both together, and effects of factors;
-- `sigma_e`: between trials of one subject.
+- `sigma_e`: between trials of one subject, a typical one if subjects have trial SDs of their own.
 
 There are S draws of the scales. Some R of them are independent, and stand for what takes long to
 draw or to solve. Given a draw a location is normal, so limits of points of equality are roots of
@@ -129,6 +129,20 @@ class _Scales:
     sigma_u: Array | None  # (S, P) None in a model without effects of subjects
     sigma_e: Array | None  # (S, P, J) None without repeats
     phi: Array | None  # (S, P, N) Log of a subject's trial SD over sigma_e; None if all share it
+    omega_s: Array | None  # (S, P) SD of phi between users
+
+    @property
+    def trial_variance(self) -> Array:
+        """Variance between trials averaged over users, (S, P, J); zero without repeats.
+
+        phi is normal, so a user's variance is on average exp(2 omega_s²) times sigma_e².
+        """
+        if self.sigma_e is None:
+            return np.zeros_like(self.sigma)
+        of_typical_user = np.square(self.sigma_e)
+        if self.omega_s is None:
+            return of_typical_user
+        return of_typical_user * np.exp(2.0 * self.omega_s**2)[:, :, None]
 
     @classmethod
     def of(cls, model: Pooled, points: Array) -> Self:
@@ -141,6 +155,7 @@ class _Scales:
             sigma_u=values.get("sigma_u"),
             sigma_e=values.get("sigma_e"),
             phi=values.get("phi"),
+            omega_s=values.get("omega_s"),
         )
 
 
@@ -176,7 +191,7 @@ class _Posterior:
     def _cell_rows(self) -> Iterator[PsychophysicsRow]:
         """Yield components of variance and the reliability of each cell.
 
-        ICC(1) is population_sd²/(population_sd² + sigma_e²).
+        ICC(1) is population_sd²/(population_sd² + the average variance between trials).
         """
         if self.scales.sigma_u is not None:
             sigma = self.scales.sigma.reshape(self.population_sd.shape)
@@ -186,7 +201,8 @@ class _Posterior:
             return
         sigma_e = self.scales.sigma_e.reshape(self.population_sd.shape)
         of_users = self.population_sd**2
-        icc = of_users / (of_users + sigma_e**2)
+        of_trials = self.scales.trial_variance.reshape(self.population_sd.shape)
+        icc = of_users / (of_users + of_trials)
         for c, site in enumerate(self.sites):
             yield from site.of_trials(self.limits.of(sigma_e[:, c]))
             yield site.row("icc_1", self.limits.of(icc[:, c]))
@@ -224,8 +240,9 @@ class _Posterior:
     def _overall_rows(self) -> Iterator[PsychophysicsRow]:
         """Yield components of variance and reliability over all environments.
 
-        With r trials a cell, total = sigma_u² + mean sigma² + mean sigma_e²/r. ICC(C,1) is
-        sigma_u²/total, and ICC(A,1) is sigma_u²/(total + variance of the environments' locations).
+        With r trials a cell, total = sigma_u² + mean sigma² + mean variance between trials/r.
+        ICC(C,1) is sigma_u²/total. In ICC(A,1) the total has the variance of the environments'
+        locations too.
         """
         scales = _Scales.of(self.model, self.independent)
         if scales.sigma_u is None:
@@ -234,9 +251,7 @@ class _Posterior:
         of_environments = by_environment.var(axis=2, ddof=1)
         of_subjects = scales.sigma_u**2
         within = np.square(scales.sigma).mean(axis=2)
-        of_trials = np.zeros_like(within)
-        if scales.sigma_e is not None:
-            of_trials = np.square(scales.sigma_e).mean(axis=2)
+        of_trials = scales.trial_variance.mean(axis=2)
         total = of_subjects + within + of_trials / _mean_trials(self.model)
         consistency = of_subjects / total
         agreement = of_subjects / (total + of_environments)
@@ -244,7 +259,8 @@ class _Posterior:
             yield site.sigma("sigma_u", self.limits.of(scales.sigma_u[:, p]))
             yield site.sigma("sigma_w", self.limits.of(np.sqrt(within[:, p])))
             if scales.sigma_e is not None:
-                yield site.sigma("sigma_e", self.limits.of(np.sqrt(of_trials[:, p])))
+                of_typical_user = np.square(scales.sigma_e[:, p]).mean(axis=1)
+                yield site.sigma("sigma_e", self.limits.of(np.sqrt(of_typical_user)))
             # With factors and slopes subjects also differ in effects that both ratios leave out.
             if self.alike:
                 yield site.row("icc_c1", self.limits.of(consistency[:, p]))
