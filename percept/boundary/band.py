@@ -56,8 +56,9 @@ _ALIKE = 1.25
 _REPLICATES = 200
 # More environments would take seconds, and one of so many hardly decides.
 _MOST_ENVIRONMENTS = 16
-# Impedances within this share of each other leave an exponent to rounding.
-_EQUAL = 1e-9
+#: Sizes that differ by a smaller share count as one: an exponent would divide scatter of the bands
+#: by a difference of next to nothing, and its powers overflow.
+_EQUAL = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)

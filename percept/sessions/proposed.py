@@ -177,6 +177,14 @@ class Draft:
         unknown = toml_text(TO_FILL_IN)
         values = ", ".join(f"{canonical} = {unknown}" for canonical in lacking)
         yield ""
+        if not self.scales:
+            names = ", ".join(f"{canonical.removesuffix('_ref')} = 1.0" for canonical in lacking)
+            yield "# Nothing was matched to a reference? For means, put 0 for each ? and add:"
+            yield "# [inference]"
+            yield '# family = "normal"'
+            yield "# [model]"
+            yield f"# scale = {{ {names} }}  # in place of 1.0, a typical value"
+            yield ""
         yield "# If no column holds references, fill each ? in and remove the # of each line:"
         yield "# [environments]"
         for name in self.conditions[:_MOST_ENVIRONMENTS]:

@@ -133,7 +133,7 @@ def _band_of(banded: Banded, of_parameter: str, *, no_share: bool) -> Iterator[B
         why = f"it needs at least {_FEWEST_ENVIRONMENTS} positive {name}s"
         yield Skipped(law, why)
     elif not determines_laws(list(positive.values())):
-        yield Skipped(law, f"without one environment the others share one {name}")
+        yield Skipped(law, f"without one environment all {name}s lie within 5 % of each other")
     elif no_share:
         why = "a single posterior draw has no band that holds a share of users"
         yield Skipped(f"Bayesian {law}, kind share", why)

@@ -101,7 +101,7 @@ def test_two_columns_of_groups_are_refused():
     number = table["subject"].str[1:].astype(int)
     table = table.assign(site=np.where(number % 4 < 2, "north", "south"))
     (why,) = skipped_of(modelled(table, "group + site"))
-    assert why == "only one column of groups is supported"
+    assert why == "it compares the groups of one column only"
 
 
 @pytest.mark.parametrize("subjects", [2, 3, 4])
