@@ -179,13 +179,13 @@ class Draft:
         yield ""
         if not self.scales:
             names = ", ".join(f"{canonical.removesuffix('_ref')} = 1.0" for canonical in lacking)
-            yield "# Nothing was matched to a reference? For means, put 0 for each ? and add:"
+            yield '# Nothing was matched? For means, write 0 (no quotes) for each "?" and add:'
             yield "# [inference]"
             yield '# family = "normal"'
             yield "# [model]"
             yield f"# scale = {{ {names} }}  # in place of 1.0, a typical value"
             yield ""
-        yield "# If no column holds references, fill each ? in and remove the # of each line:"
+        yield '# If no column holds references, write numbers for "?" and remove each #:'
         yield "# [environments]"
         for name in self.conditions[:_MOST_ENVIRONMENTS]:
             yield f"# {toml_text(name)} = {{ {values} }}"
