@@ -185,7 +185,7 @@ class Draft:
             yield "# [model]"
             yield f"# scale = {{ {names} }}  # in place of 1.0, a typical value"
             yield ""
-        yield '# If no column holds references, write numbers for "?" and remove each #:'
+        yield '# If no column holds references, write numbers for "?" and uncomment the lines:'
         yield "# [environments]"
         for name in self.conditions[:_MOST_ENVIRONMENTS]:
             yield f"# {toml_text(name)} = {{ {values} }}"
