@@ -24,6 +24,7 @@ report: $(STAMP)  ## analyse the published study and print the page's path
 	@$(BIN)/percept report datasets/hbfd_sessions.csv --scene datasets/hbfd.toml --out build/hbfd --seed 1
 
 test: lint  ## lint, types and the whole test suite
+	@$(BIN)/python -m compileall -q percept tests  # Many tests start percept: each would compile it again
 	@$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -q
 
 evidence: $(STAMP)  ## tests that take minutes: refits, kills, sweeps; their page in reports/evidence

@@ -135,10 +135,14 @@ def _curves(boundaries: Sequence[Boundary]) -> str:
         else:
             columns.append(boundary.coupled)
         for point in np.column_stack(columns).tolist():
-            # A list writes its doubles with every digit, in a quarter of the time of one by one.
-            numbers = str(point)[1:-1].replace(", ", ",").replace("nan", "")
+            numbers = ",".join(map(_number, point))
             lines.append(f"{labels},{numbers}\n")
     return "".join(lines)
+
+
+def _number(value: float) -> str:
+    """Write a double with every digit; empty for one that is missing."""
+    return "" if math.isnan(value) else repr(value)
 
 
 def _heads(names: Sequence[str], unit: str) -> list[str]:

@@ -90,6 +90,8 @@ _WHOLE_NAME = 3.0
 _PART_OF_NAME = 2.0
 #: Points that each earlier word of a role's list is worth more.
 _EARLIER_WORD = 0.05
+#: Points for more than two values, which weigh as much as a word in the name.
+_GRADED = 2.0
 #: Points for what is in a column, each: steady for a run of rows, designed, of one scale.
 _CONTENT = 1.5
 #: Share of its points that a condition keeps where each subject has one: they are groups.
@@ -275,7 +277,10 @@ def take_most_varied(roles: Roles, numbers: Numbers) -> None:
         free = named or column.name not in numbers.designed
         if free and _may_be_adjusted(column, numbers):
             # The others are alternatives, however few values they have.
-            points.append((_PART_OF_NAME * named + _variety(column), column))
+            score = _variety(column)
+            if named:
+                score += _PART_OF_NAME
+            points.append((score, column))
     for column in numbers.durations:
         if varies_within(column, numbers.subjects):
             points.append((_variety(column) / 2.0, column))
@@ -285,8 +290,10 @@ def take_most_varied(roles: Roles, numbers: Numbers) -> None:
 
 def _variety(column: Column) -> float:
     """Points for different values: a yes or no is hardly an adjustment."""
-    graded = 2.0 * (len(column.texts) > 2)
-    return graded + len(column.texts) / len(column.cells)
+    different = len(column.texts) / len(column.cells)
+    if len(column.texts) > 2:
+        return _GRADED + different
+    return different
 
 
 def _may_be_adjusted(column: Column, numbers: Numbers) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -31,23 +32,23 @@ def wide_quantities(free: Iterable[Column]) -> dict[str, Wide]:
     columns = _columns_of_numbers(free)
     if len(columns) < 2:
         return {}
-    found = {}
-    for stem, own in _by_stem(columns).items():
+    quantities = {}
+    for stem, by_environment in _by_stem(columns).items():
         name = stem.casefold()
         if re.fullmatch("[a-z][a-z0-9]*(_[a-z0-9]+)*", name):
-            first = next(iter(own.values()))
-            found[name] = Wide(f"{_stem(first)}{{environment}}", own)
-    if not found and _is_of_one_scale(columns):
-        found["response"] = _one_quantity(columns)
-    return found
+            first = next(iter(by_environment.values()))
+            quantities[name] = Wide(f"{_stem(first)}{{environment}}", by_environment)
+    if not quantities and _is_of_one_scale(columns):
+        quantities["response"] = _one_quantity(columns)
+    return quantities
 
 
 def _one_quantity(columns: Sequence[Column]) -> Wide:
     """Take all columns for one quantity, each for an environment."""
     names = [column.name for column in columns]
-    # The first and the last in alphabetical order share what all share.
-    shared = re.match(r"(.*).*\n\1", f"{min(names)}\n{max(names)}", re.DOTALL)
-    prefix = re.sub(r"[^_. -]*$", "", shared[1] if shared else "")
+    shared = os.path.commonprefix(names)  # noqa: RUF071: names are no paths
+    # A prefix ends at a separator: "in" of "india" and "indonesia" is part of both names.
+    prefix = re.sub(r"[^_. -]*$", "", shared)
     environments = {column.name.removeprefix(prefix): column for column in columns}
     return Wide(f"{prefix}{{environment}}", environments)
 
@@ -88,14 +89,15 @@ def _by_stem(columns: Sequence[Column]) -> dict[str, dict[str, Column]]:
         if parts is None:
             return {}
         stems.setdefault(parts[1], {})[parts[2]] = column
-    numbers = {tuple(own) for own in stems.values()}
+    numbers = {tuple(by_number) for by_number in stems.values()}
     if len(numbers) > 1 or not 2 <= len(stems) <= MOST_QUANTITIES:
         return {}
     ranges = []
-    for own in stems.values():
-        values = np.concatenate([column.numbers for column in own.values()])
+    for by_number in stems.values():
+        values = np.concatenate([column.numbers for column in by_number.values()])
         ranges.append((np.nanmin(values), np.nanmax(values)))
     ranges.sort()
     # Values that overlap are of one quantity, and the stems are conditions.
-    apart = all(low[1] < high[0] for low, high in pairwise(ranges))
-    return stems if apart else {}
+    if any(lower[1] >= higher[0] for lower, higher in pairwise(ranges)):
+        return {}
+    return stems

@@ -9,6 +9,7 @@ processor time from the opened study to its intervals, without imports.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import itertools
 import os
 import shlex
@@ -55,9 +56,31 @@ class Case:
 
 
 PLAIN_CELLS = Case("16 x 10 cells, no factor", 16, 10)
+#: Designs without factors in which subjects have trial SDs of their own by default.
+PLAIN_DESIGNS = ((10, 5), (16, 10), (40, 6))
 ONE_SD = Case("12 x 5, 5 trials, one trial SD", 12, 5, trials=5)
 ONE_SD_FACTOR = Case("12 x 5 x 2, 5 trials, one trial SD", 12, 5, ("hand",), trials=5)
+
+
+def plain_cases():
+    """Pairs of studies without factors: one trial SD, and subjects' own."""
+    cases = []
+    for subjects, environments in PLAIN_DESIGNS:
+        size = f"{subjects} x {environments}, 3 trials"
+        one_sd = Case(f"{size}, one trial SD", subjects, environments, trials=3)
+        own_sds = dataclasses.replace(
+            one_sd,
+            name=f"{size}, trial SDs of subjects' own",
+            own_trial_sds=True,
+            against=one_sd.name,
+            allowed_times=3.0,
+        )
+        cases += [one_sd, own_sds]
+    return cases
+
+
 CASES = (
+    *plain_cases(),
     PLAIN_CELLS,
     Case("16 x 5 x 2", 16, 5, ("hand",), against=PLAIN_CELLS.name, allowed_times=3.0),
     Case(

@@ -6,8 +6,8 @@ environment is summed into the cell means' covariance; every other unknown is sa
 
 from __future__ import annotations
 
-import sys
 import time
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -155,8 +155,11 @@ def cells_model(statistics: Statistics, priors: Priors, *, centred: bool = False
     pymc.Model
         Its `beta` and `spread` are what limits need.
     """
-    # PyMC and nutpie import arviz-plots if it is there; its release 0.8 fails with matplotlib 3.11.
-    sys.modules.setdefault("arviz_plots", None)  # type: ignore[arg-type]
+    # PyMC and nutpie import arviz-plots if it is there. Release 0.8 wants this module, which
+    # matplotlib 3.11 no longer imports itself.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        import matplotlib.style.core  # noqa: F401
     import pymc as pm
 
     cells = _Cells.of(statistics)

@@ -14,6 +14,7 @@ import dataclasses
 import functools
 import shlex
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -280,8 +281,11 @@ def nutpie_limits(drawn, model, rows, plan):
 
     Those of means are quantiles of its draws. A user's law given a draw is normal.
     """
-    # nutpie's arviz imports arviz-plots if it is there; release 0.8 fails with matplotlib 3.11.
-    sys.modules.setdefault("arviz_plots", None)
+    # nutpie's arviz imports arviz-plots if it is there. Release 0.8 wants this module, which
+    # matplotlib 3.11 no longer imports itself.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        import matplotlib.style.core  # noqa: F401
     import nutpie
     from arviz_stats.base.array import BaseArray
 
