@@ -46,7 +46,7 @@ def wide_quantities(free: Iterable[Column]) -> dict[str, Wide]:
 def _one_quantity(columns: Sequence[Column]) -> Wide:
     """Take all columns for one quantity, each for an environment."""
     names = [column.name for column in columns]
-    shared = os.path.commonprefix(names)  # noqa: RUF071: names are no paths
+    shared = os.path.commonprefix(names)  # noqa: RUF071 (no paths)
     # A prefix ends at a separator: "in" of "india" and "indonesia" is part of both names.
     prefix = re.sub(r"[^_. -]*$", "", shared)
     environments = {column.name.removeprefix(prefix): column for column in columns}
