@@ -7,21 +7,21 @@ their joint precision has these parts:
 
     xi by xi     I + sum_i B'A_i'D⁻¹A_i B
     xi by b_i    B'A_i'H
-    b_i by b_i   I + Z'H
+    b_i by b_i   I + Z'H = LL'
 
 and the right side is sum_i B'A_i'D⁻¹m_i for xi, and H'm_i for b_i. Both are kept in three groups:
 
     deviations   the environments' own: the first entries of xi, a for each of J environments
     rest         the other entries of xi, f coefficients of fixed terms and then the slopes of
-                 covariates; and last the right side, as if the data were one more entry: R in all
+                 covariates; and last the right side, as if the data were one more entry: r + 1
     effects      the subjects' effects, q for each of G patterns
 
 The data stand last because an elimination then carries them along. No cell has own deviations of
 two environments, and no subject's cell mean has effects of another. These parts of the precision
 are zero and are not stored.
 
-N subjects may share a pattern of cells and trials. Their effects then enter as u = √N b̄, with b̄
-the mean effect. u has the unit prior of one subject's effects, and sum_i H b_i = √N H u.
+N subjects may share a pattern of cells and trials. Their effects enter whitened, as u = √N L'b̄,
+with b̄ the mean effect. The precision of u is one, and its product with xi is √N B'H L'⁻¹.
 
 The columns of fixed terms in `CellProblem` hold their prior SDs. The SDs of own deviations and
 slopes enter here. Shapes end with W sets of scales; P are the quantities and C the cells.
@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from percept.inference.hierarchy.cell_problem import CellProblem
 from percept.inference.hierarchy.cell_scales import CellScales
 from percept.inference.hierarchy.slope_products import slope_products
+from percept.inference.hierarchy.small_cholesky import solve_lower
 from percept.inference.hierarchy.subject_equations import SubjectEquations
 
 __all__ = ["CellEquations"]
@@ -56,13 +57,11 @@ class CellEquations:
     deviations : ndarray
         Deviations of an environment by each other, without the prior's one, (a, a, J, W).
     deviations_by_rest : ndarray
-        Shape (a, J, R, W).
+        Shape (a, J, r + 1, W).
     rest : ndarray
-        The rest by itself, without the prior's one, (R, R, W). The last row has no meaning.
-    deviations_by_effects : ndarray
-        Shape (a, J, q, G, W).
-    rest_by_effects : ndarray
-        Shape (R, q, G, W).
+        The rest by itself, without the prior's one, (r + 1, r + 1, W). The last row has no meaning.
+    effects_by_latents : ndarray
+        Whitened effects by own deviations, the rest and the data, (q, a J + r + 1, G, W).
     """
 
     def __init__(self, problem: CellProblem, scales: CellScales) -> None:
@@ -81,28 +80,27 @@ class CellEquations:
             self._add_products_of_slopes(scales)
 
     def _set_products_with_effects(self) -> None:
-        """Store √N B'H for the latents, and √N m'H for the data."""
+        """Store √N L⁻¹H'B for the latents, and √N L⁻¹H'm for the data."""
         problem = self.problem
-        weighted = self.subject.weighted_effects  # (P, C, q, G, W)
-        effect_shape = weighted.shape[2:]
-        # Summed over N subjects, a product with effects is √N times one with u = √N b̄. Products of
-        # latents and data by themselves are N times one subject's.
         root_subjects = np.sqrt(problem.subjects)
-        of_pattern = root_subjects[:, None]
-        by_cell = self._flat_cells(weighted)
-        products = problem.sparse_basis @ by_cell
-        products = products.reshape(-1, *effect_shape)
-        products *= of_pattern
-        own = products[: problem.deviations]
-        self.deviations_by_effects = self._of_deviations(own)
-        fixed = products[problem.deviations :]
-        slopes = np.einsum("pcqgw,mcg->mpqgw", weighted, problem.covariate_mean)
-        slopes = slopes.reshape(-1, *effect_shape)
-        slopes *= problem.covariate_sd
-        data = np.einsum("pcqgw,pcg->qgw", weighted, problem.mean)
-        slopes_and_data = np.concatenate([slopes, data[None]])
-        slopes_and_data *= of_pattern
-        self.rest_by_effects = np.concatenate([fixed, slopes_and_data])
+        factor = self.subject.effect_factor / root_subjects[:, None]
+        for_cells = factor[:, :, None, None]
+        whitened = solve_lower(for_cells, self.subject.weighted_effects)  # (q, P, C, G, W)
+        effects, _, _, patterns, _ = whitened.shape
+        cell_latents = problem.deviations + problem.fixed_columns
+        count = cell_latents + problem.slopes + 1
+        products = np.empty((effects, count, patterns, self._width))
+        for of_effect, cells in zip(products, whitened, strict=True):
+            by_latent = problem.sparse_basis @ self._flat_cells(cells)
+            of_effect[:cell_latents] = by_latent.reshape(-1, patterns, self._width)
+        sd = np.repeat(self.deviation_sd, problem.environments, axis=0)
+        products[:, : problem.deviations] *= sd[:, None]
+        if problem.slopes:
+            slopes = np.einsum("qpcgw,mcg->qmpgw", whitened, problem.covariate_mean)
+            by_slope = slopes.reshape(effects, -1, patterns, self._width)
+            products[:, cell_latents:-1] = problem.covariate_sd * by_slope
+        products[:, -1] = np.einsum("qpcgw,pcg->qgw", whitened, problem.mean)
+        self.effects_by_latents = products
 
     def _set_products_of_latents(self) -> None:
         """Store B'D⁻¹B for the latents but slopes, and B'D⁻¹m for the data."""

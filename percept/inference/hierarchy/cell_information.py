@@ -23,7 +23,7 @@ from percept.inference.hierarchy.cell_equations import CellEquations
 from percept.inference.hierarchy.cell_problem import CellProblem
 from percept.inference.hierarchy.cell_scales import CellScales
 from percept.inference.hierarchy.elimination import solve
-from percept.inference.hierarchy.small_cholesky import lower_factor, solve_lower, solve_upper
+from percept.inference.hierarchy.small_cholesky import log_diagonal, solve_lower, solve_upper
 
 __all__ = ["CellLaw"]
 
@@ -53,8 +53,7 @@ class CellLaw:
         equations = CellEquations(problem, scales)
         self._equations = equations
         self._trial = scales.trial
-        self._effects_factor = lower_factor(equations.subject.effect_precision)  # (q, q, G, W)
-        self._solved = solve(equations, self._effects_factor)
+        self._solved = solve(equations)
         #: (W,) Whether enough digits remain for the density.
         self.sound = self._solved.remainder.sound
         #: (W,) Whether enough remain for the law of the locations.
@@ -62,7 +61,7 @@ class CellLaw:
         self._latents = self._solved.latents
         self.log_density = problem.constant - 0.5 * (
             self._solved.log_determinant
-            + self._noise_determinant()
+            + self._subjects_determinant()
             + self._distance()
             + np.einsum("qw,qw->w", self._latents, self._latents)
         )
@@ -86,12 +85,15 @@ class CellLaw:
         """Mean of the locations, (W, R)."""
         return self._locations.T
 
-    def _noise_determinant(self) -> Array:
-        """Log determinants of the noise of all subjects' cells, summed."""
+    def _subjects_determinant(self) -> Array:
+        """Log determinants of D_i and of the effects' precision, summed over all subjects."""
         problem = self._problem
+        subject = self._equations.subject
         subjects_by_cell = problem.present * problem.subjects
-        determinants = self._equations.subject.noise.log_determinant()
-        return np.einsum("cg,cgw->w", subjects_by_cell, determinants)
+        of_cells = subject.noise.log_determinant()
+        of_noise = np.einsum("cg,cgw->w", subjects_by_cell, of_cells)
+        of_effects = 2.0 * problem.subjects @ log_diagonal(subject.effect_factor)
+        return np.asarray(of_noise + of_effects)
 
     def _distance(self) -> Array:
         """Squares of responses about their fitted values, whitened and summed.
@@ -139,8 +141,8 @@ class CellLaw:
         r - Zb by D, plus b'b.
         """
         subject = self._equations.subject
-        factor = self._effects_factor
-        weighted = np.einsum("pcqgw,pcgw->qgw", subject.weighted_effects, residuals)
+        factor = subject.effect_factor
+        weighted = np.einsum("qpcgw,pcgw->qgw", subject.weighted_effects, residuals)
         effects = solve_upper(factor, solve_lower(factor, weighted))
         explained = np.einsum("qpcw,qgw->pcgw", subject.effect_columns, effects)
         unexplained = residuals - explained
@@ -172,12 +174,12 @@ class CellLaw:
         no_deviations = np.zeros((len(rows), problem.own_columns, problem.environments))
         rest_rows = np.pad(rows, ((0, 0), (0, problem.slopes)))
         columns = self._solved.columns_of(no_deviations, rest_rows)
-        return (rows @ coefficients).T, columns
+        return (rows @ coefficients).T, columns.T
 
     def columns_of(self, rows: Array) -> Array:
         """Columns (W, L, K) whose products are the covariance of combinations (L, R)."""
         deviation_rows, rest_rows = self._latent_rows(rows)
-        return self._solved.columns_of(deviation_rows, rest_rows)
+        return self._solved.columns_of(deviation_rows, rest_rows).T
 
     def variances_of(self, rows: Array) -> Array:
         """Variances (W, L) of combinations (L, R)."""

@@ -6,7 +6,7 @@ and `Remainder` holds what is left. Cost grows with the cube of what is left. So
 goes first.
 
 With A = LL' the precision of what is eliminated, and T and M as in `remainder`, a combination with
-the weights x of what is eliminated and y of what is left has the variance
+weights x of what is eliminated and y of what is left has the variance
 
     |L⁻¹x|² + |M^(-1/2)(y - T'L⁻¹x)|²
 """
@@ -32,11 +32,11 @@ class Elimination(Protocol):
     """Normal equations solved at W sets of scales: a own deviations in each of J environments."""
 
     latents: Array  # (a J + r, W) Those that fit best: own deviations, then the r of the rest
-    log_determinant: Array  # (W,) Of the joint precision of the latents and all effects
+    log_determinant: Array  # (W,) Of the joint precision of latents and whitened effects
     remainder: Remainder  # What is left, and whether enough digits are
 
     def columns_of(self, own: Array, rest: Array) -> Array:
-        """Columns (W, n, K) whose products are the covariance of n combinations of latents.
+        """Columns (K, n, W) whose products are the covariance of n combinations of latents.
 
         Parameters
         ----------
@@ -50,21 +50,19 @@ class Elimination(Protocol):
         """Variances (W, n) of combinations with such weights."""
 
 
-def solve(equations: CellEquations, effect_factor: Array) -> Elimination:
+def solve(equations: CellEquations) -> Elimination:
     """Solve the normal equations, in the order that leaves the smaller matrix.
 
     Parameters
     ----------
     equations : CellEquations
         The normal equations at W sets of scales.
-    effect_factor : ndarray
-        Lower factors of the precisions of the subjects' effects, (q, q, G, W).
 
     Returns
     -------
     Elimination
     """
-    effects = len(effect_factor)
+    effects = len(equations.effects_by_latents)
     if equations.problem.eliminates_environments(effects):
-        return EnvironmentsFirst(equations, effect_factor)
-    return SubjectsFirst(equations, effect_factor)
+        return EnvironmentsFirst(equations)
+    return SubjectsFirst(equations)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from percept.inference.hierarchy.cell_equations import CellEquations
-from percept.inference.hierarchy.remainder import Remainder, joined
+from percept.inference.hierarchy.remainder import Remainder
 from percept.inference.hierarchy.small_cholesky import (
     log_diagonal,
     lower_factor,
@@ -34,8 +34,6 @@ class EnvironmentsFirst:
     ----------
     equations : CellEquations
         The normal equations at W sets of scales.
-    effect_factor : ndarray
-        Lower factors of the precisions of the subjects' effects, (q, q, G, W).
 
     Attributes
     ----------
@@ -43,71 +41,61 @@ class EnvironmentsFirst:
         As in `Elimination`; the remainder holds the K effects and others that are left.
     """
 
-    def __init__(self, equations: CellEquations, effect_factor: Array) -> None:
+    def __init__(self, equations: CellEquations) -> None:
         self._deviation_sd = equations.deviation_sd
-        columns, environments, rest, width = equations.deviations_by_rest.shape
+        columns, environments, _, width = equations.deviations_by_rest.shape
         self._deviations = columns * environments
-        effects, patterns = effect_factor.shape[1:3]
+        effects, _, patterns, _ = equations.effects_by_latents.shape
         self._effect_count = effects * patterns
         precision = with_prior(equations.deviations)
         self._factor = lower_factor(precision)  # (a, a, J, W)
-        by_rest = equations.deviations_by_rest
-        by_effects = equations.deviations_by_effects
-        by_effects = by_effects.reshape(columns, environments, -1, width)
-        mixed = np.concatenate([by_effects, by_rest], axis=2)
-        for_columns = self._factor[:, :, :, None]
-        explained = solve_lower(for_columns, mixed)  # T, (a, J, K + 1, W)
-        #: T without the data's column, (a, J, K, W).
-        self._explained = explained[:, :, :-1]
-        explained_data = explained[:, :, -1]
-        rest_by_effects = equations.rest_by_effects
-        rest_by_effects = rest_by_effects.reshape(rest, self._effect_count, width)
-        joint = joined(
-            blocks=equations.subject.effect_precision,
-            blocks_by_rest=rest_by_effects.swapaxes(0, 1),
-            rest=equations.rest,
-        )
-        flat = explained.reshape(self._deviations, -1, width)
-        draws_first = flat.transpose(2, 1, 0)
-        self.remainder = Remainder(joint, draws_first)
-        self.latents = self._solution(explained_data)
-        # The remainder holds u = √N b̄ of each pattern, one subject's effects. The effects along the
-        # other N - 1 directions have the precision I + Z'H each.
-        other_subjects = equations.problem.subjects - 1.0
-        of_others = other_subjects @ log_diagonal(effect_factor)
-        by_environment = log_diagonal(self._factor)
-        of_environments = by_environment.sum(axis=0)
-        eliminated = 2.0 * (of_others + of_environments)
-        self.log_determinant = eliminated + self.remainder.log_determinant
+        by_own = equations.effects_by_latents[:, : self._deviations]
+        by_own = by_own.reshape(effects, columns, environments, patterns, width)
+        own_by_effects = by_own.transpose(1, 0, 3, 2, 4)  # (a, q, G, J, W)
+        own_by_effects = own_by_effects.reshape(columns, -1, environments, width)
+        own_by_rest = equations.deviations_by_rest.swapaxes(1, 2)
+        mixed = np.concatenate([own_by_effects, own_by_rest], axis=1)
+        explained = solve_lower(self._factor[:, :, None], mixed)  # T, (a, K + 1, J, W)
+        #: T without the data's column, (a, K, J, W).
+        self._explained = explained[:, :-1]
+        self.remainder = Remainder(self._joint_precision(equations), explained)
+        self.latents = self._solution(explained[:, -1])
+        of_environments = log_diagonal(self._factor).sum(axis=0)
+        self.log_determinant = 2.0 * of_environments + self.remainder.log_determinant
+
+    def _joint_precision(self, equations: CellEquations) -> Array:
+        """Lower triangle of the precision of effects and rest, the data last: (K+1, K+1, W)."""
+        rest, _, width = equations.rest.shape
+        first = self._effect_count
+        joint = np.zeros((first + rest, first + rest, width))
+        by_rest = equations.effects_by_latents[:, self._deviations :]  # (q, r + 1, G, W)
+        rest_by_effects = by_rest.swapaxes(0, 1)
+        joint[first:, :first] = rest_by_effects.reshape(rest, first, width)
+        joint[first:, first:] = equations.rest.swapaxes(0, 1)
+        diagonal = np.arange(first + rest)
+        joint[diagonal, diagonal] += 1.0  # The prior's one, and all that effects have
+        return joint
 
     def _solution(self, explained_data: Array) -> Array:
         """Latents that fit best, (a J + r, W), from the data's column of T, (a, J, W)."""
-        solved = self.remainder.solution.T
-        fitted = np.einsum("ajkw,kw->ajw", self._explained, solved)
-        residual = explained_data - fitted
-        deviations = solve_upper(self._factor, residual)
-        width = deviations.shape[-1]
-        flat = deviations.reshape(self._deviations, width)
+        solved = self.remainder.solution
+        fitted = np.einsum("akjw,kw->ajw", self._explained, solved)
+        deviations = solve_upper(self._factor, explained_data - fitted)
+        flat = deviations.reshape(self._deviations, -1)
         rest = solved[self._effect_count :]
         return np.concatenate([flat, rest])
 
     def columns_of(self, own: Array, rest: Array) -> Array:
-        """Columns (W, n, a J + K) whose products are the covariance of n combinations."""
-        count = len(own)
-        width = self._deviation_sd.shape[-1]
-        combinations_last = np.moveaxis(own, 0, 2)
+        """Columns (a J + K, n, W) whose products are the covariance of n combinations."""
+        combinations_last = np.moveaxis(own, 0, -1)
         sd = self._deviation_sd[:, None, None]
         scaled = combinations_last[..., None] * sd  # (a, J, n, W)
-        for_combinations = self._factor[:, :, :, None]
-        whitened = solve_lower(for_combinations, scaled)
-        flat = whitened.reshape(-1, count, width)
-        of_own = flat.transpose(2, 1, 0)  # L⁻¹x
-        explained = self._explained.reshape(self._deviations, -1, width)
-        draws_first = explained.transpose(2, 0, 1)
-        explained_own = of_own @ draws_first
-        remaining = self._remaining_weights(explained_own, rest)
-        of_remaining = self.remainder.columns_of(remaining)
-        return np.concatenate([of_own, of_remaining], axis=2)
+        whitened = solve_lower(self._factor[:, :, :, None], scaled)  # L⁻¹x
+        explained = np.einsum("akjw,ajnw->knw", self._explained, whitened)
+        of_remaining = self.remainder.columns_of(self._remaining_weights(explained, rest))
+        count, width = whitened.shape[2:]
+        of_own = whitened.reshape(-1, count, width)
+        return np.concatenate([of_own, of_remaining])
 
     def variances_of(self, own: Array, rest: Array) -> Array:
         """Variances (W, n) of n combinations, most of whose weights of own deviations are zero.
@@ -127,16 +115,16 @@ class EnvironmentsFirst:
         sparse_products = sparse.csr_array(flat_products)
         of_own = sparse_products @ flat_covariance
         # L'⁻¹T times the SDs: what each remaining unknown takes from an own deviation.
-        taken = np.einsum("kajw,kjrw->ajrw", inverse, self._explained)
+        taken = np.einsum("kajw,krjw->ajrw", inverse, self._explained)
         flat_taken = taken.reshape(self._deviations, -1)
         flat_own = own.reshape(count, -1)
         sparse_own = sparse.csr_array(flat_own)
         explained = sparse_own @ flat_taken
-        by_unknown = explained.reshape(count, -1, width)
-        draws_first = by_unknown.transpose(2, 0, 1)
-        remaining = self._remaining_weights(draws_first, rest)
-        of_remaining = self.remainder.variances_of(remaining)
-        return np.asarray(of_own.T + of_remaining)
+        by_unknown = explained.reshape(count, -1, width).swapaxes(0, 1)
+        columns = self.remainder.columns_of(self._remaining_weights(by_unknown, rest))
+        of_remaining = np.einsum("knw,knw->nw", columns, columns)
+        variances = of_own + of_remaining
+        return np.asarray(variances.T)
 
     def _inverse_times_sd(self) -> Array:
         """L⁻¹ with each column times the SD of its own deviation, (a, a, J, W)."""
@@ -149,7 +137,7 @@ class EnvironmentsFirst:
         return inverse * self._deviation_sd[:, None]
 
     def _remaining_weights(self, explained: Array, rest: Array) -> Array:
-        """Y - T'L⁻¹x, (W, n, K), from T'L⁻¹x and the weights (n, r) of the rest, y."""
+        """Y - T'L⁻¹x, (K, n, W), from T'L⁻¹x and the weights (n, r) of the rest, y."""
         weights = -explained
-        weights[:, :, self._effect_count :] += rest
+        weights[self._effect_count :] += rest.T[..., None]
         return weights

@@ -15,9 +15,12 @@ Array = NDArray[np.float64]
 
 
 def lower_factor(matrices: Array) -> Array:
-    """Lower factors L of matrices LL', (K, K, ...)."""
+    """Lower factors L of matrices LL', (K, K, ...), of which only the lower triangle is read.
+
+    Rows x' below the square, (K + n, K, ...), become (L⁻¹x)'.
+    """
     factor = np.zeros_like(matrices)
-    for i in range(len(matrices)):
+    for i in range(matrices.shape[1]):
         row = factor[i, :i]
         rows_from_here = factor[i:, :i]
         explained = np.einsum("k...,ik...->i...", row, rows_from_here)
@@ -30,12 +33,13 @@ def lower_factor(matrices: Array) -> Array:
 def solve_lower(factor: Array, right: Array) -> Array:
     """Solve L x = right for lower factors (K, K, ...) and vectors (K, ...)."""
     x = _unsolved(factor, right)
-    for i in range(len(factor)):
+    x[0] = right[0] / factor[0, 0]
+    for i in range(1, len(factor)):
         row = factor[i, :i]
         before = x[:i]
         solved = np.einsum("k...,k...->...", row, before)
-        remaining = right[i] - solved
-        x[i] = remaining / factor[i, i]
+        remaining = np.subtract(right[i], solved, out=solved)
+        np.divide(remaining, factor[i, i], out=x[i])
     return x
 
 

@@ -5,8 +5,8 @@ of one subject are its locations, Z b and noise. The effects b are standard norm
 noise has the covariance D, a small block for each cell. Two products of these serve all that
 follows:
 
-    H = D⁻¹Z      the columns of the effects, weighted
-    I + Z'H       the precision of the effects, given the locations
+    H = D⁻¹Z          the columns of the effects, weighted
+    LL' = I + Z'H     the precision of the effects, given the locations
 
 The shapes of arrays use these letters:
 
@@ -23,7 +23,7 @@ from percept.inference.hierarchy.blocks import Block
 from percept.inference.hierarchy.cell_problem import CellProblem
 from percept.inference.hierarchy.cell_scales import CellScales
 from percept.inference.hierarchy.information_equations import precision_entries
-from percept.inference.hierarchy.small_cholesky import with_prior
+from percept.inference.hierarchy.small_cholesky import lower_factor, with_prior
 from percept.inference.hierarchy.subject_covariance import SubjectCovariance
 
 __all__ = ["SubjectEquations"]
@@ -45,9 +45,9 @@ class SubjectEquations:
     effect_columns : ndarray
         Z, (q, P, C, W).
     weighted_effects : ndarray
-        H = D⁻¹Z, (P, C, q, G, W).
-    effect_precision : ndarray
-        I + Z'H, (q, q, G, W).
+        H = D⁻¹Z, (q, P, C, G, W).
+    effect_factor : ndarray
+        L, (q, q, G, W).
     """
 
     def __init__(self, problem: CellProblem, scales: CellScales) -> None:
@@ -58,16 +58,12 @@ class SubjectEquations:
         precision = self.noise.inverse()
         self.precision = precision.scaled(present)
         self.precision_entries = precision_entries(self.precision)
-        # (P, C, q, W), so that products with columns of cells are products of matrices.
-        cells_first = scales.effects.transpose(1, 2, 0, 3)
-        columns = np.ascontiguousarray(cells_first)
-        for_effects = self.precision.mapped(lambda part: part[:, None])
-        for_patterns = columns[:, :, :, None]
-        by_quantity = tuple(for_patterns)
-        weighted = for_effects.apply(by_quantity)
-        self.weighted_effects = np.stack(weighted)
-        products = np.einsum("pcaw,pcbgw->abgw", columns, self.weighted_effects)
-        self.effect_precision = with_prior(products)
+        for_patterns = scales.effects[:, :, :, None]  # (q, P, C, 1, W)
+        quantities_first = for_patterns.swapaxes(0, 1)
+        weighted = self.precision.apply(tuple(quantities_first))
+        self.weighted_effects = np.stack(weighted, axis=1)
+        products = np.einsum("apcw,bpcgw->abgw", scales.effects, self.weighted_effects)
+        self.effect_factor = lower_factor(with_prior(products))
 
     def covariances(self) -> list[SubjectCovariance]:
         """Covariance of a subject's cell means, for each entry of `problem.scatter`."""

@@ -1,8 +1,8 @@
 """Normal equations of a linear design, solved with the subjects' effects eliminated first.
 
 What is left are the latents: a own deviations in each of J environments, and the rest, r
-coefficients of fixed terms and slopes. The precision of the effects is one block (q, q) for each of
-G patterns, so T = L⁻¹X is found pattern by pattern. W are the sets of scales.
+coefficients of fixed terms and slopes, K = a J + r in this order. Whitened effects have the
+precision one, so T of `remainder` are the products of latents with them. W are the sets of scales.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.hierarchy.cell_equations import CellEquations
-from percept.inference.hierarchy.remainder import Remainder, joined
-from percept.inference.hierarchy.small_cholesky import log_diagonal, solve_lower, with_prior
+from percept.inference.hierarchy.remainder import Remainder
 
 __all__ = ["SubjectsFirst"]
 
@@ -26,59 +25,54 @@ class SubjectsFirst:
     ----------
     equations : CellEquations
         The normal equations at W sets of scales.
-    effect_factor : ndarray
-        Lower factors of the precisions of the subjects' effects, (q, q, G, W).
 
     Attributes
     ----------
     latents, log_determinant, remainder
-        As in `Elimination`; the remainder holds all K = a J + r latents.
+        As in `Elimination`; the remainder holds all K latents.
     """
 
-    def __init__(self, equations: CellEquations, effect_factor: Array) -> None:
-        problem = equations.problem
+    def __init__(self, equations: CellEquations) -> None:
         self._deviation_sd = equations.deviation_sd
-        deviations = problem.deviations
-        by_rest = equations.deviations_by_rest
-        _, _, *shape_of_rest = by_rest.shape
-        joint = joined(
-            blocks=with_prior(equations.deviations),
-            blocks_by_rest=by_rest.reshape(deviations, *shape_of_rest),
-            rest=equations.rest,
-        )
-        _, *effect_shape = effect_factor.shape
-        by_effects = equations.deviations_by_effects.reshape(deviations, *effect_shape)
-        latents_by_effects = np.concatenate([by_effects, equations.rest_by_effects])
-        effects_by_latents = latents_by_effects.swapaxes(0, 1)
-        for_latents = effect_factor[:, :, None]
-        explained = solve_lower(for_latents, effects_by_latents)  # T, (q, K + 1, G, W)
-        latents_second = explained.transpose(3, 1, 0, 2)
-        width, count, *_ = latents_second.shape
-        flat = latents_second.reshape(width, count, -1)
-        self.remainder = Remainder(joint, flat)
-        draws_last = self.remainder.solution.T
-        self.latents = np.ascontiguousarray(draws_last)
-        of_effects = 2.0 * problem.subjects @ log_diagonal(effect_factor)
-        self.log_determinant = of_effects + self.remainder.log_determinant
+        joint = _joint_precision(equations)
+        self.remainder = Remainder(joint, equations.effects_by_latents)
+        self.latents = self.remainder.solution
+        self.log_determinant = self.remainder.log_determinant
 
     def columns_of(self, own: Array, rest: Array) -> Array:
-        """Columns (W, n, K) whose products are the covariance of n combinations of latents."""
-        weights = self._weights(own, rest)
+        """Columns (K, n, W) whose products are the covariance of n combinations of latents."""
+        count = len(own)
+        sd = self._deviation_sd[:, None, None]
+        combinations_last = np.moveaxis(own, 0, -1)
+        scaled = combinations_last[..., None] * sd  # (a, J, n, W)
+        width = scaled.shape[-1]
+        of_own = scaled.reshape(-1, count, width)
+        every_draw = (rest.shape[1], count, width)
+        of_rest = np.broadcast_to(rest.T[..., None], every_draw)
+        weights = np.concatenate([of_own, of_rest])
         return self.remainder.columns_of(weights)
 
     def variances_of(self, own: Array, rest: Array) -> Array:
         """Variances (W, n) of combinations of latents."""
-        weights = self._weights(own, rest)
-        return self.remainder.variances_of(weights)
+        columns = self.columns_of(own, rest)
+        return np.einsum("knw,knw->wn", columns, columns)
 
-    def _weights(self, own: Array, rest: Array) -> Array:
-        """Weights (W, n, K) of latents, from (n, a, J) of own deviations and (n, r)."""
-        count = len(own)
-        sd = self._deviation_sd[:, None]
-        scaled = own[..., None] * sd  # (n, a, J, W)
-        width = scaled.shape[-1]
-        flat = scaled.reshape(count, -1, width)
-        of_own = np.moveaxis(flat, -1, 0)
-        every_draw = (width, *rest.shape)
-        of_rest = np.broadcast_to(rest, every_draw)
-        return np.concatenate([of_own, of_rest], axis=2)
+
+def _joint_precision(equations: CellEquations) -> Array:
+    """Lower triangle of the latents' precision, the data last: (K + 1, K + 1, W)."""
+    columns, environments, rest, width = equations.deviations_by_rest.shape
+    own = columns * environments
+    size = own + rest
+    joint = np.zeros((size, size, width))
+    environment = np.arange(environments)
+    for first in range(columns):
+        for second in range(columns):
+            rows = first * environments + environment
+            others = second * environments + environment
+            joint[rows, others] = equations.deviations[first, second]
+    by_rest = equations.deviations_by_rest.reshape(own, rest, width)
+    joint[own:, :own] = by_rest.swapaxes(0, 1)
+    joint[own:, own:] = equations.rest.swapaxes(0, 1)
+    diagonal = np.arange(size)
+    joint[diagonal, diagonal] += 1.0
+    return joint
