@@ -61,6 +61,11 @@ class CellProblem:
     covariates : Covariates, optional
         Covariates of trials or subjects: M of them.
 
+    Raises
+    ------
+    ValueError
+        If the scatter is by subject, and several subjects share a pattern.
+
     Attributes
     ----------
     size, cells, environments : int
@@ -226,9 +231,13 @@ def _trial_groups(
         count = len(scatter.cell)
         groups[scatter.cell, 0] = np.arange(count)
         return groups
-    # Subjects with trial SDs of their own have a pattern each.
     pattern_of = np.zeros(len(patterns), dtype=np.intp)
     for g, pattern in enumerate(patterns):
+        if pattern.subjects > 1:
+            raise ValueError(
+                "Subjects with trial SDs of their own need a pattern each: "
+                f"pattern {g} has {pattern.subjects} subjects. See statistics.apart_by_subject."
+            )
         pattern_of[pattern.members] = g
     groups = np.zeros((cells, len(patterns)), dtype=np.intp)
     count = len(scatter.cell)

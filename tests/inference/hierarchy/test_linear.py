@@ -193,6 +193,13 @@ def test_laws_keep_their_digits_where_only_the_orthogonal_form_gives_a_density()
     assert compared > 5
 
 
+def test_trial_sds_of_subjects_who_share_a_pattern_are_refused():
+    model = made("no factor").model
+    own = made("subjects' trial SDs").model.scatter
+    with pytest.raises(ValueError, match="need a pattern each: pattern 0 has 5 subjects"):
+        LinearPosterior(model.statistics, model.design, scatter=own)
+
+
 def test_both_forms_of_the_density_agree():
     """Blocks by environment, and the information of all patterns."""
     model = made("two by two, spread").model
