@@ -21,24 +21,25 @@ def lower_factor(matrices: Array) -> Array:
     """
     factor = np.zeros_like(matrices)
     for i in range(matrices.shape[1]):
-        row = factor[i, :i]
-        rows_from_here = factor[i:, :i]
-        explained = np.einsum("k...,ik...->i...", row, rows_from_here)
-        column = matrices[i:, i] - explained
+        column = matrices[i:, i]
+        if i > 0:
+            row = factor[i, :i]
+            rows_from_here = factor[i:, :i]
+            column = column - np.einsum("k...,ik...->i...", row, rows_from_here)
         pivot = np.sqrt(column[0])
-        factor[i:, i] = column / pivot
+        np.divide(column, pivot, out=factor[i:, i])
     return factor
 
 
 def solve_lower(factor: Array, right: Array) -> Array:
     """Solve L x = right for lower factors (K, K, ...) and vectors (K, ...)."""
     x = _unsolved(factor, right)
-    x[0] = right[0] / factor[0, 0]
-    for i in range(1, len(factor)):
-        row = factor[i, :i]
-        before = x[:i]
-        solved = np.einsum("k...,k...->...", row, before)
-        remaining = np.subtract(right[i], solved, out=solved)
+    for i in range(len(factor)):
+        remaining = right[i]
+        if i > 0:
+            row = factor[i, :i]
+            before = x[:i]
+            remaining = remaining - np.einsum("k...,k...->...", row, before)
         np.divide(remaining, factor[i, i], out=x[i])
     return x
 
@@ -46,13 +47,15 @@ def solve_lower(factor: Array, right: Array) -> Array:
 def solve_upper(factor: Array, right: Array) -> Array:
     """Solve L'x = right."""
     x = _unsolved(factor, right)
-    for i in reversed(range(len(factor))):
-        next_row = i + 1
-        column = factor[next_row:, i]
-        after = x[next_row:]
-        solved = np.einsum("k...,k...->...", column, after)
-        remaining = right[i] - solved
-        x[i] = remaining / factor[i, i]
+    last = len(factor) - 1
+    for i in range(last, -1, -1):
+        remaining = right[i]
+        if i < last:
+            next_row = i + 1
+            column = factor[next_row:, i]
+            after = x[next_row:]
+            remaining = remaining - np.einsum("k...,k...->...", column, after)
+        np.divide(remaining, factor[i, i], out=x[i])
     return x
 
 
