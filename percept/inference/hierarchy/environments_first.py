@@ -64,7 +64,7 @@ class EnvironmentsFirst:
         self.log_determinant = 2.0 * of_environments + self.remainder.log_determinant
 
     def _joint_precision(self, equations: CellEquations) -> Array:
-        """Lower triangle of the precision of effects and rest, the data last: (K+1, K+1, W)."""
+        """Lower triangle of the precision of what is left, the data last: (K + 1, K + 1, W)."""
         rest, _, width = equations.rest.shape
         first = self._effect_count
         joint = np.zeros((first + rest, first + rest, width))
@@ -137,7 +137,7 @@ class EnvironmentsFirst:
         return inverse * self._deviation_sd[:, None]
 
     def _remaining_weights(self, explained: Array, rest: Array) -> Array:
-        """Y - T'L⁻¹x, (K, n, W), from T'L⁻¹x and the weights (n, r) of the rest, y."""
+        """Return y - T'L⁻¹x, (K, n, W), from T'L⁻¹x and the weights y (n, r) of the rest."""
         weights = -explained
         weights[self._effect_count :] += rest.T[..., None]
         return weights
