@@ -5,10 +5,10 @@ given the rest. Either group is eliminated block by block (`SubjectsFirst`, `Env
 and `Remainder` holds what is left. Cost grows with the cube of what is left. So the larger group
 goes first.
 
-With A = LL' the precision of what is eliminated, and T and M as in `remainder`, a combination with
+With A the precision of what is eliminated, and T and M as in `remainder`, a combination with
 weights x of what is eliminated and y of what is left has the variance
 
-    |L⁻¹x|² + |M^(-1/2)(y - T'L⁻¹x)|²
+    |A^(-1/2)x|² + |M^(-1/2)(y - T'A^(-1/2)x)|²
 """
 
 from __future__ import annotations

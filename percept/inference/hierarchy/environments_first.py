@@ -2,8 +2,8 @@
 
 What is left are the subjects' effects, q for each of G patterns, and the rest, r coefficients of
 fixed terms and slopes: K = q G + r unknowns in this order. The precision of own deviations is one
-block (a, a) for each of J environments. So A = LL' and T = L⁻¹X of `remainder` are found
-environment by environment. W are the sets of scales.
+block (a, a) for each of J environments. So A^(-1/2) and T of `remainder` are found environment by
+environment. W are the sets of scales.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class EnvironmentsFirst:
         combinations_last = np.moveaxis(own, 0, -1)
         sd = self._deviation_sd[:, None, None]
         scaled = combinations_last[..., None] * sd  # (a, J, n, W)
-        whitened = solve_lower(self._factor[:, :, :, None], scaled)  # L⁻¹x
+        whitened = solve_lower(self._factor[:, :, :, None], scaled)  # A^(-1/2)x
         explained = np.einsum("akjw,ajnw->knw", self._explained, whitened)
         of_remaining = self.remainder.columns_of(self._remaining_weights(explained, rest))
         count, width = whitened.shape[2:]
@@ -100,7 +100,7 @@ class EnvironmentsFirst:
     def variances_of(self, own: Array, rest: Array) -> Array:
         """Variances (W, n) of n combinations, most of whose weights of own deviations are zero.
 
-        L⁻¹ is written out, so that products with the weights can be sparse.
+        A^(-1/2) is written out, so that products with the weights can be sparse.
         """
         count = len(own)
         inverse = self._inverse_times_sd()
@@ -114,7 +114,7 @@ class EnvironmentsFirst:
         flat_covariance = covariance.reshape(-1, width)
         sparse_products = sparse.csr_array(flat_products)
         of_own = sparse_products @ flat_covariance
-        # L'⁻¹T times the SDs: what each remaining unknown takes from an own deviation.
+        # T'A^(-1/2) times the SDs: what each remaining unknown takes from an own deviation.
         taken = np.einsum("kajw,krjw->ajrw", inverse, self._explained)
         flat_taken = taken.reshape(self._deviations, -1)
         flat_own = own.reshape(count, -1)
@@ -127,7 +127,7 @@ class EnvironmentsFirst:
         return np.asarray(variances.T)
 
     def _inverse_times_sd(self) -> Array:
-        """L⁻¹ with each column times the SD of its own deviation, (a, a, J, W)."""
+        """A^(-1/2) with each column times the SD of its own deviation, (a, a, J, W)."""
         columns = len(self._factor)
         unit = np.eye(columns)
         one_environment = unit[:, :, None, None]
@@ -137,7 +137,7 @@ class EnvironmentsFirst:
         return inverse * self._deviation_sd[:, None]
 
     def _remaining_weights(self, explained: Array, rest: Array) -> Array:
-        """Return y - T'L⁻¹x, (K, n, W), from T'L⁻¹x and the weights y (n, r) of the rest."""
+        """Weights y - T'A^(-1/2)x, (K, n, W), from T'A^(-1/2)x and the rest's y, (n, r)."""
         weights = -explained
         weights[self._effect_count :] += rest.T[..., None]
         return weights

@@ -1,8 +1,8 @@
 """What is left of normal equations when some unknowns are eliminated.
 
 The unknowns are standard normal a priori, and their joint precision is [[A, X], [X', Y]]: A of the
-unknowns to eliminate, Y of the K that remain, X of both. With A = LL' and T = L⁻¹X, the unknowns
-that remain have the precision
+unknowns to eliminate, Y of the K that remain, X of both. Powers like A^(-1/2) stand for inverses of
+lower Cholesky factors. With T = A^(-1/2)X, the unknowns that remain have the precision
 
     M = Y - T'T
 
@@ -62,7 +62,7 @@ class Remainder:
             end = row + 1
             columns = explained[:, :end]
             joint[row, :end] -= np.einsum("kbw,kcbw->cw", explained[:, row], columns)
-        # The row of the data below the square becomes L⁻¹ times the right side.
+        # The row of the data below the square becomes M^(-1/2) times the right side.
         factor = lower_factor(joint[:, :size])
         self._factor = factor[:size]
         self.solution = solve_upper(self._factor, factor[size])

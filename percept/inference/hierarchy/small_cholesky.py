@@ -1,7 +1,9 @@
 """Cholesky factors of many small matrices, draws last.
 
-Matrices and vectors have their axes first and draws last, (K, K, ...) and (K, ...). K is a few, so
-that a loop over rows with whole arrays of draws is faster than a factor for each draw.
+Matrices and vectors have their axes first and draws last, (K, K, ...) and (K, ...). A loop over
+rows with whole arrays of draws is as fast as a factor for each draw by LAPACK, or faster, since
+that needs copies with the draws first: `Remainder` takes 0.6 to 1 of the time, measured for K from
+14 to 128 and 256 draws.
 """
 
 from __future__ import annotations
