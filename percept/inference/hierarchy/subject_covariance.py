@@ -75,15 +75,12 @@ class SubjectCovariance:
 
     def scatter_distance(self, rows: Array) -> Array:
         """Sum of r'V⁻¹r over rows r, (n, P, E, W), or (n, P, E, 1) of constants: shape (W,)."""
-        width = self._weighted_effects.shape[-1]
         if rows.shape[-1] == 1:
             whitened = self.whitened_effects(rows[..., 0])
         else:
             whitened = self._whitened_effects_by_draw(rows)
         effects = solve_upper(self._factor_for_rows, whitened)
-        every_draw = (*rows.shape[:-1], width)
-        repeated = np.broadcast_to(rows, every_draw)
-        unexplained = self._unexplained(repeated, effects)
+        unexplained = self._unexplained(rows, effects)
         by_cell = self._noise.distance(unexplained)
         of_cells = by_cell.sum(axis=0)
         of_effects = np.einsum("qnw,qnw->w", effects, effects)
@@ -112,12 +109,10 @@ class SubjectCovariance:
         return solve_lower(self._factor_for_rows, products)
 
     def _unexplained(self, rows: Array, effects: Array) -> Vector:
-        """R - Zb of rows r (n, P, E, W) and effects b (q, n, W)."""
+        """R - Zb of rows r (n, P, E, W or 1) and effects b (q, n, W)."""
         unexplained = []
         for p in range(rows.shape[1]):
-            residual = np.array(rows[:, p])
             columns = self._effects[:, p]
-            for column, effect in zip(columns, effects, strict=True):
-                residual -= column * effect[:, None]
-            unexplained.append(residual)
+            explained = np.einsum("qew,qnw->new", columns, effects)
+            unexplained.append(rows[:, p] - explained)
         return tuple(unexplained)
