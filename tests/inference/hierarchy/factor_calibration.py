@@ -256,12 +256,15 @@ def main(arguments=None):
     parser.add_argument("--out", type=Path, required=True, help="folder of the page")
     parser.add_argument("--fits", type=int, default=300, help="studies of each kind (300)")
     parser.add_argument("--workers", type=int, default=1, help="processes (1)")
+    names = [plan.name for plan in PLANS]
+    parser.add_argument("--kinds", nargs="+", choices=names, default=names, help="of studies")
     parser.add_argument("--kept", type=Path, help="file of placed studies (DIR/factor_fits.jsonl)")
     parsed = parser.parse_args(arguments)
     words = sys.argv[1:] if arguments is None else arguments
     calibrations = []
+    plans = [plan for plan in PLANS if plan.name in parsed.kinds]
     with processes(parsed.workers) as mapper:
-        for plan in PLANS:
+        for plan in plans:
 
             def told(done, studies, plan=plan):
                 print(f"{plan.name}: {done} of {studies}", file=sys.stderr, flush=True)
