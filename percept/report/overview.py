@@ -21,6 +21,7 @@ from percept.report.select import (
     distinct,
     families_of,
     first,
+    gives_means,
     matching,
     words_of,
 )
@@ -43,7 +44,9 @@ _KIND = "user"  # whose range stands beside the average's interval
 
 def findings(results: Results) -> Findings:
     """Work out what the first screen says from the results."""
-    references = tuple(_references(results.intervals))
+    references: tuple[ReferencesInside, ...] = ()
+    if not gives_means(results):
+        references = tuple(_references(results.intervals))
     rows, classical = _both_rows(results)
     paragraph = results_paragraph(results, rows, classical)
     return Findings(overview(results), references, tuple(cautions(results)), paragraph)

@@ -18,7 +18,7 @@ from percept.errors import capitalised
 from percept.provenance import commit_of_code
 from percept.report.numbers import digits_of, number, percentage, rounded
 from percept.report.sections import build_sections
-from percept.report.select import listed, makes_impedance, title_of, words_of
+from percept.report.select import gives_means, listed, makes_impedance, title_of, words_of
 from percept.results import Findings, Results
 
 if TYPE_CHECKING:
@@ -62,6 +62,7 @@ def render_page(
         files=files,
         title=results.provenance.scene["report"].get("title") or title_of(results),
         impedance=makes_impedance(results),
+        means=gives_means(results),
         noun=words_of(results),
         sections=build_sections(results, summary),
         date=date,

@@ -13,6 +13,7 @@ from percept.report.sentences import (
     Bias,
     biases_of,
     ends,
+    mean_sentence,
     named_or_counted,
     size_said,
     user_sentences,
@@ -48,6 +49,9 @@ def results_paragraph(
     for parameter in distinct(rows, "parameter"):
         label = results.data.quantities[parameter].label
         biases = biases_of(matching(rows, parameter=parameter))
+        if biases and not results.data.quantities[parameter].is_matched:
+            sentences.append(mean_sentence(biases, label, words))
+            continue
         others = {}
         for other in biases_of(matching(classical, parameter=parameter)):
             others[other.row.environment] = other

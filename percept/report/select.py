@@ -12,11 +12,34 @@ from percept.results import DeviceMap, Nouns, Results
 from percept.sessions.quantities import IMPEDANCE
 
 __all__ = [
-    "KINDS", "METHODS", "METHOD_NAMES", "MOST_NAMED", "MOST_OPEN", "STATISTICS", "DeviceRange",
-    "Section", "Words", "choice_said", "chosen", "clearest", "compared_by_difference",
-    "device_ranges", "distinct", "each_by_itself", "families_of", "family_of", "first",
-    "kind_names", "listed", "makes_impedance", "matching", "ordered", "preferred_families",
-    "title_of", "words_of",
+    "KINDS",
+    "METHODS",
+    "METHOD_NAMES",
+    "MOST_NAMED",
+    "MOST_OPEN",
+    "STATISTICS",
+    "DeviceRange",
+    "Section",
+    "Words",
+    "choice_said",
+    "chosen",
+    "clearest",
+    "compared_by_difference",
+    "device_ranges",
+    "distinct",
+    "each_by_itself",
+    "families_of",
+    "family_of",
+    "first",
+    "gives_means",
+    "kind_names",
+    "listed",
+    "makes_impedance",
+    "matching",
+    "ordered",
+    "preferred_families",
+    "title_of",
+    "words_of",
 ]  # fmt: skip
 
 R = TypeVar("R")
@@ -54,6 +77,11 @@ def kind_names(words: Nouns) -> dict[str, str]:
 def makes_impedance(results: Results) -> bool:
     """Say whether the study is of an impedance, so that haptics may be spoken of."""
     return results.data.quantities.keys() <= IMPEDANCE.keys()
+
+
+def gives_means(results: Results) -> bool:
+    """Say whether nothing was matched, so that biases from zero are the means themselves."""
+    return not any(quantity.is_matched for quantity in results.data.quantities.values())
 
 
 def title_of(results: Results) -> str:

@@ -22,8 +22,8 @@ from percept.results import LadderEffect, OverviewRow
 from percept.sessions.quantities import Quantity
 
 __all__ = [
-    "Bias", "bias_sentences", "biases_of", "cause_sentences", "ends", "named_or_counted",
-    "size_said", "user_sentences",
+    "Bias", "bias_sentences", "biases_of", "cause_sentences", "ends", "mean_sentence",
+    "named_or_counted", "size_said", "user_sentences",
 ]  # fmt: skip
 
 #: A bias of so many references and more is written as a multiple.
@@ -91,6 +91,9 @@ def bias_sentences(
         if not biases:
             continue
         label = quantities[parameter].label
+        if not quantities[parameter].is_matched:
+            sentences.append(mean_sentence(biases, label, words))
+            continue
         sentence = _bias_sentence(biases, capitalised(label), words)
         classical = biases_of(matching(others, parameter=parameter))
         apart = _disagreement(biases, classical, words, matching(effects, parameter=parameter))
@@ -131,6 +134,31 @@ def _bias_sentence(biases: Sequence[Bias], name: str, words: Words) -> str:
         f"{name} shows no clear bias in {where} {words.environments} ({claim}); the"
         f" largest is that of {_with_ends(largest)}."
     )
+
+
+def mean_sentence(biases: Sequence[Bias], label: str, words: Words) -> str:
+    """Give each environment its mean and interval; of many, the smallest and the largest."""
+    row = biases[0].row
+    claim = f"{METHOD_NAMES[row.method]}, {percent(row.level)}"
+    if len(biases) <= MOST_NAMED:
+        means = listed([_mean(bias) for bias in biases])
+        return f"The mean {label} is {means} ({claim})."
+    by_size = sorted(biases, key=lambda bias: bias.bias)
+    return (
+        f"The mean {label} of {len(biases)} {words.environments} is from {_mean(by_size[0])} to"
+        f" {_mean(by_size[-1])} ({claim})."
+    )
+
+
+def _mean(bias: Bias) -> str:
+    """Write a mean in its unit, its environment and its interval."""
+    row = bias.row
+    digits = digits_of(row.estimate, row.user_lower, row.user_upper)
+    mean = bare(rounded(bias.bias, digits))
+    unit = f" {row.unit}" if row.unit else ""
+    lower = bare(rounded(bias.lower, digits))
+    upper = bare(rounded(bias.upper, digits))
+    return f"{mean}{unit} in {row.environment} ({lower} to {upper})"
 
 
 def _size(bias: Bias) -> float:
@@ -271,7 +299,8 @@ def user_sentences(
         sentence = []
         if determined:
             sure = "confidence" if row.method == "classical" else "probability"
-            ends = " and ".join(_extremes(determined, alone=len(ranges) == 1))
+            matched = quantities[parameter].is_matched
+            ends = " and ".join(_extremes(determined, matched=matched, alone=len(ranges) == 1))
             sentence.append(f"With {percent(row.level)} {sure}, {what} will be {ends}.")
         if undetermined:
             names = [user.row.environment for user in undetermined]
@@ -281,18 +310,20 @@ def user_sentences(
     return sentences
 
 
-def _extremes(ranges: Sequence[Bias], *, alone: bool) -> list[str]:
+def _extremes(ranges: Sequence[Bias], *, matched: bool, alone: bool) -> list[str]:
     """Write the narrowest and the widest range; the environment of the only one goes unsaid."""
     by_width = sorted(ranges, key=lambda user: user.upper - user.lower)
     narrowest = by_width[0]
-    widest = by_width[-1]
+    written = _written(narrowest) if matched else _plain(narrowest)
     if alone:
-        return [_written(narrowest)]
+        return [written]
     if len(ranges) == 1:
-        return [f"{_written(narrowest)} in {narrowest.row.environment}"]
+        return [f"{written} in {narrowest.row.environment}"]
+    widest = by_width[-1]
+    widest_written = _written(widest) if matched else _plain(widest)
     return [
-        f"{_written(narrowest)} ({narrowest.row.environment}, the narrowest)",
-        f"{_written(widest)} ({widest.row.environment}, the widest)",
+        f"{written} ({narrowest.row.environment}, the narrowest)",
+        f"{widest_written} ({widest.row.environment}, the widest)",
     ]
 
 
@@ -322,6 +353,14 @@ def _digits_between(lower: float, upper: float) -> int:
         return 2
     decades = math.log10(size / width)
     return 2 if decades < 1.0 else min(2 + math.ceil(decades), _MOST_DIGITS)
+
+
+def _plain(user: Bias) -> str:
+    """Write the next user's range where nothing was matched."""
+    lower = bare(rounded(user.lower, digits_of(user.lower, user.lower, user.upper)))
+    upper = bare(rounded(user.upper, digits_of(user.upper, user.lower, user.upper)))
+    unit = f" {user.row.unit}" if user.row.unit else ""
+    return f"{lower} to {upper}{unit}"
 
 
 def _written(user: Bias) -> str:

@@ -262,12 +262,12 @@ def _missing_numbers(present: Collection[str], options: ReadOptions) -> list[str
         return [f"{first} (or {' or '.join(others)})" if others else first]
     declared = {name for own in options.environments.values() for name in own}
     missing = []
-    for name in options.quantities:
+    for name, quantity in options.quantities.items():
         has_adjusted = f"{name}_adj" in present
-        has_reference = f"{name}_ref" in present
+        has_reference = f"{name}_ref" in present or not quantity.is_matched
         if has_adjusted and not has_reference and f"{name}_ref" not in declared:
             missing.append(f"{name}_ref")
-        if has_reference and not has_adjusted:
+        if has_reference and quantity.is_matched and not has_adjusted:
             missing.append(f"{name}_adj")
     return missing
 

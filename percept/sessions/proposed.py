@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from percept.errors import counted, printable
 from percept.sessions.evidence import Column
 from percept.sessions.options import TO_FILL_IN
@@ -95,11 +97,33 @@ class Draft:
     def _quantities(self) -> Iterator[str]:
         """Tables of quantities that percept has no name for."""
         for quantity, unit in self.roles.units.items():
-            ask = "" if unit else "  # no name of a column gives it: fill it in"
+            ask = "" if unit else "  # no name of a column gives it: fill it in, or leave it empty"
             column = self.roles.found.get(f"{quantity}_adj")
             if column and column.unit in DECIBELS:
                 ask = "  # an amplitude, read from decibels; of a power set scale = 0.1 below"
             yield from ("", f"[quantities.{quantity}]", f"unit = {toml_text(unit)}{ask}")
+            if self._may_give_means(quantity):
+                yield "# For means, where nothing was matched, uncomment this line and those below:"
+                yield '# reference = "none"'
+        unmatched = [name for name in self.roles.units if self._may_give_means(name)]
+        if unmatched:
+            scale = ", ".join(f"{name} = {self._typical(name):g}" for name in unmatched)
+            yield "# [inference]"
+            yield '# family = "normal"'
+            yield "# [model]"
+            yield f"# scale = {{ {scale} }}  # a typical value: the median of their sizes"
+
+    def _may_give_means(self, quantity: str) -> bool:
+        """Whether no column holds references of a quantity, and its values have a plain scale."""
+        return f"{quantity}_ref" in self.missing and not self.scales
+
+    def _typical(self, quantity: str) -> float:
+        """Give a typical size of the values, to two digits; one where there is none."""
+        column = self.roles.found.get(f"{quantity}_adj")
+        columns = [column] if column is not None else list(self.wide[quantity].columns.values())
+        sizes = np.abs(np.concatenate([each.numbers for each in columns]))
+        sizes = sizes[sizes > 0]
+        return float(f"{np.median(sizes):.2g}") if len(sizes) else 1.0
 
     def _columns(self) -> Iterator[str]:
         """Lines of [columns]: each with what the column holds, then what could stand there."""
@@ -126,6 +150,14 @@ class Draft:
         for name, wide in self.wide.items():
             pattern = toml_text(wide.pattern)
             yield f"{name}_adj = {pattern}  # a row per subject: {len(wide.columns)} columns"
+            if len(wide.columns) == 2:
+                columns = list(wide.columns.values())
+                first = toml_text(columns[0].name)
+                second = toml_text(columns[1].name)
+                yield f"# To compare {second} with {first} of the same subject, in place of this:"
+                yield f"# {name}_adj = {second}"
+                yield f"# {name}_ref = {first}"
+                yield '# and, below [model]: bias = "reference"'
         if self.roles.has_adjustment and "environment" not in self.roles.found:
             yield '# environment = ""  # one condition: no column seems to tell several apart'
         if "NAME_adj" in self.missing:
@@ -177,15 +209,7 @@ class Draft:
         unknown = toml_text(TO_FILL_IN)
         values = ", ".join(f"{canonical} = {unknown}" for canonical in lacking)
         yield ""
-        if not self.scales:
-            names = ", ".join(f"{canonical.removesuffix('_ref')} = 1.0" for canonical in lacking)
-            yield '# Nothing was matched? For means, write 0 (no quotes) for each "?" and add:'
-            yield "# [inference]"
-            yield '# family = "normal"'
-            yield "# [model]"
-            yield f"# scale = {{ {names} }}  # in place of 1.0, a typical value"
-            yield ""
-        yield '# If no column holds references, write numbers for "?" and uncomment the lines:'
+        yield '# If references are in no column, write numbers for "?" and uncomment the lines:'
         yield "# [environments]"
         for name in self.conditions[:_MOST_ENVIRONMENTS]:
             yield f"# {toml_text(name)} = {{ {values} }}"

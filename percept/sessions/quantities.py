@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -82,6 +82,8 @@ class Quantity(Table):
         Symbol in figures and the heads of tables; by default the name.
     unit : str
         Unit of all its numbers in tables and figures; empty for a pure number.
+    reference : {"none"}, optional
+        "none" where nothing was matched: every reference is zero, and percept gives means.
     limits : tuple of float, optional
         Ends of the control, in the unit: adjustments at them or beyond are left out and counted.
 
@@ -95,6 +97,7 @@ class Quantity(Table):
     label: str = ""
     symbol: str = ""
     unit: str = ""
+    reference: Literal["none"] | None = None
     limits: tuple[float, float] | None = None
 
     @model_validator(mode="before")
@@ -119,6 +122,11 @@ class Quantity(Table):
         if self.limits is not None and not self.limits[0] < self.limits[1]:
             raise ValueError("the lower of the two limits comes first")
         return self
+
+    @property
+    def is_matched(self) -> bool:
+        """Whether adjustments have references; without them percept gives means."""
+        return self.reference is None
 
     @property
     def words(self) -> str:

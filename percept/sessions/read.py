@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -281,7 +281,7 @@ def _merged(options: ReadOptions, opened: _Opened) -> Sessions:
     else:
         parameters = [p for p in reading.options.quantities if p in present]
         place = reading.places(merged)
-        declared = reading.options.environments
+        declared = _declared_references(reading.options, merged["environment"].unique())
         checks.settle_references(
             merged,
             declared,
@@ -320,6 +320,16 @@ def _without_ends(
         hint = "Correct limits in [quantities]."
         raise UsageError("every adjustment lies at a limit of its control.", hint=hint)
     return ends.table
+
+
+def _declared_references(
+    options: ReadOptions, environments: Iterable[str]
+) -> Mapping[str, Mapping[str, float]]:
+    """Return the scene's references by environment; of quantities without one they are zero."""
+    zeros = {f"{name}_ref": 0.0 for name, q in options.quantities.items() if not q.is_matched}
+    if not zeros:
+        return options.environments
+    return {name: {**options.environments.get(name, {}), **zeros} for name in environments}
 
 
 def _checked_summary(reading: Reading, merged: pd.DataFrame) -> pd.DataFrame:

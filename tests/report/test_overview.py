@@ -439,3 +439,18 @@ def test_each_of_three_quantities_has_its_sentences_and_its_name_in_the_title():
         assert any(sentence.startswith(f"{label.capitalize()} is ") for sentence in said)
         assert any(f"next user’s {label} will" in sentence for sentence in said)
     assert title_of(three) == "Intervals of stiffness, damping and mass"
+
+
+def test_where_nothing_was_matched_sentences_give_means():
+    found = results([("A", 1, 2, 3, -0.5, 4), ("B", 5, 6, 7, 4, 8)], references=(0.0, 0.0))
+    quantities = {
+        name: quantity.model_copy(update={"reference": "none"})
+        for name, quantity in found.data.quantities.items()
+    }
+    data = dataclasses.replace(found.data, quantities=quantities)
+    said = overview(dataclasses.replace(found, data=data)).sentences
+    assert said == (
+        "The mean stiffness is 2 N/m in A (1 to 3) and 6 N/m in B (5 to 7) (classical, 99 %).",
+        "With 99 % confidence, the next user’s stiffness will be 4 to 8 N/m (B, the narrowest)"
+        " and −0.5 to 4 N/m (A, the widest).",
+    )

@@ -109,6 +109,8 @@ class BarAxis:
         if self.relative:
             return f"{adjusted} / reference"
         unit = f" ({quantity.unit})" if quantity.unit else ""
+        if not quantity.is_matched:
+            return f"{quantity.label}{unit}"
         return f"{adjusted} − reference{unit}"
 
     def is_log(self, bars: Sequence[Bar]) -> bool:
@@ -350,9 +352,12 @@ def _interval_drawing(
 
     groups = len({(bar.kind, bar.method) for bar in bars})
     title = f"What {words.users} set, {'divided by' if relative else 'less'} the reference"
+    if not quantity.is_matched:
+        title = f"Values of {quantity.label}"
     if choice.said:
         title += f": {choice.said}"
-    description = _caption(rows, bars, axis, families, words)
+    dashed = "the reference" if quantity.is_matched else "zero"
+    description = _caption(rows, bars, axis, families, words, dashed)
     if any(len(of_row) for of_row in values):
         description += f" Ticks: the {words.subjects}; those beyond the axis are counted."
     return Drawing(
@@ -370,10 +375,11 @@ def _caption(
     axis: BarAxis,
     families: Sequence[str],
     words: Words,
+    dashed: str,
 ) -> str:
-    """Say what bars and arrows stand for."""
+    """Say what bars, arrows and the dashed line stand for."""
     kinds = [said.format(words) for kind, said in _BARS_SAID.items() if matching(bars, kind=kind)]
-    sentences = [f"{'; '.join(kinds)}; dashed: the reference"]
+    sentences = [f"{'; '.join(kinds)}; dashed: {dashed}"]
     if len(distinct(bars, "method")) == len(METHODS):
         sentences.append("Each classical bar stands above the Bayesian one")
     classical = matching(rows, method="classical")
