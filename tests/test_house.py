@@ -77,10 +77,14 @@ def measure(text):
     docstring_lines = {line for node in said for line in range(node.lineno, node.end_lineno + 1)}
     counts = Measure(untyped_mappings=len(re.findall(r"(?:dict|Mapping)\[str, Any\]", text)))
     code_lines = set()
+    open_f_strings = 0
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        kind = tokenize.tok_name[token.type]
         if token.type not in NOT_CODE and token.start[0] not in docstring_lines:
-            counts.tokens += 1
+            # Since Python 3.12 an f-string is cut into its parts. It counts as one, as before.
+            counts.tokens += open_f_strings == 0
             code_lines |= set(range(token.start[0], token.end[0] + 1))
+        open_f_strings += (kind == "FSTRING_START") - (kind == "FSTRING_END")
     counts.lines = len(code_lines)
     for node in ast.walk(tree):
         counts.statements += isinstance(node, ast.stmt) and node not in said

@@ -230,7 +230,8 @@ def _undecodable(stream: BinaryIO, encoding: str, file: str, *, start: int) -> U
         try:
             text = decoder.decode(data, final=not data)
         except UnicodeError as error:
-            if not isinstance(error, UnicodeDecodeError):
+            # A missing byte-order mark is an error of decoding since Python 3.13 only.
+            if not isinstance(error, UnicodeDecodeError) or "BOM" in error.reason:
                 message = f"not text in {encoding}: {error}."
                 hint = 'Declare the byte order, [sessions] encoding = "utf-16-le", or another name.'
                 return UsageError(message, file=file, hint=hint)
