@@ -111,9 +111,13 @@ def band_laws(
     Yields
     ------
     BandLaw
+        None where a law fitted to sizes close together leaves the range of doubles.
     """
-    drawn = {law: fit_law(law, sizes, replicates) for law in LAWS}
-    left_out = {law: leave_one_out(law, sizes, replicates) for law in LAWS}
+    with np.errstate(over="ignore", invalid="ignore"):
+        drawn = {law: fit_law(law, sizes, replicates) for law in LAWS}
+        left_out = {law: leave_one_out(law, sizes, replicates) for law in LAWS}
+    if not all(np.isfinite(error).all() for error, _ in left_out.values()):
+        return
     errors = []
     for error, _ in left_out.values():
         squares = (error**2).mean(axis=1)

@@ -158,7 +158,10 @@ def lacks(proposal: Proposal) -> str:
     if proposal.missing:
         several = len(proposal.missing) > 1
         missing = f"{', '.join(proposal.missing)} {'are' if several else 'is'} missing"
-        return f"{missing}: fill {'them' if several else 'it'} in."
+        fill_in = f"fill {'them' if several else 'it'} in"
+        if proposal.may_be_means:
+            fill_in += ", or uncomment the lines for means where nothing was matched"
+        return f"{missing}: {fill_in}."
     if proposal.refused is not None:
         first = getattr(proposal.refused, "problems", (proposal.refused,))[0]
         return f"The files are not read under it yet: {printable(str(first))}"

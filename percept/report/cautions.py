@@ -106,8 +106,9 @@ def _few(intervals: Sequence[IntervalRow], words: Words) -> Iterator[str]:
 
 def _below_zero(intervals: Sequence[IntervalRow], data: Data) -> Iterator[str]:
     cells: dict[str, dict[str, None]] = {}
-    # What people set below zero is a quantity that may lie there.
+    # What people set below zero is a quantity that may lie there. Ratings and changes may, too.
     signed = {cell.parameter for cell in data.cells if min(cell.values, default=0.0) < 0}
+    signed |= {name for name, quantity in data.quantities.items() if not quantity.is_matched}
     for row in matching(intervals, family="normal", joint="marginal"):
         if row.lower is None or row.parameter in signed:
             continue

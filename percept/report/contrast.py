@@ -168,7 +168,9 @@ def contrast_sentences(results: Results) -> list[str]:
         sure = "confidence" if row.method == "classical" else "probability"
         rests_on = f"{row.n} of {counted(row.of_subjects, words.user, words.users)}"
         if row.environment is None:
-            rests_on += f" and {len(row.references)} of {row.of_references} references"
+            matched = results.data.quantities[row.parameter].is_matched
+            places = "references" if matched else words.environments
+            rests_on += f" and {len(row.references)} of {row.of_references} {places}"
             if len(row.references) < row.of_references:
                 rests_on += f", {listed(row.references)}"
         sentences.append(

@@ -64,6 +64,7 @@ class Proposal:
     text: str  #: TOML of a scene; comments say what was seen, what else it could be, what it gives
     guessed: tuple[str, ...]  #: Canonical columns that rest on words and values
     missing: tuple[str, ...]  #: Canonical columns that an analysis needs and that were not found
+    may_be_means: bool = False  #: Whether the text has lines to uncomment where nothing was matched
     refused: UsageError | None = None  #: Why the file is not read under the proposal
 
 
@@ -189,7 +190,13 @@ def _proposed(
         guessed = (*guessed, *draft.wide_adjusted)
     if draft.filename:
         guessed = ("subject", *guessed)
-    return Proposal(draft.text(), guessed, draft.missing, refused)
+    return Proposal(
+        text=draft.text(),
+        guessed=guessed,
+        missing=draft.missing,
+        may_be_means=bool(draft.unmatched),
+        refused=refused,
+    )
 
 
 def _draft(table: _Table, options: ReadOptions) -> Draft:

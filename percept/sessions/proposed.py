@@ -87,7 +87,6 @@ class Draft:
         lines += ["", "[columns]", *self._columns()]
         lines += self._sessions()
         lines += self._environments()
-        lines += self._model()
         left_out = list(self._left_out())
         if left_out:
             lines += ["", *left_out]
@@ -102,20 +101,34 @@ class Draft:
             if column and column.unit in DECIBELS:
                 ask = "  # an amplitude, read from decibels; of a power set scale = 0.1 below"
             yield from ("", f"[quantities.{quantity}]", f"unit = {toml_text(unit)}{ask}")
-            if self._may_give_means(quantity):
+            if quantity in self.unmatched:
                 yield "# For means, where nothing was matched, uncomment this line and those below:"
                 yield '# reference = "none"'
-        unmatched = [name for name in self.roles.units if self._may_give_means(name)]
-        if unmatched:
-            scale = ", ".join(f"{name} = {self._typical(name):g}" for name in unmatched)
+        yield from self._model()
+
+    @property
+    def unmatched(self) -> list[str]:
+        """Quantities without references: if nothing was matched, the study is of their means."""
+        return [name for name in self.roles.units if f"{name}_ref" in self.missing]
+
+    def _model(self) -> Iterator[str]:
+        """Lines of the model of means, and for values that have no logarithm."""
+        if self.scales:
+            names = ", ".join(self.scales)
+            yield "[inference]"
+            yield f'family = "normal"  # {names}: values of zero or below have no logarithm'
+        elif self.unmatched:
             yield "# [inference]"
             yield '# family = "normal"'
+        units = {name: unit for name, unit in self.scales.items() if unit is not None}
+        if units:
+            scale = ", ".join(f"{name} = {unit:g}" for name, unit in units.items())
+            yield "[model]"
+            yield f"scale = {{ {scale} }}  # a reference is zero: results are in this unit"
+        elif self.unmatched:
+            scale = ", ".join(f"{name} = {self._typical(name):g}" for name in self.unmatched)
             yield "# [model]"
             yield f"# scale = {{ {scale} }}  # a typical value: the median of their sizes"
-
-    def _may_give_means(self, quantity: str) -> bool:
-        """Whether no column holds references of a quantity, and its values have a plain scale."""
-        return f"{quantity}_ref" in self.missing and not self.scales
 
     def _typical(self, quantity: str) -> float:
         """Give a typical size of the values, to two digits; one where there is none."""
@@ -206,26 +219,19 @@ class Draft:
         lacking = [canonical for canonical in self.missing if canonical.endswith("_ref")]
         if not lacking or {"environment", "NAME_adj"} & set(self.missing):
             return
+        yield ""
+        if any(wide.pattern == "{environment}" for wide in self.wide.values()):
+            # The pattern fits every column: these names say which are meant.
+            yield "[environments]  # the columns that are read; references go into their braces"
+            for name in self.conditions:
+                yield f"{toml_text(name)} = {{}}  # such as {{ {lacking[0]} = 3.5 }}"
+            return
         unknown = toml_text(TO_FILL_IN)
         values = ", ".join(f"{canonical} = {unknown}" for canonical in lacking)
-        yield ""
         yield '# If references are in no column, write numbers for "?" and uncomment the lines:'
         yield "# [environments]"
         for name in self.conditions[:_MOST_ENVIRONMENTS]:
             yield f"# {toml_text(name)} = {{ {values} }}"
-
-    def _model(self) -> Iterator[str]:
-        """Lines for values that have no logarithm."""
-        if not self.scales:
-            return
-        names = ", ".join(self.scales)
-        yield from ("", "[inference]")
-        yield f'family = "normal"  # {names}: values of zero or below have no logarithm'
-        units = {name: unit for name, unit in self.scales.items() if unit is not None}
-        if units:
-            scale = ", ".join(f"{name} = {unit:g}" for name, unit in units.items())
-            yield from ("", "[model]")
-            yield f"scale = {{ {scale} }}  # a reference is zero: results are in this unit"
 
     def _left_out(self) -> Iterator[str]:
         """Name the columns that have no part, and conditions that could have one."""
@@ -236,7 +242,9 @@ class Draft:
             if column in used:
                 continue
             yield f"# not used: {toml_text(column.name)}: {column.seen()}"
-            if not column.is_numeric and 2 <= len(column.texts) <= _MOST_CONDITIONS:
+            names_conditions = column.is_whole or not column.is_numeric
+            few = 2 <= len(column.texts) <= _MOST_CONDITIONS
+            if names_conditions and few and column not in self.crossed:
                 yield f"#   to contrast its values: [study] factor = {toml_text(column.name)}"
 
 

@@ -94,9 +94,9 @@ def compute(
     comparison = parts.comparison
     band_pairs = parts.band_pairs if curves else None
     ladder = parts.ladder if why else None
-    step("checking the model")
     checks = None
     if parts.scene.checks is not None:
+        step("checking the model")
         checks = checks_of(normality_tests(parts.sessions, parts.parameters), parts.checks)
     skipped = list(parts.skipped if curves else parts.skipped_before_curves)
     if not curves and len(intervals):

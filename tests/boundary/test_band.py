@@ -324,3 +324,11 @@ def test_what_overtakes_a_law_equals_fits_one_by_one(true: str, count: int) -> N
     for law in TRUE:
         expected = tuple(name for name, winner in zip(names, ahead, strict=True) if winner != law)
         assert overtaken_without(law, names, sizes, bands) == expected
+
+
+def test_sizes_too_close_together_for_a_law_give_none() -> None:
+    # Of these bands a power of about 2,000 is the best fit: its factor leaves the range of doubles.
+    sizes = np.array([80.0, 80.1, 80.2, 80.3])
+    draws = np.array([[1.0, 20.0, 150.0, 1000.0]])
+    assert fit_law("power", sizes[1:], draws[:, 1:])[0, 1] > 500.0
+    assert laws_of(sizes, draws) == {}

@@ -139,7 +139,10 @@ def test_a_scene_written_from_data_says_what_it_lacks(tmp_path, capsys):
     rows = [f"{s},{kind},{50 + s + t * 3.5}" for s in range(9) for t, kind in enumerate("abc")]
     path.write_text("\n".join(["person,condition,estimate", *rows]) + "\n")
     assert main(["new", str(scene), "--from", str(path)]) == 0
-    assert "response_ref is missing: fill it in. Then: percept report " in capsys.readouterr().err
+    lacks = (
+        "response_ref is missing: fill it in, or uncomment the lines for means where nothing was"
+    )
+    assert f"{lacks} matched. Then: percept report " in capsys.readouterr().err
     lines = scene.read_text().splitlines()
     start = lines.index("# [environments]")
     lines[start : start + 4] = [line.removeprefix("# ") for line in lines[start : start + 4]]
@@ -152,7 +155,7 @@ def test_what_is_not_found_is_not_made_up(tmp_path, capsys):
     path.write_text("participant,colour,match\n1,red,3\n2,red,4\n")
     assert fit(path, "--accept") == 2
     said = capsys.readouterr().err
-    assert "response_ref is missing: fill it in." in said
+    assert "response_ref is missing: fill it in, or uncomment the lines for means" in said
     assert '# environment = ""  # one condition: no column seems to tell several apart' in said
     path.write_text("subject,environment,k_ref,k_adj\n1,a,10,x\n2,a,10,11\n")
     assert fit(path, "--accept") == 2

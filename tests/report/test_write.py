@@ -141,7 +141,6 @@ def test_steps_are_told(quick, tmp_path):
         "mapping couplings",
         "trying other devices",
         "comparing the methods",
-        "checking the model",
         "writing tables",
         "drawing figures",
         "writing the page",

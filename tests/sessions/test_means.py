@@ -60,3 +60,40 @@ def test_two_columns_of_a_row_per_subject_are_offered_as_before_and_after(tmp_pa
     proposed = (tmp_path / "scene.toml").read_text()
     assert '# To compare "Postwt" with "Prewt" of the same subject, in place of this:' in proposed
     assert '# response_ref = "Prewt"' in proposed
+
+
+def test_a_row_per_subject_gives_means_of_the_columns_of_numbers_alone(tmp_path):
+    columns = {"early": [4.0, 5.0, 7.0, 6.5], "late": [9.0, 11.0, 8.0, 12.5]}
+    columns["last"] = [-2.0, 1.0, 2.5, 3.0]
+    rows = [f"{i},{kind}" for i, kind in enumerate(["old", "new", "old", "new"], 1)]
+    for values in columns.values():
+        rows = [f"{row},{value}" for row, value in zip(rows, values, strict=True)]
+    path = tmp_path / "wide.csv"
+    path.write_text("\n".join([f"rownames,kind,{','.join(columns)}", *rows]) + "\n")
+    scene = tmp_path / "scene.toml"
+    assert main(["new", str(scene), "--from", str(path)]) == 0
+    proposed = scene.read_text()
+    # A negative rating has no logarithm: this family is no longer a choice.
+    assert '\nfamily = "normal"  # response: values of zero or below' in proposed
+    scene.write_text(re.sub(r"^# (reference = |\[model\]|scale = )", r"\1", proposed, flags=re.M))
+    out = tmp_path / "out"
+    call = ["report", str(path), "--scene", str(scene), "--out", str(out), "--no-checks"]
+    assert main([*call, "--method", "classical"]) == 0
+    document = json.loads((out / "report.json").read_text())
+    found = {}
+    for row in document["intervals"]:
+        if (row["kind"], row["family"], row["joint"]) == ("mean", "normal", "marginal"):
+            found[row["environment"]] = (row["lower"], row["upper"])
+    assert list(found) == list(columns)
+    for name, values in columns.items():
+        expected = stats.t.interval(0.99, 3, np.mean(values), stats.sem(values))
+        assert found[name] == pytest.approx(expected, rel=1e-12)
+
+
+def test_whole_numbers_may_be_conditions(tmp_path):
+    path = tmp_path / "lots.csv"
+    rows = [f"P{i},{kind},{1 + i % 3},{5.5 + i * 0.3}" for i in range(9) for kind in "ab"]
+    path.write_text("\n".join(["person,kind,source,effort", *rows]) + "\n")
+    scene = tmp_path / "scene.toml"
+    assert main(["new", str(scene), "--from", str(path)]) == 0
+    assert '#   to contrast its values: [study] factor = "source"' in scene.read_text()
