@@ -116,7 +116,8 @@ def band_laws(
     with np.errstate(over="ignore", invalid="ignore"):
         drawn = {law: fit_law(law, sizes, replicates) for law in LAWS}
         left_out = {law: leave_one_out(law, sizes, replicates) for law in LAWS}
-    if not all(np.isfinite(error).all() for error, _ in left_out.values()):
+    within_range = [np.isfinite(error).all() for error, _ in left_out.values()]
+    if not all(within_range):
         return
     errors = []
     for error, _ in left_out.values():
