@@ -1,9 +1,26 @@
-"""Sample until the gate passes and every limit meets the tolerance, or to a cap of steps.
+"""Sample a target until its estimates are accurate, restarting long runs with a better transport.
 
-A run that will be long begins again after its first round, which then counts as warm-up: a
-transport fitted to its draws shortens the autocorrelation time by about a third. The cap counts
-from the last restart, and never cuts short the first round. There are four restarts at most, so a
-run takes five times the cap at most, and its warm-up.
+A run takes as many steps as its walkers need to forget where they were, many times over. How soon
+they forget depends on the transport: the fitted map to coordinates in which the target resembles
+the proposals (`transport`). The warm-up fits one to a few thousand draws of short runs. A run has
+better draws after its first round. A long run therefore throws its draws away, fits a new transport
+to them, and starts again: a restart. Its gain is a shorter autocorrelation time and more walkers.
+
+`sample` takes these steps:
+
+1. Warm up: a transport and starting points (`warmup`).
+2. Advance all walkers by a round, then estimate and judge (`chain`, `gate`).
+3. If the gate passes and every estimate meets the tolerance, or the cap of steps is reached: end.
+4. If the run will be long (`_restart_pays`): fit a transport to all draws, choose the number of
+   walkers (`_restart_size`), start a new chain, and go to 2.
+5. Otherwise set the goal of the next round by the errors so far, and go to 2.
+
+The cap, `Settings.most_steps`, counts from the last restart, and never cuts short the first round.
+So a run takes at most its warm-up and 1 + `_MOST_RESTARTS` times the cap.
+
+Points are (E, W, d) and kept positions (E, T, W, d): ensembles E, positions T, walkers W of each
+ensemble, coordinates d. A step moves every walker once. Walker-steps are steps times W: the draws
+of one ensemble, kept or not.
 """
 
 from __future__ import annotations
@@ -28,49 +45,62 @@ __all__ = ["sample"]
 
 Array = NDArray[np.float64]
 
-#: Steps of the first round: enough to fit a transport to, and all that a plain target needs.
+#: Steps of the first round after the warm-up. The gate wants 10 autocorrelation times and runs aim
+#: at 12: these are 12 of a time of 12 steps. The published study's time is 11, and its transport
+#: then has 12,000 kept draws to be fitted to.
 _FIRST_ROUND = 144
-#: Steps between kept positions, a fraction of an autocorrelation time. Keeping and judging a
-#: position takes as long as a few steps: long runs keep fewer.
+#: Steps between kept positions. Keeping and judging a position takes as long as a few steps. At a
+#: time of 7 to 30 steps, as measured on the studies in tests/golden, neighbours are much alike.
 _STRIDE = 3
-_REFINED_STRIDE = 6
-#: Restart only if the run is predicted to take in all this multiple of its steps so far. A restart
-#: throws those away and gains a third of what follows. A prediction is at most four times the
-#: steps. A study with conditions takes 1.6 to 1.9 times the density values if this is 6, and no
-#: others if it is 1.5.
-_WORTH_REFINING = 3.0
-#: Draws of an ensemble per coordinate. A transport fitted to fewer is little better than that of
-#: the warm-up, and the run may begin again for accuracy once more.
-_THIN_SAMPLE = 100.0
-#: With a better transport a run begins again at this multiple, and only if its walkers are slow:
-#: slow walkers show a bad transport, which more draws mend. From 1.1 to 3 that study is the same.
-_WORTH_AGAIN = 1.5
-#: Restart only if predicted draws exceed this many times those the transport was fitted to. Larger
-#: values restart less often, each time from a better sample. From 2 to 20 that study is the same.
-_LARGER_SAMPLE = 6.0
-#: Times a run may begin again: each transport follows many coordinates better than the one before.
-_MOST_REFINED = 4
-#: Expected ratio of autocorrelation times after and before that.
-_SHORTENED = 0.65
-#: Walkers of an ensemble, and how many times as many a refined run may have: array calls cost least
-#: for some thousand positions.
-_WALKERS = 64
-_MULTIPLES = (1, 2, 4, 8)
-#: Steps that a refined run aims at, so that walkers have time to settle.
-_REFINED_STEPS = 168
-#: Least and most steps of its first round. Fewer would span too few autocorrelation times to judge
-#: the run by. More would be spent before a bad prediction of the length is found out. Half or twice
-#: as many change the density values of that study by 2 % at most.
-_LEAST_REFINED_ROUND = 96
-_MOST_REFINED_ROUND = 384
+#: The same after a restart, whose walkers are many and whose run is long: half the positions do.
+_RESTART_STRIDE = 6
 
-#: Names of two settings in glibc's malloc.h.
+#: Times a run may restart. The transport follows many coordinates better each time, with ever less
+#: gain. Of four studies in tests/golden one restarts at a tolerance of 0.01, and all do once at
+#: 0.003.
+_MOST_RESTARTS = 4
+#: Walker-steps per coordinate that make a transport a good one. One fitted to fewer is little
+#: better than that of the warm-up.
+_GOOD_FIT = 100.0
+#: With a poorer transport a run restarts if it is predicted to take more than this multiple of its
+#: steps so far, which a restart wastes. A prediction never exceeds four times the steps. A study
+#: with conditions takes 1.6 to 1.9 times the density values if this is 6. With 1.5 they stay equal.
+_LONG = 3.0
+#: With a good transport only slow walkers are a reason, since they betray places where it fails. A
+#: run restarts if settling takes more than this multiple of its steps so far. From 1.1 to 3 the
+#: density values of that study stay equal.
+_SLOW = 1.5
+#: Restart only if the predicted walker-steps exceed this multiple of those that the present
+#: transport was fitted to. A larger value restarts less often, each time from a better sample. From
+#: 2 to 20 the density values of that study stay equal.
+_LARGER_SAMPLE = 6.0
+
+#: Expected autocorrelation time after a restart over that before: near the best case. Measured in
+#: four studies of tests/golden at a tolerance of 0.003: 0.68 to 1.1. Too low a guess costs a round,
+#: too high a one wastes steps.
+_TIME_RATIO = 0.65
+#: Walkers of an ensemble: the gate's fewest, over whom it averages autocorrelations.
+_WALKERS = 64
+#: Walkers of an ensemble that a restart chooses from. A density call costs least per position for
+#: some thousand positions: four ensembles of 512 are 2,048.
+_RESTART_WALKERS = (64, 128, 256, 512)
+#: Steps that a restarted run aims at by its walkers: 14 times an autocorrelation time of 12 steps,
+#: since the gate needs 10 whatever the number of walkers.
+_RESTART_STEPS = 168
+#: Least steps of its first round, 8 times such a time: errors of fewer predict badly. Half or twice
+#: of this and the next constant change the density values of that study by 2 % at most.
+_LEAST_RESTART_ROUND = 96
+#: Most steps of its first round: a bad prediction of the length is found out after these.
+_MOST_RESTART_ROUND = 384
+
+#: Name of a setting in glibc's malloc.h: bytes of free memory above which it goes to the system.
 _TRIM_THRESHOLD = -1
+#: Name of another: bytes of an array above which it never comes from freed memory.
 _MMAP_THRESHOLD = -3
-#: Bytes of freed memory that are kept: more than what one pass over a density needs.
-_KEPT = 1 << 28
-#: Bytes of the largest array that is taken from it, the most that glibc allows.
-_LARGEST = 1 << 25
+#: Value of the first, 256 MiB: more than what one pass over a density needs.
+_KEPT_BYTES = 1 << 28
+#: Value of the second, 32 MiB: the most that glibc allows.
+_LARGEST_ARRAY_BYTES = 1 << 25
 
 
 def sample(
@@ -108,32 +138,32 @@ def sample(
     """
     _keep_freed_memory()
     task = Task(estimands, settings, memory or Memory(), progress)
-    seeds = np.random.SeedSequence(settings.seed).spawn(2 + 2 * _MOST_REFINED)
+    # Two seeds to begin with, and two for each restart.
+    seeds = np.random.SeedSequence(settings.seed).spawn(2 + 2 * _MOST_RESTARTS)
     shape = (settings.ensembles, settings.walkers or _WALKERS)
     transported, points = warm_up(target, shape, seeds[0])
     chain = Chain(task, transported, points, seeds[1], Pace(_STRIDE, _FIRST_ROUND))
-    refinements = 0
-    transport_draws = 0  # Steps times walkers that the transport at work was fitted to
+    restarts = 0
+    fitted_to = 0  # Walker-steps that the transport was fitted to; the warm-up's do not count
     while True:
         chain.extend()
         run = chain.judge()
         accurate = run.gate.passed and run.gate.tolerance_met
         if accurate or chain.at_its_end(run):
             return run
-        draws = chain.spanned * run.points.shape[2]
-        worth = _worth_refining(chain, run, draws, transport_draws)
-        if refinements == _MOST_REFINED or not worth:
+        pays = _restart_pays(chain, run, fitted_to)
+        if restarts == _MOST_RESTARTS or not pays:
             chain.go_on(run)
             continue
-        refinements += 1
-        transport_draws = draws
-        size = _refined_size(task, run, chain.steps_by_error(run))
-        rng = np.random.default_rng(seeds[2 * refinements])
-        seed = seeds[2 * refinements + 1]
+        restarts += 1
+        fitted_to = chain.spanned * run.points.shape[2]
+        size = _restart_size(task, run, chain.steps_by_error(run))
+        rng = np.random.default_rng(seeds[2 * restarts])
+        seed = seeds[2 * restarts + 1]
         flat = run.points.reshape(-1, run.points.shape[-1])
         transported = Transported(target, Transport.fit(flat))
         points = starting_points(transported, rng, (settings.ensembles, size.walkers))
-        chain = Chain(task, transported, points, seed, Pace(_REFINED_STRIDE, size.first_round))
+        chain = Chain(task, transported, points, seed, Pace(_RESTART_STRIDE, size.first_round))
 
 
 @functools.cache
@@ -147,57 +177,51 @@ def _keep_freed_memory() -> None:
     if platform.libc_ver()[0] != "glibc":
         return
     library = ctypes.CDLL(None)
-    library.mallopt(_TRIM_THRESHOLD, _KEPT)
-    library.mallopt(_MMAP_THRESHOLD, _LARGEST)
+    library.mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
+    library.mallopt(_MMAP_THRESHOLD, _LARGEST_ARRAY_BYTES)
 
 
-def _worth_refining(chain: Chain, run: Run, draws: int, transport_draws: int) -> bool:
-    """Whether to begin again: for accuracy after a thin sample, and else for slow walkers alone."""
-    if transport_draws < _THIN_SAMPLE * run.points.shape[-1]:
+def _restart_pays(chain: Chain, run: Run, fitted_to: int) -> bool:
+    """Whether to restart a run whose transport was fitted to so many walker-steps."""
+    _, _, walkers, dimension = run.points.shape
+    if fitted_to < _GOOD_FIT * dimension:
         needed = chain.steps_needed(run)
-        least = _WORTH_REFINING
+        least = _LONG * chain.spanned
     else:
         needed = run.steps_to_settle
-        least = _WORTH_AGAIN
-    rounds = needed / chain.spanned
-    return rounds > least and rounds * draws > _LARGER_SAMPLE * transport_draws
+        least = _SLOW * chain.spanned
+    return needed > least and needed * walkers > _LARGER_SAMPLE * fitted_to
 
 
 @dataclass(frozen=True)
-class _Size:
-    """Size of a run that begins again."""
+class _RestartSize:
+    """Size of a restarted run."""
 
     walkers: int  # Of an ensemble
     first_round: int  # Steps
 
 
-def _refined_size(
-    task: Task,
-    run: Run,
-    steps_by_error: float,
-) -> _Size:
-    """Choose the number of walkers by which the predicted work takes the wanted steps."""
+def _restart_size(task: Task, run: Run, steps_by_error: float) -> _RestartSize:
+    """Choose the walkers with which the predicted walker-steps take about `_RESTART_STEPS` steps.
+
+    `steps_by_error` predicts the steps until the errors meet the tolerance, were the run to go on.
+    """
     walkers = run.points.shape[2]
-    steps = _SHORTENED * steps_by_error
+    steps = _TIME_RATIO * steps_by_error
     if not task.settings.walkers:
-        work = steps * walkers
+        walker_steps = steps * walkers
         # No fewer steps than the autocorrelation time asks for, whatever the number of walkers.
-        wanted = max(_REFINED_STEPS, _SHORTENED * run.steps_to_settle)
-        walkers = _WALKERS * _best_multiple(task, run, work / _WALKERS / wanted)
-        steps = work / walkers
-    most = min(_MOST_REFINED_ROUND, task.settings.most_steps - BURN_IN)
-    first_round = max(min(steps, most), _LEAST_REFINED_ROUND)
-    return _Size(walkers, math.ceil(first_round))
+        wanted_steps = max(_RESTART_STEPS, _TIME_RATIO * run.steps_to_settle)
+        walkers = _nearest_walkers(task, run, walker_steps / wanted_steps)
+        steps = walker_steps / walkers
+    most = min(_MOST_RESTART_ROUND, task.settings.most_steps - BURN_IN)
+    first_round = max(min(steps, most), _LEAST_RESTART_ROUND)
+    return _RestartSize(walkers, math.ceil(first_round))
 
 
-def _best_multiple(
-    task: Task,
-    run: Run,
-    wanted: float,
-) -> int:
-    """Multiple of the usual walkers that fits in memory and is nearest to the wanted one."""
+def _nearest_walkers(task: Task, run: Run, wanted: float) -> int:
+    """Walkers of an ensemble, nearest to the wanted in ratio, of whom memory has room."""
     room = task.memory.draws_of(run.points.shape[-1], run.components.shape[-1])
-    positions = task.settings.ensembles * task.memory.fewest_positions * _WALKERS
-    most = max(room // positions, 1)
-    fitting = [multiple for multiple in _MULTIPLES if multiple <= most]
-    return min(fitting, key=lambda multiple: abs(math.log(wanted / multiple)))
+    most = room // (task.settings.ensembles * task.memory.fewest_positions)
+    fitting = [walkers for walkers in _RESTART_WALKERS if walkers <= max(most, _WALKERS)]
+    return min(fitting, key=lambda walkers: abs(math.log(wanted / walkers)))
