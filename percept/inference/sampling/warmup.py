@@ -1,16 +1,23 @@
 """Warm-up: from a density to a fitted transport and starting points.
 
 A transport is a map from standard coordinates z, in which the target resembles the reference law of
-`moves`, to the target's coordinates. It is found in three stages:
+`moves`, to the target's coordinates. The warm-up begins with no draws of the target and fits ever
+better maps, each to better draws than the one before. `warm_up` takes these steps:
 
-1. Mode and curvature of the density give a linear map (`mode`).
-2. Draws from the reference law, weighted by the target over that law, refine the linear map.
-3. Two short runs of walkers give samples, and a bent map is fitted to each in turn (`transport`).
+1. The mode of the density and its curvature there give a linear map (`mode`).
+2. Draws from the reference law are mapped. Their weights are the target's density over the law's
+   (`_weigh`). Their weighted mean and covariance give the next linear map, `_ROUNDS` times.
+3. Starting points are chosen among such draws by their weights (`starting_points`).
+4. Walkers run from there for some steps, and a bent map is fitted to what they visit
+   (`transport`). Steps 3 and 4 are done once for each of `_RUNS`, and step 3 once more.
 
-Samples of the first stages are poor, and later ones mend them. So fits depend little on the numbers
-below: where a comment says so, density values of fits of the published study differ by no more than
-between two seeds. E are the ensembles of a run, W the walkers of each, d the coordinates, and N the
-points that are weighted.
+Weights of a poor map leave few effective draws, 1 / (sum of squared weights). So weights are raised
+to a power below one until enough draws count (`_Weighted.tempered`).
+
+Early samples are poor, and later ones mend them. So fits depend little on the numbers below: where
+a comment says so, density values of fits of the published study differ by no more than between two
+seeds. E are the ensembles of a run, W the walkers of each, d the coordinates, and N the points that
+are weighted.
 """
 
 from __future__ import annotations
@@ -46,7 +53,8 @@ _DRAWS_PER_WALKER = 2
 #: tempering. Variances are then right to a factor of two; 3 and 20 take no longer.
 _EFFECTIVE_PER_COORDINATE = 10.0
 #: Share of the draws that must be effective for starting points: a hundred different ones at least.
-#: A larger share tempers more, and starts walkers farther from the target.
+#: A larger share tempers more, and starts walkers farther from the target. Of 2,048 draws, the
+#: fewest, this share is 102. Burn-in then parts the walkers that start at the same point.
 _STARTING_SHARE = 0.05
 #: Factor between the powers by which weights are tempered. The power found is within this factor of
 #: the largest that would do.
@@ -123,7 +131,7 @@ def warm_up(
     Raises
     ------
     RefusalError
-        A density that is -inf wherever it was tried, or NaN somewhere.
+        A density that is -inf at all points tried but one or none, or NaN somewhere.
     """
     adapt_seed, *run_seeds = seed.spawn(1 + len(_RUNS))
     rng = np.random.default_rng(adapt_seed)
@@ -178,7 +186,7 @@ def starting_points(
     Raises
     ------
     RefusalError
-        A density that is -inf at every draw, or NaN somewhere.
+        A density that is -inf at all draws but one or none, or NaN somewhere.
     """
     weighted = _weigh(transported, rng, shape)
     draws = len(weighted.z)
@@ -204,10 +212,14 @@ def _weigh(
     )
     z = law.draw(count, rng)
     values = transported(z)
-    if np.all(np.isneginf(values)):
-        point = transported.map(z[:1])[0]
+    impossible = np.isneginf(values)
+    possible = count - int(impossible.sum())
+    # A single draw spans no covariance, whose factor a linear map is.
+    if possible < 2:
+        point = transported.map(z[[np.argmax(impossible)]])[0]
+        points = "all points tried but one" if possible else "every point tried"
         raise RefusalError(
-            "the log density is -inf at every point tried, for example at"
+            f"the log density is -inf at {points}, for example at"
             f" {describe_point(transported.names, point)}.",
             hint="Check the data and the priors of these parameters.",
         )

@@ -1,7 +1,9 @@
 """Where ensembles start."""
 
 import numpy as np
+import pytest
 
+from percept.errors import RefusalError
 from percept.inference.sampling import warmup
 from percept.inference.sampling.coordinates import Affine, Transported
 from percept.inference.sampling.mode import find_mode
@@ -55,3 +57,20 @@ def test_the_mode_of_a_ridge_is_found_where_the_curvature_at_the_start_is_zero()
     np.testing.assert_allclose(mode, [4.0], rtol=1e-12)
     # The slope falls by 2 over a difference of 0.01.
     np.testing.assert_allclose(covariance, [[0.01 / 2.0]], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("possible", "where"), [(0, "every point tried,"), (1, "all points tried but one,")]
+)
+def test_a_density_that_nearly_no_draw_finds_possible_is_refused(possible, where):
+    class Hidden(Normal):
+        """Possible at the mode, and at so many of the draws from the reference law."""
+
+        def __call__(self, points):
+            values = super().__call__(points)
+            if len(points) >= 2048:
+                values[possible:] = -np.inf
+            return values
+
+    with pytest.raises(RefusalError, match=f"-inf at {where} .* Check the data and the priors"):
+        warmup.warm_up(Hidden(2), (4, 64), np.random.SeedSequence(1))
