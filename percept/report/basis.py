@@ -203,7 +203,7 @@ def checks(results: Results) -> Section | None:
             words,
         ),
     ]
-    messages = list(misfits(record, words)) if record.loo else []
+    messages = list(misfits(record, family_of(results), words)) if record.loo else []
     view = ModelChecks(messages, [table for table in tables if table.rows])
     return Section("checks", "Checks of the model", view)
 

@@ -39,6 +39,8 @@ _NAMES = {
     "sigma_slope": "σ of slopes per decade",
 }
 
+#: What a matched setting says of its reference; of what was not matched they are means.
+_OF_REFERENCES = {"pse", "constant_error", "constant_error_relative"}
 #: Lines of the table that stand open: more would keep readers from the sections below.
 _MOST_LINES = 100
 #: Styles of what is a fraction of the reference; all else is plain.
@@ -73,7 +75,13 @@ class Measured:
 
 def psychophysics(results: Results) -> Section | None:
     """Return the table of measures: by environment, over all environments, and by subject."""
-    rows = results.psychophysics
+    quantities = results.data.quantities
+    means = {name for name, quantity in quantities.items() if not quantity.is_matched}
+    rows = [
+        row
+        for row in results.psychophysics
+        if row.parameter not in means or row.measure not in _OF_REFERENCES
+    ]
     if not rows:
         return None
     methods = ordered(METHODS, rows, "method")

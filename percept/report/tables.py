@@ -52,8 +52,9 @@ def csv_tables(results: Results) -> dict[str, str]:
         intervals = matching(results.intervals, parameter=name)
         cells = matching(results.data.cells, parameter=name)
         widths = matching(bands, parameter=name)
-        tables[f"intervals_{name}"] = _table(intervals, _INTERVAL, unit)
-        tables[f"data_{name}"] = _table(cells, _DATA, unit)
+        matched = quantity.is_matched
+        tables[f"intervals_{name}"] = _table(intervals, _about(_INTERVAL, matched), unit)
+        tables[f"data_{name}"] = _table(cells, _about(_DATA, matched), unit)
         tables[f"band_{name}"] = _table(widths, _REFERENCE_BAND, unit)
     impedances = matching(bands, parameter=None)
     tables["band"] = _table(impedances, _IMPEDANCE_BAND, _IMPEDANCE_UNIT)
@@ -69,6 +70,11 @@ def csv_tables(results: Results) -> dict[str, str]:
     tables["memberships"] = _all_fields(memberships)
     tables["verdicts"] = _verdicts(results.verdicts)
     return {f"{name}.csv": text for name, text in tables.items() if text}
+
+
+def _about(columns: Sequence[str], is_matched: bool) -> list[str]:
+    """Leave out the reference of what was not matched."""
+    return [column for column in columns if is_matched or column != "reference"]
 
 
 def _all_fields(records: Sequence[object]) -> str:

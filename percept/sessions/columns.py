@@ -196,12 +196,8 @@ def _slots(header: Header, found: _Rules, wide: _Rules, options: ReadOptions) ->
     """Give the one slot of a long table, or those that the names of a wide one hold."""
     common = {canonical: header.position(rule.name) for canonical, rule in found.items()}
     declared = options.environments
-    if options.trial_references:
-        declared = declared or {_ALL_TRIALS: {}}
     if not wide:
-        # The one environment that a scene declares needs no column.
-        alone = next(iter(declared)) if len(declared) == 1 else None
-        yield Slot(common, None if "environment" in found else alone)
+        yield Slot(common, None if "environment" in found else _alone(found, options))
         return
     places: dict[tuple[str, str | None], dict[str, int]] = {}
     taken = {rule.name for rule in found.values()}
@@ -222,6 +218,18 @@ def _slots(header: Header, found: _Rules, wide: _Rules, options: ReadOptions) ->
         raise header.error(message, first.name, header.listed)
     for (environment, trial), own in places.items():
         yield Slot({**common, **own}, environment, trial)
+
+
+def _alone(found: _Rules, options: ReadOptions) -> str | None:
+    """Name the one environment that needs no column; None where there may be several."""
+    declared = options.environments
+    if declared:
+        return next(iter(declared)) if len(declared) == 1 else None
+    adjusted = [name for name in options.quantities if f"{name}_adj" in found]
+    nothing_matched = not any(options.quantities[name].is_matched for name in adjusted)
+    if options.trial_references or (adjusted and nothing_matched):
+        return _ALL_TRIALS
+    return None
 
 
 def check_columns(

@@ -221,7 +221,9 @@ def _without_logarithm(
         rule = f'{{ column = "{column}", below = {least!r}, why = "no adjustment" }}'
         way = (
             f"If they are failed trials, [sessions] exclude = [{rule}] leaves them out and logs"
-            ' them. If people meant them, set family = "normal" in [inference].'
+            f" them. If zero is an end of the control, limits = [0.0, inf] below"
+            f" [quantities.{parameter}] leaves them out and counts them. If people meant them,"
+            ' set family = "normal" in [inference].'
         )
     else:
         way = 'To leave out this many biases the rest: set family = "normal" in [inference].'

@@ -44,6 +44,8 @@ _DESIGNED = 0.8
 _SAME_UNIT = 3.0
 #: More different numbers than these are described by their range.
 _LISTED_NUMBERS = 20
+#: As many equal extremes are seldom a chance: a column of more different numbers piles up there.
+_PILED = 3
 #: Values that a comment quotes of a column that could stand in another's place.
 _QUOTED = 3
 #: Keys of a record in JSON cells that are looked at.
@@ -95,6 +97,18 @@ class Column:
         """Whether all its numbers are whole."""
         known = self.numbers[~np.isnan(self.numbers)]
         return self.is_numeric and bool((known == np.round(known)).all())
+
+    @property
+    def ends(self) -> tuple[float, float] | None:
+        """Least and largest number where values pile up at one of them, as at a control's ends."""
+        known = self.numbers[~np.isnan(self.numbers)]
+        # Of a scale with a few steps each step has many values.
+        if len(self.texts) <= _LISTED_NUMBERS:
+            return None
+        lower = float(known.min())
+        upper = float(known.max())
+        at_ends = max((known == lower).sum(), (known == upper).sum())
+        return (lower, upper) if at_ends >= _PILED and lower >= 0 else None
 
     @cached_property
     def unit(self) -> str | None:

@@ -305,7 +305,8 @@ def _settle(draft: Draft, options: ReadOptions) -> None:
         present |= {"subject", "environment", *draft.wide_adjusted}
         quantities |= dict.fromkeys(draft.wide)
     for name in quantities or ["NAME"]:
-        needed.append(f"{name}_ref")
+        if name not in options.quantities or options.quantities[name].is_matched:
+            needed.append(f"{name}_ref")
         needed.append(f"{name}_adj")
     for references in options.environments.values():
         present.update(references)
@@ -385,6 +386,9 @@ def _scales(sessions: Sessions) -> dict[str, float | None]:
     """Give quantities whose values have no logarithm a unit, None where references give one."""
     scales: dict[str, float | None] = {}
     for name in sessions.parameters:
+        if not sessions.options.quantities[name].is_matched:
+            # Its zero references stand for none, and its scene has a scale.
+            continue
         adjusted = sessions.table[f"{name}_adj"].dropna().to_numpy()
         references = sessions.table[f"{name}_ref"].to_numpy()
         many_zeros = np.mean(adjusted <= 0) > _FEW_ZEROS

@@ -101,6 +101,9 @@ class Draft:
             if column and column.unit in DECIBELS:
                 ask = "  # an amplitude, read from decibels; of a power set scale = 0.1 below"
             yield from ("", f"[quantities.{quantity}]", f"unit = {toml_text(unit)}{ask}")
+            if column and (ends := column.ends):
+                yield f"# limits = [{ends[0]:g}, {ends[1]:g}]  # ends of its control, if they are:"
+                yield "# values there are then left out of the intervals, and counted"
             if quantity in self.unmatched:
                 yield "# For means, where nothing was matched, uncomment this line and those below:"
                 yield '# reference = "none"'
@@ -156,6 +159,8 @@ class Draft:
                     yield f"# or {toml_text(other.name)}: {other.quoted()}"
             if canonical == "environment":
                 yield from self._crossed(column)
+                if self.unmatched:
+                    yield "# for one mean of all adjustments, leave environment out"
         yield from self._without_column()
 
     def _without_column(self) -> Iterator[str]:
@@ -170,7 +175,7 @@ class Draft:
                 yield f"# To compare {second} with {first} of the same subject, in place of this:"
                 yield f"# {name}_adj = {second}"
                 yield f"# {name}_ref = {first}"
-                yield '# and, below [model]: bias = "reference"'
+                yield '# and, below [model]: bias = "reference", without [environments]'
         if self.roles.has_adjustment and "environment" not in self.roles.found:
             yield '# environment = ""  # one condition: no column seems to tell several apart'
         if "NAME_adj" in self.missing:

@@ -7,6 +7,7 @@ import dataclasses
 import pytest
 
 from percept.boundary.feels_real import judge
+from percept.report.cautions import cautions
 from percept.report.feelings import feeling_sentences
 from percept.report.numbers import digits_of
 from percept.report.overview import findings, overview
@@ -453,4 +454,27 @@ def test_where_nothing_was_matched_sentences_give_means():
         "The mean stiffness is 2 N/m in A (1 to 3) and 6 N/m in B (5 to 7) (classical, 99 %).",
         "With 99 % confidence, the next user’s stiffness will be 4 to 8 N/m (B, the narrowest)"
         " and −0.5 to 4 N/m (A, the widest).",
+    )
+
+
+@pytest.mark.parametrize("family", ["normal", "lognormal"])
+def test_a_mean_that_pooling_moves_far_is_told(family):
+    found = results([("A", 1, 2, 3, 1, 4), ("B", 5, 6, 7, 4, 8)])
+    rows = []
+    for row in found.intervals:
+        classical = dataclasses.replace(row, family=family)
+        # A quarter of the half-width of 1 is the least that is told.
+        moved = 6.0 - 0.26 if row.environment == "B" else row.estimate
+        rows += [classical, dataclasses.replace(classical, method="bayesian", estimate=moved)]
+    scene = {**found.provenance.scene, "inference": {"family": family}}
+    provenance = dataclasses.replace(found.provenance, scene=scene)
+    pooled = dataclasses.replace(found, intervals=tuple(rows), provenance=provenance)
+    told = (
+        "The hierarchical model draws environments towards each other. Its mean stiffness of B is"
+        " 5.74 N/m; that of the data is 6 N/m, as in the classical interval."
+    )
+    assert told in cautions(pooled)
+    near = [dataclasses.replace(row, estimate=max(row.estimate, 5.8)) for row in rows[4:]]
+    assert told[:30] not in " ".join(
+        cautions(dataclasses.replace(pooled, intervals=(*rows[:4], *near)))
     )

@@ -72,3 +72,16 @@ def test_csv_and_json_hold_every_digit(judged):
     again = Results.from_plain(json.loads(judged.to_json()))
     assert again.psychophysics == judged.psychophysics
     assert again.equivalence == judged.equivalence
+
+
+def test_means_have_no_points_of_equality(judged):
+    quantities = {
+        name: quantity.model_copy(update={"reference": "none"})
+        for name, quantity in judged.data.quantities.items()
+    }
+    data = dataclasses.replace(judged.data, quantities=quantities)
+    heads = [
+        group.head for group in psychophysics(dataclasses.replace(judged, data=data)).view.groups
+    ]
+    assert any(head.startswith("JND") for head in heads)
+    assert not any("PSE" in head or "onstant error" in head for head in heads)

@@ -97,3 +97,48 @@ def test_whole_numbers_may_be_conditions(tmp_path):
     scene = tmp_path / "scene.toml"
     assert main(["new", str(scene), "--from", str(path)]) == 0
     assert '#   to contrast its values: [study] factor = "source"' in scene.read_text()
+
+
+def test_means_without_a_column_of_environments_are_of_one(ratings, tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        '[quantities.effort]\nunit = ""\nreference = "none"\n[inference]\nfamily = "normal"\n'
+        '[model]\nscale = { effort = 8 }\n[columns]\nsubject = "person"\neffort_adj = "effort"\n'
+        '[sessions]\ntrial = "order"\n'
+    )
+    out = tmp_path / "out"
+    call = ["report", str(ratings), "--scene", str(scene), "--out", str(out), "--no-checks"]
+    assert main([*call, "--method", "classical"]) == 0
+    assert "in all trials" in capsys.readouterr().out
+    lines = (out / "tables" / "intervals_effort.csv").read_text().splitlines()
+    row = dict(zip(lines[0].split(","), lines[1].split(","), strict=False))
+    means = np.mean([VALUES["soft"], VALUES["hard"]], axis=0)
+    expected = stats.t.interval(0.99, 3, np.mean(means), stats.sem(means))
+    assert (row["environment"], row["family"]) == ("all trials", "normal")
+    assert (float(row["lower"]), float(row["upper"])) == pytest.approx(expected, rel=1e-12)
+    assert "reference" not in row
+
+
+def test_a_proposal_asks_no_reference_of_what_has_none(ratings, tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[quantities.effort]\nunit = ""\nreference = "none"\n')
+    assert main(["report", str(ratings), "--scene", str(scene)]) == 2
+    said = capsys.readouterr().err
+    assert 'effort_adj = "effort"' in said
+    assert "effort_ref" not in said
+    assert "have no logarithm" not in said
+
+
+def test_values_that_pile_up_are_offered_as_ends_of_a_control(tmp_path):
+    path = tmp_path / "slider.csv"
+    values = [0, 0, 0, *range(5, 96, 4), 100]
+    # Rising values would be a count.
+    values = [values[17 * i % len(values)] for i in range(len(values))]
+    rows = [f"P{i % 9},{'ab'[i % 2]},{value}" for i, value in enumerate(values)]
+    path.write_text("\n".join(["person,kind,roughness", *rows]) + "\n")
+    scene = tmp_path / "scene.toml"
+    assert main(["new", str(scene), "--from", str(path)]) == 0
+    assert "\n# limits = [0, 100]  # ends of its control, if they are:" in scene.read_text()
+    path.write_text(path.read_text().replace(",0\n", ",3\n", 2))
+    assert main(["new", str(scene), "--from", str(path), "--force"]) == 0
+    assert "# limits" not in scene.read_text().partition("[columns]")[0]

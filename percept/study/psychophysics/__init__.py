@@ -58,7 +58,8 @@ class Psychophysics:
     def equivalence(self) -> list[EquivalenceRow | Skipped]:
         """Whether biases are smaller than one JND, or why not told; empty without a JND."""
         rows: list[EquivalenceRow | Skipped] = []
-        if not self.scene.study.jnd:
+        quantities = self.sessions.options.quantities.values()
+        if not self.scene.study.jnd or not any(quantity.is_matched for quantity in quantities):
             return rows
         if self.scene.inference.method != "bayesian":
             rows += classical_equivalence(self.scene, self.cells, self.reference)
