@@ -213,6 +213,30 @@ def test_only_a_quantity_whose_references_differ_has_a_slope():
     assert list(slopes["parameter"]) == ["b"]
 
 
+def test_a_quantity_of_one_environment_has_no_components_over_all():
+    # x has two environments and y one. A covariate gives both models effects of subjects.
+    rng = np.random.default_rng(3)
+    rows = []
+    for subject in range(8):
+        for environment in ("A", "B"):
+            for _ in range(2):
+                x_adj, y_adj = np.exp(rng.normal(0.0, 0.2, 2))
+                y_cells = (1.0, y_adj) if environment == "A" else (None, None)
+                rows.append((f"S{subject}", environment, 20.0 + subject, 1.0, x_adj, *y_cells))
+    columns = ["subject", "environment", "age", "x_ref", "x_adj", "y_ref", "y_adj"]
+    scene = Scene(
+        quantities={"x": {"unit": "m"}, "y": {"unit": "s"}},
+        model={"bias": "age"},
+        inference={"tolerance": 0.05},
+    )
+    sessions = Sessions.from_frame(pd.DataFrame(rows, columns=columns), scene=scene)
+    measures = Study(sessions, scene).psychophysics
+    components = measures[measures["measure"].isin(["sigma_u", "sigma_w"])]
+    with_components = components[components["method"] == "bayesian"]
+    assert set(with_components["parameter"]) == {"x"}
+    assert np.isfinite(measures[["estimate", "lower", "upper"]].to_numpy(dtype=float)).all()
+
+
 def test_what_has_no_jnd_is_named_with_the_reason():
     data = repeated()
     once = data[(data["environment"] == "weich") | (data["trial"] == 1)]

@@ -126,7 +126,9 @@ class _Scales:
     """Draws of the scales of one model."""
 
     sigma: Array  # (S, P, J)
-    sigma_u: Array | None  # (S, P) None in a model without effects of subjects
+    #: (S, P) None in a model without effects of subjects. Also None with one environment, where
+    #: only the sum sigma_u² + sigma² is told by the data, which is population_sd².
+    sigma_u: Array | None
     sigma_e: Array | None  # (S, P, J) None without repeats
     phi: Array | None  # (S, P, N) Log of a subject's trial SD over sigma_e; None if all share it
     omega_s: Array | None  # (S, P) SD of phi between users
@@ -150,9 +152,10 @@ class _Scales:
         values = {}
         for name, (_, scale) in model.scales(points).items():
             values[name] = scale
+        several = len(model.statistics.environments) > 1
         return cls(
             sigma=values["sigma"],
-            sigma_u=values.get("sigma_u"),
+            sigma_u=values.get("sigma_u") if several else None,
             sigma_e=values.get("sigma_e"),
             phi=values.get("phi"),
             omega_s=values.get("omega_s"),
@@ -247,6 +250,7 @@ class _Posterior:
         scales = _Scales.of(self.model, self.independent)
         if scales.sigma_u is None:
             return
+        # There are several environments, or sigma_u would be None: the variance over them exists.
         by_environment = self.locations.reshape(scales.sigma.shape)
         of_environments = by_environment.var(axis=2, ddof=1)
         of_subjects = scales.sigma_u**2
