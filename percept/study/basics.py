@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 from percept.errors import RefusalError, UsageError
 from percept.inference.record import Family
 from percept.results import Skipped
-from percept.scene import InferenceTable
+from percept.scene import InferenceTable, Scene
 from percept.sessions.quantities import Quantities, is_impedance
+
+if TYPE_CHECKING:
+    from percept.inference.hierarchy.priors import Priors
 
 __all__ = [
     "FAMILIES",
@@ -25,6 +28,7 @@ __all__ = [
     "analysed_parameters",
     "claim_of",
     "generator",
+    "priors_of",
     "referenced",
     "results",
     "select",
@@ -32,6 +36,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
+#: A setting lies near its reference, but a mean may lie anywhere: ten times [model] scale away.
+_ALPHA_SD_OF_MEANS = 10.0
 #: By parameter and environment, in the parameter's unit; NaN where there is none.
 References = Mapping[tuple[str, str], float]
 
@@ -77,6 +83,17 @@ def select(what: str, asked: str | Collection[str] | None, there: Sequence[str])
                 f"the study has no such {what}; there are {', '.join(there)}.", value=name
             )
     return names
+
+
+def priors_of(scene: Scene, parameters: Collection[str]) -> Priors:
+    """Return the scene's priors for a model of these parameters."""
+    # SciPy comes with them: studies are planned without it.
+    from percept.inference.hierarchy.priors import Priors
+
+    in_force = dict(scene.model.priors)
+    if not any(scene.quantities[parameter].is_matched for parameter in parameters):
+        in_force.setdefault("alpha_sd", _ALPHA_SD_OF_MEANS)
+    return Priors(**in_force)
 
 
 def referenced(

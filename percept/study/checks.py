@@ -60,6 +60,8 @@ _PRIOR_QUANTILES = (0.005, 0.05, 0.25, 0.5, 0.75, 0.95, 0.995)
 _MOST_DRAWS = 4000
 #: Half-widths of the average user's interval from which the pull on its estimate is told.
 _MOVED = 0.1
+#: Cells named with the pull on them, those with most of it.
+_MOST_CELLS = 5
 #: A prior this many times as wide as the one in force counts as flat.
 _FLAT = 1e3
 #: Ratio of the next user's widths, with the prior of spread and without, from which it is told.
@@ -287,19 +289,24 @@ def bias_pull(fit: Fit, *, level: float, user: str) -> tuple[str, ...]:
         moved = _moved_by_bias_prior(model, points, level)
         cells = []
         parameters: dict[str, None] = {}
-        for (parameter, environment), half_widths in zip(model.cells, moved.tolist(), strict=True):
-            if abs(half_widths) > _MOVED:
+        for c in np.argsort(-np.abs(moved), kind="stable"):
+            if abs(moved[c]) > _MOVED:
+                parameter, environment = model.cells[c]
                 label = fit.quantities[parameter].label
-                moved_by = f"{half_widths:+.2f}".replace("-", "−")
+                moved_by = f"{moved[c]:+.2f}".replace("-", "−")
                 cells.append(f"{label} in {environment} ({moved_by})")
                 parameters[parameter] = None
-        if cells:
-            said.append(
-                f"The prior of the common bias, N(0, {model.priors.alpha_sd:g}²), moves the"
-                f" estimate of the average {user}, in half-widths of the interval:"
-                f" {', '.join(cells)}. It expects settings near their references."
-                f" {_remedy(fit, list(parameters))}"
-            )
+        if not cells:
+            continue
+        more = f" and {len(cells) - _MOST_CELLS} more" if len(cells) > _MOST_CELLS else ""
+        matched = any(fit.quantities[parameter].is_matched for parameter in parameters)
+        expected = "settings near their references" if matched else "means near zero"
+        said.append(
+            f"The prior of the common bias, N(0, {model.priors.alpha_sd:g}²), moves the"
+            f" estimate of the average {user}, in half-widths of the interval:"
+            f" {', '.join(cells[:_MOST_CELLS])}{more}. It expects {expected}."
+            f" {_remedy(fit, list(parameters))}"
+        )
     return tuple(said)
 
 

@@ -18,13 +18,12 @@ from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.linear_posterior import LinearPosterior
 from percept.inference.hierarchy.linear_product import LinearProduct
 from percept.inference.hierarchy.model import Resolution
-from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.statistics import Statistics, apart_by_subject
 from percept.inference.hierarchy.trial_scatter import TrialScatter, trial_scatter
 from percept.scene import InferenceTable, ModelTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.formula import TRIAL_REFERENCE
-from percept.study.basics import Array, claim_of
+from percept.study.basics import Array, claim_of, priors_of
 from percept.study.conditions import (
     CellKey,
     Comparison,
@@ -166,7 +165,7 @@ def linear_study(
     conditions = conditions_of(sessions, scene)
     statistics, covariates, scatter, sizes = _reduced(data, sessions, conditions, own_trial_sds)
     keys = tuple(_key(sessions, cell) for cell in data.environments)
-    priors = Priors(**scene.model.priors)
+    priors = priors_of(scene, data.statistics.parameters)
     own_slopes = scene.model.subjects_slope
     cells, factors = _design(keys, statistics, sessions, conditions, own_slopes)
     design = design_of(cells, factors, priors)

@@ -13,14 +13,13 @@ from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.model import Model, Resolution
 from percept.inference.hierarchy.models import Product, Unpooled
-from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.scales import Options
 from percept.inference.hierarchy.statistics import Statistics, from_summary
 from percept.inference.record import Family
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.sessions.quantities import IMPEDANCE, Quantities
-from percept.study.basics import Array, Skipped
+from percept.study.basics import Array, Skipped, priors_of
 from percept.study.intervals import Cell, cell_moments, known_moments
 from percept.study.linear import ContrastPlan, linear_study, side_by_side
 from percept.study.responses import (
@@ -182,7 +181,8 @@ def _model(
     options = Options(
         subject_effect=table.subject_effect, weber=table.weber, common_spread=table.common_spread
     )
-    return CollapsedDensity(statistics, Priors(**table.priors), options, resolution)
+    priors = priors_of(scene, statistics.parameters)
+    return CollapsedDensity(statistics, priors, options, resolution)
 
 
 def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:

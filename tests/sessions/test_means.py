@@ -4,10 +4,13 @@ import json
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
 
+from percept import Scene, Study
 from percept.cli import main
+from percept.sessions import ReadOptions, Sessions
 
 VALUES = {"soft": [4.0, 5.0, 7.0, 6.5], "hard": [9.0, 11.0, 8.0, 12.5]}
 
@@ -143,3 +146,23 @@ def test_values_that_pile_up_are_offered_as_ends_of_a_control(tmp_path):
     other = tmp_path / "other.toml"
     assert main(["new", str(other), "--from", str(path)]) == 0
     assert "# limits" not in other.read_text().partition("[columns]")[0]
+
+
+def test_the_prior_of_means_hardly_draws_them_to_zero(tmp_path):
+    values = [231.0, 244.0, 262.0]
+    table = pd.DataFrame({"subject": ["A", "B", "C"], "environment": "first", "t_adj": values})
+    quantity = {"unit": "ms", "reference": "none"}
+    limits = {}
+    for name, priors in {"default": {}, "narrow": {"alpha_sd": 1.0}}.items():
+        scene = Scene(
+            quantities={"t": quantity},
+            inference={"family": "normal", "method": "bayesian"},
+            model={"scale": {"t": 50.0}, "priors": priors},
+        )
+        study = Study(
+            Sessions.from_frame(table, scene=ReadOptions.from_mapping(dict(scene))), scene
+        )
+        limits[name] = study.intervals.query("kind == 'mean'").iloc[0]
+    # N(0, 10²) of scales of 50 ms lets the mean lie at five of them; N(0, 1²) does not.
+    assert limits["default"].estimate == pytest.approx(np.mean(values), abs=10.0)
+    assert limits["narrow"].estimate < limits["default"].estimate - 10.0
