@@ -170,6 +170,7 @@ def fit_device(
         fewer_terms = dataclasses.replace(terms, modes=terms.modes - 1)
         fewer_parameters = parameters[:-OF_A_MODE]
         fewer = fit_device(spectra, fewer_terms, fewer_parameters).point[None]
+    # A climb that gave up counts with the others: `find_mode` goes on from where it is.
     climbs = [climb(density, start) for start in rough_devices(density, fewer)]
     best = min(climbs, key=lambda result: result.cost)
     jacobian = np.asarray(best.jac)
@@ -181,7 +182,13 @@ def fit_device(
     point = whitened.points(mode[None])[0]
     covariance = whitened.covariance(covariance_of_z)
     order = _by_resonance(point, terms)
-    return DeviceFit(density, point[order], covariance[np.ix_(order, order)])
+    # A mode takes its priors along, and gets the name of its new place.
+    in_order = [
+        dataclasses.replace(parameters[i], name=name)
+        for name, i in zip(density.names, order, strict=True)
+    ]
+    ordered = DeviceDensity(density.model, spectra, in_order)
+    return DeviceFit(ordered, point[order], covariance[np.ix_(order, order)])
 
 
 def climb(density: DeviceDensity, start: Array) -> optimize.OptimizeResult:

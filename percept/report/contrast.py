@@ -167,7 +167,7 @@ def contrast_sentences(results: Results) -> list[str]:
             label += f" in {row.environment}"
         sure = "confidence" if row.method == "classical" else "probability"
         rests_on = f"{row.n} of {counted(row.of_subjects, words.user, words.users)}"
-        if row.environment is None:
+        if row.environment is None and row.of_references > 1:
             matched = results.data.quantities[row.parameter].is_matched
             places = "references" if matched else words.environments
             rests_on += f" and {len(row.references)} of {row.of_references} {places}"

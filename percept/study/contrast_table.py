@@ -101,6 +101,8 @@ class ContrastTable:
             return users
         references = comparison.references
         if len(references) == self.references:
+            if self.references == 1:
+                return users
             return f"{users}, over all {self.references} references"
         return f"{users}, over {len(references)} of {self.references} references: " + ", ".join(
             references

@@ -89,9 +89,7 @@ def prepared_beside(
 
 def _of_group(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
     """Model the trials of quantities that share a model."""
-    # A single cell has nothing to compare.
-    several = len(sessions.environments) > 1
-    compares = several and (bool(scene.terms) or scene.model.subjects_slope)
+    compares = bool(scene.terms) or scene.model.subjects_slope
     scaled = [p for p in parameters if by_difference(sessions, p)] if compares else []
     partial = scene.inference.method == "both"
     data = trials(sessions, scene, parameters, partial=partial, scaled=scaled)

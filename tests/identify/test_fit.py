@@ -1,5 +1,7 @@
 """Devices found again in simulated logs, and what a log cannot tell."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -46,6 +48,26 @@ def test_modes_come_in_the_order_of_their_resonances():
     fit, _ = fitted(Terms(modes=2), values, 7)
     assert fit.resonance(1) == pytest.approx(200.0, rel=0.01)
     assert fit.resonance(2) == pytest.approx(np.sqrt(2e5), rel=0.01)
+
+
+def test_modes_in_a_new_order_take_their_priors_along():
+    values = [1.0, 5.0, 0.1, 2e4, 1.0, 0.2, 8e3, 2.0]
+    terms = Terms(modes=2)
+    log = simulate(terms, values, np.random.default_rng(7), RECORDING)
+    spectra = Periods.of(log, RECORDING.period, RECORDING.band).spectra()
+    # Narrow priors that name the mode of the higher resonance first.
+    priors = [
+        dataclasses.replace(parameter, median=value, sd=0.1)
+        for parameter, value in zip(terms.parameters, values, strict=True)
+    ]
+    fit = fit_device(spectra, terms, priors)
+    assert fit.resonance(1) < fit.resonance(2)
+    assert fit.names == [parameter.name for parameter in terms.parameters]
+    medians = [parameter.median for parameter in fit.density.parameters]
+    assert medians == [1.0, 5.0, 0.2, 8e3, 2.0, 0.1, 2e4, 1.0]
+    # The point is a mode of the density that goes on to the sampler.
+    around = fit.point + 3.0 * np.diag(fit.sd)
+    assert np.all(fit.density(fit.point[None]) > fit.density(around))
 
 
 def test_a_mode_above_the_band_is_not_identifiable():
