@@ -68,7 +68,10 @@ class CellEquations:
         self.problem = problem
         self.subject = SubjectEquations(problem, scales)
         self.deviation_sd = problem.own_sd(scales.tau)
+        #: W
         self._width = scales.effects.shape[-1]
+        #: r + 1: fixed terms, slopes and the data.
+        self._rest = problem.fixed_columns + problem.slopes + 1
         #: Where the coefficients of fixed terms stand in the rest.
         self._fixed = slice(problem.fixed_columns)
         #: Where the slopes of covariates stand in it.
@@ -103,46 +106,50 @@ class CellEquations:
         self.effects_by_latents = products
 
     def _set_products_of_latents(self) -> None:
-        """Store B'D⁻¹B for the latents but slopes, and B'D⁻¹m for the data."""
-        problem = self.problem
-        width = self._width
-        own_columns = problem.own_columns
-        fixed_columns = problem.fixed_columns
-        environments = problem.environments
-        precision = self.subject.precision_entries
-        over_subjects = np.einsum("pqcgw,g->pqcw", precision, problem.subjects)
-        by_entry = over_subjects.reshape(-1, width)
-        sum_of_means = problem.mean * problem.subjects
-        weighted_data = np.einsum("pqcgw,qcg->pcw", precision, sum_of_means)
-        by_cell = self._flat_cells(weighted_data)
-        basis_by_data = problem.sparse_basis @ by_cell
+        """Store B'D⁻¹B for the latents but slopes, and B'D⁻¹m for the data.
 
-        own = problem.own_products @ by_entry
-        own = own.reshape(own_columns, own_columns, environments, width)
+        Columns of slopes are left at zero, to be added.
+        """
+        problem = self.problem
+        of_subject = self.subject.precision_entries  # D⁻¹, (P, P, C, G, W)
+        sum_of_means = problem.mean * problem.subjects
+        precision = np.einsum("pqcgw,g->pqcw", of_subject, problem.subjects)
+        precision = precision.reshape(-1, self._width)  # Summed over subjects, (P P C, W)
+        data = np.einsum("pqcgw,qcg->pcw", of_subject, sum_of_means)
+        by_data = problem.sparse_basis @ self._flat_cells(data)  # B'D⁻¹m, (a J + f, W)
+        self.deviations = self._deviations_by_each_other(precision)
+        self.deviations_by_rest = self._deviations_by_rest(precision, by_data[: problem.deviations])
+        self.rest = self._rest_by_itself(precision, by_data[problem.deviations :])
+
+    def _deviations_by_each_other(self, precision: Array) -> Array:
+        """Return own deviations of an environment by each other, (a, a, J, W)."""
+        problem = self.problem
+        shape = (problem.own_columns, problem.own_columns, problem.environments, self._width)
+        products = problem.own_products @ precision
         sd = self.deviation_sd[:, None]
         sd_products = sd[:, None] * sd
-        self.deviations = own * sd_products
+        return np.asarray(products.reshape(shape) * sd_products)
 
-        own_by_fixed = problem.mixed_products @ by_entry
-        own_by_fixed = own_by_fixed.reshape(
-            own_columns,
-            fixed_columns,
-            environments,
-            width,
-        )
-        environments_second = own_by_fixed.swapaxes(1, 2)
-        own_by_data = basis_by_data[: problem.deviations]
-        rest = fixed_columns + problem.slopes + 1
-        by_rest = np.zeros((own_columns, environments, rest, width))
-        by_rest[:, :, self._fixed] = environments_second * sd[:, None]
-        by_rest[:, :, -1] = self._of_deviations(own_by_data)
-        self.deviations_by_rest = by_rest
+    def _deviations_by_rest(self, precision: Array, by_data: Array) -> Array:
+        """Return own deviations by fixed terms, slopes (zero) and data: (a, J, r + 1, W)."""
+        problem = self.problem
+        own = problem.own_columns
+        shape = (own, problem.fixed_columns, problem.environments, self._width)
+        products = (problem.mixed_products @ precision).reshape(shape)
+        by_environment = products.swapaxes(1, 2)  # (a, J, f, W)
+        by_rest = np.zeros((own, problem.environments, self._rest, self._width))
+        by_rest[:, :, self._fixed] = by_environment * self.deviation_sd[:, None, None]
+        by_rest[:, :, -1] = self._of_deviations(by_data)
+        return by_rest
 
-        fixed = problem.fixed_products @ by_entry
-        fixed = fixed.reshape(fixed_columns, fixed_columns, width)
-        self.rest = np.zeros((rest, rest, width))
-        self.rest[self._fixed, self._fixed] = fixed
-        self.rest[self._fixed, -1] = basis_by_data[problem.deviations :]
+    def _rest_by_itself(self, precision: Array, by_data: Array) -> Array:
+        """Return fixed terms by themselves and by the data, slopes zero: (r + 1, r + 1, W)."""
+        fixed = self.problem.fixed_columns
+        products = self.problem.fixed_products @ precision
+        rest = np.zeros((self._rest, self._rest, self._width))
+        rest[self._fixed, self._fixed] = products.reshape(fixed, fixed, self._width)
+        rest[self._fixed, -1] = by_data
+        return rest
 
     def _add_products_with_slopes(self) -> None:
         """Add B'D⁻¹x for own deviations and fixed terms, with x the values of the covariates."""
