@@ -79,6 +79,7 @@ reproduced: $(STAMP)  ## the example page and the paper of reports/ (minutes)
 	@$(MAKE) --no-print-directory report
 	@cp build/hbfd/report.html reports/example/report.html
 	@$(BIN)/percept reproduce --out reports/hbfd --quiet
+	@$(BIN)/python -m tests.page.screenshots
 
 digits: $(STAMP)  ## digits, propagation, growth and skipping of reports/benchmark (half an hour)
 	@for part in digits propagation growth skipping; do \
