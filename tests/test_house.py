@@ -29,8 +29,6 @@ MOST_UNPACKED_GENERATORS = 0.5
 MOST_UNTYPED_MAPPINGS = 30
 MOST_LINES_OF_A_MODULE = 450
 MOST_MODULES = 308
-#: Folders that are denser: forms of one integral that are to be rebuilt.
-DENSER_FOLDERS = {"inference/hierarchy": 9.9}
 
 NOT_CODE = {
     tokenize.COMMENT,
@@ -186,8 +184,7 @@ def test_how_dense_it_is():
 @pytest.mark.parametrize("folder", sorted(folders()))
 def test_how_dense_a_folder_is(folder):
     counts = total(folders()[folder])
-    most = DENSER_FOLDERS.get(folder, MOST_TOKENS_PER_LINE_OF_A_FOLDER)
-    assert counts.tokens / counts.lines <= most
+    assert counts.tokens / counts.lines <= MOST_TOKENS_PER_LINE_OF_A_FOLDER
 
 
 def test_no_module_is_longer_than_one_idea():

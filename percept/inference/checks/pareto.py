@@ -32,7 +32,7 @@ _PRIOR_SCALE = 3
 _PRIOR_DRAWS = 10
 _PRIOR_INDEX = 0.5
 #: Candidates of less weight change nothing in double precision.
-_LEAST_WEIGHT = 10 * np.finfo(float).eps
+_LEAST_COUNTED = 10 * np.finfo(float).eps
 
 
 def good_index(draws: int) -> float:
@@ -87,7 +87,7 @@ def _pareto_fit(exceedances: Array) -> tuple[float, float]:
     indices = np.log1p(-ratios[:, None] * exceedances).mean(axis=1)
     log_likelihood = size * (np.log(-ratios / indices) - indices - 1)
     weights = np.exp(log_likelihood - special.logsumexp(log_likelihood))
-    counted = weights >= _LEAST_WEIGHT
+    counted = weights >= _LEAST_COUNTED
     weights = weights[counted] / weights[counted].sum()
     ratio = np.sum(ratios[counted] * weights)
     index = np.log1p(-ratio * exceedances).mean()

@@ -93,7 +93,7 @@ class ContrastEstimands:
         return ("contrasts", dataclasses.astuple(self._rows), self._claims.identity())
 
     def components(self, points: Array) -> Array:
-        """Laws of cells and contrasts per draw, those of users first: shape (W, 3 L)."""
+        """Laws of cells and contrasts per draw, of single users first, then of groups: (W, 3 L)."""
         rows = self._rows
         every = np.vstack([rows.cells, rows.users, rows.groups])
         laws = self._model.laws_of(every, points)

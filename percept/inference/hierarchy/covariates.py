@@ -68,8 +68,8 @@ def with_covariates(
     Returns
     -------
     Statistics
-        Rows of scatter between subjects go with those of the covariates. The scatter between
-        trials leaves out what the covariates explain within cells.
+        Each row of scatter between subjects pairs with the same row of the covariates' scatter.
+        The scatter between trials leaves out what the covariates explain within cells.
     Covariates
     """
     subjects = len(statistics.subjects)

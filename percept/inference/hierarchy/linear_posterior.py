@@ -175,7 +175,7 @@ class LinearPosterior(LinearModel, Pooled):
     def draw_of(
         self, rows: Array, points: Array, rng: np.random.Generator, *, repeats: int = 1
     ) -> tuple[Array, Array]:
-        """Draw combinations (L, R) of the locations jointly, and those of new users.
+        """Draw combinations (L, R) of the locations jointly, and the same of new users.
 
         Parameters
         ----------

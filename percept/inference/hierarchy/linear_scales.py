@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
-#: Names of a term's scales where it has all cells alike; a factor adds its own name.
+#: Names of the scales of a term that enters all cells; a factor adds its own name.
 _OF_LEVEL = {"sigma": "sigma_u", "rho": "rho_u", "tau": "tau"}
 _OF_FACTOR = {"sigma": "sigma_v", "rho": "rho_v", "tau": "tau"}
 
@@ -52,7 +52,9 @@ class EffectScales:
     """Scales of the subjects' effects at W sets of coordinates."""
 
     covariances: list[Block]  # (W,) Over the quantities, for each subject term of the design
-    log_sizes: list[Array]  # (P, K, W) Coefficients of each effect size term, over their prior SD
+    size_coefficients: list[
+        Array
+    ]  # (P, K, W) Coefficients of each effect size term, over their prior SD
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -100,7 +102,7 @@ def effect_columns(scales: EffectScales, design: Design) -> Array:
     """
     width = scales.covariances[0].leading.shape[-1]
     log_size = np.zeros((*design.cells.x.shape, width))
-    for term, coefficients in zip(design.effect_size, scales.log_sizes, strict=True):
+    for term, coefficients in zip(design.effect_size, scales.size_coefficients, strict=True):
         log_size += np.einsum("kpc,pkw->pcw", term.columns, coefficients)
     size = np.exp(log_size)
     columns = []
@@ -337,11 +339,11 @@ class LinearCoordinates:
 
     def _effects(self, coordinates: Array, named: dict[str, Array]) -> EffectScales:
         """Scales of the subjects' effects; they join the named ones."""
-        log_sizes = []
+        size_coefficients = []
         for term in self._design.effect_size:
             eta = self._by_quantity(f"eta:{term.name}", coordinates)
             named[f"eta:{term.name}"] = self._priors.psi_sd * eta
-            log_sizes.append(eta)
+            size_coefficients.append(eta)
         covariances = []
         for term in self._design.subject:
             name = _name_of("sigma", term)
@@ -352,7 +354,7 @@ class LinearCoordinates:
             if rho is not None:
                 named[rho_name] = rho.rho
             covariances.append(_covariance(sd, rho))
-        return EffectScales(covariances, log_sizes)
+        return EffectScales(covariances, size_coefficients)
 
 
 def _name_of(symbol: str, term: Term) -> str:

