@@ -34,8 +34,8 @@ Array = NDArray[np.float64]
 
 _LOG_2PI = math.log(2.0 * math.pi)
 #: Turns of fitting subjects' and cells' SDs to one another, once per model. Coordinates need two
-#: digits. In 200 simulated tables of 3 to 19 subjects and 2 to 11 cells, a third of these empty, log
-#: SDs are then within 0.02 of the limit, and in half of the tables within 1e-7.
+#: digits. In 200 simulated tables of 3 to 19 subjects and 2 to 11 cells, a third of these empty,
+#: log SDs are then within 0.02 of the limit, and in half of the tables within 1e-7.
 _ROUGH_TURNS = 20
 
 
