@@ -1,9 +1,9 @@
 """Draws of a linear design before any data: scales, locations of cells, and new users.
 
 Given scales, the locations of all cells are B xi with xi standard normal. The columns B of the
-environments' deviations are multiplied by their SDs tau first; columns of fixed terms carry theirs already.
-A new user adds Z v + F w with v and w standard normal: effects with columns Z,
-and in each cell a departure with factor F of its covariance between subjects.
+environments' deviations are multiplied by their SDs tau first; columns of fixed terms carry theirs
+already. A new user adds Z v + F w with v and w standard normal: effects with columns Z, and in each
+cell a departure with factor F of its covariance between subjects.
 """
 
 from __future__ import annotations
