@@ -269,10 +269,12 @@ def _further_labels(fit: Fit) -> dict[str, tuple[str, list[str]]]:
     """Give further labels of dimensions: units, and where an observation was made."""
     units = [fit.quantities[name].unit for name in fit.parameters]
     labels = {"unit": ("parameter", units)}
-    if isinstance(fit.subjects, SubjectDensity) and fit.trials is not None:
+    if isinstance(fit.subjects, SubjectDensity):
+        # Observations stand in the order of the statistics, as `_observations` takes them.
+        statistics = fit.subjects.density.statistics
         subject_codes, environment_codes = np.nonzero(_present(fit.subjects))
-        subjects = [fit.trials.subjects[i] for i in subject_codes]
-        environments = [fit.trials.environments[j] for j in environment_codes]
+        subjects = [statistics.subjects[i] for i in subject_codes]
+        environments = [statistics.environments[j] for j in environment_codes]
         labels["observed_subject"] = ("observation", subjects)
         labels["observed_environment"] = ("observation", environments)
     return labels
