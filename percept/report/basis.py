@@ -327,7 +327,10 @@ def _deviation(results: Results) -> str:
     for name in (name for name in quantities if name in differences and name in scales):
         of = f" of {labels[name]}" if relative or len(differences) > 1 else ""
         size = quantities[name].amount(scales[name])
-        parts.append(f"difference{of} between adjustment and reference in steps of {size}")
+        if quantities[name].is_matched:
+            parts.append(f"difference{of} between adjustment and reference in steps of {size}")
+        else:
+            parts.append(f"value{of} over {size}")
     return " and ".join(parts)
 
 

@@ -317,7 +317,9 @@ def _choices(results: Results, parameter: str, bars: Sequence[Bar]) -> Iterator[
     ranked = sorted(names, key=lambda name: -estimates.get(name, centre))
     chosen_names = clearest(clarities, MOST_OPEN)
     words = words_of(results)
-    said = f"{len(chosen_names)} of {len(names)} {words.environments}, those whose bias is clearest"
+    matched = results.data.quantities[parameter].is_matched
+    which = "whose bias is clearest" if matched else "farthest from zero"
+    said = f"{len(chosen_names)} of {len(names)} {words.environments}, those {which}"
     foremost = [name for name in ranked if name in chosen_names]
     yield _Choice(f"overview_{parameter}", foremost, said)
     yield _Choice(f"overview_all_{parameter}", ranked, f"all {len(names)} {words.environments}")
