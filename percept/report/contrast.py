@@ -9,7 +9,7 @@ from percept.errors import capitalised, counted
 from percept.inference.record import percent
 from percept.report.numbers import bare, digits_of, rounded
 from percept.report.select import METHODS, Section, distinct, listed, matching, ordered, words_of
-from percept.results import AnovaRow, ContrastRow, Results
+from percept.results import AnovaRow, ContrastRow, LevelValues, Results
 from percept.sessions.quantities import Quantity
 
 __all__ = ["Design", "LevelPanel", "contrast", "contrast_sentences", "design_words", "level_panels"]
@@ -122,7 +122,8 @@ class Design:
 def design_words(results: Results) -> Design:
     """Name the levels of factors, the sizes of groups, and the covariates."""
     # Of several quantities the first has the same levels.
-    levels = matching(results.levels, parameter=results.data.parameters[0], environment=None)
+    every = matching(results.levels, parameter=results.data.parameters[0])
+    levels = matching(every, environment=None)
     within = []
     groups = []
     for factor in distinct(levels, "factor"):
@@ -132,11 +133,17 @@ def design_words(results: Results) -> Design:
             continue
         sizes = []
         for row in of_factor:
-            size = sum(value is not None for value in row.values)
-            sizes.append(f"{size} {row.level}")
+            of_level = matching(every, factor=factor, level=row.level)
+            sizes.append(f"{_subjects_at(of_level)} {row.level}")
         groups.append(f"{listed(sizes)} ({factor})")
     covariates = listed(distinct(matching(results.contrast, of="slope"), "factor"))
     return Design(listed(within), groups, covariates)
+
+
+def _subjects_at(rows: Sequence[LevelValues]) -> int:
+    """Count the subjects with a value in any of the rows: some lack references, and an overall."""
+    by_subject = zip(*(row.values for row in rows), strict=True)
+    return sum(any(value is not None for value in values) for values in by_subject)
 
 
 def _overall(rows: Sequence[ContrastRow]) -> list[ContrastRow]:

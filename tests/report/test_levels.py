@@ -7,10 +7,11 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
+from percept.report.contrast import design_words
 from percept.report.figures.levels import level_drawings
 from percept.report.figures.output import drawn
 from percept.report.select import matching
-from percept.results import ContrastRow
+from percept.results import ContrastRow, LevelValues
 from tests.documents import build_document, page_of
 from tests.study.test_anova import modelled
 from tests.study.within import crossed, frame, study
@@ -173,3 +174,14 @@ def test_it_is_the_first_figure_of_the_page():
     assert page.index('id="figure-levels_k_1"') < page.index("Table 1")
     assert "Figure 1. </strong>" not in page
     assert "<strong>Figure 1. What each subject set at the levels of hand.</strong>" in page
+
+
+def test_groups_count_subjects_who_lack_references():
+    overall = LevelValues(
+        factor="group", level="new", parameter="k", within=False, values=(None, None, None)
+    )
+    near = dataclasses.replace(overall, environment="near", values=(1.0, None, None))
+    far = dataclasses.replace(overall, environment="far", values=(None, 2.0, None))
+    results = results_of(study(frame(9, levels=("left", "right", "both"))))
+    made = dataclasses.replace(results, levels=(overall, near, far))
+    assert design_words(made).groups == ["2 new (group)"]
