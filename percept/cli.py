@@ -34,7 +34,6 @@ GROUPS = {
         "zwidth": ("zwidth", "largest impedances that a device renders stably"),
     },
     "data": {
-        "identify": ("identify", "estimate a device from a log of force and motion"),
         "new": ("data", "write a commented scene file"),
         "validate": ("data", "check session files and say what they hold"),
         "simulate": ("data", "simulate sessions like a published table"),

@@ -26,7 +26,6 @@ ALLOWED = {
     "scene": {"scene_device", "sessions", "inference", "html", "errors"},
     "scene_device": {"sessions", "errors"},
     "study": (_ANALYSIS - {"study"}) | {"report", "plots"},
-    "identify": {"inference", "report", "provenance", "errors"},
     "cache": {"inference", "files", "errors"},
     "workers": {"errors"},
     "cluster": {"cache", "workers", "errors"},
@@ -115,13 +114,6 @@ def test_a_part_looks_up_nothing_else_by_name(part):
 def test_a_part_imports_only_the_packages_it_has_a_use_for(part):
     for path in files(part):
         assert imports(path)[0] - sys.stdlib_module_names - {"percept"} <= OUTSIDE[part], path
-
-
-@pytest.mark.parametrize("module", ["spectra", "model", "density", "fit", "posterior"])
-def test_the_statistics_of_a_device_read_no_files(module):
-    outside, inside = imports(ROOT / "identify" / f"{module}.py")
-    assert outside - sys.stdlib_module_names <= {"percept", "numpy", "scipy"}
-    assert inside <= {"identify", "inference", "errors"}
 
 
 def test_public_names():
