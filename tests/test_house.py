@@ -17,7 +17,7 @@ ROOT = Path(percept.__file__).parent
 MODULES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(ROOT.rglob("*.py"))}
 
 #: Code tokens in all: what is new is paid for by what it makes dead. Packing does not help.
-MOST_TOKENS = 369_500
+MOST_TOKENS = 360_500
 #: Tokens on a code line, and in a statement; well-read libraries have 6 to 9, and 10 to 12.
 MOST_TOKENS_PER_LINE = 8.8
 MOST_TOKENS_PER_LINE_OF_A_FOLDER = 9.5
@@ -28,7 +28,7 @@ MOST_UNPACKED_GENERATORS = 0.5
 #: Annotations that hide what a mapping holds.
 MOST_UNTYPED_MAPPINGS = 30
 MOST_LINES_OF_A_MODULE = 450
-MOST_MODULES = 308
+MOST_MODULES = 295
 
 NOT_CODE = {
     tokenize.COMMENT,
