@@ -24,7 +24,7 @@ report: $(STAMP)  ## analyse the published study and print the page's path
 	@$(BIN)/percept report datasets/hbfd_sessions.csv --scene datasets/hbfd.toml --out build/hbfd --seed 1
 
 test: lint  ## lint, types and the whole test suite
-	@$(BIN)/python -m compileall -q percept tests  # Many tests start percept: each would compile it again
+	@$(BIN)/python -m compileall -q percept reports tests  # Many tests start percept: each would compile it again
 	@$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -q
 
 evidence: $(STAMP)  ## tests that take minutes: refits, kills, sweeps; their page in reports/evidence
@@ -69,7 +69,7 @@ lint: $(STAMP)  ## ruff (with docstring rules) and strict types
 	@$(BIN)/mypy --num-workers $(JOBS)
 
 reproduce: $(STAMP)  ## the paper claim by claim, and print the page's path
-	@$(BIN)/percept reproduce --out build/reproduction
+	@$(BIN)/python -m reports.hbfd --out build/reproduction
 
 # Pages name the commit they are made from: make them in a clean tree, and commit them alone.
 reports: reproduced digits bench coverage calibrate evidence  ## every page of reports/ (hours; each target alone resumes)
@@ -78,7 +78,7 @@ reports: reproduced digits bench coverage calibrate evidence  ## every page of r
 reproduced: $(STAMP)  ## the example page and the paper of reports/ (minutes)
 	@$(MAKE) --no-print-directory report
 	@cp build/hbfd/report.html reports/example/report.html
-	@$(BIN)/percept reproduce --out reports/hbfd --quiet
+	@$(BIN)/python -m reports.hbfd --out reports/hbfd --quiet
 	@$(BIN)/python -m tests.page.screenshots
 
 digits: $(STAMP)  ## digits, propagation, growth and skipping of reports/benchmark (half an hour)

@@ -37,7 +37,6 @@ GROUPS = {
         "new": ("data", "write a commented scene file"),
         "validate": ("data", "check session files and say what they hold"),
         "simulate": ("data", "simulate sessions like a published table"),
-        "reproduce": ("data", "reproduce the paper, claim by claim"),
     },
     "maintain": {
         "doctor": ("maintain", "check the installation"),

@@ -35,7 +35,6 @@ ALLOWED = {
     "batch_folder": {"files", "errors"},
     "batch": {"batch_folder", "study", "sessions", "scene", "workers", "cache", "errors"},
     "report": (_ANALYSIS - {"study"}) | {"files", "provenance", "__version__"},
-    "reproduce": _ANALYSIS | {"files", "provenance", "report", "simulate"},
     "plots": {"report", "results", "errors"},
 }
 #: What a part looks up by name when it is called, though it lies above: a study shows itself

@@ -153,10 +153,10 @@ def study_without(
     without: str, *, tolerance: float = 0.05, method: str = "both", points: int | None = None
 ) -> Study:
     """Open the published study, one thing left out; `points` makes its grid coarser."""
-    from percept.reproduce.published import dataset
     from percept.scene import Scene
     from percept.sessions import Sessions, read_sessions
     from percept.study import Study
+    from reports import dataset
 
     tables = Scene.load(dataset("hbfd.toml")).to_dict()
     tables["inference"]["tolerance"] = tolerance

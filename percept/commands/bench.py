@@ -118,7 +118,7 @@ def _propagation(_: _Arguments) -> _Rows:
     """Measure on the simulated sessions like the published ones."""
     from percept import Scene, Study, read_sessions
     from percept.bench.propagation import study_propagation
-    from percept.reproduce.published import dataset
+    from reports import dataset
 
     sessions = read_sessions(dataset("hbfd_sessions.csv"))
     return study_propagation(Study(sessions, Scene.load(dataset("hbfd.toml"))))

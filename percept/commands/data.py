@@ -1,4 +1,4 @@
-"""`percept new`, `validate`, `simulate` and `reproduce`."""
+"""`percept new`, `validate` and `simulate`."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import argparse
 import json
 import shlex
 import sys
-from pathlib import Path
 
-from percept.commands import FORCE, JSON, QUIET, Command, argument, folder, number
-from percept.commands.analysis import SESSIONS, Working, notice, read_scene
+from percept.commands import JSON, Command, argument, number
+from percept.commands.analysis import SESSIONS, Working, read_scene
 from percept.commands.mapping import lacks, template, whole_scene, write_new
 from percept.errors import printable
 
-__all__ = ["NEW", "REPRODUCE", "SIMULATE", "VALIDATE"]
+__all__ = ["NEW", "SIMULATE", "VALIDATE"]
 
 
 def _validate(arguments: argparse.Namespace) -> int:
@@ -46,25 +45,6 @@ def _new(arguments: argparse.Namespace) -> None:
     print(arguments.path)
     command = ["percept", "report", *arguments.data, "--scene", arguments.path, "--out", "results"]
     print(f"percept: {lacks(proposal)} Then: {shlex.join(command)}", file=sys.stderr)
-
-
-def _reproduce(arguments: argparse.Namespace) -> None:
-    """Write the reproduction, and print every verdict and the page's path."""
-    from percept.reproduce import load_published, write_reproduction
-    from percept.reproduce.write import PAGE
-
-    published = load_published(arguments.table, arguments.scene)
-    with Working("judging the claims", shown=not arguments.quiet):
-        claims = write_reproduction(
-            published, arguments.out, command=arguments.typed, force=arguments.force, say=notice
-        )
-    if arguments.json:
-        print(Path(arguments.out, "claims.json").read_text(encoding="utf-8"))
-        return
-    if not arguments.quiet:
-        for claim in claims:
-            print(f"{claim.verdict:<18}“{claim.quote}”")
-    print(Path(arguments.out, PAGE))
 
 
 def _simulate(arguments: argparse.Namespace) -> None:
@@ -112,18 +92,4 @@ SIMULATE = Command(
         argument("--out", "FILE", "CSV file to write", required=True),
     ),
     _simulate,
-)
-REPRODUCE = Command(
-    "Reproduce the paper from its published numbers: tables, figures, and every claim with its"
-    " verdict.",
-    "percept reproduce --out results",
-    (
-        folder("reproduction"),
-        argument("--table", "FILE", "published limits (the paper's Table 1)"),
-        argument("--scene", "FILE", "device, coupling and range (the paper's, with them)"),
-        JSON,
-        QUIET,
-        FORCE,
-    ),
-    _reproduce,
 )

@@ -8,9 +8,9 @@ import pytest
 
 from percept import Scene, Study, read_sessions
 from percept.bench.skipping import STAGES, savings, stages_of, study_without, work_of
-from percept.reproduce.published import dataset
 from percept.sessions import Sessions
 from percept.study.prepare import prepare
+from reports import dataset
 from tests.documents import build_document
 
 SAMPLER = {"emcee", "h5netcdf", "xarray"}

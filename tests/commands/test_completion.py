@@ -30,11 +30,11 @@ def test_the_shell_accepts_the_script(shell, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["percept", "rep"], {"report", "reproduce"}),
+        (["percept", "rep"], {"report"}),
         (["percept", "report", "--met"], {"--method"}),
         (["percept", "report", "--method", "bay"], {"bayesian"}),
         (["percept", "validate", "my"], {"my sessions.csv"}),
-        (["percept", "reproduce", "--out", "my"], {"my_folder"}),
+        (["percept", "report", "--out", "my"], {"my_folder"}),
     ],
     ids=["command", "option", "choice", "file", "folder"],
 )

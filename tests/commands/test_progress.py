@@ -11,7 +11,7 @@ import pytest
 
 from percept.commands.analysis import Working
 from percept.inference.sampling.gate import Progress
-from percept.reproduce.published import dataset
+from reports import dataset
 
 SESSIONS = str(dataset("hbfd_sessions.csv"))
 

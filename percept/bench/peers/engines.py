@@ -100,10 +100,10 @@ def study_statistics(name: str) -> Statistics:
         from percept.bench.studies import DESIGNS, simulated
 
         return simulated(DESIGNS[name], 1)
-    from percept.reproduce.published import dataset
     from percept.scene import Scene
     from percept.sessions import read_sessions
     from percept.study.prepare import prepare
+    from reports import dataset
 
     parameters = ("k",) if name == "published-k" else ("k", "b")
     sessions = read_sessions(dataset("hbfd_sessions.csv"))

@@ -29,8 +29,8 @@ from percept.provenance import made_by
 from percept.report.figures.canvas import COLOURS, Drawing, Frame, legend, log_scale, panels
 from percept.report.figures.output import draw_all
 from percept.report.page import render_standalone
-from percept.reproduce.published import dataset
 from percept.results.plain import dumps, plain
+from reports import dataset
 
 __all__ = ["PAGE", "Plan", "run_benchmark", "write_benchmark"]
 

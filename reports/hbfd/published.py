@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
-from importlib import resources
 from pathlib import Path
 from typing import Any, NoReturn, TypeAlias
 
@@ -26,6 +25,7 @@ from percept.inference import prediction_interval
 from percept.scene import Scene
 from percept.sessions import read_sessions
 from percept.simulate.like import PublishedLimits
+from reports import dataset
 
 __all__ = [
     "LOOKED_AT",
@@ -35,7 +35,6 @@ __all__ = [
     "Published",
     "Value",
     "Wall",
-    "dataset",
     "evidence",
     "load_published",
     "undecided",
@@ -257,22 +256,3 @@ def load_published(table: str | Path | None = None, scene: str | Path | None = N
     scene_file = Path(scene or dataset("hbfd.toml"))
     limits = PublishedLimits.from_sessions(read_sessions(table_file))
     return Published(limits, Scene.load(scene_file), (table_file, scene_file))
-
-
-def dataset(name: str) -> Path:
-    """Return the path of a data set that comes with percept.
-
-    Parameters
-    ----------
-    name : str
-        A file name in `datasets`.
-
-    Returns
-    -------
-    Path
-        The file inside an installed package, or next to it in a checkout.
-    """
-    inside = Path(str(resources.files("percept").joinpath("datasets", name)))
-    if inside.is_file():
-        return inside
-    return Path(__file__).resolve().parents[2] / "datasets" / name

@@ -14,9 +14,9 @@ from typing import Literal, TypeAlias
 
 from percept.haptics import Device
 from percept.report.numbers import rounded
-from percept.reproduce import claims_coupling, claims_figures, claims_table
-from percept.reproduce.devices import DAMPINGS, MASSES
-from percept.reproduce.published import Evidence, Published, Value, undecided
+from reports.hbfd import claims_coupling, claims_figures, claims_table
+from reports.hbfd.devices import DAMPINGS, MASSES
+from reports.hbfd.published import Evidence, Published, Value, undecided
 
 __all__ = [
     "Claim",
@@ -124,7 +124,7 @@ def misprints() -> list[dict[str, str]]:
 
 
 def _texts() -> dict[str, list[dict[str, Value]]]:
-    file = resources.files("percept.reproduce").joinpath("claims.toml")
+    file = resources.files("reports.hbfd").joinpath("claims.toml")
     return tomllib.loads(file.read_text(encoding="utf-8"))
 
 

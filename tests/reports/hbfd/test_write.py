@@ -7,14 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from percept.cli import main
 from percept.errors import UsageError
-from percept.reproduce import load_published
-from percept.reproduce.published import Published
-from percept.reproduce.write import PAGE, symbols
 from percept.scene import Scene
+from reports.hbfd.__main__ import main
+from reports.hbfd.published import Published, load_published
+from reports.hbfd.write import PAGE, symbols
 
-COMMITTED = Path(__file__).resolve().parents[2] / "reports" / "hbfd"
+COMMITTED = Path(__file__).resolve().parents[3] / "reports" / "hbfd"
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +148,7 @@ def test_names_of_the_table_are_text_on_the_page(published, claims):
 
 
 def test_a_missing_table_is_named(capsys, tmp_path):
-    assert main(["reproduce", "--table", "nowhere.csv", "--out", str(tmp_path / "out")]) == 2
+    assert main(["--table", "nowhere.csv", "--out", str(tmp_path / "out")]) == 2
     assert "nowhere.csv" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 

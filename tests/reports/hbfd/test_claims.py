@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from percept.reproduce import claims_figures as figures
-from percept.reproduce import claims_table as table
-from percept.reproduce import devices
-from percept.reproduce.judging import judge, sentences, verdict_of
-from percept.reproduce.published import Published
 from percept.scene import Scene
+from reports.hbfd import claims_figures as figures
+from reports.hbfd import claims_table as table
+from reports.hbfd import devices
+from reports.hbfd.judging import judge, sentences, verdict_of
+from reports.hbfd.published import Published
 
 HOLDS, ONLY_IF, NOT, OPEN = "holds", "holds only if", "does not hold", "cannot be judged"
 T = 1e-3
@@ -151,7 +151,7 @@ ENTRIES = {sentence.name: sentence for sentence in sentences()}
 
 @pytest.mark.parametrize("name", ENTRIES)
 def test_a_source_is_there(name):
-    for dotted in re.findall(r"percept(?:\.\w+)+", ENTRIES[name].source):
+    for dotted in re.findall(r"(?:percept|reports)(?:\.\w+)+", ENTRIES[name].source):
         assert pkgutil.resolve_name(dotted) is not None
 
 

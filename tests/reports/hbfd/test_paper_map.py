@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from percept.reproduce.figures import CouplingMarks, draw_design
+from reports.hbfd.figures import CouplingMarks, draw_design
 
 
 def axes():

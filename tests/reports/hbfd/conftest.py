@@ -5,9 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from percept.cli import main
-from percept.reproduce import load_published
-from percept.reproduce.published import Published
+from reports.hbfd.__main__ import main
+from reports.hbfd.published import Published, load_published
 
 
 @pytest.fixture(scope="session")
@@ -19,7 +18,7 @@ def published():
 def written(tmp_path_factory):
     """The folder the command writes."""
     folder = tmp_path_factory.mktemp("reproduction") / "out"
-    assert main(["reproduce", "--out", str(folder), "--quiet"]) == 0
+    assert main(["--out", str(folder), "--quiet"]) == 0
     return folder
 
 

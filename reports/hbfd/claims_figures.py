@@ -17,7 +17,7 @@ from percept.haptics import (
     required_damping_at,
 )
 from percept.haptics.envelope import corner_crossings
-from percept.reproduce.devices import (
+from reports.hbfd.devices import (
     DAMPINGS,
     MASSES,
     BoolArray,
@@ -31,7 +31,7 @@ from percept.reproduce.devices import (
     relative_width,
     share_true,
 )
-from percept.reproduce.published import (
+from reports.hbfd.published import (
     LOOKED_AT,
     THEORETICAL,
     Array,
@@ -41,7 +41,7 @@ from percept.reproduce.published import (
     evidence,
     undecided,
 )
-from percept.reproduce.squares import cells, felt_square, largest_ratio, share
+from reports.hbfd.squares import cells, felt_square, largest_ratio, share
 
 __all__ = [
     "arbitrary_model",

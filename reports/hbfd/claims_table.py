@@ -13,9 +13,9 @@ from scipy import special
 from percept.haptics import Coupling, Device, Environment
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.inference import Moments, bias, t_interval, tolerance_factor
-from percept.reproduce.devices import direct_inside, share_true
-from percept.reproduce.published import LOOKED_AT, Evidence, Published, evidence, undecided
-from percept.reproduce.squares import VARIABLE, Square, crossings, felt_square, tustin_rate
+from reports.hbfd.devices import direct_inside, share_true
+from reports.hbfd.published import LOOKED_AT, Evidence, Published, evidence, undecided
+from reports.hbfd.squares import VARIABLE, Square, crossings, felt_square, tustin_rate
 
 __all__ = [
     "PrintedLimits",

@@ -22,8 +22,8 @@ from percept.haptics import (
     magnitude_envelope,
 )
 from percept.haptics.design import CouplingDesign, EnvironmentBoundary, design_couplings
-from percept.reproduce.published import LOOKED_AT, Array, Published, Wall
-from percept.reproduce.squares import cells, felt_square, share
+from reports.hbfd.published import LOOKED_AT, Array, Published, Wall
+from reports.hbfd.squares import cells, felt_square, share
 
 __all__ = [
     "DAMPINGS",

@@ -19,7 +19,7 @@ from percept.haptics import (
 )
 from percept.haptics.limits import best_coupling_damping
 from percept.haptics.rendering import passivity_damping
-from percept.reproduce.devices import (
+from reports.hbfd.devices import (
     DAMPINGS,
     MASSES,
     change_over_band,
@@ -30,7 +30,7 @@ from percept.reproduce.devices import (
     relative_width,
     share_true,
 )
-from percept.reproduce.published import (
+from reports.hbfd.published import (
     LOOKED_AT,
     THEORETICAL,
     Array,
@@ -40,7 +40,7 @@ from percept.reproduce.published import (
     evidence,
     undecided,
 )
-from percept.reproduce.squares import cells, envelope_squares, felt_square, rendered_square, share
+from reports.hbfd.squares import cells, envelope_squares, felt_square, rendered_square, share
 
 __all__ = [
     "affects_realism",

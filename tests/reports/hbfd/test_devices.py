@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from percept.haptics import Coupling, Device, magnitude_envelope, required_damping
-from percept.reproduce import devices
-from percept.reproduce.devices import (
+from reports.hbfd import devices
+from reports.hbfd.devices import (
     adapted_couplings,
     environments_inside,
     next_user_boundaries,

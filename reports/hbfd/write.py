@@ -17,12 +17,12 @@ from percept.files import FolderFiles, filled_folder, warned
 from percept.haptics import Coupling, Device
 from percept.inference import prediction_interval, tolerance_interval
 from percept.provenance import made_by
-from percept.reproduce.claims_table import limits_printed
-from percept.reproduce.devices import Adapted, adapted_couplings
-from percept.reproduce.judging import Claim, Verdict, judge_all, misprints
-from percept.reproduce.published import Published
 from percept.results.plain import dumps, plain
 from percept.sessions.quantities import IMPEDANCE
+from reports.hbfd.claims_table import limits_printed
+from reports.hbfd.devices import Adapted, adapted_couplings
+from reports.hbfd.judging import Claim, Verdict, judge_all, misprints
+from reports.hbfd.published import Published
 
 __all__ = ["PAGE", "symbols", "write_reproduction"]
 
@@ -100,7 +100,7 @@ def write_reproduction(
     published: Published,
     out_dir: str | Path,
     *,
-    command: str = "percept reproduce",
+    command: str = "python -m reports.hbfd",
     force: bool = False,
     say: Callable[[str], None] = warned,
 ) -> list[Claim]:
@@ -133,7 +133,7 @@ def write_reproduction(
     # The drawing library waits for whoever draws.
     from percept.report.figures.output import draw_all
     from percept.report.page import render_standalone
-    from percept.reproduce.figures import drawings
+    from reports.hbfd.figures import drawings
 
     with filled_folder(out_dir, _FILES, force=force, say=say) as folder:
         claims = judge_all(published)
@@ -144,7 +144,7 @@ def write_reproduction(
         (folder / "claims.csv").write_text(_claims_csv(claims), encoding="utf-8")
         (folder / "table1.csv").write_text(_table_csv(document.table), encoding="utf-8")
         page = render_standalone(
-            "percept.reproduce",
+            "reports.hbfd",
             "reproduction.html.j2",
             draw_all(drawings(published, adapted), folder / "figures"),
             digits=5,

@@ -17,8 +17,8 @@ from percept.haptics.limits import stable_region
 from percept.haptics.stability import coupling_bound
 from percept.report.figures.canvas import COLOURS, Drawing, Frame, legend, log_scale, panels
 from percept.report.figures.curves import Limits, draw_magnitude, draw_stability
-from percept.reproduce import devices
-from percept.reproduce.devices import (
+from reports.hbfd import devices
+from reports.hbfd.devices import (
     DAMPINGS,
     MASSES,
     Adapted,
@@ -26,7 +26,7 @@ from percept.reproduce.devices import (
     environments_inside,
     over_devices,
 )
-from percept.reproduce.published import THEORETICAL, Array, Published, Wall
+from reports.hbfd.published import THEORETICAL, Array, Published, Wall
 
 __all__ = ["CouplingMarks", "draw_design", "drawings"]
 

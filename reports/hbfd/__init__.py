@@ -1,0 +1,1 @@
+"""The paper reproduced from its published numbers: every table, figure and claim."""

@@ -1,0 +1,38 @@
+"""`python -m reports.hbfd`: the paper, claim by claim, from its published numbers."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from reports.command import run
+from reports.hbfd.published import load_published
+from reports.hbfd.write import PAGE, write_reproduction
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Write tables, figures and every claim with its verdict; print the verdicts and the page."""
+    parser = argparse.ArgumentParser("python -m reports.hbfd", description=__doc__)
+    parser.add_argument("--out", type=Path, required=True, help="folder to write into")
+    parser.add_argument("--table", help="published limits (the paper's Table 1)")
+    parser.add_argument("--scene", help="device, coupling and range (the paper's)")
+    parser.add_argument("--quiet", action="store_true", help="print the path of the page only")
+    parser.add_argument("--force", action="store_true", help="replace also files of others")
+    return run(parser, _reproduce, words)
+
+
+def _reproduce(arguments: argparse.Namespace) -> None:
+    published = load_published(arguments.table, arguments.scene)
+    claims = write_reproduction(
+        published, arguments.out, command=arguments.typed, force=arguments.force
+    )
+    if not arguments.quiet:
+        for claim in claims:
+            print(f"{claim.verdict:<18}“{claim.quote}”")
+    print(arguments.out / PAGE)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
