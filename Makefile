@@ -83,11 +83,11 @@ reproduced: $(STAMP)  ## the example page and the paper of reports/ (minutes)
 
 digits: $(STAMP)  ## digits, propagation, growth and skipping of reports/benchmark (half an hour)
 	@for part in digits propagation growth skipping; do \
-	    $(BIN)/percept bench $$part --out reports/benchmark || exit 1; \
+	    $(BIN)/python -m reports.benchmark $$part --out reports/benchmark || exit 1; \
 	done
 
 bench: $(STAMP)  ## run time against error of reports/benchmark, next to other samplers (an hour; extra peers)
-	@$(BIN)/percept bench peers --out reports/benchmark
+	@$(BIN)/python -m reports.benchmark peers --out reports/benchmark
 	@$(BIN)/python -m tests.inference.hierarchy.nutpie_peers --out reports/calibration
 
 coverage: $(STAMP)  ## real coverage of every interval in reports/coverage (hours); it resumes

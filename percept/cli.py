@@ -43,7 +43,6 @@ GROUPS = {
         "cache": ("maintain", "show or clear kept posteriors"),
         "completion": ("maintain", "print shell completion"),
         "sbc": ("design", "simulation-based calibration of the model and sampler"),
-        "bench": ("bench", "run time against error, and digits kept"),
     },
 }
 COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}

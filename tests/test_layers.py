@@ -41,7 +41,7 @@ ALLOWED = {
 #: through these.
 LOOKED_UP: dict[str, set[str]] = {}
 #: The ends, which may import everything, and which nothing but an end imports.
-ENDS = {"cli", "commands", "bench", "__main__", "__init__"}
+ENDS = {"cli", "commands", "__main__", "__init__"}
 #: Packages that are not Python's own, for the parts that have to stay light or pure.
 OUTSIDE = {
     "errors": set(),

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from percept.bench import twins as twin
-from percept.bench.digits_haptics import PROMISE, QUANTITIES, Inputs, haptics_digits
 from percept.haptics import Coupling, required_damping_at
+from reports.benchmark import twins as twin
+from reports.benchmark.digits_haptics import PROMISE, QUANTITIES, Inputs, haptics_digits
 from tests import LONG
 
 CASES = 1000 if LONG else 60

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from percept.bench import twins as twin
 from percept.errors import UsageError
 from percept.haptics import (
     Coupling,
@@ -32,6 +31,7 @@ from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.haptics.impedance import coupling_admittance
 from percept.haptics.limits import stiffness_limits
 from percept.haptics.perceived import perceived_magnitude
+from reports.benchmark import twins as twin
 
 NYQUIST = np.pi / 1e-3
 

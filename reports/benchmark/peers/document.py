@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from percept.bench.measure import Machine
-from percept.bench.peers.engines import ENGINES, STUDIES, engine
-from percept.bench.peers.processes import Comparison, Measured, Whole, comparisons
-from percept.bench.peers.reference import Reference
 from percept.provenance import Made
+from reports.benchmark.measure import Machine
+from reports.benchmark.peers.engines import ENGINES, STUDIES, engine
+from reports.benchmark.peers.processes import Comparison, Measured, Whole, comparisons
+from reports.benchmark.peers.reference import Reference
 
 __all__ = ["Aim", "Benchmark", "Reached", "StudyFacts", "build_document", "reached"]
 

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from mpmath import mp
 
-from percept.bench import digits as bench
-from percept.bench import twins as twin
-from percept.bench.digits import (
+from percept.inference import Moments
+from percept.inference.classical.trials import subject_means
+from reports.benchmark import digits as bench
+from reports.benchmark import twins as twin
+from reports.benchmark.digits import (
     collapsed,
     density_digits,
     moment_digits,
     number_accuracy,
     small_large,
 )
-from percept.inference import Moments
-from percept.inference.classical.trials import subject_means
 from tests.inference.hierarchy import exact
 
 NIST = files("scipy.stats").joinpath("tests", "data", "nist_anova")

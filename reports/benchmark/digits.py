@@ -11,14 +11,14 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.bench import twins as twin
-from percept.bench.twins import Levels, Number
 from percept.inference import Moments
 from percept.inference.classical.trials import subject_means
 from percept.inference.hierarchy.blocks import Block, block
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.scales import Scales
 from percept.inference.hierarchy.statistics import from_trials
+from reports.benchmark import twins as twin
+from reports.benchmark.twins import Levels, Number
 
 __all__ = [
     "Digits",

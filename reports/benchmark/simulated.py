@@ -40,7 +40,7 @@ class StudyDesign:
 
 
 def _designs() -> dict[str, StudyDesign]:
-    text = resources.files("percept.bench").joinpath("designs.toml").read_text(encoding="utf-8")
+    text = resources.files("reports.benchmark").joinpath("designs.toml").read_text(encoding="utf-8")
     designs = {}
     for name, fields in tomllib.loads(text).items():
         fields["trials"] = tuple(fields["trials"])

@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study, read_sessions
-from percept.bench.skipping import STAGES, savings, stages_of, study_without, work_of
 from percept.sessions import Sessions
 from percept.study.prepare import prepare
 from reports import dataset
+from reports.benchmark.skipping import STAGES, savings, stages_of, study_without, work_of
 from tests.documents import build_document
 
 SAMPLER = {"emcee", "h5netcdf", "xarray"}

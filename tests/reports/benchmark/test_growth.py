@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from percept.bench.growth import growth, growth_study
+from reports.benchmark.growth import growth, growth_study
 
 
 def held(statistics):

@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Annotated
 
-from percept.bench.measure import Printed, in_a_process, print_result
+from reports.benchmark.measure import Printed, in_a_process, print_result
 
 if TYPE_CHECKING:
     from percept.study import Study

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from percept.bench.measure import Printed
-from percept.bench.peers.engines import STUDIES, Array, percept_run, study_statistics
 from percept.calibration.studies import Checkpoint
 from percept.errors import RefusalError
 from percept.results.plain import plain
+from reports.benchmark.measure import Printed
+from reports.benchmark.peers.engines import STUDIES, Array, percept_run, study_statistics
 
 if TYPE_CHECKING:
     from percept.inference.hierarchy.statistics import Statistics
@@ -90,7 +90,7 @@ def stored_reference(folder: str | Path, study: str) -> Reference:
             key="--rows",
             value=study,
             hint="Copy reports/benchmark/reference.json of the repository there,"
-            " or make them: percept bench reference --rows STUDY --out DIR.",
+            " or make them: python -m reports.benchmark reference --rows STUDY --out DIR.",
         )
     return references[study]
 

@@ -7,13 +7,13 @@ import json
 import numpy as np
 import pytest
 
-from percept.bench.measure import machine
-from percept.bench.peers.document import build_document, reached
-from percept.bench.peers.processes import COMMANDS, Measured, Whole, comparisons
-from percept.bench.peers.reference import Reference
-from percept.bench.peers.run import PAGE, write_benchmark
 from percept.provenance import made_by
 from percept.results.plain import plain
+from reports.benchmark.measure import machine
+from reports.benchmark.peers.document import build_document, reached
+from reports.benchmark.peers.processes import COMMANDS, Measured, Whole, comparisons
+from reports.benchmark.peers.reference import Reference
+from reports.benchmark.peers.run import PAGE, write_benchmark
 
 
 def row(name, size, warm, error, *, cold_more=10.0, steps=14.0):
@@ -71,7 +71,7 @@ def reference(count=10):
 def document(measured, seconds=(10.0, 4.0, 15.0, 14.0, 5.0, 5.0, 2.0)):
     return build_document(
         measured, whole(seconds), {"published": reference()},
-        made=made_by("percept bench peers --out DIR"), at=machine((0.1, 2.0), 60.0),
+        made=made_by("python -m reports.benchmark peers --out DIR"), at=machine((0.1, 2.0), 60.0),
     )  # fmt: skip
 
 
@@ -159,7 +159,7 @@ def test_page_holds_everything_and_asks_for_nothing(tmp_path):
     assert all(tag == "a" and (page.parent / value).is_file() for tag, value in links.outside)
     assert {"result", "ratios", "whole", "figure-time-published"} <= links.ids
     for said in (
-        "percept bench peers --out DIR",
+        "python -m reports.benchmark peers --out DIR",
         "The machine was shared",
         "4.60 times the wall time",
     ):

@@ -41,7 +41,7 @@ _KINDS = ("mean", "user", "share")
 _LEVEL = 0.99
 SHARE = 0.99
 CONFIDENCE = 0.95
-#: Studies compared, and what each is. The second part is simulated by `percept.bench.studies`.
+#: Studies compared, and what each is. The second part is simulated.
 STUDIES = {
     "published": "10 subjects, 5 environments, one trial; k and b",
     "published-k": "10 subjects, 5 environments, one trial; k alone",
@@ -56,8 +56,7 @@ _WALKERS = 256  # Of emcee, where the coordinates do not ask for more
 _KEPT_EVERY = 10  # Steps of emcee
 _BURN_IN = 0.25  # Of emcee's steps
 
-_CHAINS = 4  # Of PyMC and nutpie, as their users take them
-_PYMC_TUNE = 1000
+_CHAINS = 4  # Of nutpie, as its users take them
 _NUTPIE_TUNE = 400
 
 
@@ -97,7 +96,7 @@ class Engine:
 def study_statistics(name: str) -> Statistics:
     """Reduce one of `STUDIES` to what the density reads."""
     if not name.startswith("published"):
-        from percept.bench.studies import DESIGNS, simulated
+        from reports.benchmark.simulated import DESIGNS, simulated
 
         return simulated(DESIGNS[name], 1)
     from percept.scene import Scene
@@ -187,29 +186,11 @@ def _emcee(statistics: Statistics) -> Sampler:
     return fit
 
 
-def _pymc(statistics: Statistics) -> Sampler:
-    model = _plain_model(statistics, centred=True)
-    import pymc as pm
+def _nutpie(statistics: Statistics) -> Sampler:
+    from percept.inference.hierarchy.priors import Priors
+    from reports.benchmark.peers.cells import cells_model
 
-    def fit(budget: float, seed: int) -> Fitted:
-        with model:
-            tree = pm.sample(
-                int(budget),
-                tune=_PYMC_TUNE,
-                chains=_CHAINS,
-                cores=os.cpu_count(),
-                random_seed=seed,
-                progressbar=False,
-                compute_convergence_checks=False,
-                var_names=["beta", "spread"],
-            )
-        return _of_tree(tree, seed, float(tree.posterior.attrs["sampling_time"]))
-
-    return fit
-
-
-def _nutpie(statistics: Statistics, *, centred: bool) -> Sampler:
-    model = _plain_model(statistics, centred=centred)
+    model = cells_model(statistics, Priors(), centred=True)
     import nutpie
 
     compiled = nutpie.compile_pymc_model(model, var_names=["beta", "spread"])
@@ -228,13 +209,6 @@ def _nutpie(statistics: Statistics, *, centred: bool) -> Sampler:
         return _of_tree(tree, seed, time.perf_counter() - started)
 
     return fit
-
-
-def _plain_model(statistics: Statistics, *, centred: bool) -> Any:
-    from percept.bench.peers.cells import cells_model
-    from percept.inference.hierarchy.priors import Priors
-
-    return cells_model(statistics, Priors(), centred=centred)
 
 
 def _of_tree(tree: Any, seed: int, seconds: float) -> Fitted:
@@ -315,9 +289,6 @@ def limits_of_draws(
     return np.stack(value), np.stack(error), float(np.nanmin(effective))
 
 
-_NUTS_UNIT = "draws per chain, 4 chains"
-_NUTS_BUDGETS = ((250, 5), (1000, 5), (4000, 3), (16000, 1))
-_NUTPIE = ("nutpie", "pymc", "pytensor", "numba")
 ENGINES = (
     Engine(
         "percept",
@@ -340,28 +311,10 @@ ENGINES = (
     Engine(
         "nutpie",
         "nutpie, written plainly",
-        partial(_nutpie, centred=True),
-        _NUTPIE,
-        _NUTS_UNIT,
+        _nutpie,
+        ("nutpie", "pymc", "pytensor", "numba"),
+        "draws per chain, 4 chains",
         ((250, 5), (1000, 15), (4000, 3), (16000, 1)),
-        50,
-    ),
-    Engine(
-        "nutpie-noncentred",
-        "nutpie, non-centred by hand",
-        partial(_nutpie, centred=False),
-        _NUTPIE,
-        _NUTS_UNIT,
-        _NUTS_BUDGETS,
-        50,
-    ),
-    Engine(
-        "pymc",
-        "PyMC, written plainly",
-        _pymc,
-        ("pymc", "pytensor"),
-        _NUTS_UNIT,
-        _NUTS_BUDGETS,
         50,
     ),
 )

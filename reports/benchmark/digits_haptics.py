@@ -8,8 +8,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from percept.bench import twins as twin
-from percept.bench.digits import Digits, digits_row
 from percept.haptics import (
     Coupling,
     Device,
@@ -32,6 +30,8 @@ from percept.haptics.axis import warp
 from percept.haptics.impedance import coupling_admittance
 from percept.haptics.loop import Hold
 from percept.haptics.perceived import perceived_magnitude
+from reports.benchmark import twins as twin
+from reports.benchmark.digits import Digits, digits_row
 
 __all__ = ["PROMISE", "QUANTITIES", "Inputs", "haptics_digits"]
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept.bench.peers.cells import cells_model
-from percept.bench.studies import StudyDesign, simulated
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.priors import Priors
+from reports.benchmark.peers.cells import cells_model
+from reports.benchmark.simulated import StudyDesign, simulated
 
 LATENT = ("alpha", "gamma", "delta", "z_delta", "z_u")
 

@@ -1,7 +1,7 @@
 """Ordinary studies of many shapes: what a fit costs, and whether nutpie finds the same limits.
 
-``python -m percept.bench.designs TASK`` is the process of one fit, or of nutpie on the same data.
-It prints JSON.
+``python -m reports.benchmark.designs TASK`` is the process of one fit, or of nutpie on the same
+data. It prints JSON.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from percept.bench.measure import Printed, in_a_process, print_result
-from percept.bench.studies import DESIGNS, simulated
 from percept.calibration.studies import Checkpoint
 from percept.errors import RefusalError, UsageError
+from reports.benchmark.measure import Printed, in_a_process, print_result
+from reports.benchmark.simulated import DESIGNS, simulated
 
 if TYPE_CHECKING:
     from percept.inference.hierarchy.statistics import Statistics
@@ -298,7 +298,7 @@ def _main(task: str) -> None:
     kind, name, seed = json.loads(task)
     statistics = simulated(DESIGNS[name], seed)
     if kind == "peer":
-        from percept.bench.peers.cells import nutpie_limits
+        from reports.benchmark.peers.cells import nutpie_limits
 
         result = nutpie_limits(statistics, seed, seconds=_SAMPLING)
     else:

@@ -11,18 +11,6 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from percept.bench.measure import machine
-from percept.bench.peers.document import Benchmark, StudyFacts, build_document
-from percept.bench.peers.engines import ENGINES, STUDIES, Engine, engine
-from percept.bench.peers.processes import (
-    COMMANDS,
-    LONGEST,
-    Measured,
-    Whole,
-    measure,
-    whole_commands,
-)
-from percept.bench.peers.reference import stored_reference
 from percept.errors import RefusalError
 from percept.files import FolderFiles, filled_folder, refuse_foreign
 from percept.provenance import made_by
@@ -31,13 +19,25 @@ from percept.report.figures.output import draw_all
 from percept.report.page import render_standalone
 from percept.results.plain import dumps, plain
 from reports import dataset
+from reports.benchmark.measure import machine
+from reports.benchmark.peers.document import Benchmark, StudyFacts, build_document
+from reports.benchmark.peers.engines import ENGINES, STUDIES, Engine, engine
+from reports.benchmark.peers.processes import (
+    COMMANDS,
+    LONGEST,
+    Measured,
+    Whole,
+    measure,
+    whole_commands,
+)
+from reports.benchmark.peers.reference import stored_reference
 
 __all__ = ["PAGE", "Plan", "run_benchmark", "write_benchmark"]
 
 PAGE = "index.html"
 _FILES = FolderFiles(PAGE, (PAGE, "benchmark.json", "figures/time-*.svg"))
 _EXTRA = "pip install 'percept-haptics[peers]'"
-_COLOURS = ("bayesian", "ink", "classical", "warn", "coupled")
+_COLOURS = ("bayesian", "ink", "classical")
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def write_benchmark(document: Benchmark, out_dir: str | Path, *, force: bool = F
         (folder / "benchmark.json").write_text(dumps(plain(document)), encoding="utf-8")
         drawings = [_against_error(document, study) for study in document.studies]
         page = render_standalone(
-            "percept.bench.peers",
+            "reports.benchmark.peers",
             "benchmark.html.j2",
             draw_all(drawings, folder / "figures"),
             digits=3,

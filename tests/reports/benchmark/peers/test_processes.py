@@ -1,4 +1,4 @@
-"""Engines and whole commands in processes of their own, and the parts of percept bench that run
+"""Engines and whole commands in processes of their own, and the parts of the benchmark that run
 them."""
 
 import importlib.util
@@ -7,9 +7,9 @@ import shutil
 
 import pytest
 
-from percept.bench.peers.processes import whole_commands
-from percept.cli import main
 from percept.errors import RefusalError
+from reports.benchmark.__main__ import main
+from reports.benchmark.peers.processes import whole_commands
 from tests import BENCHMARK
 
 
@@ -36,7 +36,7 @@ def test_a_command_that_fails_is_named():
 
 
 def test_an_engine_nobody_knows_is_wrong_usage(tmp_path, capsys):
-    assert main(["bench", "peers", "--engines", "stan", "--out", str(tmp_path / "out")]) == 2
+    assert main(["peers", "--engines", "stan", "--out", str(tmp_path / "out")]) == 2
     assert "no such engine; they are percept, emcee" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
@@ -52,7 +52,7 @@ without_peers = pytest.mark.skipif(
 def test_what_is_not_installed_is_left_out_and_its_extra_named(tmp_path, capsys):
     shutil.copy(BENCHMARK / "reference.json", tmp_path)
     words = ["--engines", "percept", "nutpie", "--rows", "published", "--quick", "--repeats", "0"]
-    assert main(["bench", "peers", *words, "--out", str(tmp_path)]) == 0
+    assert main(["peers", *words, "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().err
     assert "nutpie, written plainly: left out, nutpie, pymc" in said
     assert "pip install 'percept-haptics[peers]'" in said
@@ -72,7 +72,6 @@ def test_a_whole_quick_benchmark_of_what_is_installed(tmp_path, capsys):
     out.mkdir()
     shutil.copy(BENCHMARK / "reference.json", out)
     words = [
-        "bench",
         "peers",
         "--engines",
         "percept",
@@ -108,5 +107,5 @@ def test_a_whole_quick_benchmark_of_what_is_installed(tmp_path, capsys):
 
 @without_peers
 def test_nothing_installed_is_refused(tmp_path, capsys):
-    assert main(["bench", "peers", "--engines", "pymc", "--out", str(tmp_path / "out")]) == 1
+    assert main(["peers", "--engines", "nutpie", "--out", str(tmp_path / "out")]) == 1
     assert "none of these engines is installed" in capsys.readouterr().err

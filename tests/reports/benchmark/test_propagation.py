@@ -3,9 +3,9 @@
 import pytest
 
 from percept import Scene, Study, read_sessions
-from percept.bench.propagation import propagation_costs, study_propagation
 from percept.haptics import Device
 from percept.sessions import Sessions
+from reports.benchmark.propagation import propagation_costs, study_propagation
 from tests import DATASETS
 from tests.boundary.test_law import mixture
 

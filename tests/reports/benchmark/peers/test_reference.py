@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept.bench.peers import reference
-from percept.bench.peers.engines import percept_run, study_statistics
-from percept.bench.peers.reference import Reference, make_references, stored_reference
 from percept.errors import RefusalError
+from reports.benchmark.peers import reference
+from reports.benchmark.peers.engines import percept_run, study_statistics
+from reports.benchmark.peers.reference import Reference, make_references, stored_reference
 from tests import BENCHMARK
 
 

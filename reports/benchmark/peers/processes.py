@@ -1,7 +1,7 @@
 """Engines and whole commands timed in processes of their own.
 
-``python -m percept.bench.peers.processes TASK`` is the process of one engine: a first run from the
-start of the process, then runs of every budget. It prints JSON.
+``python -m reports.benchmark.peers.processes TASK`` is the process of one engine: a first run
+from the start of the process, then runs of every budget. It prints JSON.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from percept.bench.measure import Printed, in_a_process, print_result, python_output
-from percept.bench.peers.engines import Engine, Fitted, engine, study_statistics
+from reports.benchmark.measure import Printed, in_a_process, print_result, python_output
+from reports.benchmark.peers.engines import Engine, Fitted, engine, study_statistics
 
 if TYPE_CHECKING:
     # What it needs would count as the start of every engine's process.
-    from percept.bench.peers.reference import Reference
+    from reports.benchmark.peers.reference import Reference
 
 __all__ = [
     "COMMANDS",

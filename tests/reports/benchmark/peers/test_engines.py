@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy import optimize, special, stats
 
-from percept.bench.peers.engines import (
+from percept.errors import UsageError
+from reports.benchmark.peers.engines import (
     CONFIDENCE,
     ENGINES,
     SHARE,
@@ -14,7 +15,6 @@ from percept.bench.peers.engines import (
     share_half_widths,
     study_statistics,
 )
-from percept.errors import UsageError
 
 
 def test_engines_are_found_by_name():
