@@ -83,8 +83,9 @@ def _draw_with(
     """Return what draws the lines of a quantity on a figure."""
     quantity = results.data.quantities[parameter]
     rows = matching(results.pse_lines, parameter=parameter)
-    cells = matching(results.data.cells, parameter=parameter)
-    references = {cell.environment: cell.reference for cell in cells}
+    # Published limits have no cells of values; every environment has intervals.
+    intervals = matching(results.intervals, parameter=parameter)
+    references = {row.environment: row.reference for row in intervals}
     of_quantity = matching(results.psychophysics, parameter=parameter, method="bayesian")
     points = matching(of_quantity, measure="pse")
     columns = min(_COLUMNS, len(conditions))
