@@ -85,7 +85,7 @@ def _draw_with(
     rows = matching(results.pse_lines, parameter=parameter)
     # Published limits have no cells of values; every environment has intervals.
     intervals = matching(results.intervals, parameter=parameter)
-    references = {row.environment: row.reference for row in intervals}
+    references = {row.environment: row.reference for row in intervals if row.reference is not None}
     of_quantity = matching(results.psychophysics, parameter=parameter, method="bayesian")
     points = matching(of_quantity, measure="pse")
     columns = min(_COLUMNS, len(conditions))
