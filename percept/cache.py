@@ -28,6 +28,8 @@ _SUFFIX = ".npz"
 _ARRAYS = ("points", "components", "errors", "autocorrelation_times")
 # Bytes of all entries: some hundred posteriors of ordinary studies.
 _LIMIT = 1_000_000_000
+#: Packages that decide the digits of a run, and whether the gate passes it.
+_DECISIVE = ("numpy", "scipy", "emcee", "arviz-stats")
 _log = logging.getLogger("percept.cache")
 
 
@@ -54,8 +56,8 @@ def numbers_version(*parts: str) -> str:
     -------
     str
     """
-    # emcee's version is read without importing it, which would cost what the cache saves.
-    packages = {name: metadata.version(name) for name in ("numpy", "scipy", "emcee")}
+    # Versions are read without importing what they are of, which would cost what the cache saves.
+    packages = {name: metadata.version(name) for name in _DECISIVE}
     root = Path(percept.__file__).parent
     code = hashlib.sha256()
     for part in parts:

@@ -15,6 +15,7 @@ from percept import __version__
 __all__ = ["Made", "commit_of_code", "made_by", "markdown_table"]
 
 _PACKAGE = Path(__file__).resolve().parent
+_PACKAGES = ("numpy", "scipy", "emcee", "pandas", "arviz-base", "arviz-stats")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Made:
         return f"Made on {self.date} by `{self.command}`{commit}. {versions}."
 
 
-def made_by(command: str, packages: Iterable[str] = ("numpy", "scipy", "emcee", "pandas")) -> Made:
+def made_by(command: str, packages: Iterable[str] = _PACKAGES) -> Made:
     """Record what a page is made by, now.
 
     Parameters

@@ -49,10 +49,10 @@ OUTSIDE = {
     "files": set(),
     "provenance": set(),
     "haptics": {"numpy"},
-    "inference": {"numpy", "scipy", "emcee"},
+    "inference": {"numpy", "scipy", "emcee", "arviz_stats"},
     "results": {"numpy", "pydantic"},
     "boundary": {"numpy", "scipy", "pandas"},
-    "study": {"numpy", "scipy", "pandas", "pydantic", "xarray"},
+    "study": {"numpy", "scipy", "pandas", "pydantic", "xarray", "arviz_base"},
     "planning": {"numpy", "scipy"},
 }
 

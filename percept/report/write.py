@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import io
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,9 +16,7 @@ from percept.report.tables import csv_tables
 from percept.results import Results
 
 if TYPE_CHECKING:
-    import h5netcdf
-
-    from percept.results import DrawGroup
+    from xarray import DataTree
 
 __all__ = [
     "FIT_FILES", "REPORT_FILES", "fill_fit", "fill_report", "fit_folder", "report_folder",
@@ -109,7 +106,7 @@ def fill_report(
     folder: Path,
     results: Results,
     *,
-    posterior: Mapping[str, DrawGroup] | None = None,
+    posterior: DataTree | None = None,
     formats: Sequence[str] = ("svg",),
     date: str | None = None,
     progress: Callable[[str], None] | None = None,
@@ -122,7 +119,7 @@ def fill_report(
         As `report_folder` gives it.
     results : Results
         Of a study, or read back from report.json.
-    posterior : mapping of str to DrawGroup, optional
+    posterior : DataTree, optional
         Draws to put beside them.
     formats : sequence of {"svg", "pdf", "png"}
         Of the figures' files; none: only those inside the page.
@@ -173,9 +170,7 @@ def fit_folder(
         yield folder
 
 
-def fill_fit(
-    folder: Path, results: Results, *, posterior: Mapping[str, DrawGroup] | None = None
-) -> None:
+def fill_fit(folder: Path, results: Results, *, posterior: DataTree | None = None) -> None:
     """Write fit.json, in report.json's schema, and the posterior into a folder."""
     document = results.to_json(findings(results))
     (folder / "fit.json").write_text(document, encoding="utf-8")
@@ -223,37 +218,11 @@ def rewrite_report(
     return Path(out_dir) / "report.html"
 
 
-def write_posterior(posterior: Mapping[str, DrawGroup], path: Path) -> None:
-    """Write a posterior as netCDF, as `xarray.open_datatree` reads it.
+def write_posterior(posterior: DataTree, path: Path) -> None:
+    """Write a posterior to a netCDF file.
 
     It is put together in memory: where HDF5 itself runs into a full disk, closing its file ends the
     process.
     """
-    # A classical fit needs no HDF5. No fit needs xarray, which takes longer to import than to write
-    # the file.
-    import h5netcdf
-
-    content = io.BytesIO()
-    with h5netcdf.File(content, "w") as file:
-        for name, group in posterior.items():
-            _write_group(file.create_group(name), group)
-    path.write_bytes(content.getvalue())
-
-
-def _write_group(node: h5netcdf.Group, group: DrawGroup) -> None:
-    """Write labels and variables into a group of a file."""
-    import h5py
-
-    node.dimensions = group.sizes
-    for name, array in (group.coordinates | group.variables).items():
-        kind = array.values.dtype
-        if kind.kind == "U":
-            kind = h5py.string_dtype()
-        variable = node.create_variable(name, array.dimensions, kind)
-        variable[...] = array.values
-        variable.attrs.update(array.attributes)
-    node.attrs.update(group.attributes)
-    # Under this name xarray looks for labels that are not called as their dimension.
-    further = group.coordinates.keys() - group.sizes.keys()
-    if further:
-        node.attrs["coordinates"] = " ".join(sorted(further))
+    content = posterior.to_netcdf(engine="h5netcdf")
+    path.write_bytes(content)

@@ -53,7 +53,6 @@ from percept.results.data import (
     SourceFile,
     SubjectRow,
 )
-from percept.results.draws import DrawGroup, NamedArray
 from percept.results.findings import (
     Findings,
     Overview,
@@ -80,10 +79,10 @@ __all__ = [
     "SCHEMA", "AdmissibleCouplings", "AnovaRow", "Band", "BandDifference", "BandLaw", "BandPair",
     "BandRow", "BandStatement", "Boundary", "CellOutlier", "CellValues", "Checks", "Confidences",
     "ConfirmedCoupling", "ContrastRow", "Coupling", "Data", "DesignCounts", "DeviceAverage",
-    "DeviceMap", "DeviceProbabilities", "DeviceStability", "Diagnostics", "DrawGroup",
+    "DeviceMap", "DeviceProbabilities", "DeviceStability", "Diagnostics",
     "EnvironmentCouplings", "EquivalenceRow", "Estimate", "Findings", "GateVerdict", "IntervalRow",
     "Ladder", "LadderEffect", "Leaning", "LeftOut", "LeftOutRow", "LevelValues", "Membership",
-    "MethodPair", "MoreSubjects", "NamedArray", "NormalityTest", "Note", "Nouns", "Overview",
+    "MethodPair", "MoreSubjects", "NormalityTest", "Note", "Nouns", "Overview",
     "OverviewRow", "Passivity", "PosteriorEvidence", "PredictiveCheck", "Prior", "PriorQuantiles",
     "Provenance", "PseLineRow", "PsychophysicsRow", "ReferenceName", "ReferencesInside",
     "RenderedEdge", "RenderedWall", "Results", "Shape", "Skipped", "SourceFile", "SubjectCheck",

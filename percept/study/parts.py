@@ -60,8 +60,9 @@ __all__ = ["Parts"]
 
 # What imports the hierarchical model is imported where needed: the classical method does without.
 if TYPE_CHECKING:
+    from xarray import DataTree
+
     from percept.inference.sampling.gate import Progress
-    from percept.results import DrawGroup
     from percept.study.fit import Fit, RunStore
     from percept.study.ladder import Ladder
 
@@ -184,13 +185,13 @@ class Parts:
         return self.fit if self.fit and self.fit.passed else None
 
     @cached_property
-    def posterior(self) -> dict[str, DrawGroup] | None:
-        """Groups of draws, thinned to the effective size; None unless the fit passed."""
+    def posterior(self) -> DataTree | None:
+        """Posterior as an ArviZ DataTree, thinned to the effective size; None unless it passed."""
         if self.passed is None:
             return None
-        from percept.study.posterior import posterior_groups
+        from percept.study.posterior import posterior_tree
 
-        return posterior_groups(self.passed, seed=self.scene.inference.seed)
+        return posterior_tree(self.passed, seed=self.scene.inference.seed)
 
     @property
     def checks(self) -> Checks | None:

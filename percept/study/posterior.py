@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING
@@ -22,14 +22,13 @@ import percept
 from percept.inference.checks.predictive import new_studies
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.hierarchy.priors import Named
-from percept.results import DrawGroup, NamedArray
 from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit
 
 if TYPE_CHECKING:
     from xarray import DataTree
 
-__all__ = ["posterior_groups", "posterior_tree", "variables_of_posterior"]
+__all__ = ["posterior_tree", "variables_of_posterior"]
 
 #: Draws kept of each chain, at most. Four chains of as many suffice for plots and summaries, and
 #: make a file of few megabytes.
@@ -52,7 +51,7 @@ def variables_of_posterior() -> dict[str, dict[str, str]]:
     return tomllib.loads(_NAMES.read_text(encoding="utf-8"))
 
 
-def posterior_groups(fit: Fit, *, seed: int) -> dict[str, DrawGroup]:
+def posterior_tree(fit: Fit, *, seed: int) -> DataTree:
     """Collect draws and data, one chain per ensemble.
 
     Parameters
@@ -64,50 +63,40 @@ def posterior_groups(fit: Fit, *, seed: int) -> dict[str, DrawGroup]:
 
     Returns
     -------
-    dict of str to DrawGroup
+    DataTree
         Groups posterior, posterior_predictive and sample_stats. One model of all quantities, fitted
         to sessions, has log_likelihood, observed_data and prior too. `variables_of_posterior` says
         what they hold.
     """
-    labels = _labels(fit)
-    further_labels = _further_labels(fit)
-    groups = {}
-    for group, named in _groups(fit, seed).items():
-        variables = {}
-        for name, (dimensions, values) in named.items():
-            draw_dimensions, by_chain = _by_chain(fit, group, values)
-            named_dimensions = tuple(map(_without_slashes, (*draw_dimensions, *dimensions)))
-            variables[_without_slashes(name)] = NamedArray(
-                named_dimensions, by_chain, _attributes(name)
-            )
-        draws = DrawGroup(variables, {}, _about(fit))
-        sizes = draws.sizes
-        for dimension, size in sizes.items():
-            entries = np.array(labels.get(dimension, np.arange(size)))
-            draws.coordinates[dimension] = NamedArray((dimension,), entries)
-        for name, (dimension, texts) in further_labels.items():
-            if dimension in sizes:
-                draws.coordinates[name] = NamedArray((dimension,), np.array(texts))
-        groups[group] = draws
-    return groups
-
-
-def posterior_tree(groups: Mapping[str, DrawGroup]) -> DataTree:
-    """Put groups of draws into an ArviZ DataTree."""
-    # Slow to import: writing the file does without.
-    import xarray
+    # Slow to import, and of no use to a study that nobody saves.
+    import arviz_base
+    from xarray import DataTree
 
     datasets = {}
-    for name, group in groups.items():
-        variables = {
-            key: (array.dimensions, array.values, array.attributes)
-            for key, array in group.variables.items()
+    for group, named in _groups(fit, seed).items():
+        values: dict[Hashable, Array] = {}
+        dimensions: dict[Hashable, Sequence[Hashable]] = {}
+        for name, (own_dimensions, draws) in named.items():
+            key = _without_slashes(name)
+            values[key] = _by_chain(fit, group, draws)
+            dimensions[key] = [_without_slashes(dimension) for dimension in own_dimensions]
+        dataset = arviz_base.dict_to_dataset(
+            values,
+            dims=dimensions,
+            coords=_labels(fit),
+            sample_dims=[] if group == "observed_data" else ["chain", "draw"],
+        )
+        # In place of ArviZ's: without the time, equal posteriors are equal files.
+        dataset.attrs = _about(fit)
+        for name in named:
+            dataset[_without_slashes(name)].attrs = _attributes(name)
+        further = {
+            name: (dimension, labels)
+            for name, (dimension, labels) in _further_labels(fit).items()
+            if dimension in dataset.sizes
         }
-        coordinates = {
-            key: (array.dimensions, array.values) for key, array in group.coordinates.items()
-        }
-        datasets[name] = xarray.Dataset(variables, coordinates, group.attributes)
-    return xarray.DataTree.from_dict(datasets)
+        datasets[group] = dataset.assign_coords(further)
+    return DataTree.from_dict(datasets)
 
 
 def _groups(fit: Fit, seed: int) -> dict[str, Named]:
@@ -155,13 +144,12 @@ def _without_slashes(name: str) -> str:
     return name.replace("/", _SLASH)
 
 
-def _by_chain(fit: Fit, group: str, values: Array) -> tuple[tuple[str, ...], Array]:
-    """Split draws into chains: the dimensions that they take, and values with these."""
+def _by_chain(fit: Fit, group: str, values: Array) -> Array:
+    """Split draws into chains; the data are one draw of themselves."""
     if group == "observed_data":
-        return (), values[0]
+        return values[0]
     chains = 1 if group == "prior" else len(fit.run.points)
-    by_chain = values.reshape(chains, -1, *values.shape[1:])
-    return ("chain", "draw"), by_chain
+    return values.reshape(chains, -1, *values.shape[1:])
 
 
 def _attributes(name: str) -> dict[str, str]:
@@ -255,7 +243,7 @@ def _about(fit: Fit) -> dict[str, str]:
     }
 
 
-def _labels(fit: Fit) -> dict[str, list[str]]:
+def _labels(fit: Fit) -> Mapping[Hashable, Sequence[str]]:
     """Name the entries of dimensions."""
     return {
         "parameter": fit.parameters,

@@ -54,7 +54,7 @@ __all__ = [
 T = TypeVar("T")
 
 #: Libraries whose versions decide the last digits of a result.
-_PACKAGES = ("numpy", "scipy", "pandas", "emcee")
+_PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
 #: Joint treatments of close views: k and b each at the level asked for, or drawn together.
 _CLOSE_JOINTS = ("marginal", "joint")
 #: Frequencies of a close view; its window is narrow, and its curves are smooth.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable, Collection
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -183,14 +182,10 @@ class Study:
             table = table.merge(named, on=_CELL, how="left")
         return table.reset_index(drop=True)
 
-    @cached_property
+    @property
     def posterior(self) -> DataTree | None:
         """Posterior as an ArviZ DataTree, thinned to the effective size; None unless it passed."""
-        if self.parts.posterior is None:
-            return None
-        from percept.study.posterior import posterior_tree
-
-        return posterior_tree(self.parts.posterior)
+        return self.parts.posterior
 
     @property
     def boundaries(self) -> tuple[Boundary, ...]:

@@ -399,6 +399,21 @@ def test_validating_imports_the_reader_and_no_more():
     assert "scipy" not in modules
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["validate", SESSIONS],
+        ["new", "{folder}/scene.toml"],
+        ["new", "{folder}/scene.toml", "--from", SESSIONS],
+        ["plan", "--sd", "0.2", "--half-width", "0.1"],
+    ],
+)
+def test_what_samples_nothing_imports_no_slow_statistics(tmp_path, arguments):
+    typed = [word.format(folder=tmp_path) for word in arguments]
+    modules = imported_by(f"from percept.cli import main; assert main({typed!r}) == 0")
+    assert not modules & {"scipy.stats", "arviz_base", "arviz_stats", "emcee", "matplotlib"}
+
+
 def test_classical_fit_imports_no_sampler(tmp_path):
     modules = imported_by(
         "from percept.cli import main\n"

@@ -90,14 +90,13 @@ def test_a_posterior_that_does_not_fit_is_an_error_and_ends_no_process(tmp_path)
 import resource, sys
 from pathlib import Path
 import numpy as np
+import arviz_base
 from percept.report.write import write_posterior
-from percept.results import DrawGroup, NamedArray
 sys.dont_write_bytecode = True
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 values = np.random.default_rng(1).random((4, 20_000))
-draws = DrawGroup({"scale": NamedArray(("chain", "draw"), values)}, {}, {})
 try:
-    write_posterior({"posterior": draws}, Path(sys.argv[1]))
+    write_posterior(arviz_base.from_dict({"posterior": {"scale": values}}), Path(sys.argv[1]))
 except OSError as error:
     print(error.strerror)
 """

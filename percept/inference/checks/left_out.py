@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy import special
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.checks.pareto import good_index, smoothed_log_weights
 from percept.inference.checks.subjects import SubjectDensity
 
 __all__ = [
@@ -24,6 +23,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+#: Tail index above which no number of draws helps (Vehtari, Simpson, Gelman, Yao and Gabry 2024).
+_WORST_INDEX = 0.7
 #: Part of an environment's own SD in the closed form; the rest is the environments' together, as
 #: in a fit that takes most of their differences for chance.
 _OWN = 0.3
@@ -133,22 +134,18 @@ def smoothed_subjects(log_density: Array, points: Array) -> Loo:
     -------
     Loo
     """
-    pointwise = []
-    indices = []
-    by_subject = []
-    for densities in log_density.T:
-        log_weights, index = smoothed_log_weights(-densities)
-        pointwise.append(special.logsumexp(log_weights + densities))
-        indices.append(index)
-        by_subject.append(log_weights)
-    all_log_weights = np.stack(by_subject).T
-    weights = np.exp(all_log_weights - all_log_weights.max())
+    # A slow import, for checks of a posterior only.
+    from arviz_stats.base import array_stats
+
+    # It takes log densities, and negates them itself.
+    log_weights, indices = array_stats.psislw(log_density, axis=0)
+    log_weights = log_weights.T
     return Loo(
-        pointwise=np.array(pointwise),
-        pareto_k=np.array(indices),
-        good_k=good_index(len(points)),
+        pointwise=special.logsumexp(log_weights + log_density, axis=0),
+        pareto_k=indices,
+        good_k=min(1.0 - 1.0 / math.log10(len(points)), _WORST_INDEX),
         points=points,
-        weights=weights / weights.sum(axis=0),
+        weights=special.softmax(log_weights, axis=0),
     )
 
 

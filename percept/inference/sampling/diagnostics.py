@@ -1,4 +1,4 @@
-"""Convergence measures: autocorrelation time, Monte Carlo error and rank R-hat across ensembles.
+"""Convergence measures: autocorrelation time, Monte Carlo error and R-hat across ensembles.
 
 Series are (E, T, W, Q): ensembles, kept positions, walkers and quantities.
 """
@@ -15,7 +15,6 @@ __all__ = [
     "autocorrelation_time",
     "monte_carlo_error",
     "normal_scores",
-    "rank_rhat",
     "split_rhat",
     "thin_walkers",
 ]
@@ -105,40 +104,29 @@ def monte_carlo_error(influence: Array, times: Array) -> Array:
     return np.maximum(by_batches, by_time)
 
 
-def rank_rhat(chains: Array) -> Array:
-    """Rank-normalised split R-hat, the larger of bulk and folded (Vehtari et al. 2021).
+def split_rhat(chains: Array, method: str) -> Array:
+    """Return ArviZ's R-hat of the halves of chains (Vehtari et al. 2021).
 
     Parameters
     ----------
     chains : ndarray
-        Shape (M, N, V): M chains of N draws of V quantities.
+        Shape (M, N, V): M chains of N draws of V quantities, at least four draws.
+    method : str
+        ``"rank"``, of ranks and of their distances from the median, or ``"split"``, of the values.
 
     Returns
     -------
     ndarray
-        Shape (V,).
+        Shape (V,); one where nothing varies.
     """
-    median = np.median(chains, axis=(0, 1))
-    folded = np.abs(chains - median)
-    bulk_rhat = split_rhat(normal_scores(chains))
-    folded_rhat = split_rhat(normal_scores(folded))
-    return np.maximum(bulk_rhat, folded_rhat)
+    # A slow import, for runs of the sampler only.
+    from arviz_stats.base import array_stats
 
-
-def split_rhat(chains: Array) -> Array:
-    """R-hat of the halves of chains (M, N, V), shape (V,); one where nothing varies."""
-    length = chains.shape[1] // 2
-    first = chains[:, :length]
-    second = chains[:, chains.shape[1] - length :]
-    halves = np.concatenate([first, second])
-    variances = halves.var(axis=1, ddof=1)
-    means = halves.mean(axis=1)
-    within = variances.mean(axis=0)
-    between = means.var(axis=0, ddof=1)
+    # Halves that are constants divide by zero.
     with np.errstate(invalid="ignore", divide="ignore"):
-        rhat = np.sqrt((length - 1) / length + between / within)
-    constant = np.ptp(halves, axis=(0, 1)) == 0
-    return np.where(constant, 1.0, rhat)
+        found = array_stats.rhat(chains, chain_axis=0, draw_axis=1, method=method)
+    constant = np.ptp(chains, axis=(0, 1)) == 0
+    return np.where(constant, 1.0, found)
 
 
 def normal_scores(values: Array) -> Array:

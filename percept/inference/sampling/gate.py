@@ -22,7 +22,6 @@ from percept.inference.sampling.diagnostics import (
     autocorrelation_time,
     monte_carlo_error,
     normal_scores,
-    rank_rhat,
     split_rhat,
     thin_walkers,
 )
@@ -265,7 +264,7 @@ def _measure_estimates(estimates: Estimates, series: Array) -> Measured:
     gap = max(1, round(float(longest)))
     ranked = scores[:, ::gap].reshape(ensembles, -1, count)
     tails = tail[:, ::gap].reshape(ensembles, -1, count)
-    rhats = np.maximum(rank_rhat(ranked), split_rhat(tails))
+    rhats = np.maximum(split_rhat(ranked, "rank"), split_rhat(tails, "split"))
     return Measured(estimates, errors, times, rhats)
 
 

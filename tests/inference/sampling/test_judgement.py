@@ -6,7 +6,6 @@ from percept.inference.sampling.diagnostics import (
     autocorrelation_time,
     monte_carlo_error,
     normal_scores,
-    rank_rhat,
     split_rhat,
 )
 from percept.inference.sampling.gate import measure
@@ -58,7 +57,7 @@ def test_rhat_is_that_of_ranks_and_tails():
     found = measure(Apart(), components)
     scores = normal_scores(components[..., :2].reshape(4, -1, 2))
     tails = np.where(np.abs(scores) > 1.645, 1.0, 0.0)
-    wanted = np.maximum(rank_rhat(scores), split_rhat(tails))
+    wanted = np.maximum(split_rhat(scores, "rank"), split_rhat(tails, "split"))
     np.testing.assert_allclose(found.rhats, wanted, atol=1e-6)
     assert found.rhats.max() < 1.01
     assert measure(Apart(), chains(apart=0.3)).rhats.min() > 1.01

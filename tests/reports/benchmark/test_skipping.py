@@ -13,7 +13,7 @@ from reports import dataset
 from reports.benchmark.skipping import STAGES, savings, stages_of, study_without, work_of
 from tests.documents import build_document
 
-SAMPLER = {"emcee", "h5netcdf", "xarray"}
+SAMPLER = {"emcee", "arviz_base", "arviz_stats", "h5netcdf", "xarray"}
 PAGE = {"jinja2", "matplotlib.figure", "percept.report.figures"}
 OURS = {"percept.inference.hierarchy", "percept.inference.sampling", "percept.boundary"}
 CURVES = {"curve_laws", "boundaries", "verdicts", "device_map", "coupling_map"}
