@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Sequence
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 import percept
 from percept.inference.checks.predictive import new_studies
@@ -243,7 +243,7 @@ def _about(fit: Fit) -> dict[str, str]:
     }
 
 
-def _labels(fit: Fit) -> Mapping[Hashable, Sequence[str]]:
+def _labels(fit: Fit) -> dict[Hashable, ArrayLike]:
     """Name the entries of dimensions."""
     return {
         "parameter": fit.parameters,
