@@ -17,7 +17,7 @@ ROOT = Path(percept.__file__).parent
 MODULES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(ROOT.rglob("*.py"))}
 
 #: Code tokens in all: what is new is paid for by what it makes dead. Packing does not help.
-MOST_TOKENS = 320_200
+MOST_TOKENS = 319_000
 #: The same of what makes the pages of `reports`.
 MOST_TOKENS_OF_REPORTS = 39_900
 #: Tokens on a code line, and in a statement; well-read libraries have 6 to 9, and 10 to 12.
@@ -30,7 +30,7 @@ MOST_UNPACKED_GENERATORS = 0.5
 #: Annotations that hide what a mapping holds.
 MOST_UNTYPED_MAPPINGS = 30
 MOST_LINES_OF_A_MODULE = 450
-MOST_MODULES = 267
+MOST_MODULES = 265
 
 NOT_CODE = {
     tokenize.COMMENT,

@@ -97,9 +97,8 @@ class Parts:
     @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Parameters analysed: those the scene names, or all that were adjusted."""
-        sessions = self.sessions
         asked = self.scene.inference.parameters
-        return analysed_parameters(sessions.parameters, asked, sessions.quantities)
+        return analysed_parameters(self.sessions.parameters, asked, self.sessions.quantities)
 
     @property
     def environments(self) -> tuple[str, ...]:
