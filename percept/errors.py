@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import unicodedata
 from collections.abc import Iterable
 from typing import TypedDict, Unpack
 
@@ -33,7 +34,12 @@ def counted(number: int, one: str, many: str | None = None) -> str:
 
 def printable(text: str) -> str:
     """Escape control and bidirectional characters, which move a cursor or hide text."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    return "".join(c if _is_seen(c) else c.encode("unicode_escape").decode() for c in text)
+
+
+def _is_seen(character: str) -> bool:
+    """Whether a character is safe in a line: spaces of all widths are, and Python escapes them."""
+    return character.isprintable() or unicodedata.category(character) == "Zs"
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

@@ -4,7 +4,7 @@ import pickle
 
 import pytest
 
-from percept.errors import PerceptError, RefusalError, UsageError
+from percept.errors import PerceptError, RefusalError, UsageError, printable
 
 
 @pytest.mark.parametrize(
@@ -41,3 +41,8 @@ def test_an_error_of_another_process_says_the_same() -> None:
     again = pickle.loads(pickle.dumps(error))
     assert type(again) is RefusalError
     assert str(again) == str(error)
+
+
+def test_control_and_bidirectional_characters_are_escaped_and_narrow_spaces_are_not() -> None:
+    assert printable("24\u202f%\u00a0of") == "24\u202f%\u00a0of"
+    assert printable("a\x1b[2J\x9b\u202eb\n") == r"a\x1b[2J\x9b\u202eb\n"

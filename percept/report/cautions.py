@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from percept.errors import counted
+from percept.errors import capitalised, counted
 from percept.report.numbers import bare, rounded
 from percept.report.select import (
     METHODS,
     MOST_OPEN,
-    STATISTICS,
     Words,
     distinct,
     family_of,
@@ -35,6 +34,15 @@ _FEW = 5  # fewer subjects than this are called few
 #: Shift, in half-widths of the classical interval, from which on pooling is told: at 95 % it takes
 #: an interval of that width to a coverage of 92 %.
 _PULLED = 0.25
+#: What a statistic of a cell says of the data where it is too high or too low for the model.
+_UNEXPECTED = {
+    ("mean", "high"): "the mean of {quantity} is higher",
+    ("mean", "low"): "the mean of {quantity} is lower",
+    ("sd", "high"): "{subjects} differ more in {quantity}",
+    ("sd", "low"): "{subjects} differ less in {quantity}",
+    ("farthest", "high"): "one {subject} lies farther from the others in {quantity}",
+    ("farthest", "low"): "the {subjects} lie closer together in {quantity}",
+}
 _WARNINGS = 4  # the summary repeats the reader's first warnings
 
 
@@ -197,12 +205,18 @@ def misfits(checks: Checks, family: str, words: Words) -> Iterator[str]:
         )
     if checks.loo:
         yield from checks.loo.messages
-        unusual = []
-        for check in matching(checks.statistics, unusual=True):
-            statistic = STATISTICS[check.statistic].format(subject=words.subject)
-            unusual.append(f"{statistic} of {check.parameter} in {check.environment}")
-        if unusual:
-            yield f"The hierarchical model does not reproduce the {'; '.join(unusual)}."
+        unusual = matching(checks.statistics, unusual=True)
+        found = []
+        for check in unusual:
+            # Where the data have too little of it, most new studies have more.
+            side = "low" if check.above > 0.5 else "high"
+            what = _UNEXPECTED[check.statistic, side].format(
+                subject=words.subject, subjects=words.subjects, quantity=check.parameter
+            )
+            found.append(f"in {check.environment} {what}")
+        if found:
+            of_all = f"{len(found)} of {counted(len(checks.statistics), 'check')}"
+            yield f"{capitalised('; '.join(found))} than the model expects ({of_all})."
         yield from checks.pull
 
 

@@ -49,18 +49,16 @@ def bare(text: str) -> str:
 
 
 def percentage(value: float, digits: int = 3) -> str:
-    """Write a fraction as a percentage, a multiple from ten on, "< 0.1 %" where it is less."""
+    """Write a fraction as a percentage, "< 0.1 %" where it is less."""
     if 0 < abs(value) < 0.001:
         return ("< " if value > 0 else "> −") + "0.1\u202f%"
-    if 10 <= abs(value) < math.inf:
-        return f"{bare(rounded(value, digits))}\u202f×"
     return f"{bare(rounded(100 * value, digits))}\u202f%"
 
 
 def _bias(value: float) -> str:
-    """Write how far something lies from its reference: +38 %, −7.1 %, or 254 × the reference."""
+    """Write how far something lies from its reference: +38 %, −7.1 %, or 254 times as high."""
     if value >= 9:
-        return f"{bare(rounded(1 + value, 3))}\u202f×"
+        return f"{bare(rounded(1 + value, 3))} times"
     sign = "+" if value > 0 else ""
     if abs(value) < 0.001:
         # The sign may decide, so that no bias is written as less than something.

@@ -17,7 +17,6 @@ __all__ = [
     "METHOD_NAMES",
     "MOST_NAMED",
     "MOST_OPEN",
-    "STATISTICS",
     "DeviceRange",
     "Section",
     "Words",
@@ -51,7 +50,6 @@ METHODS = ("classical", "bayesian")
 #: A probability that moves by no more than this over all devices is not drawn.
 _VARIES = 0.05
 #: Statistics of the predictive check, in words.
-STATISTICS = {"mean": "mean", "sd": "SD", "farthest": "farthest {subject}"}
 METHOD_NAMES = {"classical": "classical", "bayesian": "Bayesian"}
 #: More names than this are counted, not listed.
 MOST_NAMED = 5

@@ -158,7 +158,7 @@ def chosen_contrasts(contrasts: pd.DataFrame, asked: str) -> pd.DataFrame:
         pairs = rows.drop_duplicates(["second", "first"])
         there = " and ".join(pairs["second"] + " - " + pairs["first"])
         hint = f"The model compares {there}."
-        raise UsageError(f"{factor} has no such levels.", value=levels, hint=hint)
+        raise UsageError(f"{factor} has no such contrast of two levels.", value=levels, hint=hint)
     return _turned(turned).reset_index(drop=True)
 
 

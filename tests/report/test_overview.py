@@ -7,21 +7,24 @@ import dataclasses
 import pytest
 
 from percept.boundary.feels_real import judge
-from percept.report.cautions import cautions
+from percept.report.cautions import cautions, misfits
 from percept.report.feelings import feeling_sentences
 from percept.report.numbers import digits_of
 from percept.report.overview import findings, overview
-from percept.report.select import Words, first, matching, title_of
+from percept.report.select import Words, first, matching, title_of, words_of
 from percept.results import (
+    Checks,
     Confidences,
     Coupling,
     IntervalRow,
     Ladder,
     LadderEffect,
     Leaning,
+    LeftOut,
     MoreSubjects,
     Note,
     PosteriorEvidence,
+    PredictiveCheck,
     Verdict,
 )
 from percept.sessions.quantities import IMPEDANCE, Quantity
@@ -478,3 +481,21 @@ def test_a_mean_that_pooling_moves_far_is_told(family):
     assert told[:30] not in " ".join(
         cautions(dataclasses.replace(pooled, intervals=(*rows[:4], *near)))
     )
+
+
+@pytest.mark.parametrize(
+    ("statistic", "above", "text"),
+    [
+        ("farthest", 0.999, "In VE2 the subjects lie closer together in b than the model expects"),
+        ("farthest", 0.001, "In VE2 one subject lies farther from the others in b than the model"),
+        ("sd", 0.999, "In VE2 subjects differ less in b than the model expects (1 of 2 checks)."),
+        ("mean", 0.001, "In VE2 the mean of b is higher than the model expects (1 of 2 checks)."),
+    ],
+)
+def test_a_check_that_fails_says_on_which_side(statistic, above, text):
+    usual = PredictiveCheck("VE1", "b", statistic, 1.0, 0.5, 1.5, 0.5, unusual=False)
+    unusual = PredictiveCheck("VE2", "b", statistic, 1.0, 2.0, 3.0, above, unusual=True)
+    left_out = LeftOut(0.0, 1.0, 0.7, subjects=(), cells=(), messages=())
+    checks = Checks(normality=(), loo=left_out, statistics=(usual, unusual))
+    said = list(misfits(checks, "lognormal", words_of(EMPTY)))
+    assert any(sentence.startswith(text) for sentence in said)

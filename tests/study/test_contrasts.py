@@ -357,7 +357,7 @@ def test_a_contrast_can_be_asked_for_either_way_round(family):
         assert "left over right" in other.covers or "left less right" in other.covers
     with pytest.raises(UsageError, match="no such term"):
         made.contrast("foot: left - right")
-    with pytest.raises(UsageError, match="'left - both': hand has no such levels"):
+    with pytest.raises(UsageError, match="'left - both': hand has no such contrast of two levels"):
         made.contrast("hand: left - both")
 
 
