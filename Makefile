@@ -29,9 +29,9 @@ test: lint  ## lint, types and the whole test suite
 
 evidence: $(STAMP)  ## tests that take minutes: refits, kills, sweeps; their page in reports/evidence
 	@$(BIN)/python -m tests.evidence --workers $(JOBS) --out reports/evidence
-	@$(BIN)/python -m tests.boundary.throughout --out reports/evidence
-	@$(BIN)/python -m tests.haptics.sampled --out reports/evidence
-	@$(BIN)/python -m tests.study.factor_costs --out reports/evidence
+	@for part in throughout loop factor_costs; do \
+	    $(BIN)/python -m reports.evidence $$part --out reports/evidence || exit 1; \
+	done
 
 test-page: $(STAMP) build/node_modules/axe-core  ## the report's page in a headless Chromium
 	@$(BIN)/python -m pytest -m page tests/page -q -rs
@@ -88,17 +88,18 @@ digits: $(STAMP)  ## digits, propagation, growth and skipping of reports/benchma
 
 bench: $(STAMP)  ## run time against error of reports/benchmark, next to other samplers (an hour; extra peers)
 	@$(BIN)/python -m reports.benchmark peers --out reports/benchmark
-	@$(BIN)/python -m tests.inference.hierarchy.nutpie_peers --out reports/calibration
+	@$(BIN)/python -m reports.calibration peers --out reports/calibration
 
 coverage: $(STAMP)  ## real coverage of every interval in reports/coverage (hours); it resumes
 	@$(BIN)/percept calibrate datasets/hbfd_sessions.csv --scene datasets/hbfd.toml --subjects 10 3 30 \
 	    --truth lognormal normal --studies 300 --classical 1000 --workers $(JOBS) --out reports/coverage --quiet
-	@$(BIN)/python -m tests.boundary.verdict_rates --out reports/coverage/verdicts
-	@$(BIN)/python -m tests.inference.classical.equivalence_rates --out reports/equivalence
+	@$(BIN)/python -m reports.coverage --out reports/coverage/verdicts
+	@$(BIN)/python -m reports.equivalence --out reports/equivalence
 
 calibrate: $(STAMP)  ## simulation-based calibration, 300 fits of each design (hours); it resumes
-	@$(BIN)/percept sbc --fits 300 --workers $(JOBS) --out reports/calibration
-	@$(BIN)/python -m tests.inference.hierarchy.factor_calibration --workers $(JOBS) --out reports/calibration
+	@for part in sbc factors; do \
+	    $(BIN)/python -m reports.calibration $$part --workers $(JOBS) --out reports/calibration || exit 1; \
+	done
 
 docs: $(STAMP)  ## the documentation as a site in build/docs
 	@$(BIN)/python -m pip install --quiet --editable '.[docs]'

@@ -42,12 +42,11 @@ GROUPS = {
         "doctor": ("maintain", "check the installation"),
         "cache": ("maintain", "show or clear kept posteriors"),
         "completion": ("maintain", "print shell completion"),
-        "sbc": ("design", "simulation-based calibration of the model and sampler"),
     },
 }
 COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}
 # Commands that keep what is finished when they are interrupted.
-_RESUMED = ("batch", "calibrate", "sbc")
+_RESUMED = ("batch", "calibrate")
 # Exit codes as a shell gives them to what a signal ends: 128 + SIGINT, and 128 + SIGPIPE.
 _INTERRUPTED = 130
 _UNREAD = 141

@@ -115,6 +115,17 @@ def test_a_part_imports_only_the_packages_it_has_a_use_for(part):
         assert imports(path)[0] - sys.stdlib_module_names - {"percept"} <= OUTSIDE[part], path
 
 
+def test_percept_never_imports_what_convinces_of_it():
+    for path in sorted(ROOT.rglob("*.py")):
+        assert not imports(path)[0] & {"reports", "tests"}, path
+
+
+def test_reports_import_no_tests():
+    """Tests may import what stands there: the other way it would be a circle."""
+    for path in sorted((ROOT.parent / "reports").rglob("*.py")):
+        assert "tests" not in imports(path)[0], path
+
+
 def test_public_names():
     assert sorted(percept.__all__) == [
         "PerceptError",

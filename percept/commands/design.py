@@ -1,4 +1,4 @@
-"""`percept plan`, `calibrate` and `sbc`: the next study, and what intervals of it cover."""
+"""`percept plan` and `calibrate`: the next study, and what intervals of it cover."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from percept.results import Verdict
     from percept.study import Study
 
-__all__ = ["CALIBRATE", "PLAN", "SBC"]
+__all__ = ["CALIBRATE", "PLAN"]
 
 _KINDS = ("mean", "user", "share", "contrast", "equivalent")
 # Options that not every kind has.
@@ -333,40 +333,6 @@ def _head(arguments: argparse.Namespace, plans: list[CoveragePlan]) -> str:
     )
 
 
-def _sbc(arguments: argparse.Namespace) -> None:
-    """Write DIR/sbc.json and DIR/sbc.md; an interrupted run goes on from DIR/fits.jsonl."""
-    from percept.calibration.sbc import SBC_DESIGNS, SbcPlan, calibrate
-    from percept.calibration.uniformity import write_calibrations
-    from percept.provenance import made_by
-
-    if arguments.seed < 0:
-        raise UsageError("a seed is not negative.", key="--seed", value=arguments.seed)
-    plans = [SbcPlan(design=name, seed=arguments.seed) for name in arguments.designs or SBC_DESIGNS]
-    out = Path(arguments.out)
-    out.mkdir(parents=True, exist_ok=True)
-    calibrations = []
-    with (
-        Working("simulating", shown=True) as working,
-        open_mapper(arguments) as mapper,
-    ):
-
-        def told(done: int, fits: int) -> None:
-            working.show(f"{done} of {fits} fits, {plan.design}", done, fits)
-
-        for plan in plans:
-            calibrations.append(
-                calibrate(
-                    plan,
-                    arguments.fits,
-                    mapper=mapper,
-                    checkpoint=out / "fits.jsonl",
-                    progress=told,
-                )
-            )
-    write_calibrations(calibrations, out, made_by(arguments.typed))
-    print(out / "sbc.md")
-
-
 PLAN = Command(
     "How many subjects the next study needs for an interval, a difference of levels, or verdicts.",
     "percept plan --kind mean --half-width 0.1 --sd 0.2 --family lognormal",
@@ -435,16 +401,4 @@ CALIBRATE = Command(
         folder("coverage"),
     ),
     _calibrate,
-)
-SBC = Command(
-    "Simulation-based calibration: whether fits find the values that studies were simulated from.",
-    "percept sbc --fits 1000 --out reports/calibration",
-    (
-        number("--fits", "N", "fits per design (100)", default=100),
-        argument("--designs", "NAME", "designs (all); verdicts on others in DIR stay", nargs="+"),
-        number("--seed", "N", "seed of the studies (1)", default=1),
-        *WORKERS,
-        folder("calibration"),
-    ),
-    _sbc,
 )

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from percept.calibration.studies import Checkpoint
 from percept.errors import RefusalError, UsageError
 from reports.benchmark.measure import Printed, in_a_process, print_result
 from reports.benchmark.simulated import DESIGNS, simulated
+from reports.store import store
 
 if TYPE_CHECKING:
     from percept.inference.hierarchy.statistics import Statistics
@@ -114,7 +114,7 @@ def design_costs(
         if name not in DESIGNS:
             message = f"no such design; there are {', '.join(DESIGNS)}."
             raise UsageError(message, key="--rows", value=name)
-    kept = _Kept(Path(out) / "designs.jsonl" if out else None, log)
+    kept = _Kept(Path(out) if out else None, log)
     rows = []
     for name in names or DESIGNS:
         design = DESIGNS[name]
@@ -138,15 +138,15 @@ def design_costs(
 
 @dataclass(frozen=True)
 class _Kept:
-    """Results of processes, kept in a file as they are measured."""
+    """Results of processes, kept as they are measured."""
 
-    file: Path | None
+    folder: Path | None
     log: Callable[[str], None]
 
     def result(self, task: str, name: str, seed: int, *, run: bool = True) -> Printed | None:
         """Take the result of one process from the file, or run the process; None without either."""
         plan = f"{name} {task} {DESIGNS[name].plan}"
-        checkpoint = Checkpoint(self.file, plan, what="measured")
+        checkpoint = store(self.folder, plan)
         results = checkpoint.read(seed + 1)
         if seed not in results and run:
             self.log(f"{name}, seed {seed}: {task}")

@@ -16,7 +16,7 @@ from percept.boundary.feels_real import (
 from percept.boundary.users import Users
 from percept.haptics import Coupling, Device, Environment
 from percept.haptics.records import Display
-from tests.boundary.throughout import brute_force, random_scene
+from reports.evidence.throughout import brute_force, random_scene
 
 LEVEL, DECISION = 0.99, 0.95
 WALL = Environment(stiffness=500.0, damping=2.0)

@@ -146,9 +146,3 @@ def test_what_cannot_be_simulated_is_refused_first(tmp_path, capsys, scene, chan
     assert calibrate(tmp_path, sessions, scene=scene) == 1
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-def test_sbc_refuses_a_negative_seed_before_it_makes_a_folder(tmp_path, capsys):
-    assert main(["sbc", "--fits", "1", "--seed", "-1", "--out", str(tmp_path / "out")]) == 2
-    assert "--seed = -1: a seed is not negative." in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()

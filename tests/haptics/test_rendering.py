@@ -26,8 +26,8 @@ from percept.haptics.rendering import (
     passivity_damping,
 )
 from percept.haptics.velocity import VelocityFilter, filter_response, filtered_damper
+from reports.evidence.loop import GROWS, PERIOD, coupling_outcome, outcome, random_wall
 from tests import LONG
-from tests.haptics.sampled import GROWS, PERIOD, coupling_outcome, outcome, random_wall
 
 T = PERIOD
 

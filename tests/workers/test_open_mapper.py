@@ -47,7 +47,9 @@ def test_one_worker_is_this_process_and_any_number_has_a_core_each():
 
 
 def opened(*words):
-    return open_mapper(build_parser(["sbc"]).parse_args(["sbc", *words]))
+    return open_mapper(
+        build_parser(["calibrate"]).parse_args(["calibrate", "sessions.csv", *words])
+    )
 
 
 @pytest.mark.parametrize(

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from percept.calibration.studies import Checkpoint
 from percept.errors import RefusalError
 from percept.results.plain import plain
 from reports.benchmark.measure import Printed
 from reports.benchmark.peers.engines import STUDIES, Array, percept_run, study_statistics
+from reports.store import store
 
 if TYPE_CHECKING:
     from percept.inference.hierarchy.statistics import Statistics
@@ -125,9 +125,9 @@ def make_references(
     for study in studies or STUDIES:
         log(f"{study}: {runs} runs")
         run = partial(_run, study_statistics(study))
-        checkpoint = Checkpoint(folder / "runs.jsonl", f"{study} {_TOLERANCE}", what="reference")
+        kept = store(folder, f"{study} {_TOLERANCE}")
         progress = partial(_say, log, study)
-        references[study] = Reference.pooled(checkpoint.complete(run, runs, progress=progress))
+        references[study] = Reference.pooled(kept.complete(run, runs, progress=progress))
     (folder / _FILE).write_text(json.dumps(plain(references)) + "\n", encoding="utf-8")
     return folder / _FILE
 

@@ -69,13 +69,13 @@ def test_a_fit_is_measured_kept_and_not_measured_again(tmp_path, capsys):
     ]
     assert main(command) == 0
     assert "6x3x1, seed 1: fit" in capsys.readouterr().err
-    kept = (tmp_path / "designs.jsonl").read_text()
+    kept = (tmp_path / "finished.jsonl").read_text()
     assert kept.count("\n") == 1
     assert main(command) == 0
     printed = capsys.readouterr()
     assert printed.out.splitlines()[-1] == str(tmp_path / "designs.md")
     assert "seed 1: fit" not in printed.err
-    assert (tmp_path / "designs.jsonl").read_text() == kept
+    assert (tmp_path / "finished.jsonl").read_text() == kept
     written = json.loads((tmp_path / "designs.json").read_text())
     (row,) = written["rows"]
     assert row["passed"]

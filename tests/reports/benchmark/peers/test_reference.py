@@ -83,7 +83,7 @@ def test_reference_command_goes_on_from_what_is_there(tmp_path, stored):
         for index in range(2)
     ]
     shutil.copy(BENCHMARK / "reference.json", tmp_path)
-    (tmp_path / "runs.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (tmp_path / "finished.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
     path = make_references(tmp_path, ("published-k",), runs=2)
     found = json.loads(path.read_text(encoding="utf-8"))
     assert found["published-k"]["effective"] == 1.2e6

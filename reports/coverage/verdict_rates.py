@@ -1,6 +1,4 @@
-"""How often verdicts err, as a page of `reports/coverage`.
-
-    python -m tests.boundary.verdict_rates --out reports/coverage/verdicts
+"""How often verdicts err.
 
 Classical verdicts are made of simulated studies of known users, with stiffness or damping displayed
 well inside, at the edge and well outside of the central range. Bayesian verdicts are made of
@@ -9,15 +7,16 @@ studies whose users come from the prior. Both runs go on where they stopped.
 
 from __future__ import annotations
 
-import argparse
 import functools
-import shlex
-import sys
+import itertools
 import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import brentq
 
@@ -25,17 +24,21 @@ from percept import Scene, Sessions, Study
 from percept.boundary.confidence import Confidence, SubjectPairs, confidence
 from percept.boundary.feels_real import search_grid, search_margins
 from percept.boundary.users import Users
-from percept.calibration.studies import Checkpoint
+from percept.calibration.studies import Checkpoint, Line
 from percept.errors import UsageError
 from percept.haptics import Device, Environment
 from percept.haptics.records import Display
 from percept.inference.classical.central_range import central_range_confidence
 from percept.inference.classical.moments import Moments
 from percept.inference.hierarchy.priors import Priors
-from percept.provenance import made_by
 from percept.sessions import ReadOptions
 from percept.simulate.model import Design, draw_environments, draw_hyperparameters, simulate
 from percept.study.verdicts import frequencies
+from reports.store import store
+
+Array: TypeAlias = NDArray[np.float64]
+#: Confidence that a value so many SDs from the mean of each study's users is in their range.
+Rule: TypeAlias = Callable[[Moments, float], Array]
 
 LEVEL, DECISION = 0.99, 0.95
 EDGE = float(-special.ndtri(0.5 * (1.0 - LEVEL)))
@@ -66,37 +69,39 @@ class Rates:
     does_not: float
 
     @property
-    def undecided(self):
+    def undecided(self) -> float:
+        """Share of studies that say neither."""
         return 1.0 - self.real - self.does_not
 
 
-def rates_of(outcomes):
-    """Shares of outcomes in a list."""
+def rates_of(outcomes: Sequence[str]) -> Rates:
+    """Return shares of outcomes in a list."""
     count = max(1, len(outcomes))
     return Rates(count, outcomes.count("feels real") / count, outcomes.count("does not") / count)
 
 
-def binomial_error(studies):
-    """Standard error of a rate of 1 - DECISION."""
+def binomial_error(studies: int) -> float:
+    """Return the standard error of a rate of 1 - DECISION."""
     return float(np.sqrt(DECISION * (1.0 - DECISION) / studies))
 
 
 # Classical verdicts by stiffness and damping.
 
 
-def by_confidence(users, score):
-    """Confidence of each study that a value `score` SDs from the users' mean is in their range."""
-    return central_range_confidence(np.full(users.mean.shape, score), users, level=LEVEL)
+def by_confidence(users: Moments, score: float) -> Array:
+    """Return the confidence that a value `score` SDs from a study's mean is in its users' range."""
+    scores = np.full(np.shape(users.mean), score)
+    return np.asarray(central_range_confidence(scores, users, level=LEVEL))
 
 
-def by_wide_limits(users, score):
-    """What a boundary's limits say, which widen with fewer subjects: 1 inside, 0 outside."""
+def by_wide_limits(users: Moments, score: float) -> Array:
+    """Return 1 inside a boundary's limits, 0 outside: they widen with fewer subjects."""
     reach = -special.stdtrit(users.n - 1.0, 0.5 * (1.0 - LEVEL)) * np.sqrt(1.0 + 1.0 / users.n)
-    return (np.abs(score - users.mean) <= reach * users.sd).astype(float)
+    return np.asarray(np.abs(score - users.mean) <= reach * users.sd, dtype=float)
 
 
-def part_rates(n, place, studies, *, rule=by_confidence):
-    """Verdicts of n subjects by both parts: one quantity at a place, the other at the centre."""
+def part_rates(n: int, place: str, studies: int, *, rule: Rule = by_confidence) -> Rates:
+    """Return verdicts by both parts: one quantity at a place, the other at the centre."""
     rng = np.random.default_rng([n, round(10 * PLACES[place])])
     outcomes = []
     for start in range(0, studies, CHUNK):
@@ -115,37 +120,39 @@ def part_rates(n, place, studies, *, rule=by_confidence):
 # Classical verdicts by abs(Z_h).
 
 
-def display_of(score):
+def display_of(score: float) -> Display:
     """Display a stiffness `score` SDs above the users' mean, and their typical damping."""
     stiffness = float(np.exp(CENTRE[0] + SDS[0] * score))
     environment = Environment(stiffness, float(np.exp(CENTRE[1])))
     return Display(DEVICE, environment, PERIOD)
 
 
-def searched(display):
-    resonance = np.sqrt(display.environment.stiffness / DEVICE.mass)
+def searched(display: Display) -> Array:
+    """Return the frequencies that are searched for the smallest margin."""
+    resonance = float(np.sqrt(display.environment.stiffness / DEVICE.mass))
     return search_grid(0.1, 100.0, np.array([resonance]), np.array([0.5 * SDS[0]]))
 
 
 @functools.cache
-def edge_score():
-    """SDs of stiffness at which the smallest margin of abs(Z_h) over the range is zero."""
+def edge_score() -> float:
+    """Return SDs of stiffness at which the smallest margin of abs(Z_h) over the range is zero."""
     users = Users(True, CENTRE[:, None], SDS[:, None], np.zeros(1))
 
-    def margin(score):
+    def margin(score: float) -> float:
         display = display_of(score)
-        return search_margins(display, users, searched(display), LEVEL).least[0]
+        return float(search_margins(display, users, searched(display), LEVEL).least[0])
 
-    return brentq(margin, 0.5 * EDGE, 1.5 * EDGE)
+    return float(brentq(margin, 0.5 * EDGE, 1.5 * EDGE))
 
 
-def magnitude_study(n, place, index):
-    """One study's verdicts: by abs(Z_h) alone, and by all parts."""
+def magnitude_study(n: int, place: str, index: int) -> Line:
+    """Return one study's verdicts: by abs(Z_h) alone, and by all parts."""
     rng = np.random.default_rng([n, round(10 * PLACES[place]), index])
     values = CENTRE + SDS * rng.standard_normal((n, 2))
     display = display_of(PLACES[place] * edge_score())
     pairs = SubjectPairs(values, log=True)
     found = confidence(display, pairs, searched(display), level=LEVEL, decision=DECISION, rng=rng)
+    assert found.magnitude is not None
     alone = Confidence(found.magnitude, found.magnitude, None, None, None, None)
     return {"magnitude": alone.verdict(DECISION), "all": found.verdict(DECISION)}
 
@@ -153,8 +160,8 @@ def magnitude_study(n, place, index):
 # Bayesian verdicts.
 
 
-def bayesian_study(n, index):
-    """One study of n users of the prior: per environment the truth, the verdict, and the old rule.
+def bayesian_study(n: int, index: int) -> Line:
+    """Judge a study of n users of the prior: by environment the truth, the verdict, the old rule.
 
     None where values leave the range of files, or the gate lets no fit pass.
     """
@@ -192,8 +199,8 @@ def bayesian_study(n, index):
     return {"verdicts": lines}
 
 
-def truly_inside(study, environment, users):
-    """Whether an environment lies in the central range of known users at every omega."""
+def truly_inside(study: Study, environment: str, users: Users) -> bool:
+    """Say whether an environment lies in the central range of known users at every omega."""
     display = study.parts.setup.display(environment, coupled=False)
     omega = frequencies(study.parts.setup, environment, float(users.sd[0, 0]), study.parts.within)
     shown = np.log([display.environment.stiffness, display.environment.damping])
@@ -201,8 +208,8 @@ def truly_inside(study, environment, users):
     return bool(in_plane and search_margins(display, users, omega, LEVEL).least[0] >= 0.0)
 
 
-def old_rule(study, environment):
-    """What the next user's limits say, which widen with fewer subjects."""
+def old_rule(study: Study, environment: str) -> str:
+    """Return what the next user's limits say, which widen with fewer subjects."""
     rows = study.intervals
     rows = rows[(rows["environment"] == environment) & (rows["joint"] == "marginal")]
     inside = (rows["lower"] <= rows["reference"]) & (rows["reference"] <= rows["upper"])
@@ -221,15 +228,15 @@ class Errors:
     inside: int  # Of those said not to
     undecided: float  # Share of verdicts
 
-    def within_promise(self):
-        """Whether both error rates are at most 1 - DECISION, within binomial error."""
+    def within_promise(self) -> bool:
+        """Say whether both error rates are at most 1 - DECISION, within binomial error."""
         return all(
             wrong <= (1.0 - DECISION) * said + CLEAR * np.sqrt(DECISION * (1.0 - DECISION) * said)
             for wrong, said in ((self.outside, self.said_real), (self.inside, self.said_not))
         )
 
 
-def errors_of(lines, *, rule="outcome"):
+def errors_of(lines: Sequence[Line], *, rule: str = "outcome") -> Errors:
     """Count the verdicts of studies by "outcome" or by the "old" rule."""
     verdicts = [verdict for line in lines for verdict in line["verdicts"]]
     real = [verdict["inside"] for verdict in verdicts if verdict[rule] == "feels real"]
@@ -285,19 +292,23 @@ The last column is "real, but outside" of the rule that fails.
 """
 
 
-def percent(rate):
+def percent(rate: float) -> str:
+    """Write a rate."""
     return f"{100.0 * rate:.2f} %"
 
 
-def share(wrong, said):
+def share(wrong: int, said: int) -> str:
+    """Write how many of the verdicts that say something are wrong."""
     return f"{wrong} of {said}" + (f" ({percent(wrong / said)})" if said else "")
 
 
-def of_one(said):
+def of_one(said: int) -> str:
+    """Write the binomial error of so many verdicts."""
     return percent(binomial_error(said)) if said else ""
 
 
-def part_rows(studies):
+def part_rows(studies: int) -> Iterator[list[object]]:
+    """Return the rows by stiffness and damping."""
     for place in PLACES:
         for n in SIZES:
             found = part_rates(n, place, studies)
@@ -306,7 +317,8 @@ def part_rows(studies):
             yield [place, n, *map(percent, rates)]
 
 
-def magnitude_rows(kept):
+def magnitude_rows(kept: Mapping[tuple[str, int], Sequence[Line]]) -> Iterator[list[object]]:
+    """Return the rows by abs(Z_h)."""
     for (place, n), lines in kept.items():
         alone = rates_of([line["magnitude"] for line in lines])
         together = rates_of([line["all"] for line in lines])
@@ -314,7 +326,8 @@ def magnitude_rows(kept):
         yield [place, n, len(lines), *map(percent, rates)]
 
 
-def bayesian_rows(kept):
+def bayesian_rows(kept: Mapping[int, Sequence[Line]]) -> Iterator[list[object]]:
+    """Return the Bayesian rows."""
     for n, lines in kept.items():
         found = errors_of(lines)
         old = errors_of(lines, rule="old")
@@ -331,18 +344,20 @@ def bayesian_rows(kept):
         ]
 
 
-def markdown(rows):
+def markdown(rows: Iterable[Sequence[object]]) -> str:
+    """Write rows of a table."""
     return "".join("| " + " | ".join(map(str, row)) + " |\n" for row in rows)
 
 
-def kept_fits(n, folder):
-    """The Bayesian studies of n subjects that a folder keeps."""
-    return Checkpoint(folder / "fits.jsonl", f"{n} subjects", what="judged")
+def kept_fits(n: int, folder: Path) -> Checkpoint:
+    """Return the Bayesian studies of n subjects that a folder keeps."""
+    return store(folder, f"{n} subjects")
 
 
-def until(deadline, lines, study, wanted):
-    """Work on studies of a checkpoint, a few at a time, until a deadline; return those that are
-    done."""
+def until(
+    deadline: float, lines: Checkpoint, study: Callable[[int], Line], wanted: int
+) -> list[Line]:
+    """Work on studies that are not kept yet, a few at a time, until a deadline; return the done."""
     done = len(lines.read(wanted))
     while done < wanted and time.monotonic() < deadline:
         done = min(wanted, done + STEP)
@@ -350,45 +365,40 @@ def until(deadline, lines, study, wanted):
     return [line for _, line in sorted(lines.read(done).items())]
 
 
-def main():
-    """Simulate what is missing, and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--studies", type=int, default=20_000, help="by stiffness and damping")
-    parser.add_argument("--magnitude", type=int, default=400, help="studies by abs(Z_h)")
-    parser.add_argument("--fits", type=int, default=300, help="of each number of subjects")
-    parser.add_argument(
-        "--minutes", type=float, default=np.inf, help="then stop; run again to go on"
-    )
-    parser.add_argument("--out", type=Path, required=True, help="folder of the page")
-    given = parser.parse_args()
-    deadline = time.monotonic() + 60.0 * given.minutes
-    bayesian = {n: kept_fits(n, given.out) for n in SIZES}
+def page(out: Path, *, studies: int, magnitude: int, fits: int, minutes: float) -> str:
+    """Simulate what is missing, as far as the minutes reach, and write the page.
+
+    Parameters
+    ----------
+    out : Path
+        Folder that keeps what is done.
+    studies : int
+        Of each row by stiffness and damping.
+    magnitude, fits : int
+        Studies by abs(Z_h), and Bayesian ones, of each number of subjects.
+    minutes : float
+        After which no study is begun.
+    """
+    deadline = time.monotonic() + 60.0 * minutes
+    bayesian = {n: kept_fits(n, out) for n in SIZES}
     # A few of each in turn: a run that is stopped has as many of each.
-    for wanted in range(STEP, given.fits + STEP, STEP):
+    for wanted in range(STEP, fits + STEP, STEP):
         for n, kept in bayesian.items():
-            until(deadline, kept, functools.partial(bayesian_study, n), min(wanted, given.fits))
-    magnitude = {}
-    for place in PLACES:
-        for n in SIZES:
-            kept = Checkpoint(given.out / "magnitude.jsonl", f"{place} {n}", what="judged")
-            study = functools.partial(magnitude_study, n, place)
-            magnitude[place, n] = until(deadline, kept, study, given.magnitude)
-    fits = {n: list(kept.read(given.fits).values()) for n, kept in bayesian.items()}
+            until(deadline, kept, functools.partial(bayesian_study, n), min(wanted, fits))
+    by_magnitude = {}
+    for place, n in itertools.product(PLACES, SIZES):
+        study = functools.partial(magnitude_study, n, place)
+        kept = store(out, f"{place} {n}")
+        by_magnitude[place, n] = until(deadline, kept, study, magnitude)
+    done = {n: list(kept.read(fits).values()) for n, kept in bayesian.items()}
     stated = {"level": LEVEL, "decision": DECISION, "wrong": 1.0 - DECISION}
-    page = [
+    parts = [
         HEAD.format(**stated),
-        PARTS.format(studies=given.studies),
-        markdown(part_rows(given.studies)),
+        PARTS.format(studies=studies),
+        markdown(part_rows(studies)),
         MAGNITUDE,
-        markdown(magnitude_rows(magnitude)),
-        BAYESIAN.format(wanted=given.fits, **stated),
-        markdown(bayesian_rows(fits)),
+        markdown(magnitude_rows(by_magnitude)),
+        BAYESIAN.format(wanted=fits, **stated),
+        markdown(bayesian_rows(done)),
     ]
-    command = shlex.join(["python", "-m", "tests.boundary.verdict_rates", *sys.argv[1:]])
-    path = given.out / "verdicts.md"
-    path.write_text("".join(page) + "\n" + made_by(command).sentence + "\n", encoding="utf-8")
-    print(path)
-
-
-if __name__ == "__main__":
-    main()
+    return "".join(parts)

@@ -1,6 +1,4 @@
-"""Verdicts at every omega against a fine grid, as a page of `reports/evidence`.
-
-    python -m tests.boundary.throughout --scenes 50 --points 20000 --out reports/evidence
+"""Verdicts at every omega against a fine grid.
 
 The grid takes its shares by the same integral as the search, at every point. How many nodes a point
 needs is asked at the ends of short pieces: neighbours need nearly the same.
@@ -8,23 +6,24 @@ needs is asked at the ends of short pieces: neighbours need nearly the same.
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import shlex
-import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from percept.boundary.feels_real import search_grid, search_margins
-from percept.boundary.users import Users, choose_integral, share_within
+from percept.boundary.users import DiscIntegral, Users, choose_integral, share_within
 from percept.haptics import Coupling, Device, Environment
 from percept.haptics.axis import warp
 from percept.haptics.perceived import DistancePlane, Point, shown_element
 from percept.haptics.records import Display
-from percept.provenance import made_by
+from reports.command import say
+
+Array: TypeAlias = NDArray[np.float64]
 
 LEVEL = 0.99
 EDGE = -special.ndtri(0.5 * (1.0 - LEVEL))
@@ -57,11 +56,11 @@ class Scene:
 
     display: Display
     users: Users
-    omega: np.ndarray
+    omega: Array
 
 
-def random_scene(seed, *, draws):
-    """A display near the edge of what its users feel: parameters over several decades."""
+def random_scene(seed: int, *, draws: int) -> Scene:
+    """Draw a display near the edge of what its users feel: parameters over several decades."""
     rng = np.random.default_rng(seed)
     environment = Environment(10 ** rng.uniform(1, 4.5), 10 ** rng.uniform(-1, 2))
     device = Device(10 ** rng.uniform(-1, 0.5), 10 ** rng.uniform(-0.5, 1.5))
@@ -70,7 +69,8 @@ def random_scene(seed, *, draws):
         coupling = Coupling(environment.stiffness * 10 ** rng.uniform(0.7, 2), 100.0)
     sd = 10 ** rng.uniform(-2, -0.3, 2)
     shift = rng.uniform(-1.5, 1.5, 2)[:, None] + rng.standard_normal((2, draws))
-    mean = np.log([[environment.stiffness], [environment.damping]]) + sd[:, None] * shift
+    shown = np.array([[environment.stiffness], [environment.damping]], dtype=float)
+    mean = np.log(shown) + sd[:, None] * shift
     spread = sd[:, None] * np.exp(0.2 * rng.standard_normal((2, draws)))
     users = Users(True, mean, spread, rng.uniform(-0.9, 0.9, draws))
     resonance = np.sqrt(environment.stiffness / device.mass)
@@ -78,33 +78,34 @@ def random_scene(seed, *, draws):
     return Scene(Display(device, environment, 1e-3, coupling), users, omega)
 
 
-def shown_at(display, omega):
-    """The plane of abs(Z_h) at frequencies, and the abs(Z_h) that is displayed there."""
+def shown_at(display: Display, omega: Array) -> tuple[DistancePlane, Array]:
+    """Return the plane of abs(Z_h) at frequencies, and the abs(Z_h) that is displayed there."""
     grid = warp(omega, display.period)
     plane = DistancePlane.of(grid, display.device, display.hold, display.environment.mass).flat()
     shown = shown_element(grid, display)
     return plane, plane.distance(Point(shown.stiffness, shown.damping))
 
 
-def richest(integrals):
-    """Of the integrals at both ends of a piece, the one with more nodes."""
+def richest(integrals: Sequence[DiscIntegral]) -> DiscIntegral:
+    """Return the one with more nodes, of the integrals at both ends of a piece."""
     return max(integrals, key=lambda integral: integral.nodes)
 
 
-def integrals_of(scene, ends, accuracy):
-    """The integral of every piece, by those of its ends."""
+def integrals_of(scene: Scene, ends: Array, accuracy: float) -> list[DiscIntegral]:
+    """Return the integral of every piece, by those of its ends."""
     few = scene.users.select(slice(None, None, max(1, scene.users.size // TRIED))).column()
     plane, radius = shown_at(scene.display, ends)
     at_ends = choose_integral(few, plane, radius, accuracy)
     return [richest(pair) for pair in itertools.pairwise(at_ends)]
 
 
-def margins_of(share):
+def margins_of(share: Array) -> Array:
+    """Return margins in SDs from shares of users."""
     return EDGE - np.abs(special.ndtri(np.clip(share, 0.0, 1.0)))
 
 
-def grid_margins(scene, *, points):
-    """The smallest margin of each draw on a grid of so many points, a piece at a time.
+def grid_margins(scene: Scene, *, points: int) -> Array:
+    """Return the smallest margin of each draw on a grid of so many points, a piece at a time.
 
     Of a draw that the display lies outside of, some negative margin.
     """
@@ -133,18 +134,18 @@ def grid_margins(scene, *, points):
         lower = margins.min(axis=1) < least[inside]
         least[inside[lower]] = margins.min(axis=1)[lower]
         lowest[inside[lower]] = start + here[lower]
-    for draw in np.flatnonzero(least >= UNSURE_BELOW):
-        point = lowest[[draw]]
+    for index in np.flatnonzero(least >= UNSURE_BELOW):
+        point = lowest[[index]]
         plane, radius = shown_at(scene.display, grid[point])
         share = share_within(
-            scene.users.select(np.array([draw])), plane, radius, exact[point[0] // length]
+            scene.users.select(np.array([index])), plane, radius, exact[point[0] // length]
         )
-        least[draw] = margins_of(share)[0]
+        least[index] = margins_of(share)[0]
     return least
 
 
-def brute_force(scene, *, points):
-    """The smallest margin of each draw: searched, and on a grid of so many points."""
+def brute_force(scene: Scene, *, points: int) -> tuple[Array, Array]:
+    """Return the smallest margin of each draw: searched, and on a grid of so many points."""
     searched = search_margins(scene.display, scene.users, scene.omega, LEVEL).least
     return searched, grid_margins(scene, points=points)
 
@@ -157,7 +158,7 @@ class Tally:
     differing: int = 0
     too_near: int = 0  # Of those that differ
 
-    def add(self, searched, fine):
+    def add(self, searched: Array, fine: Array) -> None:
         """Count the draws of a scene, by their smallest margins."""
         wrong = (searched >= 0.0) != (fine >= 0.0)
         nearest = np.minimum(np.abs(searched), np.abs(fine))
@@ -166,25 +167,11 @@ class Tally:
         self.too_near += int((wrong & (nearest < TOO_NEAR)).sum())
 
 
-def main():
-    """Compare search and grid in many scenes, and write what came of it."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--scenes", type=int, default=50)
-    parser.add_argument("--points", type=int, default=20_000, help="of the grid, per draw")
-    parser.add_argument("--out", type=Path, required=True, help="folder of the page")
-    given = parser.parse_args()
+def page(scenes: int, points: int) -> tuple[bool, str]:
+    """Compare search and grid in many scenes; say whether they differ, and write the page."""
     tally = Tally()
-    for seed in range(given.scenes):
-        tally.add(*brute_force(random_scene(seed, draws=40), points=given.points))
-        print(f"{seed + 1} of {given.scenes} scenes", tally, flush=True)
-    command = shlex.join(["python", "-m", "tests.boundary.throughout", *sys.argv[1:]])
-    page = PAGE.format(points=given.points, scenes=given.scenes, **vars(tally))
-    given.out.mkdir(parents=True, exist_ok=True)
-    path = given.out / "throughout.md"
-    path.write_text(f"{page}{made_by(command).sentence}\n", encoding="utf-8")
-    print(path)
-    sys.exit(tally.differing > tally.too_near)
-
-
-if __name__ == "__main__":
-    main()
+    for seed in range(scenes):
+        tally.add(*brute_force(random_scene(seed, draws=40), points=points))
+        say(f"{seed + 1} of {scenes} scenes {tally}")
+    differ = tally.differing > tally.too_near
+    return differ, PAGE.format(points=points, scenes=scenes, **vars(tally))

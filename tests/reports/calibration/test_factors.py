@@ -1,24 +1,18 @@
 """Truths drawn from the prior of studies with factors lie evenly in their posteriors; wrong models
 are caught.
 
-`factor_calibration` does the same with 300 fits of each kind of study.
+The page does the same with 300 fits of each kind of study.
 """
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from percept.calibration.uniformity import judge_places
 from percept.provenance import made_by
+from reports.calibration.factor_studies import KINDS
+from reports.calibration.factors import WRONG, fit_study, page, place_study
+from reports.calibration.uniformity import Plan, calibrate, judge_places
 from tests import LONG
-from tests.inference.hierarchy.factor_calibration import (
-    WRONG,
-    Plan,
-    calibrate,
-    fit_study,
-    page,
-)
-from tests.inference.hierarchy.factor_studies import KINDS
 
 CROSSED = "two factors with interaction"
 #: The cheapest in `make test`.
@@ -29,7 +23,7 @@ TAKEN = tuple(KINDS) if LONG else ("subjects' own trial SDs",)
 @pytest.mark.parametrize("kind", TAKEN)
 def test_truths_lie_evenly_in_their_posteriors(kind):
     """With three fits, a quantity in the lowest or highest twentieth of all three is caught."""
-    judged = calibrate(Plan(kind), 20 if LONG else 3)
+    judged = calibrate(Plan(kind=kind), place_study, 20 if LONG else 3)
     assert judged.failed == 0
     assert judged.outside == ()
 
@@ -38,7 +32,7 @@ def test_truths_lie_evenly_in_their_posteriors(kind):
 @pytest.mark.parametrize("wrong", WRONG)
 def test_wrong_models_are_caught(wrong):
     kind, _ = WRONG[wrong]
-    assert calibrate(Plan(kind, wrong), 20).outside
+    assert calibrate(Plan(kind=kind, wrong=wrong), place_study, 20).outside
 
 
 @pytest.mark.evidence
@@ -46,7 +40,7 @@ def test_ratios_of_spread_lie_evenly_in_their_posteriors():
     """Ratio of the SDs between users at the two levels of a factor, averaged over their cells."""
     places = []
     for index in range(100):
-        fitted = fit_study(Plan(CROSSED), index)
+        fitted = fit_study(Plan(kind=CROSSED), index)
         hand = fitted.drawn.contrast["hand"]
         sides = np.stack([np.maximum(hand, 0.0), np.maximum(-hand, 0.0)])
         points = np.concatenate(fitted.run.independent())

@@ -4,22 +4,18 @@ The computer samples the position, works out the wall's force from it and from i
 difference (filtered where there is a filter), and holds that force for a sample, later by a delay.
 Nothing here knows the frequency domain, but for the choice of the worst hand.
 
-    python -m tests.haptics.sampled --scenes 500 --couplings 200 --out reports/evidence
-
-writes how often verdicts are right. A coupling with a rigid wall behind it is a wall of the
+The page says how often verdicts are right. A coupling with a rigid wall behind it is a wall of the
 coupling's stiffness and damping: Eq. 6 is a spring and a backward difference.
 """
 
 from __future__ import annotations
 
-import argparse
-import shlex
-import sys
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.optimize import nnls
 from scipy.signal import butter, tf2ss
@@ -28,7 +24,8 @@ from percept.haptics import Coupling, Environment, required_damping
 from percept.haptics.loop import HOLDS, Hold
 from percept.haptics.rendering import passivity_damping
 from percept.haptics.velocity import VelocityFilter
-from percept.provenance import made_by
+
+Array: TypeAlias = NDArray[np.float64]
 
 # In s.
 PERIOD = 1e-3
@@ -72,7 +69,7 @@ RANDOM_HANDS = 10
 
 
 @cache
-def polynomials(velocity_filter: VelocityFilter) -> tuple[np.ndarray, np.ndarray]:
+def polynomials(velocity_filter: VelocityFilter) -> tuple[Array, Array]:
     """Return numerator and denominator of a filter in z, by scipy."""
     return butter(velocity_filter.order, velocity_filter.cutoff, fs=2 * np.pi / PERIOD)
 
@@ -105,8 +102,8 @@ class SampledWall:
         """Largest factor by which a motion grows in a sample; `loss` is the hand's damping."""
         return float(np.abs(np.linalg.eigvals(self.step(hand, loss))).max())
 
-    def step(self, hand: Hand, loss: float = 0.0) -> np.ndarray:
-        """What a sample makes of positions, velocities, and all that the computer remembers."""
+    def step(self, hand: Hand, loss: float = 0.0) -> Array:
+        """Return what a sample makes of positions, velocities and all that is remembered."""
         moving = self._moving(hand, loss)
         size = len(moving) - 1
         whole = int(np.floor(self.delay))
@@ -142,7 +139,7 @@ class SampledWall:
             step[size + 1 + states + age] = ages[age]
         return step
 
-    def _moving(self, hand: Hand, loss: float) -> np.ndarray:
+    def _moving(self, hand: Hand, loss: float) -> Array:
         """Continuous dynamics of position, velocity and carried masses; the last column is u."""
         size = 2 + 2 * len(hand.carried)
         moving = np.zeros((size + 1, size + 1))
@@ -160,7 +157,7 @@ class SampledWall:
             moving[1, x] += spring / mass
         return moving
 
-    def _filter(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    def _filter(self) -> tuple[Array, Array, Array, float]:
         velocity_filter = self.wall.velocity_filter
         if velocity_filter is None:
             return np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
@@ -171,7 +168,7 @@ class SampledWall:
         """W at an angle ωT: what the wall asks of the device, over all aliases alike."""
         z = np.exp(1j * theta)
         difference = 1 - 1 / z
-        response = 1.0
+        response: Array | float = 1.0
         velocity_filter = self.wall.velocity_filter
         if velocity_filter is not None:
             top, bottom = polynomials(velocity_filter)
@@ -235,12 +232,13 @@ def random_hand(rng: np.random.Generator) -> Hand:
 
 
 def random_wall(rng: np.random.Generator) -> SampledWall:
-    """A device and a wall, some with a filter, some with a delay, whole or fractional."""
+    """Draw a device and a wall, some with a filter, some with a delay, whole or fractional."""
     velocity_filter = None
     if rng.random() < 0.4:
         velocity_filter = VelocityFilter(10 ** rng.uniform(2, 3.3), int(rng.integers(1, 4)))
     delay = float(rng.choice([0.0, 1.0, 2.0, 3.0, rng.uniform(0, 3)]))
-    wall = Environment(*(10 ** rng.uniform([2, -1], [5, 2])), 0.0, velocity_filter)
+    stiffness, damping = 10 ** rng.uniform([2, -1], [5, 2])
+    wall = Environment(stiffness, damping, 0.0, velocity_filter)
     return SampledWall(10 ** rng.uniform(-2, 0.3), 1.0, wall, delay)
 
 
@@ -317,8 +315,11 @@ def worst_angle(setup: SampledWall) -> float:
     return np.pi if worst > 3.1 else worst
 
 
-def page(outcomes: list[Outcome], couplings: list[CouplingOutcome]) -> str:
-    """Count what was called stable and unstable, and what grew."""
+def page(scenes: int, walls: int) -> str:
+    """Draw scenes and couplings; count what was called stable and unstable, and what grew."""
+    rng = np.random.default_rng(2)
+    outcomes = [outcome(rng) for _ in range(scenes)]
+    couplings = [coupling_outcome(rng) for _ in range(walls)]
     unstable = [one for one in outcomes if not one.called_stable]
     stable = [one for one in outcomes if one.called_stable]
     grew = {id(one) for one in outcomes if one.largest_growth > GROWS}
@@ -338,24 +339,3 @@ def page(outcomes: list[Outcome], couplings: list[CouplingOutcome]) -> str:
         couplings=len(couplings),
         coupling_rows=coupling_rows(couplings),
     )
-
-
-def main() -> None:
-    """Write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--scenes", type=int, default=500, help="scenes (500)")
-    parser.add_argument("--couplings", type=int, default=200, help="couplings (200)")
-    parser.add_argument("--out", type=Path, required=True, help="folder of the page")
-    parsed = parser.parse_args()
-    rng = np.random.default_rng(2)
-    outcomes = [outcome(rng) for _ in range(parsed.scenes)]
-    couplings = [coupling_outcome(rng) for _ in range(parsed.couplings)]
-    made = made_by(shlex.join(["python", "-m", "tests.haptics.sampled", *sys.argv[1:]]))
-    parsed.out.mkdir(parents=True, exist_ok=True)
-    path = parsed.out / "loop.md"
-    path.write_text(page(outcomes, couplings) + made.sentence + "\n", encoding="utf-8")
-    print(path)
-
-
-if __name__ == "__main__":
-    main()

@@ -4,8 +4,7 @@ page."""
 import numpy as np
 import pytest
 
-from tests import DATASETS, LONG
-from tests.boundary.verdict_rates import (
+from reports.coverage.verdict_rates import (
     CLEAR,
     DECISION,
     PLACES,
@@ -19,6 +18,7 @@ from tests.boundary.verdict_rates import (
     magnitude_study,
     part_rates,
 )
+from tests import DATASETS, LONG
 
 REPORT = DATASETS.parent / "reports" / "coverage" / "verdicts"
 #: More than any run of the page makes.

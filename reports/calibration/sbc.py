@@ -2,30 +2,29 @@
 
 Studies are drawn from the prior and fitted. Over them, a true value's rank among independent
 posterior draws is uniform, and so is the posterior distribution function at it, if the density, the
-sampler and the conditionals are right. `percept.calibration.uniformity` judges whether they are.
+sampler and the conditionals are right. `uniformity` judges whether they are.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import functools
+import json
 import math
-import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.calibration.studies import Checkpoint, Line, plan_digest
-from percept.calibration.uniformity import Calibration, judge_places
-from percept.errors import RefusalError, UsageError
+from percept.calibration.studies import Line
+from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.statistics import Statistics, from_trials
 from percept.inference.sampling.gate import Run, Settings
 from percept.inference.sampling.run import sample
+from percept.provenance import Made
 from percept.simulate.model import (
     Design,
     TrueValues,
@@ -33,20 +32,29 @@ from percept.simulate.model import (
     draw_hyperparameters,
     draw_responses,
 )
-from percept.workers import Mapper, in_process
-
-__all__ = ["SBC_DESIGNS", "SbcPlan", "calibrate", "place_study", "places"]
+from reports.calibration.uniformity import ERROR, Calibration, Plan, verdict_table
 
 Array = NDArray[np.float64]
 # Stiffness in N/m and damping in N·s/m, from soft to stiff.
 _REFERENCES = np.array([[10.0, 0.1], [1e3, 1.0], [1e4, 10.0], [2.5e4, 25.0], [5e4, 50.0]])
 # Scales with one value per parameter; the others have one per parameter and environment.
 _BY_PARAMETER = ("s", "s_e", "kappa", "kappa_e", "omega", "omega_e", "sigma_u", "tau")
+PAGE = """# Simulation-based calibration
+
+{total} studies were drawn from the prior and fitted. True scales, correlations and locations are\
+ ranked among independent posterior draws; `mean` and `user` are the posterior distribution\
+ functions at the true mean and at a new user. Each design's quantities are judged together by\
+ simultaneous bands that a right density leaves with a probability of at most {error:g} %. Fits the\
+ gate withheld are counted as failed and give no ranks. With few fits only large errors show.
+
+{made}
+
+{table}"""
 # Trials of eight subjects in four environments: two miss some, and one sees a single one.
 _GAPS = np.ones((8, 4), dtype=np.int64)
 _GAPS[[0, 2, 2, 5, 5, 5], [1, 0, 3, 1, 2, 3]] = 0
 #: The kinds of study that are calibrated. Their order decides their seeds.
-SBC_DESIGNS: dict[str, Design] = {
+DESIGNS: dict[str, Design] = {
     "balanced": Design.balanced(_REFERENCES, subjects=10),
     "trials": Design.balanced(_REFERENCES[:3], subjects=8, trials=3),
     "missing cells": Design(_REFERENCES[:4], _GAPS),
@@ -61,74 +69,8 @@ SBC_DESIGNS: dict[str, Design] = {
 _PRIORS = {"weak scatter": Priors(log_s_mean=math.log(0.005))}
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class SbcPlan:
-    """One design, to be simulated from the prior and fitted many times."""
-
-    design: str  # One of `SBC_DESIGNS`
-    seed: int = 1  # Of the whole
-    # Independent posterior draws that a true value is ranked among. One less than a multiple of the
-    # bins gives each bin equally many ranks.
-    draws: int = 199
-    bins: int = 20  # Equal bins that the ranks are counted in
-    tolerance: float = 0.2  # Of the sampler, on the limits of kinds mean and user
-
-    def __post_init__(self) -> None:
-        if self.design not in SBC_DESIGNS:
-            raise UsageError(
-                f"no such design; there are {', '.join(SBC_DESIGNS)}.",
-                key="design",
-                value=self.design,
-            )
-
-    @property
-    def key(self) -> str:
-        """A digest that tells results of different plans apart."""
-        return plan_digest(self)
-
-
-def calibrate(
-    plan: SbcPlan,
-    fits: int,
-    *,
-    mapper: Mapper = in_process,
-    checkpoint: str | os.PathLike[str] | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> Calibration:
-    """Simulate, fit and judge studies of one design.
-
-    Parameters
-    ----------
-    plan : SbcPlan
-        The design.
-    fits : int
-        How many studies, at least one.
-    mapper : Mapper
-        The workers.
-    checkpoint : str or path-like, optional
-        File that keeps placed studies, so that an interrupted run goes on.
-    progress : callable, optional
-        Told how many studies are finished, and of how many.
-
-    Returns
-    -------
-    Calibration
-
-    Raises
-    ------
-    UsageError
-        No study is asked for, or the checkpoint holds something else.
-    """
-    if fits < 1:
-        raise UsageError("a calibration needs at least one study.", key="fits", value=fits)
-    place = functools.partial(place_study, plan)
-    kept = Checkpoint(checkpoint, plan.key, what="placed")
-    placed = kept.complete(place, fits, mapper=mapper, progress=progress)
-    return judge_places(plan.design, plan.bins, placed)
-
-
 def place_study(
-    plan: SbcPlan,
+    plan: Plan,
     index: int,
     density: Callable[[Statistics, Priors], CollapsedDensity] = CollapsedDensity,
 ) -> Line:
@@ -136,7 +78,7 @@ def place_study(
 
     Parameters
     ----------
-    plan : SbcPlan
+    plan : Plan
         The design.
     index : int
         Number of the study, from zero: its seed.
@@ -149,9 +91,9 @@ def place_study(
         `values`, a probability per quantity. There are none where there is a `reason`: that of the
         gate, or of the refusal.
     """
-    design = SBC_DESIGNS[plan.design]
-    priors = _PRIORS.get(plan.design, Priors())
-    spawn_key = (list(SBC_DESIGNS).index(plan.design), index)
+    design = DESIGNS[plan.kind]
+    priors = _PRIORS.get(plan.kind, Priors())
+    spawn_key = (list(DESIGNS).index(plan.kind), index)
     seeds = np.random.SeedSequence(plan.seed, spawn_key=spawn_key)
     truth_seed, run_seed, draw_seed = seeds.spawn(3)
     rng = np.random.default_rng(truth_seed)
@@ -194,7 +136,7 @@ def _one_more_user(truth: TrueValues, rng: np.random.Generator) -> Array:
 
 
 def places(
-    plan: SbcPlan,
+    plan: Plan,
     model: CollapsedDensity,
     run: Run,
     truth: TrueValues,
@@ -205,7 +147,7 @@ def places(
 
     Parameters
     ----------
-    plan : SbcPlan
+    plan : Plan
         How many draws to rank among.
     model : CollapsedDensity
         The model of the run.
@@ -261,3 +203,23 @@ def _labels(name: str, model: CollapsedDensity) -> list[str]:
     if name in _BY_PARAMETER:
         return [f"[{parameter}]" for parameter in model.statistics.parameters]
     return [f"[{parameter},{environment}]" for parameter, environment in model.cells]
+
+
+def verdicts_json(calibrations: Sequence[Calibration]) -> str:
+    """Write everything about the verdicts as JSON."""
+    rows = []
+    for calibration in calibrations:
+        fields = dataclasses.asdict(calibration)
+        rows.append({"design": fields.pop("kind"), **fields, "outside": calibration.outside})
+    return json.dumps(rows, indent=1) + "\n"
+
+
+def page(calibrations: Sequence[Calibration], made: Made) -> str:
+    """Write the verdicts with how to read them."""
+    total = sum(calibration.fits for calibration in calibrations)
+    return PAGE.format(
+        total=total,
+        error=100 * ERROR,
+        made=made.sentence,
+        table=verdict_table("design", calibrations),
+    )

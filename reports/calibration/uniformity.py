@@ -4,34 +4,47 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import json
-import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter
 from scipy import stats
 
-from percept.calibration.studies import Line
-from percept.provenance import Made, markdown_table
-
-__all__ = [
-    "Calibration",
-    "EcdfBand",
-    "Uniformity",
-    "ecdf_band",
-    "judge_places",
-    "sbc_markdown",
-    "write_calibrations",
-]
+from percept.calibration.studies import Line, plan_digest
+from percept.provenance import markdown_table
+from percept.workers import Mapper, in_process
+from reports.store import store
 
 Counts = NDArray[np.int64]
-# Probability that a right density is called wrong, per design.
-_ERROR = 0.01
+#: Probability that a right density is called wrong, per kind of study.
+ERROR = 0.01
 # Halvings of the search for a band: its tail probability is then exact to twelve digits.
 _HALVINGS = 40
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Plan:
+    """Studies of one kind, to be drawn from the prior and fitted many times."""
+
+    kind: str
+    wrong: str = ""  # The wrong model that they are fitted by
+    seed: int = 1  # Of the whole
+    # Independent posterior draws that a true value is ranked among. One less than a multiple of the
+    # bins gives each bin equally many ranks.
+    draws: int = 199
+    bins: int = 20  # Equal bins that the ranks are counted in
+    tolerance: float = 0.2  # Of the sampler, on limits: ranks need no more than independent draws
+
+    @property
+    def name(self) -> str:
+        """What the page calls it."""
+        return self.wrong or self.kind
+
+
+#: Draws a study of a plan by its number, fits it and places its true values.
+Place: TypeAlias = Callable[[Plan, int], Line]
 
 
 class EcdfBand:
@@ -130,9 +143,9 @@ class Uniformity:
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """Verdict on one design."""
+    """Verdict on one kind of study."""
 
-    design: str  # As `SbcPlan`
+    kind: str  # Of study, or the wrong model it is fitted by
     fits: int
     failed: int
     reasons: tuple[str, ...]  # Why, each reason once
@@ -148,34 +161,20 @@ class Calibration:
         return tuple(judged.quantity for judged in self.quantities if not judged.inside)
 
 
-def judge_places(design: str, bins: int, placed: Sequence[Line]) -> Calibration:
-    """Judge all quantities of a design together.
-
-    Parameters
-    ----------
-    design : str
-        Name of the design.
-    bins : int
-        Equal bins to count in.
-    placed : sequence of Line
-        What `percept.calibration.sbc.place_study` gives of each study.
-
-    Returns
-    -------
-    Calibration
-    """
+def judge_places(kind: str, bins: int, placed: Sequence[Line]) -> Calibration:
+    """Judge all quantities of a kind of study together, by the places of their true values."""
     passed = [study["values"] for study in placed if not study["reason"]]
     reasons = [study["reason"] for study in placed if study["reason"]]
     names = list(passed[0]) if passed else []
     # The error is shared among the quantities.
-    band = ecdf_band(len(passed), bins, _ERROR / max(len(names), 1))
+    band = ecdf_band(len(passed), bins, ERROR / max(len(names), 1))
     judged = [band.judge(name, np.array([values[name] for values in passed])) for name in names]
     return Calibration(
-        design=design,
+        kind=kind,
         fits=len(placed),
         failed=len(reasons),
         reasons=tuple(dict.fromkeys(reasons)),
-        error=_ERROR,
+        error=ERROR,
         tail=band.tail,
         lower=tuple(band.lower.tolist()),
         upper=tuple(band.upper.tolist()),
@@ -183,59 +182,41 @@ def judge_places(design: str, bins: int, placed: Sequence[Line]) -> Calibration:
     )
 
 
-def write_calibrations(
-    calibrations: Sequence[Calibration], directory: str | os.PathLike[str], made: Made
-) -> None:
-    """Write verdicts as `sbc.json` (everything) and `sbc.md` (a table with how to read it).
-
-    Verdicts on other designs that the folder holds already stay.
-
-    Parameters
-    ----------
-    calibrations : sequence of Calibration
-        The verdicts.
-    directory : str or path-like
-        Folder, made where it does not exist.
-    made : Made
-        The commit, command and date that the page names.
-    """
-    folder = Path(directory)
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "sbc.json"
-    kept: tuple[Calibration, ...] = ()
-    if path.exists():
-        kept = TypeAdapter(tuple[Calibration, ...]).validate_json(path.read_bytes())
-    by_design = {calibration.design: calibration for calibration in (*kept, *calibrations)}
-    rows = []
-    for calibration in by_design.values():
-        rows.append({**dataclasses.asdict(calibration), "outside": calibration.outside})
-    path.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    total = sum(calibration.fits for calibration in by_design.values())
-    head = (
-        f"# Simulation-based calibration\n\n{total} studies were drawn from the prior and fitted."
-        " True scales, correlations and locations are ranked among independent posterior draws;"
-        " `mean` and `user` are the posterior distribution functions at the true mean and at a new"
-        " user. Each design's quantities are judged together by simultaneous bands that a right"
-        f" density leaves with a probability of at most {100 * _ERROR:g} %. Fits the gate withheld"
-        " are counted as failed and give no ranks. With few fits only large errors"
-        f" show.\n\n{made.sentence}\n\n"
-    )
-    (folder / "sbc.md").write_text(head + sbc_markdown(list(by_design.values())), encoding="utf-8")
-
-
-def sbc_markdown(calibrations: Sequence[Calibration]) -> str:
-    """Write verdicts as a table in Markdown.
+def calibrate(
+    plan: Plan,
+    place: Place,
+    fits: int,
+    *,
+    folder: Path | None = None,
+    mapper: Mapper = in_process,
+    progress: Callable[[int, int], None] | None = None,
+) -> Calibration:
+    """Place true values of many studies, and judge them together.
 
     Parameters
     ----------
-    calibrations : sequence of Calibration
-        The verdicts.
-
-    Returns
-    -------
-    str
+    plan : Plan
+        The kind of study.
+    place : Place
+        Works on one study.
+    fits : int
+        How many studies.
+    folder : Path, optional
+        Keeps placed studies, so that an interrupted run goes on.
+    mapper : Mapper
+        The workers.
+    progress : callable, optional
+        Told how many studies are finished, and of how many.
     """
-    heads = ["design", "fits", "failed", "quantities", "outside", "farthest", "tail", "band"]
+    kept = store(folder, plan_digest(plan))
+    study = functools.partial(place, plan)
+    placed = kept.complete(study, fits, mapper=mapper, progress=progress)
+    return judge_places(plan.name, plan.bins, placed)
+
+
+def verdict_table(first: str, calibrations: Iterable[Calibration]) -> str:
+    """Write verdicts as a table in Markdown; `first` heads the kinds of study."""
+    heads = [first, "fits", "failed", "quantities", "outside", "farthest", "tail", "band"]
     rows = []
     for calibration in calibrations:
         farthest = ""
@@ -246,5 +227,5 @@ def sbc_markdown(calibrations: Sequence[Calibration]) -> str:
             farthest = worst.quantity
             tail = f"{worst.least_tail:.2g}"
         counts = [calibration.fits, calibration.failed, len(quantities), len(calibration.outside)]
-        rows.append([calibration.design, *counts, farthest, tail, f"{calibration.tail:.2g}"])
+        rows.append([calibration.kind, *counts, farthest, tail, f"{calibration.tail:.2g}"])
     return markdown_table(heads, rows)

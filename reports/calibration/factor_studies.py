@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Mapping
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from percept.inference.hierarchy.covariates import with_covariates
 from percept.inference.hierarchy.design import Cells, Factors, design_of
@@ -17,6 +20,9 @@ from percept.inference.hierarchy.linear_posterior import LinearPosterior
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.statistics import apart_by_subject, from_trials
 from percept.inference.hierarchy.trial_scatter import trial_scatter
+
+Array: TypeAlias = NDArray[np.float64]
+Indices: TypeAlias = NDArray[np.intp]
 
 #: Narrower than the defaults, so that few draws of the prior are studies nobody would run.
 PRIORS = Priors(
@@ -38,8 +44,7 @@ DECADES = np.array([-0.5, 0.5])
 
 @dataclasses.dataclass(frozen=True)
 class Kind:
-    """A kind of study. Its factors have two levels each; of the factor `group` a subject has
-    one."""
+    """A kind of study. Its factors have two levels each; a subject has one of those of `group`."""
 
     factors: tuple[str, ...] = ()
     terms: tuple[str, ...] = ()
@@ -79,65 +84,64 @@ class Drawn:
     """A study, what it was drawn from, and one more user."""
 
     kind: Kind
-    environment: np.ndarray  # (C,)
-    level: dict[str, np.ndarray]  # (C,) by factor
-    contrast: dict[str, np.ndarray]  # (C,) by term
-    response: np.ndarray  # (M, P)
-    subject: np.ndarray  # (M,)
-    cell: np.ndarray  # (M,)
-    covariate: np.ndarray  # (M, 1) centred, or (M, 0)
-    truth: dict[str, np.ndarray]  # Scales and correlations by the model's names
-    beta: np.ndarray  # (P, C)
-    slope: np.ndarray  # (P,) of the covariate
-    user: np.ndarray  # (P, C) one more user
+    environment: Indices  # (C,)
+    level: dict[str, Indices]  # (C,) by factor
+    contrast: dict[str, Array]  # (C,) by term
+    response: Array  # (M, P)
+    subject: Indices  # (M,)
+    cell: Indices  # (M,)
+    covariate: Array  # (M, 1) centred, or (M, 0)
+    truth: dict[str, Array]  # Scales and correlations by the model's names
+    beta: Array  # (P, C)
+    slope: Array  # (P,) of the covariate
+    user: Array  # (P, C) one more user
 
 
 class _Prior:
     """Draws of the prior, kept by the model's names."""
 
-    def __init__(self, kind, rng, priors):
+    def __init__(self, kind: Kind, rng: np.random.Generator) -> None:
         self.rng = rng
-        self.priors = priors
         self.size = len(kind.parameters)
-        self.truth = {}
+        self.truth: dict[str, Array] = {}
 
-    def half(self, name, scale):
+    def half(self, name: str, scale: float) -> Array:
+        """Draw a half-normal value of each quantity."""
         self.truth[name] = np.abs(self.rng.normal(0.0, scale, self.size))
         return self.truth[name]
 
-    def correlation(self, name):
-        """Matrix (P, P) of unit diagonal."""
+    def correlation(self, name: str) -> Array:
+        """Draw a matrix (P, P) of unit diagonal."""
         if self.size == 1:
             return np.eye(1)
-        shape = self.priors.rho_shape
+        shape = PRIORS.rho_shape
         rho = 2.0 * self.rng.beta(shape, shape) - 1.0
         self.truth[name] = np.array(rho)
         return np.array([[1.0, rho], [rho, 1.0]])
 
-    def normals(self, correlation, count):
-        """Correlated standard normals (count, P)."""
+    def normals(self, correlation: Array, count: int) -> Array:
+        """Draw correlated standard normals (count, P)."""
         return self.rng.multivariate_normal(np.zeros(self.size), correlation, count)
 
-    def log_sds(self, suffix, x, main_contrasts):
-        """Log SDs (P, C) of one level of scatter."""
-        priors = self.priors
-        mean = getattr(priors, f"log_s{suffix}_mean")
-        log_s = self.rng.normal(mean, getattr(priors, f"log_s{suffix}_sd"), self.size)
-        kappa = self.rng.normal(0.0, getattr(priors, f"kappa{suffix}_sd"), self.size)
+    def log_sds(self, suffix: str, x: Array, main_contrasts: Mapping[str, Array]) -> Array:
+        """Draw log SDs (P, C) of one level of scatter."""
+        mean = getattr(PRIORS, f"log_s{suffix}_mean")
+        log_s = self.rng.normal(mean, getattr(PRIORS, f"log_s{suffix}_sd"), self.size)
+        kappa = self.rng.normal(0.0, getattr(PRIORS, f"kappa{suffix}_sd"), self.size)
         self.truth[f"s{suffix}"] = np.exp(log_s)
         self.truth[f"kappa{suffix}"] = kappa
         log_sigma = log_s[:, None] + kappa[:, None] * x
         for factor, contrast in main_contrasts.items():
-            psi = self.rng.normal(0.0, priors.psi_sd, self.size)
+            psi = self.rng.normal(0.0, PRIORS.psi_sd, self.size)
             self.truth[f"psi{suffix}:{factor}"] = psi
             log_sigma = log_sigma + psi[:, None] * contrast
-        omega = self.half(f"omega{suffix}", getattr(priors, f"omega{suffix}_scale"))
+        omega = self.half(f"omega{suffix}", getattr(PRIORS, f"omega{suffix}_scale"))
         log_sigma = log_sigma + omega[:, None] * self.rng.standard_normal(log_sigma.shape)
         self.truth[f"sigma{suffix}"] = np.exp(log_sigma)
         return log_sigma
 
 
-def draw_study(kind, rng, priors=PRIORS):
+def draw_study(kind: Kind, rng: np.random.Generator) -> Drawn:
     """Draw the truth, and then the trials, of a study of a kind."""
     grid = np.array(list(itertools.product((0, 1), *((0, 1) for _ in kind.factors))))
     environment = grid[:, 0]
@@ -147,14 +151,14 @@ def draw_study(kind, rng, priors=PRIORS):
         halves = [level[factor] - 0.5 for factor in term.split(":")]
         contrast[term] = np.prod(halves, axis=0)
     x = DECADES[environment]
-    prior = _Prior(kind, rng, priors)
+    prior = _Prior(kind, rng)
     beta = _locations(prior, x, environment, contrast)
     main = {factor: contrast[factor] for factor in kind.factors}
     log_sigma = prior.log_sds("", x, main)
     between = prior.correlation("rho_w")
     stretch = np.zeros_like(log_sigma)
     for factor in kind.spread:
-        eta = rng.normal(0.0, priors.psi_sd, prior.size)
+        eta = rng.normal(0.0, PRIORS.psi_sd, prior.size)
         prior.truth[f"eta:{factor}"] = eta
         stretch = stretch + eta[:, None] * contrast[factor]
     # The last of these people is the user nobody has seen.
@@ -170,7 +174,7 @@ def draw_study(kind, rng, priors=PRIORS):
         within = prior.correlation("rho_e")
         log_sd = log_sigma_e.T[cell]
         if kind.own_trial_sds:
-            omega_s = prior.half("omega_s", priors.omega_s_scale)
+            omega_s = prior.half("omega_s", PRIORS.omega_s_scale)
             phi = omega_s[:, None] * rng.standard_normal((prior.size, kind.subjects))
             prior.truth["phi"] = phi
             log_sd = log_sd + phi.T[subject]
@@ -181,7 +185,7 @@ def draw_study(kind, rng, priors=PRIORS):
         # It varies between trials and between subjects.
         values = rng.normal(0.0, 1.0, len(cell)) + rng.normal(0.0, 0.5, kind.subjects)[subject]
         covariate = (values - values.mean())[:, None]
-        slope = rng.normal(0.0, priors.covariate_sd, prior.size)
+        slope = rng.normal(0.0, PRIORS.covariate_sd, prior.size)
         response = response + covariate * slope
     return Drawn(
         kind=kind,
@@ -199,40 +203,45 @@ def draw_study(kind, rng, priors=PRIORS):
     )
 
 
-def _locations(prior, x, environment, contrast):
-    """Means of all cells (P, C)."""
+def _locations(
+    prior: _Prior, x: Array, environment: Indices, contrast: Mapping[str, Array]
+) -> Array:
+    """Draw means of all cells (P, C)."""
     rng = prior.rng
-    priors = prior.priors
-    alpha = rng.normal(0.0, priors.alpha_sd, prior.size)
-    gamma = rng.normal(0.0, priors.gamma_sd, prior.size)
-    tau = prior.half("tau", priors.tau_scale)
+    alpha = rng.normal(0.0, PRIORS.alpha_sd, prior.size)
+    gamma = rng.normal(0.0, PRIORS.gamma_sd, prior.size)
+    tau = prior.half("tau", PRIORS.tau_scale)
     delta = tau[:, None] * rng.standard_normal((prior.size, len(ENVIRONMENTS)))
     beta = alpha[:, None] + gamma[:, None] * x + delta[:, environment]
     for term, values in contrast.items():
-        coefficient = rng.normal(0.0, priors.lambda_sd, prior.size)
-        tau = prior.half(f"tau:{term}", priors.tau_scale)
+        coefficient = rng.normal(0.0, PRIORS.lambda_sd, prior.size)
+        tau = prior.half(f"tau:{term}", PRIORS.tau_scale)
         zeta = tau[:, None] * rng.standard_normal((prior.size, len(ENVIRONMENTS)))
         beta = beta + values * (coefficient[:, None] + zeta[:, environment])
     return beta
 
 
-def _subject_effects(prior, people, contrast, cells):
-    """What each of some people adds to all cells, (people, P, C)."""
+def _subject_effects(
+    prior: _Prior, people: int, contrast: Mapping[str, Array], cells: int
+) -> Array:
+    """Draw what each of some people adds to all cells, (people, P, C)."""
     columns = {"sigma_u": np.ones(cells)}
     for term, values in contrast.items():
         if GROUP not in term.split(":"):
             columns[f"sigma_v:{term}"] = values
-    total = 0.0
+    total = np.zeros((people, prior.size, cells))
     for name, values in columns.items():
-        sd = prior.half(name, prior.priors.sigma_u_scale)
+        sd = prior.half(name, PRIORS.sigma_u_scale)
         correlation = prior.correlation(name.replace("sigma", "rho"))
         effects = sd * prior.normals(correlation, people)
         total = total + effects[:, :, None] * values
     return total
 
 
-def _trials(kind, rng, level, cells):
-    """Subject and cell of every trial."""
+def _trials(
+    kind: Kind, rng: np.random.Generator, level: Mapping[str, Indices], cells: int
+) -> tuple[Indices, Indices]:
+    """Draw subject and cell of every trial."""
     pairs = []
     for i, c in itertools.product(range(kind.subjects), range(cells)):
         if GROUP not in level or level[GROUP][c] == i % 2:
@@ -245,8 +254,13 @@ def _trials(kind, rng, level, cells):
     return subject, cell
 
 
-def model_of(drawn, *, subjects_contrasts=True, own_trial_sds=True, priors=PRIORS):
-    """Percept's model of a study: the right one, or one that leaves something out.
+def model_of(
+    drawn: Drawn,
+    *,
+    subjects_contrasts: bool = True,
+    own_trial_sds: bool = True,
+) -> LinearPosterior:
+    """Return percept's model of a study: the right one, or one that leaves something out.
 
     Parameters
     ----------
@@ -293,7 +307,7 @@ def model_of(drawn, *, subjects_contrasts=True, own_trial_sds=True, priors=PRIOR
         between_subjects=frozenset({GROUP}.intersection(kind.factors)),
         spread=kind.spread,
     )
-    design = design_of(cells, factors, priors)
+    design = design_of(cells, factors, PRIORS)
     if not subjects_contrasts:
         design = dataclasses.replace(design, subject=design.subject[:1])
-    return LinearPosterior(statistics, design, priors, covariates, scatter)
+    return LinearPosterior(statistics, design, PRIORS, covariates, scatter)

@@ -1,6 +1,4 @@
-"""Simulation-based calibration of studies with factors, as a page of `reports/calibration`.
-
-    python -m tests.inference.hierarchy.factor_calibration --fits 300 --out reports/calibration
+"""Simulation-based calibration of studies with factors, .
 
 Studies are drawn from the prior by `factor_studies` and fitted. Each true value has a place in its
 posterior, a probability that is uniform over studies. Two wrong models must be caught.
@@ -8,38 +6,34 @@ posterior, a probability that is uniform over studies. Two wrong models must be 
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import functools
-import shlex
-import sys
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
-from percept.calibration.studies import Checkpoint, plan_digest
-from percept.calibration.uniformity import judge_places
+from percept.calibration.studies import Line
 from percept.errors import RefusalError
 from percept.inference.hierarchy.contrasts import ContrastEstimands, ContrastRows
 from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.linear_posterior import LinearPosterior
-from percept.inference.hierarchy.priors import Priors
 from percept.inference.sampling.gate import Run, Settings
 from percept.inference.sampling.run import sample
-from percept.provenance import made_by, markdown_table
-from percept.workers import in_process, processes
-from tests.inference.hierarchy.factor_studies import (
+from percept.provenance import Made, markdown_table
+from reports.calibration.factor_studies import (
     GROUP,
     KINDS,
-    PRIORS,
     Drawn,
     draw_study,
     model_of,
 )
+from reports.calibration.uniformity import Calibration, Plan, verdict_table
+
+Array = NDArray[np.float64]
 
 #: What a wrong model leaves out, by its name: the study it is fitted to, and the option that does.
-WRONG = {
+WRONG: dict[str, tuple[str, dict[str, bool]]] = {
     "without subjects' contrasts": (
         "two factors with interaction",
         {"subjects_contrasts": False},
@@ -78,26 +72,9 @@ quantity lies outside.
 """
 
 
-@dataclasses.dataclass(frozen=True)
-class Plan:
-    """A kind of study, and the model it is fitted by."""
-
-    kind: str
-    wrong: str = ""
-    seed: int = 1
-    draws: int = 199  # One less than a multiple of the bins: each has equally many ranks
-    bins: int = 20
-    tolerance: float = 0.2  # Of limits; ranks need no more than independent draws
-    priors: Priors = PRIORS  # Of truths and of fits
-
-    @property
-    def name(self):
-        return self.wrong or self.kind
-
-
 PLANS = (
-    *(Plan(kind) for kind in KINDS),
-    *(Plan(kind, wrong) for wrong, (kind, _) in WRONG.items()),
+    *(Plan(kind=kind) for kind in KINDS),
+    *(Plan(kind=kind, wrong=wrong) for wrong, (kind, _) in WRONG.items()),
 )
 
 
@@ -121,14 +98,14 @@ class Fitted:
     seed: np.random.SeedSequence  # Of what is chosen from the draws
 
 
-def fit_study(plan, index):
+def fit_study(plan: Plan, index: int) -> Fitted:
     """Draw study `index` of a plan and fit it."""
     spawn_key = (list(KINDS).index(plan.kind), index)
     seeds = np.random.SeedSequence(plan.seed, spawn_key=spawn_key)
     truth_seed, run_seed, draw_seed = seeds.spawn(3)
-    drawn = draw_study(KINDS[plan.kind], np.random.default_rng(truth_seed), plan.priors)
+    drawn = draw_study(KINDS[plan.kind], np.random.default_rng(truth_seed))
     options = WRONG[plan.wrong][1] if plan.wrong else {}
-    model = model_of(drawn, priors=plan.priors, **options)
+    model = model_of(drawn, **options)
     rows = contrast_rows(drawn, model)
     claims = IntervalEstimands(model, kinds=("mean", "user"))
     users = [*model.cells, *(("contrast", name) for name in rows.names)]
@@ -138,7 +115,7 @@ def fit_study(plan, index):
     return Fitted(drawn, model, rows, sample(model, estimands, settings), draw_seed)
 
 
-def place_study(plan, index):
+def place_study(plan: Plan, index: int) -> Line:
     """Place the true values of study `index` of a plan; without a fit, say why there is none."""
     try:
         fitted = fit_study(plan, index)
@@ -154,11 +131,11 @@ def place_study(plan, index):
     return {"reason": "", "values": values}
 
 
-def contrast_rows(drawn, model):
+def contrast_rows(drawn: Drawn, model: LinearPosterior) -> Rows:
     """Every term's contrast over all cells, and the slopes of a covariate, quantity by quantity."""
     size, cells = drawn.beta.shape
-    within = {}
-    groups = {}
+    within: dict[str, Array] = {}
+    groups: dict[str, Array] = {}
     for p, parameter in enumerate(drawn.kind.parameters):
         for term, contrast in drawn.contrast.items():
             row = np.zeros(model.locations_count)
@@ -171,14 +148,14 @@ def contrast_rows(drawn, model):
             groups[f"{parameter},slope"] = row
     every = np.eye(size * cells, model.locations_count)
 
-    def stacked(kept):
+    def stacked(kept: Mapping[str, Array]) -> Array:
         return np.reshape(list(kept.values()), (-1, model.locations_count))
 
     weights = ContrastRows(every, stacked(within), stacked(groups))
     return Rows(weights, tuple(within), tuple(groups))
 
 
-def ranks(drawn, model, points):
+def ranks(drawn: Drawn, model: LinearPosterior, points: Array) -> dict[str, float]:
     """Place of every true scale among draws, as (rank + 1/2) / (draws + 1)."""
     found = {}
     for name, (_, values) in model.scales(points).items():
@@ -190,7 +167,7 @@ def ranks(drawn, model, points):
     return found
 
 
-def places(drawn, model, rows, points):
+def places(drawn: Drawn, model: LinearPosterior, rows: Rows, points: Array) -> dict[str, float]:
     """Posterior distribution functions at true means and at one more user."""
     weights = rows.weights
     every = np.vstack([weights.cells, weights.users, weights.groups])
@@ -198,7 +175,7 @@ def places(drawn, model, rows, points):
     names = [*cell_names, *rows.names, *rows.group_names]
     laws = model.laws_of(every, points)
     of_users = len(cell_names) + len(rows.names)
-    slopes = drawn.slope if drawn.kind.covariate else []
+    slopes = drawn.slope if drawn.kind.covariate else np.empty(0)
     means = every @ np.concatenate([drawn.beta.ravel(), slopes])
     users = every @ np.concatenate([drawn.user.ravel(), slopes])
     below_mean = special.ndtr((means - laws.mean) / laws.sd).mean(axis=0)
@@ -212,78 +189,21 @@ def places(drawn, model, rows, points):
     return found
 
 
-def calibrate(plan, fits, *, checkpoint=None, mapper=in_process, progress=None):
-    """Place true values of many studies, and judge them together."""
-    place = functools.partial(place_study, plan)
-    kept = Checkpoint(checkpoint, plan_digest(plan), what="placed")
-    placed = kept.complete(place, fits, mapper=mapper, progress=progress)
-    return judge_places(plan.name, plan.bins, placed)
-
-
-def page(calibrations, fits, made):
-    """Text of the page."""
-    heads = ["kind", "fits", "failed", "quantities", "outside", "farthest", "tail", "band"]
-    tables = {True: [], False: []}
+def page(calibrations: Sequence[Calibration], fits: int, made: Made) -> str:
+    """Write the verdicts on right and wrong models, and every quantity of the right ones."""
+    right = [calibration for calibration in calibrations if calibration.kind not in WRONG]
+    wrong = [calibration for calibration in calibrations if calibration.kind in WRONG]
     quantities = []
-    for calibration in calibrations:
-        judged = calibration.quantities
-        worst = min(judged, key=lambda quantity: quantity.least_tail)
-        outside = f"{len(calibration.outside)}"
-        counts = [calibration.fits, calibration.failed, len(judged), outside]
-        row = [calibration.design, *counts, worst.quantity, f"{worst.least_tail:.2g}"]
-        wrong = calibration.design in WRONG
-        tables[wrong].append([*row, f"{calibration.tail:.2g}"])
-        if not wrong:
-            for quantity in judged:
-                tail = f"{quantity.least_tail:.2g}"
-                quantities.append(
-                    [calibration.design, quantity.quantity, tail, f"{calibration.tail:.2g}"]
-                )
+    for calibration in right:
+        band = f"{calibration.tail:.2g}"
+        for judged in calibration.quantities:
+            quantities.append([calibration.kind, judged.quantity, f"{judged.least_tail:.2g}", band])
     return PAGE.format(
         fits=fits,
         bins=PLANS[0].bins,
         draws=PLANS[0].draws,
         made=made.sentence,
-        right=markdown_table(heads, tables[False]),
-        wrong=markdown_table(heads, tables[True]),
+        right=verdict_table("kind", right),
+        wrong=verdict_table("kind", wrong),
         quantities=markdown_table(["kind", "quantity", "tail", "band"], quantities),
     )
-
-
-def main(arguments=None):
-    """Fit what is not kept yet, and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--out", type=Path, required=True, help="folder of the page")
-    parser.add_argument("--fits", type=int, default=300, help="studies of each kind (300)")
-    parser.add_argument("--workers", type=int, default=1, help="processes (1)")
-    names = [plan.name for plan in PLANS]
-    parser.add_argument("--kinds", nargs="+", choices=names, default=names, help="of studies")
-    parser.add_argument("--kept", type=Path, help="file of placed studies (DIR/factor_fits.jsonl)")
-    parsed = parser.parse_args(arguments)
-    words = sys.argv[1:] if arguments is None else arguments
-    calibrations = []
-    plans = [plan for plan in PLANS if plan.name in parsed.kinds]
-    with processes(parsed.workers) as mapper:
-        for plan in plans:
-
-            def told(done, studies, plan=plan):
-                print(f"{plan.name}: {done} of {studies}", file=sys.stderr, flush=True)
-
-            calibrations.append(
-                calibrate(
-                    plan,
-                    parsed.fits // WRONG_SHARE if plan.wrong else parsed.fits,
-                    checkpoint=parsed.kept or parsed.out / "factor_fits.jsonl",
-                    mapper=mapper,
-                    progress=told,
-                )
-            )
-    typed = shlex.join(["python", "-m", "tests.inference.hierarchy.factor_calibration", *words])
-    parsed.out.mkdir(parents=True, exist_ok=True)
-    text = page(calibrations, parsed.fits, made_by(typed))
-    (parsed.out / "factors.md").write_text(text, encoding="utf-8")
-    print(parsed.out / "factors.md")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,30 +1,27 @@
 """What a fit costs in studies with factors, covariates or trial SDs of subjects' own.
 
-    python -m tests.study.factor_costs --out reports/evidence
-
 Each study is simulated and fitted to the default tolerance in a process of its own. The time is
 processor time from the opened study to its intervals, without imports.
 """
 
 from __future__ import annotations
 
-import argparse
-import dataclasses
 import itertools
-import os
-import shlex
-import subprocess
+import json
 import sys
 import time
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from percept import Scene, Study
-from percept.provenance import made_by, markdown_table
+from percept.provenance import Made, markdown_table
 from percept.sessions import ReadOptions, Sessions
+from reports.benchmark.measure import in_a_process, print_result
+from reports.command import say
 
 PAGE = """# What factors, covariates and subjects' own trial SDs cost
 
@@ -62,13 +59,13 @@ ONE_SD = Case("12 x 5, 5 trials, one trial SD", 12, 5, trials=5)
 ONE_SD_FACTOR = Case("12 x 5 x 2, 5 trials, one trial SD", 12, 5, ("hand",), trials=5)
 
 
-def plain_cases():
-    """Pairs of studies without factors: one trial SD, and subjects' own."""
+def plain_cases() -> list[Case]:
+    """Return pairs of studies without factors: one trial SD, and subjects' own."""
     cases = []
     for subjects, environments in PLAIN_DESIGNS:
         size = f"{subjects} x {environments}, 3 trials"
         one_sd = Case(f"{size}, one trial SD", subjects, environments, trials=3)
-        own_sds = dataclasses.replace(
+        own_sds = replace(
             one_sd,
             name=f"{size}, trial SDs of subjects' own",
             own_trial_sds=True,
@@ -127,7 +124,7 @@ CASES = (
 )
 
 
-def simulated_study(case, seed=1):
+def simulated_study(case: Case, seed: int = 1) -> Study:
     """Draw the trials of a case, and open them as a study."""
     rng = np.random.default_rng(seed)
     shape = (case.environments, *(2 for _ in case.factors))
@@ -152,7 +149,7 @@ def simulated_study(case, seed=1):
     terms = " * ".join(case.factors)
     if case.covariate:
         terms += " + start"
-    model = {"subjects_trial_sd": case.own_trial_sds}
+    model: dict[str, Any] = {"subjects_trial_sd": case.own_trial_sds}
     if terms:
         model["bias"] = terms
     inference = {"method": "bayesian", "level": 0.99, "family": case.family}
@@ -161,25 +158,16 @@ def simulated_study(case, seed=1):
     return Study(sessions, scene)
 
 
-def fit_time(case):
-    """Processor time of one fit, in s."""
+def fit_time(case: Case) -> float:
+    """Return the processor time of one fit, in s."""
     study = simulated_study(case)
     start = time.process_time()
     assert len(study.intervals)
     return time.process_time() - start
 
 
-def time_in_a_process(case):
-    """Fit a case in a new process, and return its processor time in s."""
-    words = [sys.executable, "-m", "tests.study.factor_costs", "--case", case.name]
-    # One thread each: processor time then counts work, not waiting threads.
-    environ = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    done = subprocess.run(words, env=environ, capture_output=True, text=True, check=True)
-    return float(done.stdout.split()[-1])
-
-
-def row_of(case, seconds):
-    """Cells of a row: study, time, what it is compared with, and what was allowed."""
+def row_of(case: Case, seconds: Mapping[str, float]) -> list[str]:
+    """Return the cells of a row: study, time, what it is compared with, and what was allowed."""
     times = ""
     allowed = ""
     if case.against:
@@ -190,34 +178,25 @@ def row_of(case, seconds):
     return [case.name, f"{seconds[case.name]:.1f}", times, allowed]
 
 
-def main():
-    """Time every case, and write ``factor_costs.md``; or print the time of one."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--out", type=Path, help="folder of the page")
-    parser.add_argument("--case", help="only print the time of this one")
-    parser.add_argument("--repeats", type=int, default=3, help="processes a case (3)")
-    parsed = parser.parse_args()
-    if parsed.case:
-        (case,) = (case for case in CASES if case.name == parsed.case)
-        print(fit_time(case))
-        return
-    times = {case.name: [] for case in CASES}
+def page(repeats: int, made: Made, cases: Iterable[Case] = CASES) -> str:
+    """Fit every case in processes of its own, and write the page."""
+    times: dict[str, list[float]] = {case.name: [] for case in cases}
     # Rounds, not case by case: what else the machine does falls on all of them.
-    for _ in range(parsed.repeats):
-        for case in CASES:
-            times[case.name].append(time_in_a_process(case))
-            print(f"{case.name}: {times[case.name][-1]:.1f} s", flush=True)
-    seconds = {name: float(np.median(each)) for name, each in times.items()}
-    rows = [row_of(case, seconds) for case in CASES]
+    for _ in range(repeats):
+        for name, seconds in times.items():
+            seconds.append(in_a_process(__name__, name)["seconds"])
+            say(f"{name}: {seconds[-1]:.1f} s")
+    median = {name: float(np.median(each)) for name, each in times.items()}
+    rows = [row_of(case, median) for case in cases]
     table = markdown_table(["study", "s", "times", "allowed"], rows)
-    made = made_by(shlex.join(["python", "-m", "tests.study.factor_costs", *sys.argv[1:]])).sentence
-    page = PAGE.format(repeats=parsed.repeats, table=table, made=made)
-    if parsed.out is None:
-        print(page)
-        return
-    parsed.out.mkdir(parents=True, exist_ok=True)
-    (parsed.out / "factor_costs.md").write_text(page, encoding="utf-8")
+    return PAGE.format(repeats=repeats, table=table, made=made.sentence)
+
+
+def _main(task: str) -> None:
+    """Print the time of one case."""
+    (case,) = (case for case in CASES if case.name == json.loads(task))
+    print_result({"seconds": fit_time(case)})
 
 
 if __name__ == "__main__":
-    main()
+    _main(sys.argv[1])

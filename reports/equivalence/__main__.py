@@ -1,14 +1,12 @@
-"""How often two one-sided tests err at the edge, and how often they decide: a page of reports.
-
-python -m tests.inference.classical.equivalence_rates --out reports/equivalence
-"""
+"""How often two one-sided tests err at the edge, and how often they decide."""
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
-import shlex
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +15,7 @@ import numpy as np
 from percept.inference.classical.equivalence import tost, tost_power
 from percept.inference.classical.moments import Moments
 from percept.provenance import made_by
+from reports.command import run, write_page
 
 SUBJECTS = (2, 3, 4, 10, 30)
 #: True bias in JNDs: none, at the edge, and twice as large.
@@ -78,23 +77,21 @@ def page(found: list[Rates], sentence: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main() -> None:
-    """Write the page."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--studies", type=int, default=20_000)
-    arguments = parser.parse_args()
+def main(words: Sequence[str] | None = None) -> int:
+    """Simulate the studies, and write the page."""
+    parser = argparse.ArgumentParser("python -m reports.equivalence", description=__doc__)
+    parser.add_argument("--out", type=Path, required=True, help="folder of the page")
+    parser.add_argument("--studies", type=int, default=20_000, help="of each row (20000)")
+    return run(parser, _run, words)
+
+
+def _run(arguments: argparse.Namespace) -> None:
     found = []
-    for subjects in SUBJECTS:
-        for sd in SDS:
-            for bias in BIASES:
-                found.append(rates(subjects, sd, bias, arguments.studies))
-    name = "tests.inference.classical.equivalence_rates"
-    command = shlex.join(["python", "-m", name, *sys.argv[1:]])
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    text = page(found, made_by(command).sentence)
-    (arguments.out / "equivalence.md").write_text(text, encoding="utf-8")
+    for subjects, sd, bias in itertools.product(SUBJECTS, SDS, BIASES):
+        found.append(rates(subjects, sd, bias, arguments.studies))
+    text = page(found, made_by(arguments.typed).sentence)
+    write_page(arguments.out / "equivalence.md", text)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

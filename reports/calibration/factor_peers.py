@@ -1,6 +1,4 @@
-"""Limits of studies with factors by nutpie, beside percept's, as a page of `reports/calibration`.
-
-    python -m tests.inference.hierarchy.nutpie_peers --out reports/calibration
+"""Limits of studies with factors by nutpie, beside percept's.
 
 PyMC has the model as `factor_studies` draws from it: locations, deviations and subjects' effects
 are sampled. Only a subject's departure in a cell is summed into the scatter of the cell's mean. It
@@ -9,33 +7,40 @@ needs the extra `peers`.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import functools
-import shlex
-import sys
 import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import optimize, special
 
-from percept.calibration.studies import Checkpoint, plan_digest
+from percept.calibration.studies import Line, plan_digest
 from percept.inference.hierarchy.contrasts import ContrastEstimands
 from percept.inference.hierarchy.interval_estimands import IntervalEstimands
+from percept.inference.hierarchy.linear_posterior import LinearPosterior
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 from percept.provenance import made_by, markdown_table
-from tests.inference.hierarchy.factor_calibration import contrast_rows
-from tests.inference.hierarchy.factor_studies import (
+from reports.calibration.factor_studies import (
     DECADES,
     ENVIRONMENTS,
     GROUP,
     KINDS,
     PRIORS,
+    Drawn,
     draw_study,
     model_of,
 )
+from reports.calibration.factors import Rows, contrast_rows
+from reports.store import store
+
+Array: TypeAlias = NDArray[np.float64]
+#: A number or an array of PyMC, or of numpy; PyMC has no types.
+Term: TypeAlias = Any
 
 LEVEL = 0.9
 #: Monte Carlo error of percept's limits, over the half-width.
@@ -74,23 +79,25 @@ The `error` columns are root mean squares of Monte Carlo errors over half-widths
 class _Plain:
     """Unknowns of the model, written inside a PyMC model; quantities first."""
 
-    def __init__(self, drawn):
+    def __init__(self, drawn: Drawn) -> None:
         self.size = len(drawn.kind.parameters)
         self.x = DECADES[drawn.environment]
         self.drawn = drawn
 
-    def normal(self, name, sd, *shape, centre=0.0):
+    def normal(self, name: str, sd: float, *shape: int, centre: float = 0.0) -> Term:
+        """Return normal unknowns of each quantity."""
         import pymc as pm
 
         return pm.Normal(name, centre, sd, shape=(self.size, *shape))
 
-    def half(self, name, scale):
+    def half(self, name: str, scale: float) -> Term:
+        """Return a half-normal unknown of each quantity."""
         import pymc as pm
 
         return pm.HalfNormal(name, scale, shape=self.size)
 
-    def correlation(self, name):
-        """Correlation of both quantities; 0 for one."""
+    def correlation(self, name: str) -> Term:
+        """Return the correlation of both quantities; 0 for one."""
         import pymc as pm
 
         if self.size == 1:
@@ -98,13 +105,14 @@ class _Plain:
         shape = PRIORS.rho_shape
         return pm.Deterministic(name, 2.0 * pm.Beta(f"half_{name}", shape, shape) - 1.0)
 
-    def deviations(self, name):
-        """What each environment has of its own, at the cells."""
+    def deviations(self, name: str) -> Term:
+        """Return what each environment has of its own, at the cells."""
         tau = self.half(name, PRIORS.tau_scale)
         z = self.normal(f"z_{name}", 1.0, len(ENVIRONMENTS))
         return (tau[:, None] * z)[:, self.drawn.environment]
 
-    def locations(self):
+    def locations(self) -> Term:
+        """Return the means of the cells."""
         import pymc as pm
 
         beta = self.normal("alpha", PRIORS.alpha_sd)[:, None]
@@ -115,8 +123,8 @@ class _Plain:
             beta = beta + contrast * (coefficient + self.deviations(f"tau_{term}"))
         return pm.Deterministic("beta", beta)
 
-    def sds(self, suffix):
-        """SDs of all cells at one level of scatter."""
+    def sds(self, suffix: str) -> Term:
+        """Return the SDs of all cells at one level of scatter."""
         import pymc as pm
 
         centre = getattr(PRIORS, f"log_s{suffix}_mean")
@@ -130,21 +138,21 @@ class _Plain:
         z = self.normal(f"z{suffix}", 1.0, len(self.x))
         return pm.Deterministic(f"sigma{suffix}", pm.math.exp(log_sigma + omega[:, None] * z))
 
-    def stretch(self):
-        """Sizes of subjects' effects in the cells."""
+    def stretch(self) -> Term:
+        """Return the sizes of subjects' effects in the cells."""
         import pymc as pm
 
-        log_size = np.zeros((self.size, len(self.x)))
+        log_size: Term = np.zeros((self.size, len(self.x)))
         for factor in self.drawn.kind.spread:
             eta = self.normal(f"eta_{factor}", PRIORS.psi_sd)[:, None]
             log_size = log_size + eta * self.drawn.contrast[factor]
         return pm.Deterministic("stretch", pm.math.exp(log_size))
 
-    def effects(self):
-        """What every subject adds to the cells, before it is stretched, (P, N, C)."""
+    def effects(self) -> Term:
+        """Return what every subject adds to the cells, before it is stretched, (P, N, C)."""
         import pymc as pm
 
-        total = 0.0
+        total: Term = 0.0
         for name, contrast in subject_columns(self.drawn).items():
             sd = self.half(f"sigma_{name}", PRIORS.sigma_u_scale)
             rho = self.correlation(f"rho_{name}")
@@ -156,8 +164,8 @@ class _Plain:
         return total
 
 
-def subject_columns(drawn):
-    """Columns of the subjects' effects over the cells, by name."""
+def subject_columns(drawn: Drawn) -> dict[str, Array]:
+    """Return columns of the subjects' effects over the cells, by name."""
     columns = {"u": np.ones(len(drawn.environment))}
     for term, contrast in drawn.contrast.items():
         if GROUP not in term.split(":"):
@@ -165,7 +173,7 @@ def subject_columns(drawn):
     return columns
 
 
-def plain_model(drawn):
+def plain_model(drawn: Drawn) -> Any:
     """Write the model of a study in PyMC."""
     import pymc as pm
 
@@ -177,7 +185,7 @@ def plain_model(drawn):
     averaging = np.zeros((len(pair), len(trial_pair)))
     averaging[trial_pair, np.arange(len(trial_pair))] = 1.0 / trials[trial_pair]
     mean = averaging @ drawn.response
-    departure = drawn.response - mean[trial_pair]
+    departure: Term = drawn.response - mean[trial_pair]
     with pm.Model() as model:
         plain = _Plain(drawn)
         size = plain.size
@@ -221,8 +229,8 @@ def plain_model(drawn):
     return model
 
 
-def _quadratic(residuals, variances, covariance):
-    """Minus half the squared distance of one or two quantities."""
+def _quadratic(residuals: Sequence[Term], variances: Sequence[Term], covariance: Term) -> Term:
+    """Return minus half the squared distance of one or two quantities."""
     if len(residuals) == 1:
         return -0.5 * residuals[0] ** 2 / variances[0]
     first, second = residuals
@@ -231,7 +239,7 @@ def _quadratic(residuals, variances, covariance):
     return -0.5 * squares / determinant
 
 
-def _log_determinant(variances, covariance):
+def _log_determinant(variances: Sequence[Term], covariance: Term) -> Term:
     import pymc as pm
 
     if len(variances) == 1:
@@ -247,13 +255,13 @@ class Limits:
     error: dict[str, float]
 
 
-def percept_limits(drawn, model, rows, *, tolerance=TOLERANCE, seed=1):
-    """Limits of means and users by percept."""
+def percept_limits(model: LinearPosterior, rows: Rows, *, tolerance: float) -> Limits:
+    """Return limits of means and users by percept."""
     claims = IntervalEstimands(model, kinds=("mean", "user"), level=LEVEL)
     users = (*model.cells, *(("contrast", name) for name in rows.names))
     groups = tuple(("contrast", name) for name in rows.group_names)
     estimands = ContrastEstimands(model, rows.weights, users, groups, claims)
-    run = sample(model, estimands, Settings(tolerance=tolerance, seed=seed))
+    run = sample(model, estimands, Settings(tolerance=tolerance, seed=1))
     assert run.gate.passed, run.gate.reasons
     assert run.gate.tolerance_met, run.gate.error_reached
     names = [",".join(pair) for pair in model.cells] + list(rows.names)
@@ -276,8 +284,10 @@ def percept_limits(drawn, model, rows, *, tolerance=TOLERANCE, seed=1):
     return Limits(values, errors)
 
 
-def nutpie_limits(drawn, model, rows, plan):
-    """Limits of means and users by nutpie, and how many of its draws diverged.
+def nutpie_limits(
+    drawn: Drawn, model: LinearPosterior, rows: Rows, plan: Plan
+) -> tuple[Limits, int]:
+    """Return limits of means and users by nutpie, and how many of its draws diverged.
 
     Those of means are quantiles of its draws. A user's law given a draw is normal.
     """
@@ -309,7 +319,7 @@ def nutpie_limits(drawn, model, rows, plan):
     every = np.vstack([weights.cells, weights.users, weights.groups])
     names = [",".join(pair) for pair in model.cells] + [*rows.names, *rows.group_names]
     of_users = len(model.cells) + len(rows.names)
-    array_stats = BaseArray()
+    array_stats: Any = BaseArray()
     values = {}
     errors = {}
     for number, (name, row) in enumerate(zip(names, every, strict=True)):
@@ -326,8 +336,8 @@ def nutpie_limits(drawn, model, rows, plan):
     return Limits(values, errors), int(np.sum(tree.sample_stats.diverging))
 
 
-def user_sd(drawn, posterior, row):
-    """SD of one user's own combination of the cells of one quantity, (chains, draws)."""
+def user_sd(drawn: Drawn, posterior: Mapping[str, Array], row: Array) -> Array:
+    """Return the SD of one user's own combination of the cells of one quantity, (chains, draws)."""
     size, cells = drawn.beta.shape
     by_quantity = row[: size * cells].reshape(size, cells)
     (p,) = np.flatnonzero(by_quantity.any(axis=1))
@@ -337,13 +347,13 @@ def user_sd(drawn, posterior, row):
     for name, contrast in subject_columns(drawn).items():
         size_of_effect = posterior[f"sigma_{name}"][:, :, p]
         variance = variance + (size_of_effect * (stretch @ (weight * contrast))) ** 2
-    return np.sqrt(variance)
+    return np.asarray(np.sqrt(variance))
 
 
-def _user_limit(mean, sd, tail, array_stats):
-    """Quantile of a mixture of normal laws, and its Monte Carlo error."""
+def _user_limit(mean: Array, sd: Array, tail: float, array_stats: Any) -> tuple[float, float]:
+    """Return the quantile of a mixture of normal laws, and its Monte Carlo error."""
 
-    def excess(limit):
+    def excess(limit: float) -> float:
         return special.ndtr((limit - mean) / sd).mean() - tail
 
     limit = optimize.brentq(excess, (mean - 9.0 * sd).min(), (mean + 9.0 * sd).max(), xtol=1e-10)
@@ -375,13 +385,13 @@ class Plan:
     acceptance: float = ACCEPTANCE
 
 
-def compare(plan, number):
-    """Differences of all limits of one kind of study, and nutpie's divergences."""
+def compare(plan: Plan, number: int) -> Line:
+    """Return differences of all limits of one kind of study, and nutpie's divergences."""
     kind = list(KINDS)[number]
     drawn = draw_study(KINDS[kind], np.random.default_rng(plan.seed))
     model = model_of(drawn)
     rows = contrast_rows(drawn, model)
-    ours = percept_limits(drawn, model, rows, tolerance=plan.tolerance)
+    ours = percept_limits(model, rows, tolerance=plan.tolerance)
     theirs, divergences = nutpie_limits(drawn, model, rows, plan)
     assert ours.value.keys() == theirs.value.keys()
     differences = []
@@ -400,8 +410,8 @@ def compare(plan, number):
     return {"differences": differences, "divergences": divergences}
 
 
-def _row(differences, divergences):
-    """One kind of study in the table."""
+def _row(differences: Sequence[Difference], divergences: int) -> list[object]:
+    """Return one kind of study in the table."""
     apart = np.abs([difference.errors_apart for difference in differences])
     errors = []
     for field in ("percept_error", "nutpie_error"):
@@ -412,33 +422,25 @@ def _row(differences, divergences):
     return [kind, len(apart), f"{near:.1%}", f"{apart.max():.2g}", *errors, divergences]
 
 
-def main(arguments=None):
-    """Fit what is not kept yet by both, write the page, and return 1 where the limits differ."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--out", type=Path, required=True, help="folder of the page")
-    parser.add_argument("--draws", type=int, default=4000, help="of each chain (4000)")
-    parser.add_argument("--kept", type=Path, help="file of limits (DIR/factor_peers.jsonl)")
-    parsed = parser.parse_args(arguments)
-    words = sys.argv[1:] if arguments is None else arguments
-    plan = Plan(parsed.draws)
-    kept = Checkpoint(
-        parsed.kept or parsed.out / "factor_peers.jsonl", plan_digest(plan), what="compared"
-    )
+def compared(draws: int, folder: Path, typed: str) -> tuple[bool, str]:
+    """Fit what is not kept yet by both; say whether the limits differ, and write the page."""
+    plan = Plan(draws)
     rows = []
     every = []
-    for compared in kept.complete(functools.partial(compare, plan), len(KINDS)):
-        differences = [Difference(**fields) for fields in compared["differences"]]
-        rows.append(_row(differences, compared["divergences"]))
+    for both in store(folder, plan_digest(plan)).complete(
+        functools.partial(compare, plan), len(KINDS)
+    ):
+        differences = [Difference(**fields) for fields in both["differences"]]
+        rows.append(_row(differences, both["divergences"]))
         every += differences
     every.sort(key=lambda difference: -abs(difference.errors_apart))
     apart = np.abs([difference.errors_apart for difference in every])
     near = np.mean(apart <= NEARLY_ALL)
     heads = ["kind", "limits", "within 3", "farthest", "percept error", "nutpie error", "diverged"]
     worst = [[own.kind, own.name, f"{own.errors_apart:.2f}"] for own in every[:10]]
-    typed = shlex.join(["python", "-m", "tests.inference.hierarchy.nutpie_peers", *words])
     text = PAGE.format(
         chains=CHAINS,
-        draws=parsed.draws,
+        draws=draws,
         level=LEVEL,
         made=made_by(typed, ("pymc", "nutpie")).sentence,
         table=markdown_table(heads, rows),
@@ -450,11 +452,4 @@ def main(arguments=None):
         all_of=ALL,
         worst=markdown_table(["kind", "limit", "combined errors"], worst),
     )
-    parsed.out.mkdir(parents=True, exist_ok=True)
-    (parsed.out / "factors_peers.md").write_text(text, encoding="utf-8")
-    print(parsed.out / "factors_peers.md")
-    return int(near < SHARE or apart.max() > ALL)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return bool(near < SHARE or apart.max() > ALL), text

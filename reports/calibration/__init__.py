@@ -1,0 +1,1 @@
+"""Simulation-based calibration: truths of the prior lie evenly in their posteriors."""
