@@ -1,6 +1,7 @@
 """Settings shared by all tests."""
 
 import os
+import shutil
 
 # A worker runs per core: threads of BLAS would only wait for one another. percept's command sets
 # the same. NumPy reads it when it is imported.
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import settings
 
 from tests import LONG
+from tests.fits import SHARED
 
 # No test reads or fills the user's cache, nor gets from one what it means to compute.
 os.environ["PERCEPT_CACHE"] = "off"
@@ -30,9 +32,14 @@ TOGETHER = (
 
 
 @pytest.fixture(scope="session")
-def posteriors(tmp_path_factory):
-    """A folder for posteriors that tests share: tests/cache holds that none is changed by it."""
-    return str(tmp_path_factory.mktemp("posteriors"))
+def posteriors():
+    """The folder of the shared posteriors, for commands."""
+    return str(SHARED.folder)
+
+
+def pytest_unconfigure(config):
+    if not hasattr(config, "workerinput"):
+        shutil.rmtree(SHARED.folder, ignore_errors=True)
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -82,6 +82,12 @@ def test_a_table_that_no_batch_wrote_is_not_replaced(tmp_path, listing):
             assert folder.combine(KEYS[:1], "csv") == table
 
 
+def test_a_file_in_the_way_is_said(tmp_path):
+    (tmp_path / "out").write_text("")
+    with pytest.raises(UsageError, match="a folder is needed here"):
+        BatchFolder.opened(tmp_path / "out").__enter__()
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="folders are not locked there")
 def test_a_second_batch_is_told_to_wait(tmp_path):
     with (
@@ -92,9 +98,3 @@ def test_a_second_batch_is_told_to_wait(tmp_path):
         raise AssertionError("both hold the folder")
     with BatchFolder.opened(tmp_path) as folder:
         saved(folder, KEYS[0])
-
-
-def test_a_file_in_the_way_is_said(tmp_path):
-    (tmp_path / "out").write_text("")
-    with pytest.raises(UsageError, match="a folder is needed here"):
-        BatchFolder.opened(tmp_path / "out").__enter__()

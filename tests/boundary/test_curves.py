@@ -25,24 +25,6 @@ def drawn(omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return own, np.array(outlines)
 
 
-def test_grid_is_even_with_resonances_turns_and_crossings() -> None:
-    grid = drawing_grid(drawn, 0.1, 1000.0, np.array([np.sqrt(1000.0), 1e9]))
-    assert np.isin(np.geomspace(0.1, 1000.0, 161), grid).all()
-    assert (np.diff(np.log(grid)) > 1.9e-3).all()
-    fine = np.geomspace(0.1, 1000.0, 400_001)
-    own, limits = drawn(fine)
-    rows = np.concatenate([own, limits.reshape(-1, fine.size)])
-    inner = rows[:, 1:-1]
-    turns = ((inner - rows[:, :-2]) * (rows[:, 2:] - inner) < 0).any(axis=0)
-    gaps = np.stack([limits[1, 1] - limits[1, 0], own[0] - limits[1, 0], own[0] - limits[1, 1]])
-    crossings = (gaps[:, :-1] * gaps[:, 1:] < 0).any(axis=0)
-    known = np.concatenate([fine[1:-1][turns], fine[:-1][crossings]])
-    assert known.size > 5
-    nearest = np.abs(np.log(known[:, None] / grid)).min(axis=1)
-    # Where a parabola or a line puts them, or a point that is nearer than points may be.
-    assert nearest.max() < 4e-3
-
-
 def test_lines_between_the_points_follow_the_curves() -> None:
     grid = drawing_grid(drawn, 0.1, 1000.0, np.array([np.sqrt(1000.0)]))
     fine = np.geomspace(0.1, 1000.0, 20_011)

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import integrate, special
+from scipy import integrate
 
 from percept.boundary.law import PairLaw, confidence_law, mixture_law
-from percept.boundary.limits import Magnitude, MagnitudeLimits, relative_error
+from percept.boundary.limits import Magnitude
 from percept.boundary.simultaneous import simultaneous_level
 from percept.errors import RefusalError
 from percept.haptics import Device, Environment, perceived_impedance
@@ -119,30 +119,6 @@ def test_probability_of_a_distance_is_that_of_a_double_integral() -> None:
             assert held[0] == pytest.approx(exact, abs=2e-4)
 
 
-def test_limits_leave_out_their_share_near_a_resonance_too() -> None:
-    """Independent logarithms: of k exactly, of b on a fine grid, draw by draw."""
-    mean, covariance = heavy_mixture(40, 5)
-    sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    law = mixture_law(mean, covariance, np.arange(40) % 8, "lognormal")
-    omega = np.geomspace(0.1, 100.0, 61)
-    limits = Magnitude(law, DEVICE, PERIOD, omega).limits(0.99)
-    z = np.linspace(-7.0, 7.0, 1501)
-    weight = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
-    b = np.exp(mean[:, 1:] + sd[:, 1:] * z)
-    none, of_k, of_b = (
-        perceived_impedance(omega, DEVICE, Environment(*pair), PERIOD)
-        for pair in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
-    )
-    for m in range(omega.size):
-        step, rest = of_k[m] - none[m], none[m] + (of_b[m] - none[m]) * b
-        middle, square = -(np.conj(step) * rest).real / abs(step) ** 2, np.abs(rest) ** 2
-        for limit, share in ((limits.lower[m], 0.005), (limits.upper[m], 0.995)):
-            side = np.sqrt(np.maximum(middle**2 - (square - limit**2) / abs(step) ** 2, 0.0))
-            ends = np.log(np.maximum([middle - side, middle + side], 1e-300))
-            below = special.ndtr((ends - mean[:, :1]) / sd[:, :1])
-            assert ((below[1] - below[0]) @ weight).mean() == pytest.approx(share, abs=1e-4)
-
-
 def heavy_mixture(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """SDs of log b scatter: at 100 rad/s, where the mass hides b, an upper limit moves by many
     bands."""
@@ -181,17 +157,6 @@ def test_stated_error_is_the_scatter_between_sets_of_draws(draw: Callable[..., A
     assert -4.0 * spread < np.log(stated_level / levels) < np.log(2.5)
 
 
-def test_sixteen_times_the_draws_divide_the_error_by_four() -> None:
-    typical = []
-    for count in (512, 8192):
-        mean, covariance = mixture(count)
-        law = mixture_law(mean, covariance, np.arange(count) % 64, "lognormal")
-        errors = Magnitude(law, DEVICE, PERIOD, OMEGA).limits(0.99).errors
-        assert errors is not None
-        typical.append(np.sqrt((errors**2).mean()))
-    assert typical[0] / typical[1] == pytest.approx(4.0, rel=0.25)
-
-
 def wide_draws(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """SDs of log k and log b, about as of an environment nobody tested: 60 times as wide once in
     1,000."""
@@ -214,22 +179,6 @@ def test_few_wide_draws_decide_a_far_tail_and_are_all_asked() -> None:
             value = np.exp(mixture_quantile(mean, sd, tail, upper=True)[0][p])
             place = np.interp(axis.place(value), np.linspace(0.0, 1.0, held.size), held)
             assert 1.0 - place == pytest.approx(tail, rel=0.05)
-
-
-def test_values_below_all_that_counts_are_in_every_ball() -> None:
-    """A law that reaches below 1e-40 on one side as far as above on the other: no ball loses
-    that."""
-    mean, covariance = wide_draws(40_000, 1)
-    law = mixture_law(mean, covariance * 16.0, np.arange(40_000) % 32, "lognormal")
-    rare = Magnitude(law, DEVICE, PERIOD, OMEGA[:1])
-    held = rare.balls.content(
-        np.zeros(1, dtype=int), np.array([1e30]), np.zeros(1, dtype=int)
-    ).probability[0]
-    sd = 4.0 * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    # Beyond the ball k or b alone is large: the gain of k is one over omega.
-    beyond = special.ndtr((mean - np.log([1e29, 1e30])) / sd)
-    either = 1.0 - np.prod(1.0 - beyond, axis=1)
-    assert 1.0 - held == pytest.approx(either.mean(), rel=0.05)
 
 
 def test_stated_error_of_a_band_is_its_scatter_where_few_draws_are_wide() -> None:
@@ -258,26 +207,6 @@ def test_limits_that_a_law_does_not_determine_are_refused() -> None:
     law = mixture_law(mean, covariance, np.arange(400) % 16, "lognormal")
     with pytest.raises(RefusalError, match=r"determines limits up to the level 0\.99998 only"):
         Magnitude(law, DEVICE, PERIOD, OMEGA).limits(1.0 - 1e-6)
-
-
-def test_relative_error_is_a_mean_over_log_omega_in_half_widths() -> None:
-    omega = np.array([1.0, 10.0, 1000.0, 2000.0])
-    lower, upper = (
-        np.full(4, 1.0),
-        np.array([np.e**2, np.e**2, np.e**2, 1.0]),
-    )  # no width at the last
-    error = np.array([[0.1, 0.1, 0.3, 9.0], [0.1, 0.1, 0.3, 9.0]])
-    found = relative_error(omega, MagnitudeLimits(lower, upper, error))
-    assert found is not None
-    assert found == pytest.approx(np.sqrt((0.01 + 2 * 0.5 * (0.01 + 0.09)) / 3))
-    first = MagnitudeLimits(lower[:1], upper[:1], error[:, :1])
-    assert relative_error(omega[:1], first) == pytest.approx(0.1)
-    assert relative_error(omega[3:], MagnitudeLimits(lower[3:], upper[3:], error[:, 3:])) is None
-    assert (
-        relative_error(omega, MagnitudeLimits(np.full(4, np.inf), np.full(4, np.inf), error))
-        is None
-    )
-    assert relative_error(omega, MagnitudeLimits(lower, upper, None)) is None
 
 
 def test_a_frequency_the_device_alone_decides() -> None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import special
 
-from percept.boundary.users import DiscIntegral, Users, choose_integral, share_within
+from percept.boundary.users import DiscIntegral, Users, share_within
 from percept.haptics import Device
 from percept.haptics.axis import warp
 from percept.haptics.perceived import DistancePlane, perceived_magnitude
@@ -61,16 +61,6 @@ def test_both_orders_of_integration_agree(log):
     first = share_within(column, plane, radius, DiscIntegral(0, 384))
     second = share_within(column, plane, radius, DiscIntegral(1, 1200))
     np.testing.assert_allclose(first, second, rtol=0.0, atol=1e-6)
-
-
-def test_the_chosen_integral_settles():
-    plane, radius = disc(480.0, 2.5)
-    column = users(log=True).column()
-    for place, integral in enumerate(choose_integral(column, plane, radius)):
-        here = plane.select(np.array([place]))
-        chosen = share_within(column, here, radius[[place]], integral)
-        finest = share_within(column, here, radius[[place]], integral._replace(nodes=900))
-        np.testing.assert_allclose(chosen, finest, rtol=0.0, atol=1e-7)
 
 
 def test_a_law_of_one_quantity_is_the_limit_of_a_narrow_other():

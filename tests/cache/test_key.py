@@ -9,7 +9,6 @@ import pytest
 from percept import Scene, Study, read_sessions
 from percept.cache import digest, numbers_version
 from percept.inference.hierarchy.priors import MEANINGS
-from percept.study.prepare import prepare
 
 HEADER = "subject,environment,k_ref,b_ref,trial,k_adj,b_adj\n"
 
@@ -105,32 +104,6 @@ def test_what_moves_no_number_leaves_the_key(tmp_path):
     assert question(path, resolution={"k": 1.0}) == first
 
 
-def test_types_and_shapes_tell_values_apart():
-    values = [
-        1,
-        1.0,
-        True,
-        "1",
-        None,
-        (1,),
-        ((1,),),
-        np.array(1.0),
-        np.array([1.0]),
-        np.array([[1.0]]),
-    ]
-    values += [
-        np.array([1]),
-        np.array([1], dtype=np.int32),
-        {"a": 1},
-        {"a": "1"},
-        ("a", 1),
-        {"b": 1},
-    ]
-    values += [0.0, -0.0, 1e-300, float("nan"), float("inf"), np.array([0.0]), np.array([-0.0])]
-    assert len({digest(value) for value in values}) == len(values)
-    assert digest((1, 2), 3) != digest((1, 2, 3))
-
-
 def test_arrays_count_by_value_however_they_lie_in_memory():
     values = np.arange(6.0).reshape(2, 3)
     assert digest(values) == digest(np.asfortranarray(values)) == digest(values[:, ::-1][:, ::-1])
@@ -151,29 +124,3 @@ def test_the_version_names_the_packages_and_follows_the_code(tmp_path):
     for package in ("numpy", "scipy", "emcee", "arviz-stats"):
         assert f"{package}': '{metadata.version(package)}'" in version
     assert numbers_version("inference", "study") != version
-
-
-def test_a_key_costs_no_more_for_more_trials(tmp_path):
-    """The model's identity is sufficient statistics: nothing in it grows with the rows."""
-
-    def numbers(value):
-        if isinstance(value, (tuple, list)):
-            return sum(map(numbers, value))
-        return value.size if isinstance(value, np.ndarray) else 1
-
-    # Few trials give subjects no trial SDs of their own: both studies have the same model.
-    scene = Scene(model={"subjects_trial_sd": False})
-    few = prepare(read_sessions(sessions_file(tmp_path)), scene, ("k", "b")).model
-    more = []
-    rng = np.random.default_rng(8)
-    for trial in range(3, 200):
-        for subject in range(4):
-            for name, k, b in (("A", 100.0, 1.0), ("B", 1000.0, 9.0)):
-                k_adj, b_adj = (
-                    float(k * np.exp(rng.normal(0, 0.1))),
-                    float(b * np.exp(rng.normal(0, 0.2))),
-                )
-                more.append(f"S{subject},{name},{k},{b},{trial},{k_adj},{b_adj}")
-    path = sessions_file(tmp_path, extra="\n".join(more) + "\n")
-    many = prepare(read_sessions(path), scene, ("k", "b")).model
-    assert numbers(many.identity()) == numbers(few.identity())

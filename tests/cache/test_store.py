@@ -1,12 +1,19 @@
-import logging
 import subprocess
 import sys
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from percept.cache import PosteriorCache, cache_folder, decode, encode
+from percept.cache import (
+    PosteriorCache,
+    cache_folder,
+    decode,
+    digest,
+    encode,
+    numbers_version,
+)
 
 
 @pytest.fixture
@@ -189,6 +196,7 @@ def test_no_room_on_the_disk_is_said_and_leaves_nothing(tmp_path, run):
 
 TWO = """
 import sys
+from importlib import metadata
 from pathlib import Path
 from percept.cache import PosteriorCache, decode, encode
 data = Path(sys.argv[1]).read_bytes()
@@ -244,9 +252,11 @@ def test_where_the_cache_is(monkeypatch, variables, expected):
     assert cache_folder() == expected
 
 
-def test_hits_are_told_to_the_log_only(cache, run, caplog, capsys):
-    cache.keep((1,), run)
-    with caplog.at_level(logging.INFO, "percept.cache"):
-        assert cache.find((1,)) is not None
-    assert "found in" in caplog.text
-    assert capsys.readouterr() == ("", "")
+def test_an_entry_is_of_these_versions_and_this_code(cache, run):
+    cache.keep(("asked",), run)
+    (path,) = cache.entries()
+    versions = numbers_version("inference")
+    assert path.stem == digest(versions, "asked")
+    for name in ("numpy", "scipy", "emcee"):
+        assert metadata.version(name) in versions
+    assert versions != numbers_version("haptics")

@@ -46,20 +46,6 @@ def study() -> Study:
     return study_of(table, method="both", tolerance=0.2, model={"priors": {"tau_scale": 0.4}})
 
 
-@pytest.mark.evidence
-def test_plans_have_the_design_of_the_study(study: Study) -> None:
-    fitted, own = advice_plans(study)
-    table = study.sessions.table
-    for i, subject in enumerate(study.sessions.subjects):
-        for j, environment in enumerate(study.parts.environments):
-            rows = table[(table["subject"] == subject) & (table["environment"] == environment)]
-            assert fitted.trials is not None
-            assert fitted.trials[i][j] == len(rows)
-    assert (fitted.users_family, own.users_family) == ("lognormal", "normal")
-    assert fitted.model["priors"] == {"tau_scale": 0.4}
-    assert own == dataclasses.replace(fitted, users_family="normal", values=own.values)
-
-
 def test_normal_users_have_the_mean_and_sd_of_their_cell(study: Study) -> None:
     own = advice_plans(study)[1].values
     assert own is not None
@@ -173,21 +159,6 @@ def test_the_truth_a_method_covers_least_decides(table: pd.DataFrame, text: str)
     )
     assert " ".join(_sentences(table, intervals, IMPEDANCE)) == text
     assert not list(_sentences(table[table["method"] == "classical"], intervals, IMPEDANCE))
-
-
-def test_a_noisier_estimate_is_not_forgiven_more() -> None:
-    """The Bayesian one covers less than the classical one, and only its error is larger."""
-    table = covered(bayesian=(0.985, 0.99), classical=(0.986, 0.99))
-    table.loc[table["method"] == "bayesian", "error"] = 0.003
-    rows = [("bayesian", "lognormal", 0.0, 2.0), ("classical", "normal", 0.0, 1.0)]
-    intervals = pd.DataFrame(rows, columns=["method", "family", "lower", "upper"]).assign(
-        environment="VE1", parameter="b", kind="user", joint="marginal"
-    )
-    (text,) = _sentences(table, intervals, IMPEDANCE)
-    assert text.startswith("For damping in VE1 use the classical interval")
-    # Both have errors so small that neither keeps its level.
-    text, _ = _sentences(table.assign(error=1e-4), intervals, IMPEDANCE)
-    assert text == "Neither method keeps its level for damping in VE1."
 
 
 def test_a_study_that_cannot_be_simulated_has_theory_alone() -> None:

@@ -20,7 +20,6 @@ from percept.calibration.coverage import (
     fitted_values,
     plan_like,
     refuse_unfit,
-    standard_error,
     true_values,
 )
 from percept.calibration.judge import (
@@ -178,23 +177,6 @@ def test_withheld_studies_count_among_all_and_claims_among_those_that_make_them(
     assert some.error == pytest.approx(np.std([1, 0, 1], ddof=1) / np.sqrt(3))
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"tolerance": 0.1},
-        {"level": 0.8},
-        {"share": 0.5},
-        {"confidence": 0.8},
-        {"period": 0.01},
-        {"family": "normal"},
-        {"subjects": 6},
-    ],
-    ids=str,
-)
-def test_another_plan_has_another_key(change: dict[str, object]) -> None:
-    assert dataclasses.replace(PLAN, **change).key != PLAN.key
-
-
 def test_fitted_values_are_those_of_the_fit() -> None:
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(tolerance=0.2, method="bayesian")
     study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene)
@@ -226,12 +208,6 @@ def test_normal_users_below_zero_are_refused_by_a_lognormal_model_and_said_so() 
     assert [one.claim for one in labels if one.method == "bayesian"] == ["refused"]
     table = coverage_markdown(coverage(plan, 2))
     assert "| refused |" in table
-
-
-def test_fitted_values_need_a_fit() -> None:
-    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical")
-    with pytest.raises(RefusalError, match="needs a passed Bayesian fit"):
-        fitted_values(Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene))
 
 
 def durations(**changes: object) -> Study:
@@ -294,16 +270,6 @@ def test_users_far_from_the_reference_are_no_slip_of_units() -> None:
     assert {"interval", "boundary throughout"} <= claims
 
 
-def test_studies_that_all_agree_leave_an_error() -> None:
-    held = np.ones(6)
-    # Six and a half of seven.
-    assert standard_error(held) == pytest.approx(math.sqrt(6.5 / 7 * 0.5 / 7 / 7))
-    assert standard_error(1.0 - held) == pytest.approx(standard_error(held))
-    varied = np.array([0.9, 1.0, 0.8])
-    assert standard_error(varied) == pytest.approx(0.1 / math.sqrt(3))
-    assert math.isnan(standard_error(held[:1]))
-
-
 def test_wrong_plans() -> None:
     with pytest.raises(UsageError, match="at least two environments"):
         CoveragePlan(references=((1.0, 1.0),))
@@ -340,3 +306,9 @@ def test_regions_hold_whole_curves_drawn_from_the_prior_and_pointwise_bands_do_n
         for joint in ("bonferroni", "hotelling"):
             region = found(judged, shape="envelope", **{**whole, "joint": joint})
             assert region.held > 0.9 - 4 * region.error
+
+
+def test_fitted_values_need_a_fit() -> None:
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical")
+    with pytest.raises(RefusalError, match="needs a passed Bayesian fit"):
+        fitted_values(Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene))

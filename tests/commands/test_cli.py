@@ -430,17 +430,6 @@ def test_classical_fit_imports_no_sampler(tmp_path):
     }
 
 
-def test_fit_says_which_intervals_are_left_out(tmp_path, capsys):
-    path = write(tmp_path, ["S1,A,10,1,-9,1.1", "S2,A,10,1,9,1.2", "S3,A,10,1,7,1.0"])
-    assert main(["fit", path, "--method", "classical", "--out", str(tmp_path / "out")]) == 0
-    left = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Left out: ")]
-    assert (
-        len([line for line in left if "classical lognormal intervals of stiffness in A" in line])
-        == 1
-    )
-    assert not any("classical normal" in line for line in left)
-
-
 def test_what_the_reader_noticed_is_said(tmp_path, capsys):
     """The scene declares both units, so that numbers a thousand times too large are no error."""
     study = write(tmp_path, [*ROWS, "S3,B,100,2,97,2.0"])
@@ -484,25 +473,6 @@ def test_a_unit_declared_by_mistake_is_refused(tmp_path, capsys, column, ratio):
         assert f"k_adj is {ratio} times k_ref at the median" in said
         assert "declare the units of both k_adj and k_ref" in said
     assert not out.exists()
-
-
-def test_of_many_notices_the_first_are_said(tmp_path, capsys):
-    folder = tmp_path / "study"
-    folder.mkdir()
-    for number in range(12):
-        extra = "abcdefghijkl"[number]
-        rows = "\n".join(
-            f"S{number},{e},{k},1,{k * (1.01 + 0.01 * number)},1.1,x"
-            for e, k in (("A", 10), ("B", 99))
-        )
-        (folder / f"s{number}.csv").write_text(
-            HEADER.replace("\n", f",extra_{extra}\n") + rows + "\n", encoding="utf-8"
-        )
-    assert main(["fit", str(folder), "--method", "classical", "--out", str(tmp_path / "out")]) == 0
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 11
-    assert lines[0].endswith("columns not used: 'extra_a'")
-    assert lines[-1] == "and 2 more notices: see percept validate"
 
 
 def test_a_device_that_cannot_be_read_is_said_before_anything_is_sampled(tmp_path, capsys):
@@ -567,37 +537,6 @@ def test_an_error_above_the_tolerance_is_a_warning_and_no_failure(tmp_path, caps
     assert gate["error_reached"] in told
 
 
-def test_a_report_of_withheld_numbers_alone_is_written_and_no_success(tmp_path, capsys):
-    """With the Bayesian method alone nothing is left to show, of curves neither."""
-    scene = tmp_path / "hasty.toml"
-    device = "[device]\nmass = 1.0\ndamping = 5.0\nperiod = 0.001\n[frequency]\npoints = 5\n"
-    scene.write_text(
-        f'{device}[inference]\nmethod = "bayesian"\ntolerance = 0.01\nmost_steps = 200\n'
-    )
-    sessions = tmp_path / "unmixed.csv"
-    unmixed_sessions().to_csv(sessions, index=False)
-    words = ["--scene", str(scene), "--no-cache", "--quiet", "--out", str(tmp_path / "out")]
-    for command in ("report", "fit"):
-        assert main([command, str(sessions), *words]) == 1
-        captured = capsys.readouterr()
-        assert captured.err.startswith("percept: Bayesian intervals are withheld: ")
-        assert "Empty DataFrame" not in captured.out
-        assert "only percept report has" not in captured.out
-    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "were derived with percept" not in page
-    assert "The level is" not in page
-
-
-def test_fit_says_once_what_only_a_report_has(tmp_path, capsys):
-    study = str(DATASETS / "hbfd_sessions.csv")
-    words = ["--scene", str(DATASETS / "hbfd.toml"), "--method", "classical", "--quiet"]
-    assert main(["fit", study, *words, "--out", str(tmp_path / "out")]) == 0
-    left = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Left out: ")]
-    only = [line for line in left if "run percept report" in line]
-    assert only == ["Left out: boundaries, coupling and band law (run percept report)."]
-    assert len({line.partition(" (")[0] for line in left}) == len(left)
-
-
 @pytest.mark.parametrize("before", [True, False], ids=["before the command", "after it"])
 def test_debug_shows_the_traceback(before):
     command = ["validate", "nowhere.csv", "--scene", "nowhere.toml"]
@@ -610,3 +549,33 @@ def test_without_debug_an_error_is_one_line(capsys):
     message = capsys.readouterr().err
     assert message.count("\n") == 1
     assert message.startswith("percept: nowhere.toml")
+
+
+def test_fit_says_which_intervals_are_left_out(tmp_path, capsys):
+    path = write(tmp_path, ["S1,A,10,1,-9,1.1", "S2,A,10,1,9,1.2", "S3,A,10,1,7,1.0"])
+    assert main(["fit", path, "--method", "classical", "--out", str(tmp_path / "out")]) == 0
+    left = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Left out: ")]
+    assert (
+        len([line for line in left if "classical lognormal intervals of stiffness in A" in line])
+        == 1
+    )
+    assert not any("classical normal" in line for line in left)
+
+
+def test_of_many_notices_the_first_are_said(tmp_path, capsys):
+    folder = tmp_path / "study"
+    folder.mkdir()
+    for number in range(12):
+        extra = "abcdefghijkl"[number]
+        rows = "\n".join(
+            f"S{number},{e},{k},1,{k * (1.01 + 0.01 * number)},1.1,x"
+            for e, k in (("A", 10), ("B", 99))
+        )
+        (folder / f"s{number}.csv").write_text(
+            HEADER.replace("\n", f",extra_{extra}\n") + rows + "\n", encoding="utf-8"
+        )
+    assert main(["fit", str(folder), "--method", "classical", "--out", str(tmp_path / "out")]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 11
+    assert lines[0].endswith("columns not used: 'extra_a'")
+    assert lines[-1] == "and 2 more notices: see percept validate"

@@ -107,35 +107,6 @@ def test_the_same_sessions_under_two_settings_stand_side_by_side(folder, capsys)
     assert "width_ratio" in text.split("Intervals of A and B")[1]
 
 
-def test_columns_that_are_always_kept_are_no_news(folder, capsys):
-    """Sessions make two groups of different people; an adjustment is no group, and says so."""
-    table = pd.read_csv(folder / "all.csv", dtype=str)
-    table["visit"] = np.where(table["subject"].isin(["S01", "S02", "S03", "S04"]), "1", "2")
-    table.drop(columns="session").to_csv(folder / "visits.csv", index=False)
-    (folder / "visits.toml").write_text('[columns]\nsession = "visit"\n')
-    words = [
-        "compare",
-        folder / "visits.csv",
-        "--scene",
-        folder / "visits.toml",
-        "--method",
-        "classical",
-    ]
-    found = json.loads(printed([*words, "--by", "session", "--json"], capsys))
-    assert found["studies"] == {"a": "session 1", "b": "session 2"}
-
-
-def test_names_that_two_labs_have_in_common_are_noted(folder, capsys):
-    words = ["compare", folder / "all.csv", folder / "elsewhere.csv", "--method", "classical"]
-    text = printed(words, capsys)
-    assert "10 subjects (S01, S02, S03, S04, S05, …) are in both studies by name" in text
-    assert "Average users" in text
-    found = json.loads(printed([*words, "--json"], capsys))
-    stiffness = [row["value"] for row in found["differences"] if row["parameter"] == "k"]
-    assert stiffness == pytest.approx([1.1, 1.1])
-    assert len(found["notes"]) == 1
-
-
 def test_different_people_of_one_file_are_two_samples(folder, capsys):
     words = ["compare", folder / "all.csv", "--scene", folder / "first.toml"]
     words += ["--other-scene", folder / "others.toml", "--method", "classical", "--json"]

@@ -131,12 +131,6 @@ def test_a_stage_is_shown_on_a_terminal_and_said_elsewhere_once_it_is_slow():
     assert elsewhere.returncode == 0
 
 
-def test_a_quiet_command_says_nothing_of_a_long_run(capsys):
-    with Working("fitting", shown=False) as working:
-        working(Progress(24, 480, float("nan"), 0.01, 600.0))
-    assert capsys.readouterr().err == ""
-
-
 def test_a_fit_on_a_terminal(tmp_path):
     table = pd.read_csv(SESSIONS, dtype={"subject": str})
     sessions = tmp_path / "sessions.csv"

@@ -45,17 +45,6 @@ def test_edges_are_printed_and_need_the_damping_of_the_device(scene, capsys):
         assert edge["most_damping"] == edge["damping"][-1]
 
 
-def test_tables_are_in_plain_words(scene, capsys):
-    assert main(["zwidth", scene()]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "Rendered directly, passive with every hand (Colgate and Schenkel):"
-    assert lines[1] == "  up to 10000 N/m (beside 0 N·s/m), and up to 5 N·s/m."
-    assert lines[3].split() == ["0", "10000"]
-    assert lines[11].split() == ["5", "0"]
-    assert lines[12] == "Through a coupling, a rigid wall behind it (Llewellyn):"
-    assert len(lines) == 24
-
-
 def test_the_figure_is_written(scene, tmp_path, capsys):
     path = tmp_path / "zwidth.svg"
     assert main(["zwidth", scene("delay_seconds = 0.002"), "--out", str(path)]) == 0
@@ -112,14 +101,3 @@ def test_of_a_posterior_95_per_cent_of_devices_render_the_likely_edge():
         assert np.mean(damping >= needed * (1 - 1e-9)) == pytest.approx(0.95, abs=0.002)
     alone = z_width(Device(1.0, 8.0), T, loop, {})
     assert alone.likely_direct is alone.likely_coupled is None
-
-
-def test_a_posterior_adds_a_line(scene, capsys):
-    lines = (
-        "[device.posterior]",
-        'parameters = ["mass", "damping"]',
-        "covariance = [[0.01, 0.0], [0.0, 0.04]]",
-    )
-    assert main(["zwidth", scene(*lines)]) == 0
-    out = capsys.readouterr().out
-    assert out.count("95 % of the device's posterior renders up to ") == 2

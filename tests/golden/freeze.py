@@ -8,7 +8,6 @@ a run of the same seed.
 from __future__ import annotations
 
 import json
-import os
 import sys
 from typing import Any
 
@@ -19,11 +18,12 @@ __all__ = ["freeze"]
 
 def freeze(golden: Golden) -> None:
     """Write one study's file."""
-    numbers = frozen_part(golden, golden.report())
+    classical = golden.report(method="classical")
+    numbers = frozen_part(golden, classical, golden.report())
     for name, errors in _errors(golden).items():
         numbers["endpoints"][name]["error"] = errors
     lines = [f'"skipped": {_json(numbers["skipped"])}']
-    for part in ("exact", "curves", "endpoints"):
+    for part in ("exact", "curves", "endpoints", "estimates"):
         rows = [f"  {_json(name)}: {_json(value)}" for name, value in numbers[part].items()]
         lines.append(f'"{part}": {{\n' + ",\n".join(rows) + "\n}")
     (FOLDER / f"{golden.name}.json").write_text("{" + ",\n".join(lines) + "}\n", encoding="utf-8")
@@ -50,7 +50,6 @@ def _json(value: Any) -> str:
 
 
 if __name__ == "__main__":
-    os.environ["PERCEPT_CACHE"] = "off"
     wanted = sys.argv[1:] or [golden.name for golden in STUDIES]
     for golden in STUDIES:
         if golden.name in wanted:

@@ -18,13 +18,15 @@ hands,
 * `response.csv` is a device of 0.8 kg and 4 N·s/m with a mode at 200 rad/s, as a sweep would give
 it.
 
-Not frozen: verdicts on what feels real, simultaneous bands, limits from a bootstrap, and Bayesian
-numbers that have no Monte Carlo error.
+Of the classical report every number and short word of report.json is frozen. Of the Bayesian
+method limits and probabilities are, which have a Monte Carlo error.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,17 +36,34 @@ import numpy as np
 import percept
 from tests import DATASETS
 from tests.documents import build_document
+from tests.fits import SHARED
 from tests.golden.paper_rule import by_the_paper_s_rule
 
-__all__ = ["FOLDER", "SEED", "STUDIES", "TOLERANCE", "Golden", "frozen_part"]
+__all__ = ["FOLDER", "SEED", "STUDIES", "TOLERANCE", "Golden", "as_frozen", "flat", "frozen_part"]
 
 FOLDER = Path(__file__).resolve().parent
 _DATA = FOLDER / "data"
 SEED = 1
 TOLERANCE = 0.05
 OMEGA = np.geomspace(0.1, 100.0, 25)
-#: Of grids the report chooses every so manieth point is frozen.
+#: Of long lists every so manieth value is frozen.
 _EVERY = 40
+#: Letters of a word that is frozen; longer texts are sentences.
+_LONGEST_WORD = 20
+#: Parts of a document that say what went in, or what numbers say, or lie on grids for drawing.
+_OTHERS = (
+    "schema", "provenance", "summary", "skipped", "boundaries", "close", "impedances",
+    "close_impedances",
+)  # fmt: skip
+#: Fields that tell the rows of a table apart.
+_LABELS = (
+    "what", "quantity", "measure", "environment", "subject", "parameter", "factor", "level",
+    "first", "second", "of", "kind", "method", "family", "joint", "shape", "model", "name",
+    "statistic", "statement",
+)  # fmt: skip
+_LIMITS = {"lower", "estimate", "upper"}
+#: Where report.json was changed since: a pattern of names of today, and what was frozen.
+RENAMED: dict[str, str] = {}
 
 Document = Mapping[str, Any]
 
@@ -60,7 +79,8 @@ class Golden:
     def report(self, *, seed: int = SEED, **inference: Any) -> Document:
         """Return what `percept report` writes into report.json, checks included."""
         study = self.study(seed=seed, tolerance=TOLERANCE, **inference)
-        checked = percept.Study(study.sessions, study.scene.with_tables(checks={}))
+        scene = study.scene.with_tables(checks={})
+        checked = percept.Study(study.sessions, scene, store=SHARED)
         document: Document = build_document(checked)
         return document
 
@@ -68,7 +88,7 @@ class Golden:
         """Open the study, with other settings of the scene's [inference]."""
         scene = percept.Scene.load(self.scene).with_inference(**inference)
         sessions = percept.read_sessions(self.sessions, scene=scene)
-        return percept.Study(sessions, scene)
+        return percept.Study(sessions, scene, store=SHARED)
 
 
 STUDIES = (
@@ -87,20 +107,14 @@ STUDIES = (
 )
 
 
-def frozen_part(golden: Golden, document: Document) -> dict[str, Any]:
-    """Take what is frozen from a study and its document."""
-    exact = {
-        **_data(document),
-        **_intervals(document),
-        **_contrasts(document),
-        **_coupling(document),
-        **_band(document),
-        **by_the_paper_s_rule(golden.study(method="classical")),
-    }
+def frozen_part(golden: Golden, classical: Document, document: Document) -> dict[str, Any]:
+    """Take what is frozen: of the classical report all, of the scene's own what has an error."""
+    rule = by_the_paper_s_rule(golden.study(method="classical"))
     return {
-        "exact": exact,
+        "exact": {**flat(classical), **{f"rule {name}": value for name, value in rule.items()}},
         "curves": _curves(golden),
         "endpoints": _endpoints(document),
+        "estimates": _estimates(document),
         "skipped": sorted({row["what"] for row in document["skipped"]}),
     }
 
@@ -109,25 +123,50 @@ def _named(row: Mapping[str, Any], what: str, *names: str) -> str:
     return " ".join([what, *(str(row[name]) for name in names)])
 
 
-def _classical(rows: Iterable[Mapping[str, Any]] | None) -> list[Mapping[str, Any]]:
-    return [row for row in rows or () if row["method"] == "classical"]
+def flat(document: Document) -> dict[str, Any]:
+    """Gather the numbers and short words of a document, rows of tables by their labels.
 
-
-def _data(document: Document) -> dict[str, Any]:
+    Long lists are thinned. Sentences are left out, and what the scene, versions and files say.
+    """
+    parts = {name: part for name, part in document.items() if name not in _OTHERS}
     found: dict[str, Any] = {}
-    for row in document["data"].get("cells") or ():
-        name = _named(row, "cell", "environment", "parameter")
-        found[f"{name} n"] = row["n"]
-        found[f"{name} mean, sd"] = [row["mean"], row["sd"]]
+    for name, value in _values(parts, ""):
+        row, bracket, field = as_frozen(name).rpartition("].")
+        if bracket:
+            found.setdefault(f"{row}]", {})[field] = value
+        else:
+            found[field] = value
+    for row in found.values():
+        # Each is held to the largest of the three: an estimate may be all but zero.
+        if isinstance(row, dict) and row.keys() >= _LIMITS:
+            row["limits"] = [row.pop(name) for name in sorted(_LIMITS)]
     return found
 
 
-def _intervals(document: Document) -> dict[str, Any]:
-    names = ("environment", "parameter", "kind", "family", "joint")
-    return {
-        _named(row, "interval", *names): [row["lower"], row["estimate"], row["upper"]]
-        for row in _classical(document["intervals"])
-    }
+def as_frozen(name: str) -> str:
+    """Return the name that a number had when it was frozen."""
+    for now, then in RENAMED.items():
+        name = re.sub(now, then, name)
+    return name
+
+
+def _values(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            if key not in _LABELS or not isinstance(inner, str):
+                yield from _values(inner, f"{name}.{key}" if name else key)
+    elif isinstance(value, list) and any(isinstance(inner, dict) for inner in value):
+        seen: Counter[str] = Counter()
+        for inner in value:
+            label = " ".join(inner[key] for key in _LABELS if isinstance(inner.get(key), str))
+            seen[label] += 1
+            again = f" {seen[label]}" if seen[label] > 1 else ""
+            yield from _values(inner, f"{name}[{label}{again}]")
+    elif isinstance(value, list):
+        values = [inner[::_EVERY] if isinstance(inner, list) else inner for inner in value]
+        yield name, values[::_EVERY] if len(values) > _EVERY else values
+    elif not isinstance(value, str) or len(value) <= _LONGEST_WORD:
+        yield name, value
 
 
 def contrast_name(row: Mapping[str, Any]) -> str:
@@ -135,53 +174,6 @@ def contrast_name(row: Mapping[str, Any]) -> str:
     where = row["environment"] or "overall"
     levels = f"{row['second']} against {row['first']}"
     return f"{row['parameter']}, {row['factor']}: {levels}, {where}"
-
-
-def _contrasts(document: Document) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for row in _classical(document["contrast"]):
-        name = f"contrast {row['of']} {row['kind']} {contrast_name(row)}"
-        found[name] = [row["lower"], row["estimate"], row["upper"]]
-        found[f"{name} p"] = row["p_value"]
-    for row in document["anova"] or ():
-        name = _named(row, "anova", "parameter", "factor")
-        for field in ("f", "df", "df_error", "p_value", "epsilon", "p_corrected"):
-            found[f"{name} {field}"] = row[field]
-    return found
-
-
-def _coupling(document: Document) -> dict[str, Any]:
-    found: dict[str, Any] = {
-        _named(row, "passivity", "environment"): [row["needed_colgate"], row["needed_paper"]]
-        for row in document["passivity"] or ()
-    }
-    coupling = document["coupling"]
-    if coupling is None:
-        return found
-    found["coupling verdict"] = coupling["verdict"]
-    for name in ("margin", "binding_omega", "required_damping", "required_omega"):
-        found[f"coupling {name}"] = coupling[name]
-    for at in range(0, len(coupling["omega"]), _EVERY):
-        for name in ("omega", "bound", "admittance"):
-            found[f"coupling {name} {at}"] = coupling[name][at]
-    return found
-
-
-def _band(document: Document) -> dict[str, Any]:
-    band = document["band"] or {"rows": [], "laws": []}
-    found: dict[str, Any] = {}
-    for row in _classical(band["rows"]):
-        name = _named(row, "band", "environment", "kind", "family")
-        size = row["reference"] if row["impedance"] is None else row["impedance"]
-        found[f"{name} limits"] = [row["lower"], row["upper"], row["band"], size]
-        found[f"{name} relative"] = row["relative"]
-    for row in _classical(band["laws"]):
-        name = _named(row, "law", "kind", "family", "model")
-        for parameter, value in row["parameters"].items():
-            found[f"{name} {parameter}"] = value["value"]
-        found[f"{name} left_out_error"] = row["left_out_error"]
-        found[f"{name} carried_by"] = row["carried_by"]
-    return found
 
 
 def _curves(golden: Golden) -> dict[str, dict[str, list[float]]]:
@@ -217,3 +209,18 @@ def _endpoints(document: Document) -> dict[str, dict[str, Any]]:
 def _endpoint(row: Mapping[str, Any], gate: Mapping[str, Any], *, log: bool) -> dict[str, Any]:
     error = [gate["worst_error"]] * 2
     return {"lower": row["lower"], "upper": row["upper"], "log": log, "error": error}
+
+
+def _estimates(document: Document) -> dict[str, dict[str, Any]]:
+    """Take Bayesian numbers that stand beside their Monte Carlo error, in the unit of both."""
+    found: dict[str, dict[str, Any]] = {}
+    for row in document["psychophysics"]:
+        if row["method"] == "bayesian":
+            name = _named(row, "psychophysics", "measure", "environment", "parameter")
+            found[name] = {"values": [row["lower"], row["upper"]], "error": row["error"]}
+    for row in document["verdicts"]:
+        evidence = row["bayesian"]
+        if evidence is not None:
+            name = _named(row, "verdict", "environment", "coupled")
+            found[name] = {"values": [evidence["probability"]], "error": evidence["error"]}
+    return found

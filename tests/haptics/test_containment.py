@@ -12,8 +12,6 @@ from percept.haptics import (
     effective_impedance,
 )
 from percept.haptics.containment import ON_LIMIT, Boxes, departures, plane_departures
-from percept.haptics.forms import Squares
-from percept.haptics.polynomials import Form
 from percept.haptics.records import Display
 from tests import LONG
 from tests.haptics.scenes import (
@@ -132,56 +130,6 @@ def test_a_mass_of_the_environment_belongs_to_what_users_adjust():
     )
     assert direct.verdict() == through.verdict() == "inside"
     assert through.largest[0] == pytest.approx(direct.largest[0], rel=1e-3)
-
-
-@pytest.mark.parametrize("mass", [0.0, 0.4])
-def test_forms_are_the_squares_they_stand_for(mass):
-    own, coupling = Environment(800.0, 2.0, mass), Coupling(5e3, 12.0)
-    for device in (
-        Device(1.0, 5.0, (Mode(0.1, 300.0, 0.05),)),
-        TabulatedDevice(np.array([1.0, 9.0]), np.array([4 + 2j, 7 - 3j])),
-    ):
-        for hold in ("average", "true"):
-            display = Display(device, own, PERIOD, coupling, hold)
-            ends = np.array([[3.0], [3.0 * (1 + 1e-9)]])
-            table = Squares.of(display, ends)
-            scene = Scene(display, box((700.0, 700.0), (6.0, 6.0)), "")
-            below = (
-                table.b_square * 36
-                + table.b_linear * 6
-                + table.k_square * 700**2
-                + table.k_linear * 700
-            )
-            ratio = (table.shown + table.device) / (below + table.device)
-            # With one point for a box the departure is the ratio's logarithm, up or down.
-            assert 0.5 * np.abs(np.log(ratio)).max() == pytest.approx(
-                scene.in_fifty_digits(3.0), rel=1e-6
-            )
-
-
-def test_products_and_sums_of_forms_are_those_of_polynomials():
-    t = np.linspace(0, 1, 7)
-
-    def at(form):
-        n = form.size - 1
-        terms = [c[0] * (1 - t) ** (n - i) * t**i for i, c in enumerate(form.coefficients)]
-        return sum(terms)
-
-    first, second = Form(np.array([[1.0], [-2.0], [0.5]])), Form(np.array([[3.0], [4.0]]))
-    number, per_piece = 7.0, np.array([7.0])
-    for form, value in (
-        (first + second, at(first) + at(second)),
-        (first - second, at(first) - at(second)),
-        (first * second, at(first) * at(second)),
-        (first + number, at(first) + 7.0),
-        (per_piece + first, at(first) + 7.0),
-        (number - first, 7.0 - at(first)),
-        (per_piece - first, 7.0 - at(first)),
-        (first * number, at(first) * 7.0),
-        (per_piece * first, at(first) * 7.0),
-        (first / per_piece, at(first) / 7.0),
-    ):
-        np.testing.assert_allclose(at(form), value, atol=1e-14)
 
 
 @pytest.mark.parametrize("mass", [0.0, 0.5, 20.0])

@@ -55,10 +55,6 @@ def test_sweep_reaches_nyquist_and_low_frequency(sweep):
     assert min(decades) <= -7
 
 
-def test_sweep_is_repeatable():
-    assert haptics_digits(3, quantities=("Z_h",)) == haptics_digits(3, quantities=("Z_h",))
-
-
 def test_plain_complex_arithmetic_would_be_caught():
     # Eqs 6, 8 and 10 as they are written lose everything at low ω; the comparison must say so.
     values = {"omega": 1e-6, "period": 1e-3, "k_c": 110e3, "b_c": 100.0}

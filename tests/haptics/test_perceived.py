@@ -134,16 +134,3 @@ def test_omega_by_environments_by_draws_equals_the_loop():
         T,
         coupling=COUPLING,
     )
-
-
-@pytest.mark.parametrize("shape", [(7, 11, 13), (0, 5), ()])
-def test_every_shape_equals_the_plain_form(shape):
-    rng = np.random.default_rng(4)
-    stiffness, damping = rng.normal(100, 300, shape), rng.normal(1, 3, shape)
-    ours = perceived_magnitude(20.0, Device(0.1, 5.0), stiffness, damping, T)
-    h = 20.0 * T / 2
-    rate = 2 / T * np.tan(h)
-    plain = np.abs(
-        5 + 0.1j * rate + np.cos(h) * np.exp(-1j * h) * (damping - 1j * stiffness / rate)
-    )
-    np.testing.assert_allclose(ours, plain, rtol=1e-12)

@@ -21,7 +21,6 @@ from percept.haptics.loop import Hold
 from percept.haptics.rendering import (
     coupled_region,
     direct_region,
-    largest_passive_damping,
     largest_passive_stiffness,
     passivity_damping,
 )
@@ -151,14 +150,6 @@ def test_a_delayed_damper_or_mass_needs_as_much_as_without_delay():
     assert mass == pytest.approx(2 * 0.01 / T, rel=1e-9)
 
 
-def test_half_a_sample_needs_more_than_its_phase_says():
-    """At DC b² − b·kT(d + ½) = f(1 − f)(kT/2)²: its aliases turn by other angles."""
-    k, f = 1e3, 0.5
-    needed = passivity_damping(Environment(k, 0.0), T, delay=f).colgate
-    assert needed == pytest.approx(k * T / 2 * (1 + np.sqrt(1 + f * (1 - f))), rel=1e-12)
-    assert needed > k * T * (f + 0.5)
-
-
 def test_the_papers_model_is_the_real_part_of_what_the_hand_feels():
     omega = np.linspace(1e-3, np.pi / T, 200_001)
     for wall in (Environment(1e3, 2.0, 0.1), Environment(5e3, 20.0, 0.0, VelocityFilter(300.0))):
@@ -166,14 +157,6 @@ def test_the_papers_model_is_the_real_part_of_what_the_hand_feels():
         felt = perceived_impedance(omega, Device(1.0, needed), wall, T, hold=Hold(delay=1.3))
         assert felt.real.min() >= -1e-9 * needed
         assert felt.real.min() <= 1e-6 * needed
-
-
-def test_without_delay_and_filter_the_edge_is_a_line():
-    edge = direct_region(10.0, T)
-    assert edge.stiffness[0] == 2 * 10.0 / T
-    assert edge.damping[-2] == 10.0
-    assert edge.stiffness[:-1] == pytest.approx(2 * (10.0 - edge.damping[:-1]) / T, abs=1e-9)
-    assert (edge.stiffness[-1], edge.damping[-1]) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.5, 1.0, 2.3])
@@ -186,19 +169,6 @@ def test_walls_on_the_edge_need_the_damping_of_the_device(delay, velocity_filter
     assert needed == pytest.approx(np.full(needed.shape, 10.0), rel=1e-8)
     # The end of the edge has damping alone.
     assert edge.stiffness[-2] == pytest.approx(0.0, abs=1e-6 * edge.stiffness[0])
-
-
-def test_many_devices_are_limited_at_once():
-    """What is needed is in proportion to what is rendered."""
-    devices = np.array([[1.0], [4.0], [0.0]])
-    shares = np.array([0.0, 0.3, 0.9])
-    limit = largest_passive_stiffness(devices, devices * shares, T, delay=1.0)
-    assert limit.shape == (3, 3)
-    assert limit[1] == pytest.approx(4 * limit[0], rel=1e-12)
-    assert (limit[2] == 0).all()
-    assert largest_passive_stiffness(1.0, 2.0, T, delay=1.0) == 0
-    most = largest_passive_damping(devices, T, delay=1.0)
-    assert most == pytest.approx(devices, rel=1e-9)
 
 
 @pytest.mark.parametrize("hold", ["average", "true", Hold("average", 1.5)])

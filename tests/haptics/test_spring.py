@@ -8,12 +8,9 @@ from percept import Scene, UsageError
 from percept.haptics import (
     Coupling,
     Device,
-    Environment,
     absolute_stability,
     corner_curves,
-    device_impedance,
     magnitude_envelope,
-    perceived_impedance,
 )
 from percept.haptics.axis import warp
 from percept.haptics.envelope import corner_crossings
@@ -44,15 +41,6 @@ def test_the_plane_of_a_device_on_a_spring_keeps_its_digits(delay):
         assert plane.imaginary[index] == pytest.approx(float(exact.imag), rel=1e-12)
     assert plane.real[0] == pytest.approx(float(exact_plane(1e-12, delay).real), rel=1e-12)
     assert plane.imaginary[0] == -np.inf
-
-
-@pytest.mark.parametrize("hold", ["average", "true", Hold("average", 1.5)])
-def test_the_magnitude_is_that_of_the_impedance(hold):
-    omega = np.array([1e-9, 1e-3, 17.0, 300.0, 3000.0])
-    felt = perceived_impedance(omega, DEVICE, Environment(1e3, 2.0), T, hold=hold)
-    magnitude = perceived_magnitude(omega, DEVICE, 1e3, 2.0, T, hold=hold)
-    assert magnitude == pytest.approx(np.abs(felt), rel=1e-13)
-    assert device_impedance(0.0, DEVICE, T).imag == -np.inf
 
 
 def test_a_spring_is_no_matter_of_stability():

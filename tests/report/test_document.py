@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import copy
-import dataclasses
 import json
 
 import numpy as np
@@ -9,10 +7,9 @@ import pytest
 from scipy import stats
 
 from percept import Scene, Study, haptics, read_sessions
-from percept.report.overview import findings
-from percept.results import SCHEMA, Findings, Overview, dumps
+from percept.results import SCHEMA, dumps
 from percept.sessions import Sessions
-from tests.documents import EMPTY, as_results, build_document
+from tests.documents import build_document
 from tests.study.checked import study_of, table_of
 
 from .conftest import DATASETS, scene_of
@@ -102,14 +99,6 @@ def test_cells_are_the_adjustments(classical):
         assert cell["sd"] == pytest.approx(values.std(ddof=1), rel=1e-14)
 
 
-def test_simulated_input_is_known_by_its_source_column():
-    sessions = read_sessions(DATASETS / "hbfd_sessions.csv")
-    scene = Scene(inference={"method": "classical"})
-    assert build_document(Study(sessions, scene))["data"]["simulated"]
-    unmarked = dataclasses.replace(sessions, table=sessions.table.drop(columns="source"))
-    assert not build_document(Study(unmarked, scene))["data"]["simulated"]
-
-
 def test_close_views_are_evaluated_where_the_scene_asks(classical):
     device, period, coupling = haptics.Device(1.0, 5.0), 0.001, haptics.Coupling(50e3, 100.0)
     ve1 = haptics.Environment(10.0, 0.1)
@@ -137,14 +126,6 @@ def test_six_references_of_the_paper_lie_outside_their_own_interval(classical):
     }
 
 
-def test_what_has_no_reference_or_limit_is_not_counted(classical):
-    document = copy.deepcopy(classical)
-    for row in document["intervals"]:
-        row["reference"] = None if row["environment"] == "VE1" else row["reference"]
-    assert {row.of for row in findings(as_results(document)).references} == {8}
-    assert findings(EMPTY) == Findings(Overview((), ()), (), (), "")
-
-
 def test_a_summary_and_a_scene_without_device_are_documents_too():
     study = Study(
         read_sessions(DATASETS / "hbfd_table1.csv"), Scene(inference={"method": "classical"})
@@ -164,19 +145,6 @@ def test_a_summary_and_a_scene_without_device_are_documents_too():
 
 
 PERIOD = 0.001
-
-
-def box_of(document, environment, kind):
-    """Limits of k and b, and the reference, straight from the intervals."""
-    rows = {
-        row["parameter"]: row
-        for row in document["intervals"]
-        if (row["environment"], row["kind"], row["family"], row["joint"], row["method"])
-        == (environment, kind, "lognormal", "marginal", "classical")
-    }
-    k, b = rows["k"], rows["b"]
-    limits = (k["lower"], k["upper"]), (b["lower"], b["upper"])
-    return *limits, haptics.Environment(k["reference"], b["reference"])
 
 
 def test_the_map_reaches_to_the_stable_edge_of_any_device(classical, classical_study):

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import itertools
 import re
 import xml.etree.ElementTree as ET
 
@@ -12,31 +11,21 @@ from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from percept import haptics
-from percept.haptics.impedance import coupling_admittance
-from percept.haptics.stability import coupling_bound
 from percept.report.figures import drawings
-from percept.report.figures.band import BandSeries, Widths, draw_band
 from percept.report.figures.boundaries import boundary_drawings
 from percept.report.figures.canvas import (
     COLOURS,
     Drawing,
-    Frame,
-    brief,
-    common_range,
     log_scale,
     panels,
 )
 from percept.report.figures.couplings import design_drawings, device_drawings, draw_couplings
 from percept.report.figures.curves import (
     Limits,
-    draw_magnitude,
     draw_ratio,
-    draw_stability,
-    ratio_range,
 )
 from percept.report.figures.intervals import Bar, BarAxis, draw_intervals, interval_drawings
-from percept.report.figures.output import STYLE, draw_all, drawn
+from percept.report.figures.output import STYLE, drawn
 from percept.results import ConfirmedCoupling, EnvironmentCouplings
 from tests.documents import as_results
 
@@ -129,31 +118,6 @@ def test_hostile_names_are_drawn_as_text(both):
         assert "<script" not in text
         seen = "".join(ET.fromstring(text).itertext())
         assert 'alert("$x$")' in seen
-
-
-def test_points_of_equality_stand_on_their_line_s_figure(both):
-    """Of every environment a mark and a bar, and the band, both limits and the line."""
-    by_name = {drawing.name: drawing for drawing in drawings(as_results(both))}
-    drawing = by_name["pse_k"]
-    with rc_context(STYLE):
-        figure = Figure(figsize=[side / 25.4 for side in drawing.size])
-        drawing.draw(figure)
-    (ax,) = figure.axes
-    lines = [row for row in both["pse_lines"] if row["parameter"] == "k"]
-    curves = [line for line in ax.lines if len(line.get_xdata()) == len(lines)]
-    drawn = sorted(float(line.get_ydata()[0]) for line in curves)
-    first = lines[0]
-    expected = [first[name] / first["reference"] for name in ("lower", "estimate", "upper")]
-    assert drawn == pytest.approx(expected)
-    marks = [line for line in ax.lines if line.get_marker() == "D"]
-    points = [
-        row["estimate"]
-        for row in both["psychophysics"]
-        if row["measure"] == "pse" and row["parameter"] == "k" and row["method"] == "bayesian"
-    ]
-    (line,) = marks
-    shown = list(line.get_xdata() * line.get_ydata())
-    assert shown == pytest.approx(points)
 
 
 def renamed(document, names):
@@ -263,14 +227,6 @@ def test_who_is_beyond_the_axis_is_counted(classical, adjusted, beyond):
     assert (ticks - others, counted - others_counted) == (len(adjusted) - beyond, beyond)
 
 
-def test_a_subject_without_an_interval_is_drawn(classical):
-    document = copy.deepcopy(classical)
-    alone = {"environment": "alone", "values": [11.0], "n": 1, "sd": None}
-    document["data"]["cells"].append(document["data"]["cells"][0] | alone)
-    wanted = sum(cell["n"] for cell in document["data"]["cells"] if cell["parameter"] == "k")
-    assert sum(people_drawn(interval_drawings(as_results(document))[0])) == wanted
-
-
 def drawing_of(draw, **given):
     """A drawing of one set of axes."""
 
@@ -333,68 +289,10 @@ def test_a_label_in_an_id_of_the_file_is_none_in_the_page():
     assert "coupling:5" not in inline(drawing)
 
 
-def test_a_figure_is_drawn_once_for_its_files_and_the_page(tmp_path):
-    calls = []
-    drawing = drawing_of(lambda ax: calls.append(ax.plot([1, 2], [3, 4], color=COLOURS["coupled"])))
-    plates = draw_all([drawing], tmp_path / "figures", formats=("svg", "pdf"))
-    assert len(calls) == 1
-    assert plates["one"].title == "T"
-    path = re.compile(r'd="([^"]*)"[^>]*stroke: (?:#007a5a|var\(--coupled\))')
-    file = re.sub(r"\s+", " ", (tmp_path / "figures" / "one.svg").read_text(encoding="utf-8"))
-    assert path.findall(file) == path.findall(plates["one"].svg) != []
-    assert {one.name for one in (tmp_path / "figures").iterdir()} == {"one.svg", "one.pdf"}
-
-
-def test_without_formats_there_is_no_folder(tmp_path):
-    assert list(draw_all([drawing_of(lambda ax: None)], tmp_path / "figures", formats=())) == [
-        "one"
-    ]
-    assert not (tmp_path / "figures").exists()
-
-
-def test_panels_stand_where_the_millimetres_say():
-    figure = Figure(figsize=(100 / 25.4, 50 / 25.4))
-    left, right = panels(figure, 2, frame=Frame(left=10, right=5, top=4, bottom=6, gap=15))
-    assert np.array(left.get_position().bounds) * [100, 50, 100, 50] == pytest.approx(
-        [10, 6, 35, 40]
-    )
-    assert np.array(right.get_position().bounds) * [100, 50, 100, 50] == pytest.approx(
-        [60, 6, 35, 40]
-    )
-    rows = panels(
-        figure, 3, columns=2, frame=Frame(left=10, right=5, top=4, bottom=6, gap=15, line=10)
-    )
-    assert np.array(rows[2].get_position().bounds) * [100, 50, 100, 50] == pytest.approx(
-        [10, 6, 35, 15]
-    )
-
-
 OMEGA = np.array([1.0, 2.0, 4.0])
 LIMITS = Limits(
     "c", "classical", OMEGA, np.array([1.0, 2.0, 3.0]), np.array([2.0, 3.0, 4.0]), np.full(3, 2.0)
 )
-
-
-def test_curves_are_the_arrays_given():
-    ax = axes()
-    draw_magnitude(ax, OMEGA, [LIMITS], np.ones(3), np.full(3, 2.0))
-    lines = ax.get_lines()
-    for line, curve in zip(lines, (LIMITS.lower, LIMITS.upper, 1, 2), strict=True):
-        assert (line.get_xdata() == OMEGA).all()
-        assert (line.get_ydata() == np.broadcast_to(curve, 3)).all()
-    assert ax.get_xscale() == ax.get_yscale() == "log"
-    assert lines[0].get_color() == COLOURS["classical"]
-
-
-def test_crossed_corner_curves_make_one_band():
-    ax = axes()
-    crossed = Limits(
-        "b", "bayesian", OMEGA, np.array([3.0, 2.0, 1.0]), np.array([1.0, 2.0, 3.0]), np.ones(3)
-    )
-    draw_magnitude(ax, OMEGA, [crossed], np.ones(3), log=False)
-    low, high = ax.get_lines()[:2]
-    assert low.get_ydata().tolist() == [1.0, 2.0, 1.0]
-    assert high.get_ydata().tolist() == [3.0, 2.0, 3.0]
 
 
 def test_ratios_are_over_the_reference_and_an_arrow_marks_what_leaves_the_axis():
@@ -408,18 +306,6 @@ def test_ratios_are_over_the_reference_and_an_arrow_marks_what_leaves_the_axis()
     limits = Limits("c", "classical", OMEGA, np.zeros(3), np.full(3, 100.0), np.ones(3))
     draw_ratio(wide, OMEGA, [limits], np.ones(3), None, (0.4, 4.0))
     assert [text.get_text() for text in wide.texts] == ["▲ 100", "▼ 0"]
-
-
-def test_an_axis_holds_what_most_need_and_one_far_out_does_not_flatten_the_rest():
-    # Half need 1 on either side: three times that is shown, where anybody needs it.
-    assert common_range([0.0, 0.0, -8.0], [2.0, 2.0, 2.5], log=False) == (-2.0, 2.5)
-    assert common_range([0.0, -np.inf, 0.0], [3.0, 3.0, np.inf], log=False) == (-2.0, 7.0)
-    # Where half of the ends are infinite, the largest that is not decides; where all are, a unit.
-    assert common_range([0.0, 0.5], [2.0, 2.0], log=True) == pytest.approx((0.5, 2.0))
-    assert common_range([0.0, 0.0], [1.0, 1.5], log=True) == pytest.approx((np.exp(-1.0), 1.5))
-    pair = Limits("c", "classical", OMEGA, np.full(3, 0.5), np.full(3, 2.0), np.ones(3))
-    far = Limits("c", "classical", OMEGA, np.zeros(3), np.full(3, 1e9), np.ones(3))
-    assert ratio_range([[pair], [pair], [far]]) == pytest.approx((0.125, 8.0))
 
 
 def test_bars_span_their_limits_and_end_in_arrows_where_the_axis_does():
@@ -446,35 +332,6 @@ def test_bars_span_their_limits_and_end_in_arrows_where_the_axis_does():
     assert [label.get_text() for label in ax.get_yticklabels()] == ["A", "B", "C", "D"]
     assert axis.is_left_by(bars)
     assert not axis.is_left_by(bars[2:3])
-
-
-def test_names_of_bands_that_lie_together_stay_apart():
-    size = np.array([1.0, 1.05, 1.1, 1.12, 100.0])
-    names = ("VE1 (left)", "VE1 (right)", "VE2", "VE2b", "alone")
-    widths = Widths("classical", "classical", names, size, 0.3 * size, {})
-    with rc_context(STYLE):
-        figure = Figure(figsize=(150 / 25.4, 58 / 25.4))
-        (ax,) = panels(figure, frame=Frame(left=16, top=3, right=48))
-        draw_band(ax, BandSeries("mean", np.geomspace(0.7, 150, 5), (widths,), "impedance", ""))
-        canvas = FigureCanvasAgg(figure)
-        canvas.draw()
-        boxes = [text.get_window_extent(canvas.get_renderer()) for text in ax.texts]
-    assert [text.get_text() for text in ax.texts] == list(names)
-    for first, second in itertools.combinations(boxes, 2):
-        assert not first.overlaps(second)
-
-
-def test_bands_and_laws_are_drawn_where_they_are():
-    ax = axes()
-    impedance = np.array([1.0, 10.0])
-    widths = Widths(
-        "c", "classical", ("A", "B"), impedance, impedance / 2, {"power law": impedance / 3}
-    )
-    draw_band(ax, BandSeries("mean", impedance, (widths,), "impedance", "N·s/m"))
-    points, law = ax.get_lines()
-    assert points.get_ydata().tolist() == [0.5, 5.0]
-    assert (law.get_ydata() == impedance / 3).all()
-    assert [text.get_text() for text in ax.texts] == ["A", "B"]
 
 
 @pytest.mark.parametrize(
@@ -567,16 +424,6 @@ def test_a_map_has_shades_lines_and_the_edge_of_what_is_stable():
     assert not ax.texts
 
 
-def test_a_map_that_never_reaches_the_decision_says_how_far_it_comes():
-    ax = axes()
-    draw_couplings(ax, np.linspace(0.0, 40.0, 5), a_map(largest=0.3), decision=0.95)
-    assert [text.get_text() for text in ax.texts] == ["at most 30 %"]
-    assert len(ax.collections) == 2
-    nothing = axes()
-    draw_couplings(nothing, np.linspace(0.0, 40.0, 5), a_map(largest=0.0), decision=0.95)
-    assert not nothing.collections
-
-
 def test_the_coupling_in_use_stands_at_the_edge_where_it_lies_beyond(classical):
     document = copy.deepcopy(classical)
     for stiffness, damping, inside in ((50e3, 900.0, False), (1e3, 10.0, True)):
@@ -627,61 +474,3 @@ def test_devices_are_drawn_only_where_the_probability_moves(classical):
     assert device_drawings(as_results(document)) == []
     document["sensitivity"] = devices(moving, stable=False)
     assert device_drawings(as_results(document)) == []
-
-
-T = 1e-3
-RANGE = np.geomspace(1.0, np.pi / T, 400)
-DEVICE = haptics.Device(1.0, 16.0, (haptics.Mode(0.08, 2e4, 1.5), haptics.Mode(0.03, 7e4, 0.8)))
-COUPLINGS = {"110 kN/m": haptics.Coupling(110e3, 100.0), "50 kN/m": haptics.Coupling(50e3, 100.0)}
-
-
-def stability_curves():
-    bound = coupling_bound(RANGE, DEVICE, T)
-    return bound, {label: coupling_admittance(RANGE, c, T).real for label, c in COUPLINGS.items()}
-
-
-def by_gid(ax, gid):
-    return [line for line in ax.lines if line.get_gid() == gid]
-
-
-def test_bound_and_couplings_are_drawn_as_given():
-    bound, reached = stability_curves()
-    ax = axes()
-    draw_stability(ax, RANGE, bound, {label: (values, np.inf) for label, values in reached.items()})
-    (line,) = by_gid(ax, "bound")
-    # At Nyquist the bound is zero, which a log axis cannot show.
-    np.testing.assert_array_equal(line.get_ydata()[:-1], bound[:-1])
-    assert np.isnan(line.get_ydata()[-1])
-    for label, values in reached.items():
-        (line,) = by_gid(ax, f"coupling:{label}")
-        np.testing.assert_array_equal(line.get_ydata(), values)
-    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
-    assert "rad/s" in ax.get_xlabel()
-    assert not [line for line in ax.lines if str(line.get_gid()).startswith("binding")]
-
-
-def test_binding_frequency_is_marked_and_named():
-    bound, reached = stability_curves()
-    verdicts = {label: haptics.absolute_stability(DEVICE, c, T) for label, c in COUPLINGS.items()}
-    ax = axes()
-    binding = {label: (values, verdicts[label].binding_omega) for label, values in reached.items()}
-    draw_stability(ax, RANGE, bound, binding)
-    dots = [dot for label in verdicts for dot in by_gid(ax, f"binding:{label}")]
-    assert [dot.get_xdata()[0] for dot in dots] == [v.binding_omega for v in verdicts.values()]
-    for dot, coupling in zip(dots, COUPLINGS.values(), strict=True):
-        expected = coupling_admittance(dot.get_xdata()[0], coupling, T).real
-        assert dot.get_ydata()[0] == pytest.approx(expected, rel=1e-3)
-    texts = [text.get_text() for text in ax.get_legend().get_texts()]
-    for text, (label, verdict) in zip(texts[1:], verdicts.items(), strict=True):
-        assert (
-            text == f"{label}: {verdict.smallest_margin:.3g} × bound at {verdict.binding_omega:.4g}"
-            " rad/s"
-        )
-
-
-@pytest.mark.parametrize(
-    ("value", "written"),
-    [(0.0123, "0.012"), (19.4, "19"), (899.4, "899"), (49046.0, "49046"), (1.64e52, "1.6e+52")],
-)
-def test_values_beyond_an_axis_are_brief(value, written):
-    assert brief(value) == written

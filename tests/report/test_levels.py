@@ -3,7 +3,6 @@
 import dataclasses
 
 import numpy as np
-import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
@@ -95,27 +94,6 @@ def test_each_environment_has_a_panel_with_the_limits_of_its_cells(family):
     assert f" {said} environment. " in drawing.description
 
 
-def test_values_by_environment_average_to_those_over_all_references():
-    results = results_of(study(frame(4)))
-    for level in ("left", "right"):
-        rows = matching(results.levels, level=level)
-        assert [row.environment for row in rows] == [None, "VE1", "VE2", "VE3"]
-        logs = np.log([row.values for row in rows])
-        np.testing.assert_allclose(logs[0], logs[1:].mean(axis=0), atol=1e-12)
-
-
-def test_seven_environments_have_one_panel():
-    table = frame(3)
-    for number in range(4, 8):
-        more = table[table["environment"] == "VE1"].assign(environment=f"VE{number}")
-        table = pd.concat([table, more])
-    (drawing,) = level_drawings(results_of(study(table)))
-    figure = Figure()
-    drawing.draw(figure)
-    assert len(figure.axes) == 1
-    assert "panel" not in drawing.description
-
-
 def test_groups_stand_side_by_side_as_points_and_a_mixed_design_has_both():
     results = results_of(modelled(crossed(), "hand * load + group"))
     drawings = level_drawings(results)
@@ -136,14 +114,6 @@ def test_a_subject_without_a_level_is_told():
     assert drawing.description.endswith(
         "1 subject has no value at some level, for want of a trial there."
     )
-
-
-@pytest.mark.parametrize("subjects", [2, 3, 40])
-def test_few_and_many_subjects_become_an_svg(subjects):
-    (drawing,) = level_drawings(results_of(study(frame(subjects))))
-    _, svg = drawn(drawing, ())
-    assert 'data-method="classical" data-kind="mean"' in svg
-    assert "nan" not in svg
 
 
 def test_both_methods_stand_beside_each_other():

@@ -103,19 +103,6 @@ def test_a_number_has_all_its_digits_and_the_absence_of_one_a_dash(value, style,
     assert (shown.text, shown.exact) == (text, exact)
 
 
-@pytest.mark.parametrize(
-    ("value", "style", "text"),
-    [
-        (0.001, "short", "0.001"),
-        (0.0015, "short", "0.0015"),
-        (0.995, "short percent", "99.5\u202f%"),
-        (1e-9, "short", "1e−09"),
-    ],
-)
-def test_short_numbers_keep_the_digits_they_have(value, style, text):
-    assert number(value, style=style).text == text
-
-
 def test_text_is_no_number():
     with pytest.raises(UsageError, match="a number was expected"):
         number("VE1")

@@ -279,36 +279,6 @@ def test_without_a_coupling_there_is_the_device_alone():
     assert "Passivity without a coupling" in page_of(document)
 
 
-def test_a_section_not_needed_is_absent(classical):
-    assert "diagnostics" not in names_of(classical)
-    assert "comparison" not in names_of(classical)
-    scene = scene_of()
-    tables = scene.to_dict()
-    for name in ("device", "coupling"):
-        tables.pop(name)
-    document = build_document(
-        Study(read_sessions(DATASETS / "hbfd_table1.csv"), type(scene)(**tables))
-    )
-    assert names_of(document) == [
-        "summary",
-        "intervals",
-        "psychophysics",
-        "band",
-        "data",
-        "methods",
-        "provenance",
-        "skipped",
-    ]
-    page = page_of(document)
-    assert (
-        "Published limits, or means and standard deviations, of 5 references are the data." in page
-    )
-    assert "Llewellyn" not in page
-    assert "emcee" not in re.sub(
-        r'<script.*?</script>|"emcee.*', "", page.split('<h2 id="provenance')[0]
-    )
-
-
 def said_of(sessions):
     """Visible text of the page of one set of sessions, without a device."""
     scene = type(scene_of())(inference={"method": "classical"})
@@ -339,16 +309,6 @@ def test_trials_sessions_and_cells_not_tried_are_told():
     assert f"one of 5 reference environments, {told}." in said
     assert "each equal-tailed; a subject counts once, by the mean of the trials." in said
     assert "1 cell has no trial: " in said[said.index("Before you rely on it:") :]
-
-
-def test_few_subjects_and_limits_below_zero_are_cautioned_of():
-    whole = read_sessions(DATASETS / "hbfd_sessions.csv").table
-    two = whole[whole["subject"].isin(whole["subject"].unique()[:2])]
-    said = said_of(Sessions.from_frame(two))
-    assert "2 subjects are few: classical limits rest on 1 degree of freedom" in said
-    assert "Some limits of the normal family are below zero" in said
-    assert "share: k of VE1" in said
-    assert "subjects are few" not in said_of(Sessions.from_frame(whole))
 
 
 def test_a_plain_report_samples_nothing_for_why_the_methods_differ(both, read):

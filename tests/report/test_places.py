@@ -22,14 +22,6 @@ def results():
     )
 
 
-def test_equal_records_keep_their_own_places(results):
-    places = Places(results, findings(results))
-    first, second = results.provenance.files
-    assert first == second
-    assert places.pointer(first, "rows") == "/provenance/files/0/rows"
-    assert places.pointer(second, "rows") == "/provenance/files/1/rows"
-
-
 def test_what_a_pointer_leads_to_is_the_value(results):
     found = findings(results)
     document = json.loads(results.to_json(found))

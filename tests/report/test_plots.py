@@ -45,13 +45,6 @@ def test_intervals_are_drawn_over_their_references(both_study, ax):
     assert ax.get_xlabel() == "adjusted stiffness k / reference"
 
 
-def test_all_quantities_share_an_axes(both_study, ax):
-    both_study.plot_intervals(ax=ax)
-    labels = [label.get_text() for label in ax.get_yticklabels()]
-    assert labels[0] == "VE1, stiffness"
-    assert labels[-1] == "VE4, damping"
-
-
 def test_without_axes_a_new_figure_is_shown(bare):
     ax = bare.plot_intervals("b")
     try:
@@ -92,15 +85,6 @@ def test_the_band_is_drawn_at_its_impedances(both_study, ax):
     np.testing.assert_allclose(points.get_xydata(), rows[["impedance", "band"]].to_numpy())
     with pytest.raises(UsageError, match="'x': there is no band of it"):
         both_study.plot_band("x", ax=ax)
-
-
-def test_the_coupling_is_drawn_with_its_bound(both_study, ax):
-    assert both_study.plot_coupling(ax=ax) is ax
-    bound = next(line for line in ax.lines if line.get_gid() == "bound")
-    drawn, computed = bound.get_ydata(), both_study.coupling.bound
-    np.testing.assert_array_equal(drawn[computed > 0], computed[computed > 0])
-    assert np.isnan(drawn[computed <= 0]).all()
-    assert ax.get_title().startswith("unstable, margin 0.316")
 
 
 def test_a_check_is_drawn_with_the_band_of_uniform_order_statistics(both_study, ax):

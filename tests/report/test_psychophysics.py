@@ -46,13 +46,6 @@ def test_each_row_of_the_study_stands_in_one_cell(judged):
     assert [line.label for line in by_head["σ e of stiffness k"].lines] == ["weich", "hart", "all"]
 
 
-def test_a_long_table_is_folded(judged):
-    rows = judged.psychophysics
-    many = [dataclasses.replace(rows[0], environment=f"E{j}") for j in range(101)]
-    assert psychophysics(judged).view.is_open
-    assert not psychophysics(dataclasses.replace(judged, psychophysics=many)).view.is_open
-
-
 def test_the_page_speaks_of_what_there_is(judged):
     page = page_of(judged)
     assert "A JND is made of the SD of a subject’s own adjustments" in page

@@ -96,13 +96,6 @@ def test_devices_that_change_nothing_are_a_sentence(both):
     assert (view.stable, view.same, view.varying) == (False, "", [])
 
 
-def test_verdicts_of_both_methods_are_those_of_all_environments(both):
-    view = section(both, "verdicts")
-    count = 2 * len(both["data"]["environments"])
-    assert len(view.bayesian) == len(view.classical) == count
-    assert view.rendered == {False: "directly", True: "through the coupling"}
-
-
 def test_every_environment_has_its_effective_impedance(classical):
     memberships = classical["coupling"]["memberships"]
     assert [row["environment"] for row in memberships] == classical["data"]["environments"]

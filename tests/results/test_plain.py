@@ -61,16 +61,3 @@ def test_text_reads_back_whatever_the_nesting(value):
 def test_a_nan_that_slipped_through_is_not_written():
     with pytest.raises(ValueError, match="not JSON compliant"):
         dumps({"x": [float("nan")]})
-
-
-def test_lists_of_numbers_stand_on_one_line():
-    document = {
-        "x": [1.0, 0.0, -0.0, 1e-5],
-        "y": [1, True, None, "∞"],
-        "z": [{"w": []}, [2]],
-        "a": {},
-    }
-    assert (
-        dumps(document) == '{\n "x": [1.0, 0.0, -0.0, 1e-05],\n "y": [1, true, null, "∞"],\n'
-        ' "z": [\n  {\n   "w": []\n  },\n  [2]\n ],\n "a": {}\n}\n'
-    )

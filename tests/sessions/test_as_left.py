@@ -39,13 +39,6 @@ def test_trials_are_numbered_by_their_order_where_the_scene_says_so(tmp_path):
     assert "columns not used: 'trial'" in [notice.text for notice in found.notices]
 
 
-def test_numbering_by_order_goes_over_files(tmp_path):
-    (tmp_path / "a.csv").write_text(HEAD + "1,x,10,11\n2,x,10,14\n")
-    (tmp_path / "b.csv").write_text(HEAD + "1,x,10,12\n2,x,10,13\n")
-    found = read_sessions(tmp_path, scene=ReadOptions(sessions={"trial": "order"}))
-    assert found.table["trial"].tolist() == [1, 1, 2, 2]
-
-
 def test_the_order_of_rows_is_no_column_of_trials_for_events(tmp_path):
     error = refusal(tmp_path, HEAD + "1,a,10,11\n", sessions={"trial": "order", "keep": "last"})
     assert 'keep = "last" needs a column of trials' in str(error)
@@ -313,16 +306,6 @@ def test_a_file_that_was_named_is_asked_for(tmp_path):
     (tmp_path / "s4_trials.csv").write_text(HEAD)
     found = read_sessions(tmp_path / "s1_trials.csv", tmp_path / "s4_trials.csv")
     assert len(found.sources) == 1
-
-
-def test_where_no_file_holds_trials_every_one_is_named(tmp_path):
-    (tmp_path / "a.csv").write_text(HEAD)
-    (tmp_path / "b.csv").write_text("time,x\n1,2\n")
-    with pytest.raises(UsageError) as caught:
-        read_sessions(tmp_path)
-    assert [problem.file for problem in caught.value.problems] == [
-        str(tmp_path / f"{n}.csv") for n in "ab"
-    ]
 
 
 def test_files_of_a_folder_are_chosen_by_patterns(tmp_path):

@@ -467,15 +467,6 @@ def test_paths_into_cells(tmp_path):
         assert message in str(refusal(tmp_path, head + f"1,a,10,{cell}\n", path))
 
 
-def test_numbers_of_one_column_are_all_counted(tmp_path):
-    """Two paths into one column give two sets of cells."""
-    cell = '"{""k"": 1.5, ""b"": 2.5}"'
-    text = f'subject,environment,k_ref,b_ref,r\n1,a,1,1,{cell}\n2,a,"1,286",1,{cell}\n'
-    tables = {"columns": {"k_adj": {"name": "r", "path": "k"}, "b_adj": {"name": "r", "path": "b"}}}
-    error = refusal(tmp_path, text, tables)
-    assert (error.value, error.total) == ("1,286", 1)
-
-
 @pytest.mark.parametrize("row", ['2,a,10,\\"', '"2 \\"x",a,10,\\"', '2,a,10,1"1'])
 def test_a_quote_outside_quotes_is_no_blank(tmp_path, row):
     error = refusal(tmp_path, f"subject,environment,k_ref,k_adj\n1,a,10,11\n{row}\n")

@@ -201,27 +201,6 @@ def assert_covariance(
     assert np.all(np.abs(sample - expected) < 4 * error)
 
 
-def test_unequal_trials_against_a_plain_loop() -> None:
-    trials = np.array([[2, 0, 1], [1, 3, 0], [0, 1, 1]])
-    design = Design(np.array(REFERENCES[:3]), trials)
-    # Without trial noise the responses are fixed by the effects, row by row.
-    values = draw_environments(hyperparameters(s_e=np.zeros(2)), design, np.random.default_rng(2))
-    responses = draw_responses(values, design, np.random.default_rng(3))
-    row = 0
-    for i in range(3):
-        for j in range(3):
-            for r in range(trials[i, j]):
-                found = (responses.subject[row], responses.environment[row], responses.trial[row])
-                assert found == (i, j, r + 1)
-                assert_allclose(
-                    responses.y[row],
-                    values.beta[j] + responses.u[i] + responses.w[i, j],
-                    rtol=1e-14,
-                )
-                row += 1
-    assert row == len(responses.y)
-
-
 def test_one_environment_is_the_smaller_model() -> None:
     design = Design.balanced(REFERENCES[:1], subjects=4, trials=2)
     rng = np.random.default_rng(8)
@@ -254,29 +233,9 @@ def test_levels_the_design_cannot_show_are_absent() -> None:
     assert (hyper.rho_u, hyper.rho_w, hyper.rho_e) == (0, 0, 0)
 
 
-def test_perfect_correlation() -> None:
-    design = Design.balanced(REFERENCES, subjects=50)
-    values = TrueValues(
-        hyperparameters(rho_u=1.0, rho_w=-1.0, sigma_u=np.ones(2)),
-        delta=np.zeros((5, 2)),
-        beta=np.zeros((5, 2)),
-        sigma=np.ones((5, 2)),
-        sigma_e=np.zeros((5, 2)),
-    )
-    responses = draw_responses(values, design, np.random.default_rng(4))
-    assert_array_equal(responses.u[:, 0], responses.u[:, 1])
-    assert_array_equal(responses.w[..., 0], -responses.w[..., 1])
-
-
 def test_decades_are_centred_on_the_geometric_mean() -> None:
     design = Design.balanced([[10.0, 0.1], [1000.0, 1.0], [100000.0, 100.0]], subjects=3)
     assert_allclose(design.decades, [[-2, -4 / 3], [0, -1 / 3], [2, 5 / 3]], rtol=1e-14, atol=1e-15)
-
-
-def test_names_sort() -> None:
-    many = Design.balanced(REFERENCES[:2], subjects=120).subjects
-    assert (many[0], many[-1]) == ("S001", "S120")
-    assert Design.balanced(REFERENCES[:2], subjects=3).subjects == ("S01", "S02", "S03")
 
 
 @pytest.mark.parametrize("reference", [0.0, -1.0, math.nan])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import types
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,18 +9,15 @@ from scipy import special, stats
 
 from percept import Scene, Study
 from percept.boundary.band import LAWS, determines_laws, fit_law
-from percept.inference.hierarchy.laws import ConditionalMoments
 from percept.sessions import Sessions
 from percept.study.band import (
     Banded,
     Replicates,
     classical_replicates,
     posterior_replicates,
-    weber_trend,
 )
 from percept.study.basics import FAMILIES
 from percept.study.intervals import Cell, cell_moments
-from percept.study.responses import ResponseScale
 from tests import LONG
 
 
@@ -34,19 +29,6 @@ def test_bands_are_relative_to_the_impedance_of_the_reference(fitted: Study) -> 
         k, b = (fitted.parts.reference[p, row.environment] for p in ("k", "b"))
         assert row.impedance == pytest.approx(abs(b + k / (1j * band.omega)), rel=1e-12)
         assert row.relative == pytest.approx(row.band / row.impedance, rel=1e-12)
-
-
-def test_the_trend_of_the_spread_has_even_tails(fitted: Study) -> None:
-    assert fitted.parts.fit is not None
-    found = weber_trend(fitted.parts.fit, level=0.9)
-    assert found is not None
-    drawn = fitted.parts.fit.model.scales(fitted.parts.fit.points)["kappa"][1]
-    for p, row in enumerate(found.itertuples()):
-        # A quantile between two draws.
-        assert abs(np.mean(drawn[:, p] < row.lower) - 0.05) < 2 / len(drawn)
-        assert abs(np.mean(drawn[:, p] > row.upper) - 0.05) < 2 / len(drawn)
-        assert row.value == pytest.approx(drawn[:, p].mean())
-        assert row.below_zero == np.mean(drawn[:, p] < 0)
 
 
 def test_only_the_lowest_environment_speaks_for_the_offset(fitted: Study) -> None:
@@ -73,31 +55,6 @@ def test_only_the_lowest_environment_speaks_for_the_offset(fitted: Study) -> Non
     assert min(absolute) > 0.99
     assert band.kappa is not None
     assert (band.kappa["below_zero"] > 0.7).all()
-
-
-def test_bands_of_the_next_user_lie_about_the_drawn_means() -> None:
-    """A spring with next to no damper: the band at omega is that of k/omega, by hand."""
-    drawn = np.array([[0.5, -9.0], [-0.5, -9.0]])
-    laws = ConditionalMoments(np.array([[0.0, -9.0]] * 2), np.ones((2, 2)), np.full((2, 2), 0.1))
-    model = types.SimpleNamespace(
-        cells=(("k", "E"), ("b", "E")),
-        laws=lambda points: laws,
-        draw=lambda points, rng: (drawn, drawn),
-    )
-    fit = types.SimpleNamespace(
-        model=model,
-        scale=ResponseScale.of(np.array([[100.0], [1e-9]]), "lognormal"),
-        points=np.zeros((2, 1)),
-        column={("k", "E"): 0, ("b", "E"): 1},
-    )
-    scene = Scene(inference={"kinds": ["mean", "user"], "level": 0.9})
-    found = posterior_replicates(fit, scene.inference)
-    half = stats.norm.isf(0.05)
-    for kind, centre, reach in (("mean", np.zeros(2), half), ("user", drawn[:, 0], 0.1 * half)):
-        wanted = 10.0 * (np.exp(centre + reach) - np.exp(centre - reach))
-        limits = found["bayesian", kind, "lognormal"]
-        lower, upper = Banded(None, {"E": 10.0}, 10.0).ends(limits)["E"]
-        np.testing.assert_allclose(upper - lower, wanted, rtol=1e-6)
 
 
 LEVEL, OMEGA, SUBJECTS = 0.9, 10.0, 16
@@ -198,18 +155,6 @@ def test_classical_laws_hold_the_true_parameters_as_often_as_stated(law: str) ->
     assert np.all(np.abs(held - LEVEL) <= 4.0 * np.sqrt(LEVEL * (1.0 - LEVEL) / STUDIES))
     error = np.std(centres, axis=0, ddof=1) / np.sqrt(STUDIES)
     assert np.all(np.abs(np.mean(centres, axis=0) - true) < 4.0 * error)
-
-
-def test_replicates_have_the_bands_of_the_study_in_their_middle() -> None:
-    study = Study(simulated("weber", 1), scene_of("classical"))
-    replicates = classical_replicates(cells_of(study.sessions), study.scene.inference, [BANDED])
-    found = bands_of(replicates, "classical")
-    assert tuple(found) == NAMES
-    drawn = np.stack(list(found.values()), axis=1)
-    rows = study.intervals.query("parameter == 'k' and family == 'normal' and joint == 'marginal'")
-    bands = ((rows["upper"] - rows["lower"]) / OMEGA).to_numpy()
-    off = np.log(drawn).mean(axis=0) - np.log(bands)
-    assert np.all(np.abs(off) < 4.5 * np.log(drawn).std(axis=0) / np.sqrt(len(drawn)))
 
 
 @pytest.mark.evidence(reduced=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from percept import Scene, Study, UsageError, read_sessions
@@ -19,10 +18,6 @@ from percept.study.device import Setup
 from percept.study.regions import SubjectPairs, laws_of
 from tests import DATASETS, LONG
 from tests.study.checked import table_of
-
-SHOWN = {"reference": False, "coupled": True}
-
-RANGE = (0.1, 100.0)  # rad/s
 
 
 def keys(study: Study, omega: np.ndarray) -> set[tuple[str, str, str, str]]:
@@ -274,27 +269,6 @@ def test_bonferroni_is_wider_and_leaves_out_half_as_many_draws(fitted: Study) ->
             assert high < upper
 
 
-def test_a_number_of_points_asked_for_is_an_even_grid(fitted: Study) -> None:
-    tables = fitted.scene.with_inference(method="classical").to_dict()
-    tables["frequency"]["points"] = 7
-    few = Study(fitted.sessions, Scene(**tables))
-    for boundary in few.boundaries:
-        np.testing.assert_array_equal(boundary.omega, np.geomspace(0.1, 100.0, 7))
-
-
-def test_own_frequencies_are_taken_as_they_come(fitted):
-    omega = [1.0, 5.0, 25.0]
-    once = fitted.parts.boundaries_at(
-        np.array(omega), ("VE3",), kinds=("mean",), joints=("marginal",)
-    )
-    assert len(once) > 1
-    for same in (omega, pd.Series(omega, index=[7, 3, 5])):
-        again = fitted.parts.boundaries_at(same, "VE3", kinds=["mean"], joints=["marginal"])
-        for one, other in zip(once, again, strict=True):
-            np.testing.assert_array_equal(one.lower, other.lower)
-            np.testing.assert_array_equal(one.omega, other.omega)
-
-
 @pytest.mark.parametrize(
     ("omega", "chosen", "message"),
     [
@@ -365,15 +339,6 @@ def test_an_undamped_mode_leaves_no_hole_in_the_numbers(points):
     for row in found.coupling.memberships:
         numbers = [value for value in vars(row).values() if isinstance(value, float)]
         assert np.isfinite(numbers).all()
-
-
-def test_at_nyquist_all_curves_are_endless():
-    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method="classical")
-    found = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene)
-    omega = np.array([1.0, 10.0, 3000.0, np.pi / 1e-3])
-    for boundary in found.parts.boundaries_at(omega, ("VE1",)):
-        assert np.isinf([boundary.lower[-1], boundary.upper[-1], boundary.reference[-1]]).all()
-        assert np.isfinite([boundary.lower[:-1], boundary.upper[:-1]]).all()
 
 
 def compared(*, method="both", **inference):

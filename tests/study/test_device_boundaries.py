@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 from percept import Scene, Study
-from percept.boundary.limits import MagnitudeLimits
 from percept.haptics import Device
 from percept.haptics.perceived import perceived_magnitude
 from percept.results import Boundary
 from percept.scene import FrequencyTable
 from percept.study.boundaries import BoundaryDrawing
-from percept.study.device_boundaries import DeviceCurves
 from percept.study.device_draws import device_draws
 
 SDS = (0.2, 0.1)  # Of log mass and log damping
@@ -120,26 +118,3 @@ def test_classical_curves_stay_at_the_point(averaged, at_point) -> None:
         if boundary.method == "classical":
             assert (averaged[key].lower == boundary.lower).all()
             assert averaged[key].device_share is None
-
-
-def test_the_error_is_that_of_other_pairs(fitted: Study, averaged, at_point) -> None:
-    """The same devices in another order differ by the stated errors."""
-    key = "VE3", "user", "bayesian", "lognormal", "pointwise"
-    boundary = averaged[key]
-    drawn = drawing(fitted, np.diag(np.square(SDS)).tolist())
-    (law,) = [
-        law
-        for law in fitted.parts.curve_laws
-        if (law.environment, law.kind, law.method) == ("VE3", "user", "bayesian")
-    ]
-    draws = drawn._setup.draws
-    assert draws is not None
-    order = np.random.default_rng(1).permutation(draws.count)
-    others = dataclasses.replace(draws, stacked=draws.select(order))
-    setup = dataclasses.replace(drawn._setup, draws=others)
-    omega = boundary.omega
-    limits = MagnitudeLimits(at_point[key].lower, at_point[key].upper, np.zeros((2, omega.size)))
-    again = DeviceCurves(setup, law, omega).averaged(limits, 2.5758293035489004)
-    assert boundary.errors is not None
-    moved = np.log([again.lower / boundary.lower, again.upper / boundary.upper])
-    assert np.sqrt(np.mean((moved / boundary.errors) ** 2)) < 2.0

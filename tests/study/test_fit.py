@@ -110,24 +110,6 @@ def refused(response, subject, environment):
     return False
 
 
-def test_one_environment_out_of_proportion_is_enough():
-    cell, trial, subject, environment = study(np.random.default_rng(2))
-    loose = environment == 1
-    apart = trial[loose, 1].copy()
-    trial[:, 1] = trial[:, 0]
-    assert refused(cell + trial, subject, environment)
-    trial[loose, 1] = apart
-    assert not refused(cell + trial, subject, environment)
-
-
-def test_a_correlation_of_999_in_a_thousand_is_no_proportion():
-    cell, _, subject, environment = study(np.random.default_rng(6), trials=1)
-    near = cell[:, 0] + np.sqrt(2e-3) * cell[:, 1]
-    assert np.corrcoef(cell[environment == 0, 0], near[environment == 0])[0, 1] > 0.998
-    assert not refused(np.stack([cell[:, 0], near], axis=1), subject, environment)
-    assert refused(cell[:, [0, 0]], subject, environment)
-
-
 def test_proportions_of_both_signs_contradict_each_other():
     cell, trial, subject, environment = study(np.random.default_rng(3))
     for sign_of_first, contradicts in ((1.0, False), (-1.0, True)):
@@ -170,25 +152,6 @@ def test_a_step_makes_up_for_scatter_only_where_there_is_none():
     )
     np.testing.assert_array_equal(between, [[False, False, True], [False, False, False]])
     np.testing.assert_array_equal(of_trials, [[False, False, True], [False, True, False]])
-
-
-def test_classical_alone_refuses_one_subject_too(tmp_path):
-
-    table = pd.DataFrame(
-        {
-            "subject": "S01",
-            "environment": ["A", "B"],
-            "k_ref": [10.0, 20.0],
-            "b_ref": 1.0,
-            "k_adj": [11.0, 19.0],
-            "b_adj": 1.1,
-        }
-    )
-    table.to_csv(tmp_path / "one.csv", index=False)
-    scene = percept.Scene().with_inference(method="classical")
-    study = percept.Study(percept.read_sessions(tmp_path / "one.csv"), scene)
-    with pytest.raises(RefusalError, match=r"at least two subjects .* only one, 'S01'"):
-        _ = study.intervals
 
 
 def test_classical_alone_refuses_where_nothing_scatters():

@@ -8,7 +8,6 @@ import pytest
 
 from percept import Study
 from percept.sessions.quantities import IMPEDANCE
-from percept.study.intervals import compare_intervals
 from percept.study.ladder import Ladder, sentence
 from tests.study.checked import study_of, table_of
 
@@ -149,13 +148,6 @@ def test_trial_noise_is_named_where_users_scatter_by_nothing_else() -> None:
     assert "as the classical one, because the model leaves trial noise out (×" in of_user
 
 
-def test_trial_noise_is_not_named_where_there_is_hardly_any() -> None:
-    ladder = ladder_of(study_of_noise(scatter=0.2, noise=0.01))
-    widths = ladder.effects.query("kind == 'user'").set_index("cause")["log_width"]
-    assert abs(widths["trials"]) < 0.05
-    assert not any("trial noise" in text for text in ladder.sentences)
-
-
 def study_of_pair(correlation: float) -> Study:
     """Stiffness set without bias, damping far off what its prior holds possible."""
     rng = np.random.default_rng(4)
@@ -263,12 +255,6 @@ def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame
 )
 def test_a_difference_in_words(effects: pd.DataFrame, text: str) -> None:
     assert sentence(effects, IMPEDANCE, WORDS) == text
-
-
-def test_intervals_apart_do_not_overlap(fitted: Study) -> None:
-    table = fitted.intervals
-    table.loc[table["method"] == "bayesian", ["lower", "upper", "estimate"]] *= 1e9
-    assert (compare_intervals(table, "lognormal")["overlap"] == 0.0).all()
 
 
 def test_pairs_by_hand(fitted: Study) -> None:

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from percept import Scene, Study, UsageError
-from percept.cache import PosteriorCache
-from percept.scene import InferenceTable
 from percept.sessions import ReadOptions, Sessions
 from percept.study.prediction import predict
 from percept.study.prepare import prepare
@@ -96,45 +94,6 @@ def test_priors_are_those_in_use(parts, pair):
     assert {"rho_shape", "log_s_e_mean", "omega_e_scale"} <= set(both)
 
 
-def test_a_posterior_is_found_again(pair, tmp_path):
-    plan, _ = pair
-    key = (plan.model.identity(), plan.estimands(InferenceTable()).identity())
-    assert PosteriorCache(tmp_path).find(key) is None
-
-
-def test_joint_draws_have_the_laws_of_single_combinations(pair):
-    plan, point = pair
-    model = plan.model
-    rows = np.vstack([plan.cell_rows[:3], plan.rows(plan.users[:4])])
-    count = 40_000
-    locations, users = model.draw_of(rows, point, np.random.default_rng(3), repeats=count)
-    law = model.laws_of(rows, point)
-    sd = np.hypot(law.sd, law.population_sd)
-    for drawn, own in ((locations, law.sd), (users, sd)):
-        off = (drawn.mean(axis=0) - law.mean[0]) / (own[0] / np.sqrt(count))
-        assert np.abs(off).max() < 4.5
-        spread = drawn.std(axis=0) / own[0] - 1.0
-        assert np.abs(spread).max() < 4.5 / np.sqrt(2.0 * count)
-
-
-def test_pairs_are_the_covariances_of_single_combinations(pair):
-    """Of k and b in each cell: what ellipses and curves rest on."""
-    plan, point = pair
-    model = plan.model
-    pairs = model.pairs(point)
-    cells = len(model.cells) // 2
-    for c in range(cells):
-        rows = np.eye(len(model.cells), model.locations_count)[[c, cells + c]]
-        law = model.laws_of(np.vstack([rows, rows.sum(axis=0), rows[0] - rows[1]]), point)
-        for variance, covariance in (
-            (law.sd[0] ** 2, pairs.location[0, c]),
-            (law.population_sd[0] ** 2, pairs.users[0, c]),
-        ):
-            expected = [*np.diag(covariance), covariance.sum(), np.diag(covariance).sum()]
-            expected[3] -= 2.0 * covariance[0, 1]
-            np.testing.assert_allclose(variance, expected, rtol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("option", "why"),
     [
@@ -147,33 +106,6 @@ def test_simpler_models_without_factors_are_refused_by_name(option, why):
     made = opened(frame(trials=1, subjects=3), bias="hand", **option)
     with pytest.raises(UsageError, match=rf"{key}.*{why}"):
         prepare(made.sessions, made.scene, ("k",))
-
-
-def test_weber_s_law_takes_the_trend_out_of_the_spread():
-    made = opened(frame(subjects=3), bias="hand", weber=True)
-    names = prepare(made.sessions, made.scene, ("k",)).model.names
-    assert "coefficients[k,log_s]" in names
-    assert not [name for name in names if "kappa" in name]
-
-
-def test_a_step_makes_up_for_scatter_that_it_hides():
-    """At one cell all adjust alike: the step's variance stands in, and only there."""
-    table = frame(subjects=4, trials=1)
-    alike = (table["environment"] == "VE1") & (table["hand"] == "left")
-    table.loc[alike, "k_adj"] = 12.0
-    made = opened(table, bias="hand", resolution={"k": 0.5})
-    model = prepare(made.sessions, made.scene, ("k",)).model
-    between = model.resolution.between
-    assert between[0, 0] == pytest.approx((0.5 / 12.0) ** 2 / 12.0)
-    assert not between[0, 1:].any()
-    # What users do is the model's, without the step.
-    point = np.zeros((1, len(model.names)))
-    scales = model.linear_scales(point).cells
-    observed = model.laws(point)
-    coarse = model.with_resolution(scales).between.leading - scales.between.leading
-    np.testing.assert_allclose(coarse[:, 0], between[0], atol=1e-15)
-    users = (scales.effects[:, 0, :, 0] ** 2).sum(axis=0) + scales.between.leading[:, 0]
-    np.testing.assert_allclose(observed.population_sd[0] ** 2, users, rtol=1e-12)
 
 
 def test_three_factors_have_an_interaction_of_their_own():

@@ -15,7 +15,6 @@ from tests import DATASETS
 from tests.documents import EMPTY
 
 SESSIONS = read_sessions(DATASETS / "hbfd_sessions.csv")
-NORMAL = Scene(inference={"family": "normal"})
 
 
 def kept(subjects, drop=()):
@@ -85,12 +84,6 @@ def test_a_reference_of_zero_gives_differences_and_zero_adjustments_no_logarithm
     table.loc[table.index[:5], "k_adj"] = 0.0
     rows = list(subject_rows(Sessions.from_frame(table), Scene()))
     assert {(row.relative, row.log) for row in rows} == {(True, False)}
-
-
-def test_one_who_is_alike_in_all_has_no_distance():
-    table = SESSIONS.table[["subject", "environment", "k_ref", "k_adj"]].copy()
-    table["k_adj"] = table["k_ref"]
-    assert {row.distance for row in subject_rows(Sessions.from_frame(table), NORMAL)} == {None}
 
 
 def test_published_limits_have_no_rows():

@@ -15,8 +15,7 @@ from percept import Sessions, Study
 from percept.report.write import write_posterior
 from percept.scene import Scene
 from percept.sessions.options import ReadOptions
-from percept.study.posterior import _gap, variables_of_posterior
-from tests.study.checked import study_of, table_of
+from percept.study.posterior import variables_of_posterior
 from tests.study.within import frame, study
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -90,15 +89,6 @@ def test_subject_effects_lie_where_the_data_are(opened):
         assert np.abs(effect[:, p]).max() < 3.0 * sigma[p]
 
 
-def test_predictions_scatter_as_the_data(opened):
-    predicted = opened["posterior_predictive/response"].sel(parameter="k")
-    in_ve5 = predicted["observed_environment"].to_numpy() == "VE5"
-    sds = predicted.to_numpy()[..., in_ve5].std(axis=-1, ddof=1)
-    observed = opened["observed_data/response"].sel(parameter="k").to_numpy()[in_ve5]
-    low, high = np.quantile(sds, [0.005, 0.995])
-    assert low < observed.std(ddof=1) < high
-
-
 def test_a_study_with_a_factor_has_its_terms():
     inference = {"method": "bayesian", "tolerance": 0.1}
     tree = study(frame(subjects=4), inference=inference).posterior
@@ -128,23 +118,8 @@ def test_a_slash_in_a_factors_name_is_no_path(tmp_path):
         assert variable.attrs["long_name"] == "differences of levels in log sigma, left/right"
 
 
-def test_cells_without_pooling_have_ratios():
-    study = study_of(
-        table_of(subjects=4), model={"pooling": "none", "prior": "reference"}, family="normal"
-    )
-    assert set(study.posterior["posterior"].data_vars) == {"population_mean", "sigma_ratio"}
-
-
 def test_the_page_of_names_has_each_with_its_meaning():
     text = (DOCS / "posterior.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([a-z_]+)` \| ([^|]+) \| ([^|]+) \|$", text, re.MULTILINE)
     known = variables_of_posterior()
     assert {name: {"meaning": meaning, "unit": unit} for name, meaning, unit in rows} == known
-
-
-@pytest.mark.parametrize("draws", [60, 100, 101, 199, 250, 4000])
-@pytest.mark.parametrize("wanted", [100, 700])
-def test_thinning_keeps_the_fewest_draws_wherever_there_are_so_many(draws, wanted):
-    kept = len(range(0, draws, _gap(draws, wanted)))
-    assert kept >= min(draws, 100)
-    assert kept < 2 * wanted

@@ -9,80 +9,11 @@ import pandas as pd
 import pytest
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
-from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.new_environment import new_environment
 from percept.inference.sampling.endpoints import mixture_quantile
 from percept.sessions import Sessions
 from percept.study.prediction import expected_users, predict
 from tests import DATASETS
-
-
-def dense_trend(study: Study, point: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and covariance of alpha + gamma x + delta by conditioning one large Gaussian of all
-    responses."""
-    model = study.parts.fit.model  # type: ignore[union-attr]
-    assert isinstance(model, CollapsedDensity)
-    data = study.parts.fit.trials  # type: ignore[union-attr]
-    assert data is not None
-    named = {name: values[0] for name, (_, values) in model.scales(point[None]).items()}
-    priors = model.priors
-    tau, s_u, sigma = named["tau"], named["sigma_u"], named["sigma"]
-
-    def pair(sd: np.ndarray, rho: float) -> np.ndarray:
-        return np.outer(sd, sd) * np.array([[1.0, rho], [rho, 1.0]])
-
-    def trend(x1: np.ndarray, x2: np.ndarray) -> np.ndarray:
-        return np.diag(priors.alpha_sd**2 + priors.gamma_sd**2 * x1 * x2)
-
-    count = len(data.subject)
-    joint = np.zeros((2 * count, 2 * count))
-    cross = np.zeros((2, 2 * count))
-    for a in range(count):
-        j = data.environment[a]
-        cross[:, 2 * a : 2 * a + 2] = trend(x, data.statistics.x[:, j])
-        for c in range(count):
-            k = data.environment[c]
-            block = trend(data.statistics.x[:, j], data.statistics.x[:, k])
-            if j == k:
-                block = block + np.diag(tau**2)
-            if data.subject[a] == data.subject[c]:
-                block = block + pair(s_u, named["rho_u"])
-            if a == c:
-                block = block + pair(sigma[:, j], named["rho_w"])
-            joint[2 * a : 2 * a + 2, 2 * c : 2 * c + 2] = block
-    weights = np.linalg.solve(joint, cross.T).T
-    return weights @ data.response.ravel(), trend(x, x) + np.diag(tau**2) - weights @ cross.T
-
-
-def test_location_equals_dense_conditioning(fitted: Study) -> None:
-    points = fitted.parts.fit.points[::700]  # type: ignore[arg-type]
-    model = fitted.parts.fit.model  # type: ignore[union-attr]
-    assert isinstance(model, CollapsedDensity)
-    x = np.array([0.7, -1.3])
-    found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))[""]
-    for s, point in enumerate(points):
-        mean, covariance = dense_trend(fitted, point, x)
-        np.testing.assert_allclose(found.mean[s], mean, rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(found.covariance[s], covariance, rtol=1e-8, atol=1e-12)
-
-
-def test_spread_follows_its_trend_and_is_even_over_its_law(fitted: Study) -> None:
-    model = fitted.parts.fit.model  # type: ignore[union-attr]
-    assert isinstance(model, CollapsedDensity)
-    points = fitted.parts.fit.points[:3]  # type: ignore[arg-type]
-    x, repeats = np.array([0.5, 0.5]), 400
-    found = new_environment(model, points, x, repeats=repeats, rng=np.random.default_rng(1))[""]
-    named = {name: values for name, (_, values) in model.scales(points).items()}
-    between = (
-        np.diagonal(found.population, axis1=1, axis2=2).reshape(3, repeats, 2)
-        - named["sigma_u"][:, None] ** 2
-    )
-    logs = 0.5 * np.log(between)
-    centre = np.log(named["s"]) + named["kappa"] * x
-    # One draw from each of 400 equal slices: means and SDs are good to a fraction of a per cent of
-    # omega.
-    assert np.all(np.abs(logs.mean(axis=1) - centre) < 0.01 * named["omega"] + 1e-9)
-    np.testing.assert_allclose(logs.std(axis=1), named["omega"], rtol=0.03)
 
 
 @pytest.fixture(scope="module")

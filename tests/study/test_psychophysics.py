@@ -159,38 +159,6 @@ def test_posterior_rows_follow_from_the_draws_and_the_intervals(fitted):
     assert found[found["method"] == "classical"]["error"].isna().all()
 
 
-def test_the_error_of_a_quantile_is_that_of_independent_draws(fitted):
-    """The stated error of σ_u agrees with the scatter of the same quantile over ensembles."""
-    draws = fitted.posterior["posterior"]["sigma_u"].sel(parameter="b").to_numpy()
-    upper = np.quantile(draws, 0.995, axis=1)
-    scatter = upper.std(ddof=1) / math.sqrt(len(upper))
-    found = fitted.psychophysics
-    (row,) = found[
-        (found["measure"] == "sigma_u")
-        & (found["parameter"] == "b")
-        & (found["method"] == "bayesian")
-    ].itertuples()
-    # Four ensembles tell an SD to a factor of two or three.
-    assert row.error / 4.0 < scatter < 4.0 * row.error
-
-
-def test_published_limits_have_means_and_sds_only():
-    from percept import read_sessions
-    from tests import DATASETS
-
-    sessions = read_sessions(DATASETS / "hbfd_table1.csv")
-    found = Study(
-        sessions, Scene(inference={"method": "classical", "family": "normal"})
-    ).psychophysics
-    assert set(found["measure"]) == {
-        "pse", "constant_error", "constant_error_relative", "sd_subjects", "weber_subjects",
-    }  # fmt: skip
-    (row,) = found[
-        (found["environment"] == "VE1") & (found["parameter"] == "k") & (found["measure"] == "pse")
-    ].itertuples()
-    assert (row.lower, row.upper) == pytest.approx((10.808, 19.02), rel=1e-9)
-
-
 def test_the_page_of_measures_names_each():
     text = (Path(__file__).parents[2] / "docs" / "psychophysics.md").read_text(encoding="utf-8")
     named = set(re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE))

@@ -10,7 +10,6 @@ from percept.inference.hierarchy.subject_spreads import chance_of_differences
 from percept.inference.hierarchy.trial_scatter import trial_scatter
 from percept.sessions import ReadOptions, Sessions
 from percept.study.prepare import prepare
-from percept.study.psychophysics.posterior import _Scales as Scales
 
 SUBJECTS = 6
 #: Planted trial SDs: threefold from the steadiest subject to the least steady.
@@ -164,21 +163,6 @@ def test_studies_that_cannot_carry_them_say_why(made, why):
     assert has_own(prepared(made, subjects_trial_sd=True))
 
 
-def test_a_subject_without_scatter_says_nothing_of_differences():
-    rng = np.random.default_rng(10)
-    subject = np.repeat(np.arange(5), 24)
-    cell = np.tile(np.repeat(np.arange(4), 6), 5)
-    response = np.array([0.5, 1.0, 2.0, 1.0])[cell, None] * rng.normal(size=(120, 2))
-    others = subject != 4
-    response[~others] = 1.0
-    nothing = np.zeros((120, 0))
-    scatter = trial_scatter(response, subject, cell, nothing, by_subject=True)
-    own = (response[others], subject[others], cell[others], nothing[others])
-    without = trial_scatter(*own, by_subject=True)
-    expected = chance_of_differences(without, 4, 4)
-    np.testing.assert_allclose(chance_of_differences(scatter, 5, 4), expected, rtol=1e-9)
-
-
 def test_subjects_with_one_trial_sd_seldom_seem_to_differ():
     """The probability is uniform if nothing differs, within Monte Carlo error."""
     rng = np.random.default_rng(9)
@@ -193,15 +177,3 @@ def test_subjects_with_one_trial_sd_seldom_seem_to_differ():
         chances.append(chance_of_differences(scatter, 5, 4))
     for of_quantity in np.array(chances).T:
         assert stats.kstest(of_quantity, "uniform").pvalue > 1e-3
-
-
-def test_reliability_averages_the_trial_variance_over_users():
-    """Trial variances of users are lognormal; quadrature over their logs gives the average."""
-    sigma_e = np.array([[[0.1, 0.2]]])
-    omega = 0.6
-    scales = Scales(sigma_e, None, sigma_e, None, np.array([[omega]]))
-    node, weight = np.polynomial.hermite_e.hermegauss(40)
-    average = (weight @ np.exp(2.0 * omega * node)) / weight.sum()
-    np.testing.assert_allclose(scales.trial_variance, sigma_e**2 * average, rtol=1e-12)
-    one_sd = Scales(sigma_e, None, sigma_e, None, None)
-    np.testing.assert_array_equal(one_sd.trial_variance, sigma_e**2)

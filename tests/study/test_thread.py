@@ -1,16 +1,12 @@
 """The thread through the whole program on the published study."""
 
 import dataclasses
-import traceback
 from decimal import Decimal
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import special
 
-import percept
 from percept import RefusalError, Scene, Study, read_sessions
 from percept.results import Skipped
 from percept.sessions import Sessions
@@ -63,21 +59,6 @@ def test_kinds_nest(fitted):
     assert (lower["user"] > lower["share"]).all()
     assert (upper["mean"] < upper["user"]).all()
     assert (upper["user"] < upper["share"]).all()
-
-
-def test_the_way_to_the_t_quantile_is_short(monkeypatch):
-    """A reader who follows `Study.intervals` to the quantile opens at most eight functions of
-    percept."""
-    own, quantile, depths = str(Path(percept.__file__).parent), special.stdtrit, []
-
-    def watched(*arguments):
-        depths.append(sum(frame.filename.startswith(own) for frame in traceback.extract_stack()))
-        return quantile(*arguments)
-
-    monkeypatch.setattr(special, "stdtrit", watched)
-    study = Study(Sessions.from_frame(frame()), Scene().with_inference(method="classical"))
-    assert len(study.intervals) > 0
-    assert 0 < max(depths) <= 8
 
 
 def test_same_seed_same_bits_and_another_within_monte_carlo_error():
@@ -229,17 +210,6 @@ def test_no_scatter_is_refused_and_resolution_answers():
     assert np.isfinite(cell[["lower", "upper"]].to_numpy()).all()
 
 
-def test_one_parameter_alone():
-    scene = hbfd_scene(tolerance=0.2)
-    tables = scene.model_dump(exclude_none=True)
-    tables["inference"]["parameters"] = ("k",)
-    study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), Scene(**tables))
-    assert set(study.intervals["parameter"]) == {"k"}
-    assert study.boundaries == ()
-    assert set(study.band.rows["parameter"]) == {"k"}
-    assert Skipped("boundaries", "only stiffness was adjusted") in study.skipped
-
-
 def test_what_no_session_has_is_refused():
     table = frame().drop(columns=["b_ref", "b_adj"])
     scene = Scene(inference={"parameters": ["k", "b"]})
@@ -262,8 +232,3 @@ def test_posterior_keeps_named_dimensions(fitted):
     spread = draws.std(axis=(0, 1))
     error = spread / np.sqrt(draws.shape[0] * draws.shape[1] / 4)
     assert np.all(np.abs(draws.mean(axis=(0, 1)) - laws_mean) < 5 * error)
-
-
-def test_records_are_frozen(classical):
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        classical.boundaries[0].level = 0.5

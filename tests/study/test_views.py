@@ -44,12 +44,6 @@ def test_a_coupling_prints_a_line_per_number_and_no_array():
     assert not any(line.startswith("  omega:") for line in lines)
 
 
-def test_a_study_that_would_refuse_is_shown_all_the_same():
-    table = read_sessions(SESSIONS).table
-    alone = classical(Sessions.from_frame(table[table["subject"] == table["subject"].iloc[0]]))
-    assert "<th>subjects</th><td>1</td>" in alone._repr_html_()
-
-
 def test_sentences_stand_beside_the_intervals():
     study = classical()
     assert "covers" not in study.intervals
@@ -112,12 +106,6 @@ def test_curves_are_the_boundaries_row_by_row():
         for name in ("environment", "kind", "method", "family", "joint", "shape", "level"):
             assert set(part[name]) == {getattr(boundary, name)}
     assert start == len(table) > 0
-
-
-def test_without_a_device_the_table_of_curves_is_empty():
-    bare = Study(read_sessions(SESSIONS), Scene().with_inference(method="classical"))
-    assert bare.curves.empty
-    assert {"omega", "lower", "upper"} <= set(bare.curves.columns)
 
 
 def test_a_study_writes_its_report(tmp_path):

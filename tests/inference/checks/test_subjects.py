@@ -88,33 +88,6 @@ def check_means(study, i, law, found, w):
     assert np.isnan(found.standard[w, i][:, missing]).all()
 
 
-def without_the_first(study):
-    rest = study.subject > 0
-    return designs.from_trials(
-        study.response[rest],
-        study.subject[rest] - 1,
-        study.environment[rest],
-        study.x,
-        parameters=study.statistics.parameters,
-        environments=study.statistics.environments,
-        subjects=study.statistics.subjects[1:],
-    )
-
-
-def test_left_out_densities_chain_to_the_densities_of_all():
-    """log p(y_i | others) is the log density of all less that of the others: the collapsed
-    density agrees."""
-    rng = np.random.default_rng(23)
-    study, density, scales, subjects = prepared("unequal trials", rng)
-    others = without_the_first(study)
-    difference = density.log_likelihood(scales) - CollapsedDensity(others).log_likelihood(scales)
-    np.testing.assert_allclose(
-        left_out(subjects, scales).log_density[:, 0],
-        difference,
-        rtol=1e-9,
-    )
-
-
 def test_resolution_widens_both_levels():
     rng = np.random.default_rng(25)
     study, density, scales, subjects = prepared("trials", rng)
@@ -149,18 +122,6 @@ def test_one_subject_alone_with_next_to_no_scatter_is_refused():
         leave_one_out(subjects, points, chains=4)
 
 
-def test_batches_cover_every_draw_once_and_shrink_with_the_study():
-    rng = np.random.default_rng(27)
-    *_, subjects = prepared("balanced", rng)
-    points = np.zeros((100_000, subjects.density.dimension))
-    cuts = [cut for cut, _ in subjects.batches(points)]
-    assert np.array_equal(
-        np.concatenate([np.arange(cut.start, cut.stop) for cut in cuts]), np.arange(100_000)
-    )
-    cells = subjects.parameters * subjects.environments
-    assert max(cut.stop - cut.start for cut in cuts) * subjects.subjects * cells <= 1 << 20
-
-
 def test_scales_of_any_size_keep_the_digits_of_the_collapsed_densities():
     """Spreads over seven orders of magnitude: still the density of all less that of the others."""
     rng = np.random.default_rng(28)
@@ -179,4 +140,17 @@ def test_scales_of_any_size_keep_the_digits_of_the_collapsed_densities():
     # The difference itself rounds at the size of its terms.
     np.testing.assert_array_less(
         np.abs(found - (all_of_them - less)), 1e-9 * (1.0 + np.abs(all_of_them))
+    )
+
+
+def without_the_first(study):
+    rest = study.subject > 0
+    return designs.from_trials(
+        study.response[rest],
+        study.subject[rest] - 1,
+        study.environment[rest],
+        study.x,
+        parameters=study.statistics.parameters,
+        environments=study.statistics.environments,
+        subjects=study.statistics.subjects[1:],
     )

@@ -37,32 +37,6 @@ def test_autocorrelation_time_sees_walkers_apart():
     assert np.isinf(autocorrelation_time(constant)[0])
 
 
-def test_normal_scores_share_the_mean_rank_of_ties():
-    """Against scipy.stats: walkers that stay, and values that are all apart or all equal."""
-    rng = np.random.default_rng(7)
-    columns = [
-        rng.normal(size=60),
-        np.repeat(rng.normal(size=20), 3),
-        rng.integers(0, 4, 60),
-        np.ones(60),
-    ]
-    values = np.stack(columns, axis=1).reshape(3, 20, 4)
-    ranks = np.stack([stats.rankdata(column) for column in columns], axis=1)
-    wanted = stats.norm.ppf((ranks - 0.375) / 60.25).reshape(values.shape)
-    np.testing.assert_allclose(normal_scores(values), wanted, rtol=1e-13, atol=1e-13)
-
-
-@pytest.mark.parametrize("order", ["C", "F"])
-def test_normal_scores_leave_their_values_alone(order):
-    values = np.asarray(
-        np.random.default_rng(8).normal(size=(3, 20, 4)).reshape(60, 4), order=order
-    )
-    before = values.copy()
-    scores = normal_scores(values)
-    np.testing.assert_array_equal(values, before)
-    assert not np.shares_memory(scores, values)
-
-
 @pytest.mark.parametrize("rho", [0.0, 0.8])
 def test_monte_carlo_error_is_the_scatter_of_repeated_means(rho):
     rng = np.random.default_rng(3)
@@ -139,16 +113,3 @@ def test_autocorrelation_time_waits_for_a_small_part_that_is_slow():
     wanted = times[np.argmax(lags >= 5.0 * times)]
     # The sum's standard error is sqrt((4 M + 2)/N), 3 % here; where the window ends moves with it.
     assert autocorrelation_time(series)[0] == pytest.approx(wanted, rel=0.2)
-
-
-def test_monte_carlo_error_of_walkers_that_move_together_and_slowly():
-    """They remember (1 + rho)/(1 - rho) = 19 positions: batches of a few of them would see too
-    little."""
-    rng, repeats = np.random.default_rng(4), 60
-    errors = []
-    for _ in range(repeats):
-        together = np.repeat(autoregressive(0.9, (4, 200, 1, 1), rng), 64, axis=2)
-        errors.append(monte_carlo_error(together, autocorrelation_time(together))[0])
-    # 800 positions; an error from some 12 batches scatters by a fifth and is low by what batches
-    # share.
-    assert 0.75 < np.mean(errors) / np.sqrt(19.0 / 800) < 1.25

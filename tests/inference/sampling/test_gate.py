@@ -1,15 +1,12 @@
 """The gate withholds what must be withheld and says why; broken densities are refused by name."""
 
-import platform
 import re
-import resource
 
 import numpy as np
 import pytest
 from scipy import signal
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.sampling import chain, gate, warmup
 from percept.inference.sampling.diagnostics import autocorrelation_time, normal_scores
 from percept.inference.sampling.gate import (
     Estimates,
@@ -182,10 +179,6 @@ def test_a_run_that_ends_at_its_cap_unmixed_is_withheld_whatever_its_error():
     assert run.gate.rhat > 1.01
 
 
-def test_an_error_that_is_not_known_is_no_error():
-    assert verdict(error=np.nan).reasons == ("E x has no finite Monte Carlo error.",)
-
-
 def test_a_negative_seed_is_refused():
     with pytest.raises(UsageError, match="must be zero or positive"):
         Settings(seed=-1)
@@ -219,13 +212,6 @@ def test_same_seed_same_digits_other_seed_same_answer():
     assert np.all(np.abs(runs[0].estimates.value - runs[2].estimates.value) < 4 * error)
 
 
-def test_ensembles_have_streams_of_their_own():
-    run = sample(Normal(3), MEAN, Settings(tolerance=0.1, seed=5))
-    for first_, second in [(0, 1), (1, 2), (2, 3)]:
-        both = run.points[first_, -1].ravel(), run.points[second, -1].ravel()
-        assert not np.isin(*both).any()
-
-
 def test_walkers_go_on_from_where_they_are_and_inputs_are_unharmed():
     target = Normal(4)
     points = np.random.default_rng(1).normal(size=(4, 64, 4))
@@ -239,17 +225,6 @@ def test_walkers_go_on_from_where_they_are_and_inputs_are_unharmed():
     assert [kept.shape for kept in pieces] == [(4, 8, 64, 4), (4, 12, 64, 4)]
     assert first.steps == 60
     np.testing.assert_array_equal(points, given)
-
-
-def test_a_long_run_begins_anew_with_a_transport_of_its_first_round():
-    """The first round's draws fit the transport and are not among those kept."""
-    short, long = (
-        sample(Normal(4), MEAN, Settings(tolerance=tolerance, seed=2))
-        for tolerance in (0.02, 0.003)
-    )
-    assert long.points.size > short.points.size
-    assert not np.isin(short.points[:, :, :, 0], long.points[:, :, :, 0]).any()
-    assert abs(long.estimates.value[0]) < 4 * long.errors[0] < 0.02
 
 
 def test_thinned_draws_are_nearly_independent():
@@ -304,22 +279,6 @@ def test_ensembles_stuck_in_different_modes_are_withheld():
     assert judged(shuffled).passed
 
 
-def test_a_group_of_walkers_stuck_in_a_mode_is_withheld():
-    """An eighth of every ensemble: the ensembles agree, and every walker moves."""
-    rng = np.random.default_rng(3)
-    found = judged(two_modes(rng, (np.arange(64) < 8)[:, None]))
-    assert found.rhat < 1.01
-    (reason,) = found.reasons
-    assert "autocorrelation times of its slowest quantity, E x[0]; 10 are needed" in reason
-
-
-@pytest.mark.parametrize(
-    ("steps", "rounded"), [(1.0, 1), (20_000, 20_000), (24_000, 30_000), (149_000.5, 200_000)]
-)
-def test_advised_steps_are_rounded_up(steps, rounded):
-    assert gate._rounded_up(steps) == rounded
-
-
 def test_walkers_stuck_in_a_tail_are_withheld():
     """Walkers that stay beyond the 98th percentile, in spikes' shadow, among others that never
     go there."""
@@ -343,21 +302,6 @@ def test_the_slowest_quantity_is_named_with_the_steps_it_takes():
     )
 
 
-def test_a_run_that_begins_anew_has_streams_of_its_own(monkeypatch):
-    seeds = []
-
-    class Noted(Ensembles):
-        def __init__(self, here, points, seed):
-            seeds.append((seed.entropy, seed.spawn_key))
-            super().__init__(here, points, seed)
-
-    for module in (chain, warmup):
-        monkeypatch.setattr(module, "Ensembles", Noted)
-    sample(Normal(4), MEAN, Settings(tolerance=0.003, seed=2))
-    # Warm-up and run, then both again with the refined transport.
-    assert len(seeds) == len(set(seeds)) == 4
-
-
 def test_autocorrelation_times_are_in_steps_and_all_walkers_count():
     run = sample(Normal(4), MEAN, Settings(tolerance=0.02, seed=2))
     assert run.stride > 1
@@ -369,20 +313,3 @@ def test_autocorrelation_times_are_in_steps_and_all_walkers_count():
     assert run.gate.effective_draws == pytest.approx(
         kept * run.stride / run.gate.autocorrelation_time
     )
-
-
-@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="of glibc alone")
-def test_freed_memory_serves_the_next_arrays():
-    sample(Normal(2), MEAN, Settings(tolerance=0.5))
-
-    def fill():
-        # Five arrays of 8 MB, whose pages are touched.
-        return [np.ones(1 << 20) for _ in range(5)]
-
-    fill()
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-    for _ in range(10):
-        fill()
-    faults = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
-    # Otherwise there are thousands: each time the pages are taken from the system again.
-    assert faults < 1000

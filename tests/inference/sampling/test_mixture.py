@@ -57,17 +57,6 @@ def test_quantiles_of_several_mixtures_are_each_its_own():
         assert abs(together[q] - alone) < 1e-13 * abs(alone)
 
 
-def test_many_draws_have_the_root_of_all_of_them():
-    """Above some number of draws the search starts from a part of them; it must end with all."""
-    rng = np.random.default_rng(3)
-    mean, sd = np.sort(rng.normal(size=(9000, 1)), axis=0), np.exp(rng.normal(size=(9000, 1)))
-    found = mixture_quantile(mean, sd, 0.005, upper=True)[0][0]
-    assert abs(special.ndtr((mean - found) / sd).mean() - 0.005) < 1e-15
-    spread = np.exp(0.3 * rng.normal(size=(9000, 1)))
-    centre, half, _ = share_half_width(mean, sd, spread, share=0.9, confidence=0.95)
-    assert abs(share_content(half, centre, mean, sd, spread, 0.9)[0].mean() - 0.95) < 1e-12
-
-
 def test_limits_and_influence_of_many_draws_are_those_of_few():
     """Every draw twice is the same mixture, but large enough for the search that stops early."""
     rng = np.random.default_rng(8)
@@ -154,21 +143,6 @@ def test_share_content_and_half_width(share):
     )
     assert abs(np.mean(contents) - 0.95) < 1e-10
     assert np.all(np.abs(influence.mean(axis=0)) < 1e-10)
-
-
-def test_share_content_derivatives():
-    rng = np.random.default_rng(6)
-    draws = [
-        0.2 * rng.normal(size=(9, 1)),
-        0.3 + rng.random((9, 1)),
-        np.exp(0.3 * rng.normal(size=(9, 1))),
-    ]
-    h, centre, step = np.array([2.9]), np.array([0.1]), 1e-5
-    _, by_half, by_centre = share_content(h, centre, *draws, 0.9)
-    up, down = (share_content(h + d, centre, *draws, 0.9)[0] for d in (step, -step))
-    np.testing.assert_allclose(by_half, (up - down) / (2 * step), atol=1e-8)
-    up, down = (share_content(h, centre + d, *draws, 0.9)[0] for d in (step, -step))
-    np.testing.assert_allclose(by_centre, (up - down) / (2 * step), atol=1e-8)
 
 
 def test_share_influence_is_the_derivative_in_a_draw_s_weight():

@@ -10,7 +10,6 @@ from percept.inference.sampling.moves import (
     IndependentMove,
     PCNMove,
     ReferenceLaw,
-    Schedule,
     standard_moves,
 )
 from tests import LONG
@@ -131,35 +130,3 @@ def test_an_interrupted_density_is_not_emcee_s_to_tell(capsys):
         walkers.advance(1, 1)
     captured = capsys.readouterr()
     assert captured.out + captured.err == ""
-
-
-@pytest.mark.parametrize(("width", "wanted"), [(1.0, 0.6), (0.05, 0.1)])
-def test_a_run_chooses_the_moves_that_take_it_farther(width, wanted):
-    """Of the law itself every draw is accepted; of a target far narrower hardly any, and
-    rotations go on."""
-
-    class Narrow(Normal):
-        def __call__(self, points):
-            return super().__call__(points / width)
-
-    target = Narrow(10)
-    points = width * np.random.default_rng(1).normal(size=(4, 64, 10))
-    walkers, again = (Ensembles(target, points, np.random.SeedSequence(2)) for _ in range(2))
-    walkers.advance(24, 24, learn=True)
-    learnt = walkers.schedule.independent
-    assert learnt == pytest.approx(wanted)
-    again.advance(24, 24, learn=True)
-    assert again.schedule.independent == learnt
-    walkers.advance(12, 12)
-    assert walkers.schedule.independent == learnt  # frozen for the run
-
-
-def test_shares_are_those_of_jumps_for_the_same_cost():
-    """An independent draw costs 0.8 of a rotation; jumps are squares over coordinates, means
-    over walkers."""
-    (own, _), (rotation, _) = standard_moves(ReferenceLaw(2), generators(1))
-    own.steps, own.squared_jumps = 10, 2.0
-    rotation.steps, rotation.squared_jumps = 5, 1.0
-    schedule = Schedule.earned(own, rotation)
-    assert schedule.independent == pytest.approx((0.2 / 0.8) / (0.2 / 0.8 + 0.2))
-    assert schedule.squared_jump == pytest.approx(0.2)

@@ -1,7 +1,6 @@
 """A long run in parts: estimates lose nothing, little is kept, and slow parts are not closed."""
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from percept.inference.sampling import chain as chains
 from percept.inference.sampling.chain import Chain, Memory, Pace, Task
 from percept.inference.sampling.coordinates import Affine, Transported
 from percept.inference.sampling.gate import Settings
-from percept.inference.sampling.moves import Ensembles
 from percept.inference.sampling.run import sample
 from tests import LONG
 from tests.inference.sampling.targets import Means, Normal, SkewedHeavy
@@ -28,26 +26,6 @@ class Remembered(Means):
         found = super().components(points)
         self.values.append(found)
         return found
-
-
-class Walk(Ensembles):
-    """Autoregressive chains in place of the walkers: a step remembers all but a fiftieth of the
-    last."""
-
-    def __init__(self, target, points, seed):
-        super().__init__(target, points, seed)
-        self.rng, self.here = np.random.default_rng(seed), points
-
-    def advance(self, steps, stride, *, learn=False):
-        kept = []
-        for step in range(1, steps + 1):
-            self.here = 0.98 * self.here + np.sqrt(1 - 0.98**2) * self.rng.standard_normal(
-                self.here.shape
-            )
-            if step % stride == 0:
-                kept.append(self.here)
-        self.accepted, self.steps = self.accepted + steps, self.steps + steps
-        return np.stack(kept, axis=1)
 
 
 #: Parts of as few positions as there may be.
@@ -85,49 +63,6 @@ def test_claimed_errors_of_parts_together_are_right():
     assert stats.chi2.ppf(0.001, count) < z @ z < stats.chi2.isf(0.001, count)
 
 
-def test_a_part_that_has_not_settled_goes_on_thinned(monkeypatch):
-    """Chains that remember a hundred steps need longer parts than there is room for at every
-    third step."""
-    monkeypatch.setattr(chains, "Ensembles", Walk)
-    means = Means(("E x",), lambda points: points[:, :1])
-    run = sample(Normal(1), means, Settings(tolerance=0.008, seed=1), memory=Memory(draws=1 << 14))
-    assert run.gate.passed, run.gate.reasons
-    assert run.gate.autocorrelation_time == pytest.approx(99.0, rel=0.2)
-    assert run.stride > 3
-    assert run.gate.times_run >= 10
-    assert run.steps > 10 * 99
-
-
-def test_no_last_part_begins_that_could_not_settle(monkeypatch):
-    """A part takes 1,000 steps to settle here; the first has 3,072, and the cap leaves 700 for
-    another."""
-    monkeypatch.setattr(chains, "Ensembles", Walk)
-    means = Means(("E x",), lambda points: points[:, :1])
-    settings = Settings(tolerance=1e-5, seed=1, most_steps=3800)
-    run = sample(Normal(1), means, settings, memory=Memory(draws=1 << 20))
-    assert run.gate.passed, run.gate.reasons
-    assert run.gate.times_run >= 10
-    assert not run.gate.tolerance_met
-
-
-@pytest.mark.evidence(reduced=True)
-@pytest.mark.parametrize("most", range(420, 540, 17 if LONG else 51))
-def test_wherever_the_steps_end_the_errors_are_known(most):
-    """The last part of a run at its cap is long enough to be judged, however many steps were
-    left for it."""
-    run = sample(
-        Normal(2),
-        Means(("E x",), lambda points: points[:, :1]),
-        Settings(tolerance=1e-5, most_steps=most),
-        memory=SMALL,
-    )
-    assert run.gate.passed
-    assert not run.gate.tolerance_met
-    assert run.steps <= most + 6
-    # A thousand walkers of independent draws a step, or nearly so, at every third step.
-    assert 0.5 < run.errors[0] * np.sqrt(1024 * run.steps / 3) < 3.0
-
-
 MEAN = Means(("E x",), lambda points: points)
 
 
@@ -159,26 +94,3 @@ def test_a_last_part_whose_ensembles_disagree_is_withheld_though_all_parts_are_a
     gate = late.judge().gate
     assert gate.worst_error < 0.005
     assert "the ensembles disagree on E x: rank R-hat" in " ".join(gate.reasons)
-
-
-def test_parts_weigh_by_their_steps():
-    part = chain(np.random.default_rng(6).normal(size=(4, 40, 64, 1)))
-    alone = part.judge()
-    part._closed = closed(alone, 1.0, 0.3, 360)
-    together = part.judge()
-    assert together.estimates.value == pytest.approx(0.75 * 1.0 + 0.25 * alone.estimates.value)
-    assert together.errors == pytest.approx(np.hypot(0.75 * 0.3, 0.25 * alone.errors))
-
-
-def test_time_left_follows_the_steps_expected(monkeypatch):
-    """Half a second a step at 120 steps; the errors ask for 1.1 (error/tolerance)² times as
-    many."""
-    told = []
-    values = np.random.default_rng(7).normal(size=(4, 40, 64, 1))
-    monkeypatch.setattr(chains.time, "monotonic", lambda: 0.0)
-    part = chain(values, progress=told.append)
-    monkeypatch.setattr(chains.time, "monotonic", lambda: 60.0)
-    run = part.judge()
-    expected = 1.1 * 120 * (run.gate.worst_error / 0.005) ** 2
-    assert told[0].expected_steps == math.ceil(expected)
-    assert told[0].seconds_left == pytest.approx(0.5 * (expected - 120))
