@@ -20,6 +20,8 @@ MODULES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(
 MOST_TOKENS = 315_900
 #: The same of what makes the pages of `reports`.
 MOST_TOKENS_OF_REPORTS = 60_100
+#: The same of the tests.
+MOST_TOKENS_OF_TESTS = 342_000
 #: Tokens on a code line, and in a statement; well-read libraries have 6 to 9, and 10 to 12.
 MOST_TOKENS_PER_LINE = 8.8
 MOST_TOKENS_PER_LINE_OF_A_FOLDER = 9.5
@@ -177,6 +179,11 @@ def test_how_much_there_is():
 def test_how_much_makes_the_reports():
     modules = sorted((ROOT.parent / "reports").rglob("*.py"))
     assert total(modules).tokens <= MOST_TOKENS_OF_REPORTS
+
+
+def test_how_much_tests_it():
+    modules = sorted((ROOT.parent / "tests").rglob("*.py"))
+    assert total(modules).tokens <= MOST_TOKENS_OF_TESTS
 
 
 def test_how_dense_it_is():

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from percept.boundary.confidence import (
     Confidence,
@@ -96,3 +97,26 @@ def test_thresholds():
 def test_equal_subjects_are_refused():
     with pytest.raises(RefusalError, match="All users set the same value"):
         judged(np.log(np.full((4, 2), 3.0)))
+
+
+@pytest.mark.parametrize("n", [3, 10])
+def test_error_rates_of_stiffness_and_damping(n):
+    studies = 1_200
+    edge = stats.norm.isf(0.5 * (1.0 - LEVEL))
+    rng = np.random.default_rng(n)
+    scores = rng.standard_normal((studies, n, 2))
+    said_real = dict.fromkeys((0.0, edge), 0)
+    said_not = dict.fromkeys((0.0, edge), 0)
+    for bias in said_real:
+        for values in np.log([500.0, 2.0]) + SDS * (np.array([bias, 0.0]) + scores):
+            stiffness = Moments(values[:, 0].mean(), values[:, 0].std(ddof=1), n)
+            damping = Moments(values[:, 1].mean(), values[:, 1].std(ddof=1), n)
+            verdict = limits_confidence(
+                DISPLAY, stiffness, damping, OMEGA[[0, -1]], level=LEVEL, log=True
+            ).verdict(DECISION)
+            said_real[bias] += verdict == "feels real"
+            said_not[bias] += verdict == "does not"
+    error = 4.0 * np.sqrt(DECISION * (1.0 - DECISION) / studies)
+    assert said_real[edge] / studies <= 1.0 - DECISION + error
+    assert said_not[0.0] / studies <= 1.0 - DECISION + error
+    assert said_real[0.0] > said_real[edge]

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from percept import Scene, Study, read_sessions
+from tests.fits import SHARED
 
 from .browser import Browser, Tab, find_browser
 
@@ -59,7 +60,8 @@ def page(tmp_path_factory):
     """Page of the published study, both methods, sampled to a loose accuracy."""
     tables = Scene.load(ROOT / "datasets" / "hbfd.toml").to_dict()
     tables["inference"] |= {"tolerance": 0.05}
-    study = Study(read_sessions(ROOT / "datasets" / "hbfd_sessions.csv"), Scene(**tables))
+    sessions = read_sessions(ROOT / "datasets" / "hbfd_sessions.csv")
+    study = Study(sessions, Scene(**tables), store=SHARED)
     return study.report(tmp_path_factory.mktemp("page"), date="2026-01-01")
 
 

@@ -6,6 +6,7 @@ from percept import Scene, Study, read_sessions
 from percept.sessions import Sessions
 from tests import DATASETS
 from tests.documents import build_document
+from tests.fits import SHARED
 
 
 def scene_of(**inference):
@@ -32,7 +33,7 @@ def both_study():
     """Both methods on three of the environments, sampled to a loose accuracy."""
     sessions = read_sessions(DATASETS / "hbfd_sessions.csv")
     kept = sessions.table[sessions.table["environment"].isin(["VE1", "VE2", "VE4"])]
-    return Study(Sessions.from_frame(kept), scene_of(method="both", tolerance=0.1))
+    return Study(Sessions.from_frame(kept), scene_of(method="both", tolerance=0.1), store=SHARED)
 
 
 @pytest.fixture(scope="session")

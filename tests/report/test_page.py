@@ -17,6 +17,7 @@ from percept.report.numbers import number
 from percept.report.select import listed
 from percept.sessions import Sessions
 from tests.documents import at, build_document, page_of, sections_of
+from tests.fits import SHARED
 from tests.study.checked import table_of
 from tests.unmixed import UNMIXED, unmixed_sessions
 
@@ -365,7 +366,8 @@ def without_device(**inference):
 def test_an_error_above_the_tolerance_is_said_beside_the_bayesian_numbers():
     table = read_sessions(DATASETS / "hbfd_sessions.csv").table
     sessions = Sessions.from_frame(table[table["environment"] == "VE2"])
-    document = build_document(Study(sessions, without_device(tolerance=0.0001, most_steps=200)))
+    scene = without_device(tolerance=0.0001, most_steps=200)
+    document = build_document(Study(sessions, scene, store=SHARED))
     gate = document["diagnostics"]["gate"]
     assert gate["passed"]
     assert not gate["tolerance_met"]
@@ -379,9 +381,8 @@ def test_an_error_above_the_tolerance_is_said_beside_the_bayesian_numbers():
 
 
 def test_a_failed_gate_withholds_the_bayesian_numbers_and_says_why():
-    document = build_document(
-        Study(Sessions.from_frame(unmixed_sessions()), without_device(**UNMIXED))
-    )
+    sessions = Sessions.from_frame(unmixed_sessions())
+    document = build_document(Study(sessions, without_device(**UNMIXED), store=SHARED))
     gate = document["diagnostics"]["gate"]
     assert not gate["passed"]
     page = page_of(document)

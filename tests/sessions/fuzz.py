@@ -1,15 +1,13 @@
 """Mutated session files against the reader, which reads a file rightly or says why not.
 
-Run as `python -m tests.sessions.fuzz --files 200000`. A file is a known dialect with a few random
+`make evidence` reads ten thousand. A file is a known dialect with a few random
 edits. A scan that shares nothing with the reader checks what it accepts against the file's own
 text.
 """
 
 from __future__ import annotations
 
-import argparse
 import re
-import sys
 import tempfile
 import time
 import warnings
@@ -253,30 +251,3 @@ def _one(
         wrong = wrong or f"took {took:.1f} s of processor time for {len(data)} bytes"
     if wrong:
         outcome.failures.append((at, wrong))
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Command line of the fuzzer; exit code 1 if a file failed."""
-    parser = argparse.ArgumentParser(prog="tests.sessions.fuzz", description=__doc__)
-    parser.add_argument("--files", type=int, default=10_000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument(
-        "--seconds", type=float, default=1.0, help="allowed per 100 kB (or part of it)"
-    )
-    given = parser.parse_args(arguments)
-    outcome = fuzz(given.files, seed=given.seed, seconds_per_100kb=given.seconds)
-    report = [
-        (
-            f"{outcome.files} files, {outcome.accepted} accepted and found again in their text, "
-            f"{sum(outcome.refused.values())} refused, {len(outcome.failures)} failures; "
-            f"slowest {outcome.slowest:.3f} s"
-        ),
-        *(f"  {number:>7}  {reason} …" for reason, number in outcome.refused.most_common(25)),
-        *(f"FAILED seed {given.seed} file {at}: {how}" for at, how in outcome.failures[:50]),
-    ]
-    sys.stdout.write("\n".join(report) + "\n")
-    return 1 if outcome.failures else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -9,7 +9,7 @@ import pytest
 from percept.sessions import read_sessions
 from tests import LONG
 from tests.sessions.dialects import WRITERS, example
-from tests.sessions.fuzz import check, fuzz, main
+from tests.sessions.fuzz import check, fuzz
 
 FILES = 10_000 if LONG else 120
 
@@ -35,10 +35,3 @@ def test_the_scan_notices_a_changed_number_and_a_lost_row(tmp_path):
     assert "k_adj" in (check(replace(sessions, table=changed), data, writer.options) or "")
     lost = replace(sessions, table=sessions.table.iloc[1:])
     assert "rows became" in (check(lost, data, writer.options) or "")
-
-
-def test_the_fuzzer_reports_counts_and_failures(capsys):
-    assert main(["--files", "20", "--seed", "3"]) == 0
-    assert capsys.readouterr().out.startswith("20 files, ")
-    assert main(["--files", "20", "--seed", "3", "--seconds", "0"]) == 1
-    assert "FAILED seed 3 file 0: took" in capsys.readouterr().out

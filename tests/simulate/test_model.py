@@ -121,31 +121,6 @@ def test_every_prior_scale_is_used_where_it_belongs() -> None:
     assert_allclose(np.log(b.s_e / 0.3), 3 * np.log(a.s_e / 0.1), rtol=1e-12)
 
 
-def test_environments_scatter_about_their_trend() -> None:
-    hyper = hyperparameters()
-    design = Design.balanced(REFERENCES, subjects=2, trials=2)
-    x = np.log10(np.array(REFERENCES) / stats.gmean(REFERENCES, axis=0))
-    rng = np.random.default_rng(5)
-    draws = [draw_environments(hyper, design, rng) for _ in range(1000)]
-    for values in draws[:5]:
-        assert_allclose(values.beta, hyper.alpha + hyper.gamma * x + values.delta, rtol=1e-12)
-    standard = {
-        "delta": [values.delta / hyper.tau for values in draws],
-        "sigma": [
-            (np.log(values.sigma / hyper.s) - hyper.kappa * x) / hyper.omega for values in draws
-        ],
-        "sigma_e": [
-            (np.log(values.sigma_e / hyper.s_e) - hyper.kappa_e * x) / hyper.omega_e
-            for values in draws
-        ],
-    }
-    for sample in standard.values():
-        assert uniform(sample, stats.norm()) > UNLIKELY
-        columns = np.corrcoef(np.reshape(sample, (len(draws), -1)).T)
-        off = columns[np.triu_indices(len(columns), 1)]
-        assert np.abs(off).max() < 5 / math.sqrt(len(draws))
-
-
 def test_covariances_are_written_out_entry_by_entry() -> None:
     values = draw_environments(
         hyperparameters(),
@@ -199,25 +174,6 @@ def assert_covariance(
     sample = (a - a.mean(axis=0)).T @ (b - b.mean(axis=0)) / (n - 1)
     error = np.sqrt((np.outer(np.diag(cov_a), np.diag(cov_b)) + expected**2) / n)
     assert np.all(np.abs(sample - expected) < 4 * error)
-
-
-def test_one_environment_is_the_smaller_model() -> None:
-    design = Design.balanced(REFERENCES[:1], subjects=4, trials=2)
-    rng = np.random.default_rng(8)
-    draws = [
-        draw_environments(draw_hyperparameters(design, Priors(), rng), design, rng)
-        for _ in range(DRAWS)
-    ]
-    for name in ("gamma", "tau", "sigma_u", "kappa", "omega", "kappa_e", "omega_e"):
-        assert_array_equal([getattr(values.hyper, name) for values in draws], 0, err_msg=name)
-    assert uniform([values.beta for values in draws], stats.norm(0, 1)) > UNLIKELY
-    assert uniform([values.sigma for values in draws], stats.lognorm(1, scale=0.2)) > UNLIKELY
-    assert uniform([values.sigma_e for values in draws], stats.lognorm(1, scale=0.1)) > UNLIKELY
-    assert (
-        uniform([values.hyper.rho_w for values in draws], stats.beta(2, 2, loc=-1, scale=2))
-        > UNLIKELY
-    )
-    assert_array_equal(draw_responses(draws[0], design, rng).u, 0)
 
 
 def test_levels_the_design_cannot_show_are_absent() -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from percept import Scene, Study
 from percept.sessions import Sessions
 from percept.simulate.model import Design, Hyperparameters, draw_environments, simulate
+from tests.fits import SHARED
 
 REFERENCES = {"k": [100.0, 1e3, 1e4], "b": [1.0, 5.0, 25.0]}
 
@@ -48,4 +49,4 @@ def study_of(table, *, model=None, checks=None, **inference) -> Study:
     tables = {"inference": {k: v for k, v in asked.items() if v is not None}, "model": model or {}}
     if checks is not None:
         tables["checks"] = checks
-    return Study(Sessions.from_frame(table), Scene(**tables))
+    return Study(Sessions.from_frame(table), Scene(**tables), store=SHARED)

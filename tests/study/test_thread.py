@@ -12,6 +12,7 @@ from percept.results import Skipped
 from percept.sessions import Sessions
 from percept.study.results import diagnostics_of
 from tests import DATASETS
+from tests.fits import SHARED
 from tests.unmixed import UNMIXED, unmixed_sessions
 
 TABLE = pd.read_csv(DATASETS / "hbfd_table1.csv", dtype=str)
@@ -131,7 +132,7 @@ def test_a_window_on_an_environment_that_is_not_there_is_said():
 
 
 def test_failed_gate_withholds_the_bayesian_numbers():
-    study = Study(Sessions.from_frame(unmixed_sessions()), hbfd_scene(**UNMIXED))
+    study = Study(Sessions.from_frame(unmixed_sessions()), hbfd_scene(**UNMIXED), store=SHARED)
     assert set(study.intervals["method"]) == {"classical"}
     assert study.posterior is None
     assert (
@@ -143,7 +144,7 @@ def test_failed_gate_withholds_the_bayesian_numbers():
 def test_a_run_that_mixes_and_misses_its_tolerance_gives_its_numbers():
     table = frame()
     few = Sessions.from_frame(table[table.environment == "VE2"])
-    study = Study(few, hbfd_scene(tolerance=1e-4, most_steps=200))
+    study = Study(few, hbfd_scene(tolerance=1e-4, most_steps=200), store=SHARED)
     assert set(study.intervals["method"]) == {"classical", "bayesian"}
     assert study.posterior is not None
     assert "Bayesian intervals" not in {part.what: part.why for part in study.skipped}
