@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Self
 
 from percept.commands import QUIET, Argument, argument, flag, number
-from percept.commands.mapping import with_mapping
 from percept.errors import RefusalError, UsageError, did_you_mean, printable
 
 if TYPE_CHECKING:
@@ -76,8 +75,6 @@ SETTINGS = (
 STUDY = (
     SESSIONS,
     *SETTINGS,
-    flag("--accept", "go on with the mapping proposed for unknown column names"),
-    argument("--write-scene", "FILE", "go on with that mapping, and write it as a scene"),
     flag("--no-cache", "sample again, and keep no posterior (see percept cache)"),
 )
 #: As `open_mapper` takes them.
@@ -115,22 +112,14 @@ def open_study(
     arguments: argparse.Namespace, progress: Working | None = None, *, groups: Sequence[str] = ()
 ) -> Study:
     """Read the sessions and the scene, put them together, and say what the reader noticed."""
-    from percept.sessions import ReadOptions, read_sessions
+    from percept.sessions import read_sessions
     from percept.study import Study
 
     scene, options = read_scene(arguments)
     scene = scene.with_inference(**settings(arguments))
     if (checks := getattr(arguments, "checks", None)) is not None:
         scene = scene.with_tables(checks={} if checks else None)
-    try:
-        sessions = read_sessions(*arguments.sessions, scene=options.with_groups(groups))
-    except UsageError as error:
-        # Row 1 is the header: of cells no mapping makes anything else.
-        if error.row != 1:
-            raise
-        scene = with_mapping(arguments, scene, options, error)
-        options = ReadOptions.of(scene)
-        sessions = read_sessions(*arguments.sessions, scene=options.with_groups(groups))
+    sessions = read_sessions(*arguments.sessions, scene=options.with_groups(groups))
     if not arguments.quiet:
         notices = (*sessions.warnings, *sessions.notices)
         for text in notices[:_NOTICES]:

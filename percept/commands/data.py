@@ -6,11 +6,12 @@ import argparse
 import json
 import shlex
 import sys
+from importlib import resources
+from pathlib import Path
 
 from percept.commands import JSON, Command, argument, number
 from percept.commands.analysis import SESSIONS, Working, read_scene
-from percept.commands.mapping import lacks, template, whole_scene, write_new
-from percept.errors import printable
+from percept.errors import UsageError, counted, printable
 
 __all__ = ["NEW", "SIMULATE", "VALIDATE"]
 
@@ -31,20 +32,34 @@ def _validate(arguments: argparse.Namespace) -> int:
 def _new(arguments: argparse.Namespace) -> None:
     """Write the file and print its path; a file that is there stays as it is."""
     if arguments.data is None:
-        write_new(arguments.path, template())
+        text = resources.files("percept.commands").joinpath("scene.toml").read_text("utf-8")
+        _write_new(arguments.path, text)
         print(arguments.path)
         return
     from percept.sessions import propose_columns
 
-    _, options = read_scene(arguments)
-    with Working("reading", shown=True) as working:
-        working.stage("judging columns of the whole file")
-        proposal = propose_columns(*arguments.data, options=options)
-    write_new(arguments.path, whole_scene(proposal, arguments.scene))
+    proposal = propose_columns(*arguments.data)
+    _write_new(arguments.path, proposal.text)
     print(proposal.text, file=sys.stderr)
     print(arguments.path)
+    left = "Look through it."
+    if proposal.left:
+        left = f'{counted(proposal.left, "line")} to edit: replace each "?".'
     command = ["percept", "report", *arguments.data, "--scene", arguments.path, "--out", "results"]
-    print(f"percept: {lacks(proposal)} Then: {shlex.join(command)}", file=sys.stderr)
+    print(f"percept: {left} Then run: {shlex.join(command)}", file=sys.stderr)
+
+
+def _write_new(path: str, text: str) -> None:
+    """Write a file that is not there yet."""
+    hint = "Give another name, or remove it first."
+    try:
+        with Path(path).open("x", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+    except FileExistsError as error:
+        raise UsageError("is already there and stays as it is.", file=path, hint=hint) from error
+    except OSError as error:
+        hint = "Name a folder that is there."
+        raise UsageError(f"cannot be written: {error.strerror}.", file=path, hint=hint) from error
 
 
 def _simulate(arguments: argparse.Namespace) -> None:
@@ -64,14 +79,12 @@ _READING = argument("--scene", "FILE", "TOML file with [columns], [sessions], [e
 
 NEW = Command(
     "Write a commented scene file that has every key, to be cut down to what a study needs."
-    " With --from it holds how percept would read your files, tried on all of them.",
+    " With --from it maps the columns of your files whose names say what they are, and holds a"
+    ' "?" where you must decide.',
     "percept new scene.toml --from sessions/",
     (
         argument("path", "FILE", "file to write (scene.toml)", nargs="?", default="scene.toml"),
-        argument(
-            "--from", "PATH", "session files or folders to read", action="append", dest="data"
-        ),
-        argument("--scene", "FILE", "scene of your own, whose keys stay"),
+        argument("--from", "PATH", "session files or folders to look at", nargs="+", dest="data"),
     ),
     _new,
 )

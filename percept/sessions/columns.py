@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping
+import shlex
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -18,7 +19,16 @@ from percept.sessions.options import (
 from percept.sessions.quantities import IMPEDANCE, Quantities, numbers_of, with_mass
 from percept.sessions.records import NoDataError, shown
 
-__all__ = ["Header", "Resolution", "Slot", "check_columns", "resolve", "unused_columns"]
+__all__ = [
+    "Header",
+    "Resolution",
+    "Slot",
+    "aliases",
+    "check_columns",
+    "plain",
+    "resolve",
+    "unused_columns",
+]
 
 _WORDS = {
     "subject": (
@@ -40,6 +50,7 @@ class Header:
 
     names: list[str]
     file: str
+    paths: Sequence[str] = ()  # As they were given, for a command to type
 
     def position(self, name: str) -> int:
         """Return where the one column of a name stands."""
@@ -92,7 +103,7 @@ class Resolution:
 
 def resolve(header: Header, options: ReadOptions) -> Resolution:
     """Find the canonical columns in a header."""
-    known = {_plain(name) for name in header.names} | options.columns.keys()
+    known = {plain(name) for name in header.names} | options.columns.keys()
     limits_or_moments = {"lower", "upper"} <= known or {"mean", "sd"} <= known
     summary = "parameter" in known and limits_or_moments
     wanted = SUMMARY if summary else canonical_columns(options.quantities)
@@ -109,7 +120,7 @@ def resolve(header: Header, options: ReadOptions) -> Resolution:
         else:
             found[column] = _declared(column, rule, header, kind)
     claimed = {rule.name for rule in found.values()}
-    aliases = _aliases(options.quantities)
+    known_names = aliases(options.quantities)
     announced: list[str] = []
     for column in wanted:
         if column in found or column in wide:
@@ -117,7 +128,7 @@ def resolve(header: Header, options: ReadOptions) -> Resolution:
         if column in header.names:
             found[column] = ColumnRule(name=column)
             continue
-        alias = _alias(column, aliases.get(column, frozenset({column})), header, claimed)
+        alias = _alias(column, known_names.get(column, frozenset({column})), header, claimed)
         if alias is not None:
             announced.append(f"column {alias!r} is taken as {column}")
             found[column] = ColumnRule(name=alias)
@@ -164,11 +175,11 @@ def _kind_of_error(header: Header, options: ReadOptions) -> type[UsageError]:
     return NoDataError if adjusted and not there else UsageError
 
 
-def _aliases(quantities: Quantities) -> dict[str, frozenset[str]]:
+def aliases(quantities: Quantities) -> dict[str, frozenset[str]]:
     """Other names of columns, of numbers such as "reference_k" or "stiffness_final"."""
     known = {name: frozenset({name, *words.split()}) for name, words in _WORDS.items()}
     for quantity in with_mass(quantities).values():
-        stems = {_plain(quantity.name), _plain(quantity.label)}
+        stems = {plain(quantity.name), plain(quantity.label)}
         for kind, words in _NUMBER_WORDS.items():
             pairs = [*product(stems, words), *product(words, stems)]
             known[f"{quantity.name}_{kind}"] = frozenset("_".join(pair) for pair in pairs)
@@ -180,7 +191,7 @@ def _alias(
 ) -> str | None:
     """Return the one column with a known alias that the scene does not name."""
     free = [name for name in header.names if name not in claimed]
-    candidates = [name for name in free if _plain(name) in known]
+    candidates = [name for name in free if plain(name) in known]
     if len(candidates) > 1:
         message = f"{shown(candidates)} could each be {canonical}."
         hint = f'Declare the one that is meant: [columns] {canonical} = "…".'
@@ -188,7 +199,8 @@ def _alias(
     return candidates[0] if candidates else None
 
 
-def _plain(name: str) -> str:
+def plain(name: str) -> str:
+    """Write a name in lower case, with an underscore for what is no letter or digit."""
     return re.sub(r"[^a-z0-9]+", "_", name.casefold()).strip("_")
 
 
@@ -256,6 +268,8 @@ def check_columns(
         hints.append("[quantities] names what people adjusted beside stiffness and damping.")
     if "_ref" in names:
         hints.append("References can stand in [environments].")
+    if header.paths:
+        hints.append(f"Or run: percept new scene.toml --from {shlex.join(header.paths)}")
     message = f"there is no column for {names}; the columns are {shown(header.names)}."
     has_numbers = present & {*numbers_of(options.quantities)}
     kind = UsageError if has_numbers else NoDataError

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from pathlib import PurePath
 from typing import Annotated, Any, Literal, Self
 
@@ -111,15 +111,17 @@ Count = Annotated[int, Field(ge=1, le=1 << 50, strict=True)]
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False), AfterValidator(in_range)]
 
 
-#: What a proposed scene has in the place of a reference, which is then no number: not even zero.
+#: What a proposed scene has in the place of what a person must decide.
 TO_FILL_IN = "?"
 
 
-def _filled_in(value: Any) -> Any:
-    """Refuse a reference that nobody has filled in; a true zero is written 0.0."""
-    if value == TO_FILL_IN:
-        raise ValueError("is not filled in: write its number; a reference of zero is 0.0")
-    return value
+def _unfilled(value: Any, key: str) -> Iterator[str]:
+    """Give the keys of a table that nobody has filled in."""
+    if isinstance(value, Mapping):
+        for name, own in value.items():
+            yield from _unfilled(own, f"{key}.{name}")
+    elif value == TO_FILL_IN:
+        yield key
 
 
 class ColumnRule(Table):
@@ -307,11 +309,23 @@ class DataTables(Table):
         default_factory=lambda: dict(IMPEDANCE)
     )
     columns: dict[str, Annotated[ColumnRule, BeforeValidator(_rule)]] = Field(default_factory=dict)
-    environments: dict[str, dict[str, Annotated[Number, BeforeValidator(_filled_in)]]] = Field(
-        default_factory=dict
-    )
+    environments: dict[str, dict[str, Number]] = Field(default_factory=dict)
     sessions: SessionsTable = SessionsTable()
     files: FileLimits = FileLimits()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _filled_in(cls, given: Any) -> Any:
+        """Refuse what nobody has filled in."""
+        tables = given if isinstance(given, Mapping) else {}
+        left: list[str] = []
+        for name in ("quantities", "columns", "environments"):
+            left += _unfilled(tables.get(name), name)
+        if left:
+            also = f", and neither is {', '.join(left[1:])}" if len(left) > 1 else ""
+            hint = 'Write what is right in the place of each "?"; a reference of zero is 0.0.'
+            raise UsageError(f"is not filled in{also}.", key=left[0], value=TO_FILL_IN, hint=hint)
+        return given
 
     @model_validator(mode="after")
     def _of_these_quantities(self) -> Self:

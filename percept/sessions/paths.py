@@ -20,7 +20,6 @@ __all__ = [
     "is_pattern",
     "may_be_study",
     "named_part",
-    "pattern_of_names",
 ]
 
 #: What tells a folder of results from one of sessions.
@@ -44,8 +43,6 @@ _SUFFIXES = (
 )
 #: An id in an escaped pattern.
 _ID = re.compile(r"\\\{(\w+)\\\}")
-#: What separates the pieces of a file's name; they stay pieces of their own.
-_SEPARATORS = re.compile(r"([_\-. ]+)")
 
 
 def expand(
@@ -182,28 +179,3 @@ def _stem(name: str) -> str:
     while (lower := name.lower()).endswith(_SUFFIXES):
         name = name[: lower.rindex(".")]
     return name
-
-
-def pattern_of_names(paths: Sequence[str]) -> str | None:
-    """Find the pattern of file names that tells subjects apart; None where none does.
-
-    Folders that differ are subjects. Else names are cut at separators, and the first piece that
-    differs, of names with as many pieces, is the subject.
-    """
-    if len(paths) < 2:
-        return None
-    folders = {PurePath(path).parent.name for path in paths}
-    if len(folders) > 1:
-        return "{subject}/*"
-    pieces = [_SEPARATORS.split(_stem(PurePath(path).name)) for path in paths]
-    if len({len(own) for own in pieces}) > 1:
-        return None
-    pattern = ""
-    for alternatives in zip(*pieces, strict=True):
-        if len(set(alternatives)) == 1:
-            pattern += alternatives[0]
-        elif "{subject}" in pattern:
-            pattern += "*"
-        else:
-            pattern += "{subject}"
-    return pattern if "{subject}" in pattern else None

@@ -1,402 +1,429 @@
-"""A mapping proposed for files with unknown column names, and tried on all of them."""
+"""A scene for files with other column names: what names say beyond doubt, and "?" for the rest.
+
+Names, and units in brackets, give a column its role. Its cells can only take a role back, but for
+one: a column that counts the rows of each subject numbers the trials.
+"""
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Sequence
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
-from pathlib import Path, PurePath
+from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
-from percept.errors import PerceptError, UsageError, counted
-from percept.sessions.columns import Header, resolve
-from percept.sessions.evidence import Column, table_columns
-from percept.sessions.files import Input, load
-from percept.sessions.options import ReadOptions, canonical_columns
-from percept.sessions.paths import expand, pattern_of_names
-from percept.sessions.proposed import Draft, outcome
-from percept.sessions.quantities import IMPEDANCE, factor, quantity_of
-from percept.sessions.read import Sessions, read_sessions
+from percept.errors import printable
+from percept.sessions.columns import aliases, plain
+from percept.sessions.files import load
+from percept.sessions.layout import refuse_headless
+from percept.sessions.options import TO_FILL_IN, ReadOptions
+from percept.sessions.paths import expand
+from percept.sessions.quantities import IMPEDANCE, quantity_of
 from percept.sessions.reading import open_blocks
-from percept.sessions.records import IDS, MASS, Problems, ReadError, shown
-from percept.sessions.roles import (
-    ID_COLUMNS,
-    Numbers,
-    Roles,
-    crossed_with_environment,
-    drop_unnamed_subject,
-    judge_environment,
-    judge_ids,
-    judge_numbers,
-    take_most_varied,
-)
-from percept.sessions.wide import wide_quantities
+from percept.sessions.records import Problems, shown
+from percept.sessions.values import CellError, is_missing, pick
 
 __all__ = ["Proposal", "propose_columns"]
 
 #: Files of a folder, and members of an archive, that are looked at.
 _FILES = 40
-#: Kinds of files, by their headers, that a mapping is looked for in; kinds with most rows first.
-_KINDS = 4
-#: Kinds that a remark names beside the one that it is of.
-_LISTED_KINDS = 5
-#: Attempts to read under a draft: each takes back one guess.
-_ATTEMPTS = 8
-#: Share of a guessed column's cells that may be wrong: a few refute nothing.
-_WRONG = 0.1
-#: More environments than these, each of hardly two trials, are no environments.
-_MOST_ENVIRONMENTS = 20
-#: Rows from which on a table may have one per subject.
-_FEWEST_SUBJECTS = 3
-#: Above this share of all, values of zero or below are meant.
-_FEW_ZEROS = 0.05
+#: More values of a reference than these name no environments.
+_MOST_ENVIRONMENTS = 12
+#: Share of numbers among the cells of a column of numbers: a few may be slips.
+_NUMERIC = 0.9
+#: Rows from which on two different values are answers to a choice, and no adjustments.
+_MANY_ROWS = 8
+#: Names of ids beside those that the reader knows by itself.
+_IDS = {
+    "subject": "pid pp ppt vp vpn observer observer_id person person_id participant_nr nsub"
+    " part_id",
+    "session": "session_no visit_nr",
+    "environment": "condition cond condition_id condition_name",
+    "trial": "trl trial_nr trial_n trial_id repetition rep",
+}
+#: Words of adjustments and references, some only beside a stem, and of what nobody adjusted.
+_WORDS = {
+    "adjusted": "response resp adjusted adjustment match matched estimate estimated reproduced"
+    " reproduction",
+    "adjusted, with a stem": "adj rep perc perceived final judged reported answer guess",
+    "reference": "reference ref standard target true actual physical",
+    "reference, with a stem": "cur current real presented shown sample test stim stimulus",
+    "nothing": "time clock date timestamp started stopped onset offset start end begin rt latency"
+    " elapsed wait frame frames error err bias deviation difference diff confidence initial type"
+    " key keys button count index history accuracy acc correct id sd se nr no num number code",
+}
+_BRACKETED = re.compile(r"[(\[]\s*([^)\]]+?)\s*[)\]]\s*$")
+_STIFFNESS = {"N/m", "N/mm", "N/cm", "kN/m"}
+_DAMPING = {"N·s/m", "N*s/m", "Ns/m", "N·s/mm", "N*s/mm", "Ns/mm"}
+#: percept's own names of quantities, by words of a column, with the units that convert.
+_OWN = {
+    "k": ("k", _STIFFNESS),
+    "stiffness": ("k", _STIFFNESS),
+    "b": ("b", _DAMPING),
+    "damping": ("b", _DAMPING),
+}
+#: What to write in the place of a "?".
+_ASK = {
+    "subject": 'its column; or remove this line and write, below [sessions], subject = "row" or'
+    ' filename = "{subject}"',
+    "session": "its column, or remove this line",
+    "environment": "its column or a list of columns; if references differ by trial, remove this"
+    ' line and set [model] bias = "reference"',
+    "trial": "the column that numbers repeats; or remove this line and write, below [sessions],"
+    ' trial = "order"',
+    "ref": 'its column; or remove this line and write numbers in [environments], or reference ='
+    ' "none" below [quantities.NAME] if nothing was matched',
+    "adj": 'its column; "wall_{environment}" if each environment has one',
+}  # fmt: skip
+_HEAD = '# What the names of columns in {} say. Write what is right in the place of each "?".'
+_REST = '# Every other key has its default: "percept new all.toml" writes them all, to copy from.'
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """How percept would read a file with unknown column names."""
+    """A scene as far as names of columns say it."""
 
-    text: str  #: TOML of a scene; comments say what was seen, what else it could be, what it gives
-    guessed: tuple[str, ...]  #: Canonical columns that rest on words and values
-    missing: tuple[str, ...]  #: Canonical columns that an analysis needs and that were not found
-    may_be_means: bool = False  #: Whether the text has lines to uncomment where nothing was matched
-    refused: UsageError | None = None  #: Why the file is not read under the proposal
+    text: str  #: TOML; comments say what each column holds
+    roles: Mapping[str, str]  #: Column, or "?", by canonical column
+
+    @property
+    def left(self) -> int:
+        """How many lines somebody has to edit."""
+        return self.text.count(f" = {_toml(TO_FILL_IN)}")
+
+
+@dataclass(frozen=True, eq=False)
+class _Column:
+    """A column by its name and its cells."""
+
+    name: str
+    cells: pd.Series[str]
+
+    @cached_property
+    def texts(self) -> list[str]:
+        """Different cells that are not blank, in order."""
+        stripped = dict.fromkeys(cell.strip() for cell in self.cells.unique())
+        return [text for text in stripped if not is_missing(text)]
+
+    @cached_property
+    def numbers(self) -> pd.Series[float]:
+        """Numbers by row, NaN in cells without one."""
+        return pd.to_numeric(self.cells.str.strip().str.replace(",", "."), errors="coerce")
+
+    @cached_property
+    def kind(self) -> str:
+        """What its cells are."""
+        if not self.texts:
+            return "empty"
+        filled = ~self.cells.map(is_missing)
+        if self.numbers[filled].notna().mean() < _NUMERIC:
+            return "text"
+        known = self.numbers.dropna()
+        return "whole numbers" if (known == known.round()).all() else "numbers"
+
+    @property
+    def unit(self) -> str:
+        """Unit in brackets behind the name; empty without one."""
+        found = _BRACKETED.search(self.name)
+        return found[1] if found else ""
+
+    @cached_property
+    def words(self) -> list[str]:
+        """Words of the name without its unit, in lower case."""
+        spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", _BRACKETED.sub("", self.name))
+        return re.findall(r"[^\W_]+", spaced.casefold())
+
+    @property
+    def seen(self) -> str:
+        """Its kind and three values, for a comment."""
+        more = " …" if len(self.texts) > 3 else ""
+        return printable(f"{self.kind}: {', '.join(self.texts[:3])}{more}")[:80]
 
 
 @dataclass(frozen=True)
 class _Table:
     """The cells of files that have one header."""
 
-    names: list[str]  # Of the files, for messages
-    paths: list[str]
-    header: list[str]
-    cells: pd.DataFrame
-    file_codes: npt.NDArray[np.intp]  # By row
+    files: list[str]
+    columns: list[_Column]
+
+    def named(self, role: str) -> list[_Column]:
+        """Give the columns whose whole name is one of an id; percept's own name goes before."""
+        own = [column for column in self.columns if plain(column.name) == role]
+        names = {*aliases(IMPEDANCE)[role], *_IDS[role].split()}
+        others = []
+        for column in self.columns:
+            if names & {plain(column.name), "_".join(column.words)}:
+                others.append(column)
+        return own or others
 
 
-def propose_columns(*paths: str | Path, options: ReadOptions | None = None) -> Proposal:
-    """Propose how to read files with unknown column names, and try it on all of them.
+#: By canonical column: its column, a pattern of columns, or None where somebody must decide.
+_Roles = dict[str, _Column | str | None]
+
+
+def propose_columns(*paths: str | Path) -> Proposal:
+    """Write a scene for files with unknown column names, as far as these say what is what.
 
     Parameters
     ----------
     *paths : str or Path
-        As for :func:`~percept.sessions.read_sessions`; files of one header are judged together,
-        and the kind of file with the fewest gaps counts.
-    options : ReadOptions, optional
-        How to read them; columns that it declares stay.
+        As for :func:`~percept.sessions.read_sessions`. Of several kinds of files the one counts
+        whose names say most.
 
     Returns
     -------
     Proposal
-        With `refused`, where the files are not read under it.
 
     Raises
     ------
     UsageError
-        No file is a table.
+        No file is a table, or the first row of one is data.
     """
-    options = options or ReadOptions()
+    options = ReadOptions()
     problems = Problems()
-    kinds: dict[tuple[str, ...], list[tuple[Input, pd.DataFrame]]] = {}
-    for file in islice(expand(paths, options.sessions.files.wants)[0], _FILES):
+    kinds: dict[tuple[str, ...], list[tuple[str, pd.DataFrame]]] = {}
+    for file in islice(expand(paths)[0], _FILES):
         with problems.collecting():
             for entry in islice(load(file, options.files), _FILES):
-                with problems.collecting():
-                    header, cells = _whole(entry, options)
-                    kinds.setdefault(tuple(header), []).append((entry, cells))
+                with problems.collecting(), closing(open_blocks(entry, options, [])) as blocks:
+                    grid = next(blocks).grid()
+                    columns = [column.tolist() for _, column in grid.cells.items()]
+                    refuse_headless(grid.header, columns, entry.name)
+                    kinds.setdefault(tuple(grid.header), []).append((entry.name, grid.cells))
     if not kinds:
         problems.raise_if_any()
-    tables = [_together(list(header), parts) for header, parts in kinds.items()]
-    tables.sort(key=lambda table: -len(table.cells))
-    proposals = []
-    for table in tables[:_KINDS]:
-        others = [other for other in tables if other is not table]
-        proposals.append(_proposed(table, paths, options, _other_kinds(table, others)))
-    return min(proposals, key=lambda proposal: (len(proposal.missing), not proposal.guessed))
+    tables = [_together(header, parts) for header, parts in kinds.items()]
+    tables.sort(key=lambda table: -len(table.columns[0].cells))
+    table = max(tables, key=lambda table: sum(map(bool, _roles(table).values())))
+    return _proposal(table, [other for other in tables if other is not table])
 
 
-def _whole(entry: Input, options: ReadOptions) -> tuple[list[str], pd.DataFrame]:
-    """Read the header and all cells of one input."""
-    with closing(open_blocks(entry, options, [])) as blocks:
-        grids = [block.grid() for block in blocks]
-    return grids[0].header, pd.concat([grid.cells for grid in grids])
+def _together(header: Sequence[str], parts: Sequence[tuple[str, pd.DataFrame]]) -> _Table:
+    """Put files of one header together; keys of JSON cells become columns of their own."""
+    cells = pd.concat([own for _, own in parts], ignore_index=True)
+    columns = []
+    for position, name in enumerate(header):
+        column = _Column(name, cells[position])
+        columns += [column, *_inside(column)]
+    return _Table([name for name, _ in parts], columns)
 
 
-def _together(header: list[str], parts: Sequence[tuple[Input, pd.DataFrame]]) -> _Table:
-    """Put files of one header together."""
-    names = []
-    paths = []
-    frames = []
-    for entry, cells in parts:
-        names.append(entry.name)
-        paths.append(entry.path)
-        frames.append(cells)
-    codes = np.repeat(np.arange(len(frames)), [len(frame) for frame in frames])
-    return _Table(names, paths, header, pd.concat(frames, ignore_index=True), codes)
-
-
-def _other_kinds(table: _Table, others: Sequence[_Table]) -> list[str]:
-    """Say which files a proposal is not of, and how to choose them."""
-    if not others:
-        return []
-    kinds = f"{1 + len(others)} kinds of files, by their columns"
-    said = [f"There are {kinds}. This is of {counted(len(table.names), 'file')}:"]
-    said.append(f"  {shown(table.header)}")
-    for other in others[:_LISTED_KINDS]:
-        example = shown([PurePath(other.paths[0]).name])
-        said.append(f"not of {counted(len(other.names), 'file')} such as {example}:")
-        said.append(f"  {shown(other.header)}")
-    if len(others) > _LISTED_KINDS:
-        said.append(f"nor of {len(others) - _LISTED_KINDS} further kinds")
-    said.append("For another kind give --from its files alone. To keep to a kind in a folder, name")
-    said.append('its files by a pattern: [sessions.files] include = ["*.csv"].')
-    return said
-
-
-def _proposed(
-    table: _Table, paths: Sequence[str | Path], options: ReadOptions, remarks: Sequence[str]
-) -> Proposal:
-    """Propose a mapping; guesses that the files refute are dropped."""
-    draft = _draft(table, options)
-    draft.remarks += remarks
-    refused: UsageError | None = None
-    for _ in range(_ATTEMPTS):
-        # References are the analyst's to fill in: the others of a draft are tried without them.
-        if any(not canonical.endswith("_ref") for canonical in draft.missing):
-            break
-        try:
-            sessions = _read_under(draft, paths, options)
-        except UsageError as error:
-            refused = error
-            wrong = _refuted(draft, error)
-        else:
-            refused = None
-            wrong = _moment(draft, sessions)
-            if wrong is None:
-                draft.scales = _scales(sessions)
-                draft.outcome = outcome(sessions, draft)
-                break
-        if wrong is None:
-            break
-        _drop(draft, wrong)
-        _settle(draft, options)
-    guessed = draft.guessed
-    if draft.wide:
-        guessed = (*guessed, *draft.wide_adjusted)
-    if draft.filename:
-        guessed = ("subject", *guessed)
-    return Proposal(
-        text=draft.text(),
-        guessed=guessed,
-        missing=draft.missing,
-        may_be_means=bool(draft.unmatched),
-        refused=refused,
-    )
-
-
-def _draft(table: _Table, options: ReadOptions) -> Draft:
-    """Judge what stands where."""
-    columns = table_columns(table.header, table.cells)
-    by_name = {column.name: column for column in columns}
-    declared = () if options.quantities == IMPEDANCE else tuple(options.quantities)
-    roles = Roles(declared=declared)
-    remarks = []
+def _inside(column: _Column) -> Iterator[_Column]:
+    """Make columns of the keys of a column's first JSON record, each called "column.key"."""
+    first = next((text for text in column.texts if text.startswith("{")), "{}")
     try:
-        rules = resolve(Header(table.header, table.names[0]), options).rules
-    except PerceptError as error:
-        remarks.append(str(error))
-        wanted = canonical_columns(options.quantities)
-        roles.found = {name: by_name[name] for name in wanted if name in by_name}
-    else:
-        for canonical, rule in rules.items():
-            if rule.name in by_name:
-                roles.found[canonical] = by_name[rule.name]
-    draft = Draft(
-        file=table.names[0],
-        files=len(table.names),
-        rows=len(table.cells),
-        columns=columns,
-        roles=roles,
-        known=frozenset(roles.found),
-        remarks=remarks,
-    )
-    judge_ids(roles, _free(draft))
-    _find_adjustments(draft, table, options)
-    # Responses in order stay for a run of rows, as ids do.
-    guessed_subject = "subject" in draft.guessed
-    if not draft.found_any and guessed_subject and drop_unnamed_subject(roles):
-        _find_adjustments(draft, table, options)
-    _settle(draft, options)
-    return draft
-
-
-def _find_adjustments(draft: Draft, table: _Table, options: ReadOptions) -> None:
-    """Find what was adjusted, its references and what tells environments apart."""
-    roles = draft.roles
-    if "subject" not in roles.found and options.sessions.filename is None:
-        draft.filename = pattern_of_names(table.paths)
-    subject = roles.found.get("subject")
-    subjects = table.file_codes if subject is None else subject.codes
-    numbers = Numbers.of(_free(draft), subjects)
-    if not roles.has_adjustment:
-        judge_numbers(roles, numbers)
-    if not roles.has_adjustment and (subject is None or len(subject.texts) == draft.rows):
-        _take_for_wide(draft)
-    if not draft.found_any:
-        if subject is None and len(table.names) == 1:
-            numbers = Numbers.of(_free(draft), np.arange(draft.rows))
-        take_most_varied(roles, numbers)
-    if roles.has_adjustment:
-        judge_environment(roles, _free(draft))
-        draft.crossed = crossed_with_environment(roles, _free(draft))
-        # Without any id a row is a subject.
-        no_id = subject is None and not any(_may_be_id(column) for column in _free(draft))
-        draft.by_row = no_id and draft.filename is None and not _names_subjects(options)
-
-
-def _may_be_id(column: Column) -> bool:
-    """Whether values of a column come again: they may name subjects."""
-    recurs = 2 < len(column.texts) < len(column.cells)
-    return recurs and (column.is_whole or not column.is_numeric)
-
-
-def _take_for_wide(draft: Draft) -> None:
-    """Take a table with a row per subject for one with a column per environment."""
-    if draft.rows < _FEWEST_SUBJECTS:
+        keys = json.loads(first)
+    except (ValueError, RecursionError):
         return
-    draft.wide = wide_quantities(_free(draft))
-    if not draft.wide:
-        return
-    for name, wide in draft.wide.items():
-        draft.roles.units[name] = next(iter(wide.columns.values())).unit or ""
-    draft.filename = None
-    draft.by_row = "subject" not in draft.roles.found
+    for key in keys:
+        cells = [_at(cell, key) for cell in column.cells]
+        yield _Column(f"{column.name}.{key}", pd.Series(cells, dtype=str))
 
 
-def _names_subjects(options: ReadOptions) -> bool:
-    """Whether a scene says how subjects are named without a column."""
-    return options.sessions.filename is not None or options.sessions.subject == "row"
+def _at(cell: str, key: str) -> str:
+    try:
+        return pick(cell, key) or ""
+    except CellError:
+        return ""
 
 
-def _free(draft: Draft) -> list[Column]:
-    """Give the columns that have no part yet."""
-    taken = draft.roles.taken
-    return [column for column in draft.columns if column not in taken]
+def _roles(table: _Table) -> _Roles:
+    """Give each canonical column that a scene needs its column."""
+    roles: _Roles = {}
+    subject = _alone(table.named("subject"))
+    roles["subject"] = subject
+    if sessions := table.named("session"):
+        roles["session"] = _alone(sessions)
+    numbers = _wide(table) or _matched(table)
+    first = next(iter(numbers.values()))
+    environments = table.named("environment")
+    environment = _alone(environments)
+    if environment and not _tells_environments(environment, subject, first):
+        environment = None
+    few = isinstance(first, _Column) and len(first.texts) <= _MOST_ENVIRONMENTS
+    if environments or not (few or isinstance(first, str)):
+        roles["environment"] = environment
+    roles |= numbers
+    cell = [roles.get("session"), subject, environment or first]
+    trials = table.named("trial")
+    if not trials and roles.get("environment", True):
+        free = [column for column in table.columns if column not in roles.values()]
+        trials = [column for column in free if _counts(column, subject)]
+    if trials:
+        trial = _alone(trials)
+        doubted = trial is None or trial.kind != "whole numbers" or _repeat([*cell, trial], roles)
+        roles["trial"] = None if doubted else trial
+    elif _repeat(cell, roles):
+        roles["trial"] = None
+    return roles
 
 
-def _settle(draft: Draft, options: ReadOptions) -> None:
-    """Say what is missing, and whether the order of rows has to number the trials."""
-    found = draft.roles.found
-    needed = []
-    if not draft.by_row and draft.filename is None and not _names_subjects(options):
-        needed.append("subject")
-    # Adjustments without a column of conditions are of one condition.
-    if not draft.roles.has_adjustment:
-        needed.append("environment")
-    numbers = [canonical for canonical in found if canonical not in (*ID_COLUMNS, MASS)]
-    quantities = dict.fromkeys(quantity_of(canonical) for canonical in numbers)
-    present = set(found)
-    if draft.wide:
-        present |= {"subject", "environment", *draft.wide_adjusted}
-        quantities |= dict.fromkeys(draft.wide)
-    for name in quantities or ["NAME"]:
-        if name not in options.quantities or options.quantities[name].is_matched:
-            needed.append(f"{name}_ref")
-        needed.append(f"{name}_adj")
-    for references in options.environments.values():
-        present.update(references)
-    draft.missing = tuple(canonical for canonical in needed if canonical not in present)
-    draft.repeats = 0
-    if "trial" in found or options.sessions.keep or draft.by_row:
-        return
-    ids = [found[canonical].cells for canonical in IDS if canonical in found]
-    if ids:
-        draft.repeats = int(pd.concat(ids, axis=1).duplicated().sum())
+def _repeat(ids: Iterable[_Column | str | None], roles: _Roles) -> bool:
+    """Whether adjustments of known subjects repeat ids."""
+    column = next(own for name, own in roles.items() if name.endswith("_adj"))
+    if roles["subject"] is None or not isinstance(column, _Column):
+        return False
+    cells = [own.cells for own in ids if isinstance(own, _Column)]
+    rows = pd.concat(cells, axis=1)[~column.cells.map(is_missing)]
+    return bool(rows.duplicated().any())
 
 
-def _drop(draft: Draft, canonical: str) -> None:
-    """Take a guess back, and with a reference the environments that it told apart."""
-    column = draft.roles.found.pop(canonical)
-    if canonical.endswith("_ref") and draft.roles.found.get("environment") is column:
-        del draft.roles.found["environment"]
+def _alone(columns: Sequence[_Column]) -> _Column | None:
+    return columns[0] if len(columns) == 1 else None
 
 
-def _read_under(draft: Draft, paths: Sequence[str | Path], options: ReadOptions) -> Sessions:
-    """Read all files under a draft; a reference that is missing is the median adjustment."""
-    tables = tomllib.loads(draft.text())
-    changed = dict(options)
-    changed["columns"] = {**tables["columns"], **options.columns}
-    changed["sessions"] = {
-        **options.sessions.model_dump(),
-        **tables.get("sessions", {}),
+def _tells_environments(column: _Column, subject: _Column | None, reference: object) -> bool:
+    """Whether a column of conditions is one within subjects, with one reference to each value."""
+    if isinstance(reference, _Column):
+        if (reference.cells.groupby(column.cells).nunique() > 1).any():
+            return False
+    elif subject is None:
+        return False
+    if subject is not None and len(subject.texts) > 1:
+        of_subject = column.cells.groupby(subject.cells).nunique()
+        if len(column.texts) > 1 and (of_subject == 1).all():
+            return False
+    return len(column.texts) <= _MOST_ENVIRONMENTS or not _counts(column, subject)
+
+
+def _counts(column: _Column, subject: _Column | None) -> bool:
+    """Whether whole numbers rise by one from row to row of each subject."""
+    if subject is None or column.kind != "whole numbers" or len(column.texts) < 2:
+        return False
+    return bool((column.numbers.groupby(subject.cells).diff().dropna() == 1).all())
+
+
+def _wide(table: _Table) -> _Roles:
+    """Find columns such as "k_adj_soft_1": percept's own names with environments behind them."""
+    roles: _Roles = {}
+    for canonical in ("k_ref", "b_ref", "k_adj", "b_adj"):
+        pattern = rf"{canonical}_(.+?)(_\d+)?"
+        found = [re.fullmatch(pattern, column.name) for column in table.columns]
+        parts = [match.groups() for match in found if match]
+        environments = {name for name, _ in parts}
+        if len(environments) < 2 or all(name.isdigit() for name in environments):
+            continue
+        numbered = all(number for _, number in parts)
+        roles[canonical] = f"{canonical}_{{environment}}{'_{trial}' * numbered}"
+    return roles
+
+
+def _matched(table: _Table) -> _Roles:
+    """Find adjustments, and the reference that shares the rest of its name with each of them."""
+    adjusted = list(_of_role(table, "adjusted", "reference"))
+    references = list(_of_role(table, "reference", "adjusted"))
+    partners = [[other for other in references if _share(other[0], own[0])] for own in adjusted]
+    claimed = [other[1] for others in partners for other in others]
+    roles: _Roles = {}
+    for (stem, column), others in zip(adjusted, partners, strict=True):
+        if len(others) == 1 and claimed.count(others[0][1]) == 1:
+            stem, reference = others[0]
+            name = _quantity(stem, column.unit)
+            roles |= {f"{name}_ref": reference, f"{name}_adj": column}
+    if roles:
+        return roles
+    if len(adjusted) == 1 and not adjusted[0][0] and not claimed:
+        _, column = adjusted[0]
+        name = _quantity((), column.unit)
+        return {f"{name}_ref": None, f"{name}_adj": column}
+    return {"response_ref": None, "response_adj": None}
+
+
+def _of_role(table: _Table, role: str, other: str) -> Iterator[tuple[tuple[str, ...], _Column]]:
+    """Give the columns of numbers that words put in a role, with the words that remain."""
+    alone = _words(role)
+    all_words = alone | _words(f"{role}, with a stem")
+    against = _words("nothing") | _words(other) | _words(f"{other}, with a stem")
+    for column in table.columns:
+        stem = tuple(word for word in column.words if word not in all_words)
+        fitting = all_words if stem else alone
+        a_choice = len(column.texts) < 3 and len(column.cells) >= _MANY_ROWS
+        if (role == "adjusted" and a_choice) or not column.kind.endswith("numbers"):
+            continue
+        if fitting & set(column.words) and not against & set(column.words):
+            yield stem, column
+
+
+def _words(role: str) -> set[str]:
+    return set(_WORDS[role].split())
+
+
+def _share(reference: tuple[str, ...], adjusted: tuple[str, ...]) -> bool:
+    """Whether two stems are one, or an adjustment's says more: "pos x" and "pos x pivot"."""
+    return reference == adjusted or bool(reference and reference == adjusted[: len(reference)])
+
+
+def _quantity(stem: tuple[str, ...], unit: str) -> str:
+    """Name a quantity by what its columns share."""
+    name = "_".join(stem)
+    own, units = _OWN.get(name, ("", set[str]()))
+    if own and unit in {"", *units}:
+        return own
+    valid = re.fullmatch("[a-z][a-z0-9]*(_[a-z0-9]+)*", name)
+    return name if valid and name not in {*_IDS, *IMPEDANCE} else "response"
+
+
+def _proposal(table: _Table, others: Sequence[_Table]) -> Proposal:
+    """Write a scene: a line for each role, and a comment for each other column."""
+    roles = _roles(table)
+    lines = [_HEAD.format(shown(table.files, limit=1))]
+    for other in others:
+        names = shown([column.name for column in other.columns], limit=4)
+        lines.append(f"# Not of {shown(other.files, limit=1)}, with the columns {names}.")
+    lines += _quantities(roles)
+    lines += ["", "[columns]"]
+    for canonical, column in roles.items():
+        lines.append(f"{canonical} = {_line(canonical, column, roles)}")
+    lines.append("")
+    for column in table.columns:
+        if column not in roles.values():
+            lines.append(f"# {_toml(column.name)} ({column.seen})")
+    lines += ["", _REST]
+    named = {
+        canonical: column.name if isinstance(column, _Column) else column or TO_FILL_IN
+        for canonical, column in roles.items()
     }
-    if "quantities" in tables:
-        changed["quantities"] = tables["quantities"]
-    if draft.missing:
-        changed["environments"] = {name: _medians(draft) for name in draft.conditions}
-    return read_sessions(*paths, scene=ReadOptions(**changed))
+    return Proposal("\n".join(lines) + "\n", named)
 
 
-def _medians(draft: Draft) -> dict[str, float]:
-    """Give the median adjustment in the place of each reference that is missing."""
-    medians = {}
-    # No adjustment equals it: nobody seems to have left the reference as it was.
-    beside = 1.0 + 1e-9
-    for canonical in draft.missing:
-        name = quantity_of(canonical)
-        if name in draft.wide:
-            columns = list(draft.wide[name].columns.values())
-        else:
-            columns = [draft.roles.found[f"{name}_adj"]]
-        median = float(np.nanmedian(np.concatenate([column.numbers for column in columns])))
-        scale = factor(columns[0].unit, IMPEDANCE[name]) if name in IMPEDANCE else 1
-        medians[canonical] = median * float(scale) * beside
-    return medians
+def _quantities(roles: _Roles) -> Iterator[str]:
+    """Tables of what was adjusted, unless that is stiffness and damping."""
+    names = dict.fromkeys(quantity_of(name) for name in roles if name.endswith(("_ref", "_adj")))
+    if names.keys() <= IMPEDANCE.keys():
+        return
+    for name in names:
+        yield from ("", f"[quantities.{name}]")
+        if name not in IMPEDANCE:
+            unit = _unit(roles.get(f"{name}_adj")) or _unit(roles.get(f"{name}_ref")) or TO_FILL_IN
+            ask = '  # such as "ms"; "" for a pure number' if unit == TO_FILL_IN else ""
+            yield f"unit = {_toml(unit)}{ask}"
 
 
-def _refuted(draft: Draft, error: UsageError) -> str | None:
-    """Name a guess that an attempt to read refutes; a few wrong cells refute none."""
-    problems = error.problems if isinstance(error, ReadError) else (error,)
-    for problem in problems:
-        if problem.column in draft.guessed and problem.column.endswith("_ref"):
-            # It differs within an environment.
-            return problem.column
-    names = [problem.column for problem in problems]
-    for canonical in draft.guessed:
-        if names.count(draft.roles.found[canonical].name) > _WRONG * draft.rows:
-            return canonical
-    repeated = None in names
-    return "trial" if repeated and "trial" in draft.roles.found else None
+def _unit(column: _Column | str | None) -> str:
+    return column.unit if isinstance(column, _Column) else ""
 
 
-def _moment(draft: Draft, sessions: Sessions) -> str | None:
-    """Name a guessed reference that differs in nearly every row: it is a time or a measurement."""
-    environments = len(sessions.environments)
-    if environments <= _MOST_ENVIRONMENTS or environments < len(sessions.table) / 2:
-        return None
-    return next((c for c in draft.guessed if c.endswith("_ref")), None)
+def _line(canonical: str, column: _Column | str | None, roles: _Roles) -> str:
+    """Write a column as a value of [columns], with what it holds or what is asked."""
+    if column is None:
+        return f"{_toml(TO_FILL_IN)}  # {_ASK[canonical.rpartition('_')[2]]}"
+    if isinstance(column, str):
+        return _toml(column)
+    name = _toml(column.name)
+    quantity = quantity_of(canonical)
+    usual = _unit(roles.get(f"{quantity}_adj"))
+    if column.unit and (quantity in IMPEDANCE or column.unit != usual):
+        name = f"{{ name = {name}, unit = {_toml(column.unit)} }}"
+    return f"{name}  # {column.seen}"
 
 
-def _scales(sessions: Sessions) -> dict[str, float | None]:
-    """Give quantities whose values have no logarithm a unit, None where references give one."""
-    scales: dict[str, float | None] = {}
-    for name in sessions.parameters:
-        if not sessions.options.quantities[name].is_matched:
-            # Its zero references stand for none, and its scene has a scale.
-            continue
-        adjusted = sessions.table[f"{name}_adj"].dropna().to_numpy()
-        references = sessions.table[f"{name}_ref"].to_numpy()
-        many_zeros = np.mean(adjusted <= 0) > _FEW_ZEROS
-        negative = bool((adjusted < 0).any())
-        if not many_zeros and not negative and (references > 0).all():
-            continue
-        scales[name] = None
-        spread = float(np.std(adjusted))
-        if (references == 0).any() and spread > 0:
-            scales[name] = float(f"{spread:.1g}")
-    return scales
+def _toml(text: str) -> str:
+    """Write a TOML string; what cannot be seen is escaped."""
+    text = json.dumps(text, ensure_ascii=False)
+    return "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in text)

@@ -16,6 +16,7 @@ from percept.sessions.columns import Header, resolve
 from percept.sessions.doubts import doubtful_ids
 from percept.sessions.files import Input, load, open_text
 from percept.sessions.grids import Block, text_blocks
+from percept.sessions.layout import refuse_headless
 from percept.sessions.options import ExcludeRule, ReadOptions
 from percept.sessions.paths import expand, ids_from_name
 from percept.sessions.records import (
@@ -41,6 +42,7 @@ class Reading:
 
     def __init__(self, options: ReadOptions) -> None:
         self.options = options
+        self.paths: list[str] = []  # As they were given
         self.problems = Problems()
         self.sources: list[Source] = []
         self.notices: list[Notice] = []
@@ -57,6 +59,7 @@ class Reading:
 
     def tables(self, paths: Sequence[str | Path]) -> Generator[FileTable]:
         """Open the files; an error of one becomes a problem, so that the next is read too."""
+        self.paths = [str(path) for path in paths]
         wants = self.options.sessions.files.wants
         files, notices = expand(paths, wants)
         self.notices += notices
@@ -99,7 +102,8 @@ class Reading:
     def _open(self, name: str, blocks: Iterator[Block], ids: Mapping[str, str]) -> FileTable:
         """Find out from the header what kind of table a file is."""
         first = next(blocks)
-        header = Header(first.grid().header, name)
+        grid = first.grid()
+        header = Header(grid.header, name, self.paths)
         found = resolve(header, self.options)
         file = OpenFile(
             name=name,
@@ -112,7 +116,12 @@ class Reading:
         )
         if found.form == "summary":
             return SummaryTable(file, found)
-        return WideTable(file, found) if found.wide else LongTable(file, found)
+        try:
+            return WideTable(file, found) if found.wide else LongTable(file, found)
+        except UsageError:
+            columns = [column.tolist() for _, column in grid.cells.items()]
+            refuse_headless(grid.header, columns, name)
+            raise
 
     def _add(self, table: FileTable, sha256: str) -> None:
         """Take up what is known of a file once all of it is read."""

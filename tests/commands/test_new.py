@@ -1,8 +1,11 @@
 import dataclasses
+import json
 import tomllib
 from importlib import resources
 
+import numpy as np
 import pytest
+from scipy import stats
 
 from percept.cli import main
 from percept.inference.hierarchy.priors import Priors
@@ -94,3 +97,46 @@ def test_a_folder_that_is_not_there_is_named(tmp_path, capsys):
 
 def test_the_template_is_part_of_the_package():
     assert resources.files("percept.commands").joinpath("scene.toml").is_file()
+
+
+def matches(tmp_path, unit):
+    """A file with names of its own, of six people who match two lengths."""
+    path = tmp_path / "my lengths.csv"
+    rows = [f"{p},{w},{r},{r + p / 10}" for p in range(6) for w, r in (("a", 10), ("b", 20))]
+    path.write_text("\n".join([f"pid,cond,true {unit},resp {unit}", *rows]) + "\n")
+    return path
+
+
+def test_a_scene_from_data_says_what_is_left_and_what_comes_next(tmp_path, capsys):
+    path = tmp_path / "scene.toml"
+    data = matches(tmp_path, "")
+    assert main(["new", str(path), "--from", str(data)]) == 0
+    said = capsys.readouterr()
+    assert said.out == f"{path}\n"
+    next_command = f"percept report '{data}' --scene {path} --out results"
+    last = said.err.splitlines()[-1]
+    assert last == f'percept: 1 line to edit: replace each "?". Then run: {next_command}'
+    assert said.err.startswith(path.read_text())
+    assert main(["validate", str(data), "--scene", str(path)]) == 2
+    assert "quantities.response.unit = '?': is not filled in." in capsys.readouterr().err
+
+
+def test_a_scene_from_data_that_lacks_nothing_is_followed(tmp_path, capsys):
+    path = tmp_path / "scene.toml"
+    data = matches(tmp_path, "[mm]")
+    command = ["fit", str(data), "--method", "classical", "--out", str(tmp_path / "fit")]
+    assert main(command) == 2
+    assert f"percept new scene.toml --from '{data}'" in capsys.readouterr().err
+    assert main(["new", str(path), "--from", str(data)]) == 0
+    assert "percept: Look through it. Then run: percept report" in capsys.readouterr().err
+    assert main([*command, "--scene", str(path)]) == 0
+    intervals = json.loads((tmp_path / "fit" / "fit.json").read_text())["intervals"]
+    (mean,) = [
+        own
+        for own in intervals
+        if own["environment"] == "a"
+        and (own["kind"], own["family"], own["joint"]) == ("mean", "normal", "marginal")
+    ]
+    settings = [10 + p / 10 for p in range(6)]
+    expected = stats.t.interval(0.99, 5, np.mean(settings), stats.sem(settings))
+    np.testing.assert_allclose([mean["lower"], mean["upper"]], expected, rtol=1e-12)

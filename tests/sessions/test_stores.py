@@ -7,6 +7,7 @@ import gzip
 import json
 import lzma
 import sqlite3
+import tomllib
 
 import h5py
 import numpy as np
@@ -86,10 +87,15 @@ def test_folders_of_jspsych_are_read(tmp_path):
             )
         (tmp_path / f"data_{subject}.json").write_text(json.dumps(trials))
     proposal = propose_columns(tmp_path)
-    assert proposal.missing == ()
-    assert proposal.refused is None
-    assert 'response_ref = "target"' in proposal.text
-    assert "120 rows give 96 adjustments" in proposal.text
+    assert proposal.roles == {
+        "subject": "subject",
+        "response_ref": "target",
+        "response_adj": "response",
+        "trial": "trial_index",
+    }
+    text = proposal.text.replace('unit = "?"', 'unit = "mm"')
+    found = read_sessions(tmp_path, scene=ReadOptions.from_mapping(tomllib.loads(text)))
+    assert len(found.table) == 96
 
 
 def test_json_that_holds_no_records_is_refused(tmp_path):

@@ -121,31 +121,24 @@ def test_one_subject_is_no_study(tmp_path):
     assert "there is one subject" in format_validation(record)
 
 
-@pytest.mark.parametrize("name", ["psychopy", "opensesame", "gorilla", "e-prime export"])
+@pytest.mark.parametrize("name", ["opensesame", "uxf", "e-prime export"])
 def test_a_proposed_map_reads_the_file_it_was_made_from(tmp_path, name):
     writer = WRITERS[name]
     file = tmp_path / "f.csv"
-    file.write_bytes(next(iter(writer.write(example()).values())))
-    proposed = tomllib.loads(propose_columns(file).text)
-    options = ReadOptions.from_mapping({**proposed, "sessions": writer.tables.get("sessions", {})})
+    file.write_bytes(next(iter(writer.write(example(writer.decimals)).values())))
+    options = ReadOptions.from_mapping(tomllib.loads(propose_columns(file).text))
     assert read_sessions(file, scene=options).table.equals(
         read_sessions(file, scene=writer.options).table
     )
 
 
-def test_an_unknown_file_gets_lines_to_fill_in(tmp_path):
-    file = tmp_path / "f.csv"
-    file.write_text('who,"what ""it"" was",how\n1,2,3\n')
-    proposal = propose_columns(file)
-    text = proposal.text
-    assert tomllib.loads(text) == {"columns": {}}
-    assert proposal.guessed == ()
-    assert proposal.missing == ("subject", "environment", "NAME_ref", "NAME_adj")
-    assert '# subject = ""' in text
-    assert r'# not used: "what \"it\" was": always 2' in text
-    file.write_text("subj,sub,k_adj\n1,2,3\n")
-    assert "# row 1, column" not in propose_columns(file).text
-    assert "'subj', 'sub' could each be subject." in propose_columns(file).text
-    file.write_text("nothing")
-    with pytest.raises(UsageError, match="this is not a table"):
-        propose_columns(file)
+def test_unknown_names_lead_to_a_scene(tmp_path, monkeypatch):
+    (tmp_path / "my data").mkdir()
+    for name in ("a", "b"):
+        (tmp_path / "my data" / f"{name}.csv").write_text("who,what,how\n1,2,3\n")
+    monkeypatch.chdir(tmp_path)
+    record = validate("my data/a.csv", "my data/b.csv")
+    line = "Or run: percept new scene.toml --from 'my data/a.csv' 'my data/b.csv'"
+    assert [problem.hint.endswith(line) for problem in record.problems] == [True, True]
+    found = validate("my data").problems
+    assert found[0].hint.endswith("Or run: percept new scene.toml --from 'my data'")
