@@ -6,7 +6,6 @@ import argparse
 import json
 import shlex
 import sys
-from importlib import resources
 from pathlib import Path
 
 from percept.commands import JSON, Command, argument, number
@@ -32,6 +31,8 @@ def _validate(arguments: argparse.Namespace) -> int:
 def _new(arguments: argparse.Namespace) -> None:
     """Write the file and print its path; a file that is there stays as it is."""
     if arguments.data is None:
+        from importlib import resources
+
         text = resources.files("percept.commands").joinpath("scene.toml").read_text("utf-8")
         _write_new(arguments.path, text)
         print(arguments.path)

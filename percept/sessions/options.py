@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Mapping
 from pathlib import PurePath
 from typing import Annotated, Any, Literal, Self
 
@@ -19,6 +19,7 @@ from percept.sessions.quantities import (
     known_key,
     numbers_of,
     quantity_of,
+    refuse_unfilled,
     with_mass,
 )
 from percept.sessions.records import IDS
@@ -27,7 +28,6 @@ from percept.sessions.values import LARGEST, LEAST
 __all__ = [
     "KEPT_COLUMNS",
     "SUMMARY",
-    "TO_FILL_IN",
     "ColumnRule",
     "DataTables",
     "ExcludeRule",
@@ -109,19 +109,6 @@ def in_range(value: float) -> float:
 
 Count = Annotated[int, Field(ge=1, le=1 << 50, strict=True)]
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False), AfterValidator(in_range)]
-
-
-#: What a proposed scene has in the place of what a person must decide.
-TO_FILL_IN = "?"
-
-
-def _unfilled(value: Any, key: str) -> Iterator[str]:
-    """Give the keys of a table that nobody has filled in."""
-    if isinstance(value, Mapping):
-        for name, own in value.items():
-            yield from _unfilled(own, f"{key}.{name}")
-    elif value == TO_FILL_IN:
-        yield key
 
 
 class ColumnRule(Table):
@@ -317,14 +304,7 @@ class DataTables(Table):
     @classmethod
     def _filled_in(cls, given: Any) -> Any:
         """Refuse what nobody has filled in."""
-        tables = given if isinstance(given, Mapping) else {}
-        left: list[str] = []
-        for name in ("quantities", "columns", "environments"):
-            left += _unfilled(tables.get(name), name)
-        if left:
-            also = f", and neither is {', '.join(left[1:])}" if len(left) > 1 else ""
-            hint = 'Write what is right in the place of each "?"; a reference of zero is 0.0.'
-            raise UsageError(f"is not filled in{also}.", key=left[0], value=TO_FILL_IN, hint=hint)
+        refuse_unfilled(given)
         return given
 
     @model_validator(mode="after")

@@ -21,9 +21,9 @@ from percept.errors import printable
 from percept.sessions.columns import aliases, plain
 from percept.sessions.files import load
 from percept.sessions.layout import refuse_headless
-from percept.sessions.options import TO_FILL_IN, ReadOptions
+from percept.sessions.options import ReadOptions
 from percept.sessions.paths import expand
-from percept.sessions.quantities import IMPEDANCE, quantity_of
+from percept.sessions.quantities import IMPEDANCE, TO_FILL_IN, quantity_of
 from percept.sessions.reading import open_blocks
 from percept.sessions.records import Problems, shown
 from percept.sessions.values import CellError, is_missing, pick

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, Literal, Self
@@ -18,6 +18,7 @@ from percept.sessions.records import IDS, MASS
 
 __all__ = [
     "IMPEDANCE",
+    "TO_FILL_IN",
     "Quantities",
     "Quantity",
     "Table",
@@ -28,6 +29,7 @@ __all__ = [
     "known_key",
     "numbers_of",
     "quantity_of",
+    "refuse_unfilled",
     "trial_columns",
     "with_mass",
 ]
@@ -53,6 +55,32 @@ def known_key(names: Sequence[str], name: str, key: str, value: object = None) -
         raise UsageError(
             message, key=key, value=None if isinstance(value, Mapping) else value, hint=hint
         )
+
+
+#: What a proposed scene has in the place of what a person must decide.
+TO_FILL_IN = "?"
+
+
+def refuse_unfilled(tables: Any) -> None:
+    """Refuse a scene in whose tables on data a `TO_FILL_IN` is left."""
+    if not isinstance(tables, Mapping):
+        return
+    left: list[str] = []
+    for name in ("quantities", "columns", "environments"):
+        left += _unfilled(tables.get(name), name)
+    if left:
+        also = f", and neither is {', '.join(left[1:])}" if len(left) > 1 else ""
+        hint = 'Write what is right in the place of each "?"; a reference of zero is 0.0.'
+        raise UsageError(f"is not filled in{also}.", key=left[0], value=TO_FILL_IN, hint=hint)
+
+
+def _unfilled(value: Any, key: str) -> Iterator[str]:
+    """Give the keys of a table that nobody has filled in."""
+    if isinstance(value, Mapping):
+        for name, own in value.items():
+            yield from _unfilled(own, f"{key}.{name}")
+    elif value == TO_FILL_IN:
+        yield key
 
 
 class Table(BaseModel):
