@@ -395,7 +395,7 @@ def test_validating_imports_the_reader_and_no_more():
     reading = imported_by(f"from percept import read_sessions; read_sessions({SESSIONS!r})")
     modules = imported_by(f"from percept.cli import main; main(['validate', {SESSIONS!r}])")
     more = {name.partition(".")[0] for name in modules - reading}
-    assert more <= {"percept", "argparse", "gettext", "shlex", "pandas"}
+    assert more <= {"percept", "argparse", "gettext", "shlex", "tomllib", "pandas"}
     assert "scipy" not in modules
 
 
