@@ -103,11 +103,12 @@ def _print_checks(study: Study, say: Callable[[str], str]) -> None:
     if checks is None or checks.loo is None:
         return
     loo = checks.loo
-    print(say(f"Predictive density of the subjects left out: {loo.elpd:.1f} ± {loo.se:.1f} nats."))
-    for message in (
-        *(loo.messages or ("No subject is influential or an outlier.",)),
-        *checks.pull,
-    ):
+    if loo.elpd is None:
+        print(say("Predictive density of the subjects left out: unreliable."))
+    else:
+        density = f"{loo.elpd:.1f} ± {loo.se:.1f} nats"
+        print(say(f"Predictive density of the subjects left out: {density}."))
+    for message in loo.messages or ("No subject is an outlier.",):
         print(say(message))
 
 

@@ -53,10 +53,6 @@ def cautions(results: Results) -> list[str]:
     said = [*_levels(results.contrast, words), *_left_out(results.skipped)]
     if diagnostics and diagnostics.gate.passed and not diagnostics.gate.tolerance_met:
         said.append(diagnostics.gate.error_reached)
-    if diagnostics:
-        said += diagnostics.pull
-    if results.checks:
-        said += results.checks.pull
     said += _pooled(results, words)
     said += _at_limits(results.intervals, results.data)
     said += _few(results.intervals, words)
@@ -65,8 +61,7 @@ def cautions(results: Results) -> list[str]:
     if results.checks:
         said += misfits(results.checks, family_of(results), words)
     said += _warnings(results.data.doubts)
-    # The pull of priors is a misfit of the model, too.
-    return list(dict.fromkeys(said))
+    return said
 
 
 def _levels(contrast: Sequence[ContrastRow], words: Words) -> Iterator[str]:
@@ -217,7 +212,6 @@ def misfits(checks: Checks, family: str, words: Words) -> Iterator[str]:
         if found:
             of_all = f"{len(found)} of {counted(len(checks.statistics), 'check')}"
             yield f"{capitalised('; '.join(found))} than the model expects ({of_all})."
-        yield from checks.pull
 
 
 def _first_of(names: Sequence[str]) -> str:

@@ -14,13 +14,12 @@ from percept.report.paragraph import results_paragraph
 from percept.report.people import NamedSubject, named_subjects
 from percept.report.select import (
     METHODS,
-    MOST_OPEN,
     Section,
-    clearest,
     compared_by_difference,
     distinct,
     families_of,
     first,
+    foremost,
     gives_means,
     matching,
     words_of,
@@ -186,14 +185,14 @@ def first_screen(results: Results, summary: Findings) -> Section:
     """Return the first screen: sentences, the table of environments, and warnings."""
     rows = summary.overview.rows
     rendered = distinct(results.verdicts, "coupled")
-    foremost = _foremost(rows)
+    open_ones = foremost(rows)
     lines: list[Line] = []
     folded: list[Line] = []
     for row in rows:
         felt = matching(results.verdicts, environment=row.environment)
         verdicts = [first(matching(felt, coupled=coupled)) for coupled in rendered]
         line = Line(row, len(matching(rows, environment=row.environment)), verdicts)
-        (lines if row.environment in foremost else folded).append(line)
+        (lines if row.environment in open_ones else folded).append(line)
     parameters = distinct(rows, "parameter")
     panels = [f"overview_{name}" for name in parameters]
     every = [f"overview_all_{name}" for name in parameters] if folded else []
@@ -207,20 +206,6 @@ def first_screen(results: Results, summary: Findings) -> Section:
         named=named_subjects(results),
     )
     return Section("summary", "Summary", view)
-
-
-def _foremost(rows: Sequence[OverviewRow]) -> set[str]:
-    """Return the environments that stand open: of many those with the clearest bias."""
-    names = distinct(rows, "environment")
-    if len(names) <= MOST_OPEN:
-        return set(names)
-    clarities = dict.fromkeys(names, 0.0)
-    for row in rows:
-        if row.bias is None or row.bias_lower is None or row.bias_upper is None:
-            continue
-        clarity = abs(row.bias) / (row.bias_upper - row.bias_lower)
-        clarities[row.environment] = max(clarity, clarities[row.environment])
-    return clearest(clarities, max(1, MOST_OPEN // len(distinct(rows, "parameter"))))
 
 
 def _references(intervals: Sequence[IntervalRow]) -> Iterator[ReferencesInside]:

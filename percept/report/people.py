@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from percept.report.select import MOST_OPEN, Section, distinct, first, matching, words_of
-from percept.results import LeftOut, Results, SubjectCheck, SubjectRow
+from percept.report.select import MOST_OPEN, Section, distinct, first, foremost, matching, words_of
+from percept.results import IntervalWithout, LeftOut, OverviewRow, Results, SubjectCheck, SubjectRow
 
 __all__ = ["NamedSubject", "named_subjects", "people"]
 
@@ -29,6 +29,15 @@ class PersonLine:
 
 
 @dataclass(frozen=True)
+class WithoutTable:
+    """Intervals of one quantity without each subject; columns are environments."""
+
+    title: str  # Of the quantity
+    unit: str
+    rows: list[IntervalWithout]
+
+
+@dataclass(frozen=True)
 class People:
     """The section of the subjects."""
 
@@ -36,10 +45,12 @@ class People:
     lines: list[PersonLine]
     checked: bool
     is_open: bool
+    left_out: list[str]  # Subjects in the order of the intervals without them
+    without: list[WithoutTable]
 
 
-def people(results: Results) -> Section | None:
-    """Return a row per subject with mean, SD and distance by quantity, and the influence."""
+def people(results: Results, overview: Sequence[OverviewRow]) -> Section | None:
+    """Return a row per subject with mean, SD and distance, and the intervals without each."""
     rows = results.data.people
     if not rows:
         return None
@@ -56,8 +67,29 @@ def people(results: Results) -> Section | None:
         row = matching(rows, parameter=parameter)[0]
         measured = "of the reference" if row.relative else row.unit
         heads.append(f"{parameter} ({measured})" if measured else parameter)
-    view = People(heads, lines, checked=loo is not None, is_open=len(lines) <= MOST_OPEN)
+    view = People(
+        heads,
+        lines,
+        checked=loo is not None,
+        is_open=len(lines) <= MOST_OPEN,
+        left_out=[check.subject for check in loo.subjects] if loo else [],
+        without=_without(results, foremost(overview)),
+    )
     return Section("people", f"The {words_of(results).subjects}, one by one", view)
+
+
+def _without(results: Results, environments: set[str]) -> list[WithoutTable]:
+    """Return a table per quantity, with the environments that the first screen shows."""
+    if results.checks is None:
+        return []
+    rows = [row for row in results.checks.without if row.environment in environments]
+    tables = []
+    for parameter in distinct(rows, "parameter"):
+        quantity = results.data.quantities[parameter]
+        tables.append(
+            WithoutTable(quantity.head, quantity.unit, matching(rows, parameter=parameter))
+        )
+    return tables
 
 
 def named_subjects(results: Results) -> list[NamedSubject]:
@@ -70,8 +102,8 @@ def named_subjects(results: Results) -> list[NamedSubject]:
 
 
 def _suspects(loo: LeftOut) -> set[str]:
-    """Return the subjects that are influential or outliers, in all cells together or in one."""
-    whole = {row.subject for row in loo.subjects if row.influential or row.outlier}
+    """Return the subjects that are outliers, in all cells together or in one."""
+    whole = {row.subject for row in loo.subjects if row.outlier}
     return whole | {cell.subject for cell in loo.cells if cell.outlier}
 
 

@@ -114,7 +114,7 @@ def build_sections(results: Results, summary: Findings) -> list[Section]:
         comparison(results),
         diagnostics(results),
         checks(results),
-        people(results),
+        people(results, summary.overview.rows),
         data(results),
         methods(results),
         _part(results.provenance, "provenance", "Provenance"),

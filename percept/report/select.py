@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from percept.results import DeviceMap, Nouns, Results
+from percept.results import DeviceMap, Nouns, OverviewRow, Results
 from percept.sessions.quantities import IMPEDANCE
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "families_of",
     "family_of",
     "first",
+    "foremost",
     "gives_means",
     "kind_names",
     "listed",
@@ -170,6 +171,20 @@ def matching(records: Iterable[R], **wanted: object) -> list[R]:
 def clearest(clarities: Mapping[str, float], most: int) -> set[str]:
     """Return the environments with the largest bias, each over its interval's length."""
     return set(sorted(clarities, key=lambda name: -clarities[name])[:most])
+
+
+def foremost(rows: Sequence[OverviewRow]) -> set[str]:
+    """Return the environments that stand open: of many those with the clearest bias."""
+    names = distinct(rows, "environment")
+    if len(names) <= MOST_OPEN:
+        return set(names)
+    clarities = dict.fromkeys(names, 0.0)
+    for row in rows:
+        if row.bias is None or row.bias_lower is None or row.bias_upper is None:
+            continue
+        clarity = abs(row.bias) / (row.bias_upper - row.bias_lower)
+        clarities[row.environment] = max(clarity, clarities[row.environment])
+    return clearest(clarities, max(1, MOST_OPEN // len(distinct(rows, "parameter"))))
 
 
 #: Most environments of a figure: more are strips that nobody reads, on a page of many megabytes.

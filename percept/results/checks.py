@@ -8,8 +8,8 @@ from percept.html import NotebookRecord
 from percept.results.fields import Family, Kind
 
 __all__ = [
-    "CellOutlier", "Checks", "Diagnostics", "GateVerdict", "LeftOut", "NormalityTest",
-    "PredictiveCheck", "Prior", "PriorQuantiles", "SubjectCheck",
+    "CellOutlier", "Checks", "Diagnostics", "GateVerdict", "IntervalWithout", "LeftOut",
+    "NormalityTest", "PredictiveCheck", "Prior", "PriorQuantiles", "SubjectCheck",
 ]  # fmt: skip
 
 
@@ -54,7 +54,6 @@ class Diagnostics(NotebookRecord):
     dimension: int  # Coordinates sampled
     tolerance: float  # Monte Carlo error asked for, of every limit, in half-widths
     priors: tuple[Prior, ...]
-    pull: tuple[str, ...] = ()  # How far priors move users, where they do and no check says so
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,9 +73,8 @@ class SubjectCheck:
     """A subject against what the others predict."""
 
     subject: str
-    elpd: float  # Log predictive density given the others
+    elpd: float | None  # Log predictive density given the others; None where not to be trusted
     pareto_k: float | None  # Pareto index of leaving the subject out
-    influential: bool
     farther: float  # Probability of lying as far off, or farther
     outlier: bool
 
@@ -97,12 +95,28 @@ class CellOutlier:
 class LeftOut(NotebookRecord):
     """Each subject against what the others predict."""
 
-    elpd: float  # Expected log predictive density of a new subject, summed over the subjects
-    se: float  # Its standard error
+    #: Expected log predictive density of a new subject, summed over the subjects; None where that
+    #: of one of them is not to be trusted.
+    elpd: float | None
+    se: float | None  # Its standard error
     good_k: float  # Pareto index up to which reweighting is trusted, with this many draws
     subjects: tuple[SubjectCheck, ...]
     cells: tuple[CellOutlier, ...]  # Only those that are outliers, in report.json
-    messages: tuple[str, ...]  # Influential subjects and outliers by name, with what to do
+    messages: tuple[str, ...]  # Outliers by name, with what to do
+
+
+@dataclasses.dataclass(frozen=True)
+class IntervalWithout:
+    """The average user's interval without each subject in turn, in the order of `LeftOut`.
+
+    None stands where the weights of the draws cannot be trusted.
+    """
+
+    environment: str
+    parameter: str
+    estimate: tuple[float | None, ...]  # In the parameter's unit
+    lower: tuple[float | None, ...]
+    upper: tuple[float | None, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,6 +150,6 @@ class Checks(NotebookRecord):
 
     normality: tuple[NormalityTest, ...]
     loo: LeftOut | None = None
+    without: tuple[IntervalWithout, ...] = ()
     statistics: tuple[PredictiveCheck, ...] = ()
     prior: tuple[PriorQuantiles, ...] = ()
-    pull: tuple[str, ...] = ()  # How far priors move the answers, where they do

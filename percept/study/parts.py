@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Callable, Collection
 from functools import cached_property
@@ -14,7 +13,6 @@ from numpy.typing import ArrayLike
 from percept import haptics
 from percept.boundary.band import BandStudy
 from percept.boundary.users import Users
-from percept.errors import RefusalError, UsageError
 from percept.haptics.records import AnyDevice
 from percept.results import (
     AdmissibleCouplings,
@@ -209,20 +207,9 @@ class Parts:
         return model_checks(
             self.passed,
             self.passed.subjects,
-            self._fit_without,
             level=asked.level,
             seed=asked.seed,
-            users=self.scene.user_noun,
         )
-
-    def _fit_without(self, subject: str) -> Fit | None:
-        """Fit without a subject; None where the rest carries no fit."""
-        table = self.sessions.table
-        others = dataclasses.replace(self.sessions, table=table[table["subject"] != subject])
-        try:
-            return Parts(others, self.scene, self.progress, self.store).passed
-        except (RefusalError, UsageError):
-            return None
 
     @cached_property
     def device(self) -> AnyDevice | None:

@@ -207,17 +207,8 @@ def diagnostics_of(parts: Parts) -> Diagnostics | None:
     if fit is None:
         return None
     from percept.inference.hierarchy.priors import MEANINGS
-    from percept.study.checks import bias_pull, spread_pull
 
     priors = fit.model.priors_in_force
-    pull: tuple[str, ...] = ()
-    if fit.passed:
-        level = parts.scene.inference.level
-        users = parts.scene.user_noun
-        # The checks of the model say it themselves.
-        if parts.scene.checks is None or parts.checks is None:
-            pull += bias_pull(fit, level=level, user=users[0])
-        pull += spread_pull(fit, level=level, users=users)
     ensembles, _, walkers, dimension = fit.run.points.shape
     return Diagnostics(
         gate=_reader(GateVerdict).validate_python(plain(fit.run.gate)),
@@ -227,7 +218,6 @@ def diagnostics_of(parts: Parts) -> Diagnostics | None:
         dimension=dimension,
         tolerance=fit.run.settings.tolerance,
         priors=tuple(Prior(name, value, MEANINGS[name]) for name, value in priors.items()),
-        pull=pull,
     )
 
 

@@ -280,9 +280,9 @@ def test_every_subject_has_a_row_that_warnings_lead_to(both):
     subjects = list(dict.fromkeys(row["subject"] for row in document["data"]["people"]))
     checks = []
     for subject in subjects:
-        influential = subject in ("S03", "S09")
-        check = {"subject": subject, "elpd": -1.0, "pareto_k": 0.3, "influential": influential}
-        checks.append(check | {"farther": 0.5, "outlier": False})
+        outlier = subject in ("S03", "S09")
+        check = {"subject": subject, "elpd": -1.0, "pareto_k": 0.3}
+        checks.append(check | {"farther": 0.5, "outlier": outlier})
     loo = {"elpd": -9.0, "se": 1.0, "good_k": 0.7, "subjects": checks, "cells": []}
     document["checks"] = {"normality": [], "loo": loo | {"messages": ["S03 leads."]}}
     page = page_of(document)

@@ -95,17 +95,17 @@ def test_warnings_lead_to_the_rows_of_those_they_name():
     results = dataclasses.replace(EMPTY, data=dataclasses.replace(EMPTY.data, people=rows))
     assert named_subjects(results) == []
     checked = [
-        SubjectCheck("S01", -1.0, 0.2, influential=False, farther=0.4, outlier=False),
-        SubjectCheck("S02", -1.0, 0.9, influential=True, farther=0.4, outlier=False),
-        SubjectCheck("S03", -9.0, 0.2, influential=False, farther=1e-5, outlier=True),
+        SubjectCheck("S01", -1.0, 0.2, farther=0.4, outlier=False),
+        SubjectCheck("S02", None, 0.9, farther=0.4, outlier=False),
+        SubjectCheck("S03", -9.0, 0.2, farther=1e-5, outlier=True),
     ]
     cell = CellOutlier("S04", "VE1", "k", 1.0, 1e-6, outlier=True)
-    loo = LeftOut(-12.0, 1.0, 0.7, tuple(checked), (cell,), ())
-    checks = type("Checked", (), {"loo": loo})
+    loo = LeftOut(None, None, 0.7, tuple(checked), (cell,), ())
+    checks = type("Checked", (), {"loo": loo, "without": ()})
     results = dataclasses.replace(results, checks=checks)
     named = named_subjects(results)
-    assert [one.subject for one in named] == ["S02", "S03", "S04"]
-    section = people(results)
+    assert [one.subject for one in named] == ["S03", "S04"]
+    section = people(results, ())
     assert section.view.is_open
     assert [line.check for line in section.view.lines] == [*checked, None]
     assert {one.row_id for one in named} <= {line.named.row_id for line in section.view.lines}

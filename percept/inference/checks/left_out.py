@@ -15,8 +15,8 @@ from percept.inference.checks.subjects import SubjectDensity
 __all__ = [
     "Loo",
     "Predicted",
+    "intervals_left_out",
     "leave_one_out",
-    "limit_moves",
     "predict_left_out",
     "smoothed_subjects",
 ]
@@ -25,13 +25,9 @@ Array = NDArray[np.float64]
 
 #: Tail index above which no number of draws helps (Vehtari, Simpson, Gelman, Yao and Gabry 2024).
 _WORST_INDEX = 0.7
-#: Part of an environment's own SD in the closed form; the rest is the environments' together, as
-#: in a fit that takes most of their differences for chance.
-_OWN = 0.3
-#: Degrees of freedom of a prior whose log SD is one.
-_PRIOR_WEIGHT = 0.5
-#: Degrees of freedom that fits have beside their subjects': priors keep limits of three finite.
-_LEAST_FREEDOM = 4.0
+#: Grid on which mixtures of laws are summed: its end, in SDs of the mixture, and its points.
+_GRID_END = 8.0
+_GRID_POINTS = 49
 #: Draws times subjects that are held at once; more subjects are judged by fewer draws.
 _MOST = 1 << 20
 
@@ -45,6 +41,11 @@ class Loo:
     good_k: float  # Index up to which such weights can be trusted, with this many draws
     points: Array  # (S, d) Draws that were reweighted
     weights: Array  # (S, N) Their weights without each subject
+
+    @property
+    def trusted(self) -> NDArray[np.bool_]:
+        """Whether the weights of leaving each subject out can be trusted, (N,)."""
+        return self.pareto_k <= self.good_k
 
     @property
     def elpd(self) -> float:
@@ -166,52 +167,53 @@ def predict_left_out(
     return Predicted(below, farther)
 
 
-def limit_moves(cell_means: Array, level: float, usual_sd: float) -> Array:
-    """Work out how far limits move without each subject, by means and SDs alone.
+def intervals_left_out(
+    subjects: SubjectDensity,
+    points: Array,
+    weights: Array,
+    level: float,
+) -> tuple[Array, Array, Array]:
+    """Find the intervals of all locations without each subject.
+
+    Without a subject, draws of the scales have other weights, and the locations another law given
+    the scales: the interval is that of a weighted mixture of normal laws.
 
     Parameters
     ----------
-    cell_means : ndarray
-        Of studies, on the response scale, shape (..., N, P, J); NaN where a subject has none.
+    subjects : SubjectDensity
+        Densities of the subjects' data.
+    points : ndarray, shape (S, d)
+        Draws.
+    weights : ndarray, shape (S, N)
+        Their weights without each subject, each with a sum of one.
     level : float
         Of the intervals.
-    usual_sd : float
-        SD between subjects that the priors expect.
 
     Returns
     -------
-    ndarray
-        Largest move of a limit of the average or the next user, in half-widths, shape (..., N);
-        zero where too few subjects are left.
+    lower, mean, upper : ndarray, shape (N, P, J)
+        On the response scale.
     """
-    present = np.isfinite(cell_means)
-    values = np.where(present, cell_means, 0.0)
-    n = present.sum(axis=-3, keepdims=True)
-    mean = values.sum(axis=-3, keepdims=True) / np.maximum(n, 1)
-    deviation = np.where(present, values - mean, 0.0)
-    squares = np.square(deviation).sum(axis=-3, keepdims=True)
-    others = n - present
-    left = np.maximum(others, 1)
-    shift = np.abs(deviation) / left
-    half = _half_width(squares, n, level, usual_sd)
-    half_without = _half_width(squares - deviation**2 * n / left, left, level, usual_sd)
-    largest = np.zeros(cell_means.shape[:-2])
-    # Half-widths go with sqrt(1/n) for the average user, with sqrt(1 + 1/n) for the next.
-    for own in (0.0, 1.0):
-        before = half * np.sqrt(own + 1.0 / np.maximum(n, 1))
-        after = half_without * np.sqrt(own + 1.0 / left)
-        moves = np.where(others > 1, (shift + np.abs(after - before)) / before, 0.0)
-        largest = np.maximum(largest, moves.max(axis=(-2, -1)))
-    return largest
-
-
-def _half_width(squares: Array, n: Array, level: float, usual_sd: float) -> Array:
-    """Student's t times the SD between subjects, which environments and priors share in part."""
-    variance = (squares + _PRIOR_WEIGHT * usual_sd**2) / (n - 1 + _PRIOR_WEIGHT)
-    logs = 0.5 * np.log(variance)
-    common = logs.mean(axis=-1, keepdims=True)
-    shared = _OWN * logs + (1.0 - _OWN) * common
-    environments = squares.shape[-1]
-    freedom = (n - 1) * (_OWN + (1.0 - _OWN) * environments) + _LEAST_FREEDOM
-    t = special.stdtrit(freedom, 0.5 * (1.0 + level))
-    return np.asarray(t * np.exp(shared))
+    whole = subjects.density.laws(points)
+    spread = np.hypot(whole.mean.std(axis=0), np.sqrt(np.square(whole.sd).mean(axis=0)))
+    steps = np.linspace(-_GRID_END, _GRID_END, _GRID_POINTS)
+    shape = (subjects.parameters, subjects.environments)
+    grid = np.add(whole.mean.mean(axis=0), np.multiply.outer(steps, spread))
+    grid = grid.reshape(-1, *shape)
+    mean = np.zeros((subjects.subjects, *shape))
+    below = np.zeros((_GRID_POINTS, *mean.shape))
+    for cut, laws in subjects.batches(points):
+        left = subjects.left_out(laws)
+        mean += np.einsum("wi,wipj->ipj", weights[cut], left.location)
+        for total, place in zip(below, grid, strict=True):
+            cdf = special.ndtr((place - left.location) / left.location_sd)
+            total += np.einsum("wi,wipj->ipj", weights[cut], cdf)
+    lower = np.empty_like(mean)
+    upper = np.empty_like(mean)
+    end = special.ndtri(0.5 * (1.0 + level))
+    # As normal scores the distribution is nearly a straight line between points of the grid.
+    scores = special.ndtri(below)
+    for i, p, j in np.ndindex(mean.shape):
+        ends = np.interp([-end, end], scores[:, i, p, j], grid[:, p, j])
+        lower[i, p, j], upper[i, p, j] = ends
+    return lower, mean, upper

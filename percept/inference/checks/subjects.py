@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,8 @@ class LeftOut:
     log_density: Array  # (W, N) Of the subject's trials, on the response scale
     distance: Array  # (W, N) Squared Mahalanobis distance of the subject's cell means
     standard: Array  # (W, N, P, J) Each cell mean less its predictive mean, in predictive SDs
+    location: Array  # (W, N, P, J) Mean of every location
+    location_sd: Array  # (W, N, P, J) Its SD
 
 
 class SubjectDensity:
@@ -107,6 +110,8 @@ class SubjectDensity:
             log_density=np.empty((width, self.subjects)),
             distance=np.empty((width, self.subjects)),
             standard=np.full((width, *self._means.shape), np.nan),
+            location=np.empty((width, *self._means.shape)),
+            location_sd=np.empty((width, *self._means.shape)),
         )
         patterns = self.density.statistics.patterns
         for g, pattern in enumerate(patterns):
@@ -114,14 +119,19 @@ class SubjectDensity:
             present = pattern.environments
             means = self._means[members]
             residual = means[..., present, None] - laws.mean[:, present]
-            inside = laws.columns[:, :, present]
+            given = _leave_out(residual, laws.columns, present, laws.covariances[g])
             variances = _variances(laws.noise[g], laws.effects[:, :, present])
-            part = _leave_out(residual, inside, laws.covariances[g], variances)
-            predicted.log_density[:, members] = part.log_density
-            predicted.distance[:, members] = part.distance
+            location = laws.mean.transpose(2, 0, 1)[:, None] - given.learned
+            predicted.log_density[:, members] = given.log_density
+            predicted.distance[:, members] = given.distance
+            predicted.location[:, members] = location
+            predicted.location_sd[:, members] = np.sqrt(given.variance)[:, None]
+            difference = means[:, :, present] - location[..., present]
+            variance = variances.transpose(2, 0, 1) + given.variance[..., present]
+            standard = difference / np.sqrt(variance)[:, None]
             # numpy puts the axes of two lists of indices first.
             rows = members[:, None]
-            by_cell = part.standard.transpose(1, 3, 0, 2)
+            by_cell = standard.transpose(1, 3, 0, 2)
             predicted.standard[:, rows, :, present] = by_cell
         trials = self._between_trials(laws.trial) - 0.5 * _LOG_2PI * self.degrees
         predicted.log_density[...] += trials
@@ -148,15 +158,27 @@ class SubjectDensity:
         return -0.5 * log_density.T
 
 
+class _Given(NamedTuple):
+    """What the other subjects say of I subjects of one pattern, at W sets of scales."""
+
+    log_density: Array  # (W, I)
+    distance: Array  # (W, I) Squared
+    learned: Array  # (W, I, P, J) What each subject adds to the mean of every location
+    variance: Array  # (W, P, J) Of every location
+
+
 def _leave_out(
     residual: Array,
     columns: Array,
+    present: Indices,
     covariance: Whitened,
-    variances: Array,
-) -> LeftOut:
-    """Predict I subjects of one pattern: `residual` (I, P, E, W) is r, `columns` (R, P, E, W) B."""
+) -> _Given:
+    """Leave out I subjects of one pattern: `residual` (I, P, E, W) is r, `columns` (R, P, J, W) B.
+
+    The E environments of the pattern are `present` among the J.
+    """
     whitened = _whitened(covariance, residual)
-    g = _whitened(covariance, columns)
+    g = _whitened(covariance, columns[:, :, present])
     transposed = g.transpose(0, 2, 1)
     latents = len(columns)
     factor = _factor(np.eye(latents) - transposed @ g)
@@ -170,17 +192,13 @@ def _leave_out(
     diagonal = np.diagonal(factor, axis1=1, axis2=2)
     log_diagonal = np.log(diagonal).sum(axis=1)
     log_determinant = covariance.log_determinant() - 2.0 * log_diagonal
-    shape = (len(factor), *residual.shape[1:3], -1)
-    learned = root.transpose(0, 2, 1) @ shift
-    learned = learned.reshape(shape)
-    difference = residual.transpose(3, 1, 2, 0) + learned
-    uncertainty = _squares(root).reshape(shape[:3])
-    variance = variances.transpose(2, 0, 1) + uncertainty
-    standard = difference / np.sqrt(variance)[..., None]
-    return LeftOut(
+    shape = columns.shape[1:3]
+    learned = shift.transpose(0, 2, 1) @ root
+    return _Given(
         log_density=-0.5 * (log_determinant[:, None] + distance),
         distance=distance,
-        standard=standard.transpose(0, 3, 1, 2),
+        learned=learned.reshape(*learned.shape[:2], *shape),
+        variance=_squares(root).reshape(-1, *shape),
     )
 
 

@@ -320,12 +320,6 @@ class CollapsedDensity(Pooled):
         noise = self.cell_noise(scales)
         return draw_subject_effects(self.statistics, scales.shared, noise, locations, rng)
 
-    def with_bias_prior(self, alpha_sd: float) -> CollapsedDensity:
-        """Return the same model with another prior of the common bias."""
-        priors = dataclasses.replace(self.priors, alpha_sd=alpha_sd)
-        options = self.layout.options
-        return CollapsedDensity(self.statistics, priors, options, self.resolution)
-
     def draw_prior(self, draws: int, rng: np.random.Generator) -> PriorDraws:
         """Draw scales, population means and new users before any data."""
         options = self.layout.options

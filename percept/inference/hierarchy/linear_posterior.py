@@ -14,8 +14,6 @@ C cells.
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,18 +51,6 @@ class LinearPosterior(LinearModel, Pooled):
     def linear_parts(self) -> tuple[LinearPosterior, ...]:
         """Return itself: it is one model."""
         return (self,)
-
-    def with_bias_prior(self, alpha_sd: float) -> LinearPosterior:
-        """Return the same model with another prior of the common bias."""
-        priors = dataclasses.replace(self.priors, alpha_sd=alpha_sd)
-        return LinearPosterior(
-            self.statistics,
-            self.design.under(priors),
-            priors,
-            self.covariates,
-            self.scatter,
-            self.resolution,
-        )
 
     def pairs(self, points: Array) -> PairLaws:
         """Joint law of the quantities in each cell, at coordinates (W, d)."""

@@ -113,10 +113,6 @@ class Pooled(Model):
         return None
 
     @abstractmethod
-    def with_bias_prior(self, alpha_sd: float) -> Pooled:
-        """Return the same model with another prior of the common bias."""
-
-    @abstractmethod
     def new_environment(
         self, points: Array, x: Array, repeats: int, rng: np.random.Generator
     ) -> dict[str, NewEnvironment]:

@@ -122,13 +122,3 @@ def test_draws_before_any_data_have_the_priors(name):
     scores = prior.means.reshape(own.shape) / np.sqrt(fixed + own)
     assert stats.kstest(scores[:, 0, 0], "norm").pvalue > 1e-3
     assert stats.kstest(scores[:, -1, -1], "norm").pvalue > 1e-3
-
-
-def test_a_wider_prior_of_the_bias_changes_nothing_else():
-    _, subjects, point = opened("two by two, spread")
-    density = subjects.density
-    same = density.with_bias_prior(density.priors.alpha_sd)
-    np.testing.assert_array_equal(same(point), density(point))
-    free = density.with_bias_prior(100.0 * density.priors.alpha_sd)
-    assert free.names == density.names
-    assert free(point)[0] < density(point)[0]

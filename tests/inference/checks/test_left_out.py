@@ -6,8 +6,8 @@ from scipy import stats
 
 from percept.errors import UsageError
 from percept.inference.checks.left_out import (
+    intervals_left_out,
     leave_one_out,
-    limit_moves,
     predict_left_out,
     smoothed_subjects,
 )
@@ -62,11 +62,11 @@ def test_few_draws_trust_smaller_tail_indices(draws, good):
     assert smoothed_subjects(normal, normal).good_k == pytest.approx(good)
 
 
-def test_an_influential_subject_is_rough():
+def test_weights_without_a_subject_far_off_are_not_trusted():
     response = np.append(RESPONSE, 1.2)
     subjects = small.subjects_of(response)
     found = leave_one_out(subjects, small.even_draws(subjects.density, 4000), chains=4)
-    assert np.flatnonzero(found.pareto_k > found.good_k).tolist() == [8]
+    assert np.flatnonzero(~found.trusted).tolist() == [8]
     exact = evidence_ratios(response)[8]
     assert abs(found.pointwise[8] - exact) > 0.1
 
@@ -103,40 +103,17 @@ def left_out(subjects, i):
     return subjects.left_out(subjects.density.subject_laws(small.GRID[:, None])).log_density[:, i]
 
 
-def largest_move(cells, subject, level, usual_sd):
-    """Move of limits without a subject: the slow twin, over cells of (N, P, J)."""
-
-    def limits(values):
-        logs = np.empty(values.shape[1:])
-        freedom = np.empty(values.shape[1:])
-        mean = np.empty(values.shape[1:])
-        count = np.empty(values.shape[1:])
-        for p, j in np.ndindex(*logs.shape):
-            own = values[:, p, j][np.isfinite(values[:, p, j])]
-            mean[p, j] = own.mean()
-            count[p, j] = own.size
-            squares = ((own - own.mean()) ** 2).sum() + 0.5 * usual_sd**2
-            logs[p, j] = 0.5 * np.log(squares / (own.size - 0.5))
-            freedom[p, j] = (own.size - 1) * (0.3 + 0.7 * values.shape[2]) + 4.0
-        shared = 0.3 * logs + 0.7 * logs.mean(axis=1, keepdims=True)
-        half = stats.t.isf(0.5 * (1 - level), freedom) * np.exp(shared)
-        return mean, half / np.sqrt(count), half * np.sqrt(1 + 1 / count)
-
-    mean, *halves = limits(cells)
-    other, *other_halves = limits(np.delete(cells, subject, axis=0))
-    moves = []
-    for half, other_half in zip(halves, other_halves, strict=True):
-        for sign in (-1, 1):
-            moves.append(np.abs(other + sign * other_half - mean - sign * half) / half)
-    return np.max(moves)
-
-
-def test_moves_in_closed_form_equal_those_of_each_subject_left_out_in_turn():
-    rng = np.random.default_rng(3)
-    cells = 0.2 * rng.standard_normal((5, 7, 2, 3))
-    cells[:, 1, :, 2] = np.nan
-    found = limit_moves(cells, 0.99, 0.2)
-    for s, i in np.ndindex(5, 7):
-        assert found[s, i] == pytest.approx(largest_move(cells[s], i, 0.99, 0.2), rel=1e-9)
-    # Of two subjects one is left, who has no interval.
-    assert np.array_equal(limit_moves(cells[:, [0, 2]], 0.99, 0.2), np.zeros((5, 2)))
+def test_intervals_without_a_subject_equal_quadrature_over_the_posterior_of_the_others():
+    subjects = small.subjects_of(RESPONSE)
+    points = small.even_draws(subjects.density, 4000)
+    loo = leave_one_out(subjects, points, chains=4)
+    lower, mean, upper = intervals_left_out(subjects, loo.points, loo.weights, 0.95)
+    for i in range(len(RESPONSE)):
+        others = small.density_of(np.delete(RESPONSE, i))
+        mass, _ = small.weights(others)
+        keep = mass > 1e-12
+        law = others.laws(small.GRID[keep][:, None])
+        assert mean[i, 0, 0] == pytest.approx(mass[keep] @ law.mean[:, 0], abs=2e-3)
+        for end, probability in ((lower, 0.025), (upper, 0.975)):
+            below = stats.norm.cdf((end[i, 0, 0] - law.mean[:, 0]) / law.sd[:, 0])
+            assert mass[keep] @ below == pytest.approx(probability, abs=2e-3)
