@@ -1,7 +1,6 @@
 """Settings shared by all tests."""
 
 import os
-import shutil
 
 # A worker runs per core: threads of BLAS would only wait for one another. percept's command sets
 # the same. NumPy reads it when it is imported.
@@ -35,11 +34,6 @@ TOGETHER = (
 def posteriors():
     """The folder of the shared posteriors, for commands."""
     return str(SHARED.folder)
-
-
-def pytest_unconfigure(config):
-    if not hasattr(config, "workerinput"):
-        shutil.rmtree(SHARED.folder, ignore_errors=True)
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -7,7 +7,6 @@ from percept.haptics import (
     Coupling,
     Device,
     Environment,
-    Mode,
     TabulatedDevice,
     effective_impedance,
 )
@@ -85,31 +84,6 @@ def test_a_rigid_device_on_one_corner_s_curve_is_marginal_throughout():
     found = departures(display, box((900.0, 1100.0), (0.5, 4.0)), LOWER, UPPER)
     assert found.verdict() == "marginal"
     assert abs(found.largest[0]) < ON_LIMIT
-
-
-def test_searches_together_are_those_one_by_one():
-    rng = np.random.default_rng(4)
-    k, b = (
-        np.sort(rng.uniform(500, 1500, (2, 40)), axis=0),
-        np.sort(rng.uniform(0, 9, (2, 40)), axis=0),
-    )
-    boxes = Boxes.of(k, b)
-    device, own = Device(1.0, 5.0, (Mode(0.1, 300.0, 0.05),)), Environment(1000.0, 3.0)
-    couplings = Coupling(rng.uniform(1e3, 1e5, 40), rng.uniform(1, 100, 40))
-    shared = departures(Display(device, own, PERIOD), boxes, LOWER, UPPER)
-    each = departures(Display(device, own, PERIOD, couplings), boxes, LOWER, UPPER)
-    quick = departures(
-        Display(device, own, PERIOD, couplings), boxes, LOWER, UPPER, throughout=True
-    )
-    np.testing.assert_array_equal(quick.largest > ON_LIMIT, each.largest > ON_LIMIT)
-    assert 0 < (each.largest > 0).sum() < 40
-    for i in range(40):
-        one = Coupling(float(couplings.stiffness[i]), float(couplings.damping[i]))
-        alone = boxes.select(np.array([i]))
-        for found, coupling in ((shared, None), (each, one)):
-            single = departures(Display(device, own, PERIOD, coupling), alone, LOWER, UPPER)
-            assert found.largest[i] == pytest.approx(single.largest[0], rel=2e-4)
-            assert found.verdict(i) == single.verdict()
 
 
 def test_corner_curves_that_cross_leave_nothing_inside():

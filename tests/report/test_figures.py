@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 import re
 import xml.etree.ElementTree as ET
 
@@ -19,14 +18,9 @@ from percept.report.figures.canvas import (
     log_scale,
     panels,
 )
-from percept.report.figures.couplings import design_drawings, device_drawings, draw_couplings
-from percept.report.figures.curves import (
-    Limits,
-    draw_ratio,
-)
+from percept.report.figures.couplings import design_drawings, device_drawings
 from percept.report.figures.intervals import Bar, BarAxis, draw_intervals, interval_drawings
 from percept.report.figures.output import STYLE, drawn
-from percept.results import ConfirmedCoupling, EnvironmentCouplings
 from tests.documents import as_results
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -132,9 +126,7 @@ def renamed(document, names):
     "pattern",
     [
         "{}, medium names",
-        "Umgebung {}, sehr hart und weich",
         "{} is the beginning of a name that goes on and on until nobody reads it",
-        "a name that goes on and on until nobody reads it says at last that it is {}",
         (
             "a name that says somewhere in the middle that it is {}, and goes on and on until"
             " nobody reads it"
@@ -289,25 +281,6 @@ def test_a_label_in_an_id_of_the_file_is_none_in_the_page():
     assert "coupling:5" not in inline(drawing)
 
 
-OMEGA = np.array([1.0, 2.0, 4.0])
-LIMITS = Limits(
-    "c", "classical", OMEGA, np.array([1.0, 2.0, 3.0]), np.array([2.0, 3.0, 4.0]), np.full(3, 2.0)
-)
-
-
-def test_ratios_are_over_the_reference_and_an_arrow_marks_what_leaves_the_axis():
-    ax = axes()
-    draw_ratio(ax, OMEGA, [LIMITS], np.full(3, 2.0), np.full(3, 4.0), (0.4, 4.0))
-    assert ax.get_lines()[0].get_ydata().tolist() == [0.5, 1.0, 1.5]
-    assert ax.get_lines()[-1].get_ydata().tolist() == [2.0, 2.0, 2.0]
-    assert ax.get_ylim() == pytest.approx((0.4 / 1.06, 4.0 * 1.06))
-    assert not ax.texts
-    wide = axes()
-    limits = Limits("c", "classical", OMEGA, np.zeros(3), np.full(3, 100.0), np.ones(3))
-    draw_ratio(wide, OMEGA, [limits], np.ones(3), None, (0.4, 4.0))
-    assert [text.get_text() for text in wide.texts] == ["▲ 100", "▼ 0"]
-
-
 def test_bars_span_their_limits_and_end_in_arrows_where_the_axis_does():
     ax = axes()
     bars = [
@@ -393,35 +366,6 @@ def test_methods_stay_apart_in_colour_blindness():
     for matrix in seen_by.values():
         classical, bayesian = (matrix @ linear(COLOURS[name]) for name in ("classical", "bayesian"))
         assert np.linalg.norm(classical - bayesian) > 0.25
-
-
-def a_map(*, largest=0.99):
-    """Couplings the more probable the stiffer, up to 2 kN/m."""
-    stiffness = np.tile(np.geomspace(20.0, 2e3, 11), (5, 1))
-    return EnvironmentCouplings(
-        name="E",
-        stiffness=stiffness,
-        probability=np.broadcast_to(largest * np.linspace(0.0, 1.0, 11), (5, 11)),
-        stiffest=None,
-        softest=None,
-    )
-
-
-def test_a_map_has_shades_lines_and_the_edge_of_what_is_stable():
-    damping = np.linspace(0.0, 40.0, 5)
-    end = ConfirmedCoupling(
-        stiffness=1900.0, damping=10.0, probability=0.96, error=0.01, draws=512, bound="magnitude"
-    )
-    ax = axes()
-    draw_couplings(ax, damping, dataclasses.replace(a_map(), stiffest=end), decision=0.95)
-    edge = ax.get_lines()[0]
-    np.testing.assert_allclose(edge.get_xdata(), 2.0)
-    np.testing.assert_allclose(edge.get_ydata(), damping)
-    # Four shades and that of the decision, and two lines.
-    assert len(ax.collections) == 7
-    dot = next(line for line in ax.get_lines() if line.get_marker() == "o")
-    assert (dot.get_xdata()[0], dot.get_ydata()[0]) == (1.9, 10.0)
-    assert not ax.texts
 
 
 def test_the_coupling_in_use_stands_at_the_edge_where_it_lies_beyond(classical):

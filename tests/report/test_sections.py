@@ -32,21 +32,6 @@ def document(classical, request):
     return changed
 
 
-def test_laws_and_statements_of_the_band_stand_under_their_kind_and_method(document):
-    (part,) = section(document, "band")
-    assert part.family == document["provenance"]["scene"]["inference"]["family"]
-    assert part.law_lines
-    for line in part.law_lines:
-        for model, law in line.laws.items():
-            found = (law.method, law.kind, law.family, law.model)
-            assert found == (line.method, line.kind, part.family, model)
-    assert part.statements
-    columns = [(row.kind, row.method) for row in part.stated]
-    for sentence, statements in part.statements.items():
-        assert [(row.kind, row.method) for row in statements] == columns
-        assert {row.statement for row in statements} == {sentence}
-
-
 END = {
     "stiffness": 9e3, "damping": 2.0, "probability": 0.97, "error": 0.01, "draws": 512,
     "bound": "plane",
@@ -99,18 +84,6 @@ def test_devices_that_change_nothing_are_a_sentence(both):
 def test_every_environment_has_its_effective_impedance(classical):
     memberships = classical["coupling"]["memberships"]
     assert [row["environment"] for row in memberships] == classical["data"]["environments"]
-
-
-def test_environments_are_told_apart_where_their_intervals_say_different_things(classical):
-    document = copy.deepcopy(classical)
-    for row in document["intervals"]:
-        row["covers"] = "one thing" if row["environment"] == "VE1" else "another"
-    coverages = section(document, "intervals").coverages
-    told = {one.sentence: one.where for one in coverages if one.kind == "mean"}
-    assert told == {
-        "one thing": ["k of VE1", "b of VE1"],
-        "another": [f"{name} of VE{index}" for name in ("k", "b") for index in range(2, 6)],
-    }
 
 
 REGRESSION = (

@@ -6,17 +6,14 @@ import numpy as np
 import pytest
 
 from percept import Scene, Study, UsageError, read_sessions
-from percept.haptics import Device, Environment, perceived_impedance
+from percept.haptics import Environment, perceived_impedance
 from percept.haptics.perceived import perceived_magnitude
 from percept.inference.regions import ellipse_region
 from percept.results import Boundary
-from percept.scene import FrequencyTable, InferenceTable
 from percept.sessions import Sessions
 from percept.study.basics import Skipped, results
-from percept.study.boundaries import BoundaryDrawing, zoom_windows
-from percept.study.device import Setup
-from percept.study.regions import SubjectPairs, laws_of
-from tests import DATASETS, LONG
+from percept.study.boundaries import zoom_windows
+from tests import DATASETS
 from tests.study.checked import table_of
 
 
@@ -91,43 +88,6 @@ def test_a_band_is_calibrated_over_its_grid_wherever_it_is_asked_for(fitted: Stu
             assert np.log(read.upper[0]) == pytest.approx(
                 np.interp(*at, np.log(whole.upper)), abs=2e-3
             )
-
-
-@pytest.mark.evidence(reduced=True)
-def test_whole_curves_of_normal_users_lie_in_the_classical_band_at_least_at_its_level() -> None:
-    """A curve is inside at every omega, the resonance among them, or it is out."""
-    rng, omega, count, level = (
-        np.random.default_rng(23),
-        np.geomspace(0.1, 100.0, 17),
-        60 if LONG else 15,
-        0.9,
-    )
-    setup = Setup(Device(1.0, 5.0), 1e-3, "average", {"A": Environment(300.0, 3.0)})
-    asked = InferenceTable(method="classical", level=level, kinds=("mean", "user"))
-    centre, root = np.array([[300.0], [3.0]]), np.array([[45.0, 0.0], [0.35, 0.6]])
-    truth, users = centre[:, 0], centre + root @ rng.standard_normal((2, 400))
-    held: dict[str, list[float]] = {"mean": [], "user": []}
-    for _ in range(count):
-        k, b = centre + root @ rng.standard_normal((2, 8))
-        laws = laws_of([SubjectPairs("normal", "A", k, b)], None, asked)
-        regions = [law.region for law in laws if law.region is not None]
-        drawn = BoundaryDrawing(setup, regions, laws, FrequencyTable(), asked.tolerance).at(
-            omega, ["A"], held
-        )
-        bands = {(one.kind, one.joint, one.shape): one for one in drawn}
-        for region in regions:
-            assert region.ellipse is not None
-            band, point = (bands[region.kind, "joint", s] for s in ("simultaneous", "pointwise"))
-            assert (band.lower <= point.lower).all()
-            assert (band.upper >= point.upper).all()
-            pairs = truth[:, None] if region.kind == "mean" else users
-            curves = perceived_magnitude(omega[:, None], setup.device, *pairs, setup.period)
-            lower, upper = band.lower[:, None] * (1 - 1e-9), band.upper[:, None] * (1 + 1e-9)
-            inside = ((lower <= curves) & (curves <= upper)).all(axis=0)
-            assert inside[region.ellipse.contains(*pairs)].all()
-            held[region.kind].append(float(inside.mean()))
-    for shares in held.values():
-        assert np.mean(shares) > level - 3.0 * np.std(shares) / np.sqrt(count)
 
 
 @pytest.mark.parametrize("hold", ["average", "true"])

@@ -160,30 +160,6 @@ def test_contrasts_without_a_ratio_are_in_the_quantity_s_unit(reference):
         assert "references, <data" not in page
 
 
-def test_three_levels_are_compared_two_by_two():
-    found = study(frame(levels=("left", "right", "both"))).parts.contrasts
-    found = found[found["of"] == "bias"]
-    assert list(dict.fromkeys(zip(found["second"], found["first"], strict=True))) == [
-        ("right", "left"),
-        ("both", "left"),
-        ("both", "right"),
-    ]
-
-
-def test_each_level_of_a_reference_is_a_cell_of_its_own():
-    made = study(frame())
-    assert made.parts.environments == tuple(
-        f"VE{i} ({hand})" for i in (1, 2, 3) for hand in ("left", "right")
-    )
-    assert made.parts.reference["k", "VE2 (right)"] == 100.0
-    again = Study(made.sessions, made.scene)
-    assert again.parts.environments == made.parts.environments
-    assert (
-        len(Study(Sessions.from_frame(frame(trials=1).query("hand == 'left'"))).parts.contrasts)
-        == 0
-    )
-
-
 def test_a_trial_may_have_its_number_at_every_level():
     with pytest.raises(ReadError, match="repeat a subject, session"):
         Sessions.from_frame(frame())

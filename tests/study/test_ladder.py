@@ -219,18 +219,6 @@ def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame
             "learns from the other environments (×1.10).",
         ),
         (
-            effects_of(scale=(np.log(20.0), 0.0)),
-            "VE1, damping: the Bayesian interval of the next user is 20 times as wide as the "
-            "classical one, "
-            "because users scatter by ratios on the log scale (×20).",
-        ),
-        (
-            effects_of(prior=(0.0, 0.0), trials=(np.log(0.5), 0.0)),
-            "VE1, damping: the Bayesian interval of the next user is 0.50 times as wide as the "
-            "classical "
-            "one, because the model leaves trial noise out (×0.50).",
-        ),
-        (
             effects_of("share", prior=(np.log(0.8), 0.3), pooling=(np.log(1.251), 0.0)),
             "VE1, damping: the Bayesian interval of most users is as wide as the classical one: "
             "the model "

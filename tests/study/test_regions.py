@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 from scipy import stats
 
 from percept import Scene, Study
 from percept.sessions import Sessions
-from percept.study.regions import rectangles
 from tests.study.checked import table_of
 
 
@@ -58,20 +56,3 @@ def test_ellipses_whose_ends_no_double_holds_are_left_out() -> None:
     )
     ellipses = [r for r in near.parts.regions if r.ellipse is not None and r.family == "lognormal"]
     assert {r.kind for r in ellipses} == {"mean", "user"}
-
-
-def test_rectangles_pair_what_agrees_and_leave_lone_rows_out() -> None:
-    rows = [
-        ("b", "VE2", 1.0, 2.0),
-        ("k", "VE1", 3.0, 4.0),
-        ("k", "VE2", 5.0, 6.0),
-        ("b", "VE3", 7.0, 8.0),
-    ]
-    table = pd.DataFrame(rows, columns=["parameter", "environment", "lower", "upper"])
-    table = table.assign(
-        kind="user", method="classical", family="normal", joint="marginal", level=0.9
-    )
-    (found,) = rectangles(table)
-    assert (found.environment, found.kind, found.level) == ("VE2", "user", 0.9)
-    assert found.limits == ((5.0, 6.0), (1.0, 2.0))
-    assert list(rectangles(table.assign(level=[0.9, 0.9, 0.8, 0.9]))) == []

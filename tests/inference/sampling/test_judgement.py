@@ -3,8 +3,6 @@
 import numpy as np
 
 from percept.inference.sampling.diagnostics import (
-    autocorrelation_time,
-    monte_carlo_error,
     normal_scores,
     split_rhat,
 )
@@ -33,23 +31,6 @@ def chains(rho=0.6, apart=0.0):
     series[..., 1] = series[..., 1] ** 2
     series[..., 2] = 4.0  # what never changes says nothing
     return series + apart * np.array([1, -1, 1, -1])[:, None, None, None]
-
-
-def test_parts_together_are_the_whole():
-    components = chains()
-    found = measure(Apart(), components)
-    influence = components[..., :2] - components[..., :2].mean(axis=(0, 1, 2))
-    times = autocorrelation_time(influence)
-    assert found.estimates.names == ("E 0", "E 1")
-    np.testing.assert_allclose(
-        found.estimates.value, components[..., :2].mean(axis=(0, 1, 2)), rtol=1e-12
-    )
-    errors = [monte_carlo_error(influence[..., [i]], times[[i]])[0] for i in range(2)]
-    np.testing.assert_allclose(found.errors, errors, rtol=1e-9)
-    scores = normal_scores(components[..., :2])
-    tails = np.where(np.abs(scores) > 1.645, 1.0, 0.0)
-    wanted = np.maximum(autocorrelation_time(scores), autocorrelation_time(tails))
-    np.testing.assert_allclose(found.autocorrelation_times, wanted, rtol=1e-9)
 
 
 def test_rhat_is_that_of_ranks_and_tails():

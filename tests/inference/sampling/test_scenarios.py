@@ -94,21 +94,6 @@ def test_two_thousand_subjects_meet_the_classical_intervals():
                 assert abs(limits[k, side, c] - wanted) < 4 * errors[k, side, c] + allowed
 
 
-def test_three_subjects_are_answered_exactly_alone_and_better_together():
-    response = responses(3, 5, seed=2)
-    model = {"pooling": "none", "prior": "reference"}
-    alone = answered(study_of(table_of(response), model=model, kinds=("mean", "user")))
-    limits, errors = on_the_model_scale(alone)
-    # Standardised by each cell's own mean and SD.
-    t = stats.t.isf(0.005, 2)
-    for k, half in enumerate((t / np.sqrt(3.0), t * np.sqrt(4.0 / 3.0))):
-        for side, sign in enumerate((-1.0, 1.0)):
-            assert np.all(np.abs(limits[k, side] - sign * half) < 4 * errors[k, side])
-    pooled = half_widths(answered(study_of(table_of(response))))[:2]
-    ratio = pooled / (half_widths(alone) * response.std(axis=0, ddof=1).T.ravel())
-    assert np.all(np.log(ratio).mean(axis=1) < 0.0)
-
-
 @pytest.fixture(scope="module")
 def plain():
     return answered(study_of(table_of(responses(6, 2, seed=3))))
