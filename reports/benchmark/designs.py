@@ -10,7 +10,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,17 +19,27 @@ import numpy as np
 
 from percept.errors import RefusalError, UsageError
 from reports.benchmark.measure import Printed, in_a_process, print_result
-from reports.benchmark.simulated import DESIGNS, simulated
+from reports.benchmark.simulated import DESIGNS, observed, simulated, statistics_of
+from reports.command import say
 from reports.store import store
 
 if TYPE_CHECKING:
-    from percept.inference.hierarchy.statistics import Statistics
+    from percept.study.prepare import Prepared
 
-__all__ = ["DesignCost", "design_costs", "summary"]
 
 _PATIENCE = 10.0  # Times the allowed time after which a fit is given up
 _LEAST_PATIENCE = 300.0  # s, at least: a loaded machine is slow
 _SAMPLING = 180.0  # s that nutpie samples
+#: nutpie's default is 6 chains; R-hat needs several, and a run here has a thread for each.
+_CHAINS = 4
+#: Draws of each chain that are not kept; nutpie's default is 300 to 400: rare shapes adapt late.
+_WARM_UP = 2000
+#: Draws of each chain, unless time ends first.
+_DRAWS = 10_000
+#: Share of steps accepted: above the default of 0.8, for divergences would bias the comparison.
+_ACCEPTANCE = 0.95
+#: Draws per chain below which a limit's Monte Carlo error is itself unknown.
+_FEWEST_DRAWS = 100
 _PEER_PATIENCE = 900.0  # s that its process may take, with compiling
 _KINDS = 2  # mean and user: their limits are compared
 _FAR = 3.0  # Combined errors that a difference is counted beyond
@@ -82,8 +92,7 @@ def design_costs(
     *,
     seeds: Sequence[int] = (1, 2, 3),
     peer: bool = True,
-    out: str | Path | None = None,
-    log: Callable[[str], None] = lambda line: None,
+    out: Path | None = None,
 ) -> list[DesignCost]:
     """Fit designs, each in a process of its own; let nutpie sample the data of the first seed.
 
@@ -95,10 +104,8 @@ def design_costs(
         One study of each.
     peer : bool
         Whether nutpie runs where its result is not kept yet.
-    out : str or Path, optional
+    out : Path, optional
         Folder that keeps what is done, line by line, and what is taken from there.
-    log : callable
-        Told of each process.
 
     Returns
     -------
@@ -114,12 +121,11 @@ def design_costs(
         if name not in DESIGNS:
             message = f"no such design; there are {', '.join(DESIGNS)}."
             raise UsageError(message, key="--rows", value=name)
-    kept = _Kept(Path(out) if out else None, log)
-    rows = []
+        rows = []
     for name in names or DESIGNS:
         design = DESIGNS[name]
         for seed in seeds:
-            fit = kept.result("fit", name, seed)
+            fit = _result(out, "fit", name, seed)
             assert fit is not None
             fitted = fit["cost"]["steps"] > 0
             row = DesignCost(
@@ -131,28 +137,22 @@ def design_costs(
                 **fit["cost"],
             )
             run = peer and design.peer and seed == seeds[0]
-            theirs = kept.result("peer", name, seed, run=run)
+            theirs = _result(out, "peer", name, seed, run=run)
             rows.append(_compared(row, fit, theirs) if theirs else row)
     return rows
 
 
-@dataclass(frozen=True)
-class _Kept:
-    """Results of processes, kept as they are measured."""
-
-    folder: Path | None
-    log: Callable[[str], None]
-
-    def result(self, task: str, name: str, seed: int, *, run: bool = True) -> Printed | None:
-        """Take the result of one process from the file, or run the process; None without either."""
-        plan = f"{name} {task} {DESIGNS[name].plan}"
-        checkpoint = store(self.folder, plan)
-        results = checkpoint.read(seed + 1)
-        if seed not in results and run:
-            self.log(f"{name}, seed {seed}: {task}")
-            results[seed] = _measured(task, name, seed)
-            checkpoint.append(seed, results[seed])
-        return results.get(seed)
+def _result(
+    folder: Path | None, task: str, name: str, seed: int, *, run: bool = True
+) -> Printed | None:
+    """Take the result of one process from what is kept, or run it; None without either."""
+    kept = store(folder, f"{name} {task} {DESIGNS[name].plan}")
+    results = kept.read(seed + 1)
+    if seed not in results and run:
+        say(f"{name}, seed {seed}: {task}")
+        results[seed] = _measured(task, name, seed)
+        kept.append(seed, results[seed])
+    return results.get(seed)
 
 
 def _measured(task: str, name: str, seed: int) -> Printed:
@@ -250,8 +250,7 @@ def _against_nutpie(rows: Sequence[DesignCost]) -> list[str]:
         f"Against nutpie, {limits:.0f} limits of kinds mean and user: differences over combined"
         " errors have a root mean square of"
         f" {math.sqrt(np.average(squares, weights=counts)):.2f}; {beyond / limits:.2%} exceed 3;"
-        f" the largest is {largest:.2f}. The limits follow from nutpie's draws of the scales by the"
-        " conditional normal laws of the locations.",
+        f" the largest is {largest:.2f}. Nutpie's limits are quantiles of its draws.",
         f"Nutpie's own error exceeds percept's in {', '.join(coarse) or 'none of them'}.",
     ]
 
@@ -259,7 +258,7 @@ def _against_nutpie(rows: Sequence[DesignCost]) -> list[str]:
 # One process
 
 
-def _fit(statistics: Statistics, seed: int) -> Printed:
+def _fit(study: Prepared, seed: int) -> Printed:
     """Fit to the default tolerance; limits of kinds mean and user, and what they cost."""
     import resource
 
@@ -268,6 +267,7 @@ def _fit(statistics: Statistics, seed: int) -> Printed:
     from percept.inference.sampling.gate import Settings
     from percept.inference.sampling.run import sample
 
+    statistics = statistics_of(study)
     started = time.perf_counter()
     before = time.process_time()
     model = CollapsedDensity(statistics)
@@ -293,17 +293,54 @@ def _fit(statistics: Statistics, seed: int) -> Printed:
     return {"cost": cost, "value": value, "error": run.errors[:limits]}
 
 
+def _nutpie(study: Prepared, seed: int) -> Printed:
+    """Sample for at most `_SAMPLING`; limits of kinds mean and user, and what the run took."""
+    from reports.benchmark.peers.engines import limits_of_draws
+    from reports.peers import plain_model
+
+    model = plain_model(observed(study))
+    import nutpie
+
+    compiled = nutpie.compile_pymc_model(model, var_names=["beta", "spread"])
+    started = time.perf_counter()
+    # A thread per chain, whatever the processors: a run cut short then has draws of every chain.
+    sampler = nutpie.sample(
+        compiled,
+        draws=_DRAWS,
+        tune=_WARM_UP,
+        chains=_CHAINS,
+        cores=_CHAINS,
+        seed=seed,
+        target_accept=_ACCEPTANCE,
+        progress_bar=False,
+        save_warmup=False,
+        blocking=False,
+    )
+    try:
+        tree = sampler.wait(timeout=_SAMPLING)
+    except TimeoutError:
+        tree = sampler.abort()
+    wall = time.perf_counter() - started
+    beta = np.asarray(tree.posterior["beta"])
+    beta = beta.reshape(*beta.shape[:2], -1)
+    # Chains cut short are filled up with NaN.
+    done = np.isfinite(beta[..., 0]).sum(axis=1)
+    length = int(done.min())
+    if length < _FEWEST_DRAWS:
+        return {"cost": {"peer_s": wall, "peer_draws": int(done.sum())}}
+    spread = np.asarray(tree.posterior["spread"]).reshape(beta.shape)
+    rng = np.random.default_rng(seed)
+    value, error, _ = limits_of_draws(beta[:, :length], spread[:, :length], rng)
+    divergences = int(np.nansum(tree.sample_stats.diverging))
+    cost = {"peer_s": wall, "peer_draws": _CHAINS * length, "divergences": divergences}
+    return {"cost": cost, "value": value[:_KINDS].ravel(), "error": error[:_KINDS].ravel()}
+
+
 def _main(task: str) -> None:
     """Do one task and print what it gave."""
     kind, name, seed = json.loads(task)
-    statistics = simulated(DESIGNS[name], seed)
-    if kind == "peer":
-        from reports.benchmark.peers.cells import nutpie_limits
-
-        result = nutpie_limits(statistics, seed, seconds=_SAMPLING)
-    else:
-        result = _fit(statistics, seed)
-    print_result(result)
+    study = simulated(DESIGNS[name], seed)
+    print_result(_nutpie(study, seed) if kind == "peer" else _fit(study, seed))
 
 
 if __name__ == "__main__":

@@ -20,17 +20,6 @@ from percept.inference.hierarchy.statistics import from_trials
 from reports.benchmark import twins as twin
 from reports.benchmark.twins import Levels, Number
 
-__all__ = [
-    "Digits",
-    "collapsed",
-    "density_digits",
-    "digits_of",
-    "digits_row",
-    "moment_digits",
-    "number_accuracy",
-    "small_large",
-]
-
 Array: TypeAlias = NDArray[np.float64]
 
 _MOST_DIGITS = 16.0  # A double has no more

@@ -33,8 +33,6 @@ from percept.haptics.perceived import perceived_magnitude
 from reports.benchmark import twins as twin
 from reports.benchmark.digits import Digits, digits_row
 
-__all__ = ["PROMISE", "QUANTITIES", "Inputs", "haptics_digits"]
-
 PROMISE = 1e-13  # Largest relative error per unit of the formula's condition
 
 _SLOWEST = 1e-9  # rad/s

@@ -15,23 +15,9 @@ from typing import Any, TypeAlias, get_type_hints
 import numpy as np
 
 from percept.errors import RefusalError
-from percept.files import FolderFiles, filled_folder
 from percept.provenance import Made, made_by, markdown_table
 from percept.results.plain import dumps, plain
-
-__all__ = [
-    "Column",
-    "Machine",
-    "Measurement",
-    "Printed",
-    "in_a_process",
-    "machine",
-    "measurement",
-    "measurement_files",
-    "print_result",
-    "python_output",
-    "write_measurement",
-]
+from reports.command import write_page
 
 _SCHEMA = "percept-measurement-2"
 #: What a process prints: a JSON object.
@@ -207,47 +193,7 @@ def _cell(value: object) -> str:
     return str(value).replace("|", "\\|")
 
 
-def measurement_files(part: str) -> FolderFiles:
-    """Return what a part of the benchmark writes.
-
-    Parameters
-    ----------
-    part : str
-        Its name.
-
-    Returns
-    -------
-    FolderFiles
-        The page, and the document beside it.
-    """
-    return FolderFiles(f"{part}.md", (f"{part}.md", f"{part}.json"))
-
-
-def write_measurement(document: Measurement, out_dir: str | Path, *, force: bool = False) -> Path:
-    """Write the document and its page, named after the part.
-
-    Parameters
-    ----------
-    document : Measurement
-        What was measured.
-    out_dir : str or Path
-        Folder, made where it does not exist.
-    force : bool
-        Replace also files of these names that no earlier run wrote.
-
-    Returns
-    -------
-    Path
-        Of the page.
-
-    Raises
-    ------
-    UsageError
-        Where a name is taken by a file that no earlier run wrote, or the folder cannot be written.
-    """
-    name = f"{document.part}.md"
-    with filled_folder(out_dir, measurement_files(document.part), force=force) as folder:
-        text = dumps(plain(document))
-        (folder / f"{document.part}.json").write_text(text, encoding="utf-8")
-        (folder / name).write_text(measurement_markdown(document), encoding="utf-8")
-    return Path(out_dir) / name
+def write_measurement(document: Measurement, folder: Path) -> None:
+    """Write the document and its page, named after the part."""
+    write_page(folder / f"{document.part}.json", dumps(plain(document)))
+    write_page(folder / f"{document.part}.md", measurement_markdown(document))

@@ -12,8 +12,8 @@ import numpy as np
 
 if TYPE_CHECKING:
     from percept.inference.hierarchy.statistics import Statistics
-
-__all__ = ["DESIGNS", "StudyDesign", "simulated"]
+    from percept.study.prepare import Prepared
+    from reports.peers import Observed
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def _designs() -> dict[str, StudyDesign]:
 DESIGNS = _designs()
 
 
-def simulated(design: StudyDesign, seed: int) -> Statistics:
+def simulated(design: StudyDesign, seed: int) -> Prepared:
     """Simulate a study: omega 0.2, tau 0.05, sigma_u 0.1 at either parameter.
 
     Parameters
@@ -66,8 +66,8 @@ def simulated(design: StudyDesign, seed: int) -> Statistics:
 
     Returns
     -------
-    Statistics
-        What the density reads.
+    Prepared
+        Its model, and its trials.
     """
     from percept.scene import Scene
     from percept.sessions import Sessions
@@ -113,5 +113,27 @@ def simulated(design: StudyDesign, seed: int) -> Statistics:
         # These studies are fitted by the model in which subjects share one trial SD.
         model={"subjects_trial_sd": False},
     )
-    model: Any = prepare(Sessions.from_frame(table), scene, design.parameters).model
-    return model.statistics
+    return prepare(Sessions.from_frame(table), scene, design.parameters)
+
+
+def statistics_of(study: Prepared) -> Statistics:
+    """Return what the density reads of a study."""
+    assert study.trials is not None
+    return study.trials.statistics
+
+
+def observed(study: Prepared) -> Observed:
+    """Return a study of the published kind as the plainly written model takes it."""
+    from percept.inference.hierarchy.priors import Priors
+    from reports.peers import Observed
+
+    data = study.trials
+    assert data is not None
+    return Observed(
+        data.response,
+        data.subject,
+        data.environment,
+        np.arange(len(data.environments)),
+        data.statistics.x,
+        Priors(),
+    )

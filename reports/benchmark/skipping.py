@@ -17,15 +17,6 @@ from reports.benchmark.measure import Printed, in_a_process, print_result
 if TYPE_CHECKING:
     from percept.study import Study
 
-__all__ = [
-    "STAGES",
-    "Saving",
-    "savings",
-    "skipping_cost",
-    "stages_of",
-    "study_without",
-    "work_of",
-]
 
 #: Scenes by what each leaves out.
 _SCENES = (

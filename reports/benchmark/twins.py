@@ -11,42 +11,6 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "DIGITS",
-    "Formula",
-    "Levels",
-    "Number",
-    "Point",
-    "admittance_backward",
-    "box_lower",
-    "box_upper",
-    "coupled",
-    "coupled_backward",
-    "coupled_late_true",
-    "coupling_backward",
-    "coupling_tustin",
-    "direct",
-    "direct_flexible_true",
-    "direct_late",
-    "effective",
-    "effective_damping",
-    "environment",
-    "error_over_condition",
-    "exact",
-    "flexible",
-    "hold_average",
-    "hold_true",
-    "is_nyquist",
-    "late",
-    "limit_error_over_condition",
-    "magnitude",
-    "magnitude_late",
-    "margin",
-    "required",
-    "required_at",
-    "rigid",
-]
-
 Array: TypeAlias = NDArray[np.float64]
 # mpmath numbers and matrices have no types.
 Number: TypeAlias = Any

@@ -13,8 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.calibration.studies import Line
-from percept.errors import RefusalError
 from percept.inference.hierarchy.contrasts import ContrastEstimands, ContrastRows
 from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.linear_posterior import LinearPosterior
@@ -28,7 +26,7 @@ from reports.calibration.factor_studies import (
     draw_study,
     model_of,
 )
-from reports.calibration.uniformity import Calibration, Plan, verdict_table
+from reports.calibration.uniformity import Calibration, Plan, passed, ranks, verdict_table
 
 Array = NDArray[np.float64]
 
@@ -115,20 +113,14 @@ def fit_study(plan: Plan, index: int) -> Fitted:
     return Fitted(drawn, model, rows, sample(model, estimands, settings), draw_seed)
 
 
-def place_study(plan: Plan, index: int) -> Line:
-    """Place the true values of study `index` of a plan; without a fit, say why there is none."""
-    try:
-        fitted = fit_study(plan, index)
-    except RefusalError as refusal:
-        return {"reason": str(refusal), "values": {}}
-    if not fitted.run.gate.passed:
-        return {"reason": " ".join(fitted.run.gate.reasons), "values": {}}
-    points = np.concatenate(fitted.run.independent())
+def place_study(plan: Plan, index: int) -> dict[str, float]:
+    """Place the true values of study `index` of a plan; RefusalError without a fit."""
+    fitted = fit_study(plan, index)
+    points = np.concatenate(passed(fitted.run).independent())
     rng = np.random.default_rng(fitted.seed)
     chosen = points[rng.choice(len(points), size=plan.draws, replace=False)]
-    values = ranks(fitted.drawn, fitted.model, chosen)
-    values |= places(fitted.drawn, fitted.model, fitted.rows, points)
-    return {"reason": "", "values": values}
+    found = scale_places(fitted.drawn, fitted.model, chosen)
+    return found | places(fitted.drawn, fitted.model, fitted.rows, points)
 
 
 def contrast_rows(drawn: Drawn, model: LinearPosterior) -> Rows:
@@ -155,15 +147,13 @@ def contrast_rows(drawn: Drawn, model: LinearPosterior) -> Rows:
     return Rows(weights, tuple(within), tuple(groups))
 
 
-def ranks(drawn: Drawn, model: LinearPosterior, points: Array) -> dict[str, float]:
-    """Place of every true scale among draws, as (rank + 1/2) / (draws + 1)."""
+def scale_places(drawn: Drawn, model: LinearPosterior, points: Array) -> dict[str, float]:
+    """Return the place of every true scale among draws."""
     found = {}
     for name, (_, values) in model.scales(points).items():
-        draws = values.reshape(len(points), -1)
-        below = (draws < np.ravel(drawn.truth[name])).sum(axis=0)
-        for number, rank in enumerate(below):
-            label = f"{name}[{number + 1}]" if len(below) > 1 else name
-            found[label] = (rank + 0.5) / (len(points) + 1)
+        among = ranks(values, np.ravel(drawn.truth[name]))
+        for number, place in enumerate(among.tolist()):
+            found[f"{name}[{number + 1}]" if len(among) > 1 else name] = place
     return found
 
 

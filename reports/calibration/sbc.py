@@ -16,8 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.calibration.studies import Line
-from percept.errors import RefusalError
 from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.priors import Priors
@@ -32,7 +30,7 @@ from percept.simulate.model import (
     draw_hyperparameters,
     draw_responses,
 )
-from reports.calibration.uniformity import ERROR, Calibration, Plan, verdict_table
+from reports.calibration.uniformity import ERROR, Calibration, Plan, passed, ranks, verdict_table
 
 Array = NDArray[np.float64]
 # Stiffness in N/m and damping in N·s/m, from soft to stiff.
@@ -73,7 +71,7 @@ def place_study(
     plan: Plan,
     index: int,
     density: Callable[[Statistics, Priors], CollapsedDensity] = CollapsedDensity,
-) -> Line:
+) -> dict[str, float]:
     """Simulate study `index` of a plan, fit it and place its true values.
 
     Parameters
@@ -87,9 +85,13 @@ def place_study(
 
     Returns
     -------
-    Line
-        `values`, a probability per quantity. There are none where there is a `reason`: that of the
-        gate, or of the refusal.
+    dict of str to float
+        A probability per quantity.
+
+    Raises
+    ------
+    RefusalError
+        The gate withholds the fit, or there is none.
     """
     design = DESIGNS[plan.kind]
     priors = _PRIORS.get(plan.kind, Priors())
@@ -103,14 +105,8 @@ def place_study(
     user = _one_more_user(truth, rng)
     estimands = IntervalEstimands(model, kinds=("mean", "user"))
     seed = int(run_seed.generate_state(1)[0])
-    try:
-        run = sample(model, estimands, Settings(tolerance=plan.tolerance, seed=seed))
-    except RefusalError as refusal:
-        return {"reason": str(refusal), "values": {}}
-    if not run.gate.passed:
-        return {"reason": " ".join(run.gate.reasons), "values": {}}
-    values = places(plan, model, run, truth, user, np.random.default_rng(draw_seed))
-    return {"reason": "", "values": values}
+    run = passed(sample(model, estimands, Settings(tolerance=plan.tolerance, seed=seed)))
+    return places(plan, model, run, truth, user, np.random.default_rng(draw_seed))
 
 
 def _statistics(truth: TrueValues, design: Design, rng: np.random.Generator) -> Statistics:
@@ -176,17 +172,13 @@ def places(
         for label, value in zip(labels, values, strict=True):
             probabilities[name + label] = float(value)
 
-    def rank(name: str, draws: Array, true: Array) -> None:
-        below = (draws.reshape(plan.draws, -1) < true).sum(axis=0)
-        add(name, (below + 0.5) / (plan.draws + 1))
-
     for name, (_, values) in model.scales(drawn).items():
         true = getattr(truth, name, None)
         if true is None:
             true = getattr(truth.hyper, name)
-        rank(name, values, np.ravel(np.transpose(true)))
+        add(name, ranks(values, np.ravel(np.transpose(true))))
     beta = truth.beta.T.ravel()
-    rank("beta", model.draw(drawn, rng)[0], beta)
+    add("beta", ranks(model.draw(drawn, rng)[0], beta))
     laws = model.laws(points)
     user_sd = np.hypot(laws.sd, laws.population_sd)
     below_mean = special.ndtr((beta - laws.mean) / laws.sd)

@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from percept.calibration.studies import Line, plan_digest
+from percept.errors import RefusalError
+from percept.inference.sampling.gate import Run
 from percept.provenance import markdown_table
 from percept.workers import Mapper, in_process
 from reports.store import store
 
+Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 #: Probability that a right density is called wrong, per kind of study.
 ERROR = 0.01
@@ -43,8 +46,8 @@ class Plan:
         return self.wrong or self.kind
 
 
-#: Draws a study of a plan by its number, fits it and places its true values.
-Place: TypeAlias = Callable[[Plan, int], Line]
+#: Draws a study of a plan by its number, fits it and places its true values: a probability each.
+Place: TypeAlias = Callable[[Plan, int], dict[str, float]]
 
 
 class EcdfBand:
@@ -161,17 +164,17 @@ class Calibration:
         return tuple(judged.quantity for judged in self.quantities if not judged.inside)
 
 
-def judge_places(kind: str, bins: int, placed: Sequence[Line]) -> Calibration:
+def judge_places(kind: str, bins: int, lines: Sequence[Line]) -> Calibration:
     """Judge all quantities of a kind of study together, by the places of their true values."""
-    passed = [study["values"] for study in placed if not study["reason"]]
-    reasons = [study["reason"] for study in placed if study["reason"]]
-    names = list(passed[0]) if passed else []
+    values = [study["values"] for study in lines if not study["reason"]]
+    reasons = [study["reason"] for study in lines if study["reason"]]
+    names = list(values[0]) if values else []
     # The error is shared among the quantities.
-    band = ecdf_band(len(passed), bins, ERROR / max(len(names), 1))
-    judged = [band.judge(name, np.array([values[name] for values in passed])) for name in names]
+    band = ecdf_band(len(values), bins, ERROR / max(len(names), 1))
+    judged = [band.judge(name, np.array([each[name] for each in values])) for name in names]
     return Calibration(
         kind=kind,
-        fits=len(placed),
+        fits=len(lines),
         failed=len(reasons),
         reasons=tuple(dict.fromkeys(reasons)),
         error=ERROR,
@@ -180,6 +183,27 @@ def judge_places(kind: str, bins: int, placed: Sequence[Line]) -> Calibration:
         upper=tuple(band.upper.tolist()),
         quantities=tuple(judged),
     )
+
+
+def placed(place: Place, plan: Plan, index: int) -> Line:
+    """Place the true values of study `index`; without a fit, say why there is none."""
+    try:
+        return {"reason": "", "values": place(plan, index)}
+    except RefusalError as refusal:
+        return {"reason": str(refusal), "values": {}}
+
+
+def passed(run: Run) -> Run:
+    """Refuse a run that the gate withholds."""
+    if not run.gate.passed:
+        raise RefusalError(" ".join(run.gate.reasons))
+    return run
+
+
+def ranks(draws: Array, true: Array) -> Array:
+    """Return the place of every true value (Q,) among its draws (S, …), between 0 and 1."""
+    below = (draws.reshape(len(draws), -1) < true).sum(axis=0)
+    return np.asarray((below + 0.5) / (len(draws) + 1))
 
 
 def calibrate(
@@ -209,9 +233,9 @@ def calibrate(
         Told how many studies are finished, and of how many.
     """
     kept = store(folder, plan_digest(plan))
-    study = functools.partial(place, plan)
-    placed = kept.complete(study, fits, mapper=mapper, progress=progress)
-    return judge_places(plan.name, plan.bins, placed)
+    study = functools.partial(placed, place, plan)
+    lines = kept.complete(study, fits, mapper=mapper, progress=progress)
+    return judge_places(plan.name, plan.bins, lines)
 
 
 def verdict_table(first: str, calibrations: Iterable[Calibration]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +19,6 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--studies", type=int, default=20_000, help="by stiffness and damping")
     parser.add_argument("--magnitude", type=int, default=400, help="studies by abs(Z_h)")
     parser.add_argument("--fits", type=int, default=300, help="of each number of subjects")
-    parser.add_argument("--minutes", type=float, default=math.inf, help="then stop")
     return run(parser, _run, words)
 
 
@@ -30,7 +28,6 @@ def _run(arguments: argparse.Namespace) -> None:
         studies=arguments.studies,
         magnitude=arguments.magnitude,
         fits=arguments.fits,
-        minutes=arguments.minutes,
     )
     sentence = made_by(arguments.typed).sentence
     write_page(arguments.out / "verdicts.md", f"{text}\n{sentence}\n")

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,7 +51,7 @@ DEVICE = Device(mass=0.5, damping=5.0)
 PERIOD = 1e-3
 #: Studies that are worked on at once.
 CHUNK = 1_000
-#: Studies between two looks at the clock.
+#: Studies of one number of subjects before those of the next.
 STEP = 5
 #: Standard errors by which a rate may pass what is promised.
 CLEAR = 4.0
@@ -354,19 +353,8 @@ def kept_fits(n: int, folder: Path) -> Checkpoint:
     return store(folder, f"{n} subjects")
 
 
-def until(
-    deadline: float, lines: Checkpoint, study: Callable[[int], Line], wanted: int
-) -> list[Line]:
-    """Work on studies that are not kept yet, a few at a time, until a deadline; return the done."""
-    done = len(lines.read(wanted))
-    while done < wanted and time.monotonic() < deadline:
-        done = min(wanted, done + STEP)
-        lines.complete(study, done)
-    return [line for _, line in sorted(lines.read(done).items())]
-
-
-def page(out: Path, *, studies: int, magnitude: int, fits: int, minutes: float) -> str:
-    """Simulate what is missing, as far as the minutes reach, and write the page.
+def page(out: Path, *, studies: int, magnitude: int, fits: int) -> str:
+    """Simulate what is missing, and write the page.
 
     Parameters
     ----------
@@ -376,21 +364,17 @@ def page(out: Path, *, studies: int, magnitude: int, fits: int, minutes: float) 
         Of each row by stiffness and damping.
     magnitude, fits : int
         Studies by abs(Z_h), and Bayesian ones, of each number of subjects.
-    minutes : float
-        After which no study is begun.
     """
-    deadline = time.monotonic() + 60.0 * minutes
-    bayesian = {n: kept_fits(n, out) for n in SIZES}
+    done = {}
     # A few of each in turn: a run that is stopped has as many of each.
     for wanted in range(STEP, fits + STEP, STEP):
-        for n, kept in bayesian.items():
-            until(deadline, kept, functools.partial(bayesian_study, n), min(wanted, fits))
+        for n in SIZES:
+            study = functools.partial(bayesian_study, n)
+            done[n] = kept_fits(n, out).complete(study, min(wanted, fits))
     by_magnitude = {}
     for place, n in itertools.product(PLACES, SIZES):
-        study = functools.partial(magnitude_study, n, place)
-        kept = store(out, f"{place} {n}")
-        by_magnitude[place, n] = until(deadline, kept, study, magnitude)
-    done = {n: list(kept.read(fits).values()) for n, kept in bayesian.items()}
+        judged = functools.partial(magnitude_study, n, place)
+        by_magnitude[place, n] = store(out, f"{place} {n}").complete(judged, magnitude)
     stated = {"level": LEVEL, "decision": DECISION, "wrong": 1.0 - DECISION}
     parts = [
         HEAD.format(**stated),

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from reports.command import run
 from reports.hbfd.published import load_published
-from reports.hbfd.write import PAGE, write_reproduction
+from reports.hbfd.write import write_reproduction
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -18,20 +18,16 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder to write into")
     parser.add_argument("--table", help="published limits (the paper's Table 1)")
     parser.add_argument("--scene", help="device, coupling and range (the paper's)")
-    parser.add_argument("--quiet", action="store_true", help="print the path of the page only")
-    parser.add_argument("--force", action="store_true", help="replace also files of others")
+    parser.add_argument("--quiet", action="store_true", help="print no verdicts")
     return run(parser, _reproduce, words)
 
 
 def _reproduce(arguments: argparse.Namespace) -> None:
     published = load_published(arguments.table, arguments.scene)
-    claims = write_reproduction(
-        published, arguments.out, command=arguments.typed, force=arguments.force
-    )
+    claims = write_reproduction(published, arguments.out, command=arguments.typed)
     if not arguments.quiet:
         for claim in claims:
             print(f"{claim.verdict:<18}“{claim.quote}”")
-    print(arguments.out / PAGE)
 
 
 if __name__ == "__main__":

@@ -42,22 +42,6 @@ from reports.hbfd.published import (
 )
 from reports.hbfd.squares import cells, envelope_squares, felt_square, rendered_square, share
 
-__all__ = [
-    "affects_realism",
-    "always_smaller",
-    "coupling_to_infinity",
-    "coupling_unnoticed",
-    "direct_rendering",
-    "fig_4_theoretical",
-    "fig_4_tuned",
-    "hold_low_pass",
-    "lower_or_medium",
-    "one_coupling",
-    "poles_unseen",
-    "suits_high",
-    "worst_case",
-]
-
 _SAME = 1e-9  # Relative difference of two ways to one number
 # Multiples of the tuned coupling: so far that what is left falls in proportion.
 _ONCE = 1e3

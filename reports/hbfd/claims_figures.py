@@ -43,21 +43,6 @@ from reports.hbfd.published import (
 )
 from reports.hbfd.squares import cells, felt_square, largest_ratio, share
 
-__all__ = [
-    "arbitrary_model",
-    "discrimination",
-    "fig_7b",
-    "fig_7d",
-    "fig_7f",
-    "four_lines",
-    "like_shapes",
-    "magnitude_suffices",
-    "one_device",
-    "resonance_ignored",
-    "upper_above",
-    "window_suffices",
-]
-
 _MASSLESS_TOO = np.append(0.0, MASSES)
 _UNDAMPED_TOO = np.append(0.0, DAMPINGS)
 _NO_DEVICE = Device(0.0, 0.0)

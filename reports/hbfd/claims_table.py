@@ -17,20 +17,6 @@ from reports.hbfd.devices import direct_inside, share_true
 from reports.hbfd.published import LOOKED_AT, Evidence, Published, evidence, undecided
 from reports.hbfd.squares import VARIABLE, Square, crossings, felt_square, tustin_rate
 
-__all__ = [
-    "PrintedLimits",
-    "joint_level",
-    "limits_printed",
-    "limits_suffice",
-    "mass_left_out",
-    "normal_values",
-    "perceivable_range",
-    "reference_inside",
-    "table_1",
-    "thirty_subjects",
-    "users_covered",
-]
-
 _SHARE_CONFIDENCE = 0.95
 _ENOUGH_SUBJECTS = 30  # Section 3.1: this number of subjects is said to represent everybody
 _CORRELATIONS = (-0.9, 0.0, 0.9)

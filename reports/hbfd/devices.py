@@ -25,29 +25,6 @@ from percept.haptics.design import CouplingDesign, EnvironmentBoundary, design_c
 from reports.hbfd.published import LOOKED_AT, Array, Published, Wall
 from reports.hbfd.squares import cells, felt_square, share
 
-__all__ = [
-    "DAMPINGS",
-    "MASSES",
-    "Adapted",
-    "BoolArray",
-    "Curves",
-    "Panel",
-    "absolute_width",
-    "adapted_couplings",
-    "change_over_band",
-    "coupled_inside",
-    "curves",
-    "direct_inside",
-    "environments_inside",
-    "largest",
-    "most_passed",
-    "next_user_boundaries",
-    "over_devices",
-    "panels",
-    "relative_width",
-    "share_true",
-]
-
 BoolArray: TypeAlias = NDArray[np.bool_]
 
 #: Masses a hand can move, kg.

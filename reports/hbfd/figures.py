@@ -28,8 +28,6 @@ from reports.hbfd.devices import (
 )
 from reports.hbfd.published import THEORETICAL, Array, Published, Wall
 
-__all__ = ["CouplingMarks", "draw_design", "drawings"]
-
 Segments = Sequence[Array]  # Per line of coupling damping: (n, 2) intervals of stiffness, N/m
 
 #: The axes of a map show at most this many times what qualifies.

@@ -18,17 +18,6 @@ from reports.hbfd import claims_coupling, claims_figures, claims_table
 from reports.hbfd.devices import DAMPINGS, MASSES
 from reports.hbfd.published import Evidence, Published, Value, undecided
 
-__all__ = [
-    "Claim",
-    "Quantity",
-    "Verdict",
-    "judge",
-    "judge_all",
-    "misprints",
-    "sentences",
-    "verdict_of",
-]
-
 Verdict = Literal["holds", "holds only if", "does not hold", "cannot be judged"]
 _Judge: TypeAlias = Callable[[Published], Evidence]
 

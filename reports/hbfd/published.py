@@ -27,19 +27,6 @@ from percept.sessions import read_sessions
 from percept.simulate.like import PublishedLimits
 from reports import dataset
 
-__all__ = [
-    "LOOKED_AT",
-    "THEORETICAL",
-    "Array",
-    "Evidence",
-    "Published",
-    "Value",
-    "Wall",
-    "evidence",
-    "load_published",
-    "undecided",
-]
-
 Array = NDArray[np.float64]
 #: What braces in a text take: a number, a text, a list of them, numbers by name, or a record.
 Value: TypeAlias = Any

@@ -18,19 +18,6 @@ from numpy.typing import NDArray
 
 from percept.haptics import Coupling, Device, Environment
 
-__all__ = [
-    "VARIABLE",
-    "Square",
-    "cells",
-    "crossings",
-    "envelope_squares",
-    "felt_square",
-    "largest_ratio",
-    "rendered_square",
-    "share",
-    "tustin_rate",
-]
-
 Array = NDArray[np.float64]
 #: A number, or a polynomial in the variable.
 Term: TypeAlias = complex | Polynomial

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
@@ -13,25 +13,23 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup, escape
 
-from percept.files import FolderFiles, filled_folder, warned
 from percept.haptics import Coupling, Device
 from percept.inference import prediction_interval, tolerance_interval
 from percept.provenance import made_by
+from percept.report.figures.output import draw_all
+from percept.report.page import render_standalone
 from percept.results.plain import dumps, plain
 from percept.sessions.quantities import IMPEDANCE
+from reports.command import write_page
 from reports.hbfd.claims_table import limits_printed
 from reports.hbfd.devices import Adapted, adapted_couplings
+from reports.hbfd.figures import drawings
 from reports.hbfd.judging import Claim, Verdict, judge_all, misprints
 from reports.hbfd.published import Published
-
-__all__ = ["PAGE", "symbols", "write_reproduction"]
 
 PAGE = "reproduction.html"
 _SCHEMA = "percept-reproduction/3"
 _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib")
-_TEXTS = ("claims.json", "claims.csv", "table1.csv")
-_FIGURES = ("figures/design.svg", "figures/device-maps.svg", "figures/fig-*.svg")
-_FILES = FolderFiles(PAGE, (PAGE, *_TEXTS, *_FIGURES))
 
 
 @dataclass(frozen=True)
@@ -96,66 +94,43 @@ class _Document:
     misprints: list[dict[str, str]]
 
 
-def write_reproduction(
-    published: Published,
-    out_dir: str | Path,
-    *,
-    command: str = "python -m reports.hbfd",
-    force: bool = False,
-    say: Callable[[str], None] = warned,
-) -> list[Claim]:
+def write_reproduction(published: Published, out: Path, *, command: str) -> list[Claim]:
     """Judge every claim, draw every figure and write both.
 
     Parameters
     ----------
     published : Published
         As `load_published` reads it.
-    out_dir : str or Path
-        Folder, made where it does not exist; files of other names in it stay.
-    command : str, optional
+    out : Path
+        Folder, made where it does not exist.
+    command : str
         What is run, as the page says it. It is in no other file, as the date and the commit are.
-    force : bool
-        Replace also files of these names that no earlier run wrote.
-    say : callable
-        Told of each edited file that is kept as NAME.bak; a warning by default.
 
     Returns
     -------
     list of Claim
         Every claim with its verdict.
-
-    Raises
-    ------
-    UsageError
-        Where the folder is a file or cannot be written, or a name in it is taken by a file that
-        no earlier run wrote.
     """
-    # The drawing library waits for whoever draws.
-    from percept.report.figures.output import draw_all
-    from percept.report.page import render_standalone
-    from reports.hbfd.figures import drawings
-
-    with filled_folder(out_dir, _FILES, force=force, say=say) as folder:
-        claims = judge_all(published)
-        adapted = adapted_couplings(published)
-        made = made_by(command, _PACKAGES)
-        document = _document(published, claims, adapted, made.versions)
-        (folder / "claims.json").write_text(dumps(plain(document)), encoding="utf-8")
-        (folder / "claims.csv").write_text(_claims_csv(claims), encoding="utf-8")
-        (folder / "table1.csv").write_text(_table_csv(document.table), encoding="utf-8")
-        page = render_standalone(
-            "reports.hbfd",
-            "reproduction.html.j2",
-            draw_all(drawings(published, adapted), folder / "figures"),
-            digits=5,
-            symbols=symbols,
-            styles=("reproduction.css",),
-            document=document,
-            claims=claims,
-            by_name={claim.name: claim for claim in claims},
-            made=made,
-        )
-        (folder / PAGE).write_text(page, encoding="utf-8")
+    claims = judge_all(published)
+    adapted = adapted_couplings(published)
+    made = made_by(command, _PACKAGES)
+    document = _document(published, claims, adapted, made.versions)
+    write_page(out / "claims.json", dumps(plain(document)))
+    write_page(out / "claims.csv", _claims_csv(claims))
+    write_page(out / "table1.csv", _table_csv(document.table))
+    page = render_standalone(
+        "reports.hbfd",
+        "reproduction.html.j2",
+        draw_all(drawings(published, adapted), out / "figures"),
+        digits=5,
+        symbols=symbols,
+        styles=("reproduction.css",),
+        document=document,
+        claims=claims,
+        by_name={claim.name: claim for claim in claims},
+        made=made,
+    )
+    write_page(out / PAGE, page)
     return claims
 
 

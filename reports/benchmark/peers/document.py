@@ -12,8 +12,6 @@ from reports.benchmark.peers.engines import ENGINES, STUDIES, engine
 from reports.benchmark.peers.processes import Comparison, Measured, Whole, comparisons
 from reports.benchmark.peers.reference import Reference
 
-__all__ = ["Aim", "Benchmark", "Reached", "StudyFacts", "build_document", "reached"]
-
 _SCHEMA = "percept-benchmark-2"
 #: Errors over half-width at which times are compared.
 _LEVELS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
@@ -75,12 +73,6 @@ class _Title:
 
 
 @dataclass(frozen=True)
-class _LeftOut:
-    name: str
-    missing: list[str]  # Packages
-
-
-@dataclass(frozen=True)
 class Benchmark:
     """A run, as benchmark.json holds it."""
 
@@ -89,7 +81,7 @@ class Benchmark:
     machine: Machine
     studies: list[StudyFacts]
     engines: list[_Title]
-    left_out: list[_LeftOut]
+    left_out: Mapping[str, Sequence[str]]  # Packages that each misses
     measured: Sequence[Measured]
     reached: list[Reached]
     whole: Sequence[Whole]
@@ -207,16 +199,13 @@ def build_document(
     for engine_ in ENGINES:
         if engine_.name in present:
             titles.append(_Title(engine_.name, engine_.title, engine_.unit))
-    omitted = []
-    for name, missing in (left_out or {}).items():
-        omitted.append(_LeftOut(name, list(missing)))
     return Benchmark(
         schema=_SCHEMA,
         made=made,
         machine=at,
         studies=studies,
         engines=titles,
-        left_out=omitted,
+        left_out=left_out or {},
         measured=measured,
         reached=times,
         whole=whole,

@@ -14,26 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import UsageError
+from reports.benchmark.simulated import DESIGNS, observed, simulated, statistics_of
 
 if TYPE_CHECKING:
     from percept.inference.hierarchy.interval_estimands import IntervalEstimands
     from percept.inference.hierarchy.model import Model
     from percept.inference.hierarchy.statistics import Statistics
+    from percept.study.prepare import Prepared
 
-__all__ = [
-    "CONFIDENCE",
-    "ENGINES",
-    "SHARE",
-    "STUDIES",
-    "Array",
-    "Engine",
-    "Fitted",
-    "engine",
-    "limits_of_draws",
-    "percept_run",
-    "share_half_widths",
-    "study_statistics",
-]
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -81,7 +69,7 @@ class Engine:
 
     name: str
     title: str
-    prepare: Callable[[Statistics], Sampler]
+    prepare: Callable[[Prepared], Sampler]
     packages: tuple[str, ...]  # Imported, and reported with their versions
     unit: str  # What a budget counts
     budgets: tuple[tuple[float, int], ...]  # Size and repeats of a full run, smallest first
@@ -93,11 +81,9 @@ class Engine:
         return tuple(name for name in self.packages if importlib.util.find_spec(name) is None)
 
 
-def study_statistics(name: str) -> Statistics:
-    """Reduce one of `STUDIES` to what the density reads."""
+def study_of(name: str) -> Prepared:
+    """Return one of `STUDIES`."""
     if not name.startswith("published"):
-        from reports.benchmark.simulated import DESIGNS, simulated
-
         return simulated(DESIGNS[name], 1)
     from percept.scene import Scene
     from percept.sessions import read_sessions
@@ -106,8 +92,7 @@ def study_statistics(name: str) -> Statistics:
 
     parameters = ("k",) if name == "published-k" else ("k", "b")
     sessions = read_sessions(dataset("hbfd_sessions.csv"))
-    model: Any = prepare(sessions, Scene(), parameters).model
-    return model.statistics
+    return prepare(sessions, Scene(), parameters)
 
 
 def _percept_model(statistics: Statistics) -> tuple[Model, IntervalEstimands]:
@@ -122,13 +107,13 @@ def _percept_model(statistics: Statistics) -> tuple[Model, IntervalEstimands]:
     return model, estimands
 
 
-def percept_run(statistics: Statistics, tolerance: float, seed: int) -> Fitted:
+def percept_run(study: Prepared, tolerance: float, seed: int) -> Fitted:
     """Sample by percept to a tolerance."""
     from percept.inference.sampling.gate import Settings
     from percept.inference.sampling.run import sample
 
     started = time.perf_counter()
-    model, estimands = _percept_model(statistics)
+    model, estimands = _percept_model(statistics_of(study))
     run = sample(model, estimands, Settings(tolerance=tolerance, seed=seed, most_steps=_MOST_STEPS))
     gate = run.gate
     shape = (len(_KINDS), 2, len(estimands.cells))
@@ -145,13 +130,13 @@ def percept_run(statistics: Statistics, tolerance: float, seed: int) -> Fitted:
     return Fitted(value, error, gate.effective_draws, seconds, notes)
 
 
-def _emcee(statistics: Statistics) -> Sampler:
+def _emcee(study: Prepared) -> Sampler:
     """Percept's density and mixture limits, emcee's own moves: what the moves alone cost."""
     import emcee
 
     from percept.inference.sampling.diagnostics import autocorrelation_time, normal_scores
 
-    model, estimands = _percept_model(statistics)
+    model, estimands = _percept_model(statistics_of(study))
     shape = (len(_KINDS), 2, len(estimands.cells))
     dimension = len(model.names)
     # emcee refuses an ensemble of fewer.
@@ -186,11 +171,10 @@ def _emcee(statistics: Statistics) -> Sampler:
     return fit
 
 
-def _nutpie(statistics: Statistics) -> Sampler:
-    from percept.inference.hierarchy.priors import Priors
-    from reports.benchmark.peers.cells import cells_model
+def _nutpie(study: Prepared) -> Sampler:
+    from reports.peers import plain_model
 
-    model = cells_model(statistics, Priors(), centred=True)
+    model = plain_model(observed(study), centred=True)
     import nutpie
 
     compiled = nutpie.compile_pymc_model(model, var_names=["beta", "spread"])
@@ -293,7 +277,7 @@ ENGINES = (
     Engine(
         "percept",
         "percept",
-        lambda statistics: partial(percept_run, statistics),
+        lambda study: partial(percept_run, study),
         ("percept", "emcee", "numpy", "scipy"),
         "tolerance",
         ((0.1, 5), (0.02, 5), (0.01, 5), (0.005, 5), (0.002, 3), (0.001, 2)),

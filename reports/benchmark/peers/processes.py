@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
@@ -22,22 +22,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from reports.benchmark.measure import Printed, in_a_process, print_result, python_output
-from reports.benchmark.peers.engines import Engine, Fitted, engine, study_statistics
+from reports.benchmark.peers.engines import Engine, engine, study_of
+from reports.command import say
 
 if TYPE_CHECKING:
     # What it needs would count as the start of every engine's process.
     from reports.benchmark.peers.reference import Reference
-
-__all__ = [
-    "COMMANDS",
-    "LONGEST",
-    "Comparison",
-    "Measured",
-    "Whole",
-    "comparisons",
-    "measure",
-    "whole_commands",
-]
 
 
 @dataclass(frozen=True)
@@ -60,15 +50,6 @@ class Measured:
     notes: dict[str, float]  # Medians of what the engine said
 
 
-@dataclass(frozen=True, eq=False)
-class _Run:
-    """One run of an engine's process."""
-
-    size: float
-    processor: float  # s
-    fitted: Fitted
-
-
 def measure(
     engines: Sequence[Engine],
     study: str,
@@ -76,7 +57,6 @@ def measure(
     *,
     seconds: float = 150.0,
     quick: bool = False,
-    log: Callable[[str], None] = lambda line: None,
 ) -> list[Measured]:
     """Measure engines on one study, one after the other.
 
@@ -92,8 +72,6 @@ def measure(
         After these no run of an engine begins.
     quick : bool
         One run each, of the size that shows that it works.
-    log : callable
-        Told of each engine.
 
     Returns
     -------
@@ -102,7 +80,7 @@ def measure(
     """
     measured: list[Measured] = []
     for sampler in engines:
-        log(f"{study}, {sampler.title}")
+        say(f"{study}, {sampler.title}")
         task = {
             "engine": sampler.name,
             "study": study,
@@ -117,37 +95,33 @@ def measure(
 
 def _reduced(study: str, name: str, printed: Printed, reference: Reference) -> list[Measured]:
     """Reduce the runs of an engine to a row for each budget."""
-    by_size: dict[float, list[_Run]] = {}
+    by_size: dict[float, list[Printed]] = {}
     for run in printed["runs"]:
-        fields = run["fitted"]
-        value = np.array(fields["value"])
-        error = np.array(fields["error"])
-        fitted = Fitted(value, error, fields["effective"], fields["seconds"], fields["notes"])
-        by_size.setdefault(run["size"], []).append(_Run(run["size"], run["processor"], fitted))
+        by_size.setdefault(run["size"], []).append(run)
     smallest = next(iter(by_size.values()))
     # What the first run of a process takes beyond a later one: imports, building and compiling.
-    start = max(printed["first"] - median(run.fitted.seconds for run in smallest), 0.0)
+    start = max(printed["first"] - median(run["seconds"] for run in smallest), 0.0)
     return [_row(study, name, start, runs, reference) for runs in by_size.values()]
 
 
 def _row(
-    study: str, name: str, start: float, runs: Sequence[_Run], reference: Reference
+    study: str, name: str, start: float, runs: Sequence[Printed], reference: Reference
 ) -> Measured:
-    fits = [run.fitted for run in runs]
-    seconds = [fitted.seconds for fitted in fits]
-    errors = [reference.relative_error(fitted.value) for fitted in fits]
+    seconds = [run["seconds"] for run in runs]
+    values = np.array([run["value"] for run in runs])
+    errors = [reference.relative_error(value) for value in values]
     warm = median(seconds)
-    processor = median(run.processor for run in runs)
-    effective = median(fitted.effective for fitted in fits)
-    difference = np.array([fitted.value for fitted in fits]) - reference.value
-    claimed = np.hypot([fitted.error for fitted in fits], reference.error)
+    processor = median(run["processor"] for run in runs)
+    effective = median(run["effective"] for run in runs)
+    difference = values - reference.value
+    claimed = np.hypot([run["error"] for run in runs], reference.error)
     notes = {}
-    for key in fits[0].notes:
-        notes[key] = median(fitted.notes[key] for fitted in fits)
+    for key in runs[0]["notes"]:
+        notes[key] = median(run["notes"][key] for run in runs)
     return Measured(
         study=study,
         engine=name,
-        size=runs[0].size,
+        size=runs[0]["size"],
         repeats=len(runs),
         warm=warm,
         cold=start + warm,
@@ -293,24 +267,24 @@ def _main(text: str) -> None:
     # Samplers warn about runs as short as some of these are meant to be.
     warnings.simplefilter("ignore")
     began = time.time()
-    statistics = study_statistics(task["study"])
+    study = study_of(task["study"])
     # Reading is the same for all engines, and no part of any of them.
     read = time.time() - began
-    sampler = engine(task["engine"]).prepare(statistics)
+    sampler = engine(task["engine"]).prepare(study)
     seed = task["seed"]
     smallest, _ = task["budgets"][0]
     sampler(smallest, seed)
     first = time.time() - task["started"] - read
-    runs: list[_Run] = []
+    runs: list[Printed] = []
     for size, repeats in task["budgets"]:
         for _ in range(repeats):
             if runs and time.time() - task["started"] > task["seconds"]:
                 break
             seed += 1
             before = _processor_seconds()
-            fitted = sampler(size, seed)
-            runs.append(_Run(size, _processor_seconds() - before, fitted))
-    print_result({"first": first, "runs": [asdict(run) for run in runs]})
+            fitted = asdict(sampler(size, seed))
+            runs.append({"size": size, "processor": _processor_seconds() - before, **fitted})
+    print_result({"first": first, "runs": runs})
 
 
 def _processor_seconds() -> float:

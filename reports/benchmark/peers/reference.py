@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,13 +19,13 @@ import numpy as np
 from percept.errors import RefusalError
 from percept.results.plain import plain
 from reports.benchmark.measure import Printed
-from reports.benchmark.peers.engines import STUDIES, Array, percept_run, study_statistics
+from reports.benchmark.peers.engines import STUDIES, Array, percept_run, study_of
+from reports.command import say
 from reports.store import store
 
 if TYPE_CHECKING:
-    from percept.inference.hierarchy.statistics import Statistics
+    from percept.study.prepare import Prepared
 
-__all__ = ["Reference", "make_references", "stored_reference", "stored_references"]
 
 _FILE = "reference.json"
 _RUNS = 30
@@ -100,7 +100,6 @@ def make_references(
     studies: Sequence[str] = (),
     *,
     runs: int = _RUNS,
-    log: Callable[[str], None] = lambda line: None,
 ) -> Path:
     """Pool runs of studies beside the stored references; an interrupted call goes on.
 
@@ -112,8 +111,6 @@ def make_references(
         Of `STUDIES`; all by default.
     runs : int
         Of each study.
-    log : callable
-        Told of each run.
 
     Returns
     -------
@@ -123,18 +120,17 @@ def make_references(
     folder = Path(out)
     references = stored_references(folder)
     for study in studies or STUDIES:
-        log(f"{study}: {runs} runs")
-        run = partial(_run, study_statistics(study))
+        run = partial(_run, study_of(study))
         kept = store(folder, f"{study} {_TOLERANCE}")
-        progress = partial(_say, log, study)
+        progress = partial(_say, study)
         references[study] = Reference.pooled(kept.complete(run, runs, progress=progress))
     (folder / _FILE).write_text(json.dumps(plain(references)) + "\n", encoding="utf-8")
     return folder / _FILE
 
 
-def _run(statistics: Statistics, seed: int) -> Printed:
-    return dict(plain(percept_run(statistics, _TOLERANCE, seed)))
+def _run(study: Prepared, seed: int) -> Printed:
+    return dict(plain(percept_run(study, _TOLERANCE, seed)))
 
 
-def _say(log: Callable[[str], None], study: str, done: int, runs: int) -> None:
-    log(f"{study}: {done} of {runs} runs done")
+def _say(study: str, done: int, runs: int) -> None:
+    say(f"{study}: {done} of {runs} runs done")

@@ -9,18 +9,15 @@ import numpy as np
 import pytest
 
 from percept.errors import UsageError
-from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from reports.benchmark.__main__ import main
 from reports.benchmark.designs import DesignCost, design_costs, summary
-from reports.benchmark.peers.cells import averaged_limits
-from reports.benchmark.simulated import DESIGNS, simulated
+from reports.benchmark.simulated import DESIGNS, simulated, statistics_of
 
 BENCHMARK = Path(__file__).resolve().parents[3] / "reports" / "benchmark"
 
 
 def test_an_irregular_study_misses_cells_and_repeats_others():
-    statistics = simulated(DESIGNS["60x8-irregular"], 1)
+    statistics = statistics_of(simulated(DESIGNS["60x8-irregular"], 1))
     present = np.isfinite(statistics.cell_means).all(axis=1)
     # A fifth of 480 cells, within four binomial SDs.
     assert abs((~present).sum() - 96) < 4 * np.sqrt(480 * 0.2 * 0.8)
@@ -30,17 +27,18 @@ def test_an_irregular_study_misses_cells_and_repeats_others():
 
 def test_one_subject_is_three_times_off_and_the_others_are_not():
     design = DESIGNS["8x4x2-outlier"]
-    off = (
-        simulated(design, 2).cell_means
-        - simulated(dataclasses.replace(design, outlier=1.0), 2).cell_means
+    without = dataclasses.replace(design, outlier=1.0)
+    means, means_without = (
+        statistics_of(simulated(each, 2)).cell_means for each in (design, without)
     )
+    off = means - means_without
     assert off[0] == pytest.approx(np.full((2, 4), np.log(3.0)), rel=1e-12)
     assert np.abs(off[1:]).max() < 1e-14
 
 
 def test_scatter_between_subjects_vanishes_where_sigma_w_does():
     """Cell means about subjects' and environments' own scatter by the trials alone, sigma_e²/3."""
-    statistics = simulated(DESIGNS["24x12x3-none"], 1)
+    statistics = statistics_of(simulated(DESIGNS["24x12x3-none"], 1))
     means = statistics.cell_means
     rest = (
         means
@@ -138,26 +136,6 @@ def test_the_summary_names_what_misses():
     assert "a root mean square of 1.32; 5.00% exceed 3; the largest is 2.00." in peer
     assert coarse == "Nutpie's own error exceeds percept's in 12x8x1."
     assert without == "Nutpie has not run, or gave no limits to compare, on 24x12x1."
-
-
-@pytest.mark.parametrize("name", ["10x5-irregular-normal", "40x20-irregular-k", "12x8x1"])
-def test_limits_from_draws_of_the_scales_are_those_of_the_same_points(name):
-    statistics = simulated(DESIGNS[name], 1)
-    model = CollapsedDensity(statistics)
-    points = 0.3 * np.random.default_rng(5).standard_normal((400, len(model.names)))
-    estimands = IntervalEstimands(model, kinds=("mean", "user"))
-    (mean, on_mean), (user, on_user) = estimands.estimates(estimands.components(points))
-    expected, influence = np.r_[mean.value, user.value], np.concatenate([on_mean, on_user], axis=1)
-    draws = {
-        key: values.reshape(4, 100, *values.shape[1:])
-        for key, (_, values) in model.scales(points).items()
-    }
-    value, error = averaged_limits(statistics, draws)
-    assert value == pytest.approx(expected, rel=1e-10)
-    # The points are independent: their standard error is known, the estimate of it within a third
-    # or so.
-    ratio = error / (influence.std(axis=0) / np.sqrt(400))
-    assert 0.75 < np.median(ratio) < 1.33
 
 
 def test_the_committed_page_says_which_clock():

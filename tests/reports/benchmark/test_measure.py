@@ -7,11 +7,10 @@ import dataclasses
 import pytest
 
 from reports.benchmark.digits import Digits
-from reports.benchmark.growth import Growth
 from reports.benchmark.measure import described, measurement, measurement_markdown
 from reports.benchmark.skipping import Saving
 
-RECORDS = (Digits, Saving, Growth)
+RECORDS = (Digits, Saving)
 
 
 @pytest.mark.parametrize("record", RECORDS)

@@ -79,7 +79,8 @@ def with_a_narrow_prior(statistics, priors):
     "density", [with_a_narrow_prior, WithoutJacobian] if LONG else [with_a_narrow_prior]
 )
 def test_wrong_density_is_caught(density):
-    found = judged(PLAN, [place_study(PLAN, index, density) for index in range(40 if LONG else 6)])
+    fits = range(40 if LONG else 6)
+    found = judged(PLAN, [placed_at(place_study(PLAN, index, density)) for index in fits])
     assert any(name.startswith("sigma") for name in found.outside)
 
 
@@ -114,12 +115,11 @@ def test_snooker_move_is_caught_and_ours_is_not():
 
 def test_every_level_of_the_model_is_placed():
     placed = place_study(Plan(kind="three subjects"), 0)
-    assert placed["reason"] == ""
-    heads = {name.split("[")[0] for name in placed["values"]}
+    heads = {name.split("[")[0] for name in placed}
     assert heads == {
         "sigma", "s", "kappa", "omega", "rho_w", "sigma_u", "rho_u", "tau", "beta", "mean", "user",
     }  # fmt: skip
-    assert all(0 < value < 1 for value in placed["values"].values())
+    assert all(0 < value < 1 for value in placed.values())
 
 
 def test_designs_are_the_kinds_of_study():
@@ -223,7 +223,7 @@ def test_study_is_the_same_however_it_is_run(tmp_path):
     assert told == [(3, 3)]  # the two kept are not computed again
     assert path.read_text().startswith(kept)
     assert (first.fits, both.fits) == (2, 3)
-    assert place_study(PLAN, 2)["values"] == json.loads(path.read_text().splitlines()[2])["values"]
+    assert place_study(PLAN, 2) == json.loads(path.read_text().splitlines()[2])["values"]
 
 
 @pytest.mark.evidence

@@ -13,8 +13,9 @@ from reports.benchmark.peers.engines import (
     engine,
     limits_of_draws,
     share_half_widths,
-    study_statistics,
+    study_of,
 )
+from reports.benchmark.simulated import statistics_of
 
 
 def test_engines_are_found_by_name():
@@ -25,7 +26,7 @@ def test_engines_are_found_by_name():
 
 def test_studies_are_what_their_descriptions_say():
     for name, about in STUDIES.items():
-        statistics = study_statistics(name)
+        statistics = statistics_of(study_of(name))
         subjects, environments = len(statistics.subjects), len(statistics.environments)
         assert about.startswith(f"{subjects} subjects, {environments} environments")
         assert statistics.repeats == ("3 trials" in about)

@@ -10,7 +10,7 @@ from scipy import stats
 
 from percept.errors import RefusalError
 from reports.benchmark.peers import reference
-from reports.benchmark.peers.engines import percept_run, study_statistics
+from reports.benchmark.peers.engines import percept_run, study_of
 from reports.benchmark.peers.reference import Reference, make_references, stored_reference
 from tests import BENCHMARK
 
@@ -53,7 +53,7 @@ def test_the_stored_reference_claims_what_its_runs_show(stored):
 
 
 def test_a_short_run_agrees_with_the_stored_reference(stored):
-    found = percept_run(study_statistics("published"), 0.05, 71)
+    found = percept_run(study_of("published"), 0.05, 71)
     error = np.hypot(found.error, stored.error)
     worst = stats.norm.isf(0.5 * 1e-4 / found.value.size)
     assert np.abs((found.value - stored.value) / error).max() < worst

@@ -6,11 +6,10 @@ import pytest
 from scipy import stats
 
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.priors import Priors
-from reports.benchmark.peers.cells import cells_model
-from reports.benchmark.simulated import StudyDesign, simulated
+from reports.benchmark.simulated import StudyDesign, observed, simulated, statistics_of
+from reports.peers import plain_model
 
-LATENT = ("alpha", "gamma", "delta", "z_delta", "z_u")
+LATENT = ("alpha", "gamma", "own_tau", "z_tau", "z_u")
 
 
 def law(name):
@@ -27,7 +26,7 @@ def law(name):
 
 
 @pytest.fixture(params=["k and b, irregular", "k, irregular", "k and b, one trial"])
-def statistics(request):
+def study(request):
     one = "one trial" in request.param
     parameters = ("k", "b") if "b" in request.param else ("k",)
     trials, missing = ((1, 1), 0.0) if one else ((1, 3), 0.2)
@@ -59,9 +58,10 @@ def integrated(quadratic, shapes):
 
 @pytest.mark.parametrize("centred", [False, True])
 @pytest.mark.filterwarnings("ignore")  # of the libraries, about themselves
-def test_integrated_over_the_locations_it_is_the_collapsed_density(statistics, centred):
+def test_integrated_over_the_locations_it_is_the_collapsed_density(study, centred):
     pytest.importorskip("pymc")
-    model = cells_model(statistics, Priors(), centred=centred)
+    statistics = statistics_of(study)
+    model = plain_model(observed(study), centred=centred)
     compiled = model.compile_logp(jacobian=False)
     density = CollapsedDensity(statistics)
     points = 0.5 * np.random.default_rng(4).standard_normal((4, density.dimension))
