@@ -250,7 +250,7 @@ def _against_nutpie(rows: Sequence[DesignCost]) -> list[str]:
         f"Against nutpie, {limits:.0f} limits of kinds mean and user: differences over combined"
         " errors have a root mean square of"
         f" {math.sqrt(np.average(squares, weights=counts)):.2f}; {beyond / limits:.2%} exceed 3;"
-        f" the largest is {largest:.2f}. Nutpie's limits are quantiles of its draws.",
+        f" the largest is {largest:.2f}.",
         f"Nutpie's own error exceeds percept's in {', '.join(coarse) or 'none of them'}.",
     ]
 

@@ -6,20 +6,16 @@ The full run is `make calibrate`; its results are committed under reports/calibr
 import dataclasses
 import itertools
 import json
-import types
 
 import emcee
 import numpy as np
 import pytest
-from scipy import stats
 
 from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.laws import ConditionalMoments
 from percept.inference.sampling.moves import ReferenceLaw, standard_moves
 from percept.provenance import made_by
-from reports.calibration import sbc
 from reports.calibration.__main__ import main
-from reports.calibration.sbc import DESIGNS, page, place_study, places, verdicts_json
+from reports.calibration.sbc import page, place_study, verdicts_json
 from reports.calibration.uniformity import (
     EcdfBand,
     Plan,
@@ -122,34 +118,6 @@ def test_every_level_of_the_model_is_placed():
     assert all(0 < value < 1 for value in placed.values())
 
 
-def test_designs_are_the_kinds_of_study():
-    assert DESIGNS["trials"].repeated
-    assert (DESIGNS["missing cells"].trials == 0).any()
-    assert DESIGNS["one parameter"].parameters == ("k",)
-    assert len(DESIGNS["one environment"].environments) == 1
-    assert len(DESIGNS["three subjects"].subjects) == 3
-    assert (DESIGNS["balanced"].trials == 1).all()
-    assert DESIGNS["weak scatter"].repeated
-    assert len(DESIGNS["thirty environments"].environments) == 30
-    assert len(DESIGNS) == 8
-
-
-def test_truths_of_weak_scatter_are_a_twentieth_of_the_trials(monkeypatch):
-    """Medians over studies: the ratio of s to s_e is lognormal about 1/20 with log SD sqrt(2)."""
-    ratios = []
-
-    def stop(truth, design, rng):
-        ratios.append(truth.hyper.s / truth.hyper.s_e)
-        raise StopIteration
-
-    monkeypatch.setattr(sbc, "draw_responses", stop)
-    for index in range(200):
-        with pytest.raises(StopIteration):
-            place_study(Plan(kind="weak scatter"), index)
-    # 400 values: their mean log has a standard error of sqrt(2/400).
-    assert abs(np.log(ratios).mean() - np.log(1 / 20)) < 4.5 * np.sqrt(2 / 400)
-
-
 def test_uniform_values_pass_and_one_bent_quantity_is_named():
     names = [f"sigma[k,VE{j}]" for j in range(1, 31)]
     placed = uniform_places(300, names)
@@ -164,37 +132,6 @@ def test_uniform_values_pass_and_one_bent_quantity_is_named():
 def test_the_error_is_shared_among_the_quantities():
     found = judged(PLAN, uniform_places(100, [f"q{i}" for i in range(30)]))
     assert found.tail == ecdf_band(100, PLAN.bins, 0.01 / 30).tail
-
-
-def test_a_new_user_is_placed_among_users_of_a_mean_that_is_uncertain():
-    """A mean of SD 1, users of SD 1 about it, and one at 1: normal with SD sqrt(2)."""
-    one, cell = np.ones((1, 1)), np.zeros((1, 1))
-    model = types.SimpleNamespace(
-        laws=lambda points: ConditionalMoments(cell, one, one),
-        scales=lambda points: {},
-        draw=lambda points, rng: (cell, one),
-        cells=(("k", "E"),),
-        density=types.SimpleNamespace(statistics=types.SimpleNamespace(parameters=("k",))),
-    )
-    run = types.SimpleNamespace(independent=lambda: np.zeros((1, 1, 1)))
-    plan, truth = types.SimpleNamespace(draws=1), types.SimpleNamespace(beta=cell)
-    placed = places(plan, model, run, truth, one.ravel(), np.random.default_rng(0))
-    assert placed["user[k,E]"] == pytest.approx(stats.norm.cdf(1 / np.sqrt(2)))
-
-
-def test_studies_of_all_designs_have_streams_of_their_own(monkeypatch):
-    seen = []
-
-    def stop(design, priors, rng):
-        seen.append(rng.random())
-        raise StopIteration
-
-    monkeypatch.setattr(sbc, "draw_hyperparameters", stop)
-    for name in DESIGNS:
-        for index in (0, 1):
-            with pytest.raises(StopIteration):
-                place_study(Plan(kind=name), index)
-    assert len(set(seen)) == 2 * len(DESIGNS)
 
 
 def test_failed_fits_are_counted_with_their_reason():
