@@ -121,7 +121,7 @@ def design_costs(
         if name not in DESIGNS:
             message = f"no such design; there are {', '.join(DESIGNS)}."
             raise UsageError(message, key="--rows", value=name)
-        rows = []
+    rows = []
     for name in names or DESIGNS:
         design = DESIGNS[name]
         for seed in seeds:
