@@ -246,18 +246,25 @@ def _slips(table: pd.DataFrame, adj: str, ref: str) -> Iterator[_Slip]:
     if not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
         text = f"{adj} is {ratio:.3g} times {ref} at the median: their units seem to differ."
         yield _Slip(int(rows[0]), ratio, text)
-    files = both.groupby("file").indices
-    if len(files) < 2:
-        return
-    for own in files.values():
-        of_file = _typical_ratio(adjusted[own], reference[own])
-        factor = max(of_file / ratio, ratio / of_file)
-        if _THOUSAND / _ABOUT < factor < _THOUSAND * _ABOUT:
+    for column in ("file", "subject"):
+        found = False
+        for own in both.groupby(column, sort=False).indices.values():
+            of_part = _typical_ratio(adjusted[own], reference[own])
+            factor = max(of_part / ratio, ratio / of_part)
+            if not _THOUSAND / _ABOUT < factor < _THOUSAND * _ABOUT:
+                continue
+            found = True
+            where = "this file"
+            if column == "subject":
+                where = f"subject {shown([str(both[column].iloc[own[0]])])}"
             text = (
-                f"{adj} is {of_file:.3g} times {ref} at the median of this file, and {ratio:.3g}"
-                " times over all files: the units of the file seem to differ by a thousand."
+                f"{adj} is {of_part:.3g} times {ref} at the median of {where}, and"
+                f" {ratio:.3g} times over all {column}s: the units of the {column} seem to differ"
+                " by a thousand."
             )
             yield _Slip(int(rows[own[0]]), ratio, text)
+        if found:
+            return
 
 
 def check_summary(

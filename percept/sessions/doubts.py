@@ -15,6 +15,7 @@ import pandas as pd
 
 from percept.errors import counted
 from percept.sessions.ends import by_environment
+from percept.sessions.faults import faults, missing_codes
 from percept.sessions.quantities import Quantity
 from percept.sessions.records import IDS, Factors, Notice, Places, clip, shown
 from percept.sessions.values import fold, is_missing
@@ -71,7 +72,8 @@ def doubtful_ids(table: pd.DataFrame, place: Places) -> Iterator[Notice]:
                 yield Notice(f"{column} {text} is taken as a name: is it a missing value?")
         for texts in by_look.values():
             if len(texts) > 1:
-                yield Notice(f"{column}s {', '.join(texts)} look alike and are kept apart")
+                text = f"{column}s {', '.join(texts)} look alike and are kept apart"
+                yield Notice(f"{text}: if they are one, write them alike in the files")
 
 
 def _where(place: Any) -> str:
@@ -85,12 +87,13 @@ def _written(name: str) -> str:
 
 
 def _look(name: str) -> str:
-    """Reduce a name to its looks: without case, leading zeros, or the script of a letter."""
+    """Reduce a name to its looks: "P_01" and "p1" are alike, and so are letters of two scripts."""
     plain = unicodedata.normalize("NFKC", fold(name)).translate(_HOMOGLYPHS).casefold()
     try:
         return f"{float(plain):.15g}"
     except ValueError:
-        return plain.lstrip("0")
+        joined = re.sub(r"(?<=[^\W\d_])[\s_.-]+(?=\d)", "", plain)
+        return re.sub(r"(?<!\d)0+(?=\d)", "", joined)
 
 
 def doubtful_scales(references: pd.DataFrame, quantities: Iterable[Quantity]) -> Iterator[Notice]:
@@ -141,6 +144,7 @@ def screen(
         yield Notice(f"{slip.text}: mistyped?", column=f"{slip.parameter}_adj", **place(slip.index))
     if len(found) > _MOST_SLIPS:
         yield Notice(f"{counted(len(found) - _MOST_SLIPS, 'more value')} may be mistyped")
+    yield from faults(table, quantities, place)
     yield from _single_trials(table)
     for quantity in quantities:
         yield from _without_logarithm(table, quantity.name, place, family)
@@ -203,9 +207,10 @@ def _without_logarithm(
     reference = f"{parameter}_ref"
     known = table.dropna(subset=column)
     low = known[known[column] <= 0]
-    if low.empty:
+    if low.empty or set(low[column]) <= set(missing_codes(known[column])):
         return
-    few_zeros = bool((low[column] == 0).all()) and len(low) <= _FEW * len(known)
+    few = len(low) <= _FEW * len(known)
+    few_zeros = few and bool((low[column] == 0).all())
     no_ratio = bool((low[reference] <= 0).any())
     # The normal family takes zeros and negative values; only a few zeros are doubted there.
     if family != "lognormal" and (no_ratio or not few_zeros):
@@ -224,6 +229,13 @@ def _without_logarithm(
             f" them. If zero is an end of the control, limits = [0.0, inf] below"
             f" [quantities.{parameter}] leaves them out and counts them. If people meant them,"
             ' set family = "normal" in [inference].'
+        )
+    elif few:
+        least = float(known.loc[known[column] > 0, column].min())
+        rule = f'{{ column = "{column}", below = {least!r}, why = "slip of sign" }}'
+        way = (
+            f"If nobody meant that, [sessions] exclude = [{rule}] leaves such trials out and logs"
+            ' them. If people meant it, set family = "normal" in [inference].'
         )
     else:
         way = 'To leave out this many biases the rest: set family = "normal" in [inference].'

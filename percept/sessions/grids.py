@@ -27,6 +27,7 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import files
+from percept.sessions.layout import FirstRows, LayoutError, refuse_aligned, refuse_layout
 from percept.sessions.plain import are_plain, is_rectangular
 from percept.sessions.records import NoDataError, Place, clip
 
@@ -320,8 +321,10 @@ def _find_dialect(
         names = " and ".join(_DELIMITERS[dialect.delimiter] for dialect, _ in fits)
         hint = 'Declare [sessions] delimiter = ";" (or the one that is right).'
         raise UsageError(f"{names} can each split the lines.", file=file, hint=hint)
+    refuse_aligned(text, file, block.first_row)
     if misfits:
-        raise max(misfits, key=lambda misfit: misfit[:2])[2]
+        named = [misfit for misfit in misfits if isinstance(misfit[2], LayoutError)]
+        raise max(named or misfits, key=lambda misfit: misfit[:2])[2]
     message = "this is not a table: no comma, semicolon, tab, bar or space separates its columns."
     hint = "Export it as CSV, or declare [sessions] delimiter."
     raise UsageError(message, file=file, row=block.first_row, hint=hint)
@@ -330,9 +333,8 @@ def _find_dialect(
 def _delimiters(head: str, text: str) -> list[str]:
     """List delimiters to try: spaces only where the header has no other, for names have spaces."""
     *others, space = _DELIMITERS
-    if space in head and not any(sign in head for sign in others):
-        return [space]
-    return [sign for sign in others if sign in text]
+    spaces = space in head and not any(sign in head for sign in others)
+    return [space] * spaces + [sign for sign in others if sign in text]
 
 
 def _quotings(text: str) -> tuple[Quoting, ...]:
@@ -348,6 +350,7 @@ def _quotings(text: str) -> tuple[Quoting, ...]:
 def _with_header(block: Block, tried: Dialect) -> tuple[Dialect, Grid]:
     """Split a text under a dialect. The first line that is not blank is the header."""
     records = _records(block.text, tried, block.first_row)
+    refuse_layout(FirstRows.of(tried.file, records.cells, records.lines))
     start = 0
     while start < len(records.cells) and not any(cell.strip() for cell in records.cells[start]):
         start += 1

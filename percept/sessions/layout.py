@@ -14,12 +14,16 @@ from percept.errors import UsageError
 from percept.sessions.records import Place, shown
 from percept.sessions.values import is_missing
 
-__all__ = ["FirstRows", "refuse_aligned", "refuse_headless", "refuse_layout"]
+__all__ = ["FirstRows", "LayoutError", "refuse_aligned", "refuse_headless", "refuse_layout"]
 
 #: Rows that are looked at.
 _MOST_ROWS = 50
 _NUMBER = re.compile(r"[+-]?([0-9]+[.,]?[0-9]*|[.,][0-9]+)([eE][+-]?[0-9]+)?")
 _COMMENT = ("#", "%", "//")
+
+
+class LayoutError(UsageError):
+    """Text around a table, or a header that is none."""
 
 
 @dataclass(frozen=True)
@@ -46,21 +50,31 @@ def _filled(row: Sequence[str]) -> list[str]:
     return [cell for cell in row if cell.strip()]
 
 
-def _title(rows: FirstRows) -> Iterator[UsageError]:
+def _title(rows: FirstRows) -> Iterator[LayoutError]:
     """Find text above the header: one cell at the left, where rows below have several."""
-    filled = [len(_filled(row)) for row in rows.cells]
-    header = next((index for index, count in enumerate(filled) if count > 1), 0)
-    if header == 0 or not rows.cells[0][0]:
+    title = rows.cells[0]
+    if not title[0] or (len(_filled(title)) > 1 and not title[0].startswith(_COMMENT)):
+        return
+    # Under a delimiter that is none, a row with one in a cell would look like a header.
+    table = [i for i, row in enumerate(rows.cells) if _is_table([row, *rows.cells[i + 1 :]])]
+    header = next(iter(table), 0)
+    if header == 0:
         return
     line = rows.lines[header]
     message = (
         f"line {rows.lines[0]} is a title or a comment: the header seems to be in line {line}."
     )
     hint = f"Remove the lines above line {line}."
-    yield UsageError(message, value=rows.cells[0][0], hint=hint, **rows.place(0))
+    yield LayoutError(message, value=rows.cells[0][0], hint=hint, **rows.place(0))
 
 
-def _two_headers(rows: FirstRows) -> Iterator[UsageError]:
+def _is_table(rows: Sequence[Sequence[str]]) -> bool:
+    """Whether rows have a header of several names, and as many cells below each."""
+    widths = {len(row) for row in rows}
+    return len(rows) > 1 and len(widths) == 1 and len(_filled(rows[0])) > 1
+
+
+def _two_headers(rows: FirstRows) -> Iterator[LayoutError]:
     """Find a header with gaps above another one: environments above names of columns."""
     if len(rows.cells) < 3:
         return
@@ -78,10 +92,10 @@ def _two_headers(rows: FirstRows) -> Iterator[UsageError]:
         f"Write one line in their place: {','.join(names)}. Then name the columns in the scene,"
         ' such as k_adj = "adj_{environment}" below [columns].'
     )
-    yield UsageError(message, value=", ".join(_filled(upper)), hint=hint, **rows.place(0))
+    yield LayoutError(message, value=", ".join(_filled(upper)), hint=hint, **rows.place(0))
 
 
-def _units(rows: FirstRows) -> Iterator[UsageError]:
+def _units(rows: FirstRows) -> Iterator[LayoutError]:
     """Find a row of words below the header, where the rows below it hold numbers."""
     if len(rows.cells) < 3 or _numbers(rows.cells[1]):
         return
@@ -99,15 +113,15 @@ def _units(rows: FirstRows) -> Iterator[UsageError]:
     )
     rule = f'{name} = {{ name = "{name}", unit = "{word}" }}'
     hint = f"Remove it. Units stand in the scene, below [columns], such as {rule}."
-    yield UsageError(message, column=name, value=word, hint=hint, **rows.place(1))
+    yield LayoutError(message, column=name, value=word, hint=hint, **rows.place(1))
 
 
-def _comments(rows: FirstRows) -> Iterator[UsageError]:
+def _comments(rows: FirstRows) -> Iterator[LayoutError]:
     """Find a comment among the data."""
     for index, row in enumerate(rows.cells):
         if index and row[0].startswith(_COMMENT) and len(_filled(row)) == 1:
             message = f"line {rows.lines[index]} is a comment."
-            yield UsageError(message, value=row[0], hint="Remove it.", **rows.place(index))
+            yield LayoutError(message, value=row[0], hint="Remove it.", **rows.place(index))
 
 
 def _numbers(row: Sequence[str]) -> list[str]:
@@ -115,7 +129,7 @@ def _numbers(row: Sequence[str]) -> list[str]:
 
 
 #: From the first rows of a file to what is wrong with them.
-_CHECKS: tuple[Callable[[FirstRows], Iterator[UsageError]], ...] = (
+_CHECKS: tuple[Callable[[FirstRows], Iterator[LayoutError]], ...] = (
     _title,
     _two_headers,
     _units,
@@ -125,7 +139,7 @@ _CHECKS: tuple[Callable[[FirstRows], Iterator[UsageError]], ...] = (
 
 def refuse_layout(rows: FirstRows) -> None:
     """Refuse text around a table, by the first check that finds some."""
-    for check in _CHECKS:
+    for check in _CHECKS if rows.cells else ():
         for problem in check(rows):
             raise problem
 
@@ -140,7 +154,7 @@ def refuse_aligned(text: str, file: str, row: int) -> None:
             "Save the table as CSV: writetable(T, 'trials.csv') in MATLAB, write.csv in R; or"
             " replace each run of spaces by one comma."
         )
-        raise UsageError(message, file=file, row=row, hint=hint)
+        raise LayoutError(message, file=file, row=row, hint=hint)
 
 
 def refuse_headless(header: Sequence[str], cells: Sequence[Sequence[str]], file: str) -> None:
@@ -169,4 +183,4 @@ def refuse_headless(header: Sequence[str], cells: Sequence[Sequence[str]], file:
             "Write the names of the columns in a line above it, such as"
             " subject,environment,trial,k_ref,k_adj."
         )
-        raise UsageError(message, file=file, row=1, hint=hint)
+        raise LayoutError(message, file=file, row=1, hint=hint)

@@ -377,7 +377,9 @@ def _telling_columns(options: ReadOptions, opened: _Opened) -> list[str]:
     with suppress(UsageError):
         with closing(opened(Reading(options))) as tables:
             first = next(tables)
+        names = first.file.header.names
         unused = unused_columns(first.file.header, first.found, options)
+        unused = [name for name in unused if names.count(name) == 1]
         with closing(opened(Reading(options.with_groups(unused)))) as tables:
             merged = pd.concat([frame for table in tables for frame in table.frames()])
         for name in merged.columns.intersection(unused):

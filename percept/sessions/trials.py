@@ -23,6 +23,8 @@ from percept.sessions.table import FileTable, OpenFile
 __all__ = ["LongTable", "WideTable"]
 
 _CORRECT = "Correct the cell, or leave it empty if there was no adjustment."
+#: Share of rows without an id from which on its cells seem to be merged.
+_MERGED = 0.5
 #: Above this, doubles do not tell whole numbers apart.
 _WHOLE = 2.0**53
 #: Before the name of a column of the file's own that is read as text, or as numbers for a limit.
@@ -243,6 +245,14 @@ class TrialTable(FileTable):
                 # Ids are few, so that each is looked at once.
                 empty = [name for name in data[column].unique() if not name.strip()]
                 missing = data[column].isin(empty).to_numpy()
+            if missing.mean() >= _MERGED and not missing[0]:
+                first = int(data.index[missing][0])
+                message = (
+                    f"{missing.sum()} of {len(data)} rows have no {column}: cells merged down?"
+                )
+                hint = "Write it in every row: unmerge the cells, and fill each down."
+                self.problems.add(message, hint=hint, **self._place(column, first))
+                continue
             for row in data.index[missing]:
                 hint = "Fill it in, or leave such rows out with [sessions] only or exclude."
                 place = self._place(column, row)
@@ -260,7 +270,13 @@ class TrialTable(FileTable):
         for name, cells in texts.items():
             place = self._place(name)
             numbers[name] = values.parse_numbers(
-                cells, rows, self._mark, self.problems, place, correct=_CORRECT
+                cells,
+                rows,
+                self._mark,
+                self.problems,
+                place,
+                correct=_CORRECT,
+                canonical=name,
             )
         quantities = with_mass(self.quantities)
         for name in names:

@@ -12,15 +12,18 @@ import pandas as pd
 from percept.errors import UsageError
 from percept.sessions.files import Input, is_workbook
 from percept.sessions.grids import Block, Dialect, Grid, Records
+from percept.sessions.layout import FirstRows, refuse_layout
 from percept.sessions.options import FileLimits
 from percept.sessions.records import NoDataError
-from percept.sessions.stores import database_rows, json_rows, matlab_rows, r_rows
+from percept.sessions.stores import chosen, database_rows, json_rows, matlab_rows, r_rows
 
 __all__ = ["is_typed", "typed_block", "typed_rows"]
 
 _Reader = Callable[[bytes, str, str | None, FileLimits], list[Sequence[Any]]]
 #: How JSON begins that holds records or lists.
 _JSON = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:\{\s*[\"}]|\[\s*[\[{])")
+#: Rows of a sheet in which text around the table is looked for.
+_FIRST_ROWS = 60
 #: Bytes that tell a format.
 _BEGINNING = 256
 
@@ -108,6 +111,10 @@ def _sheet_rows(
     if not rows:
         hint = "Name another with [sessions] sheet."
         raise UsageError("the sheet is empty.", file=file, hint=hint)
+    widest = max(map(len, rows))
+    padded = [row + [""] * (widest - len(row)) for row in rows[:_FIRST_ROWS]]
+    texts = [[_text(value) for value in row] for row in padded]
+    refuse_layout(FirstRows.of(file, texts, range(1, len(texts) + 1)))
     # Cells right of the last column name hold notes.
     width = len(rows[0])
     return [row[:width] + [""] * (width - len(row)) for row in rows]
@@ -120,11 +127,10 @@ def _ragged_rows(
     import openpyxl
 
     book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
-    name = book.sheetnames[0] if sheet is None else sheet
-    if name not in book.sheetnames:
-        message = f"there is no such sheet; the sheets are {', '.join(book.sheetnames)}."
-        raise UsageError(message, file=file, value=sheet)
-    page = book[name]
+    names = book.sheetnames
+    if sheet is None:
+        names = [name for name in names if _is_filled(book[name])] or names[:1]
+    page = book[chosen(names, sheet, file)]
     # The size that a sheet states may be wrong.
     page.reset_dimensions()
     blank_rows = 0
@@ -141,6 +147,12 @@ def _ragged_rows(
         yield from ([] for _ in range(blank_rows))
         blank_rows = 0
         yield values
+
+
+def _is_filled(page: Any) -> bool:
+    """Whether a sheet has a cell with a value."""
+    rows = page.iter_rows(values_only=True)
+    return any(value is not None for row in rows for value in row)
 
 
 #: How files begin, and what reads them.

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from percept.sessions.records import CellPlace, Notice, Problems
+from percept.sessions.records import CellPlace, Notice, Problems, clip
 
 __all__ = [
     "LARGEST",
@@ -54,6 +54,14 @@ _NO_NUMBERS = (
     (r"(?s:[\[{].*)", "a list or a record, not a number.",
      'Say which value counts, such as the last: [columns] k_adj = { name = "…", path = "-1" }.'),
     (r"(?s:.*%)", "a percentage, not a number.", "Write it as a fraction, 0.95 for 95%."),
+    (r"[\u2010-\u2015\u2212] *[0-9.,]+.*", "a typographic minus sign, not a number.",
+     "Replace it by a hyphen in the whole file."),
+    (r"(?i:#?n/?a\.?|#n/?a!?|\.+|\?+|--+|missing)", "a word for a missing value, not a number.",
+     'Leave the cell empty, or leave such rows out: [sessions] exclude = [{ column = "COLUMN",'
+     ' equals = "CELL", why = "missing" }].'),
+    (r"[+-]?[0-9.,]+ ?[A-Za-z°µΩ].*", "a number with a unit or a remark, not a number alone.",
+     'Write the number alone, and its unit in the scene, such as [columns] CANONICAL = { name ='
+     ' "COLUMN", unit = "UNIT" }.'),
     (r"(?i:[+-]?inf(inity)?)", "not a finite number.", ""),
     (r"(?s:.*)", "not a number.", ""),
 )  # fmt: skip
@@ -122,6 +130,7 @@ def parse_numbers(
     place: CellPlace,
     *,
     correct: str = "Correct the cell.",
+    canonical: str = "",
 ) -> npt.NDArray[np.float64]:
     """Convert cells to the nearest doubles."""
     mark = mark or "."
@@ -141,13 +150,13 @@ def parse_numbers(
         elif text.lower() in _MISSING:
             continue
         else:
-            message, hint = _diagnosis(text, mark)
+            message, hint = _diagnosis(text, mark, place.get("column", ""), canonical)
         located: CellPlace = {**place, "row": int(rows[at])}
         problems.add(message, value=cell, hint=hint or correct, **located)
     return numbers
 
 
-def _diagnosis(text: str, mark: Mark) -> tuple[str, str]:
+def _diagnosis(text: str, mark: Mark, column: str, canonical: str) -> tuple[str, str]:
     """Say what is wrong with a cell that is no number, and what to do about it."""
     other: Mark = "," if mark == "." else "."
     if _NUMBER[other].fullmatch(text):
@@ -157,7 +166,14 @@ def _diagnosis(text: str, mark: Mark) -> tuple[str, str]:
             " [sessions] decimal."
         )
         return f"{what}; the file is read with the decimal mark {mark!r}.", hint
-    return next((what, hint) for pattern, what, hint in _NO_NUMBERS if re.fullmatch(pattern, text))
+    what, hint = next(
+        (what, hint) for pattern, what, hint in _NO_NUMBERS if re.fullmatch(pattern, text)
+    )
+    unit = re.sub("^[-+]?[0-9.,]*", "", text).strip()
+    words = {"COLUMN": column, "CELL": clip(text), "CANONICAL": canonical or column, "UNIT": unit}
+    for word, own in words.items():
+        hint = hint.replace(word, own)
+    return what, hint
 
 
 class CellError(ValueError):

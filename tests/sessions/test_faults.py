@@ -1,0 +1,309 @@
+"""Faults found in public files: each is named, with its place and the line that mends it."""
+
+from __future__ import annotations
+
+import tomllib
+
+import openpyxl
+import pytest
+
+from percept.cli import main
+from percept.errors import UsageError
+from percept.sessions import ReadOptions, propose_columns, read_sessions
+
+HEAD = "subject,environment,trial,k_ref,k_adj"
+WALLS = {"soft": 500, "hard": 2000}
+
+
+def rows(subjects=6, trials=2):
+    """Cells of a study without a fault."""
+    return [
+        [f"P{s}", wall, t, reference, round(reference * (0.8 + 0.05 * s + 0.013 * t), 1)]
+        for s in range(1, subjects + 1)
+        for wall, reference in WALLS.items()
+        for t in range(1, trials + 1)
+    ]
+
+
+def lines(**changed):
+    """Lines of CSV; `at_7="…"` replaces the physical line 7."""
+    text = [HEAD, *(",".join(map(str, row)) for row in rows())]
+    for line, cells in changed.items():
+        text[int(line.removeprefix("at_")) - 1] = cells
+    return text
+
+
+def csv_file(tmp_path, text):
+    path = tmp_path / "walls.csv"
+    path.write_text("\n".join(text) + "\n", encoding="utf-8")
+    return path
+
+
+def workbook(tmp_path, **sheets):
+    """A workbook; each sheet is a list of rows."""
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for name, cells in sheets.items():
+        page = book.create_sheet(name)
+        for row in cells:
+            page.append(row)
+    path = tmp_path / "walls.xlsx"
+    book.save(path)
+    return path
+
+
+def refusal(path, **tables):
+    with pytest.raises(UsageError) as caught:
+        read_sessions(path, scene=ReadOptions.from_mapping(tables))
+    assert caught.value.file.startswith(str(path))
+    return caught.value
+
+
+#: Lines, then row, column, value, message and remedy of the one problem.
+IN_TEXT = {
+    "a title": (
+        ["Stiffness study,,,,", "", *lines()],
+        (1, None, "Stiffness study"),
+        "line 1 is a title or a comment: the header seems to be in line 3.",
+        "Remove the lines above line 3.",
+    ),
+    "a title without commas": (
+        ["Stiffness study 2024", *lines()],
+        (1, None, "Stiffness study 2024"),
+        "line 1 is a title or a comment: the header seems to be in line 2.",
+        "Remove the lines above line 2.",
+    ),
+    "comments": (
+        ["# made by hand", "# two, of three", *lines()],
+        (1, None, "# made by hand"),
+        "line 1 is a title or a comment",
+        "Remove the lines above line",
+    ),
+    "a comment among the data": (
+        [*lines()[:4], "# a pause", *lines()[4:]],
+        (5, None, "# a pause"),
+        "line 5 is a comment.",
+        "Remove it.",
+    ),
+    "a row of units": (
+        [HEAD, ",,,N/m,N/mm", *lines()[1:]],
+        (2, "k_ref", "N/m"),
+        "line 2 is a row of units or a second header: 'N/m', 'N/mm'.",
+        'such as k_ref = { name = "k_ref", unit = "N/m" }.',
+    ),
+    "two headers": (
+        [",soft,,hard,", "subject,ref,adj,ref,adj", "P1,500,510,2000,2100", "P2,500,490,2000,1900"],
+        (1, None, "soft, hard"),
+        "lines 1 and 2 are both headers.",
+        "Write one line in their place: subject,ref_soft,adj_soft,ref_hard,adj_hard.",
+    ),
+    "no header": (
+        lines()[1:],
+        (1, None, None),
+        "the first row looks like data: 'P1', 'soft', '1', '500',",
+        "Write the names of the columns in a line above it, such as subject,environment,",
+    ),
+    "runs of spaces": (
+        [f"{'  '.join(f'{cell:9}' for cell in line.split(','))}" for line in lines()],
+        (1, None, None),
+        "runs of spaces align the columns, which percept does not read.",
+        "Save the table as CSV: writetable(T, 'trials.csv') in MATLAB, write.csv in R;",
+    ),
+    "a typographic minus": (
+        lines(at_7="P2,soft,2,500,\u2212463.0"),
+        (7, "k_adj", "\u2212463.0"),
+        "a typographic minus sign, not a number.",
+        "Replace it by a hyphen in the whole file.",
+    ),
+    "a unit in a cell": (
+        lines(at_7="P2,soft,2,500,0.463 N/mm"),
+        (7, "k_adj", "0.463 N/mm"),
+        "a number with a unit or a remark, not a number alone.",
+        'such as [columns] k_adj = { name = "k_adj", unit = "N/mm" }.',
+    ),
+    "a word for a missing value": (
+        lines(at_7="P2,soft,2,500,n/a"),
+        (7, "k_adj", "n/a"),
+        "a word for a missing value, not a number.",
+        '[sessions] exclude = [{ column = "k_adj", equals = "n/a", why = "missing" }].',
+    ),
+    "a point for a missing value": (
+        lines(at_7="P2,soft,2,500,."),
+        (7, "k_adj", "."),
+        "a word for a missing value, not a number.",
+        'equals = ".", why = "missing" }].',
+    ),
+    "merged cells": (
+        [HEAD, *(",".join(map(str, row if row[2] == 1 else ["", *row[1:]])) for row in rows())],
+        (3, "subject", None),
+        "12 of 24 rows have no subject: cells merged down?",
+        "Write it in every row: unmerge the cells, and fill each down.",
+    ),
+    "a column that is needed stands twice": (
+        [f"{line},{line.rpartition(',')[2]}" for line in lines()],
+        (1, "k_adj", None),
+        "two columns have the name 'k_adj'.",
+        "The columns are 'subject', 'environment', 'trial', 'k_ref', 'k_adj', 'k_adj'.",
+    ),
+    "a subject in another unit": (
+        [HEAD]
+        + [
+            ",".join(map(str, [*row[:4], row[4] / 1000 if row[0] == "P3" else row[4]]))
+            for row in rows()
+        ],
+        (10, "k_adj", 0.4815),
+        "k_adj is 0.000969 times k_ref at the median of subject 'P3', and 0.969 times over"
+        " all subjects: the units of the subject seem to differ by a thousand.",
+        "Convert the file, or declare the units of both k_adj and k_ref in [columns]",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", IN_TEXT)
+def test_a_fault_of_a_text_is_named_and_refused(tmp_path, name):
+    text, (row, column, value), message, remedy = IN_TEXT[name]
+    problem = refusal(csv_file(tmp_path, text))
+    assert (problem.row, problem.column, problem.value) == (row, column, value)
+    assert problem.message.startswith(message)
+    assert remedy in problem.hint
+
+
+def blanked(row):
+    """A row whose subject stands in the first of merged cells alone."""
+    return row if row[2] == 1 and row[1] == "soft" else [None, *row[1:]]
+
+
+NAMES = HEAD.split(",")
+TITLE = [["Stiffness study"], [], NAMES, *rows()]
+UNITS = [NAMES, [None, None, None, "N/m", "N/m"], *rows()]
+TWO = [[None, "soft", None, "hard"], ["subject", "ref", "adj", "ref"], ["P1", 500, 510, 2000]]
+MERGED = [NAMES, *map(blanked, rows())]
+IN_WORKBOOKS = {
+    "a title": (
+        {"data": TITLE},
+        1,
+        "line 1 is a title or a comment: the header seems to be in line 3.",
+    ),
+    "units": (
+        {"data": UNITS},
+        2,
+        "line 2 is a row of units or a second header: 'N/m', 'N/m'.",
+    ),
+    "two headers": ({"data": TWO}, 1, "lines 1 and 2 are both headers."),
+    "merged cells": (
+        {"data": MERGED},
+        3,
+        "18 of 24 rows have no subject: cells merged down?",
+    ),
+    "several sheets": (
+        {"P1": MERGED[:5], "P2": MERGED[:5], "empty": []},
+        None,
+        "the file holds several tables; there are 'P1', 'P2'.",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", IN_WORKBOOKS)
+def test_a_fault_of_a_workbook_is_named_and_refused(tmp_path, name):
+    sheets, row, message = IN_WORKBOOKS[name]
+    problem = refusal(workbook(tmp_path, **sheets))
+    assert (problem.row, problem.message) == (row, message)
+
+
+def test_a_sheet_of_several_is_named_behind_two_colons(tmp_path):
+    path = workbook(tmp_path, trials=[HEAD.split(","), *rows()], notes=[["a", "b"], [1, 2]])
+    assert refusal(path).hint == f"Name one behind two colons: {path}::trials."
+    assert len(read_sessions(f"{path}::trials").table) == 24
+    scene = ReadOptions(sessions={"sheet": "trials"})
+    assert len(read_sessions(path, scene=scene).table) == 24
+
+
+def noticed(tmp_path, text, **tables):
+    """Notices and warnings of a study, and the study read under the rule that one of them names."""
+    path = csv_file(tmp_path, text)
+    sessions = read_sessions(path, scene=ReadOptions.from_mapping(tables))
+    return [*sessions.notices, *sessions.warnings]
+
+
+def under_its_rule(tmp_path, notice):
+    """The table that is read under the rule a notice gives."""
+    rule = notice.text[notice.text.index("exclude = [") :].partition("]")[0] + "]"
+    scene = ReadOptions(sessions=tomllib.loads(rule))
+    return read_sessions(tmp_path / "walls.csv", scene=scene).table
+
+
+@pytest.mark.parametrize(("code", "rule"), [(-999, "below = -998.5"), (99999, "above = 99998.5")])
+def test_a_code_for_a_missing_value_is_asked_about(tmp_path, code, rule):
+    text = lines(at_7=f"P2,soft,2,500,{code}", at_9=f"P2,hard,2,2000,{code}")
+    found = noticed(tmp_path, text)
+    (notice,) = [own for own in found if "a code for a missing value?" in own.text]
+    assert (notice.row, notice.column) == (7, "k_adj")
+    assert f"2 values of k are {code}: " in notice.text
+    assert rule in notice.text
+    assert not any("zero or negative" in own.text for own in found)
+    table = under_its_rule(tmp_path, notice)
+    assert len(table) == 22
+    assert table["k_adj"].between(300, 3000).all()
+
+
+def test_a_number_of_nines_among_others_is_no_code(tmp_path):
+    found = noticed(tmp_path, lines(at_7="P2,soft,2,500,999"))
+    assert not any("code" in own.text for own in found)
+
+
+def test_a_word_for_a_missing_value_is_left_out_by_the_rule_that_is_named(tmp_path):
+    path = csv_file(tmp_path, lines(at_7="P2,soft,2,500,n/a"))
+    assert len(under_its_rule(tmp_path, type("N", (), {"text": refusal(path).hint}))) == 23
+
+
+def test_a_stray_negative_value_may_be_left_out(tmp_path):
+    text = [HEAD, *(",".join(map(str, row)) for row in rows(subjects=12))]
+    text[6] = "P2,soft,2,500,-463.0"
+    (notice,) = [own for own in noticed(tmp_path, text) if "zero or negative" in own.text]
+    assert (notice.row, notice.column) == (7, "k_adj")
+    assert notice.text.startswith("1 value of k (2.1% of 48) is zero or negative, here the first.")
+    assert 'If people meant it, set family = "normal" in [inference].' in notice.text
+    table = under_its_rule(tmp_path, notice)
+    assert len(table) == 47
+    assert (table["k_adj"] > 0).all()
+
+
+@pytest.mark.parametrize("other", ["P01", "p1", "P_1", "P-1", "P 1", "P001"])
+def test_names_that_differ_by_padding_or_case_are_noticed(tmp_path, other):
+    found = noticed(tmp_path, lines(at_2=f"{other},soft,1,500,420.5"))
+    (notice,) = [own.text for own in found if "look alike" in own.text]
+    path = tmp_path / "walls.csv"
+    assert notice == (
+        f"subjects '{other}' ({path}:2), 'P1' ({path}:3) look alike and are kept apart: if they"
+        " are one, write them alike in the files"
+    )
+
+
+def test_names_that_differ_otherwise_are_not_noticed(tmp_path):
+    found = noticed(tmp_path, lines(at_2="P10,soft,1,500,420.5", at_3="1-1,soft,1,500,420.5"))
+    assert not any("look alike" in own.text for own in found)
+
+
+def test_a_copied_subject_is_noticed(tmp_path):
+    copy = [",".join(map(str, ["P9", *row[1:]])) for row in rows() if row[0] == "P2"]
+    found = noticed(tmp_path, [*lines(), *copy])
+    (notice,) = [own for own in found if "a copy?" in own.text]
+    assert (notice.row, notice.column) == (26, "subject")
+    assert notice.text.startswith("subjects 'P2' and 'P9' have the same 4 settings: a copy?")
+    assert set(under_its_rule(tmp_path, notice)["subject"]) == {f"P{s}" for s in range(1, 7)}
+    almost = [*copy[:-1], copy[-1] + "1"]
+    assert not any("a copy?" in own.text for own in noticed(tmp_path, [*lines(), *almost]))
+
+
+def test_unused_columns_may_stand_twice(tmp_path, capsys):
+    text = ["subject,environment,k_ref,k_adj,note,note"]
+    text += [f"{s},soft,500,{500 + 10 * s + t},," for s in (1, 2) for t in (1, 2)]
+    path = csv_file(tmp_path, text)
+    assert "repeat a subject, session and environment" in refusal(path).message
+    assert main(["validate", str(path)]) == 2
+    assert "2 of 4 rows (50.0%) repeat" in capsys.readouterr().out
+    assert propose_columns(path).roles["trial"] == "?"
+    scene = ReadOptions(sessions={"trial": "order"})
+    found = read_sessions(path, scene=scene)
+    assert len(found.table) == 4
+    assert "columns not used: 'note', 'note'" in [own.text for own in found.notices]
