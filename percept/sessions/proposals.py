@@ -362,7 +362,7 @@ def _share(reference: tuple[str, ...], adjusted: tuple[str, ...]) -> bool:
 def _quantity(stem: tuple[str, ...], unit: str) -> str:
     """Name a quantity by what its columns share."""
     name = "_".join(stem)
-    own, units = _OWN.get(name, ("", set[str]()))
+    own, units = _OWN.get(name, ("", {""}))
     if own and unit in {"", *units}:
         return own
     valid = re.fullmatch("[a-z][a-z0-9]*(_[a-z0-9]+)*", name)

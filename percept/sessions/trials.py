@@ -245,7 +245,7 @@ class TrialTable(FileTable):
                 # Ids are few, so that each is looked at once.
                 empty = [name for name in data[column].unique() if not name.strip()]
                 missing = data[column].isin(empty).to_numpy()
-            if missing.mean() >= _MERGED and not missing[0]:
+            if missing.sum() > 1 and missing.mean() >= _MERGED and not missing[0]:
                 first = int(data.index[missing][0])
                 message = (
                     f"{missing.sum()} of {len(data)} rows have no {column}: cells merged down?"

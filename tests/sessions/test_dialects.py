@@ -119,7 +119,7 @@ def test_excel_and_parquet(tmp_path):
         sessions = read_sessions(tmp_path / name)
         pd.testing.assert_frame_equal(sessions.table, want, check_exact=True)
         assert any("'k adj' is taken as k_adj" in notice.text for notice in sessions.notices)
-    with pytest.raises(UsageError, match=r"there is no such sheet; the sheets are Sheet1"):
+    with pytest.raises(UsageError, match=r"the file holds no such table; there are 'Sheet1'"):
         read_sessions(tmp_path / "t.xlsx", scene=ReadOptions(sessions={"sheet": "Data"}))
 
 

@@ -403,7 +403,7 @@ def test_a_second_sheet_is_named_behind_colons(tmp_path):
         pd.DataFrame({"about": ["a pilot"]}).to_excel(book, sheet_name="Info", index=False)
         FRAME.to_excel(book, sheet_name="Trials", index=False)
     same_as_frame(f"{path}::Trials")
-    assert "there is no such sheet; the sheets are Info, Trials." in refusal(f"{path}::Data")
+    assert "no such table; there are 'Info', 'Trials'." in refusal(f"{path}::Data")
 
 
 def test_files_of_all_formats_merge_in_a_folder(tmp_path):
