@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
-import concurrent.futures
-import itertools
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import partial
 from typing import TYPE_CHECKING
 
 from percept.cache import numbers_version
 from percept.errors import RefusalError, UsageError
-from percept.workers import Given, Mapper, Result
+from percept.workers import Mapper, map_on
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client
 
 __all__ = ["connected", "on_cluster", "require_same_code"]
 
@@ -72,8 +71,7 @@ def on_cluster(client: Client) -> Mapper:
     """Take the workers of a dask cluster, whose code must be this process's own.
 
     dask gives what a lost worker was working on to another. It gives up an argument with which
-    several workers died, even one that only waited there. These come last and one by one, which
-    tells the culprit.
+    several workers died, even one that only waited there. `map_on` tells the culprit.
 
     Parameters
     ----------
@@ -91,21 +89,12 @@ def on_cluster(client: Client) -> Mapper:
     """
     require_same_code(client)
 
-    def call(
-        function: Callable[[Given], Result], arguments: Iterable[Given], /
-    ) -> Iterator[tuple[Given, Result | Exception]]:
-        from distributed import KilledWorker
+    from distributed import KilledWorker
 
-        suspects = []
-        for argument, result in _handed_out(client, function, arguments):
-            if isinstance(result, KilledWorker):
-                suspects.append(argument)
-            else:
-                yield argument, result
-        for argument in suspects:
-            yield from _handed_out(client, function, [argument])
+    def opened() -> AbstractContextManager[Executor]:
+        return nullcontext(client.get_executor(pure=False, retries=_RETRIES))
 
-    return call
+    return map_on(opened, partial(_room, client), KilledWorker)
 
 
 def require_same_code(client: Client, version: str | None = None) -> None:
@@ -147,38 +136,13 @@ def require_same_code(client: Client, version: str | None = None) -> None:
         ) from error
 
 
-def _handed_out(
-    client: Client, function: Callable[[Given], Result], arguments: Iterable[Given]
-) -> Iterator[tuple[Given, Result | Exception]]:
-    """Hand out arguments as threads become free, and give each with its result or error."""
-    from distributed import as_completed
-
-    waiting = iter(arguments)
-    finished = as_completed(loop=client.loop)
-    pending: dict[Future, Given] = {}
-    while True:
-        try:
-            threads = sum(client.nthreads().values())
-        except OSError as error:  # what dask calls a closed connection
-            raise _scheduler_lost() from error
-        most = _PER_THREAD * max(1, threads)
-        for argument in itertools.islice(waiting, max(0, most - len(pending))):
-            future = client.submit(function, argument, pure=False, retries=_RETRIES)
-            pending[future] = argument
-            finished.add(future)
-        if not pending:
-            return
-        future = next(finished)
-        argument = pending.pop(future)
-        try:
-            result: Result | Exception = future.result()
-        except (asyncio.CancelledError, concurrent.futures.CancelledError):
-            if client.status != "running":
-                raise _scheduler_lost() from None
-            result = RuntimeError("its result was lost with the worker that held it")
-        except Exception as error:  # noqa: BLE001 - the argument's own, or workers died over it
-            result = error
-        yield argument, result
+def _room(client: Client) -> int:
+    """Return how many arguments the workers take; refuse a scheduler that was lost."""
+    try:
+        threads = sum(client.nthreads().values())
+    except OSError as error:  # what dask calls a closed connection
+        raise _scheduler_lost() from error
+    return _PER_THREAD * max(1, threads)
 
 
 def _scheduler_lost() -> RefusalError:

@@ -183,8 +183,7 @@ def open_mapper(arguments: argparse.Namespace) -> Iterator[Mapper]:
     if arguments.scheduler is None:
         from percept.workers import processes
 
-        with processes(arguments.workers) as mapper:
-            yield mapper
+        yield processes(arguments.workers)
         return
     if arguments.workers is not None:
         raise UsageError(

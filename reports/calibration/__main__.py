@@ -48,20 +48,20 @@ def _run(arguments: argparse.Namespace) -> int:
 def _calibrated(arguments: argparse.Namespace) -> list[Calibration]:
     """Judge every kind of study of a part."""
     calibrations = []
-    with processes(arguments.workers) as mapper:
-        for plan in _PLANS[arguments.part]:
-            if arguments.kinds and plan.name not in arguments.kinds:
-                continue
-            calibrations.append(
-                calibrate(
-                    plan,
-                    _PLACES[arguments.part],
-                    arguments.fits // factors.WRONG_SHARE if plan.wrong else arguments.fits,
-                    folder=arguments.out,
-                    mapper=mapper,
-                    progress=_progress(plan.name),
-                )
+    mapper = processes(arguments.workers)
+    for plan in _PLANS[arguments.part]:
+        if arguments.kinds and plan.name not in arguments.kinds:
+            continue
+        calibrations.append(
+            calibrate(
+                plan,
+                _PLACES[arguments.part],
+                arguments.fits // factors.WRONG_SHARE if plan.wrong else arguments.fits,
+                folder=arguments.out,
+                mapper=mapper,
+                progress=_progress(plan.name),
             )
+        )
     return calibrations
 
 
