@@ -1,40 +1,41 @@
-"""Columns of a MATLAB file, as a program: the file on standard input, JSON on standard output.
-
-`python -P matlab.py CELLS PART` prints the columns of a part, the names of several
-parts, or the number of cells of an array that has more than CELLS.
-"""
+"""Variables of a MATLAB file, and the one among them that is the table."""
 
 from __future__ import annotations
 
 import io
-import json
-import sys
+import math
+import struct
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-__all__ = ["plain"]
+from percept.errors import UsageError
+from percept.sessions.options import FileLimits
 
-#: Bytes of memory for a cell that is read: a MATLAB array of one value has a header of its own.
-_BYTES_OF_CELL = 512
-#: Bytes of memory for Python and SciPy themselves.
-_BYTES_OF_PROGRAM = 4 << 30
-#: Arrays by name; columns of a struct of version 7.3, by name.
+__all__ = ["columns", "plain", "tables", "variables", "vectors"]
+
+#: Bytes before the first variable of versions 5 and 7.
+_HEADER = 128
+#: Kinds of data that MATLAB writes, as its tags number them. SciPy crashes on some others.
+_INT32 = 5
+_MATRIX = 14
+_COMPRESSED = 15
+_KINDS = frozenset([*range(1, 8), 9, 12, 13, _MATRIX, 16, 17, 18])
+#: Classes of arrays. Those of texts and numbers have one value behind the name, or two.
+_CELL = 1
+_STRUCT = 2
+_OLD_OBJECT = 3
+_VALUES = frozenset([4, *range(6, 16)])
+_OBJECT = 17
+#: In an array's flags: its numbers are complex.
+_COMPLEX = 0x800
+#: Structs inside structs; SciPy reads them by recursion.
+_DEEPEST = 20
+#: A vector, a matrix, a struct as its fields, or an array of structs as a list of these.
 _Variables = dict[str, Any]
-_OBJECT = (
-    "a table or string of MATLAB is an object that only MATLAB reads; in MATLAB:"
-    " S = table2struct(T, 'ToScalar', true); save(name, '-struct', 'S');"
-    " first turn strings into texts: T.name = cellstr(T.name)"
-)
-
-
-class _TooManyCellsError(Exception):
-    """A file has more cells than it may; the argument is how many at least."""
-
-    @property
-    def cells(self) -> int:
-        return int(self.args[0])
 
 
 def plain(item: Any) -> Any:
@@ -49,77 +50,185 @@ def plain(item: Any) -> Any:
     return item
 
 
-def _found(most_cells: int, part: str) -> dict[str, Any]:
-    """Read standard input."""
-    data = sys.stdin.buffer.read()
-    try:
-        if data.startswith(b"MATLAB 7.3"):
-            variables = _of_hdf5(data, most_cells)
-        else:
-            variables = _of_earlier(data, most_cells)
-    except _TooManyCellsError as error:
-        return {"cells": error.cells}
-    tables = [name for name, value in variables.items() if not _is_vector(value)]
-    if not part and _vectors_are_longer(variables, tables):
-        variables = {name: variables[name] for name in variables if name not in tables}
-        tables = []
-    if part not in variables and (part or len(tables) > 1):
-        return {"names": tables or list(variables), "columns": {}}
-    if part or tables:
-        variables = _columns(variables[part or tables[0]])
-    columns = {}
-    for name, values in variables.items():
-        columns[name] = [plain(item) for item in values.ravel()]
-    return {"columns": columns}
+def variables(data: bytes, file: str, limits: FileLimits) -> _Variables:
+    """Read all variables of a file, after what they take has been held to the limits."""
+    if data.startswith(b"MATLAB 7.3"):
+        return _of_hdf5(data, file, limits)
+    return _of_earlier(data, file, limits)
 
 
-def _of_earlier(data: bytes, most_cells: int) -> _Variables:
+def tables(found: Mapping[str, Any]) -> list[str]:
+    """Name the variables that are tables; none where vectors of one length have more rows."""
+    names = [name for name, value in found.items() if not _is_vector(value)]
+    lengths = [value.size for name, value in found.items() if name not in names]
+    repeated = [length for length in lengths if lengths.count(length) > 1]
+    rows = [max(map(len, columns(found[name]).values()), default=0) for name in names]
+    return [] if repeated and rows and max(repeated) > max(rows) else names
+
+
+def vectors(found: Mapping[str, Any]) -> dict[str, Sequence[Any]]:
+    """Give the variables that are one column each."""
+    return {
+        name: [plain(item) for item in value.ravel()]
+        for name, value in found.items()
+        if _is_vector(value)
+    }
+
+
+def columns(value: Any) -> dict[str, Sequence[Any]]:
+    """Columns of a struct, of an array of structs, or of a matrix."""
+    if isinstance(value, list):
+        return {name: [plain(row[name]) for row in value] for name in value[0]}
+    if not isinstance(value, dict):
+        stood = value.T if value.ndim == 2 else [value]
+        value = {f"column {number}": column for number, column in enumerate(stood, 1)}
+    return {name: [plain(item) for item in _cells(column)] for name, column in value.items()}
+
+
+def _cells(column: Any) -> Any:
+    """Give the cells of a column; one that is a struct is a single cell."""
+    return column if isinstance(column, list) else np.atleast_1d(column).ravel()
+
+
+def _is_vector(value: Any) -> bool:
+    """Whether a variable is one column; a struct or a matrix is a table."""
+    return isinstance(value, np.ndarray) and value.ndim != 2
+
+
+def _object(name: str, kind: str, file: str) -> UsageError:
+    """Say how an object of MATLAB's own is saved."""
+    return UsageError(
+        f"{name or 'it'} is a {kind} of MATLAB, an object that only MATLAB reads.",
+        file=file,
+        hint="Save it in MATLAB: writetable(T, 'T.csv'), or S = table2struct(T, 'ToScalar', true);"
+        " save('T.mat', '-struct', 'S'). First turn strings into texts: T.name = cellstr(T.name).",
+    )
+
+
+def _of_earlier(data: bytes, file: str, limits: FileLimits) -> _Variables:
     """Read the variables of a file up to version 7."""
-    from scipy.io import loadmat, matlab, whosmat
+    from scipy.io import loadmat
 
-    stream: Any = io.BytesIO(data)
-    for _, shape, _ in whosmat(stream):
-        cells = int(np.prod(shape, dtype=np.float64))
-        if cells > most_cells:
-            raise _TooManyCellsError(cells)
-    stream.seek(0)
-    variables: _Variables = {}
-    for name, value in loadmat(stream, squeeze_me=True).items():
-        if isinstance(value, matlab.MatlabOpaque):
-            raise ValueError(_OBJECT)
+    order = "<" if data[_HEADER - 2 : _HEADER] == b"IM" else ">"
+    content = _inflated(data, order, file, limits)
+    _Elements(order, file, limits).hold(memoryview(content))
+    stream: Any = io.BytesIO(data[:_HEADER] + content)
+    found: _Variables = {}
+    for name, value in loadmat(stream, simplify_cells=True).items():
         if not name.startswith("__"):
-            variables[name] = np.atleast_1d(value)
-    return variables
+            found[name] = value if isinstance(value, dict | list) else np.atleast_1d(value)
+    return found
 
 
-def _of_hdf5(data: bytes, most_cells: int) -> _Variables:
-    """Read the variables of a file of version 7.3; a struct becomes its columns by name."""
+def _inflated(data: bytes, order: str, file: str, limits: FileLimits) -> bytes:
+    """Unpack the variables behind the header, and no more of them than the limit."""
+    content = bytearray()
+    at = _HEADER
+    while at < len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        end = at + 8 + size
+        if kind == _COMPRESSED:
+            unpacker = zlib.decompressobj()
+            content += unpacker.decompress(data[at + 8 : end], limits.size + 1 - len(content))
+        else:
+            content += data[at:end]
+        limits.hold_size(len(content), file)
+        at = end
+    return bytes(content)
+
+
+@dataclass
+class _Elements:
+    """Data of versions 5 and 7, held to the limits by what each says of its size."""
+
+    order: str  # "<" or ">", of bytes
+    file: str
+    limits: FileLimits
+    cells: int = 0  # Of all arrays so far, in structs and cells too
+
+    def hold(self, data: memoryview, depth: int = 0) -> None:
+        """Refuse arrays of more cells than the limit, objects, and what MATLAB does not write."""
+        if depth > _DEEPEST:
+            raise ValueError("structs inside structs go too deep")
+        for kind, value in self._elements(data):
+            if kind == _MATRIX and value:
+                self._hold_array(value, depth)
+
+    def _hold_array(self, data: memoryview, depth: int) -> None:
+        """Hold one array, and those in it."""
+        (_, flags), (of_shape, second), *rest = self._elements(data)
+        (flag,) = struct.unpack_from(f"{self.order}I", flags)
+        kind = flag & 0xFF
+        if kind == _OBJECT:
+            raise _object(bytes(second).decode(), bytes(rest[1][1]).decode(), self.file)
+        shape: list[int] = np.frombuffer(second, f"{self.order}i4").tolist()
+        if of_shape != _INT32 or len(shape) < 2 or min(shape) < 0:
+            raise ValueError("an array has no shape")
+        cells = math.prod(shape)
+        if kind in (_STRUCT, _OLD_OBJECT):
+            # Behind the name, and an object's class, stand the fields' names, all of one length.
+            (_, length), (_, names) = rest[kind - 1 : kind + 1]
+            (each,) = struct.unpack_from(f"{self.order}i", length)
+            cells *= max(1, len(names) // each)
+        self.cells += cells
+        self.limits.hold_table(1, self.cells, self.file)
+        # SciPy crashes where these are fewer.
+        arrays = sum(part == _MATRIX for part, _ in rest)
+        values = len(rest) - 1 - arrays
+        if kind in _VALUES:
+            is_whole = not arrays and values == (2 if flag & _COMPLEX else 1)
+        else:
+            is_whole = kind in (_CELL, _STRUCT, _OLD_OBJECT) and arrays == cells
+        if not is_whole:
+            raise ValueError("an array has other values than it says, or is sparse")
+        self.hold(data, depth + 1)
+
+    def _elements(self, data: memoryview) -> Iterator[tuple[int, memoryview]]:
+        """Give each element's kind and bytes."""
+        at = 0
+        while at < len(data):
+            kind, size = struct.unpack_from(f"{self.order}II", data, at)
+            start = at + 8
+            at = start + size + -size % 8
+            if kind >> 16:
+                # A value of up to four bytes stands in the tag itself.
+                size = kind >> 16
+                kind &= 0xFFFF
+                start -= 4
+                at = start + 4
+            if kind not in _KINDS or start + size > len(data):
+                raise ValueError("a value is cut short, or of a kind that MATLAB does not write")
+            yield kind, data[start : start + size]
+
+
+def _of_hdf5(data: bytes, file: str, limits: FileLimits) -> _Variables:
+    """Read the variables of a file of version 7.3."""
     import h5py
 
-    variables: _Variables = {}
-    with h5py.File(io.BytesIO(data), "r") as file:
-        reader = _Hdf5(file, most_cells)
-        for name in file:
+    found: _Variables = {}
+    with h5py.File(io.BytesIO(data), "r") as opened:
+        reader = _Hdf5(opened, file, limits)
+        for name in opened:
             # What cells refer to.
             if name.startswith("#"):
                 continue
-            item = reader.member(file, name)
+            item = reader.member(opened, name)
             if isinstance(item, h5py.Group):
-                variables[name] = {
-                    field: reader.values(reader.member(item, field)) for field in item
-                }
+                found[name] = {field: reader.values(reader.member(item, field)) for field in item}
             else:
-                variables[name] = reader.values(item)
-    return variables
+                found[name] = reader.values(item)
+    return found
 
 
 @dataclass
 class _Hdf5:
-    """A file of version 7.3, the most cells that may be read of it, and those read so far."""
+    """A file of version 7.3, and what was read of it."""
 
-    file: Any
-    most_cells: int
+    opened: Any
+    file: str
+    limits: FileLimits
     cells: int = 0
+    size: int = 0  # Bytes
 
     def member(self, group: Any, name: str) -> Any:
         """Give a member of a group; a link could lead into another file."""
@@ -135,70 +244,33 @@ class _Hdf5:
 
         if not isinstance(dataset, h5py.Dataset):
             raise ValueError("a struct inside a struct is no column")
+        kind = dataset.attrs.get("MATLAB_class", b"")
         if "MATLAB_object_decode" in dataset.attrs:
-            raise ValueError(_OBJECT)
+            name = dataset.name.rpartition("/")[2]
+            raise _object(name, bytes(kind).decode() or "table", self.file)
         if dataset.is_virtual or dataset.external:
             raise ValueError("its values lie in another file")
         if dataset.size is None or dataset.attrs.get("MATLAB_empty"):
             return np.array([])
-        self.cells += dataset.size
-        if self.cells > self.most_cells:
-            raise _TooManyCellsError(self.cells)
+        is_link = h5py.check_ref_dtype(dataset.dtype) is h5py.Reference
+        # Values of any length, which MATLAB does not write, may be one long value many times.
+        if dataset.dtype.kind == "O" and not is_link:
+            raise ValueError("its values are of no length that it says")
+        self._hold(dataset)
         # MATLAB stores the first axis last.
         values = dataset[()].T
-        if dataset.attrs.get("MATLAB_class") == b"char":
+        if kind == b"char":
             texts = ["".join(map(chr, row)).rstrip() for row in np.atleast_2d(values)]
             return np.array(texts, dtype=object)
-        if h5py.check_ref_dtype(dataset.dtype) is h5py.Reference:
-            cells = [plain(self.values(self.file[link])) for link in values.ravel()]
+        if is_link:
+            cells = [plain(self.values(self.opened[link])) for link in values.ravel()]
             return np.array(cells, dtype=object)
         return np.atleast_1d(np.squeeze(values))
 
-
-def _is_vector(value: Any) -> bool:
-    """Whether a variable is one column; a struct or a matrix is a table."""
-    return not isinstance(value, dict) and not value.dtype.names and value.ndim != 2
-
-
-def _vectors_are_longer(variables: _Variables, tables: list[str]) -> bool:
-    """Whether two vectors of one length have more rows than every table beside them."""
-    lengths = [value.size for name, value in variables.items() if name not in tables]
-    repeated = [length for length in lengths if lengths.count(length) > 1]
-    rows = [_row_count(variables[name]) for name in tables]
-    return bool(repeated and rows) and max(repeated) > max(rows)
-
-
-def _row_count(table: Any) -> int:
-    """Rows of a table: the length of its longest column."""
-    return max((column.size for column in _columns(table).values()), default=0)
-
-
-def _columns(value: Any) -> _Variables:
-    """Columns of a struct, of an array of structs, or of a matrix."""
-    if isinstance(value, dict):
-        return value
-    fields = value.dtype.names
-    if not fields:
-        columns = value.T if value.ndim == 2 else [value]
-        return {f"column {number}": column for number, column in enumerate(columns, 1)}
-    # An array of structs has a row each, and one of none has no rows.
-    if len(value) != 1:
-        return {name: value[name] for name in fields}
-    return {name: np.atleast_1d(value[name][0]) for name in fields}
-
-
-def _hold_memory(most_cells: int) -> None:
-    """Bound the memory of this process, where the system can."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return
-    most = _BYTES_OF_PROGRAM + _BYTES_OF_CELL * most_cells
-    _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    if hard == resource.RLIM_INFINITY or most < hard:
-        resource.setrlimit(resource.RLIMIT_AS, (most, hard))
-
-
-if __name__ == "__main__":
-    _hold_memory(int(sys.argv[1]))
-    json.dump(_found(int(sys.argv[1]), sys.argv[2]), sys.stdout, default=str)
+    def _hold(self, dataset: Any) -> None:
+        """Hold an array, and the chunks that it is unpacked in, to the limits."""
+        self.cells += dataset.size
+        self.limits.hold_table(1, self.cells, self.file)
+        unpacked = max(dataset.size, math.prod(dataset.chunks or (0,)))
+        self.size += unpacked * dataset.dtype.itemsize
+        self.limits.hold_size(self.size, self.file)

@@ -7,9 +7,6 @@ the rows.
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -133,32 +130,14 @@ def database_rows(data: bytes, file: str, part: str | None, limits: FileLimits) 
 
 
 def matlab_rows(data: bytes, file: str, part: str | None, limits: FileLimits) -> Rows:
-    """Read a struct of columns, an array of structs, a matrix, or vectors of one length.
-
-    The readers of SciPy and HDF5 crash on some broken files, so that they run in a process of
-    their own.
-    """
-    # Run by its path, it imports nothing of percept.
-    command = [sys.executable, "-P", matlab.__file__, str(limits.cells), part or ""]
-    environment = {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join(sys.path),
-        "OPENBLAS_NUM_THREADS": "1",
-    }
-    ran = subprocess.run(command, input=data, capture_output=True, env=environment, check=False)
-    if ran.returncode:
-        messages = ran.stderr.decode(errors="replace").strip().splitlines() or [
-            "its reader stopped"
-        ]
-        raise ValueError(messages[-1].removeprefix("ValueError: "))
-    answer = json.loads(ran.stdout)
-    # The reader answers with a number of cells above the limit, or names to choose from; both
-    # raise an error here.
-    if "cells" in answer:
-        limits.hold_table(1, answer["cells"], file)
-    if "names" in answer:
-        chosen(answer["names"], part, file)
-    return _rows_of_columns(answer["columns"], file, limits)
+    """Read a struct of columns, an array of structs, a matrix, or vectors of one length."""
+    found = matlab.variables(data, file, limits)
+    tables = matlab.tables(found)
+    if part is None and not tables:
+        table = matlab.vectors(found)
+    else:
+        table = matlab.columns(found[chosen(tables if part is None else list(found), part, file)])
+    return _rows_of_columns(table, file, limits)
 
 
 def r_rows(data: bytes, file: str, part: str | None, limits: FileLimits) -> Rows:

@@ -7,7 +7,9 @@ import gzip
 import json
 import lzma
 import sqlite3
+import struct
 import tomllib
+import zlib
 
 import h5py
 import numpy as np
@@ -176,14 +178,69 @@ def test_matlab_is_read_however_it_is_laid_out(tmp_path, layout):
     same_as_frame(tmp_path / "m.mat")
 
 
-def test_a_reader_that_crashes_takes_nothing_with_it(tmp_path):
-    # SciPy 1.17 ends with a segmentation fault where an element of a cell array has no type.
+@pytest.mark.parametrize(
+    ("place", "number", "message"),
+    [
+        (324, 0, "an array has no shape"),
+        (296, 0, "a value is cut short, or of a kind that MATLAB does not write"),
+        (340, 1, "an array has other values than it says"),
+    ],
+)
+def test_what_matlab_does_not_write_is_refused(tmp_path, place, number, message):
+    # SciPy 1.17 ends with a segmentation fault on the first and the last.
     path = tmp_path / "m.mat"
     savemat(path, MATLAB["a struct of columns"]())
     broken = bytearray(path.read_bytes())
-    broken[324:328] = bytes(4)
+    broken[place : place + 4] = number.to_bytes(4, "little")
     path.write_bytes(broken)
-    assert "a broken file: its reader stopped. Write it again, or as CSV." in refusal(path)
+    assert f"a broken file: {message}" in refusal(path)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_a_table_of_matlab_says_how_it_is_saved(tmp_path, packed, order):
+    content = matlab_object("T", "table", order)
+    if packed:
+        content = zlib.compress(content)
+        content = struct.pack(f"{order}II", 15, len(content)) + content
+    version = b"\0\1IM" if order == "<" else b"\1\0MI"
+    (tmp_path / "m.mat").write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + version + content)
+    said = refusal(tmp_path / "m.mat")
+    assert "T is a table of MATLAB, an object that only MATLAB reads." in said
+    assert "writetable(T, 'T.csv'), or S = table2struct(T, 'ToScalar', true);" in said
+
+
+def matlab_object(name, kind, order):
+    """Write what MATLAB 5 stores of a variable that is an object."""
+
+    def element(number, data):
+        return struct.pack(f"{order}II", number, len(data)) + data + bytes(-len(data) % 8)
+
+    inner = element(6, struct.pack(f"{order}II", 13, 0))
+    inner += element(5, struct.pack(f"{order}ii", 1, 1)) + element(1, b"") + element(6, bytes(4))
+    texts = [element(1, text.encode()) for text in (name, "MCOS", kind)]
+    flags = element(6, struct.pack(f"{order}II", 17, 0))
+    return element(14, flags + b"".join(texts) + element(14, inner))
+
+
+def test_what_a_struct_of_matlab_holds_counts(tmp_path):
+    path = tmp_path / "m.mat"
+    # 1,000 cells in two fields: the struct itself is one.
+    savemat(path, {"s": {"a": np.zeros((25, 20)), "b": np.zeros((25, 20))}}, do_compression=True)
+    assert "more than 900 cells." in refusal(path, files={"cells": 900})
+    assert "more than 4,000 bytes." in refusal(path, files={"size": 4000})
+    deep = {"a": 1.0}
+    for _ in range(60):
+        deep = {"a": deep}
+    savemat(path, {"s": deep})
+    assert "structs inside structs go too deep" in refusal(path)
+    # A thousand fields of a thousand structs that the file does not hold.
+    savemat(path, {"s": np.empty((0, 1), dtype=[(f"f{i}", object) for i in range(1000)])})
+    data = path.read_bytes()
+    shape = struct.pack("<ii", 0, 1)
+    assert data.count(shape) == 1
+    path.write_bytes(data.replace(shape, struct.pack("<ii", 1000, 1)))
+    assert "more than 900,000 cells." in refusal(path, files={"cells": 900_000})
 
 
 def test_columns_of_a_matrix_have_numbers(tmp_path):
@@ -328,7 +385,19 @@ HOSTILE_HDF5 = {
     ),
     "one array many times": (one_array_many_times, "more than 2,000 cells."),
     "a cycle": (cell_that_holds_itself, "a broken file: "),
-    "a table": (object_of_matlab, "S = table2struct(T, 'ToScalar', true); save("),
+    "a table": (object_of_matlab, "T is a table of MATLAB, an object that only MATLAB reads."),
+    "long values": (
+        lambda file: file.create_dataset("v", data=["x" * 9], dtype=h5py.string_dtype()),
+        "its values are of no length that it says.",
+    ),
+    "wide values": (
+        lambda file: file.create_dataset("w", (1500,), "S100"),
+        "more than 100,000 bytes.",
+    ),
+    "a large chunk": (
+        lambda file: file.create_dataset("c", (1,), "f8", chunks=(90_000,), maxshape=(None,)),
+        "more than 100,000 bytes.",
+    ),
     "deep": (lambda file: file.create_group("s/t"), "a struct inside a struct is no column."),
     "empty": (lambda file: None, "the table is empty."),
 }
@@ -338,7 +407,8 @@ HOSTILE_HDF5 = {
 def test_hostile_files_of_matlab_7_3_are_refused(tmp_path, trick):
     fill, message = HOSTILE_HDF5[trick]
     hdf5(tmp_path / "m.mat", fill)
-    assert message in refusal(tmp_path / "m.mat", files={"cells": 2000})
+    limits = {"cells": 2000, "size": 100_000}
+    assert message in refusal(tmp_path / "m.mat", files=limits)
 
 
 def test_a_matlab_7_3_file_of_nothing_but_its_name_is_broken(tmp_path):
