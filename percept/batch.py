@@ -144,11 +144,10 @@ class Summary:
     studies: int  # How many were asked for
     skipped: int = 0  # Of them, how many an earlier run had finished
     counts: Counter[str] = field(default_factory=Counter)  # How many ended in each status
-    # Name and message of each study that is not "done", of each that is done with an error above
-    # its tolerance, and of each whose kept rows were damaged, so that it was analysed again.
+    # Name and message of each study that is not "done", and of each that is done with an error
+    # above its tolerance.
     failures: list[tuple[str, str]] = field(default_factory=list)
     inaccurate: list[tuple[str, str]] = field(default_factory=list)
-    damaged: list[tuple[str, str]] = field(default_factory=list)
     table: Path = Path()  # The rows of all studies
 
     def count(self, name: str, status: Status, message: str) -> None:
@@ -167,6 +166,7 @@ def run_batch(
     *,
     table_format: TableFormat = "csv",
     progress: Callable[[Summary], None] | None = None,
+    force: bool = False,
 ) -> Summary:
     """Analyse the studies that a folder has no rows of.
 
@@ -184,6 +184,8 @@ def run_batch(
         Of the table of all studies. Parquet needs the extra ``tables``.
     progress : callable, optional
         Told what the batch has come to, after every study.
+    force : bool
+        Write also into a folder with files that percept did not write.
 
     Returns
     -------
@@ -192,14 +194,13 @@ def run_batch(
     Raises
     ------
     UsageError
-        The folder cannot be used, has a table that no batch wrote, or Parquet is asked for and
-        pyarrow is not installed.
+        The folder cannot be used, holds files that percept did not write, or Parquet is asked for
+        and pyarrow is not installed.
     """
     if table_format == "parquet":
         _require_pyarrow()
     summary = Summary(len(studies))
-    with BatchFolder.opened(out) as folder:
-        folder.table(table_format)  # refused before anything is computed
+    with BatchFolder.opened(out, force=force) as folder:
         batch = _Batch(studies, folder, summary, progress)
         for job, outcome in mapper(analyse, batch.unfinished()):
             if isinstance(outcome, Exception):
@@ -247,12 +248,9 @@ class _Batch:
             self.progress(self.summary)
 
     def _is_finished(self, source: StudySource, key: str) -> bool:
-        """Whether an earlier run has finished a study; count it, and note damage."""
+        """Whether an earlier run has finished a study; count it."""
         kept = self.folder.kept(key)
         if kept is None or kept.status == "failed":
-            return False
-        if kept.status == "damaged":
-            self.summary.damaged.append((source.path, kept.message))
             return False
         self.summary.skipped += 1
         self.count(source.path, kept.status, kept.message)

@@ -8,8 +8,11 @@ import importlib
 import io
 import os
 import shlex
+import signal
 import sys
-from collections.abc import Collection, Sequence
+import threading
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
@@ -47,9 +50,10 @@ GROUPS = {
 COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}
 # Commands that keep what is finished when they are interrupted.
 _RESUMED = ("batch", "calibrate")
-# Exit codes as a shell gives them to what a signal ends: 128 + SIGINT, and 128 + SIGPIPE.
+# Exit codes as a shell gives them to what a signal ends: 128 + SIGINT, + SIGPIPE, and + SIGTERM.
 _INTERRUPTED = 130
 _UNREAD = 141
+_TERMINATED = 143
 
 _EXAMPLE = """example:
   percept report sessions/ --scene scene.toml --out results
@@ -131,7 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     -------
     int
         Exit code: 0 done, 1 the analysis refuses, 2 wrong usage or unreadable input, 130
-        interrupted, 141 nobody reads the output any more.
+        interrupted, 141 nobody reads the output any more. SIGTERM ends the process with 143.
     """
     _open_closed_streams()
     if isinstance(sys.stdout, io.TextIOWrapper):
@@ -145,11 +149,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if words[:1] == ["help"]:
         words = [*words[1:], "--help"]
     try:
-        return _reported(words)
+        with _tidy_at_sigterm():
+            return _reported(words)
     except BrokenPipeError:
         for stream in (sys.stdout, sys.stderr):
             _send_nowhere(stream.fileno())
         return _UNREAD
+
+
+@contextmanager
+def _tidy_at_sigterm() -> Iterator[None]:
+    """Make SIGTERM an exception, so that what is unfinished is removed."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(_TERMINATED))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _open_closed_streams() -> None:

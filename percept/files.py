@@ -5,30 +5,34 @@ from __future__ import annotations
 import dataclasses
 import errno
 import fnmatch
-import hashlib
 import os
 import secrets
 import shutil
-import stat
 import sys
 import tempfile
 import time
-import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path, PurePath
+from pathlib import Path
 
 from percept.errors import UsageError
 
 __all__ = [
-    "FolderFiles", "exclusive", "filled_folder", "refuse_foreign", "warned", "whole_file",
-    "write_whole",
+    "MARKER", "FolderFiles", "exclusive", "filled_folder", "own_folder", "refuse_foreign",
+    "whole_file", "write_whole",
 ]  # fmt: skip
 
+#: A folder with this file is percept's own. It lists, line by line, what percept wrote there.
+MARKER = ".percept"
+_HEADER = "# percept wrote these files. It replaces and removes them.\n"
 _ASIDE = ".percept-unfinished-"
-# Where locks cannot tell whether its run goes on, what lies aside for longer was left by a dead
-# one.
-_ABANDONED_AFTER = 86_400.0  # s
+# s after which what lies aside, and no run holds, was left by a dead one: a run locks what it made
+# at once.
+_ABANDONED_AFTER = 60.0
+# s after which it was, where the file system has no locks to tell.
+_FORGOTTEN_AFTER = 86_400.0
+# s that a run waits for another one, which moves its files in less.
+_PATIENCE = 10.0
 # Errors of a file system without locks, such as NFS before version 4.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
 
@@ -40,7 +44,7 @@ class FolderFiles:
     Parameters
     ----------
     last : str
-        The file that is complete only when all others are; the list of digests has its name.
+        The file that is complete only when all others are.
     names : tuple of str
         Patterns of every file the command can write, `last` among them, such as
         ``"tables/data_*.csv"``.
@@ -48,11 +52,6 @@ class FolderFiles:
 
     last: str
     names: tuple[str, ...]
-
-    @property
-    def listing(self) -> str:
-        """Name of the list of digests, in the form of ``sha256sum``."""
-        return str(Path(self.last).with_suffix(".sha256"))
 
     def has(self, name: str) -> bool:
         """Say whether the command can write a file of this name."""
@@ -95,12 +94,11 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def _remove_abandoned(folder: Path) -> None:
-    """Remove old files and folders of dead runs; a living run holds a lock on its own."""
+    """Remove files and folders of dead runs; a living run holds a lock on its own."""
     for path in folder.glob(f"{_ASIDE}*"):
-        with suppress(OSError, UsageError):
-            if time.time() - path.stat().st_mtime < _ABANDONED_AFTER:
-                continue
-            with exclusive(path, wait=False):
+        with suppress(OSError, UsageError), exclusive(path, wait=False) as is_locked:
+            age = time.time() - path.stat().st_mtime
+            if age > (_ABANDONED_AFTER if is_locked else _FORGOTTEN_AFTER):
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
@@ -113,53 +111,59 @@ def _sync(path: Path, mode: int) -> None:
 
 
 @contextmanager
-def exclusive(folder: Path, *, wait: bool = True) -> Iterator[None]:
-    """Hold a folder alone, among those who ask by this function, where the file system has locks.
+def exclusive(folder: Path, *, wait: bool = True) -> Iterator[bool]:
+    """Hold a folder alone, among those who ask by this function; tell whether locks assure it.
 
     The operating system locks the folder itself, so the lock ends with the process however that
-    ends.
+    ends. Some file systems have no locks.
+
+    Raises
+    ------
+    UsageError
+        Another run holds it; where this one waits, for 10 s.
     """
     if sys.platform == "win32":
-        yield
+        yield False
         return
-    import fcntl
-
     handle = os.open(folder, os.O_RDONLY)
     try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            hint = "Wait for it, or choose another folder."
-            raise UsageError(
-                "another run is writing into it.", file=str(folder), hint=hint
-            ) from None
-        except OSError as error:
-            if error.errno not in _NO_LOCKS:
-                raise
-        yield
+        yield _is_locked(handle, folder, time.monotonic() + wait * _PATIENCE)
     finally:
         os.close(handle)
 
 
-def warned(message: str) -> None:
-    """Say something as a Python warning."""
-    warnings.warn(message, UserWarning, stacklevel=2)
+def _is_locked(handle: int, folder: Path, deadline: float) -> bool:
+    """Lock an open folder until a time of the monotonic clock; False where there are no locks."""
+    import fcntl
+
+    while True:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() >= deadline:
+                raise UsageError(
+                    "another run is writing into it.",
+                    file=str(folder),
+                    hint="Wait for it, or choose another folder.",
+                ) from None
+            time.sleep(0.05)
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                raise
+            return False
+        else:
+            return True
 
 
 @contextmanager
 def filled_folder(
-    out_dir: str | Path,
-    files: FolderFiles,
-    *,
-    force: bool = False,
-    say: Callable[[str], None] = warned,
+    out_dir: str | Path, files: FolderFiles, *, force: bool = False
 ) -> Iterator[Path]:
     """Give an empty folder to fill; its files move to `out_dir` at the end, `files.last` last.
 
-    An error inside leaves `out_dir` as it was. A list of the files and their digests goes with
-    them. Only what an earlier list names is replaced, or removed where it is not written again;
-    what somebody edited since is kept beside as NAME.bak. Every other file stays. Of two runs into
-    one folder the later one wins.
+    An error inside leaves `out_dir` as it was. What an earlier run of the command wrote there is
+    replaced, or removed where it is not written again. Every other file stays. Of two runs into one
+    folder the later one wins.
 
     Parameters
     ----------
@@ -168,9 +172,7 @@ def filled_folder(
     files : FolderFiles
         What may be written, replaced and removed.
     force : bool
-        Replace also files of these names that no earlier run wrote.
-    say : callable
-        Told of each edited file that is kept; a warning by default.
+        Take a folder with files that are not percept's.
 
     Yields
     ------
@@ -180,11 +182,11 @@ def filled_folder(
     Raises
     ------
     UsageError
-        Before anything is written inside: a name in `out_dir` is taken by a file that no earlier
-        run wrote, by a link or by a folder. At the end too, or where `out_dir` cannot be written.
+        Before anything is written inside: see `refuse_foreign`. At the end too, or where `out_dir`
+        cannot be written.
     """
-    out = _folder(out_dir)
     refuse_foreign(out_dir, files, force=force)
+    out = _folder(out_dir)
     missing = [parent for parent in out.parents if not parent.exists()]
     # Only within one file system is a move all or nothing, and a folder may be where another
     # begins.
@@ -201,7 +203,7 @@ def filled_folder(
             out.mkdir(exist_ok=True)
             with exclusive(out):
                 refuse_foreign(out_dir, files, force=force)
-                _move(aside, out, files, say)
+                _move(aside, out, files)
     except OSError as error:
         if error.filename is not None and not Path(str(error.filename)).is_relative_to(aside):
             raise
@@ -213,33 +215,49 @@ def filled_folder(
                 parent.rmdir()  # only where nothing came of it: a folder with something in it stays
 
 
-def refuse_foreign(out_dir: str | Path, files: FolderFiles, *, force: bool = False) -> None:
-    """Refuse a folder in which a name that a command writes is taken by what it did not write.
+def own_folder(out_dir: str | Path, *, force: bool = False) -> Path:
+    """Make a folder where there is none, and mark it as percept's; see `refuse_foreign`."""
+    refuse_foreign(out_dir, force=force)
+    out = _folder(out_dir)
+    out.mkdir(parents=True, exist_ok=True)
+    if not (out / MARKER).exists():
+        write_whole(out / MARKER, _HEADER.encode())
+    return out
+
+
+def refuse_foreign(
+    out_dir: str | Path, files: FolderFiles | None = None, *, force: bool = False
+) -> None:
+    """Refuse a folder with files that is not percept's own.
 
     Parameters
     ----------
     out_dir : str or Path
         The folder; it need not exist.
-    files : FolderFiles
-        What the command writes.
+    files : FolderFiles, optional
+        What is written into it.
     force : bool
-        Take regular files and links to files for the command's own.
+        Take it all the same.
 
     Raises
     ------
     UsageError
-        With the name of the first such file.
+        It holds files, and percept's marker is not among them; hidden files do not count. Or a link
+        or a file is where a folder is needed.
     """
     out = _folder(out_dir)
-    known = {*_digests(out, files)}
-    if _is_listing(_listed(out / files.listing), files):
-        known.add(files.listing)
-    for folder in {PurePath(name).parent for name in files.names}:
-        _refuse_unless_folder(out / folder)
-        for path in (out / folder).iterdir() if (out / folder).is_dir() else ():
-            name = path.relative_to(out).as_posix()
-            if files.has(name) or name == files.listing:
-                _refuse_unless_file(path, ours=name in known, force=force)
+    for name in files.names if files is not None else ():
+        _refuse_unless_folder((out / name).parent)
+    if force or not out.is_dir() or (out / MARKER).is_file():
+        return
+    foreign = sorted(path.name for path in out.iterdir() if not path.name.startswith("."))
+    if foreign:
+        raise UsageError(
+            f"the folder holds what percept did not write, such as {foreign[0]}.",
+            file=str(out_dir),
+            hint="Choose another folder. --force writes into this one, and replaces files of the"
+            " same names.",
+        )
 
 
 def _refuse_unless_folder(path: Path) -> None:
@@ -251,25 +269,6 @@ def _refuse_unless_folder(path: Path) -> None:
             file=str(path),
             hint="Rename it, or choose another folder.",
         )
-
-
-def _refuse_unless_file(path: Path, *, ours: bool, force: bool) -> None:
-    """Refuse what is no file, and what no earlier run wrote."""
-    mode = path.lstat().st_mode
-    if stat.S_ISDIR(mode):
-        raise UsageError(
-            "a file is needed here, and this is a folder.",
-            file=str(path),
-            hint="Rename it, or choose another folder.",
-        )
-    if force or (ours and stat.S_ISREG(mode)):
-        return
-    found = "is a link" if stat.S_ISLNK(mode) else "was not written by an earlier run"
-    raise UsageError(
-        f"{found}, and would be replaced.",
-        file=str(path),
-        hint="Rename it, choose another folder, or replace it with --force.",
-    )
 
 
 def _folder(out_dir: str | Path) -> Path:
@@ -284,79 +283,39 @@ def _folder(out_dir: str | Path) -> Path:
     return out
 
 
-def _move(aside: Path, out: Path, files: FolderFiles, say: Callable[[str], None]) -> None:
+def _move(aside: Path, out: Path, files: FolderFiles) -> None:
     """Move files into place, and remove what an earlier run wrote and this one did not."""
-    written = sorted(path.relative_to(aside) for path in aside.rglob("*") if path.is_file())
-    new = {path.as_posix(): _digest(aside / path) for path in written}
-    earlier = _digests(out, files)
-    stale = {*_listed(out / files.listing)} & earlier.keys() - new.keys()
-    for name in sorted({*new, *stale} & earlier.keys()):
-        path = out / name
-        if path.is_file() and not path.is_symlink() and _digest(path) not in earlier[name]:
-            kept = _free_name(path)
-            path.rename(kept)
-            say(f"{path} was edited since percept wrote it, and is kept as {kept.name}.")
+    written = [path.relative_to(aside).as_posix() for path in aside.rglob("*") if path.is_file()]
+    for name in written:
+        if (out / name).is_dir() and not (out / name).is_symlink():
+            raise UsageError(
+                "a file is needed here, and this is a folder.",
+                file=str(out / name),
+                hint="Rename it, or choose another folder.",
+            )
+    listed = _listed(out)
+    stale = {name for name in listed if files.has(name)} - {*written}
     # A run that is killed while it moves files leaves a list of both runs' files.
-    _write_listing(aside, out, files, [*_lines(earlier), *_lines({n: {d} for n, d in new.items()})])
-    for name in [*(name for name in new if name != files.last), files.last]:
+    _mark(aside, out, listed | {*written})
+    for name in sorted(written, key=lambda name: name == files.last):
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         (aside / name).replace(out / name)
     for name in stale:
         if (out / name).is_file() and not (out / name).is_symlink():
             (out / name).unlink()
-    _write_listing(aside, out, files, _lines({name: {digest} for name, digest in new.items()}))
+    _mark(aside, out, (listed | {*written}) - stale)
 
 
-def _write_listing(aside: Path, out: Path, files: FolderFiles, lines: list[str]) -> None:
-    (aside / files.listing).write_text("".join(lines), encoding="utf-8")
-    (aside / files.listing).replace(out / files.listing)
-
-
-def _lines(digests: dict[str, set[str]]) -> list[str]:
-    return [f"{digest}  {name}\n" for name in digests for digest in sorted(digests[name])]
-
-
-def _free_name(path: Path) -> Path:
-    """Return NAME.bak, or the first of NAME.bak2, NAME.bak3 … that is not there."""
-    kept = path.with_name(f"{path.name}.bak")
-    count = 1
-    while os.path.lexists(kept):
-        count += 1
-        kept = path.with_name(f"{path.name}.bak{count}")
-    return kept
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _digests(out: Path, files: FolderFiles) -> dict[str, set[str]]:
-    """Return the digests that the lists in a folder give to a command's files.
-
-    Every list counts: `percept fit` and `percept report` both write posterior.nc.
-    """
-    digests: dict[str, set[str]] = {}
-    for path in sorted(out.glob("*.sha256")):
-        listed = _listed(path)
-        if path.name == files.listing and not _is_listing(listed, files):
-            continue
-        for name in filter(files.has, listed):
-            digests.setdefault(name, set()).update(listed[name])
-    return digests
-
-
-def _listed(path: Path) -> dict[str, set[str]]:
-    """Return the names of a list with their digests; nothing where it is a link or no text."""
-    digests: dict[str, set[str]] = {}
-    if path.is_symlink() or not path.is_file():
-        return digests
+def _listed(out: Path) -> set[str]:
+    """Return what the marker of a folder lists; nothing where it is none of percept's."""
     with suppress(OSError, UnicodeDecodeError):
-        for line in path.read_text(encoding="utf-8").splitlines():
-            digest, _, name = line.partition("  ")
-            digests.setdefault(name, set()).add(digest)
-    return digests
+        lines = (out / MARKER).read_text(encoding="utf-8").splitlines()
+        return {line for line in lines if not line.startswith("#")}
+    return set()
 
 
-def _is_listing(listed: Mapping[str, set[str]], files: FolderFiles) -> bool:
-    """Say whether a list is of an earlier run: it names that command's files and no others."""
-    return files.last in listed and all(map(files.has, listed))
+def _mark(aside: Path, out: Path, names: Iterable[str]) -> None:
+    """Mark a folder as percept's, and list what percept wrote there."""
+    lines = [f"{name}\n" for name in sorted(names)]
+    (aside / MARKER).write_text("".join([_HEADER, *lines]), encoding="utf-8")
+    (aside / MARKER).replace(out / MARKER)

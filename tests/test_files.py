@@ -1,15 +1,23 @@
 import contextlib
-import hashlib
 import os
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
 
 from percept.errors import UsageError
-from percept.files import FolderFiles, exclusive, filled_folder, whole_file, write_whole
+from percept.files import (
+    MARKER,
+    FolderFiles,
+    exclusive,
+    filled_folder,
+    own_folder,
+    whole_file,
+    write_whole,
+)  # fmt: skip
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="folders are not locked there")
 
@@ -90,6 +98,28 @@ def test_a_lock_ends_with_its_process(tmp_path):
 
 
 @posix
+def test_a_lock_that_is_never_given_back_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("percept.files._PATIENCE", 0.2)
+    with (
+        exclusive(tmp_path),
+        pytest.raises(UsageError, match="another run is writing into it"),
+        exclusive(tmp_path),
+    ):
+        raise AssertionError("held alone twice")
+
+
+@posix
+def test_what_a_dead_run_left_goes_after_a_minute(tmp_path):
+    for name, age in (("minutes", 120.0), ("seconds", 5.0)):
+        path = tmp_path / f".percept-unfinished-{name}"
+        path.write_text("")
+        os.utime(path, (time.time() - age,) * 2)
+    write_whole(tmp_path / "a.txt", b"x")
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == [".percept-unfinished-seconds", "a.txt"]
+
+
+@posix
 def test_who_waits_gets_it_when_it_is_free(tmp_path):
     order = []
 
@@ -134,7 +164,7 @@ def found(out):
     return {
         path.relative_to(out).as_posix(): path.read_text()
         for path in sorted(out.rglob("*"))
-        if path.is_file() and path.suffix != ".sha256"
+        if path.is_file() and path.name != MARKER
     }
 
 
@@ -143,7 +173,12 @@ def test_what_an_earlier_run_wrote_goes_and_what_is_not_its_own_stays(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "tables" / "mine.csv").write_text("mine")
     fill(tmp_path, "page.html", "tables/data_b.csv")
-    assert (tmp_path / "page.sha256").read_text().count("\n") == 2
+    written = (tmp_path / MARKER).read_text().splitlines()
+    assert written == [
+        "# percept wrote these files. It replaces and removes them.",
+        "page.html",
+        "tables/data_b.csv",
+    ]
     assert found(tmp_path) == {
         "notes.txt": "mine",
         "page.html": "page.html of the program",
@@ -152,47 +187,28 @@ def test_what_an_earlier_run_wrote_goes_and_what_is_not_its_own_stays(tmp_path):
     }
 
 
-@pytest.mark.parametrize("again", [True, False])
-def test_an_edited_file_is_kept_beside_and_said(tmp_path, again):
-    fill(tmp_path, "page.html", "tables/data_k.csv")
-    (tmp_path / "tables" / "data_k.csv").write_text("mine now")
-    (tmp_path / "tables" / "data_k.csv.bak").write_text("kept before")
-    told = []
-    fill(tmp_path, "page.html", *(["tables/data_k.csv"] * again), text="again", say=told.append)
-    assert len(told) == 1
-    assert "data_k.csv was edited since percept wrote it, and is kept as data_k.csv.bak2" in told[0]
-    kept = found(tmp_path)
-    assert kept.pop("tables/data_k.csv.bak2") == "mine now"
-    assert kept.pop("tables/data_k.csv.bak") == "kept before"
-    assert kept.pop("page.html") == "page.html again"
-    assert kept == ({"tables/data_k.csv": "tables/data_k.csv again"} if again else {})
-    # The copy is nobody's to replace: the next run has nothing to say.
-    fill(tmp_path, "page.html", say=told.append)
-    assert len(told) == 1
-
-
-def test_an_edited_file_is_said_as_a_warning_in_python(tmp_path):
-    fill(tmp_path, "page.html")
-    (tmp_path / "page.html").write_text("mine now")
-    with pytest.warns(UserWarning, match=r"kept as page\.html\.bak"):
-        fill(tmp_path, "page.html")
-
-
-@pytest.mark.parametrize("name", ["page.html", "posterior.nc", "tables/data_x.csv", "page.sha256"])
-def test_a_file_of_somebody_else_is_refused_by_name_before_anything_is_made(tmp_path, name):
-    (tmp_path / "tables").mkdir()
+@pytest.mark.parametrize("name", ["page.html", "notes.txt", "tables/data_x.csv"])
+def test_a_folder_of_other_files_is_refused_before_anything_is_made(tmp_path, name):
+    (tmp_path / name).parent.mkdir(exist_ok=True)
     (tmp_path / name).write_text("mine")
+    (tmp_path / ".hidden").write_text("mine")
     before = found(tmp_path)
-    with pytest.raises(UsageError, match="was not written by an earlier run") as refused:
+    with pytest.raises(UsageError, match="holds what percept did not write, such as") as refused:
         fill(tmp_path, "page.html")
-    assert refused.value.file == str(tmp_path / name)
+    assert refused.value.file == str(tmp_path)
     assert "--force" in refused.value.hint
     assert found(tmp_path) == before
-    fill(tmp_path, "page.html", "tables/data_x.csv", force=True)
-    assert found(tmp_path)["page.html"] == "page.html of the program"
-    assert found(tmp_path)["tables/data_x.csv"] == "tables/data_x.csv of the program"
-    # Only what is written is replaced.
-    assert found(tmp_path).get("posterior.nc") == ("mine" if name == "posterior.nc" else None)
+    fill(tmp_path, "page.html", force=True)
+    assert found(tmp_path) == {**before, "page.html": "page.html of the program"}
+    # Now the folder is percept's.
+    fill(tmp_path, "page.html", text="again")
+    assert found(tmp_path) == {**before, "page.html": "page.html again"}
+
+
+def test_hidden_files_make_no_folder_foreign(tmp_path):
+    (tmp_path / ".hidden").write_text("mine")
+    fill(tmp_path, "page.html")
+    assert found(tmp_path) == {".hidden": "mine", "page.html": "page.html of the program"}
 
 
 def test_a_file_that_somebody_else_puts_there_meanwhile_is_refused_at_the_end(tmp_path):
@@ -201,7 +217,7 @@ def test_a_file_that_somebody_else_puts_there_meanwhile_is_refused_at_the_end(tm
             (folder / "page.html").write_text("x")
             (tmp_path / "page.html").write_text("mine")
 
-    with pytest.raises(UsageError, match="was not written by an earlier run"):
+    with pytest.raises(UsageError, match=r"such as page\.html"):
         meanwhile()
     assert found(tmp_path) == {"page.html": "mine"}
 
@@ -220,9 +236,8 @@ def test_nothing_is_written_or_removed_through_a_link(tmp_path):
     (out / "tables").unlink()
     (out / "page.html").symlink_to(elsewhere / "data_k.csv")
     (out / "posterior.nc").symlink_to(elsewhere / "nowhere")
-    with pytest.raises(UsageError, match="is a link, and would be replaced"):
-        fill(out, "page.html")
-    fill(out, "page.html", force=True)
+    (out / MARKER).write_text("posterior.nc\n")
+    fill(out, "page.html")
     assert found(elsewhere) == {"data_k.csv": "mine"}
     assert not (out / "page.html").is_symlink()
     assert (out / "posterior.nc").is_symlink()
@@ -231,19 +246,27 @@ def test_nothing_is_written_or_removed_through_a_link(tmp_path):
 def test_a_list_removes_nothing_but_what_the_command_writes(tmp_path):
     out = tmp_path / "out"
     (out / "tables").mkdir(parents=True)
-    digest = hashlib.sha256(b"mine").hexdigest()
     names = ["../outside.txt", "notes.txt", "tables/mine.csv", "tables/../../outside.txt"]
     for name in names:
         (out / name).write_text("mine")
+    (out / MARKER).write_text("".join(f"{name}\n" for name in names))
     fill(out, "page.html")
-    listing = out / "page.sha256"
-    own = listing.read_text()
-    listing.write_text(own + "".join(f"{digest}  {name}\n" for name in names))
-    with pytest.raises(UsageError, match=r"page\.sha256: was not written by an earlier run"):
-        fill(out, "page.html")
-    fill(out, "page.html", force=True)
-    assert listing.read_text() == own
     assert [(out / name).read_text() for name in names] == ["mine"] * len(names)
+
+
+def test_a_folder_in_a_file_s_place_is_refused(tmp_path):
+    fill(tmp_path, "page.html")
+    (tmp_path / "posterior.nc").mkdir()
+    with pytest.raises(UsageError, match=r"posterior\.nc: a file is needed here"):
+        fill(tmp_path, "page.html", "posterior.nc", text="again")
+    assert found(tmp_path) == {"page.html": "page.html of the program"}
+
+
+def test_a_folder_of_one_s_own_is_marked(tmp_path):
+    out = own_folder(tmp_path / "new" / "out")
+    assert [path.name for path in out.iterdir()] == [MARKER]
+    (out / "a.txt").write_text("x")
+    assert own_folder(out) == out
 
 
 def test_commands_of_one_folder_know_each_other_s_files(tmp_path):
@@ -259,7 +282,7 @@ def test_commands_of_one_folder_know_each_other_s_files(tmp_path):
 
 @pytest.mark.parametrize("moves", range(6))
 def test_a_run_that_dies_while_it_moves_files_leaves_no_foreign_file(tmp_path, monkeypatch, moves):
-    """Whichever move is its last, the next run finds its own files and has nothing to say."""
+    """Whichever move is its last, the next run finds its own files."""
     fill(tmp_path, "page.html", "posterior.nc", "tables/data_k.csv", text="first")
     replace, done = Path.replace, []
 
@@ -273,9 +296,7 @@ def test_a_run_that_dies_while_it_moves_files_leaves_no_foreign_file(tmp_path, m
     with contextlib.suppress(KeyboardInterrupt):
         fill(tmp_path, "page.html", "posterior.nc", "tables/data_b.csv", text="second")
     monkeypatch.undo()
-    told = []
-    fill(tmp_path, "page.html", text="third", say=told.append)
-    assert told == []
+    fill(tmp_path, "page.html", text="third")
     assert found(tmp_path) == {"page.html": "page.html third"}
 
 

@@ -63,5 +63,5 @@ def folder(default: str) -> Argument:
 
 
 JSON = flag("--json", "print as JSON")
-FORCE = flag("--force", "replace also files of the same names that no earlier run wrote")
+FORCE = flag("--force", "write also into a folder with files that percept did not write")
 QUIET = flag("--quiet", "no progress, no notices")

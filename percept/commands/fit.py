@@ -16,7 +16,6 @@ from percept.commands.analysis import (
     WORKERS,
     Working,
     checks_argument,
-    notice,
     open_mapper,
     open_study,
     print_json,
@@ -63,7 +62,7 @@ def _fit(arguments: argparse.Namespace) -> int:
 
     with Working("fitting", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
-        with fit_folder(arguments.out, force=arguments.force, say=notice) as into:
+        with fit_folder(arguments.out, force=arguments.force) as into:
             results = study.results(curves=False, progress=progress.stage)
             fill_fit(into, results, posterior=study.parts.posterior)
         path = Path(arguments.out) / "fit.json"
@@ -126,7 +125,6 @@ def _report(arguments: argparse.Namespace) -> int:
             why=arguments.why,
             progress=progress.stage,
             force=arguments.force,
-            say=notice,
         )
     if not arguments.quiet:
         _print_findings(page, printable)
@@ -152,7 +150,6 @@ def _report_again(arguments: argparse.Namespace) -> int:
             formats=arguments.formats,
             progress=progress.stage,
             force=arguments.force,
-            say=notice,
         )
     if not arguments.quiet:
         _print_findings(page, printable)
@@ -235,7 +232,12 @@ def _batch(arguments: argparse.Namespace) -> int:
             working.show(words, finished, summary.studies)
 
         summary = run_batch(
-            studies, arguments.out, mapper, table_format=arguments.format, progress=show
+            studies,
+            arguments.out,
+            mapper,
+            table_format=arguments.format,
+            progress=show,
+            force=arguments.force,
         )
     if arguments.json:
         print_json({**vars(summary), "table": str(summary.table)})
@@ -246,8 +248,6 @@ def _batch(arguments: argparse.Namespace) -> int:
 
 def _print_summary(summary: Summary) -> None:
     """Print what became of the studies; what is wrong goes to standard error."""
-    for name, damage in summary.damaged:
-        _tell(name, f"Its kept rows were damaged ({damage}); it was analysed again.")
     for name, message in (*summary.failures, *summary.inaccurate):
         _tell(name, message)
     words = ", ".join(f"{count} {status}" for status, count in sorted(summary.counts.items()))
@@ -334,6 +334,7 @@ BATCH = Command(
             default="csv",
         ),
         JSON,
+        FORCE,
     ),
     _batch,
 )

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from percept.errors import UsageError
-from percept.files import FolderFiles, filled_folder, warned
+from percept.files import FolderFiles, filled_folder
 from percept.report.overview import findings
 from percept.report.tables import csv_tables
 from percept.results import Results
@@ -69,7 +69,6 @@ def report_folder(
     *,
     formats: Sequence[str] = ("svg",),
     force: bool = False,
-    say: Callable[[str], None] | None = None,
 ) -> Iterator[Path]:
     """Give an empty folder for a report; its files move to `out_dir` at the end, the page last.
 
@@ -80,9 +79,7 @@ def report_folder(
     formats : sequence of {"svg", "pdf", "png"}
         Of the figures' files.
     force : bool
-        Replace also files of the report's names that no earlier run wrote.
-    say : callable, optional
-        Told of each edited file that is kept as NAME.bak; a warning by default.
+        Write also into a folder with files that percept did not write.
 
     Yields
     ------
@@ -92,13 +89,13 @@ def report_folder(
     Raises
     ------
     UsageError
-        Where `out_dir` is a file or cannot be written, where a name in it is taken by a file that
-        no earlier run wrote, or where a format is unknown.
+        Where `out_dir` is a file or cannot be written, where it holds files that percept did not
+        write, or where a format is unknown.
     """
     for form in formats:
         if form not in _FORMATS:
             raise UsageError(f"figures come as {', '.join(_FORMATS)}.", value=form)
-    with filled_folder(out_dir, REPORT_FILES, force=force, say=say or warned) as folder:
+    with filled_folder(out_dir, REPORT_FILES, force=force) as folder:
         yield folder
 
 
@@ -162,11 +159,9 @@ def _write_tables(folder: Path, tables: Mapping[str, str]) -> None:
 
 
 @contextmanager
-def fit_folder(
-    out_dir: str | Path, *, force: bool = False, say: Callable[[str], None] | None = None
-) -> Iterator[Path]:
+def fit_folder(out_dir: str | Path, *, force: bool = False) -> Iterator[Path]:
     """Give an empty folder for fit.json and posterior.nc; as `report_folder` otherwise."""
-    with filled_folder(out_dir, FIT_FILES, force=force, say=say or warned) as folder:
+    with filled_folder(out_dir, FIT_FILES, force=force) as folder:
         yield folder
 
 
@@ -186,7 +181,6 @@ def rewrite_report(
     date: str | None = None,
     progress: Callable[[str], None] | None = None,
     force: bool = False,
-    say: Callable[[str], None] | None = None,
 ) -> Path:
     """Make page, tables and figures again from a report.json, without data or sampling.
 
@@ -196,7 +190,7 @@ def rewrite_report(
         A report.json; a posterior.nc beside it goes along.
     out_dir : str or Path
         Folder, made where it does not exist.
-    formats, date, progress, force, say
+    formats, date, progress, force
         As `fill_report` and `report_folder` take them.
 
     Returns
@@ -211,7 +205,7 @@ def rewrite_report(
     """
     results = Results.load(json_file)
     draws = Path(json_file).with_name("posterior.nc")
-    with report_folder(out_dir, formats=formats, force=force, say=say) as folder:
+    with report_folder(out_dir, formats=formats, force=force) as folder:
         fill_report(folder, results, formats=formats, date=date, progress=progress)
         if draws.is_file():
             shutil.copyfile(draws, folder / "posterior.nc")

@@ -22,8 +22,8 @@ __all__ = [
     "named_part",
 ]
 
-#: What tells a folder of results from one of sessions.
-_RESULTS = ("report.sha256", "fit.sha256", "reproduction.sha256", "batch.sha256", "batch.parquet")
+#: What tells a folder of results from one of sessions: the marker of `percept.files`.
+_MARKER = ".percept"
 #: Ends of the names of tables in archives.
 PACKED = (".csv", ".tsv", ".tab", ".txt", ".json", ".jsonl")
 _SUFFIXES = (
@@ -118,8 +118,7 @@ def may_be_study(path: str) -> bool:
     place = Path(path)
     if not place.is_dir():
         return place.suffix.lower() in _SUFFIXES
-    filled = any((place / name).exists() for name in _RESULTS)
-    return not filled and bool(_tables(place)[0])
+    return not (place / _MARKER).exists() and bool(_tables(place)[0])
 
 
 def _inside(folder: Path) -> tuple[list[str], list[str]]:
@@ -133,7 +132,7 @@ def _inside(folder: Path) -> tuple[list[str], list[str]]:
 
 def _tables(folder: Path) -> tuple[list[str], list[str]]:
     """Look for tables and folders of results in a folder and those below it."""
-    filled = {path.parent for name in _RESULTS for path in folder.rglob(name)} - {folder}
+    filled = {path.parent for path in folder.rglob(_MARKER)} - {folder}
     tables = []
     for path in sorted(folder.rglob("*")):
         is_table = path.suffix.lower() in _SUFFIXES and path.is_file()

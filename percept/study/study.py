@@ -259,7 +259,7 @@ class Study:
         """Write page, JSON, tables, figures and posterior into a folder; return the page's path.
 
         The folder is made where it does not exist. UsageError where it cannot be written, or where
-        a file that no earlier run wrote has one of the report's names: before anything is computed.
+        it holds files that percept did not write: before anything is computed.
         Options go to `percept.report.report_folder` and `percept.report.fill_report`, such
         as ``formats=("pdf",)``, and `why` of `results`.
         """
@@ -267,10 +267,10 @@ class Study:
         from percept.report import fill_report, report_folder
 
         formats = options.pop("formats", ("svg",))
-        of_folder = {name: options.pop(name) for name in ("force", "say") if name in options}
+        force = options.pop("force", False)
         why = options.pop("why", False)
         progress = options.get("progress")
-        with report_folder(directory, formats=formats, **of_folder) as folder:
+        with report_folder(directory, formats=formats, force=force) as folder:
             results = self.results(why=why, progress=progress)
             fill_report(folder, results, posterior=self.parts.posterior, formats=formats, **options)
         return Path(directory) / "report.html"

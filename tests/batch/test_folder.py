@@ -43,43 +43,34 @@ def test_a_failed_study_says_so_until_it_is_done(tmp_path):
     "harm",
     [
         lambda data: b"",
-        lambda data: data[:-1],
-        lambda data: data[: data.rfind(b"\n", 0, -1) + 1],
-        lambda data: data + b"x",
-        lambda data: data.replace(b"because", b"becauze"),
         lambda data: b"\xff" + data,
+        lambda data: data.replace(KEYS[0].encode(), KEYS[1].encode()),
+        lambda data: data.replace(b"refused", b"perhaps"),
         lambda data: data[data.find(b"\n") + 1 :],
     ],
-    ids=["empty", "cut", "a row less", "longer", "changed", "no text", "no seal"],
+    ids=["empty", "no text", "another study's", "no status", "no header"],
 )
-def test_a_damaged_file_is_told_and_never_put_into_a_table(tmp_path, harm):
+def test_a_file_that_no_batch_wrote_holds_no_rows(tmp_path, harm):
     with BatchFolder.opened(tmp_path) as folder:
         saved(folder, KEYS[0])
         path = file_of(folder, KEYS[0])
         path.write_bytes(harm(path.read_bytes()))
-        assert folder.kept(KEYS[0]).status == "damaged"
-        with pytest.raises(UsageError, match=r"000\.csv: it was damaged during this run"):
-            folder.combine(KEYS[:1], "csv")
-        assert not (tmp_path / "batch.csv").exists()
-        saved(folder, KEYS[0])
-        assert folder.kept(KEYS[0]).status == "refused"
+        assert folder.kept(KEYS[0]) is None
 
 
-@pytest.mark.parametrize("listing", [None, "0123  batch.parquet\n"])
-def test_a_table_that_no_batch_wrote_is_not_replaced(tmp_path, listing):
+def test_a_folder_that_percept_did_not_mark_is_not_written_into(tmp_path):
     table = tmp_path / "batch.csv"
     table.write_text("mine")
-    if listing:
-        (tmp_path / "batch.sha256").write_text(listing)
-    with BatchFolder.opened(tmp_path) as folder:
+    message = r"the folder holds what percept did not write, such as batch\.csv.*--force"
+    with pytest.raises(UsageError, match=message):
+        BatchFolder.opened(tmp_path).__enter__()
+    assert [path.name for path in tmp_path.iterdir()] == ["batch.csv"]
+    with BatchFolder.opened(tmp_path, force=True) as folder:
         saved(folder, KEYS[0])
-        with pytest.raises(UsageError, match=r"batch\.csv: it was not written by an earlier"):
-            folder.combine(KEYS[:1], "csv")
-    assert table.read_text() == "mine"
-    table.unlink()
+        assert folder.combine(KEYS[:1], "csv") == table
+    assert "because" in table.read_text()
     with BatchFolder.opened(tmp_path) as folder:
-        for _ in range(2):
-            assert folder.combine(KEYS[:1], "csv") == table
+        assert folder.kept(KEYS[0]) == Kept("refused", "because")
 
 
 def test_a_file_in_the_way_is_said(tmp_path):

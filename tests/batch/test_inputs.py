@@ -33,7 +33,7 @@ def test_each_match_of_a_pattern_is_a_study_as_a_shell_would_have_it(tmp_path):
     (tmp_path / "notes.md").write_text("")
     (tmp_path / "empty").mkdir()
     (tmp_path / "res").mkdir()
-    for name in ("batch.sha256", "s.csv"):
+    for name in (".percept", "s.csv"):
         (tmp_path / "res" / name).write_text("")
     assert [one.path for one in sources([str(tmp_path / "?*")])] == [
         str(tmp_path / day) for day in ("a", "b")

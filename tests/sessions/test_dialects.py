@@ -93,10 +93,10 @@ def test_folders_and_patterns_name_what_they_leave_out(tmp_path):
 def test_results_in_a_folder_of_sessions_are_left_out(tmp_path):
     _, options = written(tmp_path, "folder")
     alone = read_sessions(tmp_path, scene=options)
-    for name, listing in (("report", "report.sha256"), ("old/fit", "fit.sha256")):
+    for name in ("report", "old/fit"):
         (tmp_path / name / "tables").mkdir(parents=True)
         (tmp_path / name / "tables" / "band.csv").write_text("environment,band\nVE1,2\n")
-        (tmp_path / name / listing).write_text("")
+        (tmp_path / name / ".percept").write_text("")
     again = read_sessions(tmp_path, scene=options)
     assert again.table.equals(alone.table)
     (notice,) = [found for found in again.notices if "a folder of results" in found.text]

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
@@ -133,7 +134,7 @@ def test_a_batch_that_finds_no_room_keeps_what_it_had_and_goes_on_later(tmp_path
     assert failed.returncode == 2
     assert "written: File too large" in failed.stderr
     assert "run the same command again" in failed.stderr
-    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == [".percept"]
     assert main([*map(str, arguments), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["counts"] == {"done": 1}
 
@@ -149,6 +150,20 @@ def test_a_folder_that_may_not_be_written_is_said(tmp_path, command):
     assert ran.returncode == 2
     assert "written: Read-only file system" in ran.stderr
     assert str(disk) in ran.stderr
+
+
+def test_a_run_that_is_told_to_end_leaves_nothing(tmp_path):
+    """SIGTERM comes from job schedulers, and from a machine that shuts down."""
+    words = ["fit", STUDY, "--tolerance", "0.001", "--no-cache", "--quiet"]
+    running = subprocess.Popen(
+        [sys.executable, "-m", "percept", *words, "--out", str(tmp_path / "out")]
+    )
+    while not list(tmp_path.iterdir()):
+        assert running.poll() is None
+        time.sleep(0.05)
+    running.terminate()
+    assert running.wait(60) == 143
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.evidence
@@ -205,7 +220,7 @@ def test_moves_of_two_runs_do_not_mix(tmp_path):
         assert all(path.name.startswith(".percept-unfinished-") for path in out.iterdir())
     process.communicate()
     assert process.returncode == 0
-    assert sorted(path.name for path in out.iterdir()) == ["a.txt", "z.sha256", "z.txt"]
+    assert sorted(path.name for path in out.iterdir()) == [".percept", "a.txt", "z.txt"]
 
 
 def test_a_folder_on_another_disk_or_of_a_long_name_is_filled(tmp_path):
@@ -218,7 +233,7 @@ def test_a_folder_on_another_disk_or_of_a_long_name_is_filled(tmp_path):
                 (aside / "a.txt").write_text("x")
             assert (out / "a.txt").read_text() == "x"
         assert (tmp_path / "link").is_symlink()
-        assert sorted(path.name for path in disk.iterdir()) == ["a.sha256", "a.txt", "new"]
+        assert sorted(path.name for path in disk.iterdir()) == [".percept", "a.txt", "new"]
     finally:
         shutil.rmtree(disk)
 

@@ -27,7 +27,7 @@ def test_killed_commands_leave_whole_files_and_come_to_the_same_end(tmp_path, jo
         ("posterior.nc", b"\x89HDF\r\n\x1a\n half"),
         ("report.html", b"<html><body>"),
         ("a.svg", b"<svg>"),
-        ("fit.sha256", b"abc  fit.js"),
+        (".percept", b"report.js"),
     ],
 )
 def test_the_check_tells_a_torn_file(tmp_path, name, data):
