@@ -126,6 +126,13 @@ def test_reports_import_no_tests():
         assert "tests" not in imports(path)[0], path
 
 
+def test_reports_use_public_names_of_percept():
+    for path in sorted((ROOT.parent / "reports").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("percept"):
+                assert [a.name for a in node.names if a.name[:1] == "_"] == [], path
+
+
 def test_public_names():
     assert sorted(percept.__all__) == [
         "PerceptError",
