@@ -239,7 +239,9 @@ def _log_density(squares: _Pairs, covariance: _Pairs, counts: NDArray[Any]) -> T
     if len(covariance) == 1:
         variance = covariance[0, 0]
         return -0.5 * (squares[0, 0] / variance + counts * pm.math.log(variance)).sum()
-    first, second, both = covariance[0, 0], covariance[1, 1], covariance[0, 1]
+    first = covariance[0, 0]
+    second = covariance[1, 1]
+    both = covariance[0, 1]
     determinant = first * second - both**2
     distance = second * squares[0, 0] + first * squares[1, 1] - 2.0 * both * squares[0, 1]
     return -0.5 * (distance / determinant + counts * pm.math.log(determinant)).sum()

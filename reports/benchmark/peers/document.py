@@ -12,7 +12,7 @@ from reports.benchmark.peers.engines import ENGINES, STUDIES, engine
 from reports.benchmark.peers.processes import Comparison, Measured, Whole, comparisons
 from reports.benchmark.peers.reference import Reference
 
-_SCHEMA = "percept-benchmark-2"
+_SCHEMA = "percept-benchmark-3"
 #: Errors over half-width at which times are compared.
 _LEVELS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 _OURS = "percept"
