@@ -10,6 +10,7 @@ from percept.inference.record import percent
 from percept.report.numbers import bare, digits_of, rounded
 from percept.report.select import METHODS, Section, distinct, listed, matching, ordered, words_of
 from percept.results import AnovaRow, ContrastRow, LevelValues, Results
+from percept.sessions.formula import TRIAL_REFERENCE
 from percept.sessions.quantities import Quantity
 
 __all__ = ["Design", "LevelPanel", "contrast", "contrast_sentences", "design_words", "level_panels"]
@@ -180,10 +181,10 @@ def contrast_sentences(results: Results) -> list[str]:
             rests_on += f" and {len(row.references)} of {row.of_references} {places}"
             if len(row.references) < row.of_references:
                 rests_on += f", {listed(row.references)}"
-        sentences.append(
-            f"{users} set {label} {_difference(row)} with {percent(row.level)} {sure}, from"
-            f" {rests_on}."
-        )
+        said = f"{users} set {label} {_difference(row)}"
+        if row.of == "slope" and row.factor == TRIAL_REFERENCE:
+            said = _along_the_reference(row, f"{words.users} set {label}")
+        sentences.append(f"{said} with {percent(row.level)} {sure}, from {rests_on}.")
     if len(contrasts) > len(sentences):
         more = counted(len(contrasts) - len(sentences), "contrast")
         factors = listed(distinct(contrasts, "factor"))
@@ -191,13 +192,37 @@ def contrast_sentences(results: Results) -> list[str]:
     return sentences
 
 
-def _difference(row: ContrastRow) -> str:
-    """Say how the second level differs from the first, with the interval."""
+def _along_the_reference(row: ContrastRow, users_set: str) -> str:
+    """Say how settings, and their ratio to the reference, change over a decade of it."""
+    if row.family != "lognormal":
+        way = "falls" if row.estimate < 0 else "rises"
+        size = f"{_size(row, abs(row.estimate))} {row.unit}"
+        what = f"the difference from the reference that {users_set} {way} by {size}"
+        return f"Per decade of reference {what}: {_ends(row)} {row.unit}"
+    way = "falls" if row.estimate < 1 else "rises"
+    # The reference itself is ten times as high.
+    times = f"{users_set} {_size(row, 10.0 * row.estimate)} times as high"
+    ratio = f"the ratio to the reference {way} to {_size(row, row.estimate)} times"
+    return f"Per decade of reference {times}: {ratio}, {_ends(row)}"
+
+
+def _size(row: ContrastRow, value: float) -> str:
+    """Write a value with the digits of a row's estimate."""
     digits = max(digits_of(row.estimate, row.lower, row.upper), _LEAST_DIGITS)
-    size = bare(rounded(abs(row.estimate), digits))
+    return bare(rounded(value, digits))
+
+
+def _ends(row: ContrastRow) -> str:
+    """Write a row's interval."""
     lower = bare(rounded(row.lower, digits_of(row.lower, row.lower, row.upper)))
     upper = bare(rounded(row.upper, digits_of(row.upper, row.lower, row.upper)))
-    ends = f"{lower} to {upper}"
+    return f"{lower} to {upper}"
+
+
+def _difference(row: ContrastRow) -> str:
+    """Say how the second level differs from the first, with the interval."""
+    size = _size(row, abs(row.estimate))
+    ends = _ends(row)
     if row.of == "slope":
         row = dataclasses.replace(row, second=f"{row.second} of {row.factor}")
     if row.family == "lognormal":

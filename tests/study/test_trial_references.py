@@ -1,5 +1,7 @@
 """Trials with references of their own, of which no two are equal."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,6 +11,7 @@ from percept import Scene, Study, read_sessions
 from percept.errors import RefusalError, UsageError
 from percept.sessions import Sessions
 from percept.study.trial_references import at_typical_references
+from tests.documents import build_document
 
 SLOPE = 0.25
 
@@ -101,6 +104,21 @@ def test_a_planted_slope_is_found_over_ranges_and_within(fitted_trials):
     middle = lines[12]
     truth = middle.reference * np.exp(0.1 + SLOPE * np.log10(middle.reference / 100.0))
     assert middle.lower < truth < middle.upper
+
+
+def test_a_slope_is_said_of_settings_and_of_their_ratio(fitted_trials):
+    document = build_document(fitted_trials)
+    sentence = document["summary"]["overview"]["sentences"][0]
+    said = re.match(
+        r"Per decade of reference \w+ set stiffness ([\d.]+) times as high: the ratio to the"
+        r" reference (falls|rises) to ([\d.]+) times, ([\d.]+) to ([\d.]+) with 99 % probability",
+        sentence,
+    )
+    row = fitted_trials.contrast("reference").iloc[0]
+    assert float(said[1]) == pytest.approx(10 * row["estimate"], rel=0.01)
+    assert said[2] == ("falls" if SLOPE < 0 else "rises")
+    assert float(said[3]) == pytest.approx(row["estimate"], rel=0.01)
+    assert float(said[4]) == pytest.approx(row["lower"], rel=0.01)
 
 
 @pytest.mark.evidence
