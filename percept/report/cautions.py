@@ -51,6 +51,7 @@ def cautions(results: Results) -> list[str]:
     diagnostics = results.diagnostics
     words = words_of(results)
     said = [*_levels(results.contrast, words), *_left_out(results.skipped)]
+    said += _other_family(results)
     if diagnostics and diagnostics.gate.passed and not diagnostics.gate.tolerance_met:
         said.append(diagnostics.gate.error_reached)
     said += _pooled(results, words)
@@ -89,6 +90,21 @@ def _left_out(skipped: Sequence[Skipped]) -> Iterator[str]:
             yield f"The hierarchical model leaves out {row.what.partition(',')[0]}: {row.why}."
         elif row.what == "Bayesian intervals":
             yield f"There are no Bayesian intervals: {row.why}"
+
+
+def _other_family(results: Results) -> Iterator[str]:
+    """Say which environments have intervals of the normal family alone."""
+    means = matching(results.intervals, kind="mean", joint="marginal")
+    for parameter in distinct(means, "parameter"):
+        of_quantity = matching(means, parameter=parameter)
+        own = distinct(matching(of_quantity, family=family_of(results)), "environment")
+        others = [name for name in distinct(of_quantity, "environment") if name not in own]
+        if own and others:
+            yield (
+                f"Intervals of {results.data.quantities[parameter].label} are of the normal family"
+                f" in {listed(others)}, where values of zero or below have no logarithm, and of the"
+                f" {family_of(results)} family in {listed(own)}."
+            )
 
 
 def _pooled(results: Results, words: Words) -> Iterator[str]:

@@ -138,6 +138,7 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
     width_b = intervals["upper_b"] - intervals["lower_b"]
     intervals["width_ratio"] = width_b / width_a
     differences = [] if same else [*_classical(first, second), *_bayesian(first, second)]
+    notes += _without_difference(first, second, differences)
     curves = pd.DataFrame(_gaps(first, second))
     return PairComparison(intervals, pd.DataFrame(differences), curves, tuple(notes))
 
@@ -148,6 +149,26 @@ def _left_out(of_a: Sequence[str], of_b: Sequence[str]) -> Iterator[str]:
         alone = [name for name in own if name not in other]
         if alone:
             yield f"Only {label} has {', '.join(alone)}: left out."
+
+
+def _without_difference(
+    first: Study, second: Study, differences: Sequence[dict[str, object]]
+) -> Iterator[str]:
+    """Name the environments that both studies have and of which a method gives no difference."""
+    environments = [name for name in first.parts.environments if name in second.parts.environments]
+    parameters = [name for name in first.parts.parameters if name in second.parts.parameters]
+    for method in dict.fromkeys(row["method"] for row in differences):
+        known = {
+            (row["parameter"], row["environment"]) for row in differences if row["method"] == method
+        }
+        for parameter in parameters:
+            lacking = [name for name in environments if (parameter, name) not in known]
+            if lacking:
+                where = ", ".join(lacking)
+                yield (
+                    f"No {method} difference of {parameter} in {where}: in A or B it has no"
+                    f" interval of the {first.scene.inference.family} family."
+                )
 
 
 def _gaps(first: Study, second: Study) -> Iterator[dict[str, object]]:

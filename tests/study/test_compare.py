@@ -16,6 +16,7 @@ from percept.sessions import ReadOptions, Sessions
 from percept.study.compare import compare_studies, split_by
 from percept.study.fit import Fit
 from tests import DATASETS
+from tests.documents import build_document
 
 
 def sessions(prefix, *, trials=1, seed=0):
@@ -112,6 +113,25 @@ def test_what_only_one_study_has_is_named(fitted: Study) -> None:
     assert compare_studies(Study(sessions, classical), Study(fitted.sessions, classical)).notes == (
         "Only B has VE1, VE2, VE4: left out.",
         "Only B has b: left out.",
+    )
+
+
+def test_an_environment_without_a_difference_is_named(fitted: Study) -> None:
+    scene = fitted.scene.model_copy(update={"device": None}).with_inference(method="classical")
+    table = fitted.sessions.table.drop(columns=["b_ref", "b_adj"])
+    other = table.assign(subject="other " + table["subject"].astype(str))
+    # One value of VE3 has no logarithm.
+    other.loc[other.index[other["environment"] == "VE3"][0], "k_adj"] = -463.0
+    studies = [Study(Sessions.from_frame(own), scene) for own in (table, other)]
+    found = compare_studies(*studies)
+    assert found.notes[-1] == (
+        "No classical difference of k in VE3: in A or B it has no interval of the lognormal family."
+    )
+    assert "VE3" not in set(found.differences["environment"])
+    cautions = build_document(studies[1])["summary"]["cautions"]
+    assert cautions[0] == (
+        "Intervals of stiffness are of the normal family in VE3, where values of zero or below have"
+        " no logarithm, and of the lognormal family in VE1, VE2, VE4 and VE5."
     )
 
 
