@@ -13,6 +13,7 @@ from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.laws import ConditionalMoments
 from percept.inference.hierarchy.model import Model
+from percept.inference.hierarchy.product import pooled_parts
 from percept.inference.sampling.gate import Estimands, Progress, Run, Settings
 from percept.results import IntervalRow
 from percept.scene import InferenceTable
@@ -108,7 +109,7 @@ class Fit(Prepared):
     @cached_property
     def subjects(self) -> SubjectDensity | Skipped:
         """Densities of the subjects' data under the pooled model of sessions."""
-        parts = self.model.pooled_parts(self.points)
+        parts = pooled_parts(self.model, self.points)
         if self.trials is None or len(parts) != 1:
             needed = "they need the sessions of subjects, pooled over environments"
             return Skipped("checks of the model", needed)

@@ -12,12 +12,12 @@ from scipy import linalg
 from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.contrasts import ContrastEstimands, ContrastRows
 from percept.inference.hierarchy.covariates import Covariates, with_covariates
-from percept.inference.hierarchy.design import Cells, design_of
+from percept.inference.hierarchy.design import Cells, Options, design_of
 from percept.inference.hierarchy.design import Factors as CellFactors
 from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.linear_posterior import LinearPosterior
-from percept.inference.hierarchy.linear_product import LinearProduct
 from percept.inference.hierarchy.model import Resolution
+from percept.inference.hierarchy.product import Product, linear_parts
 from percept.inference.hierarchy.statistics import Statistics, apart_by_subject
 from percept.inference.hierarchy.trial_scatter import TrialScatter, trial_scatter
 from percept.scene import InferenceTable, ModelTable, Scene
@@ -65,7 +65,7 @@ class Compared:
 class ContrastPlan:
     """What a model of R locations estimates beside its cells."""
 
-    model: LinearPosterior | LinearProduct
+    model: LinearPosterior | Product
     cell_rows: Array  # (C, R) Where the cells stand among the locations
     users: tuple[Compared, ...]  # Contrasts that each user has too
     groups: tuple[Compared, ...]  # Contrasts of different users, and slopes
@@ -110,7 +110,7 @@ class ContrastPlan:
 
 def side_by_side(plans: Sequence[ContrastPlan]) -> ContrastPlan:
     """Put the contrasts of models of different quantities together."""
-    model = LinearProduct([part for plan in plans for part in plan.model.linear_parts])
+    model = Product([part for plan in plans for part in linear_parts(plan.model)])
     widths = [plan.cell_rows.shape[1] for plan in plans]
     users: list[Compared] = []
     groups: list[Compared] = []
@@ -168,9 +168,7 @@ def linear_study(
     priors = priors_of(scene, data.statistics.parameters)
     own_slopes = scene.model.subjects_slope
     cells, factors = _design(keys, statistics, sessions, conditions, own_slopes)
-    design = design_of(cells, factors, priors)
-    if scene.model.weber:
-        design = design.without_spread_trend()
+    design = design_of(cells, factors, priors, Options(weber=scene.model.weber))
     model = LinearPosterior(statistics, design, priors, covariates, scatter, resolution)
     found: list[Comparison] = []
     if sessions.factors is not None:

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError
-from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.design import Options
+from percept.inference.hierarchy.linear_posterior import LinearPosterior, plain_model
 from percept.inference.hierarchy.model import Model, Resolution
-from percept.inference.hierarchy.models import Product, Unpooled
-from percept.inference.hierarchy.scales import Options
+from percept.inference.hierarchy.product import Product
 from percept.inference.hierarchy.statistics import Statistics, from_summary
+from percept.inference.hierarchy.unpooled import Unpooled
 from percept.inference.record import Family
 from percept.scene import Scene
 from percept.sessions import Sessions
@@ -174,13 +175,13 @@ def _of_trials(
 
 def _model(
     statistics: Statistics, scene: Scene, resolution: Resolution | None = None
-) -> CollapsedDensity:
+) -> LinearPosterior:
     table = scene.model
     options = Options(
         subject_effect=table.subject_effect, weber=table.weber, common_spread=table.common_spread
     )
     priors = priors_of(scene, statistics.parameters)
-    return CollapsedDensity(statistics, priors, options, resolution)
+    return plain_model(statistics, priors, options, resolution)
 
 
 def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from percept.boundary.law import BEYOND, PairLaw, confidence_law, mixture_law
 from percept.errors import RefusalError
 from percept.inference.classical.trials import subject_means
+from percept.inference.hierarchy.product import pooled_parts
 from percept.inference.record import Family, Kind, Method
 from percept.inference.regions import EllipseRegion, ellipse_region
 from percept.scene import InferenceTable, Scene
@@ -287,7 +288,7 @@ def _classical_laws(pairs: SubjectPairs, kinds: Sequence[LawKind], level: float)
 
 
 def _posterior_laws(fit: Fit, asked: InferenceTable, kinds: Sequence[LawKind]) -> Iterator[Law]:
-    parts = fit.model.pooled_parts(fit.points)
+    parts = pooled_parts(fit.model, fit.points)
     if len(parts) != 1:
         return
     ((density, points),) = parts

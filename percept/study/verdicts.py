@@ -23,6 +23,7 @@ from percept.haptics import TabulatedDevice
 from percept.haptics.records import Display
 from percept.inference.classical.fiducial import fiducial_draws
 from percept.inference.classical.moments import Moments
+from percept.inference.hierarchy.product import pooled_parts
 from percept.inference.record import Family
 from percept.results import (
     Confidences,
@@ -139,7 +140,7 @@ def posterior_users(fit: Fit, asked: InferenceTable) -> dict[str, Users]:
     """
     rng = generator(asked.seed, Stream.USERS)
     points = rng.permutation(fit.points)[:_MOST_DRAWS]
-    parts = fit.model.pooled_parts(points)
+    parts = pooled_parts(fit.model, points)
     draw = _joint_draws if len(parts) == 1 else _separate_draws
     users = {}
     for environment, mean, covariance in draw(fit, points, rng):
@@ -165,7 +166,7 @@ def _joint_draws(
     fit: Fit, points: Array, rng: np.random.Generator
 ) -> Iterator[tuple[str, Array, Array]]:
     """Yield environment, mean (S, 2) and covariance (S, 2, 2) between users, as responses."""
-    ((density, coordinates),) = fit.model.pooled_parts(points)
+    ((density, coordinates),) = pooled_parts(fit.model, points)
     laws = density.pairs(coordinates)
     for j, environment in enumerate(fit.environments):
         noise = rng.standard_normal((len(points), 2, 1))

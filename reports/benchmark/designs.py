@@ -262,15 +262,15 @@ def _fit(study: Prepared, seed: int) -> Printed:
     """Fit to the default tolerance; limits of kinds mean and user, and what they cost."""
     import resource
 
-    from percept.inference.hierarchy.density import CollapsedDensity
     from percept.inference.hierarchy.interval_estimands import IntervalEstimands
+    from percept.inference.hierarchy.linear_posterior import plain_model
     from percept.inference.sampling.gate import Settings
     from percept.inference.sampling.run import sample
 
     statistics = statistics_of(study)
     started = time.perf_counter()
     before = time.process_time()
-    model = CollapsedDensity(statistics)
+    model = plain_model(statistics)
     run = sample(model, IntervalEstimands(model), Settings(seed=seed))
     wall = time.perf_counter() - started
     processor = time.process_time() - before

@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 
 from percept.inference import Moments
 from percept.inference.classical.trials import subject_means
-from percept.inference.hierarchy.blocks import Block, block
-from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.scales import Scales
+from percept.inference.hierarchy.linear_posterior import plain_model
 from percept.inference.hierarchy.statistics import from_trials
 from reports.benchmark import twins as twin
 from reports.benchmark.twins import Levels, Number
@@ -194,21 +192,19 @@ def collapsed(response: Array, x: Array, levels: Levels) -> float:
         subjects=tuple(f"S{i + 1}" for i in range(subjects)),
     )
 
-    def level(sd: float, *shape: int) -> Block:
-        rest = np.full(shape, levels.rest)
-        sds = np.full(shape, sd)
-        return block((sds, sds), 1.0 - rest, rest)
-
-    tau = np.array([levels.tau])
-    scales = Scales(
-        between=level(levels.between, environments, 1),
-        shared=level(levels.shared, 1),
-        trial=level(levels.trial, environments, 1),
-        tau=(tau, tau),
-        named={},
-        log_prior=np.zeros(1),
-    )
-    return float(CollapsedDensity(statistics).log_likelihood(scales)[0])
+    named = {
+        "sigma": np.full((size, environments, 1), levels.between),
+        "sigma_e": np.full((size, environments, 1), levels.trial),
+        "sigma_u": np.full((size, 1), levels.shared),
+        "tau": np.full((size, 1), levels.tau),
+    }
+    rests = {}
+    for name in ("rho_w", "rho_e", "rho_u"):
+        rests[name] = np.full(1, levels.rest)
+        named[name] = 1.0 - rests[name]
+    model = plain_model(statistics)
+    scales = model.coordinates.cell_scales(named, rests)
+    return float(model.log_likelihood(scales)[0])
 
 
 def density_digits(

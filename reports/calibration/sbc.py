@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.interval_estimands import IntervalEstimands
+from percept.inference.hierarchy.linear_posterior import LinearPosterior, plain_model
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.statistics import Statistics, from_trials
 from percept.inference.sampling.gate import Run, Settings
@@ -70,7 +70,7 @@ _PRIORS = {"weak scatter": Priors(log_s_mean=math.log(0.005))}
 def place_study(
     plan: Plan,
     index: int,
-    density: Callable[[Statistics, Priors], CollapsedDensity] = CollapsedDensity,
+    density: Callable[[Statistics, Priors], LinearPosterior] = plain_model,
 ) -> dict[str, float]:
     """Simulate study `index` of a plan, fit it and place its true values.
 
@@ -133,7 +133,7 @@ def _one_more_user(truth: TrueValues, rng: np.random.Generator) -> Array:
 
 def places(
     plan: Plan,
-    model: CollapsedDensity,
+    model: LinearPosterior,
     run: Run,
     truth: TrueValues,
     user: Array,
@@ -145,7 +145,7 @@ def places(
     ----------
     plan : Plan
         How many draws to rank among.
-    model : CollapsedDensity
+    model : LinearPosterior
         The model of the run.
     run : Run
         A run that passed the gate.
@@ -188,7 +188,7 @@ def places(
     return probabilities
 
 
-def _labels(name: str, model: CollapsedDensity) -> list[str]:
+def _labels(name: str, model: LinearPosterior) -> list[str]:
     """Return what tells the values of one name apart."""
     if name.startswith("rho"):
         return [""]

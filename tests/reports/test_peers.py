@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy import linear_posterior
 from reports.benchmark.simulated import StudyDesign, observed, simulated, statistics_of
 from reports.peers import plain_model
 
@@ -63,15 +63,15 @@ def test_integrated_over_the_locations_it_is_the_collapsed_density(study, centre
     statistics = statistics_of(study)
     model = plain_model(observed(study), centred=centred)
     compiled = model.compile_logp(jacobian=False)
-    density = CollapsedDensity(statistics)
-    points = 0.5 * np.random.default_rng(4).standard_normal((4, density.dimension))
-    scales = density.layout.scales(np.ascontiguousarray(points.T))
-    collapsed = density.log_likelihood(scales)
+    density = linear_posterior.plain_model(statistics)
+    points = 0.5 * np.random.default_rng(4).standard_normal((4, len(density.names)))
+    collapsed = density.log_likelihood(density.linear_scales(points).cells)
+    scales = density.scales(points)
     variables = {variable.name: model.rvs_to_values[variable] for variable in model.free_RVs}
     shapes = {name: tuple(variables[name].type.shape) for name in LATENT if name in variables}
     differences = []
     for draw in range(len(points)):
-        named = {name: value[..., draw] for name, value in scales.named.items()}
+        named = {name: values[draw] for name, (_, values) in scales.items()}
         given, prior_of_sigma = {name: named[name] for name in ("tau", "sigma_u")}, 0.0
         for suffix in ("", "_e") if "sigma_e" in named else ("",):
             log_s = np.log(named["s" + suffix])

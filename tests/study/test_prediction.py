@@ -10,6 +10,7 @@ import pytest
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.inference.hierarchy.new_environment import new_environment
+from percept.inference.hierarchy.product import pooled_parts
 from percept.inference.sampling.endpoints import mixture_quantile
 from percept.sessions import Sessions
 from percept.study.prediction import expected_users, predict
@@ -97,7 +98,7 @@ def test_published_limits_are_predicted_parameter_by_parameter(published: Study)
     x = np.array([0.7, -1.3])
     found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))[""]
     np.testing.assert_array_equal(found.covariance[:, 0, 1], 0.0)
-    for p, (part, own) in enumerate(model.pooled_parts(points)):
+    for p, (part, own) in enumerate(pooled_parts(model, points)):
         statistics = part.statistics
         priors, named = part.priors, {n: v for n, (_, v) in part.scales(own).items()}
         response = np.array([pattern.mean[0, 0] for pattern in statistics.patterns])

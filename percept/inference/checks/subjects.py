@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.hierarchy.blocks import Block
-from percept.inference.hierarchy.laws import SubjectLaws, Whitened
-from percept.inference.hierarchy.model import Pooled
-from percept.inference.hierarchy.stacked_cholesky import stacked_factor
+from percept.inference.hierarchy.laws import SubjectLaws
+from percept.inference.hierarchy.linear_posterior import LinearPosterior
+from percept.inference.hierarchy.small_cholesky import stacked_factor
+from percept.inference.hierarchy.subject_covariance import SubjectCovariance
 
 __all__ = ["LeftOut", "SubjectDensity"]
 
@@ -58,7 +59,7 @@ class SubjectDensity:
 
     Parameters
     ----------
-    density : Pooled
+    density : LinearPosterior
         The model.
     response : ndarray
         One row per trial, on the response scale, shape (trials, P).
@@ -68,7 +69,7 @@ class SubjectDensity:
 
     def __init__(
         self,
-        density: Pooled,
+        density: LinearPosterior,
         response: Array,
         subject: Indices,
         environment: Indices,
@@ -171,7 +172,7 @@ def _leave_out(
     residual: Array,
     columns: Array,
     present: Indices,
-    covariance: Whitened,
+    covariance: SubjectCovariance,
 ) -> _Given:
     """Leave out I subjects of one pattern: `residual` (I, P, E, W) is r, `columns` (R, P, J, W) B.
 
@@ -223,7 +224,7 @@ def _factor(matrices: Array) -> Array:
     return factor
 
 
-def _whitened(covariance: Whitened, vectors: Array) -> Array:
+def _whitened(covariance: SubjectCovariance, vectors: Array) -> Array:
     """Rows of V^(-1/2) times vectors (n, P, E, W): (W, rows, n)."""
     count = len(vectors)
     width = vectors.shape[-1]

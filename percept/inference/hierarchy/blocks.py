@@ -14,7 +14,7 @@ added have the same parameter leading.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ __all__ = [
     "Block",
     "Vector",
     "block",
-    "gram",
+    "precision_entries",
 ]
 
 Array = NDArray[np.float64]
@@ -198,16 +198,13 @@ def block(
     return Block((first, second * unexplained), rho * ratio)
 
 
-def gram(columns: Sequence[Array]) -> Block:
-    """C'C for columns (q, J, W) per parameter; residual sums keep a near-singular one exact."""
-    leading = columns[0]
-    v = np.einsum("qjw,qjw->jw", leading, leading)
-    if len(columns) == 1:
-        return Block((v,))
-    cross = np.einsum("qjw,qjw->jw", leading, columns[1])
-    # A variance that underflows leaves nothing to regress on.
-    nothing = np.zeros_like(cross)
-    slope = np.divide(cross, v, out=nothing, where=v > 0)
-    residual = columns[1] - slope * leading
-    rest = np.einsum("qjw,qjw->jw", residual, residual)
-    return Block((v, rest), slope)
+def precision_entries(precision: Block) -> Array:
+    """Entries (P, P, ...) of precisions (...)."""
+    second = precision.leading
+    slope = precision.slope
+    if slope is None:
+        return second[None, None]
+    cross = second * slope
+    first = precision.rest + cross * slope
+    rows = [[first, cross], [cross, second]]
+    return np.stack(rows)

@@ -100,7 +100,7 @@ class CellEquations:
         products[:, : problem.deviations] *= sd[:, None]
         if problem.slopes:
             slopes = np.einsum("qpcgw,mcg->qmpgw", whitened, problem.covariate_mean)
-            by_slope = slopes.reshape(effects, -1, patterns, self._width)
+            by_slope = slopes.reshape(effects, problem.slopes, patterns, self._width)
             products[:, cell_latents:-1] = problem.covariate_sd * by_slope
         products[:, -1] = np.einsum("qpcgw,pcg->qgw", whitened, problem.mean)
         self.effects_by_latents = products

@@ -18,6 +18,7 @@ from scipy import sparse
 
 from percept.inference.hierarchy.covariates import Covariates
 from percept.inference.hierarchy.design import Design, Term
+from percept.inference.hierarchy.one_row import OneRow, is_one_row
 from percept.inference.hierarchy.statistics import Pattern, Statistics
 from percept.inference.hierarchy.trial_scatter import TrialScatter
 
@@ -26,11 +27,10 @@ __all__ = ["CellProblem", "PatternScatter", "columns_by_quantity"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-#: Numbers in the largest temporary of a pass, 4 MB of doubles: fewer waste calls, and more gain
-#: nothing.
-_NUMBERS = 1 << 19
+#: Numbers in the largest temporary of a pass, 1 MB of doubles: more leave the processor's cache.
+_NUMBERS = 1 << 17
 #: Draws of a pass at the least: fewer cost more in calls of numpy than in arithmetic.
-_FEWEST_DRAWS = 8
+_FEWEST_DRAWS = 32
 #: Draws of a pass at the most: calls cost little by then, and small designs need no more memory.
 _MOST_DRAWS = 1024
 
@@ -88,6 +88,8 @@ class CellProblem:
         Products of own columns with own ones, (a a J, P P C), of own with fixed ones,
         (a f J, P P C), and of fixed with fixed ones, (f f, P P C). Times the precisions
         (P P C, W) of cells, these give the precision of xi.
+    one_row : OneRow or None
+        The study as one row, if it is one.
     scatter : list of PatternScatter
         Scatter within the patterns of several subjects.
     constant : float
@@ -124,6 +126,9 @@ class CellProblem:
         if covariates is not None:
             self.covariate_mean = covariates.mean * self.present
         self._set_columns(design)
+        self.one_row: OneRow | None = None
+        if covariates is None and is_one_row(statistics, design):
+            self.one_row = OneRow(statistics, design, self.own, self.fixed)
         self.scatter = [
             _pattern_scatter(g, pattern, covariates)
             for g, pattern in enumerate(patterns)
@@ -153,15 +158,19 @@ class CellProblem:
         """Store the columns of cells: own deviations first, environment by environment."""
         own = columns_by_quantity(design.deviation, self.size, self.cells)
         fixed = columns_by_quantity(design.fixed, self.size, self.cells)
+        #: Columns of own deviations, (a, P, C), and of fixed terms, (f, P, C).
+        self.own = own
+        self.fixed = fixed
         #: (J, C) One where a cell is of the environment.
         number = np.arange(self.environments)[:, None]
         in_environment = number == design.cells.environment
         self.own_columns = len(own)
         self.fixed_columns = len(fixed)
         spread = own[:, None] * in_environment[:, None]  # (o P, J, P, C)
-        deviations = spread.reshape(-1, self.size, self.cells)
+        count = len(own) * self.environments
+        deviations = spread.reshape(count, self.size, self.cells)
         columns = np.concatenate([deviations, fixed])
-        flat = columns.reshape(-1, self.size * self.cells)
+        flat = columns.reshape(len(columns), self.size * self.cells)
         #: (P C, Q) Columns of the cells.
         self.basis = flat.T
         self.sparse_basis = sparse.csr_array(flat)  # (Q, P C)
@@ -183,8 +192,10 @@ class CellProblem:
 
     def draws_per_pass(self, effects: int) -> int:
         """Draws worked on at once, for so many columns of subjects' effects."""
+        if self.one_row is not None:
+            return self.one_row.draws_per_pass(effects)
         columns = max(self.size * self.cells, self.deviations)
-        numbers = columns * len(self.subjects) * effects
+        numbers = columns * len(self.subjects) * max(effects, 1)
         draws = max(_NUMBERS // numbers, _FEWEST_DRAWS)
         return min(draws, _MOST_DRAWS)
 

@@ -48,7 +48,7 @@ class ContrastEstimands:
 
     Parameters
     ----------
-    model : LinearPosterior or LinearProduct
+    model : LinearPosterior or Product
         Whose locations they weigh.
     rows : ContrastRows
         The cells and contrasts.

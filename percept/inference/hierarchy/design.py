@@ -12,6 +12,9 @@ X are the columns of each term, (K, P, C). The coefficients theta, psi and eta h
 which their columns are multiplied by. Each environment has deviations zeta, whose SD tau is
 estimated for each term; each subject has effects v, whose covariance over the quantities is
 estimated for each term. SDs between subjects and between trials have terms each.
+
+A study of one cell shows the sum of v and w, and one SD: it has neither v nor psi, and its SD is
+log sigma ~ N(m, s²), s the prior SD of the typical log sigma. Published limits show no v either.
 """
 
 from __future__ import annotations
@@ -32,6 +35,7 @@ __all__ = [
     "Cells",
     "Design",
     "Factors",
+    "Options",
     "Term",
     "cell_columns",
     "contrast_columns",
@@ -73,6 +77,15 @@ class Factors:
     slopes: bool = False  # Whether each subject has a trend over the references
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options:
+    """Simpler models."""
+
+    subject_effect: bool = True  # Whether subjects have effects v that cells share
+    weber: bool = False  # Fix kappa = 0: the spread is a constant fraction of the reference
+    common_spread: bool = False  # Fix omega = 0: log SDs follow their columns exactly
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Term:
     """Columns of a term over the cells, and its name."""
@@ -91,6 +104,7 @@ class Design:
 
     cells: Cells
     factors: Factors
+    options: Options
     fixed: tuple[Term, ...]  # Of the locations, times the prior SD of their coefficients
     deviation: tuple[Term, ...]  # Whose coefficients differ between environments
     subject: tuple[Term, ...]  # Whose coefficients differ between subjects
@@ -105,7 +119,7 @@ class Design:
 
     def identity(self) -> tuple[object, ...]:
         """Return what decides a density: cells and columns, since the columns hold the factors."""
-        parts = [dataclasses.astuple(self.cells)]
+        parts = [dataclasses.astuple(self.cells), dataclasses.astuple(self.options)]
         for name in _TERMS:
             terms: tuple[Term, ...] = getattr(self, name)
             parts.append(tuple(dataclasses.astuple(term) for term in terms))
@@ -113,17 +127,10 @@ class Design:
 
     def under(self, priors: Priors) -> Design:
         """Columns under other priors."""
-        design = design_of(self.cells, self.factors, priors)
-        if any(term.name == TREND for term in self.sd_between):
-            return design
-        return design.without_spread_trend()
+        return design_of(self.cells, self.factors, priors, self.options)
 
     def at(self, cells: Indices) -> Design:
         """Columns of some of the cells."""
-        terms_at = {}
-        for name in _TERMS:
-            terms: tuple[Term, ...] = getattr(self, name)
-            terms_at[name] = tuple(term.at(cells) for term in terms)
         some_cells = Cells(
             names=tuple(self.cells.names[cell] for cell in cells),
             environment=self.cells.environment[cells],
@@ -134,19 +141,22 @@ class Design:
         for name, values in self.factors.level.items():
             level[name] = values[cells]
         factors = dataclasses.replace(self.factors, level=level)
-        return dataclasses.replace(self, cells=some_cells, factors=factors, **terms_at)
-
-    def without_spread_trend(self) -> Design:
-        """Take the trend out of the SDs: they are a constant share of the reference."""
-        return dataclasses.replace(
-            self,
-            sd_between=_without_trend(self.sd_between),
-            sd_trial=_without_trend(self.sd_trial),
+        return Design(
+            cells=some_cells,
+            factors=factors,
+            options=self.options,
+            fixed=_at(self.fixed, cells),
+            deviation=_at(self.deviation, cells),
+            subject=_at(self.subject, cells),
+            sd_between=_at(self.sd_between, cells),
+            sd_trial=_at(self.sd_trial, cells),
+            effect_size=_at(self.effect_size, cells),
         )
 
 
-def _without_trend(terms: tuple[Term, ...]) -> tuple[Term, ...]:
-    return tuple(term for term in terms if term.name != TREND)
+def _at(terms: tuple[Term, ...], cells: Indices) -> tuple[Term, ...]:
+    """Columns of terms over some of the cells."""
+    return tuple(term.at(cells) for term in terms)
 
 
 def contrast_columns(levels: int) -> Array:
@@ -158,7 +168,12 @@ def contrast_columns(levels: int) -> Array:
     return np.asarray(-linalg.helmert(levels).T / np.sqrt(2.0))
 
 
-def design_of(cells: Cells, factors: Factors, priors: Priors) -> Design:
+def design_of(
+    cells: Cells,
+    factors: Factors,
+    priors: Priors,
+    options: Options | None = None,
+) -> Design:
     """Write out the columns of a study's terms.
 
     Parameters
@@ -169,11 +184,15 @@ def design_of(cells: Cells, factors: Factors, priors: Priors) -> Design:
         Levels of the cells, and terms.
     priors : Priors
         Prior SDs of all coefficients.
+    options : Options, optional
+        Simpler models.
 
     Returns
     -------
     Design
     """
+    options = options or Options()
+    several_cells = len(cells.names) > 1
     several_environments = len(cells.environments) > 1
     level = Term(LEVEL, np.ones_like(cells.x)[None])
     trend = [Term(TREND, cells.x[None])] if several_environments else []
@@ -190,17 +209,24 @@ def design_of(cells: Cells, factors: Factors, priors: Priors) -> Design:
             within_subjects.append(effect)
     subject_trend = trend if factors.slopes else []
     sized = [effect for effect in main_effects if effect.name in factors.spread]
-    sd_terms = [level, *trend, *main_effects]
+    sd_terms: list[Term] = []
+    if several_cells:
+        sd_trend = [] if options.weber else trend
+        sd_terms = [level, *sd_trend, *main_effects]
+    subject_terms: list[Term] = []
+    if options.subject_effect and several_cells:
+        subject_terms = [level, *subject_trend, *within_subjects]
     fixed_sd = {LEVEL: priors.alpha_sd, TREND: priors.gamma_sd}
     between_sd = {LEVEL: priors.log_s_sd, TREND: priors.kappa_sd}
     trial_sd = {LEVEL: priors.log_s_e_sd, TREND: priors.kappa_e_sd}
     return Design(
         cells=cells,
         factors=factors,
+        options=options,
         fixed=_scaled([level, *trend, *effects], fixed_sd, priors.lambda_sd),
         # One environment cannot tell its deviation from the level.
         deviation=(level, *effects) if several_environments else (),
-        subject=(level, *subject_trend, *within_subjects),
+        subject=tuple(subject_terms),
         sd_between=_scaled(sd_terms, between_sd, priors.psi_sd),
         sd_trial=_scaled(sd_terms, trial_sd, priors.psi_sd),
         effect_size=_scaled(sized, {}, priors.psi_sd),

@@ -20,20 +20,19 @@ from numpy.typing import NDArray
 
 from percept.inference.hierarchy.cell_equations import CellEquations
 from percept.inference.hierarchy.environments_first import EnvironmentsFirst
-from percept.inference.hierarchy.remainder import Remainder
+from percept.inference.hierarchy.remainder import Remainder, subtract
+from percept.inference.hierarchy.small_cholesky import lower_factor, solve_lower, with_prior
 from percept.inference.hierarchy.subjects_first import SubjectsFirst
 
-__all__ = ["Elimination", "solve"]
+__all__ = ["Elimination", "Solved", "solve"]
 
 Array = NDArray[np.float64]
 
 
-class Elimination(Protocol):
-    """Normal equations solved at W sets of scales: a own deviations in each of J environments."""
+class Solved(Protocol):
+    """Latents at W sets of scales: a own deviations in each of J environments, and r others."""
 
     latents: Array  # (a J + r, W) Those that fit best: own deviations, then the r of the rest
-    log_determinant: Array  # (W,) Of the joint precision of latents and whitened effects
-    remainder: Remainder  # What is left, and whether enough digits are
 
     def columns_of(self, own: Array, rest: Array) -> Array:
         """Columns (K, n, W) whose products are the covariance of n combinations of latents.
@@ -50,7 +49,13 @@ class Elimination(Protocol):
         """Variances (W, n) of combinations with such weights."""
 
 
-def solve(equations: CellEquations) -> Elimination:
+class Elimination(Solved, Protocol):
+    """Normal equations solved."""
+
+    log_determinant: Array  # (W,) Of the joint precision of latents and whitened effects
+
+
+def solve(equations: CellEquations) -> tuple[Elimination, Array]:
     """Solve the normal equations, in the order that leaves the smaller matrix.
 
     Parameters
@@ -61,8 +66,49 @@ def solve(equations: CellEquations) -> Elimination:
     Returns
     -------
     Elimination
+    kept : ndarray
+        Least part of a pivot that the elimination has left, (W,): the part of its digits.
     """
     effects = len(equations.effects_by_latents)
     if equations.problem.eliminates_environments(effects):
-        return EnvironmentsFirst(equations)
-    return SubjectsFirst(equations)
+        return _environments_first(equations)
+    solved = SubjectsFirst(equations)
+    return solved, solved.kept
+
+
+def _environments_first(equations: CellEquations) -> tuple[EnvironmentsFirst, Array]:
+    """Eliminate own deviations."""
+    columns, environments, _, width = equations.deviations_by_rest.shape
+    effects, _, patterns, _ = equations.effects_by_latents.shape
+    own = columns * environments
+    factor = lower_factor(with_prior(equations.deviations))  # (a, a, J, W)
+    by_own = equations.effects_by_latents[:, :own]
+    by_own = by_own.reshape(effects, columns, environments, patterns, width)
+    own_by_effects = by_own.transpose(1, 0, 3, 2, 4)  # (a, q, G, J, W)
+    own_by_effects = own_by_effects.reshape(columns, effects * patterns, environments, width)
+    own_by_rest = equations.deviations_by_rest.swapaxes(1, 2)
+    mixed = np.concatenate([own_by_effects, own_by_rest], axis=1)
+    explained = solve_lower(factor[:, :, None], mixed)  # T, (a, K + 1, J, W)
+    joint = _joint_precision(equations, own)
+    whole = np.einsum("kkw->kw", joint)[:-1].copy()
+    subtract(joint, explained)
+    remainder = Remainder(joint)
+    solved = EnvironmentsFirst(
+        equations.deviation_sd, factor, explained, remainder, effects * patterns
+    )
+    return solved, (remainder.pivots / whole).min(axis=0, initial=1.0)
+
+
+def _joint_precision(equations: CellEquations, own: int) -> Array:
+    """Lower triangle of the precision of what is left, the data last: (K + 1, K + 1, W)."""
+    effects, _, patterns, _ = equations.effects_by_latents.shape
+    rest, _, width = equations.rest.shape
+    first = effects * patterns
+    joint = np.zeros((first + rest, first + rest, width))
+    by_rest = equations.effects_by_latents[:, own:]  # (q, r + 1, G, W)
+    rest_by_effects = by_rest.swapaxes(0, 1)
+    joint[first:, :first] = rest_by_effects.reshape(rest, first, width)
+    joint[first:, first:] = equations.rest.swapaxes(0, 1)
+    diagonal = np.arange(first + rest)
+    joint[diagonal, diagonal] += 1.0  # The prior's one, and all that effects have
+    return joint

@@ -1,9 +1,9 @@
 """Normal equations of a linear design, solved with the environments' own deviations first.
 
 What is left are the subjects' effects, q for each of G patterns, and the rest, r coefficients of
-fixed terms and slopes: K = q G + r unknowns in this order. The precision of own deviations is one
-block (a, a) for each of J environments. So A^(-1/2) and T of `remainder` are found environment by
-environment. W are the sets of scales.
+fixed terms and slopes: K = q G + r unknowns in this order. The precision A of own deviations is one
+block (a, a) for each of J environments. So A^(-1/2) and T of `remainder.subtract` are found
+environment by environment. W are the sets of scales.
 """
 
 from __future__ import annotations
@@ -12,14 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from percept.inference.hierarchy.cell_equations import CellEquations
 from percept.inference.hierarchy.remainder import Remainder
 from percept.inference.hierarchy.small_cholesky import (
     log_diagonal,
-    lower_factor,
     solve_lower,
     solve_upper,
-    with_prior,
 )
 
 __all__ = ["EnvironmentsFirst"]
@@ -32,56 +29,49 @@ class EnvironmentsFirst:
 
     Parameters
     ----------
-    equations : CellEquations
-        The normal equations at W sets of scales.
+    deviation_sd : ndarray
+        SDs of the own deviations of each column, (a, W).
+    factor : ndarray
+        Lower factors of the deviations' precision A in each environment, (a, a, J, W).
+    explained : ndarray
+        T = A^(-1/2)X, the data last, (a, K + 1, J, W).
+    remainder : Remainder
+        Precision of the K unknowns that are left: effects first.
+    effects : int
+        Number of effects among them.
 
     Attributes
     ----------
-    latents, log_determinant, remainder
-        As in `Elimination`; the remainder holds the K effects and others that are left.
+    latents, log_determinant
+        As in `Elimination`.
     """
 
-    def __init__(self, equations: CellEquations) -> None:
-        self._deviation_sd = equations.deviation_sd
-        columns, environments, _, width = equations.deviations_by_rest.shape
-        self._deviations = columns * environments
-        effects, _, patterns, _ = equations.effects_by_latents.shape
-        self._effect_count = effects * patterns
-        precision = with_prior(equations.deviations)
-        self._factor = lower_factor(precision)  # (a, a, J, W)
-        by_own = equations.effects_by_latents[:, : self._deviations]
-        by_own = by_own.reshape(effects, columns, environments, patterns, width)
-        own_by_effects = by_own.transpose(1, 0, 3, 2, 4)  # (a, q, G, J, W)
-        own_by_effects = own_by_effects.reshape(columns, -1, environments, width)
-        own_by_rest = equations.deviations_by_rest.swapaxes(1, 2)
-        mixed = np.concatenate([own_by_effects, own_by_rest], axis=1)
-        explained = solve_lower(self._factor[:, :, None], mixed)  # T, (a, K + 1, J, W)
+    def __init__(
+        self,
+        deviation_sd: Array,
+        factor: Array,
+        explained: Array,
+        remainder: Remainder,
+        effects: int,
+    ) -> None:
+        self._deviation_sd = deviation_sd
+        self._factor = factor
         #: T without the data's column, (a, K, J, W).
         self._explained = explained[:, :-1]
-        self.remainder = Remainder(self._joint_precision(equations), explained)
+        self._effect_count = effects
+        columns, _, environments, _ = explained.shape
+        self._deviations = columns * environments
+        self.remainder = remainder
         self.latents = self._solution(explained[:, -1])
-        of_environments = log_diagonal(self._factor).sum(axis=0)
-        self.log_determinant = 2.0 * of_environments + self.remainder.log_determinant
-
-    def _joint_precision(self, equations: CellEquations) -> Array:
-        """Lower triangle of the precision of what is left, the data last: (K + 1, K + 1, W)."""
-        rest, _, width = equations.rest.shape
-        first = self._effect_count
-        joint = np.zeros((first + rest, first + rest, width))
-        by_rest = equations.effects_by_latents[:, self._deviations :]  # (q, r + 1, G, W)
-        rest_by_effects = by_rest.swapaxes(0, 1)
-        joint[first:, :first] = rest_by_effects.reshape(rest, first, width)
-        joint[first:, first:] = equations.rest.swapaxes(0, 1)
-        diagonal = np.arange(first + rest)
-        joint[diagonal, diagonal] += 1.0  # The prior's one, and all that effects have
-        return joint
+        of_environments = log_diagonal(factor).sum(axis=0)
+        self.log_determinant = 2.0 * of_environments + remainder.log_determinant
 
     def _solution(self, explained_data: Array) -> Array:
         """Latents that fit best, (a J + r, W), from the data's column of T, (a, J, W)."""
         solved = self.remainder.solution
         fitted = np.einsum("akjw,kw->ajw", self._explained, solved)
         deviations = solve_upper(self._factor, explained_data - fitted)
-        flat = deviations.reshape(self._deviations, -1)
+        flat = deviations.reshape(self._deviations, solved.shape[-1])
         rest = solved[self._effect_count :]
         return np.concatenate([flat, rest])
 
@@ -94,7 +84,7 @@ class EnvironmentsFirst:
         explained = np.einsum("akjw,ajnw->knw", self._explained, whitened)
         of_remaining = self.remainder.columns_of(self._remaining_weights(explained, rest))
         count, width = whitened.shape[2:]
-        of_own = whitened.reshape(-1, count, width)
+        of_own = whitened.reshape(self._deviations, count, width)
         return np.concatenate([of_own, of_remaining])
 
     def variances_of(self, own: Array, rest: Array) -> Array:
@@ -102,7 +92,7 @@ class EnvironmentsFirst:
 
         A^(-1/2) is written out, so that products with the weights can be sparse.
         """
-        count = len(own)
+        count, columns, _ = own.shape
         inverse = self._inverse_times_sd()
         width = inverse.shape[-1]
         # (a, a, J, W) Covariance of own deviations if all that remains were known.
@@ -110,17 +100,19 @@ class EnvironmentsFirst:
         first = own[:, :, None]
         second = own[:, None]
         products = first * second  # (n, a, a, J)
-        flat_products = products.reshape(count, -1)
-        flat_covariance = covariance.reshape(-1, width)
+        entries = columns * self._deviations
+        flat_products = products.reshape(count, entries)
+        flat_covariance = covariance.reshape(entries, width)
         sparse_products = sparse.csr_array(flat_products)
         of_own = sparse_products @ flat_covariance
         # T'A^(-1/2) times the SDs: what each remaining unknown takes from an own deviation.
         taken = np.einsum("kajw,krjw->ajrw", inverse, self._explained)
-        flat_taken = taken.reshape(self._deviations, -1)
-        flat_own = own.reshape(count, -1)
+        unknowns = taken.shape[2]
+        flat_taken = taken.reshape(self._deviations, unknowns * width)
+        flat_own = own.reshape(count, self._deviations)
         sparse_own = sparse.csr_array(flat_own)
         explained = sparse_own @ flat_taken
-        by_unknown = explained.reshape(count, -1, width).swapaxes(0, 1)
+        by_unknown = explained.reshape(count, unknowns, width).swapaxes(0, 1)
         columns = self.remainder.columns_of(self._remaining_weights(by_unknown, rest))
         of_remaining = np.einsum("knw,knw->nw", columns, columns)
         variances = of_own + of_remaining

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.inference.hierarchy.blocks import Block, Vector
+from percept.inference.hierarchy.blocks import Block
 from percept.inference.hierarchy.priors import Named
+from percept.inference.hierarchy.subject_covariance import SubjectCovariance
 
 __all__ = [
     "ConditionalMoments",
@@ -20,7 +21,6 @@ __all__ = [
     "PriorDraws",
     "SubjectLaws",
     "TrendLaw",
-    "Whitened",
     "covariances",
     "even_normals",
     "joined",
@@ -89,16 +89,6 @@ class TrendLaw:
     covariance: Array  # (S, P, 2, 2)
 
 
-class Whitened(Protocol):
-    """A covariance of a subject's cell means that is never formed."""
-
-    def log_determinant(self) -> Array:
-        """Return its log determinant, shape (W,)."""
-
-    def whiten(self, r: Vector) -> list[Vector]:
-        """Split vectors (n, E, W) into pieces whose squares sum to r'V⁻¹r."""
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class SubjectLaws:
     """What W sets of scales say of subjects' cell means: P quantities in C cells."""
@@ -107,7 +97,7 @@ class SubjectLaws:
     columns: Array  # (R, P, C, W) Columns whose products sum to the locations' covariance
     effects: Array  # (q, P, C, W) What a unit of each of a subject's effects adds
     noise: tuple[Block, ...]  # (E, W) By pattern: the rest of the variance of cell means
-    covariances: tuple[Whitened, ...]  # By pattern: of the cell means about the locations
+    covariances: tuple[SubjectCovariance, ...]  # By pattern: of the cell means about the locations
     trial: Block | None  # Covariance between trials, one for each group of trials
 
 

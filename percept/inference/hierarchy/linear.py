@@ -26,7 +26,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.cell_information import CellLaw
+from percept.inference.hierarchy.cell_information import CellLaw, log_density
 from percept.inference.hierarchy.cell_problem import CellProblem
 from percept.inference.hierarchy.cell_scales import CellScales
 from percept.inference.hierarchy.covariates import Covariates
@@ -34,7 +34,6 @@ from percept.inference.hierarchy.design import TREND, Design
 from percept.inference.hierarchy.laws import ConditionalMoments, joined
 from percept.inference.hierarchy.linear_scales import LinearCoordinates, LinearScales
 from percept.inference.hierarchy.model import Model, Resolution
-from percept.inference.hierarchy.one_pattern import OnePattern
 from percept.inference.hierarchy.priors import Named, Priors, draws_first
 from percept.inference.hierarchy.statistics import Statistics
 from percept.inference.hierarchy.trial_scatter import TrialScatter
@@ -71,11 +70,7 @@ class LinearModel(Model):
         Names of the coordinates, and their map to scales.
     problem : CellProblem
         What the data and the design say of the locations before any scale is known.
-    one_pattern : OnePattern or None
-        The orthogonal form of the density, where all subjects have equal cells and trials.
     """
-
-    takes_options = False
 
     def __init__(
         self,
@@ -98,10 +93,9 @@ class LinearModel(Model):
         self.names = self.coordinates.names
         self.priors_in_force = self._priors_in_use()
         covariate_sd = self.priors.covariate_sd
+        compares = bool(design.factors.terms) or design.factors.slopes or covariates is not None
+        self.takes_options = not compares and self.scatter.subject is None
         self.problem = CellProblem(statistics, design, self.scatter, covariate_sd, covariates)
-        self.one_pattern: OnePattern | None = None
-        if covariates is None and len(statistics.patterns) == 1:
-            self.one_pattern = OnePattern(statistics, design)
         effects = 0
         for term in design.subject:
             effects += len(term.columns) * design.parameters
@@ -116,7 +110,7 @@ class LinearModel(Model):
         """Priors the model uses, by their names in `Priors`."""
         scales = list(self.coordinates.slots)
         for level in self.coordinates.levels:
-            scales += level.coefficients
+            scales += [f"log_s{level.suffix}", *level.coefficients]
         used = {name.partition(":")[0] for name in scales}
         used.add("alpha")
         if any(term.name == TREND for term in self.design.fixed):
@@ -191,7 +185,9 @@ class LinearModel(Model):
                 named[name] = (("parameter", last), values)
         prior_means = {"": self.priors.log_s_mean, "_e": self.priors.log_s_e_mean}
         for level in self.coordinates.levels:
-            # Typical SDs, under the names of the models without factors.
+            if f"log_s{level.suffix}" not in named:
+                continue
+            # Typical SDs themselves.
             dimensions, deviation = named.pop(f"log_s{level.suffix}")
             typical_sd = np.exp(prior_means[level.suffix] + deviation)
             named[f"s{level.suffix}"] = (dimensions, typical_sd)
@@ -199,6 +195,10 @@ class LinearModel(Model):
 
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, d), shape (W,)."""
+        count = len(points)
+        if count % self._draws_per_pass == 1:
+            # Sums over a single column run in another order: keep values independent of the batch.
+            points = np.concatenate([points, points[-1:]])
         inside = np.all(np.abs(points) <= self.coordinates.limits, axis=1)
         # Points outside are computed at zero, so that no pass depends on how many there are.
         coordinates = np.where(inside[:, None], points, 0.0)
@@ -208,23 +208,14 @@ class LinearModel(Model):
             for part in self.passes(coordinates):
                 scales = self.linear_scales(part)
                 values.append(scales.log_prior + self.log_likelihood(scales.cells))
-        value = np.concatenate(values)
-        possible = inside & ~np.isnan(value)
+        value = np.concatenate(values)[:count]
+        possible = inside[:count] & ~np.isnan(value)
         return np.where(possible, value, -np.inf)
 
     def log_likelihood(self, scales: CellScales) -> Array:
         """Log density of the data given scales, locations and subject effects integrated out."""
         observed = self.with_resolution(scales)
-        law = CellLaw(self.problem, observed)
-        # `laws_sound` is the weaker test: locations keep some digits, and the density may not. A
-        # draw that fails both is refused: its scales lie far from any that data allow. Where all
-        # subjects share one pattern, `OnePattern` has the density of a draw that fails `sound`.
-        value = self._constant + law.log_density
-        value = np.where(law.sound, value, -np.inf)
-        lost = np.flatnonzero(law.laws_sound & ~law.sound)
-        if self.one_pattern is not None and lost.size:
-            by_pattern = self.one_pattern.log_density(observed.at(lost))
-            value[lost] = self._constant + by_pattern
+        value = self._constant + log_density(self.problem, observed)
         if observed.trial is None:
             return value
         rows = tuple(self.scatter.rows[..., None])
@@ -264,17 +255,17 @@ class LinearModel(Model):
         """
         laws = []
         for part in self.passes(points):
-            scales = self.linear_scales(part).cells
-            law = self.locations(scales)
-            user_variance = self._user_variance(rows, scales)
-            laws.append(
-                ConditionalMoments(
-                    mean=law.mean @ rows.T,
-                    sd=np.sqrt(law.variances_of(rows)),
-                    population_sd=np.sqrt(user_variance),
-                )
-            )
+            laws.append(self.laws_given(rows, self.linear_scales(part).cells))
         return joined(laws)
+
+    def laws_given(self, rows: Array, scales: CellScales) -> ConditionalMoments:
+        """Law of combinations (L, R) of the locations and of one user's cells, given scales."""
+        law = self.locations(scales)
+        return ConditionalMoments(
+            mean=law.mean @ rows.T,
+            sd=np.sqrt(law.variances_of(rows)),
+            population_sd=np.sqrt(self._user_variance(rows, scales)),
+        )
 
     def log_user_sds(self, rows: Array, points: Array) -> Array:
         """Log SDs of one user's combinations about the locations', at (W, d): shape (W, L)."""

@@ -132,7 +132,7 @@ def _new_cell(
     """Laws of a design's one new cell."""
     scales = model.linear_scales(points)
     mean, covariance = _new_location(model, scales, cell)
-    effects = effect_columns(scales.effects, cell)[:, :, 0]  # (q, P, W)
+    effects = effect_columns(scales.effects, cell, len(points))[:, :, 0]  # (q, P, W)
     of_effects = np.einsum("qpw,qrw->wpr", effects, effects)
     within_cell = _new_spread(model, scales, cell, repeats, rng)
     population = of_effects[:, None] + within_cell
@@ -179,6 +179,10 @@ def _new_spread(
         log_sigma = log_sigma + column[:, None] * over_prior_sd
     width = len(scales.log_prior)
     normals = even_normals(repeats, model.design.parameters, width, rng)  # (repeats, P, W)
-    sigma = np.exp(log_sigma + named["omega"] * normals)
+    if level.departures:
+        log_sigma = log_sigma + named["omega"] * normals
+    else:
+        log_sigma = log_sigma + np.zeros_like(normals)
+    sigma = np.exp(log_sigma)
     draws_first = np.moveaxis(sigma, -1, 0)
     return covariances(draws_first, named.get(level.rho))

@@ -14,9 +14,12 @@ C cells.
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.inference.hierarchy.design import Cells, Factors, Options, design_of
 from percept.inference.hierarchy.laws import (
     NewEnvironment,
     PairLaws,
@@ -31,26 +34,57 @@ from percept.inference.hierarchy.linear_new_environment import (
     linear_trends,
 )
 from percept.inference.hierarchy.linear_prior import draw_linear_prior
-from percept.inference.hierarchy.model import Pooled
+from percept.inference.hierarchy.model import Resolution
+from percept.inference.hierarchy.priors import Priors
+from percept.inference.hierarchy.statistics import Statistics
 from percept.inference.hierarchy.subject_covariance import SubjectCovariance
 from percept.inference.hierarchy.subject_effects import draw_effects_of
 
-__all__ = ["LinearPosterior"]
+__all__ = ["LinearPosterior", "plain_model"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
-class LinearPosterior(LinearModel, Pooled):
+def plain_model(
+    statistics: Statistics,
+    priors: Priors | None = None,
+    options: Options | None = None,
+    resolution: Resolution | None = None,
+) -> LinearPosterior:
+    """Build the model of environments without factors, which are its cells.
+
+    Parameters
+    ----------
+    statistics : Statistics
+        Of the responses, or of published limits: these show no effects of subjects.
+    priors : Priors, optional
+        Prior scales.
+    options : Options, optional
+        Simpler models.
+    resolution : Resolution, optional
+        Variance that the adjustment's resolution adds.
+
+    Returns
+    -------
+    LinearPosterior
+    """
+    priors = priors or Priors()
+    options = options or Options()
+    if statistics.summary:
+        options = dataclasses.replace(options, subject_effect=False)
+    names = statistics.environments
+    cells = Cells(names, np.arange(len(names)), names, statistics.x)
+    factors = Factors(levels={}, level={}, terms=())
+    design = design_of(cells, factors, priors, options)
+    return LinearPosterior(statistics, design, priors, resolution=resolution)
+
+
+class LinearPosterior(LinearModel):
     """Posterior of a linear design, with the laws of its cells and of their users.
 
     It takes the parameters of `LinearModel`.
     """
-
-    @property
-    def linear_parts(self) -> tuple[LinearPosterior, ...]:
-        """Return itself: it is one model."""
-        return (self,)
 
     def pairs(self, points: Array) -> PairLaws:
         """Joint law of the quantities in each cell, at coordinates (W, d)."""
@@ -89,6 +123,17 @@ class LinearPosterior(LinearModel, Pooled):
         column = min(number, groups.shape[1] - 1)
         return np.asarray(groups[:, column])
 
+    @property
+    def cells_of_subjects(self) -> NDArray[np.bool_]:
+        """Whether a cell is of a subject's own levels between subjects, (N, C)."""
+        factors = self.design.factors
+        own = np.ones((len(self.statistics.subjects), self.problem.cells), dtype=bool)
+        for name in factors.between_subjects:
+            level = factors.level[name]
+            for pattern in self.statistics.patterns:
+                own[pattern.members] &= np.isin(level, level[pattern.environments])
+        return own
+
     def subject_laws(self, points: Array) -> SubjectLaws:
         """Laws of every subject's cell means at coordinates (W, d)."""
         scales = self.linear_scales(points).cells
@@ -121,18 +166,22 @@ class LinearPosterior(LinearModel, Pooled):
     def draw_subject_effects(
         self, points: Array, locations: Array, rng: np.random.Generator
     ) -> Array | None:
-        """Draw what every subject adds, averaged over all cells, (W, N, P).
+        """Draw what every subject adds, averaged over the cells of its own groups, (W, N, P).
 
-        None with covariates: `locations` are of cells only, and hold no slopes.
+        None without such effects, and with covariates: `locations` hold no slopes.
         """
-        if self.covariates is not None:
+        if self.covariates is not None or not self.design.subject:
             return None
         effects = []
         first = 0
         for part in self.passes(points):
             last = first + len(part)
             laws = self.subject_laws(part)
-            effects.append(draw_effects_of(laws, self.statistics, locations[first:last], rng))
+            effects.append(
+                draw_effects_of(
+                    laws, self.statistics, self.cells_of_subjects, locations[first:last], rng
+                )
+            )
             first = last
         return np.concatenate(effects)
 

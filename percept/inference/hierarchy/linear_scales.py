@@ -4,24 +4,25 @@ The sampler moves in d coordinates, all near standard normal. `LinearCoordinates
 maps W sets of them to SDs and correlations. In this order there are, with P quantities p, C cells
 c, N subjects i and J environments:
 
-    sigma[p,c], coefficients[p,·], omega[p], rho_w      SDs between subjects in each cell
-    sigma_e[p,c], coefficients_e[p,·], omega_e[p], rho_e      SDs between trials, with repeats only
+    sigma[p,c], log_s[p], kappa[p], omega[p], rho_w     SDs between subjects in each cell
+    sigma_e[p,c], log_s_e[p], …, omega_e[p], rho_e      SDs between trials, with repeats only
     phi[p,i], omega_s[p]        log ratios of subjects' trial SDs, if they have their own
     sigma_u[p], rho_u           covariance of the subjects' effects on all cells
     sigma_v:hand[p], rho_v:hand the same of their effects under the factor `hand`
     tau[p], tau:hand[p]         SDs of the environments' deviations
     eta:hand[p,·]               how the size of the subjects' effects differs between levels
 
-Correlations exist with two quantities only. Under the prior every coordinate is standard normal and
-independent, but for sigma, coefficients and phi: `CellSpreads` and `SubjectSpreads` shape these by
-the data, and give their density.
+Correlations exist with two quantities only. With more than two columns of log SDs their
+coefficients are `coefficients[p,·]`, quantity by quantity. Under the prior every coordinate is
+standard normal and independent, but for sigma, these coefficients and phi: `CellSpreads` and
+`SubjectSpreads` shape them by the data, and give their density.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,51 +68,27 @@ class LinearScales:
     log_prior: Array  # (W,) Prior density of the coordinates
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Correlation:
-    """Correlation of two quantities."""
-
-    rho: Array  # (W,)
-    one_minus_size: Array  # (W,) 1 - abs(rho), with the digits that a rho near one loses
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _LevelSds:
-    """SDs of cells at one level, between subjects or between trials."""
-
-    log_sigma: Array  # (P, C, W)
-    correlation: _Correlation | None  # None with one quantity
-    named: dict[str, Array]
-    log_density: Array  # (W,) Of the level's coordinates that are not standard normal
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _SubjectRatios:
-    """Log ratios of subjects' trial SDs."""
-
-    phi: Array  # (P, N, W)
-    omega: Array  # (P, W) Their SD
-    log_density: Array  # (W,) Of the coordinates of phi
-
-
-def effect_columns(scales: EffectScales, design: Design) -> Array:
+def effect_columns(scales: EffectScales, design: Design, width: int) -> Array:
     """Columns Z (q, P, C, W) of the subjects' effects in a design's cells.
 
     An effect of a term adds its column, times a column of the root of its covariance over the
     quantities, times the size of effects in the cell.
     """
-    width = scales.covariances[0].leading.shape[-1]
-    log_size = np.zeros((*design.cells.x.shape, width))
-    for term, coefficients in zip(design.effect_size, scales.size_coefficients, strict=True):
-        log_size += np.einsum("kpc,pkw->pcw", term.columns, coefficients)
-    size = np.exp(log_size)
-    columns = []
+    count = design.parameters * sum(len(term.columns) for term in design.subject)
+    columns = np.empty((count, *design.cells.x.shape, width))
+    number = 0
     for term, covariance in zip(design.subject, scales.covariances, strict=True):
         for column in term.columns:
             for root in covariance.factor_columns():
                 of_quantity = np.stack(root)[:, None]
-                columns.append(column[..., None] * of_quantity * size)
-    return np.stack(columns)
+                np.multiply(column[..., None], of_quantity, out=columns[number])
+                number += 1
+    if design.effect_size:
+        log_size = np.zeros((*design.cells.x.shape, width))
+        for term, coefficients in zip(design.effect_size, scales.size_coefficients, strict=True):
+            log_size += np.einsum("kpc,pkw->pcw", term.columns, coefficients)
+        columns *= np.exp(log_size)
+    return columns
 
 
 class LinearCoordinates:
@@ -151,11 +128,11 @@ class LinearCoordinates:
         self._design = design
         self._priors = priors
         self._scatter = scatter
-        self.between = CellSpreads(statistics, design.sd_between, priors, "")
+        self.between = CellSpreads(statistics, design, priors, "")
         self.trial: CellSpreads | None = None
         self._subject_spreads: SubjectSpreads | None = None
         if statistics.repeats:
-            self.trial = CellSpreads(statistics, design.sd_trial, priors, "_e")
+            self.trial = CellSpreads(statistics, design, priors, "_e")
             if scatter.subject is not None:
                 self._subject_spreads = SubjectSpreads(
                     scatter,
@@ -183,11 +160,7 @@ class LinearCoordinates:
         parameters = self._statistics.parameters
         pair = len(parameters) == 2
         for level in self.levels:
-            self._name(f"sigma{level.suffix}", parameters, design.cells.names, standard=False)
-            self._name(
-                f"coefficients{level.suffix}", parameters, level.coefficients, standard=False
-            )
-            self._name(f"omega{level.suffix}", parameters)
+            self._name_level(level)
             if pair:
                 self._name(level.rho)
         if self._subject_spreads is not None:
@@ -201,6 +174,21 @@ class LinearCoordinates:
             self._name(_name_of("tau", term), parameters)
         for term in design.effect_size:
             self._name(f"eta:{term.name}", parameters, numbered("column", len(term.columns)))
+
+    def _name_level(self, level: CellSpreads) -> None:
+        """Name the coordinates of log SDs, but for their correlation."""
+        parameters = self._statistics.parameters
+        if level.departures:
+            cells = self._design.cells.names
+            self._name(f"sigma{level.suffix}", parameters, cells, standard=False)
+        if level.follows_trend:
+            for coefficient in level.coefficients:
+                self._name(coefficient, parameters)
+        else:
+            coefficients = f"coefficients{level.suffix}"
+            self._name(coefficients, parameters, level.coefficients, standard=False)
+        if level.departures and level.single_sd is None:
+            self._name(f"omega{level.suffix}", parameters)
 
     def _name(
         self,
@@ -221,11 +209,14 @@ class LinearCoordinates:
     def _limits(self) -> Array:
         limits = np.full(len(self.names), LIMIT)
         for level in self.levels:
-            # A rough likelihood of weight w shortens the unit of a coordinate by √(1 + w). All
-            # cells inform a coefficient: their weights add up.
-            units = np.sqrt(1.0 + level.weight.sum(axis=1).max())
-            limits[self.slots[f"sigma{level.suffix}"]] *= units
-            limits[self.slots[f"coefficients{level.suffix}"]] *= units
+            # A rough likelihood of weight w shortens the unit of a coordinate by √(1 + w).
+            if level.departures:
+                units = np.sqrt(1.0 + level.weight.ravel())
+                limits[self.slots[f"sigma{level.suffix}"]] *= units
+            if not level.follows_trend:
+                # All cells inform a coefficient: their weights add up.
+                unit = np.sqrt(1.0 + level.weight.sum(axis=1).max())
+                limits[self.slots[f"coefficients{level.suffix}"]] *= unit
         if self._subject_spreads is not None:
             units = np.sqrt(1.0 + self._subject_spreads.weight.max())
             limits[self.slots["phi"]] *= units
@@ -234,79 +225,112 @@ class LinearCoordinates:
     def __call__(self, points: Array) -> LinearScales:
         """Map coordinates (W, d) to scales."""
         coordinates = np.ascontiguousarray(points.T)
-        named: dict[str, Array] = {}
-        log_prior = np.zeros(len(points))
-        ratios: _SubjectRatios | None = None
-        if self._subject_spreads is not None:
-            ratios = self._subject_ratios(self._subject_spreads, coordinates)
-            named |= {"omega_s": ratios.omega, "phi": ratios.phi}
-            log_prior = log_prior + ratios.log_density
-        unmoved = np.zeros((self._design.parameters, 1, len(points)))
-        between = self._level_sds(self.between, coordinates, unmoved)
-        named |= between.named
-        log_prior = log_prior + between.log_density
-        trial_covariance: Block | None = None
-        if self.trial is not None:
-            shift = unmoved
-            if self._subject_spreads is not None and ratios is not None:
-                shift = self._subject_spreads.cells_given(ratios.phi)
-            trial = self._level_sds(self.trial, coordinates, shift)
-            named |= trial.named
-            log_prior = log_prior + trial.log_density
-            trial_covariance = self._trial_covariance(trial, ratios)
-        taus = self._taus(coordinates)
-        named |= taus
-        effects = self._effects(coordinates, named)
         standard = coordinates[self._standard]
         squares = np.einsum("dw,dw->w", standard, standard)
         constant = _LOG_2PI * len(standard)
-        log_prior = log_prior - 0.5 * (squares + constant)
-        cells = CellScales(
-            between=_covariance(np.exp(between.log_sigma), between.correlation),
-            trial=trial_covariance,
-            effects=effect_columns(effects, self._design),
-            tau=self._tau_by_column(taus, len(points)),
+        log_prior = -0.5 * (squares + constant)
+        named: dict[str, Array] = {}
+        for name, scale in self._half_normal_scales():
+            named[name] = half_normal(coordinates[self.slots[name]], scale)
+        rests: dict[str, Array] = {}
+        for name in self.slots:
+            if name.startswith("rho"):
+                (coordinate,) = coordinates[self.slots[name]]
+                named[name], rests[name] = correlation(coordinate, self._priors.rho_shape)
+        for term in self._design.effect_size:
+            eta = self._by_quantity(f"eta:{term.name}", coordinates)
+            named[f"eta:{term.name}"] = self._priors.psi_sd * eta
+        unmoved = np.zeros((self._design.parameters, 1, len(points)))
+        log_prior += self._level_sds(self.between, coordinates, unmoved, named)
+        if self.trial is not None:
+            shift = unmoved
+            if self._subject_spreads is not None:
+                of_subjects = self._by_quantity("phi", coordinates)
+                named["phi"], log_density = self._subject_spreads(of_subjects, named["omega_s"])
+                log_prior += log_density
+                shift = self._subject_spreads.cells_given(named["phi"])
+            log_prior += self._level_sds(self.trial, coordinates, shift, named)
+        effects = self._effects(named, rests)
+        return LinearScales(named, self.cell_scales(named, rests), effects, log_prior)
+
+    def cell_scales(self, named: Mapping[str, Array], rests: Mapping[str, Array]) -> CellScales:
+        """Scales of the cells from scales and correlations by name.
+
+        Parameters
+        ----------
+        named : mapping
+            Values as `LinearScales.named` has them. Of log SDs it needs the SDs alone.
+        rests : mapping
+            1 - abs(rho) of every correlation, with the digits that one near one loses.
+        """
+        sigma = named["sigma"]
+        width = sigma.shape[-1]
+        trial: Block | None = None
+        if self.trial is not None:
+            # Of each group of trials, entries (T, W).
+            of_groups = named["sigma_e"][:, self._scatter.cell]
+            if self._scatter.subject is not None:
+                of_groups = of_groups * np.exp(named["phi"][:, self._scatter.subject])
+            trial = _covariance(of_groups, "rho_e", named, rests)
+        taus = np.zeros((0, self._design.parameters, width))
+        for term in self._design.deviation:
+            # A term may have several columns.
+            of_term = np.repeat(named[_name_of("tau", term)][None], len(term.columns), axis=0)
+            taus = np.concatenate([taus, of_term])
+        effects = self._effects(named, rests)
+        return CellScales(
+            between=_covariance(sigma, "rho_w", named, rests),
+            trial=trial,
+            effects=effect_columns(effects, self._design, width),
+            tau=taus,
         )
-        return LinearScales(named, cells, effects, log_prior)
 
-    def _half_normal(self, name: str, coordinates: Array, prior_scale: float) -> Array:
-        """SDs (P, W) under a half-normal prior."""
-        return half_normal(coordinates[self.slots[name]], prior_scale)
-
-    def _correlation(self, name: str, coordinates: Array) -> _Correlation | None:
-        """Correlation of the quantities, where there are two."""
-        if name not in self.slots:
-            return None
-        (coordinate,) = coordinates[self.slots[name]]
-        rho, one_minus_size = correlation(coordinate, self._priors.rho_shape)
-        return _Correlation(rho, one_minus_size)
+    def _half_normal_scales(self) -> list[tuple[str, float]]:
+        """Names of SDs under half-normal priors, and their scales."""
+        priors = self._priors
+        scales = {"omega": priors.omega_scale, "omega_e": priors.omega_e_scale}
+        scales["omega_s"] = priors.omega_s_scale
+        for term in self._design.subject:
+            scales[_name_of("sigma", term)] = priors.sigma_u_scale
+        for term in self._design.deviation:
+            scales[_name_of("tau", term)] = priors.tau_scale
+        return [(name, scale) for name, scale in scales.items() if name in self.slots]
 
     def _by_quantity(self, name: str, coordinates: Array) -> Array:
         """Coordinates of a scale, (P, count, W)."""
         flat = coordinates[self.slots[name]]
         return flat.reshape(self._design.parameters, -1, flat.shape[-1])
 
-    def _subject_ratios(self, spreads: SubjectSpreads, coordinates: Array) -> _SubjectRatios:
-        omega = self._half_normal("omega_s", coordinates, self._priors.omega_s_scale)
-        phi, log_density = spreads(self._by_quantity("phi", coordinates), omega)
-        return _SubjectRatios(phi, omega, log_density)
+    def _level_sds(
+        self, level: CellSpreads, coordinates: Array, shift: Array, named: dict[str, Array]
+    ) -> Array:
+        """Name the SDs of one level, and return the log density of their coordinates, (W,).
 
-    def _level_sds(self, level: CellSpreads, coordinates: Array, shift: Array) -> _LevelSds:
-        """SDs of one level, whose rough likelihood is moved by a shift (P, C or 1, W)."""
+        The rough likelihood is moved by a shift (P, C or 1, W).
+        """
         suffix = level.suffix
-        prior_scale = getattr(self._priors, f"omega{suffix}_scale")
-        omega = self._half_normal(f"omega{suffix}", coordinates, prior_scale)
-        of_coefficients = self._by_quantity(f"coefficients{suffix}", coordinates)
-        of_cells = self._by_quantity(f"sigma{suffix}", coordinates)
-        spreads = level(of_coefficients, of_cells, omega, shift)
-        named = {f"omega{suffix}": omega}
+        columns = self._coefficient_coordinates(level, coordinates)
+        if level.departures:
+            of_cells = self._by_quantity(f"sigma{suffix}", coordinates)
+            alone = np.full((len(of_cells), coordinates.shape[1]), level.single_sd or 0.0)
+            omega = named.get(f"omega{suffix}", alone)
+            spreads = level(columns, of_cells, omega, shift)
+        else:
+            spreads = level.without_departures(columns)
         for k, name in enumerate(level.coefficients):
             named[name] = spreads.multiples[:, k] * self.coefficient_sd(name)
         named[f"sigma{suffix}"] = np.exp(spreads.log_sigma)
-        rho = self._correlation(level.rho, coordinates)
-        if rho is not None:
-            named[level.rho] = rho.rho
-        return _LevelSds(spreads.log_sigma, rho, named, spreads.log_density)
+        return spreads.log_density
+
+    def _coefficient_coordinates(self, level: CellSpreads, coordinates: Array) -> Array:
+        """Coordinates of the coefficients of log SDs, (P, K, W)."""
+        if not level.follows_trend:
+            return self._by_quantity(f"coefficients{level.suffix}", coordinates)
+        shape = (self._design.parameters, len(level.coefficients), coordinates.shape[1])
+        columns = np.empty(shape)
+        for k, name in enumerate(level.coefficients):
+            columns[:, k] = coordinates[self.slots[name]]
+        return columns
 
     def coefficient_sd(self, name: str) -> float:
         """Prior SD of a coefficient of log sigma."""
@@ -314,46 +338,15 @@ class LinearCoordinates:
             return self._priors.psi_sd
         return float(getattr(self._priors, f"{name}_sd"))
 
-    def _trial_covariance(self, trial: _LevelSds, ratios: _SubjectRatios | None) -> Block:
-        """Covariance between trials of each group, entries (T, W)."""
-        log_sigma = trial.log_sigma[:, self._scatter.cell]
-        if ratios is not None:
-            log_sigma = log_sigma + ratios.phi[:, self._scatter.subject]
-        return _covariance(np.exp(log_sigma), trial.correlation)
-
-    def _taus(self, coordinates: Array) -> dict[str, Array]:
-        """SDs (P, W) of the environments' deviations, by name."""
-        taus = {}
-        for term in self._design.deviation:
-            name = _name_of("tau", term)
-            taus[name] = self._half_normal(name, coordinates, self._priors.tau_scale)
-        return taus
-
-    def _tau_by_column(self, taus: dict[str, Array], width: int) -> Array:
-        """SDs (o, P, W) of the o columns of deviations, of which a term may have several."""
-        by_column = np.zeros((0, self._design.parameters, width))
-        for term, tau in zip(self._design.deviation, taus.values(), strict=True):
-            of_term = np.repeat(tau[None], len(term.columns), axis=0)
-            by_column = np.concatenate([by_column, of_term])
-        return by_column
-
-    def _effects(self, coordinates: Array, named: dict[str, Array]) -> EffectScales:
-        """Scales of the subjects' effects; they join the named ones."""
+    def _effects(self, named: Mapping[str, Array], rests: Mapping[str, Array]) -> EffectScales:
+        """Scales of the subjects' effects."""
         size_coefficients = []
         for term in self._design.effect_size:
-            eta = self._by_quantity(f"eta:{term.name}", coordinates)
-            named[f"eta:{term.name}"] = self._priors.psi_sd * eta
-            size_coefficients.append(eta)
+            size_coefficients.append(named[f"eta:{term.name}"] / self._priors.psi_sd)
         covariances = []
         for term in self._design.subject:
-            name = _name_of("sigma", term)
-            sd = self._half_normal(name, coordinates, self._priors.sigma_u_scale)
-            named[name] = sd
-            rho_name = _name_of("rho", term)
-            rho = self._correlation(rho_name, coordinates)
-            if rho is not None:
-                named[rho_name] = rho.rho
-            covariances.append(_covariance(sd, rho))
+            sd = named[_name_of("sigma", term)]
+            covariances.append(_covariance(sd, _name_of("rho", term), named, rests))
         return EffectScales(covariances, size_coefficients)
 
 
@@ -364,8 +357,10 @@ def _name_of(symbol: str, term: Term) -> str:
     return f"{_OF_FACTOR[symbol]}:{term.name}"
 
 
-def _covariance(sd: Array, rho: _Correlation | None) -> Block:
-    """Covariance over the quantities of SDs (P, ..., W)."""
-    if rho is None:
+def _covariance(
+    sd: Array, rho: str, named: Mapping[str, Array], rests: Mapping[str, Array]
+) -> Block:
+    """Covariance over the quantities of SDs (P, ..., W) and a correlation."""
+    if rho not in named:
         return block(tuple(sd))
-    return block(tuple(sd), rho.rho, rho.one_minus_size)
+    return block(tuple(sd), named[rho], rests[rho])

@@ -12,6 +12,7 @@ from percept.errors import RefusalError
 from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.laws import NewEnvironment
 from percept.inference.hierarchy.model import Model
+from percept.inference.hierarchy.product import pooled_parts
 from percept.inference.sampling.gate import Estimates
 
 __all__ = ["NewEstimands", "new_environment", "new_name"]
@@ -55,7 +56,7 @@ def new_environment(
     """
     parts = []
     first = 0
-    for density, coordinates in model.pooled_parts(points):
+    for density, coordinates in pooled_parts(model, points):
         last = first + len(density.statistics.parameters)
         parts.append(density.new_environment(coordinates, x[first:last], repeats, rng))
         first = last

@@ -20,9 +20,8 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block
+from percept.inference.hierarchy.blocks import Block, precision_entries
 from percept.inference.hierarchy.cell_problem import CellProblem, PatternScatter
-from percept.inference.hierarchy.information_equations import precision_entries
 from percept.inference.hierarchy.subject_covariance import SubjectCovariance
 from percept.inference.hierarchy.subject_equations import SubjectEquations
 from percept.inference.hierarchy.trial_scatter import TrialScatter
@@ -130,7 +129,7 @@ def _of_subjects(
     by_noise = by_noise.reshape(count, count, width)
     every_row = rows.reshape(count * subjects, size, cells)
     whitened = covariance.whitened_effects(every_row)  # (q, (M P + 1) n, W)
-    whitened = whitened.reshape(-1, count, subjects, width)
+    whitened = whitened.reshape(len(whitened), count, subjects, width)
     explained_by_effects = np.einsum("qanw,qbnw->abw", whitened, whitened)
     products = by_noise - explained_by_effects
     slopes = products[:-1]

@@ -11,7 +11,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["log_diagonal", "lower_factor", "solve_lower", "solve_upper", "with_prior"]
+__all__ = [
+    "log_diagonal",
+    "lower_factor",
+    "solve_lower",
+    "solve_upper",
+    "stacked_factor",
+    "with_prior",
+]
 
 Array = NDArray[np.float64]
 
@@ -81,3 +88,19 @@ def log_diagonal(factor: Array) -> Array:
     pivots = np.einsum("ii...->i...", factor)
     logs = np.log(pivots)
     return np.asarray(logs.sum(axis=0))
+
+
+def stacked_factor(matrices: Array) -> Array:
+    """Lower factors of matrices (W, K, K), NaN where rounding left no positive definite one.
+
+    numpy refuses a whole stack if one matrix fails, so the stack is halved until it stands alone.
+    """
+    try:
+        factor = np.linalg.cholesky(matrices)
+        return np.asarray(factor)
+    except np.linalg.LinAlgError:
+        if len(matrices) == 1:
+            return np.full_like(matrices, np.nan)
+        halves = np.array_split(matrices, 2)
+        factors = [stacked_factor(half) for half in halves]
+        return np.concatenate(factors)

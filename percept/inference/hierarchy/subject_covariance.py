@@ -97,9 +97,9 @@ class SubjectCovariance:
 
     def whitened_effects(self, rows: Array) -> Array:
         """L⁻¹H'r of constant rows r (n, P, E), one product of matrices: shape (q, n, W)."""
-        effects, *_, width = self._weighted_effects.shape
-        by_cell = self._weighted_effects.reshape(effects, -1, width)
-        flat_rows = rows.reshape(len(rows), -1)
+        effects, size, cells, width = self._weighted_effects.shape
+        by_cell = self._weighted_effects.reshape(effects, size * cells, width)
+        flat_rows = rows.reshape(len(rows), size * cells)
         products = flat_rows @ by_cell
         return solve_lower(self._factor_for_rows, products)
 

@@ -19,14 +19,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block
+from percept.inference.hierarchy.blocks import Block, precision_entries
 from percept.inference.hierarchy.cell_problem import CellProblem
 from percept.inference.hierarchy.cell_scales import CellScales
-from percept.inference.hierarchy.information_equations import precision_entries
 from percept.inference.hierarchy.small_cholesky import lower_factor, with_prior
 from percept.inference.hierarchy.subject_covariance import SubjectCovariance
 
-__all__ = ["SubjectEquations"]
+__all__ = ["SubjectEquations", "noise_of"]
 
 Array = NDArray[np.float64]
 
@@ -53,7 +52,7 @@ class SubjectEquations:
     def __init__(self, problem: CellProblem, scales: CellScales) -> None:
         self._problem = problem
         self.effect_columns = scales.effects
-        self.noise = _noise(problem, scales)
+        self.noise = noise_of(problem, scales)
         present = problem.present[..., None]
         precision = self.noise.inverse()
         self.precision = precision.scaled(present)
@@ -75,8 +74,11 @@ class SubjectEquations:
         return covariances
 
 
-def _noise(problem: CellProblem, scales: CellScales) -> Block:
-    """D: the covariance between subjects, and the covariance of the mean of a cell's trials."""
+def noise_of(problem: CellProblem, scales: CellScales) -> Block:
+    """D, entries (C, G, W).
+
+    It is the covariance between subjects, and that of the mean of a cell's trials.
+    """
     noise = scales.between[:, None]
     if scales.trial is not None:
         trial = scales.trial[problem.trial_group]

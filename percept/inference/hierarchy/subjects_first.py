@@ -2,7 +2,8 @@
 
 What is left are the latents: a own deviations in each of J environments, and the rest, r
 coefficients of fixed terms and slopes, K = a J + r in this order. Whitened effects have the
-precision one, so T of `remainder` are the products of latents with them. W are the sets of scales.
+precision one, so T of `remainder.subtract` are the products of latents with them. W are the sets
+of scales.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.hierarchy.cell_equations import CellEquations
-from percept.inference.hierarchy.remainder import Remainder
+from percept.inference.hierarchy.remainder import Remainder, subtract
 
 __all__ = ["SubjectsFirst"]
 
@@ -28,14 +29,19 @@ class SubjectsFirst:
 
     Attributes
     ----------
-    latents, log_determinant, remainder
-        As in `Elimination`; the remainder holds all K latents.
+    latents, log_determinant
+        As in `Elimination`.
+    kept : ndarray
+        Least part of a pivot that the elimination has left, (W,).
     """
 
     def __init__(self, equations: CellEquations) -> None:
         self._deviation_sd = equations.deviation_sd
         joint = _joint_precision(equations)
-        self.remainder = Remainder(joint, equations.effects_by_latents)
+        whole = np.einsum("kkw->kw", joint)[:-1].copy()
+        subtract(joint, equations.effects_by_latents)
+        self.remainder = Remainder(joint)
+        self.kept = (self.remainder.pivots / whole).min(axis=0, initial=1.0)
         self.latents = self.remainder.solution
         self.log_determinant = self.remainder.log_determinant
 
@@ -46,7 +52,7 @@ class SubjectsFirst:
         combinations_last = np.moveaxis(own, 0, -1)
         scaled = combinations_last[..., None] * sd  # (a, J, n, W)
         width = scaled.shape[-1]
-        of_own = scaled.reshape(-1, count, width)
+        of_own = scaled.reshape(own[0].size, count, width)
         every_draw = (rest.shape[1], count, width)
         of_rest = np.broadcast_to(rest.T[..., None], every_draw)
         weights = np.concatenate([of_own, of_rest])

@@ -44,6 +44,8 @@ exact law given log sigma and omega, of which the data say nothing more.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,6 +56,8 @@ __all__ = ["TrendMap"]
 
 Array = NDArray[np.float64]
 
+_LOG_2PI = math.log(2.0 * math.pi)
+
 
 class TrendMap:
     """Map coordinates to the log SDs of one quantity at one level.
@@ -63,7 +67,7 @@ class TrendMap:
     centre : float
         Prior mean m of log sigma.
     loadings : ndarray
-        U', (2, J).
+        U', (K, J) with K at most two; missing rows are zero.
     rough_mean, rough_weight : ndarray
         Rough likelihood of log sigma, l and w, (J,); an environment of weight zero has none.
     """
@@ -75,14 +79,16 @@ class TrendMap:
         rough_mean: Array,
         rough_weight: Array,
     ) -> None:
-        environments = loadings.shape[1]
+        count, environments = loadings.shape
+        #: K
+        self._count = count
         self._centre = centre
         self._weight = rough_weight[:, None]  # (J, 1) w
         self._rough_departure = (rough_mean - centre)[:, None]  # (J, 1) l - m
         # Turn the trend: U' = rotation diag(sizes) directions. All formulas hold for the turned
         # columns, which are orthogonal, and the turned coefficients rotation'h.
-        # Padded, so that a single environment has two singular values too.
-        padded = np.pad(loadings, ((0, 0), (0, 1)))
+        # Padded to two rows, and so that a single environment has two singular values too.
+        padded = np.pad(loadings, ((0, 2 - count), (0, 1)))
         self._rotation, sizes, directions = np.linalg.svd(padded, full_matrices=False)
         self._sizes = sizes[:, None]  # (2, 1)
         # A direction without size is arbitrary: it may even point into the padding.
@@ -100,28 +106,23 @@ class TrendMap:
 
     def __call__(
         self,
+        trend: Array,
         u: Array,
         omega: Array,
-        trend: Array,
         shift: Array | float = 0.0,
     ) -> LogSpreads:
         """Map coordinates to log SDs at W sets of scales.
 
         Parameters
         ----------
+        trend : ndarray
+            Coordinates of the trend, (K, W), standard normal.
         u : ndarray
             Coordinates of log sigma, (J, W).
         omega : ndarray
             SD of log sigma about the trend, (W,).
-        trend : ndarray
-            Coordinates of the trend, (2, W).
         shift : ndarray, optional
             What is added to the rough means l, (J, W).
-
-        Returns
-        -------
-        LogSpreads
-            Its log density is that of u under the prior, up to a constant.
         """
         rough_departure = self._rough_departure + shift
         variance = omega * omega
@@ -155,15 +156,18 @@ class TrendMap:
         root_determinant = np.sqrt(widened.determinant())
         subtracted = squares + (log_precision + log_variance)
         log_density = np.log(root_determinant) - 0.5 * subtracted
+        log_density -= 0.5 * _LOG_2PI * len(u)
 
         # The turned coefficients are independent given log sigma, with these means and SDs.
         conditional_mean = self._sizes * whitened_along
         conditional_sd = omega / np.sqrt(variance_along)
-        turned_trend = self._rotation.T @ trend
+        both = np.pad(trend, ((0, 2 - self._count), (0, 0)))
+        turned_trend = self._rotation.T @ both
         turned = conditional_mean + conditional_sd * turned_trend
+        multiples = self._rotation @ turned
         return LogSpreads(
             log_sigma=self._centre + about_trend + omega * e,
-            multiples=self._rotation @ turned,
+            multiples=multiples[: self._count],
             log_density=log_density,
         )
 

@@ -15,7 +15,8 @@ import numpy as np
 from percept.inference.classical.variability import Bounded
 from percept.inference.hierarchy.families import level_together
 from percept.inference.hierarchy.laws import ConditionalMoments
-from percept.inference.hierarchy.model import Pooled
+from percept.inference.hierarchy.linear_posterior import LinearPosterior
+from percept.inference.hierarchy.product import pooled_parts
 from percept.results import PseLineRow
 from percept.scene import Scene
 from percept.study.basics import Array, References, Skipped, Stream, generator
@@ -55,7 +56,7 @@ def posterior_lines(
     ------
     PseLineRow or Skipped
     """
-    for density, points in fit.model.pooled_parts(fit.points):
+    for density, points in pooled_parts(fit.model, fit.points):
         lines = []
         for p, parameter in enumerate(density.statistics.parameters):
             names = density.statistics.environments
@@ -89,7 +90,7 @@ class _Line:
     """What the lines of one quantity have in common."""
 
     fit: Fit
-    density: Pooled
+    density: LinearPosterior
     scene: Scene
     number: int  # Of the quantity, in its model
     tested: Array  # (J,) References of the environments

@@ -24,7 +24,8 @@ from typing import Self
 import numpy as np
 
 from percept.inference.hierarchy.laws import ConditionalMoments
-from percept.inference.hierarchy.model import Pooled
+from percept.inference.hierarchy.linear_posterior import LinearPosterior
+from percept.inference.hierarchy.product import pooled_parts
 from percept.results import PsychophysicsRow
 from percept.scene import Scene
 from percept.sessions import Sessions
@@ -70,8 +71,8 @@ def posterior_psychophysics(
     rng = generator(scene.inference.seed, Stream.PSYCHOPHYSICS)
     locations, _ = fit.model.draw(independent, rng)
     every = fit.run.points.reshape(len(population_sd), -1)
-    every_by_model = fit.model.pooled_parts(every)
-    independent_by_model = fit.model.pooled_parts(independent)
+    every_by_model = pooled_parts(fit.model, every)
+    independent_by_model = pooled_parts(fit.model, independent)
     for (model, every_draw), (_, independent_draws) in zip(
         every_by_model, independent_by_model, strict=True
     ):
@@ -147,7 +148,7 @@ class _Scales:
         return of_typical_user * np.exp(2.0 * self.omega_s**2)[:, :, None]
 
     @classmethod
-    def of(cls, model: Pooled, points: Array) -> Self:
+    def of(cls, model: LinearPosterior, points: Array) -> Self:
         """Read the scales at coordinates (S, d)."""
         values = {}
         for name, (_, scale) in model.scales(points).items():
@@ -166,7 +167,7 @@ class _Scales:
 class _Posterior:
     """Draws of one model, and where its rows belong."""
 
-    model: Pooled
+    model: LinearPosterior
     sites: list[Site]  # P J, of the cells
     limits: DrawLimits
     scales: _Scales  # S draws
@@ -211,11 +212,12 @@ class _Posterior:
             yield site.row("icc_1", self.limits.of(icc[:, c]))
 
     def _subject_rows(self) -> Iterator[PsychophysicsRow]:
-        """Yield each subject's own trial SD: the geometric mean over all environments."""
+        """Yield each subject's own trial SD: the geometric mean over the cells of its groups."""
         if self.scales.sigma_e is None or self.scales.phi is None:
             return
-        mean_log_sd = np.log(self.scales.sigma_e).mean(axis=2)
-        trial_sd = np.exp(mean_log_sd[:, :, None] + self.scales.phi)  # (S, P, N)
+        own = self.model.cells_of_subjects.T
+        mean_log_sd = np.log(self.scales.sigma_e) @ (own / own.sum(axis=0))
+        trial_sd = np.exp(mean_log_sd + self.scales.phi)  # (S, P, N)
         for p, site in enumerate(self._overall_sites):
             for i, subject in enumerate(self.model.statistics.subjects):
                 of_subject = site.of_subject(subject)
@@ -283,7 +285,7 @@ class _Posterior:
             yield dataclasses.replace(row, parameter=", ".join(statistics.parameters))
 
 
-def _mean_trials(model: Pooled) -> float:
+def _mean_trials(model: LinearPosterior) -> float:
     """Harmonic mean of the numbers of trials of all cells."""
     cells = 0.0
     sum_of_inverses = 0.0

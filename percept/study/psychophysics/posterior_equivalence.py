@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import special
 
+from percept.inference.hierarchy.product import pooled_parts
 from percept.results import EquivalenceRow
 from percept.scene import Scene
 from percept.study.basics import Array, References, Skipped
@@ -109,7 +110,7 @@ def _trial_sds(fit: Fit) -> dict[tuple[str, str], Array]:
     """Return every cell's draws of the SD between trials; empty without repeats."""
     points = fit.run.points.reshape(len(fit.moments.mean), -1)
     sds: dict[tuple[str, str], Array] = {}
-    for density, coordinates in fit.model.pooled_parts(points):
+    for density, coordinates in pooled_parts(fit.model, points):
         named = density.scales(coordinates)
         if "sigma_e" not in named:
             continue

@@ -97,10 +97,10 @@ def study_of(name: str) -> Prepared:
 
 def _percept_model(statistics: Statistics) -> tuple[Model, IntervalEstimands]:
     """Return percept's model with its default priors, and the limits compared."""
-    from percept.inference.hierarchy.density import CollapsedDensity
     from percept.inference.hierarchy.interval_estimands import IntervalEstimands
+    from percept.inference.hierarchy.linear_posterior import plain_model
 
-    model = CollapsedDensity(statistics)
+    model = plain_model(statistics)
     estimands = IntervalEstimands(
         model, kinds=_KINDS, level=_LEVEL, share=SHARE, confidence=CONFIDENCE
     )

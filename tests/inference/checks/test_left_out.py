@@ -83,10 +83,8 @@ def test_left_out_probabilities_equal_quadrature_over_the_posterior_of_the_other
         others = small.density_of(np.delete(RESPONSE, i))
         mass, _ = small.weights(others)
         keep = mass > 1e-12
-        scales = others.layout.scales(small.GRID[keep][None])
-        law = others.locations(scales)
-        sd = np.sqrt(law.covariance.diagonal()[0][0] + others.population(scales).diagonal()[0][0])
-        standard = (own - law.mean[0][0]) / sd
+        law = others.laws(small.GRID[keep][:, None])
+        standard = (own - law.mean[:, 0]) / np.hypot(law.sd, law.population_sd)[:, 0]
         below = np.sum(mass[keep] * stats.norm.cdf(standard))
         # Draws of the others' posterior, in the coordinates of all: here by weights on a grid.
         ours = subjects.density(small.GRID[:, None]) - left_out(subjects, i)

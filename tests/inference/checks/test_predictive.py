@@ -9,10 +9,10 @@ from percept.inference.checks.predictive import (
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.density import CollapsedDensity
-from tests.inference.checks.test_subjects import prepared
-from tests.inference.hierarchy import designs
-from tests.inference.hierarchy.test_prior import OTHER
+from percept.inference.hierarchy.linear_posterior import plain_model
+from tests.inference.checks.test_subjects import averages, opened
+from tests.inference.hierarchy.designs import OTHER, made
+from tests.inference.hierarchy.test_statistics import reduce
 
 
 def laws(priors):
@@ -34,31 +34,32 @@ def laws(priors):
     return half | log_s | kappa | dict.fromkeys(("rho_w", "rho_u", "rho_e"), rho)
 
 
-@pytest.mark.parametrize("name", ["trials", "one environment", "k only"])
+@pytest.mark.parametrize("name", ["plain, trials", "one cell", "one quantity"])
 def test_draws_have_their_priors(name):
     rng = np.random.default_rng(31)
-    study = designs.study(name, rng)
-    density = CollapsedDensity(study.statistics, OTHER)
+    study = made(name, priors=OTHER)
     draws = 20_000
-    prior = density.draw_prior(draws, rng)
+    prior = study.model.draw_prior(draws, rng)
     named, means, users = prior.scales, prior.means, prior.users
     known = laws(OTHER)
     for key, (dimensions, value) in named.items():
         assert len(dimensions) == value.ndim - 1
         if key in known:
             assert stats.kstest(value.reshape(draws, -1)[:, 0], known[key].cdf).pvalue > 1e-4, key
-    if name == "one environment":
+    if name == "one cell":
         level = stats.lognorm(OTHER.log_s_sd, scale=np.exp(OTHER.log_s_mean))
         assert stats.kstest(named["sigma"][1][:, 0, 0], level.cdf).pvalue > 1e-4
         assert stats.kstest(means[:, 0], stats.norm(0.0, OTHER.alpha_sd).cdf).pvalue > 1e-4
     else:
         sd = np.sqrt(
-            OTHER.alpha_sd**2 + OTHER.gamma_sd**2 * study.x[0, 0] ** 2 + named["tau"][1][:, 0] ** 2
+            OTHER.alpha_sd**2
+            + OTHER.gamma_sd**2 * study.study.x[0, 0] ** 2
+            + named["tau"][1][:, 0] ** 2
         )
         # Given tau the location is normal; the data, which have other scales, do not enter.
         assert stats.kstest(means[:, 0] / sd, stats.norm.cdf).pvalue > 1e-4
         log_sigma = np.log(named["sigma"][1][:, 0, 0])
-        centre = np.log(named["s"][1][:, 0]) + named["kappa"][1][:, 0] * study.x[0, 0]
+        centre = np.log(named["s"][1][:, 0]) + named["kappa"][1][:, 0] * study.study.x[0, 0]
         assert (
             stats.kstest((log_sigma - centre) / named["omega"][1][:, 0], stats.norm.cdf).pvalue
             > 1e-4
@@ -71,8 +72,7 @@ def test_draws_have_their_priors(name):
 
 def test_users_of_one_draw_are_correlated_as_the_draw_says():
     rng = np.random.default_rng(32)
-    density = CollapsedDensity(designs.study("one environment", rng).statistics)
-    prior = density.draw_prior(20_000, rng)
+    prior = made("one cell").model.draw_prior(20_000, rng)
     named, means, users = prior.scales, prior.means, prior.users
     off = (users - means) / named["sigma"][1][:, :, 0]
     rho = named["rho_w"][1]
@@ -105,55 +105,84 @@ def test_of_two_subjects_neither_is_the_farthest():
     assert np.isnan(found[2])
 
 
-@pytest.mark.parametrize("name", ["balanced", "missing cells", "trials"])
-def test_replicated_statistics_follow_their_exact_laws(name):
-    rng = np.random.default_rng(3)
-    study, density, _, subjects = prepared(name, rng)
+@pytest.mark.parametrize(
+    "name",
+    ["plain", "plain, missing cells", "plain, trials", "three levels, missing cells",
+     "subjects' trial SDs"],
+)  # fmt: skip
+def test_new_studies_scatter_as_the_model_says(name):
+    """Means and variances of subjects' cell means over many studies from one set of scales."""
+    study, subjects = opened(name)
+    point = study.points(1, spread=0.5)
+    count = 4000
+    drawn = np.concatenate(
+        list(new_studies(subjects, np.repeat(point, count, axis=0), np.random.default_rng(4)))
+    )
+    twin = study.twin(point)
+    mean, covariance = twin.posterior()
+    # Of new trials: the locations as the data leave them.
+    prior = twin.loadings @ twin.locations[0] @ twin.loadings.T
+    left = twin.loadings @ covariance[0] @ twin.loadings.T
+    total = twin.observed[0] - prior + left
+    for i in range(subjects.subjects):
+        rows, cells = averages(study.study, i)
+        own = np.tile(study.study.subject == i, twin.size)
+        expected = rows @ (twin.loadings @ mean[0])[own]
+        variance = np.diag(rows @ total[np.ix_(own, own)] @ rows.T)
+        values = drawn[:, i][..., cells].reshape(count, -1)
+        assert np.abs((values.mean(axis=0) - expected) / np.sqrt(variance / count)).max() < 4.5
+        assert np.abs(values.var(axis=0) / variance - 1.0).max() < 4.5 * np.sqrt(2.0 / count)
+        assert np.isnan(np.delete(drawn[0, i], cells, axis=1)).all()
+
+
+def test_the_farthest_of_new_subjects_is_that_of_a_normal_sample():
+    study, subjects = opened("plain")
     draws = 20_000
-    point = 0.5 * rng.normal(size=density.dimension)
-    drawn = statistics_of(np.concatenate([*new_studies(subjects, np.tile(point, (draws, 1)), rng)]))
-    scales = density.layout.scales(np.repeat(point[:, None], 2, axis=1))
-    law = density.locations(scales)
-    mean, error = np.stack(law.mean)[..., 0], np.stack(law.covariance.diagonal())[..., 0]
-    spread = np.stack(density.population(scales).diagonal())[..., 0]
-    if "sigma_e" in scales.named:
-        spread = spread + scales.named["sigma_e"][..., 0] ** 2 / 3.0
-    n = np.isfinite(study.statistics.cell_means).sum(axis=0)
-    # Five standard errors over some 24 numbers.
-    np.testing.assert_array_less(
-        np.abs(drawn[:, 0].mean(axis=0) - mean), 5 * np.sqrt((error + spread / n) / draws)
-    )
-    ratio = drawn[:, 0].var(axis=0) / (error + spread / n)
-    np.testing.assert_array_less(np.abs(ratio - 1.0), 5 * np.sqrt(2.0 / draws))
-    square = drawn[:, 1] ** 2
-    np.testing.assert_array_less(
-        np.abs(square.mean(axis=0) / spread - 1.0), 5 * np.sqrt(2.0 / (n - 1) / draws)
-    )
-    # The farthest subject of a normal sample, whatever its mean and SD.
-    plain = rng.normal(size=(draws, n[0, 0]))
+    rng = np.random.default_rng(3)
+    points = np.repeat(study.points(1), draws, axis=0)
+    drawn = statistics_of(np.concatenate([*new_studies(subjects, points, rng)]))
+    plain = rng.normal(size=(draws, subjects.subjects))
     off = np.abs(plain - plain.mean(axis=1, keepdims=True)).max(axis=1) / plain.std(axis=1, ddof=1)
     assert stats.ks_2samp(off, drawn[:, 2, 0, 0]).pvalue > 1e-4
 
 
+@pytest.mark.parametrize("name", ["two by two, spread", "subjects' trial SDs"])
+def test_draws_before_any_data_have_the_priors(name):
+    density = made(name).model
+    count = 4000
+    prior = density.draw_prior(count, np.random.default_rng(5))
+    _, s = prior.scales["s"]
+    scores = (np.log(s) - density.priors.log_s_mean) / density.priors.log_s_sd
+    assert stats.kstest(scores.ravel(), "norm").pvalue > 1e-3
+    _, psi = prior.scales["psi:hand"]
+    assert stats.kstest(psi.ravel() / density.priors.psi_sd, "norm").pvalue > 1e-3
+    if "omega_s" in prior.scales:
+        # A subject's trial SD over the others' has a normal logarithm of SD omega_s.
+        phi = prior.scales["phi"][1] / prior.scales["omega_s"][1][..., None]
+        assert stats.kstest(phi[:, 0, 0], "norm").pvalue > 1e-3
+    # Locations: the variance of the columns, given each draw's tau.
+    design = density.design
+    fixed = sum((term.columns**2).sum(axis=0) for term in design.fixed)
+    own = np.zeros((count, *fixed.shape))
+    for term in design.deviation:
+        tau = prior.scales["tau" if term.name == "level" else f"tau:{term.name}"][1]
+        own += tau[..., None] ** 2 * (term.columns**2).sum(axis=0)
+    scores = prior.means.reshape(own.shape) / np.sqrt(fixed + own)
+    assert stats.kstest(scores[:, 0, 0], "norm").pvalue > 1e-3
+    assert stats.kstest(scores[:, -1, -1], "norm").pvalue > 1e-3
+
+
 def test_an_outlier_that_was_planted_is_the_farthest_subject():
     rng = np.random.default_rng(4)
-    study, *_ = prepared("balanced", rng)
-    response = study.response.copy()
-    response[(study.subject == 4) & (study.environment == 2)] += 25.0
-    moved = designs.from_trials(
-        response,
-        study.subject,
-        study.environment,
-        study.x,
-        parameters=study.statistics.parameters,
-        environments=study.statistics.environments,
-        subjects=study.statistics.subjects,
-    )
+    study = made("plain", subjects=8)
+    trials = study.study
+    trials.response[(trials.subject == 4) & (trials.cell == 2)] += 25.0
+    moved = reduce(study)
     observed = statistics_of(moved.cell_means)[2]
-    density = CollapsedDensity(moved)
-    subjects = SubjectDensity(density, response, study.subject, study.environment)
-    studies = new_studies(subjects, np.zeros((4000, density.dimension)), rng)
+    model = plain_model(moved)
+    subjects = SubjectDensity(model, trials.response, trials.subject, trials.cell)
+    studies = new_studies(subjects, np.zeros((4000, len(model.names))), rng)
     drawn = statistics_of(np.concatenate([*studies]))[:, 2]
     above = (drawn > observed).mean(axis=0)
     assert (above[:, 2] < 0.005).all()
-    assert (above[:, [0, 1, 3]] > 0.005).all()
+    assert (above[:, :2] > 0.005).all()

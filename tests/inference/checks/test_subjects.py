@@ -1,4 +1,4 @@
-"""Densities of subjects against dense multivariate normals over every trial."""
+"""Densities of subjects left out, against the twin's covariances over every trial."""
 
 import numpy as np
 import pytest
@@ -7,150 +7,134 @@ from scipy import stats
 from percept.errors import RefusalError
 from percept.inference.checks.left_out import leave_one_out
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.model import Resolution
-from percept.inference.hierarchy.scales import Options
-from tests.inference.hierarchy import dense_twin, designs
+from percept.inference.hierarchy.design import Options
+from percept.inference.hierarchy.linear_posterior import plain_model
+from percept.inference.hierarchy.statistics import from_trials
+from tests.inference.hierarchy.designs import made
+
+DESIGNS = [
+    "plain",
+    "one quantity",
+    "plain, trials",
+    "plain, unequal trials",
+    "plain, missing cells",
+    "two subjects",
+    "one cell, unequal trials",
+    "no subject effect, missing cells",
+    "common spread of a constant share",
+    "resolution",
+    "two levels, trials",
+    "two by two, spread",
+    "three levels, missing cells",
+    "two groups",
+    "subjects' trial SDs",
+    "one environment",
+]
 
 
-def left_out(subjects, scales):
-    """Predict subjects at given scales."""
-    return subjects.left_out(subjects.density.subject_laws_at(scales))
+def opened(name):
+    study = made(name)
+    trials = study.study
+    return study, SubjectDensity(study.model, trials.response, trials.subject, trials.cell)
 
 
-def prepared(name, rng, options=None, draws=2):
-    study = designs.study(name, rng)
-    density = CollapsedDensity(study.statistics, options=options)
-    coords = 0.7 * rng.normal(size=(density.dimension, draws))
-    subjects = SubjectDensity(density, study.response, study.subject, study.environment)
-    return study, density, density.layout.scales(coords), subjects
+def averages(study, subject):
+    """Rows that average a subject's trials in each cell, quantity by quantity; and the cells."""
+    own = study.cell[study.subject == subject]
+    cells = np.unique(own)
+    rows = np.stack([(own == cell) / np.sum(own == cell) for cell in cells])
+    return np.kron(np.eye(study.response.shape[1]), rows), cells
 
 
-def of_trials(study, scales, w, **prior):
-    return dense_twin.trial_covariance(
-        study.subject, study.environment, study.x, scales, w, **prior
-    )
-
-
-def flat(study, who):
-    size = study.response.shape[1]
-    return np.concatenate([np.arange(size) + size * m for m in np.flatnonzero(who)])
-
-
-CASES = [(name, Options()) for name in designs.NAMES]
-for options in (Options(subject_effect=False), Options(weber=True, common_spread=True)):
-    CASES += [(name, options) for name in ("balanced", "missing cells", "one environment each")]
-
-
-@pytest.mark.parametrize(("name", "options"), CASES)
-def test_left_out_equals_conditioning_on_the_other_trials(name, options):
-    rng = np.random.default_rng(22)
-    study, _, scales, subjects = prepared(name, rng, options)
-    found = left_out(subjects, scales)
-    w = 0
-    covariance = of_trials(study, scales, w, alpha_sd=1.0, gamma_sd=0.25)
-    response = study.response.ravel()
+@pytest.mark.parametrize("name", DESIGNS)
+def test_a_subject_left_out_is_predicted_by_the_others_trials(name):
+    """Density, distance and standard scores by conditioning the covariance of all trials."""
+    study, subjects = opened(name)
+    point = study.points(1, spread=0.5)
+    covariance = study.twin(point).observed[0]
+    trials = study.study
+    response = trials.response.T.ravel()
+    size = trials.response.shape[1]
+    found = subjects.left_out(subjects.density.subject_laws(point))
     for i in range(subjects.subjects):
-        inside, outside = flat(study, study.subject == i), flat(study, study.subject != i)
-        gain = np.linalg.solve(
-            covariance[np.ix_(outside, outside)], covariance[np.ix_(outside, inside)]
-        ).T
-        law = stats.multivariate_normal(
-            gain @ response[outside],
-            covariance[np.ix_(inside, inside)] - gain @ covariance[np.ix_(outside, inside)],
-        )
-        assert found.log_density[w, i] == pytest.approx(
-            law.logpdf(response[inside]), rel=1e-7, abs=1e-7
-        )
-        check_means(study, i, law, found, w)
+        own = np.tile(trials.subject == i, size)
+        gain = np.linalg.solve(covariance[np.ix_(~own, ~own)], covariance[np.ix_(~own, own)]).T
+        mean = gain @ response[~own]
+        left = covariance[np.ix_(own, own)] - gain @ covariance[np.ix_(~own, own)]
+        expected = stats.multivariate_normal(mean, left).logpdf(response[own])
+        assert found.log_density[0, i] == pytest.approx(expected, rel=1e-7, abs=1e-7)
+        rows, cells = averages(trials, i)
+        apart = rows @ (response[own] - mean)
+        within = rows @ left @ rows.T
+        distance = apart @ np.linalg.solve(within, apart)
+        assert found.distance[0, i] == pytest.approx(distance, rel=1e-7)
+        standard = found.standard[0, i]
+        known = standard[:, cells].ravel()
+        np.testing.assert_allclose(known, apart / np.sqrt(np.diag(within)), rtol=1e-6, atol=1e-8)
+        assert np.isnan(np.delete(standard, cells, axis=1)).all()
 
 
-def check_means(study, i, law, found, w):
-    """The predictive law of cell means from that of the trials."""
-    who = study.subject == i
-    environments = np.unique(study.environment[who])
-    size = study.response.shape[1]
-    average = np.stack(
-        [
-            np.kron(
-                (study.environment[who] == j) / np.sum(study.environment[who] == j), np.eye(size)[p]
-            )
-            for p in range(size)
-            for j in environments
-        ]
+def without_the_first(study):
+    """The model of all subjects but the first."""
+    trials, statistics = study.study, study.model.statistics
+    rest = trials.subject > 0
+    others = from_trials(
+        trials.response[rest],
+        trials.subject[rest] - 1,
+        trials.cell[rest],
+        trials.x,
+        parameters=statistics.parameters,
+        environments=statistics.environments,
+        subjects=statistics.subjects[1:],
     )
-    mean, covariance = average @ law.mean, average @ law.cov @ average.T
-    off = average @ study.response[who].ravel() - mean
-    standard = found.standard[w, i][:, environments].ravel()
-    np.testing.assert_allclose(standard, off / np.sqrt(np.diag(covariance)), rtol=1e-6, atol=1e-8)
-    assert found.distance[w, i] == pytest.approx(off @ np.linalg.solve(covariance, off), rel=1e-6)
-    missing = np.setdiff1d(np.arange(study.x.shape[1]), environments)
-    assert np.isnan(found.standard[w, i][:, missing]).all()
+    return plain_model(others)
 
 
-def test_resolution_widens_both_levels():
-    rng = np.random.default_rng(25)
-    study, density, scales, subjects = prepared("trials", rng)
-    added = np.full(study.x.shape, 0.3)
-    wide = SubjectDensity(
-        CollapsedDensity(study.statistics, resolution=Resolution(between=added, trial=added)),
-        study.response,
-        study.subject,
-        study.environment,
-    )
-    ours = left_out(wide, scales).log_density
-    others = without_the_first(study)
-    reduced = CollapsedDensity(others, resolution=Resolution(between=added, trial=added))
-    difference = wide.density.log_likelihood(scales) - reduced.log_likelihood(scales)
-    np.testing.assert_allclose(ours[:, 0], difference, rtol=1e-9)
-    assert not np.allclose(ours, left_out(subjects, scales).log_density)
-    assert density.resolution.between is None
+def test_scales_of_any_size_keep_the_digits_of_the_densities():
+    """Spreads over seven orders of magnitude: the density of all less that of the others."""
+    study, subjects = opened("plain")
+    model = study.model
+    points = study.points(200, spread=2.5)
+    points[:, [name.startswith("sigma[") for name in model.names]] *= 4.0
+    scales = model.linear_scales(points)
+    sd = scales.named["sigma"]
+    assert sd.max() / sd.min() > 1e7
+    every = model.log_likelihood(scales.cells)
+    others = without_the_first(study).log_likelihood(scales.cells)
+    found = subjects.left_out(model.subject_laws(points)).log_density[:, 0]
+    # The difference itself rounds at the size of its terms.
+    np.testing.assert_array_less(np.abs(found - (every - others)), 1e-9 * (1.0 + np.abs(every)))
 
 
 def test_one_subject_alone_with_next_to_no_scatter_is_refused():
-    rng = np.random.default_rng(26)
-    trials = {(0, 0): 1, (1, 1): 1, (2, 1): 1}
-    study = designs._simulate(("k",), 2, 3, trials, rng)
-    density = CollapsedDensity(study.statistics, options=Options(subject_effect=False))
-    subjects = SubjectDensity(density, study.response, study.subject, study.environment)
-    points = np.zeros((4, density.dimension))
-    points[:, [name.startswith("sigma[") for name in density.names]] = -20.0
-    found = subjects.left_out(density.subject_laws(points))
+    response = np.random.default_rng(26).normal(size=(3, 1))
+    subject, cell = np.arange(3), np.array([0, 1, 1])
+    statistics = from_trials(
+        response,
+        subject,
+        cell,
+        np.array([[-0.5, 0.5]]),
+        parameters=("k",),
+        environments=("VE1", "VE2"),
+        subjects=("S01", "S02", "S03"),
+    )
+    model = plain_model(statistics, options=Options(subject_effect=False))
+    subjects = SubjectDensity(model, response, subject, cell)
+    points = np.zeros((4, len(model.names)))
+    points[:, [name.startswith("sigma[") for name in model.names]] = -20.0
+    found = subjects.left_out(model.subject_laws(points))
     assert np.isnan(found.log_density[:, 0]).all()
     assert np.isnan(found.standard[:, 0]).all()
     with pytest.raises(RefusalError, match="S01 cannot be predicted from the others"):
         leave_one_out(subjects, points, chains=4)
 
 
-def test_scales_of_any_size_keep_the_digits_of_the_collapsed_densities():
-    """Spreads over seven orders of magnitude: still the density of all less that of the others."""
-    rng = np.random.default_rng(28)
-    study, density, _, subjects = prepared("balanced", rng)
-    coords = 2.5 * rng.normal(size=(density.dimension, 200))
-    coords[[name.startswith("sigma[") for name in density.names]] *= 4.0
-    scales = density.layout.scales(coords)
-    others = without_the_first(study)
-    all_of_them, less = (
-        density.log_likelihood(scales),
-        CollapsedDensity(others).log_likelihood(scales),
+def test_batches_cover_every_draw_once_and_shrink_with_the_study():
+    _, subjects = opened("plain")
+    points = np.zeros((100_000, len(subjects.density.names)))
+    cuts = [cut for cut, _ in subjects.batches(points)]
+    assert np.array_equal(
+        np.concatenate([np.arange(cut.start, cut.stop) for cut in cuts]), np.arange(100_000)
     )
-    found = left_out(subjects, scales).log_density[:, 0]
-    sd = scales.named["sigma"]
-    assert sd.max() / sd.min() > 1e7
-    # The difference itself rounds at the size of its terms.
-    np.testing.assert_array_less(
-        np.abs(found - (all_of_them - less)), 1e-9 * (1.0 + np.abs(all_of_them))
-    )
-
-
-def without_the_first(study):
-    rest = study.subject > 0
-    return designs.from_trials(
-        study.response[rest],
-        study.subject[rest] - 1,
-        study.environment[rest],
-        study.x,
-        parameters=study.statistics.parameters,
-        environments=study.statistics.environments,
-        subjects=study.statistics.subjects[1:],
-    )
+    cells = subjects.parameters * subjects.environments
+    assert max(cut.stop - cut.start for cut in cuts) * subjects.subjects * cells <= 1 << 20

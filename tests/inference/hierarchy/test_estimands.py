@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from percept.inference.hierarchy.density import CollapsedDensity
 from percept.inference.hierarchy.interval_estimands import IntervalEstimands
-from tests.inference.hierarchy import designs
+from tests.inference.hierarchy.designs import made
 
 
 def test_the_scale_of_both_ends_is_half_the_width() -> None:
-    model = CollapsedDensity(designs.study("balanced", np.random.default_rng(1)).statistics)
+    model = made("plain").model
     estimands = IntervalEstimands(model)
     points = np.random.default_rng(2).normal(size=(50, len(model.names)))
     names = []

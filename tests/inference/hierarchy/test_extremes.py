@@ -8,9 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mpmath import mp
 
-from percept.inference.hierarchy.blocks import block
-from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.scales import Scales
+from percept.inference.hierarchy.linear_posterior import plain_model
 from percept.inference.hierarchy.statistics import from_trials
 from tests import LONG
 from tests.inference.hierarchy import exact
@@ -94,7 +92,7 @@ def build(case):
         environments=tuple(f"VE{j}" for j in range(environments)),
         subjects=tuple(f"S{i}" for i in range(subjects)),
     )
-    return response, subject, environment, x, CollapsedDensity(statistics)
+    return response, subject, environment, x, plain_model(statistics)
 
 
 def _draw(case, rng, subject, environment):
@@ -115,42 +113,34 @@ def _draw(case, rng, subject, environment):
     return np.array(response)
 
 
-def scales_of(case, density):
-    """`Scales` of one draw, with the case's blocks instead of those of coordinates."""
-
-    def one(sds, correlation):
-        sd = tuple(np.array(s, dtype=float)[..., None] for s in np.moveaxis(np.array(sds), -1, 0))
-        if case.parameters == 1:
-            return block(sd)
-        sign, rest = correlation
-        return block(sd, np.full(sd[0].shape, sign * (1 - rest)), np.full(sd[0].shape, rest))
-
-    layout = density.layout
-    return Scales(
-        between=one(case.sd_w, case.rho[1]),
-        shared=one(case.sd_u, case.rho[0]) if layout.subject_effect else None,
-        trial=one(case.sd_e, case.rho[2]) if density.statistics.repeats else None,
-        tau=tuple(np.array([t]) for t in case.tau) if layout.trend else None,
-        named={},
-        log_prior=np.zeros(1),
-    )
+def scales_of(case, model):
+    """Scales of one draw, with the case's values instead of those of coordinates."""
+    named = {
+        "sigma": np.transpose(case.sd_w)[..., None],
+        "sigma_e": np.transpose(case.sd_e)[..., None],
+        "sigma_u": np.array(case.sd_u)[:, None],
+        "tau": np.array(case.tau)[:, None],
+    }
+    rests = {}
+    if case.parameters == 2:
+        for name, (sign, rest) in zip(("rho_u", "rho_w", "rho_e"), case.rho, strict=True):
+            named[name] = np.array([sign * (1.0 - rest)])
+            rests[name] = np.array([rest])
+    return model.coordinates.cell_scales(named, rests)
 
 
-def reference(case, response, subject, environment, x, density):
-    scales = scales_of(case, density)
+def reference(case, response, subject, environment, x, model):
+    several = len(case.sd_w) > 1
+    repeats = model.statistics.repeats
     return exact.log_likelihood(
         response,
         subject,
         environment,
         x,
         between=[exact.covariance(sd, *case.rho[1]) for sd in case.sd_w],
-        shared=exact.covariance(case.sd_u, *case.rho[0]) if scales.shared is not None else None,
-        trial=(
-            [exact.covariance(sd, *case.rho[2]) for sd in case.sd_e]
-            if scales.trial is not None
-            else None
-        ),
-        tau=case.tau if scales.tau is not None else None,
+        shared=exact.covariance(case.sd_u, *case.rho[0]) if several else None,
+        trial=[exact.covariance(sd, *case.rho[2]) for sd in case.sd_e] if repeats else None,
+        tau=case.tau if several else None,
     )
 
 
@@ -222,7 +212,7 @@ def test_one_level_a_million_million_times_the_others(large):
 @given(cases(from_model=False), st.floats(0.0, 35.0), st.integers(0, 2**31))
 def test_never_nan_for_any_coordinates(case, reach, seed):
     *_, density = build(case)
-    points = np.random.default_rng(seed).uniform(-reach, reach, size=(16, density.dimension))
+    points = np.random.default_rng(seed).uniform(-reach, reach, size=(16, len(density.names)))
     points[0] = reach
     points[1] = -reach
     values = density(points)
@@ -244,7 +234,7 @@ def test_beyond_the_limit_is_impossible_and_just_inside_is_not():
             False,
         )
     )
-    points = np.zeros((3, density.dimension))
+    points = np.zeros((3, len(density.names)))
     points[1, -1], points[2, -1] = 34.9, 35.1
     values = density(points)
     assert np.isfinite(values[:2]).all()

@@ -1,81 +1,34 @@
-"""Models that put densities together: batches, resolution, products and cells by themselves."""
+"""Models that put others together, or each cell by itself; a resolution that bounds spreads."""
 
 import numpy as np
 import pytest
 from scipy import integrate, stats
 
 from percept.errors import RefusalError
-from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.linear_posterior import plain_model
 from percept.inference.hierarchy.model import Resolution
-from percept.inference.hierarchy.models import Product, Unpooled
+from percept.inference.hierarchy.product import Product
 from percept.inference.hierarchy.statistics import from_summary
-from tests.inference.hierarchy import dense_twin, designs
+from percept.inference.hierarchy.unpooled import Unpooled
+from tests.inference.hierarchy.designs import made
 from tests.inference.hierarchy.test_statistics import reduce
 
 
-@pytest.mark.parametrize("name", designs.NAMES)
-def test_a_value_does_not_depend_on_its_batch(name):
-    density = CollapsedDensity(designs.study(name, np.random.default_rng(2)).statistics)
-    points = np.random.default_rng(3).normal(size=(1100, density.dimension))
-    whole = density(points)
-    for size in (2, 7, 256, 512, 1024):
-        np.testing.assert_allclose(density(points[:size]), whole[:size], rtol=1e-13)
-    np.testing.assert_array_equal(density(points[::-1]), whole[::-1])
-    # numpy sums a single column in another order.
-    np.testing.assert_allclose(density(points[:1]), whole[:1], rtol=1e-14)
-
-
-def test_laws_do_not_depend_on_their_batch():
-    model = CollapsedDensity(designs.study("unequal trials", np.random.default_rng(2)).statistics)
-    points = np.random.default_rng(3).normal(size=(700, len(model.names)))
-    whole = model.laws(points).pack()
-    np.testing.assert_allclose(model.laws(points[100:130]).pack(), whole[100:130], rtol=1e-13)
-
-
-def test_resolution_adds_its_variance():
-    study = designs.study("trials", np.random.default_rng(5))
-    rng = np.random.default_rng(6)
-    between, trial = 0.1 * rng.random((2, 4)), 0.05 * rng.random((2, 4))
-    density = CollapsedDensity(
-        study.statistics, resolution=Resolution(between=between, trial=trial)
-    )
-    scales = density.layout.scales(rng.normal(size=(density.dimension, 5)))
-    ours = density.log_likelihood(scales)
-    for w in range(5):
-        covariance = dense_twin.trial_covariance(
-            study.subject, study.environment, study.x, scales, w, alpha_sd=1.0, gamma_sd=0.25
-        )
-        extra = np.zeros_like(covariance).reshape(len(study.subject), 2, len(study.subject), 2)
-        same_cell = (study.subject[:, None] == study.subject) & (
-            study.environment[:, None] == study.environment
-        )
-        for p in range(2):
-            extra[:, p, :, p] += same_cell * between[p, study.environment]
-            extra[:, p, :, p] += np.diag(trial[p, study.environment])
-        total = covariance + extra.reshape(covariance.shape)
-        wanted = stats.multivariate_normal(np.zeros(len(total)), total).logpdf(
-            study.response.ravel()
-        )
-        assert abs(ours[w] - wanted) < 1e-9 * (1 + abs(wanted))
-
-
 def test_identical_subjects_have_an_answer_with_a_resolution():
-    study = designs.study("balanced", np.random.default_rng(5))
-    response = study.response.copy()
-    response[study.environment == 2] = 0.1
-    still = designs.Study(response, study.subject, study.environment, study.x, study.statistics)
-    density = CollapsedDensity(reduce(still), resolution=Resolution(between=np.full((2, 4), 1e-6)))
-    points = np.random.default_rng(1).normal(size=(200, density.dimension))
-    assert np.isfinite(density(points)).all()
+    study = made("plain")
+    study.study.response[study.study.cell == 2] = 0.1
+    model = plain_model(reduce(study), resolution=Resolution(between=np.full((2, 3), 1e-6)))
+    points = np.random.default_rng(1).normal(size=(200, len(model.names)))
+    assert np.isfinite(model(points)).all()
     # The spread of that environment cannot run off to zero: the resolution bounds the density.
-    far = np.zeros((2, density.dimension))
-    far[1, density.names.index("sigma[k,VE3]")] = -30.0
-    assert density(far)[1] < density(far)[0]
+    far = np.zeros((2, len(model.names)))
+    far[1, model.names.index("sigma[k,C2]")] = -30.0
+    assert model(far)[1] < model(far)[0]
 
 
 def summary(parameter, seed):
     rng = np.random.default_rng(seed)
-    return CollapsedDensity(
+    return plain_model(
         from_summary(
             0.1 * rng.normal(size=3),
             0.1 + 0.1 * rng.random(3),
@@ -166,19 +119,3 @@ def test_unpooled_laws_and_draws():
 def test_unpooled_refuses_a_single_subject():
     with pytest.raises(RefusalError, match=r"k in VE2 has one subject.*needs two\..*partial"):
         Unpooled(CELLS, np.array([3, 1, 4]))
-
-
-def test_pooled_scales_are_those_of_the_layout():
-    model = CollapsedDensity(designs.study("trials", np.random.default_rng(1)).statistics)
-    points = np.random.default_rng(3).normal(size=(5, len(model.names)))
-    named = model.layout.scales(np.ascontiguousarray(points.T)).named
-    scales = model.scales(points)
-    assert set(scales) == set(named)
-    assert scales["rho_u"][0] == ()
-    assert scales["tau"][0] == ("parameter",)
-    assert scales["sigma_e"][0] == ("parameter", "environment")
-    for name, (_, values) in scales.items():
-        np.testing.assert_array_equal(values[3], named[name][..., 3])
-    laws = model.laws(points)
-    total = np.hypot(named["sigma"], named["sigma_u"][:, None])
-    np.testing.assert_allclose(laws.population_sd, total.reshape(-1, 5).T, rtol=1e-12)

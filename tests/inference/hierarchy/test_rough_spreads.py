@@ -7,11 +7,11 @@ import pytest
 from scipy import optimize
 
 from percept.inference.hierarchy import priors as coordinates
-from percept.inference.hierarchy.density import CollapsedDensity
+from percept.inference.hierarchy.design import Options
 from percept.inference.hierarchy.interval_estimands import IntervalEstimands
+from percept.inference.hierarchy.linear_posterior import plain_model
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.rough_spreads import rough_trial
-from percept.inference.hierarchy.scales import Options
 from percept.inference.hierarchy.statistics import from_summary, from_trials
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
@@ -23,8 +23,8 @@ TIGHT = {"xatol": 1e-10, "fatol": 1e-15, "maxiter": 10_000}
 SUBJECTS = ((0.1, (-1, 1)), (0.3, (-1, 1, -1, 1)), (0.5, (-1, 1)))
 
 
-def layout_of(rows, environments=1, options=None):
-    """Layout of the model of k for rows (subject, environment, response)."""
+def model_of_rows(rows, environments=1, options=None):
+    """Model of k for rows (subject, environment, response)."""
     subject, environment, response = (np.array(column) for column in zip(*rows, strict=True))
     statistics = from_trials(
         response[:, None].astype(float),
@@ -35,7 +35,7 @@ def layout_of(rows, environments=1, options=None):
         environments=tuple(f"VE{j + 1}" for j in range(environments)),
         subjects=tuple(f"S{i + 1}" for i in range(subject.max() + 1)),
     )
-    return CollapsedDensity(statistics, Priors(), options).layout
+    return plain_model(statistics, Priors(), options)
 
 
 def repeated(d, environment=0):
@@ -46,11 +46,17 @@ def repeated(d, environment=0):
     ]  # fmt: skip
 
 
-def weights(layout):
+def weights(model):
     """Weights of the rough likelihood, which shorten the unit of the coordinates."""
-    units = (layout.limits / coordinates.LIMIT) ** 2
-    found = dict(zip(layout.names, units - 1.0, strict=True))
-    return [found[name] for name in layout.names if name.startswith("sigma[")]
+    units = (model.coordinates.limits / coordinates.LIMIT) ** 2
+    found = dict(zip(model.names, units - 1.0, strict=True))
+    return [found[name] for name in model.names if name.startswith("sigma[")]
+
+
+def at_zero(model):
+    """SDs between subjects at coordinates of zero."""
+    _, sigma = model.scales(np.zeros((1, len(model.names))))["sigma"]
+    return sigma.ravel()
 
 
 def mode(scatter, df, noise, prior):
@@ -75,20 +81,18 @@ def share_left(log_sigma, noise):
 # 5/12. So trials explain 2 d^2 / 3 of s^2; nu = 2.
 @pytest.mark.parametrize("squared", [0.01, 0.03, 0.0564, 0.0576, 0.09])
 def test_the_likelihood_is_taken_where_trials_leave_the_spread(squared):
-    layout = layout_of(repeated(math.sqrt(squared)))
+    model = model_of_rows(repeated(math.sqrt(squared)))
     df, noise = np.array([2.0]), np.array([2.0 * squared / 3.0])
     (wanted,) = mode(np.array([0.04]), df, noise, np.eye(1))
-    assert weights(layout) == pytest.approx(2.0 * df * share_left(wanted, noise) ** 2, rel=1e-6)
+    assert weights(model) == pytest.approx(2.0 * df * share_left(wanted, noise) ** 2, rel=1e-6)
     # At zero log sigma is the mean of its prior and of the rough likelihood, which is the mode.
-    found = layout.scales(np.zeros((layout.dimension, 1))).named["sigma"]
-    assert np.log(found.ravel()) == pytest.approx([wanted], abs=1e-7)
+    assert np.log(at_zero(model)) == pytest.approx([wanted], abs=1e-7)
 
 
 def test_a_cell_that_trials_explain_is_left_to_the_prior():
-    layout = layout_of(repeated(3.0))
-    assert weights(layout) == [0.0]
-    found = layout.scales(np.zeros((layout.dimension, 1))).named["sigma"]
-    assert found.ravel() == pytest.approx([0.2], rel=1e-12)
+    model = model_of_rows(repeated(3.0))
+    assert weights(model) == [0.0]
+    assert at_zero(model) == pytest.approx([0.2], rel=1e-12)
 
 
 def test_environments_inform_each_other():
@@ -98,46 +102,46 @@ def test_environments_inform_each_other():
         for i, (mean, signs) in enumerate(SUBJECTS)
         for sign in signs
     ]
-    layout = layout_of([*repeated(0.1), *quiet], environments=2, options=APART)
+    model = model_of_rows([*repeated(0.1), *quiet], environments=2, options=APART)
     # x is 0 and 1: SD 1 of log s, .5 of kappa, and .5 of each environment about the trend.
     prior = np.ones((2, 2)) + np.diag([0.25, 0.25 + 0.25])
     df, noise = np.full(2, 2.0), np.full(2, 2.0 * 0.01 / 3.0)
     wanted = mode(np.array([0.04, 4e-8]), df, noise, prior)
-    assert weights(layout) == pytest.approx(2.0 * df * share_left(wanted, noise) ** 2, rel=1e-5)
+    assert weights(model) == pytest.approx(2.0 * df * share_left(wanted, noise) ** 2, rel=1e-5)
     alone = (
         2.0 * 2.0 * share_left(mode(np.array([4e-8]), df[:1], noise[:1], np.eye(1)), noise[:1]) ** 2
     )
-    assert weights(layout)[1] > 1.05 * alone[0]
+    assert weights(model)[1] > 1.05 * alone[0]
 
 
 def test_an_environment_without_repeats_takes_the_trials_of_the_others():
     once = [(i, 1, mean) for i, mean in enumerate((0.1, 0.5, 0.3))]
-    layout = layout_of([*repeated(0.1), *once], environments=2, options=APART)
+    model = model_of_rows([*repeated(0.1), *once], environments=2, options=APART)
     prior = np.ones((2, 2)) + np.diag([0.25, 0.25 + 0.25])
     # s_e^2 = .016, all of it where r = 1.
     noise = np.array([2.0 * 0.01 / 3.0, 0.016])
     wanted = mode(np.full(2, 0.04), np.full(2, 2.0), noise, prior)
-    assert weights(layout) == pytest.approx(4.0 * share_left(wanted, noise) ** 2, rel=1e-5)
+    assert weights(model) == pytest.approx(4.0 * share_left(wanted, noise) ** 2, rel=1e-5)
 
 
 def test_a_missing_cell_counts_neither_its_subject_nor_its_trials():
     seen = [(i, 1, mean + 0.1 * sign) for i, mean in ((0, 0.1), (2, 0.5)) for sign in (-1, 1)]
-    layout = layout_of([*repeated(0.1), *seen], environments=2)
+    model = model_of_rows([*repeated(0.1), *seen], environments=2)
     prior = np.ones((2, 2)) + np.diag([0.25, 0.25 + 0.25])
     # Two subjects: s^2 = .08 with one degree of freedom, s_e^2 = .04/2, r = 2.
     df, noise = np.array([2.0, 1.0]), np.array([2.0 * 0.01 / 3.0, 0.01])
     wanted = mode(np.array([0.04, 0.08]), df, noise, prior)
-    assert weights(layout) == pytest.approx(2.0 * df * share_left(wanted, noise) ** 2, rel=1e-5)
+    assert weights(model) == pytest.approx(2.0 * df * share_left(wanted, noise) ** 2, rel=1e-5)
 
 
 def test_without_repeats_all_scatter_is_between_subjects():
     once = [(i, 0, mean) for i, (mean, _) in enumerate(SUBJECTS)]
-    assert weights(layout_of(once)) == pytest.approx([4.0])
+    assert weights(model_of_rows(once)) == pytest.approx([4.0])
     limits = from_summary(
         np.zeros(2), np.full(2, 0.2), np.array([10, 6]), np.zeros((1, 2)),
         parameter="k", environments=("VE1", "VE2"),
     )  # fmt: skip
-    assert weights(CollapsedDensity(limits, Priors()).layout) == pytest.approx([18.0, 10.0])
+    assert weights(plain_model(limits)) == pytest.approx([18.0, 10.0])
 
 
 def test_subjects_that_differ_less_than_their_trials_are_sampled_soon():
@@ -149,7 +153,7 @@ def test_subjects_that_differ_less_than_their_trials_are_sampled_soon():
         size=subject.size
     )
     rows = list(zip(subject, environment, response, strict=True))
-    model = CollapsedDensity(layout_of(rows, environments=6).statistics, Priors())
+    model = model_of_rows(rows, environments=6)
     run = sample(
         model,
         IntervalEstimands(model, kinds=("mean", "user")),

@@ -6,18 +6,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from percept.errors import RefusalError
-from percept.inference.hierarchy.density import CollapsedDensity
-from percept.inference.hierarchy.scales import Options
+from percept.inference.hierarchy.design import Options
+from percept.inference.hierarchy.linear_posterior import plain_model
 from percept.inference.hierarchy.statistics import from_summary, from_trials
-from tests.inference.hierarchy import designs
+from tests.inference.hierarchy.designs import made
+
+#: Designs without factors.
+PLAIN = ("plain", "one quantity", "plain, unequal trials", "plain, missing cells", "two subjects",
+         "one cell, unequal trials")  # fmt: skip
 
 
-def reduce(study, order=slice(None), shift=0.0):
-    statistics = study.statistics
+def reduce(built, order=slice(None), shift=0.0, relabel=None):
+    """Statistics of the trials in another order, moved, or of subjects numbered otherwise."""
+    study, statistics = built.study, built.model.statistics
+    subject = study.subject if relabel is None else relabel[study.subject]
     return from_trials(
         study.response[order] + shift,
-        study.subject[order],
-        study.environment[order],
+        subject[order],
+        study.cell[order],
         study.x,
         parameters=statistics.parameters,
         environments=statistics.environments,
@@ -25,17 +31,18 @@ def reduce(study, order=slice(None), shift=0.0):
     )
 
 
-def cells(study):
-    for i in range(len(study.statistics.subjects)):
-        for j in range(len(study.statistics.environments)):
-            yield i, j, study.response[(study.subject == i) & (study.environment == j)]
+def cells(built):
+    study = built.study
+    for i in range(len(built.model.statistics.subjects)):
+        for j in range(len(built.model.statistics.environments)):
+            yield i, j, study.response[(study.subject == i) & (study.cell == j)]
 
 
-@pytest.mark.parametrize("name", designs.NAMES)
+@pytest.mark.parametrize("name", PLAIN)
 def test_statistics_equal_direct_formulas(name):
-    study = designs.study(name, np.random.default_rng(6))
-    statistics = study.statistics
-    size, environments = study.x.shape
+    study = made(name, seed=6)
+    statistics = study.model.statistics
+    size, environments = study.study.x.shape
     scatter, df = np.zeros((size, size, environments)), np.zeros(environments)
     counts = np.zeros((len(statistics.subjects), environments), dtype=int)
     for i, j, values in cells(study):
@@ -72,36 +79,26 @@ def test_statistics_equal_direct_formulas(name):
 
 
 @settings(max_examples=20, deadline=None)
-@given(st.sampled_from(designs.NAMES), st.integers(0, 2**31))
+@given(st.sampled_from(PLAIN), st.integers(0, 2**31))
 def test_order_of_rows_and_names_of_subjects_do_not_matter(name, seed):
     rng = np.random.default_rng(seed)
-    study = designs.study(name, rng)
-    order = rng.permutation(len(study.subject))
-    relabel = rng.permutation(len(study.statistics.subjects))
-    renamed = from_trials(
-        study.response[order],
-        relabel[study.subject[order]],
-        study.environment[order],
-        study.x,
-        parameters=study.statistics.parameters,
-        environments=study.statistics.environments,
-        subjects=study.statistics.subjects,
-    )
-    points = rng.normal(size=(4, CollapsedDensity(renamed).dimension))
-    values = CollapsedDensity(study.statistics)(points)
-    np.testing.assert_allclose(CollapsedDensity(reduce(study, order))(points), values, rtol=1e-11)
-    np.testing.assert_allclose(CollapsedDensity(renamed)(points), values, rtol=1e-11)
+    study = made(name, seed)
+    order = rng.permutation(len(study.study.subject))
+    relabel = rng.permutation(len(study.model.statistics.subjects))
+    points = rng.normal(size=(4, len(study.model.names)))
+    values = study.model(points)
+    for statistics in (reduce(study, order), reduce(study, relabel=relabel)):
+        np.testing.assert_allclose(plain_model(statistics)(points), values, rtol=1e-11)
 
 
-@pytest.mark.parametrize("name", ["trials", "missing cells"])
+@pytest.mark.parametrize("name", ["plain, trials", "plain, missing cells"])
 def test_scatter_survives_a_common_offset(name):
-    study = designs.study(name, np.random.default_rng(1))
+    study = made(name)
     shift = 2.0**30  # exact in doubles beside values rounded to 2^-20
-    rounded = np.round(study.response * 2.0**20) / 2.0**20
-    study = designs.Study(rounded, study.subject, study.environment, study.x, study.statistics)
+    study.study.response[:] = np.round(study.study.response * 2.0**20) / 2.0**20
     near, far = reduce(study), reduce(study, shift=shift)
     # A mean of three such trials is itself rounded, by up to 2^-24.
-    atol = 0.0 if name == "missing cells" else 2.0**-22
+    atol = 0.0 if name == "plain, missing cells" else 2.0**-22
     np.testing.assert_allclose(far.sd, near.sd, rtol=1e-11, atol=atol)
     np.testing.assert_allclose(np.abs(far.trial_rows), np.abs(near.trial_rows), rtol=0, atol=atol)
 
@@ -124,10 +121,11 @@ def test_equal_values_have_no_scatter_at_all(value, subjects):
 
 
 def test_subjects_with_equal_counts_share_a_pattern():
-    rng = np.random.default_rng(0)
-    assert len(designs.study("balanced", rng).statistics.patterns) == 1
-    assert len(designs.study("trials", rng).statistics.patterns) == 1
-    assert len(designs.study("missing cells", rng).statistics.patterns) == 3
+    assert len(made("plain").model.statistics.patterns) == 1
+    assert len(made("plain, trials").model.statistics.patterns) == 1
+    patterns = made("plain, missing cells").model.statistics.patterns
+    assert sum(pattern.subjects for pattern in patterns) == 6
+    assert 1 < len(patterns) <= 5
 
 
 def test_summary_is_the_likelihood_of_means_and_sds():
@@ -158,10 +156,10 @@ def test_summary_is_the_likelihood_of_means_and_sds():
     )
     assert summary.summary
     assert not trials.summary
-    ours = CollapsedDensity(summary)
-    other = CollapsedDensity(trials, options=Options(subject_effect=False))
+    ours = plain_model(summary)
+    other = plain_model(trials, options=Options(subject_effect=False))
     assert ours.names == other.names
-    points = rng.normal(size=(20, ours.dimension))
+    points = rng.normal(size=(20, len(ours.names)))
     difference = ours(points) - other(points)
     np.testing.assert_allclose(difference, difference[0], rtol=1e-11, atol=1e-11)
 
