@@ -12,7 +12,7 @@ from typing import Literal, get_args
 
 import pandas as pd
 
-from percept.files import exclusive, own_folder, whole_file, write_whole
+from percept.files import exclusive, inert, own_folder, whole_file, write_whole
 
 __all__ = ["COLUMNS", "BatchFolder", "Kept", "Outcome", "Status", "TableFormat", "encode", "failed"]
 
@@ -74,6 +74,9 @@ def encode(
     rows = rows.assign(study=study, key=key, status=status, message=message)
     whole = {name: "Int64" for name, kind in COLUMNS.items() if kind == "count"}
     rows = rows.reindex(columns=list(COLUMNS)).astype(whole)
+    for name, kind in COLUMNS.items():
+        if kind == "text":
+            rows[name] = rows[name].map(inert, na_action="ignore")
     return Outcome(status, message, rows.to_csv(index=False, lineterminator="\n"))
 
 

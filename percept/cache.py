@@ -19,10 +19,19 @@ import numpy as np
 import platformdirs
 
 import percept
+from percept.errors import UsageError
 from percept.files import exclusive, write_whole
 from percept.inference.sampling.gate import Estimates, Gate, Run, Settings
 
-__all__ = ["PosteriorCache", "cache_folder", "decode", "digest", "encode", "numbers_version"]
+__all__ = [
+    "PosteriorCache",
+    "cache_folder",
+    "decode",
+    "digest",
+    "encode",
+    "numbers_version",
+    "unsealed",
+]
 
 _SUFFIX = ".npz"
 _ARRAYS = ("points", "components", "errors", "autocorrelation_times")
@@ -117,7 +126,7 @@ def decode(data: bytes) -> Run:
     with np.load(io.BytesIO(data), allow_pickle=False) as kept:
         rest = json.loads(kept["rest"].tobytes())
         gate = Gate(**{**rest["gate"], "reasons": tuple(rest["gate"]["reasons"])})
-        run = Run(
+        return Run(
             **{name: kept[name] for name in _ARRAYS},
             estimates=Estimates(tuple(rest["names"]), kept["value"], kept["scale"]),
             gate=gate,
@@ -125,23 +134,6 @@ def decode(data: bytes) -> Run:
             stride=rest["stride"],
             settings=Settings(**rest["settings"]),
         )
-    _require_shapes(run)
-    return run
-
-
-def _require_shapes(run: Run) -> None:
-    """Refuse arrays that no run has: the checksums of an archive say nothing of their shapes."""
-    for name in ("points", "components"):
-        array = getattr(run, name)
-        if array.ndim != 4 or array.shape[:3] != run.points.shape[:3] or 0 in array.shape:
-            raise ValueError(f"{name} of shape {array.shape}")
-    quantities = (len(run.estimates.names),)
-    per_quantity = (run.errors, run.autocorrelation_times, run.estimates.value, run.estimates.scale)
-    if any(array.shape != quantities for array in per_quantity):
-        raise ValueError(f"arrays of other shapes than {quantities}")
-    for array in (run.points, run.components, *per_quantity):
-        if array.dtype != np.float64:
-            raise ValueError(f"an array of {array.dtype}")
 
 
 class PosteriorCache:
@@ -167,7 +159,7 @@ class PosteriorCache:
         """Return the stored run of what is asked, equal in every digit."""
         path = self._path(asked)
         try:
-            run = decode(path.read_bytes())
+            run = decode(unsealed(path))
         except FileNotFoundError:
             return None
         except OSError as error:
@@ -189,7 +181,7 @@ class PosteriorCache:
     def keep(self, asked: tuple[object, ...], run: Run) -> None:
         """Store the run of what is asked."""
         path = self._path(asked)
-        data = encode(run)
+        data = _sealed(path, encode(run))
         if len(data) > self.limit:
             _log.info(
                 "posterior %s takes %d bytes, more than the cache may", path.stem[:12], len(data)
@@ -201,7 +193,7 @@ class PosteriorCache:
                 write_whole(path, data)
                 _mark_used(path)
                 self._evict()
-        except OSError as error:
+        except (OSError, UsageError) as error:
             _log.warning(
                 "The posterior was not kept for next time in %s: %s.", self.folder, _why(error)
             )
@@ -238,11 +230,27 @@ class PosteriorCache:
                 total -= size
 
 
+def _sealed(path: Path, data: bytes) -> bytes:
+    """Put a digest of an entry and of its name before it."""
+    return hashlib.sha256(path.name.encode() + data).digest() + data
+
+
+def unsealed(path: Path) -> bytes:
+    """Read an entry; ValueError where it is not what was kept under this name."""
+    content = path.read_bytes()
+    data = content[hashlib.sha256().digest_size :]
+    if content != _sealed(path, data):
+        raise ValueError("it holds other numbers than were kept")
+    return data
+
+
 def _mark_used(path: Path) -> None:
     """Set the time of a file by the clock: the kernel's stamps may lag behind each other."""
     now = time.time_ns()
     os.utime(path, ns=(now, now))  # a `touch` would make what is gone
 
 
-def _why(error: OSError) -> str:
+def _why(error: OSError | UsageError) -> str:
+    if isinstance(error, UsageError):
+        return error.message.rstrip(".")
     return (error.strerror or str(error)).lower()

@@ -18,8 +18,8 @@ from pathlib import Path
 from percept.errors import UsageError
 
 __all__ = [
-    "MARKER", "FolderFiles", "exclusive", "filled_folder", "own_folder", "refuse_foreign",
-    "whole_file", "write_whole",
+    "MARKER", "FolderFiles", "exclusive", "filled_folder", "inert", "own_folder", "refuse_foreign",
+    "whole_file", "write_new", "write_whole",
 ]  # fmt: skip
 
 #: A folder with this file is percept's own. It lists, line by line, what percept wrote there.
@@ -33,6 +33,8 @@ _ABANDONED_AFTER = 60.0
 _FORGOTTEN_AFTER = 86_400.0
 # s that a run waits for another one, which moves its files in less.
 _PATIENCE = 10.0
+# Beginnings of what a spreadsheet runs, spaces before them passed over; some take wide forms too.
+_FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")
 # Errors of a file system without locks, such as NFS before version 4.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
 
@@ -64,11 +66,11 @@ class FolderFiles:
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
+def whole_file(path: Path, *, new: bool = False) -> Iterator[Path]:
     """Give a hidden name beside `path` to write to; at the end that file takes the place of `path`.
 
     `path` is never seen in part, whatever stops the process or the machine: the bytes go to the
-    disk first.
+    disk first. FileExistsError where it has to be new and is there at the end.
     """
     path = path.resolve()
     _remove_abandoned(path.parent)
@@ -79,6 +81,10 @@ def whole_file(path: Path) -> Iterator[Path]:
         with exclusive(aside):
             yield aside
             _sync(aside, os.O_RDWR)
+            if new:
+                # Only a link refuses to replace; a file system without links replaces.
+                with suppress(PermissionError, NotImplementedError):
+                    os.link(aside, path)
             aside.replace(path)
     finally:
         with suppress(OSError):
@@ -91,6 +97,20 @@ def write_whole(path: Path, data: bytes) -> None:
     """Write a file by `whole_file`."""
     with whole_file(path) as aside:
         aside.write_bytes(data)
+
+
+def write_new(path: Path, data: bytes) -> None:
+    """Write a file that is whole or not there; FileExistsError where there is one already."""
+    if os.path.lexists(path):
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
+    with whole_file(path, new=True) as aside:
+        aside.write_bytes(data)
+
+
+def inert(text: str) -> str:
+    """Put a mark before a text that a spreadsheet would run."""
+    runs = text.lstrip().startswith(_FORMULA) or text.startswith(("\t", "\r"))
+    return f"'{text}" if runs else text
 
 
 def _remove_abandoned(folder: Path) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from percept.commands import JSON, Command, argument, number
 from percept.commands.analysis import SESSIONS, Working, read_scene
 from percept.errors import UsageError, counted, printable
+from percept.files import write_new
 
 __all__ = ["NEW", "SIMULATE", "VALIDATE"]
 
@@ -54,8 +55,7 @@ def _write_new(path: str, text: str) -> None:
     """Write a file that is not there yet."""
     hint = "Give another name, or remove it first."
     try:
-        with Path(path).open("x", encoding="utf-8", newline="\n") as file:
-            file.write(text)
+        write_new(Path(path), text.encode())
     except FileExistsError as error:
         raise UsageError("is already there and stays as it is.", file=path, hint=hint) from error
     except OSError as error:

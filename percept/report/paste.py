@@ -23,8 +23,8 @@ _TEX = {
 _TEX_CHARACTERS = str.maketrans(_TEX)
 #: Digits that `rounded` writes above the line.
 _RAISED = {raised: f"$^{{{chr(plain)}}}$" for plain, raised in SUPERSCRIPT.items()}
-#: What begins a table that has a name: an attribute of its caption.
-_NAMED = 'data-file="'
+#: What begins a table that has a name. Names of the analyst's stand in no tag of the page.
+_NAMED = re.compile(r'<p class="caption" id="table-\d+" data-file="([^"]*)">')
 #: Elements of a caption that are not of the table: its number, and links to files.
 _NOT_PASTED = ("strong", "a")
 
@@ -45,8 +45,8 @@ def paste_tables(page: str, *, simulated: bool) -> dict[str, str]:
         Each table as ``NAME.tex`` (needs booktabs) and as ``NAME.html``.
     """
     files = {}
-    for part in page.split(_NAMED)[1:]:
-        name, _, rest = part.partition('">')
+    _, *parts = _NAMED.split(page)
+    for name, rest in zip(parts[::2], parts[1::2], strict=True):
         whole, end, _ = rest.partition("</table>")
         table = _Table()
         table.feed(whole + end)

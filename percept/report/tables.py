@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from percept.files import inert
 from percept.report.select import matching
 from percept.results import BandPair, Boundary, Confidences, PosteriorEvidence, Results, Verdict
 
@@ -25,8 +26,6 @@ _REFERENCE_BAND = (*_BAND, "reference", "band", "relative")
 _IMPEDANCE_BAND = (*_BAND, "impedance", "band", "relative")
 _CURVE = ("environment", "kind", "method", "family", "joint", "shape", "level")
 _IMPEDANCE_UNIT = "N·s/m"
-#: Beginnings of what a spreadsheet runs, spaces before them passed over; some take wide forms too.
-_FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")
 #: Columns in the unit of their table; heads name it.
 _IN_UNIT = ("lower", "upper", "estimate", "reference", "mean", "sd", "coupled", "impedance", "band")
 
@@ -173,7 +172,4 @@ def _cell(value: object) -> object:
         return None if math.isnan(value) else value
     if isinstance(value, tuple):
         value = "; ".join(map(str, value))
-    if not isinstance(value, str):
-        return value
-    runs = value.lstrip().startswith(_FORMULA) or value.startswith(("\t", "\r"))
-    return f"'{value}" if runs else value
+    return inert(value) if isinstance(value, str) else value

@@ -206,7 +206,14 @@ def rewrite_report(
     results = Results.load(json_file)
     draws = Path(json_file).with_name("posterior.nc")
     with report_folder(out_dir, formats=formats, force=force) as folder:
-        fill_report(folder, results, formats=formats, date=date, progress=progress)
+        try:
+            fill_report(folder, results, formats=formats, date=date, progress=progress)
+        except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
+            raise UsageError(
+                f"its parts do not fit each other: {error}.",
+                file=str(json_file),
+                hint="Make the report again from its data.",
+            ) from error
         if draws.is_file():
             shutil.copyfile(draws, folder / "posterior.nc")
     return Path(out_dir) / "report.html"

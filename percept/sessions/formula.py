@@ -11,6 +11,9 @@ __all__ = ["TRIAL_REFERENCE", "Term", "model_terms", "terms_of"]
 
 #: A term: one column, or several that interact.
 Term = tuple[str, ...]
+#: More characters or terms are no formula that somebody wrote: products double with each factor.
+_LONGEST = 2_000
+_MOST_TERMS = 200
 #: In `[model] bias` the reference of the trial, which no column of the files has that name for.
 TRIAL_REFERENCE = "reference"
 
@@ -44,11 +47,21 @@ def terms_of(formula: str, *, key: str) -> tuple[Term, ...]:
     UsageError
         Anything else, or an interaction of columns without their main effects.
     """
+    if len(formula) > _LONGEST:
+        hint = "Name the columns that matter."
+        raise UsageError(
+            f"has more than {_LONGEST:,} characters.", key=key, value=formula, hint=hint
+        )
     try:
         # Python has no binary ":"; its power binds tighter than "*" too.
         tree = ast.parse(formula.replace(":", "**").strip(), mode="eval")
-        terms = list(dict.fromkeys(_expanded(tree.body)))
-    except (SyntaxError, ValueError):
+        terms = _expanded(tree.body)
+    except _TooManyTermsError:
+        hint = "Name the interactions that matter, as in a + b + a:b."
+        raise UsageError(
+            f"has more than {_MOST_TERMS} terms.", key=key, value=formula, hint=hint
+        ) from None
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
         hint = 'Join names of columns by +, : or *, as in "hand * load + start".'
         raise UsageError("is not a formula.", key=key, value=formula, hint=hint) from None
     for term in terms:
@@ -61,22 +74,31 @@ def terms_of(formula: str, *, key: str) -> tuple[Term, ...]:
     return tuple(sorted(terms, key=len))
 
 
+class _TooManyTermsError(Exception):
+    """A formula expands to more terms than anybody wrote."""
+
+
 def _expanded(node: ast.expr) -> list[Term]:
-    """Terms of an expression."""
+    """Terms of an expression, each once."""
     if isinstance(node, ast.Name):
         return [(node.id,)]
     if not isinstance(node, ast.BinOp):
         raise ValueError
     first = _expanded(node.left)
     second = _expanded(node.right)
-    if isinstance(node.op, ast.Add):
-        return first + second
     joint = [_joined(*pair) for pair in itertools.product(first, second)]
-    if isinstance(node.op, ast.Mult):
-        return first + second + joint
-    if isinstance(node.op, ast.Pow):
-        return joint
-    raise ValueError
+    if isinstance(node.op, ast.Add):
+        terms = first + second
+    elif isinstance(node.op, ast.Mult):
+        terms = first + second + joint
+    elif isinstance(node.op, ast.Pow):
+        terms = joint
+    else:
+        raise ValueError
+    terms = list(dict.fromkeys(terms))
+    if len(terms) > _MOST_TERMS:
+        raise _TooManyTermsError
+    return terms
 
 
 def _joined(first: Term, second: Term) -> Term:

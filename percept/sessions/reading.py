@@ -93,8 +93,10 @@ class Reading:
 
     def frame(self, frame: pd.DataFrame) -> Generator[FileTable]:
         """Take a DataFrame as a file; a row's number is its position plus 2, as below a header."""
+        limits = self.options.files
+        limits.hold_table(len(frame), len(frame.columns), "<frame>")
         rows = [list(frame.columns), *frame.itertuples(index=False, name=None)]
-        block = typed_block(rows, "<frame>")
+        block = typed_block(rows, "<frame>", limits)
         table = self._open("<frame>", iter([block]), {})
         yield table
         self._add(table, "")
@@ -194,7 +196,7 @@ def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Ge
     if is_typed(entry):
         part = entry.part or options.sessions.sheet
         rows = typed_rows(entry.read(options.files), file, part, options.files)
-        yield typed_block(rows, file)
+        yield typed_block(rows, file, options.files)
         return
     text, encoding = open_text(entry, options.sessions.encoding)
     if encoding == "cp1252" and options.sessions.encoding is None:

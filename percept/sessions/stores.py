@@ -123,8 +123,12 @@ def database_rows(data: bytes, file: str, part: str | None, limits: FileLimits) 
         cursor = connection.execute(f'SELECT * FROM "{table}"')
         header = [column[0] for column in cursor.description]
         rows: Rows = [header]
+        size = 0
         for row in cursor:
             limits.hold_table(len(rows), len(header), file)
+            # A generated column is worked out here: it takes no room in the file.
+            size += sum(len(value) for value in row if isinstance(value, str | bytes))
+            limits.hold_size(size, file)
             rows.append(row)
     return rows
 
@@ -145,8 +149,9 @@ def r_rows(data: bytes, file: str, part: str | None, limits: FileLimits) -> Rows
     import rdata
 
     constructors = dict(rdata.parser.DEFAULT_ALTREP_MAP)
+    lengths: list[int] = []
     for name in (b"compact_intseq", b"compact_realseq"):
-        constructors[name] = _bounded(constructors[name], file, limits)
+        constructors[name] = _bounded(constructors[name], lengths, file, limits)
     extension = ".rda" if data.startswith(b"RD") else ".rds"
     parsed = rdata.parser.parse_data(
         data, altrep_constructor_dict=constructors, extension=extension
@@ -165,18 +170,21 @@ def r_rows(data: bytes, file: str, part: str | None, limits: FileLimits) -> Rows
         frame = frame[chosen(frames, part, file)]
     if not hasattr(frame, "columns"):
         raise UsageError("this R object is no data frame.", file=file, hint=_MAKE_FRAME)
+    limits.hold_table(len(frame), len(frame.columns), file)
     columns = {}
     for name in frame:
         columns[str(name)] = [matlab.plain(item) for item in frame[name]]
     return _rows_of_columns(columns, file, limits)
 
 
-def _bounded(construct: Construct, file: str, limits: FileLimits) -> Construct:
-    """Hold a sequence, which R writes as its length alone, to the limit before it is made."""
+def _bounded(construct: Construct, lengths: list[int], file: str, limits: FileLimits) -> Construct:
+    """Hold sequences, which R writes as their lengths alone, to the limits before they are made."""
 
     def construct_within_limits(state: Any) -> Any:
         length = int(state.value[0])
+        lengths.append(length)
         limits.hold_table(length, 1, file)
+        limits.hold_table(1, sum(lengths), file)
         return construct(state)
 
     return construct_within_limits

@@ -10,14 +10,14 @@ from typing import Any
 import pandas as pd
 
 from percept.errors import UsageError
-from percept.sessions.files import Input, is_workbook
+from percept.sessions.files import Input, is_workbook, load
 from percept.sessions.grids import Block, Dialect, Grid, Records
 from percept.sessions.layout import FirstRows, refuse_layout
 from percept.sessions.options import FileLimits
 from percept.sessions.records import NoDataError
 from percept.sessions.stores import chosen, database_rows, json_rows, matlab_rows, r_rows
 
-__all__ = ["is_typed", "typed_block", "typed_rows"]
+__all__ = ["csv_frame", "is_typed", "typed_block", "typed_rows"]
 
 _Reader = Callable[[bytes, str, str | None, FileLimits], list[Sequence[Any]]]
 #: How JSON begins that holds records or lists.
@@ -50,6 +50,34 @@ def _is_unread_matlab(beginning: bytes, name: str) -> bool:
     """Whether a file is of MATLAB 4, which has no header, or of Octave's formats."""
     is_octave = beginning.startswith((b"Octave-1-", b"# Created by Octave"))
     return is_octave or (name.casefold().endswith(".mat") and b"\0" in beginning)
+
+
+def csv_frame(path: str, limits: FileLimits) -> pd.DataFrame:
+    """Read a CSV of numbers within the limits, packed or not.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    limits : FileLimits
+        Most bytes, unpacked too, rows and cells.
+
+    Returns
+    -------
+    DataFrame
+
+    Raises
+    ------
+    UsageError
+        The file cannot be read, or passes a limit.
+    """
+    entry, *_ = load(path, limits)
+    try:
+        table = pd.read_csv(io.BytesIO(entry.read(limits)))
+    except (OSError, ValueError) as error:
+        raise UsageError(f"cannot be read: {error}.", file=path) from error
+    limits.hold_table(len(table), len(table.columns), path)
+    return table
 
 
 def typed_rows(data: bytes, file: str, part: str | None, limits: FileLimits) -> list[Sequence[Any]]:
@@ -175,7 +203,7 @@ def _sheet_value(cell: Any) -> Any:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-def typed_block(rows: Iterable[Sequence[Any]], file: str) -> Block:
+def typed_block(rows: Iterable[Sequence[Any]], file: str, limits: FileLimits) -> Block:
     """Write the typed cells of a header and rows as text.
 
     Parameters
@@ -184,13 +212,19 @@ def typed_block(rows: Iterable[Sequence[Any]], file: str) -> Block:
         The header, then the rows.
     file : str
         The file's name for messages.
+    limits : FileLimits
+        Most bytes of all texts together: a file may hold one text many times.
 
     Raises
     ------
     NoDataError
-        There is a header alone.
+        There is a header alone, or nothing.
+    UsageError
+        The texts pass the limit, or one is no text that can be written.
     """
-    header, *records = ([_text(value) for value in row] for row in rows)
+    header, *records = _texts(rows, file, limits)
+    if not header:
+        raise NoDataError("the table is empty.", file=file, hint="Leave it out, or name another.")
     # A last column without a name is no mark of a delimiter here.
     names = tuple(name.strip() or f"column {number}" for number, name in enumerate(header, 1))
     dialect = Dialect(file, names=names)
@@ -199,6 +233,22 @@ def typed_block(rows: Iterable[Sequence[Any]], file: str) -> Block:
     if grid.cells.empty:
         raise NoDataError("there are no data below the header.", file=file, hint="Leave it out.")
     return Block(dialect, grid)
+
+
+def _texts(rows: Iterable[Sequence[Any]], file: str, limits: FileLimits) -> Iterator[list[str]]:
+    """Write the cells of each row as text, and hold all together to the limit."""
+    size = 0
+    for number, row in enumerate(rows, 1):
+        texts = [_text(value) for value in row]
+        for text in texts:
+            size += len(text)
+            # Half of a character, which JSON and Python can write, is in no file.
+            if not text.isascii() and any("\ud800" <= letter <= "\udfff" for letter in text):
+                message = "half of a character (a lone surrogate)."
+                hint = "Write the text again."
+                raise UsageError(message, file=file, row=number, value=text, hint=hint)
+        limits.hold_size(size, file)
+        yield texts
 
 
 def _text(value: Any) -> str:

@@ -26,7 +26,9 @@ from percept.haptics.velocity import VelocityFilter
 from percept.results import Coupling as JudgedCoupling
 from percept.results import Membership, Shape
 from percept.scene import DeviceTable, Scene
+from percept.sessions.options import FileLimits
 from percept.sessions.quantities import is_impedance
+from percept.sessions.typed import csv_frame
 from percept.study.basics import Array, Skipped
 from percept.study.device_draws import DeviceDraws, device_draws, device_stability
 from percept.study.regions import Region
@@ -248,7 +250,7 @@ def device_of(scene: Scene) -> AnyDevice | None:
         return Device(table.mass, table.damping, modes, table.stiffness)
     # An absolute path stays what it is.
     file = str(scene.folder / str(table.response))
-    measured = read_response(file)
+    measured = read_response(file, scene.files)
     first = float(measured.omega[0])
     last = float(measured.omega[-1])
     for name in ("lower", "upper"):
@@ -264,10 +266,10 @@ def device_of(scene: Scene) -> AnyDevice | None:
     return measured
 
 
-def read_response(path: str) -> TabulatedDevice:
+def read_response(path: str, limits: FileLimits) -> TabulatedDevice:
     """Read a CSV of a measured device: omega (rad/s) and Z_d, real and imaginary (N·s/m)."""
     try:
-        table = pd.read_csv(path)
+        table = csv_frame(path, limits)
         for name in _RESPONSE:
             if name not in table.columns:
                 columns = ", ".join(table.columns)

@@ -22,6 +22,8 @@ from percept.haptics.loop import Hold
 from percept.haptics.search import search_grid
 from percept.results import DeviceStability
 from percept.scene import Scene
+from percept.sessions.options import FileLimits
+from percept.sessions.typed import csv_frame
 from percept.study.basics import Array, Stream, generator
 
 __all__ = ["DeviceDraws", "device_draws", "device_stability", "smallest_margins"]
@@ -106,7 +108,7 @@ def device_draws(scene: Scene) -> DeviceDraws | None:
     rng = generator(scene.inference.seed, Stream.DEVICES)
     if posterior.draws is not None:
         file = str(scene.folder / posterior.draws)
-        drawn = _read_draws(file, posterior.parameters)
+        drawn = _read_draws(file, posterior.parameters, scene.files)
         drawn = drawn[rng.permutation(len(drawn))[:_COUNT]]
     else:
         centre = np.log([values[name] for name in posterior.parameters])
@@ -125,12 +127,9 @@ def device_draws(scene: Scene) -> DeviceDraws | None:
     return DeviceDraws(Device(arrays["mass"], arrays["damping"], tuple(modes), stiffness))
 
 
-def _read_draws(file: str, parameters: tuple[str, ...]) -> Array:
+def _read_draws(file: str, parameters: tuple[str, ...], limits: FileLimits) -> Array:
     """Read a CSV with a column per parameter and a row per draw, (N, d)."""
-    try:
-        table = pd.read_csv(file)
-    except (OSError, ValueError) as error:
-        raise UsageError(f"cannot be read: {error}.", file=file) from error
+    table = csv_frame(file, limits)
     columns = []
     for name in parameters:
         if name not in table.columns:

@@ -7,6 +7,7 @@ import pytest
 
 from percept import Scene
 from percept.errors import UsageError
+from percept.sessions.options import FileLimits
 from percept.study.device import device_of, read_response
 
 
@@ -17,7 +18,7 @@ def write(tmp_path, *rows):
 
 
 def test_values_are_those_of_the_file(tmp_path):
-    device = read_response(write(tmp_path, "0.1,5,-2e3", "1,5.25,1", "10,6,10"))
+    device = read_response(write(tmp_path, "0.1,5,-2e3", "1,5.25,1", "10,6,10"), FileLimits())
     np.testing.assert_array_equal(device.omega, [0.1, 1.0, 10.0])
     np.testing.assert_array_equal(device.impedance, [5 - 2e3j, 5.25 + 1j, 6 + 10j])
 
@@ -26,14 +27,14 @@ def test_values_are_those_of_the_file(tmp_path):
 def test_what_is_not_finite_is_refused_with_the_file(tmp_path, bad):
     path = write(tmp_path, "0.1,5,1", bad, "10,6,10")
     with pytest.raises(UsageError, match="finite") as caught:
-        read_response(path)
+        read_response(path, FileLimits())
     assert caught.value.file == path
 
 
 def test_text_in_a_number_is_refused_with_the_file(tmp_path):
     path = write(tmp_path, "0.1,5,1", "1,five,2")
     with pytest.raises(UsageError, match=r"cannot be read: .*five") as caught:
-        read_response(path)
+        read_response(path, FileLimits())
     assert caught.value.file == path
 
 
@@ -43,7 +44,7 @@ def test_a_missing_column_is_named(tmp_path):
     with pytest.raises(
         UsageError, match="column 'imaginary': the column is missing; there are omega, real"
     ):
-        read_response(str(path))
+        read_response(str(path), FileLimits())
 
 
 def scene_with(tmp_path, response, frequency=""):

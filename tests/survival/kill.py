@@ -218,9 +218,9 @@ def check_whole(path: Path) -> None:
 
                 pq.read_table(io.BytesIO(data))
             case ".npz":
-                from percept.cache import decode
+                from percept.cache import decode, unsealed
 
-                decode(data)
+                decode(unsealed(path))
             case ".nc":
                 import h5py
 
