@@ -14,7 +14,7 @@ import rdata
 from percept import Scene, Sessions, Study, read_sessions
 from percept.batch_folder import encode
 from percept.cli import main
-from percept.errors import UsageError
+from percept.errors import RefusalError, UsageError
 from percept.files import write_new
 from percept.report import rewrite_report
 from percept.sessions import ReadOptions
@@ -127,6 +127,27 @@ def test_a_name_that_looks_like_a_part_of_the_page_breaks_nothing(tmp_path, caps
     names = {path.stem for path in (tmp_path / "out" / "tables").glob("*.tex")}
     assert "x" not in names
     assert "overview" in names
+
+
+def test_a_name_of_its_own_in_every_row_is_no_environment():
+    rows = [
+        {"subject": f"P{subject}", "environment": f"E{wall}", "k_ref": 300.0 + wall, "k_adj": 310.0}
+        for subject in range(2)
+        for wall in range(10_000)
+    ]
+    start = time.monotonic()
+    with pytest.raises(RefusalError, match="10,000 environments are more than the 1,000"):
+        Study(Sessions.from_frame(pd.DataFrame(rows)))
+    assert time.monotonic() - start < 20.0  # five on a quiet machine
+
+
+def test_a_study_without_a_coupling_says_so():
+    study = Study(Sessions.from_frame(pd.DataFrame(trials())))
+    with pytest.raises(RefusalError, match=r"no coupling: .*Give the scene a \[device\]"):
+        study.coupling.verdict  # noqa: B018
+    with_device = Scene(device={"mass": 1.0, "damping": 5.0, "period": 1e-3})
+    with pytest.raises(RefusalError, match=r"there is no coupling"):
+        Study(study.sessions, with_device).coupling.verdict  # noqa: B018
 
 
 def test_a_path_that_is_a_formula_is_text_in_a_batch():

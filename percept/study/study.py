@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from percept.boundary.band import BandStudy
-from percept.errors import UsageError, counted
+from percept.errors import RefusalError, UsageError, counted
 from percept.html import fields_html
 from percept.results import Band, Boundary, Coupling, IntervalRow, Results, Verdict
 from percept.scene import Scene
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Study"]
 
+#: More environments than anybody tests: their contrasts and page would take hours.
+_MOST_ENVIRONMENTS = 1_000
 _CELL = ["environment", "parameter", "kind"]
 _LIMITS = ["estimate", "lower", "upper"]
 _LABELS = ("environment", "kind", "method", "family", "joint", "shape", "level")
@@ -102,6 +104,13 @@ class Study:
             scene = Scene.load(scene)
         self.scene = scene or Scene()
         sessions.options.require(self.scene)
+        if len(sessions.environments) > _MOST_ENVIRONMENTS:
+            raise RefusalError(
+                f"{len(sessions.environments):,} environments are more than the"
+                f" {_MOST_ENVIRONMENTS:,} that a study may have.",
+                key="columns.environment",
+                hint="See whether this column differs in every row; name another.",
+            )
         self.sessions = told_apart(sessions, self.scene)
         #: What the study computes, part by part: also the fit, contrasts, checks and boundaries at
         #: other frequencies.
@@ -210,8 +219,15 @@ class Study:
         return self.parts.band
 
     @property
-    def coupling(self) -> Coupling | None:
-        """Stability of the coupling, and the paper's rule; None without device and coupling."""
+    def coupling(self) -> Coupling:
+        """Stability of the coupling, and the paper's rule; RefusalError without a coupling."""
+        if self.parts.coupling is None:
+            skipped = self.parts.skipped_before_curves
+            why = next((part.why for part in skipped if part.what.startswith("coupling")), "")
+            raise RefusalError(
+                f"there is no coupling: {why or 'the scene has no [device]'}.",
+                hint="Give the scene a [device] and a [coupling].",
+            )
         return self.parts.coupling
 
     @property
