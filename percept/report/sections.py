@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 from percept.boundary.band import size_name
 from percept.report.basis import checks, comparison, data, diagnostics, methods
 from percept.report.contrast import contrast
-from percept.report.feelings import feelings, probability_said
+from percept.report.feelings import feelings
 from percept.report.overview import first_screen
 from percept.report.people import people
 from percept.report.psychophysics import psychophysics
@@ -20,13 +20,11 @@ from percept.report.select import (
     Section,
     choice_said,
     chosen,
-    device_ranges,
     distinct,
     each_by_itself,
     families_of,
     family_of,
     first,
-    listed,
     matching,
     ordered,
     words_of,
@@ -310,28 +308,11 @@ def _short(values: Array) -> list[float | None]:
     return [float(f"{value:.7g}") if math.isfinite(value) else None for value in values.tolist()]
 
 
-@dataclasses.dataclass(frozen=True)
-class Devices:
-    """The section of other devices."""
-
-    same: str  # Environments whose probability hardly moves, with its range
-    varying: list[str]
-    stable: bool  # Whether the coupling is stable with any of them
-
-
 def device(results: Results) -> Section | None:
     """Return what another mass or damping of the device would change."""
     if results.sensitivity is None:
         return None
-    ranges = device_ranges(results.sensitivity)
-    same = []
-    for found in ranges:
-        if not found.varies:
-            ends = [probability_said(end) for end in (found.low, found.high)]
-            same.append(f"{found.name} ({' to '.join(dict.fromkeys(ends))})")
-    varying = [found.name for found in ranges if found.varies]
-    view = Devices(same=listed(same), varying=varying, stable=bool(ranges))
-    return Section("device", "Another mass or damping of the device", view)
+    return Section("device", "Another mass or damping of the device")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from percept.results import DeviceMap, Nouns, OverviewRow, Results
+from percept.results import Nouns, OverviewRow, Results
 from percept.sessions.quantities import IMPEDANCE
 
 __all__ = [
@@ -17,14 +17,12 @@ __all__ = [
     "METHOD_NAMES",
     "MOST_NAMED",
     "MOST_OPEN",
-    "DeviceRange",
     "Section",
     "Words",
     "choice_said",
     "chosen",
     "clearest",
     "compared_by_difference",
-    "device_ranges",
     "distinct",
     "each_by_itself",
     "families_of",
@@ -48,8 +46,6 @@ R = TypeVar("R")
 _EACH_BY_ITSELF = ("marginal", "joint")
 KINDS = ("mean", "user", "share")
 METHODS = ("classical", "bayesian")
-#: A probability that moves by no more than this over all devices is not drawn.
-_VARIES = 0.05
 #: Statistics of the predictive check, in words.
 METHOD_NAMES = {"classical": "classical", "bayesian": "Bayesian"}
 #: More names than this are counted, not listed.
@@ -207,31 +203,6 @@ def choice_said(names: Sequence[str], environments: str) -> str:
         f" {MOST_DRAWN} of {len(names)} {environments} are drawn, evenly spaced in their order. The"
         " tables hold all."
     )
-
-
-@dataclass(frozen=True)
-class DeviceRange:
-    """Between which probabilities an environment feels real, over the devices that are stable."""
-
-    name: str
-    low: float
-    high: float
-
-    @property
-    def varies(self) -> bool:
-        """Whether the device decides anything."""
-        return self.high - self.low > _VARIES
-
-
-def device_ranges(devices: DeviceMap) -> list[DeviceRange]:
-    """Return the range of each environment; none where the coupling is stable with no device."""
-    stable = np.array(devices.stable, dtype=bool)
-    ranges = []
-    if stable.any():
-        for environment in devices.environments:
-            kept = environment.probability[stable]
-            ranges.append(DeviceRange(environment.name, float(kept.min()), float(kept.max())))
-    return ranges
 
 
 def ordered(names: Iterable[str], records: Iterable[Any], field: str) -> list[str]:

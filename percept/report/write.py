@@ -46,7 +46,7 @@ _TABLES = (
 )
 _FIGURES = (
     "levels_*", "overview_*", "pse_*", "boundaries", "ratios", "boundaries_close", "zwidth",
-    "stability", "design", "device", "band", "band_*",
+    "stability", "design", "band", "band_*",
 )  # fmt: skip
 #: What a report may write and replace.
 REPORT_FILES = FolderFiles(

@@ -11,17 +11,17 @@ from percept.results.fields import Array, Family, Feeling, Inside, Kind, Method
 
 __all__ = [
     "AdmissibleCouplings",
+    "ChangedVerdict",
     "Confidences",
     "ConfirmedCoupling",
     "Coupling",
     "DeviceAverage",
-    "DeviceMap",
-    "DeviceProbabilities",
     "DeviceStability",
     "EnvironmentCouplings",
     "Leaning",
     "Membership",
     "MoreSubjects",
+    "OtherDevices",
     "Passivity",
     "PosteriorEvidence",
     "RenderedEdge",
@@ -262,24 +262,23 @@ class AdmissibleCouplings(NotebookRecord):
     devices: int | None = None  # Behind P(stable); None where the device has no posterior
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class DeviceProbabilities:
-    """How probably one environment feels real, and is stable, by damping and mass of the device."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ChangedVerdict:
+    """A display on each of the `OtherDevices`."""
 
-    name: str
-    probability: Array  # (I, J)
+    environment: str
+    coupled: bool  # Whether through the scene's coupling
+    probability: tuple[float, ...]  # That it feels real
+    outcome: tuple[Feeling, ...]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class DeviceMap(NotebookRecord):
-    """What lighter, heavier, less and better damped devices would do."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class OtherDevices(NotebookRecord):
+    """Verdicts with the scene's device, half and 1.5 times its mass, then its damping."""
 
-    mass: tuple[float, ...]  # (J,) Of the devices judged, kg
-    damping: tuple[float, ...]  # (I,) Of the devices judged, N·s/m
-    own: tuple[int, int]  # Index of the scene's device: of its damping, of its mass
-    coupled: bool  # Whether displays go through the scene's coupling
-    required_damping: float | None  # Damping that the coupling needs of a rigid device, N·s/m
-    stable: tuple[tuple[bool, ...], ...]  # (I, J) Whether the coupling is; true without one
-    environments: tuple[DeviceProbabilities, ...]
+    mass: tuple[float, ...]  # kg
+    damping: tuple[float, ...]  # N·s/m
+    stable: tuple[bool, ...] | None  # Whether the coupling is; None without one
+    verdicts: tuple[ChangedVerdict, ...]
     method: Method  # Whose draws of the users these are
     draws: int

@@ -15,7 +15,7 @@ from percept.results.checks import Checks, Diagnostics
 from percept.results.coupling import (
     AdmissibleCouplings,
     Coupling,
-    DeviceMap,
+    OtherDevices,
     Passivity,
     Verdict,
     ZWidth,
@@ -81,7 +81,7 @@ class Results:
     coupling: Coupling | None
     band: Band | None
     design: AdmissibleCouplings | None
-    sensitivity: DeviceMap | None
+    sensitivity: OtherDevices | None
     comparison: tuple[MethodPair, ...] | None
     band_pairs: tuple[BandPair, ...] | None  # The methods' boundaries against each other
     ladder: Ladder | None

@@ -1,10 +1,9 @@
-"""How probably other couplings and other devices feel real, and are stable.
+"""How probably other couplings feel real, and are stable.
 
 The map of couplings is over stiffness and damping, up to the edge of what is stable. Where the
 device has a posterior, the edge is that of its most stable draw. Its ends, the
 stiffest and the softest coupling that feel real with the scene's `decision`, are found on it and
-confirmed by `percept.boundary.feels_real`, which also searches between frequencies. Mass and
-damping of a device are seldom known well: the map of devices judges every environment again.
+confirmed by `percept.boundary.feels_real`, which also searches between frequencies.
 """
 
 from __future__ import annotations
@@ -15,26 +14,23 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from percept import haptics
-from percept.boundary.feels_real import CouplingJudge, Evidence, feels_real, rough_probability
+from percept.boundary.feels_real import CouplingJudge, Evidence, feels_real
 from percept.boundary.users import Users
-from percept.haptics import Coupling, Device, TabulatedDevice
+from percept.haptics import Coupling, TabulatedDevice
 from percept.haptics.search import covers_range
 from percept.results import (
     AdmissibleCouplings,
     ConfirmedCoupling,
-    DeviceMap,
-    DeviceProbabilities,
     EnvironmentCouplings,
 )
 from percept.results.fields import Method
 from percept.scene import InferenceTable
 from percept.study.basics import Array, Skipped
-from percept.study.device import Setup, StiffnessSpan, map_frequencies, stiffness_span
-from percept.study.stable_couplings import StableCouplings, is_stable
+from percept.study.device import Setup, map_frequencies, stiffness_span
+from percept.study.stable_couplings import StableCouplings
 from percept.study.verdicts import frequencies, relative_sd
 
-__all__ = ["coupling_map", "device_map", "no_maps"]
+__all__ = ["coupling_map", "no_coupling_map"]
 
 #: Draws of the users behind a map of couplings: 0.95 is known to 0.014 by them.
 _MAP_DRAWS = 256
@@ -58,26 +54,11 @@ _LINES_BETWEEN = 9
 _HALVINGS = 10
 #: Ends that are tried before a search gives up.
 _TRIALS = 5
-#: Draws behind a map of devices: a probability is known to 0.04 by them, differences better.
-_DEVICE_DRAWS = 128
-#: Environments judged: some 35 devices are judged for each.
-_MOST_ENVIRONMENTS = 12
-#: Of the scene's damping, which decides on stability, and of its mass.
-_DAMPING_TIMES = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-_MASS_TIMES = (0.125, 0.35, 1.0, 2.8, 8.0)
 
 End = Literal["stiffest", "softest"]
 
 
-def no_maps(setup: Setup, users: Mapping[str, Users]) -> list[Skipped | None]:
-    """Say why there is no map of devices, or of couplings; None for a map that there is."""
-    skipped = [_no_device_map(setup, users)]
-    if setup.coupling is not None:
-        skipped.append(_no_coupling_map(setup, users))
-    return skipped
-
-
-def _no_coupling_map(setup: Setup, users: Mapping[str, Users]) -> Skipped | None:
+def no_coupling_map(setup: Setup, users: Mapping[str, Users]) -> Skipped | None:
     """Say why there is no map of couplings; None where there is one."""
     device = setup.device
     what = "admissible couplings"
@@ -117,9 +98,9 @@ def coupling_map(
     Returns
     -------
     AdmissibleCouplings or None
-        None where `no_maps` says why. "All together" has the smallest probability.
+        None where `no_coupling_map` says why. "All together" has the smallest probability.
     """
-    if _no_coupling_map(setup, users) is not None:
+    if no_coupling_map(setup, users) is not None:
         return None
     stable = StableCouplings.of(setup)
     judges = []
@@ -329,120 +310,3 @@ def _ends_on_lines(
         outside = np.where(found >= wanted, outside, middle)
     ends[lines] = inside
     return ends
-
-
-def _no_device_map(setup: Setup, users: Mapping[str, Users]) -> Skipped | None:
-    """Say why mass and damping are not varied; None where they are."""
-    what = "sensitivity to the device's mass and damping"
-    if not isinstance(setup.device, Device):
-        return Skipped(what, "a measured response has neither")
-    if not users:
-        return Skipped(what, "it needs a joint law of stiffness and damping")
-    return None
-
-
-def device_map(
-    setup: Setup,
-    users: Mapping[str, Users],
-    method: Method,
-    asked: InferenceTable,
-    within: tuple[float, float],
-) -> DeviceMap | None:
-    """Map the probability that environments feel real, and are stable, over mass and damping.
-
-    Parameters
-    ----------
-    setup : Setup
-        Device, coupling and references.
-    users : mapping of str to Users
-        Draws of the population, in random order, by environment.
-    method : {"bayesian", "classical"}
-        Whose draws these are.
-    asked : InferenceTable
-        Level of the central ranges.
-    within : tuple of float
-        Ends of the frequencies that displays are judged over, rad/s.
-
-    Returns
-    -------
-    DeviceMap or None
-        None where `no_maps` says why. Through the coupling where the scene has one, else directly.
-    """
-    if _no_device_map(setup, users) is not None:
-        return None
-    device = setup.device
-    assert isinstance(device, Device)
-    masses = _about(float(device.mass), _MASS_TIMES)
-    dampings = _about(float(device.damping), _DAMPING_TIMES)
-    stable = _stability(setup, masses, dampings)
-    maps = []
-    for environment in _spaced(list(users)):
-        population = users[environment]
-        some = population.select(slice(0, _DEVICE_DRAWS))
-        span = stiffness_span(setup, environment, some, asked.level)
-        probability = np.zeros(stable.shape)
-        for i, j in np.argwhere(stable):
-            varied = _with_device(setup, masses[j], dampings[i])
-            probability[i, j] = _probability(varied, environment, some, span, asked.level, within)
-        maps.append(DeviceProbabilities(name=environment, probability=probability))
-    needed = None
-    if setup.coupling is not None:
-        need = haptics.required_damping(setup.coupling, setup.period, hold=setup.hold)
-        needed = float(need.damping)
-    return DeviceMap(
-        mass=masses,
-        damping=dampings,
-        own=(dampings.index(float(device.damping)), masses.index(float(device.mass))),
-        coupled=setup.coupling is not None,
-        required_damping=needed,
-        stable=tuple(tuple(row) for row in stable.tolist()),
-        environments=tuple(maps),
-        method=method,
-        draws=min(_DEVICE_DRAWS, *(population.size for population in users.values())),
-    )
-
-
-def _spaced(names: list[str]) -> list[str]:
-    """Return all environments, or some evenly spaced in their order."""
-    if len(names) <= _MOST_ENVIRONMENTS:
-        return names
-    places = np.linspace(0, len(names) - 1, _MOST_ENVIRONMENTS).round().astype(int)
-    return [names[place] for place in places]
-
-
-def _about(value: float, times: tuple[float, ...]) -> tuple[float, ...]:
-    """Return values about the scene's; zero and multiples of one where the scene's is zero."""
-    if value:
-        return tuple(value * factor for factor in times)
-    return (0.0, *times[1:])
-
-
-def _with_device(setup: Setup, mass: float, damping: float) -> Setup:
-    assert isinstance(setup.device, Device)
-    device = dataclasses.replace(setup.device, mass=mass, damping=damping)
-    return dataclasses.replace(setup, device=device)
-
-
-def _stability(setup: Setup, masses: tuple[float, ...], dampings: tuple[float, ...]) -> Array:
-    """Say with which devices the coupling is stable, (dampings, masses); all without one."""
-    stable = np.ones((len(dampings), len(masses)), dtype=bool)
-    if setup.coupling is not None:
-        for i, damping in enumerate(dampings):
-            for j, mass in enumerate(masses):
-                varied = _with_device(setup, mass, damping)
-                stable[i, j] = is_stable(varied, setup.coupling)
-    return stable
-
-
-def _probability(
-    setup: Setup,
-    environment: str,
-    users: Users,
-    span: StiffnessSpan,
-    level: float,
-    within: tuple[float, float],
-) -> float:
-    """Judge one environment on one device."""
-    display = setup.display(environment, coupled=setup.coupling is not None)
-    omega = map_frequencies(setup, environment, span, within)
-    return rough_probability(display, users, omega, level=level)

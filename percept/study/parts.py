@@ -20,8 +20,8 @@ from percept.results import (
     Boundary,
     Checks,
     Coupling,
-    DeviceMap,
     IntervalRow,
+    OtherDevices,
     Verdict,
 )
 from percept.results.fields import Family, Method
@@ -41,7 +41,8 @@ from percept.study.intervals import (
     classical_rows,
     compare_intervals,
 )
-from percept.study.maps import coupling_map, device_map, no_maps
+from percept.study.maps import coupling_map, no_coupling_map
+from percept.study.other_devices import no_other_devices, other_devices
 from percept.study.psychophysics import Psychophysics
 from percept.study.regions import Law, Region, SubjectPairs, laws_of, regions_of, subject_pairs
 from percept.study.responses import references, refuse_lone_subject
@@ -386,12 +387,12 @@ class Parts:
         return coupling_map(self.setup, *whose, self.scene.inference, self.within)
 
     @cached_property
-    def device_map(self) -> DeviceMap | None:
+    def other_devices(self) -> OtherDevices | None:
         """How verdicts move with the device's mass and damping; None without both."""
         if self.setup is None:
             return None
         whose = self.map_users, self.map_method
-        return device_map(self.setup, *whose, self.scene.inference, self.within)
+        return other_devices(self.setup, *whose, self.scene.inference, self.within)
 
     @property
     def comparison(self) -> pd.DataFrame | None:
@@ -431,7 +432,9 @@ class Parts:
         skipped += [*self.contrast_rows, *self.by_level.tests, *self._banded, *self._pairs]
         skipped += self.psychophysics.skipped
         if self.setup is not None:
-            skipped += no_maps(self.setup, self.map_users)
+            skipped.append(no_other_devices(self.setup, self.map_users))
+            if self.setup.coupling is not None:
+                skipped.append(no_coupling_map(self.setup, self.map_users))
         if self.scene.checks is not None:
             skipped.append(self._checked)
         return tuple(dict.fromkeys(part for part in skipped if isinstance(part, Skipped)))

@@ -89,7 +89,7 @@ def compute(
     step("mapping couplings")
     design = parts.coupling_map if boundaries and parts.scene.coupling else None
     step("trying other devices")
-    sensitivity = parts.device_map if curves else None
+    sensitivity = parts.other_devices if curves else None
     step("comparing the methods")
     comparison = parts.comparison
     band_pairs = parts.band_pairs if curves else None

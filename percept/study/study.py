@@ -50,7 +50,7 @@ _KEPT = {
     "band": "band",
     "coupling": "coupling",
     "coupling_map": "coupling_map",
-    "device_map": "device_map",
+    "other_devices": "other_devices",
     "ladder": "ladder",
 }
 _CALLS = {

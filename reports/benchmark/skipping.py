@@ -50,7 +50,7 @@ STAGES = (
     "regions",
     "curve_laws",
     "boundaries",
-    "device_map",
+    "other_devices",
     "coupling",
     "users",
     "verdicts",

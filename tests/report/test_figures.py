@@ -18,7 +18,7 @@ from percept.report.figures.canvas import (
     log_scale,
     panels,
 )
-from percept.report.figures.couplings import design_drawings, device_drawings
+from percept.report.figures.couplings import design_drawings
 from percept.report.figures.intervals import Bar, BarAxis, draw_intervals, interval_drawings
 from percept.report.figures.output import STYLE, drawn
 from tests.documents import as_results
@@ -388,33 +388,3 @@ def test_the_coupling_in_use_stands_at_the_edge_where_it_lies_beyond(classical):
     document["provenance"]["scene"].pop("coupling")
     (found,) = design_drawings(as_results(document))
     assert "in use" not in found.description
-
-
-def devices(*rows, stable=True):
-    """Two environments on two by two devices; the coupling is stable with the better damped."""
-    environments = [{"name": name, "probability": probability} for name, probability in rows]
-    return {
-        "mass": [1.0, 2.0], "damping": [5.0, 10.0], "own": [0, 1], "coupled": True,
-        "required_damping": 7.0, "stable": [[False, False], [stable, stable]],
-        "environments": environments, "method": "bayesian", "draws": 128,
-    }  # fmt: skip
-
-
-def test_devices_are_drawn_only_where_the_probability_moves(classical):
-    document = copy.deepcopy(classical)
-    still = ("E1", [[0.0, 0.0], [0.90, 0.92]])
-    moving = ("E2", [[0.0, 0.0], [0.25, 0.75]])
-    document["sensitivity"] = devices(still, moving)
-    (found,) = device_drawings(as_results(document))
-    figure = Figure(figsize=(7.0, 3.0))
-    found.draw(figure)
-    (ax,) = figure.axes
-    assert ax.get_title(loc="left") == "E2"
-    assert [text.get_text() for text in ax.texts] == ["–", "–", "25", "75"]
-    own = ax.patches[-1]
-    assert (own.get_x(), own.get_y(), own.get_fill()) == (0.5, -0.5, False)
-    assert "A dash: the coupling is not stable." in found.description
-    document["sensitivity"] = devices(still)
-    assert device_drawings(as_results(document)) == []
-    document["sensitivity"] = devices(moving, stable=False)
-    assert device_drawings(as_results(document)) == []

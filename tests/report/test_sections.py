@@ -64,23 +64,6 @@ def test_couplings_that_feel_real_are_named_with_their_span(both):
     assert coupling_sentences(as_results(changed)) == []
 
 
-def test_devices_that_change_nothing_are_a_sentence(both):
-    changed = copy.deepcopy(both)
-    changed["sensitivity"]["stable"] = [[False, False], [True, True]]
-    changed["sensitivity"]["environments"] = [
-        {"name": "VE1", "probability": [[0.0, 0.0], [0.90, 0.93]]},
-        {"name": "VE2", "probability": [[0.0, 0.0], [0.2, 0.8]]},
-        {"name": "VE3", "probability": [[0.0, 0.0], [0.0, 0.001]]},
-        {"name": "VE4", "probability": [[0.0, 0.0], [0.999, 1.0]]},
-    ]
-    view = section(changed, "device")
-    assert view.same == "VE1 (90 % to 93 %), VE3 (< 1 %) and VE4 (> 99 %)"
-    assert view.varying == ["VE2"]
-    changed["sensitivity"]["stable"] = [[False, False], [False, False]]
-    view = section(changed, "device")
-    assert (view.stable, view.same, view.varying) == (False, "", [])
-
-
 def test_every_environment_has_its_effective_impedance(classical):
     memberships = classical["coupling"]["memberships"]
     assert [row["environment"] for row in memberships] == classical["data"]["environments"]

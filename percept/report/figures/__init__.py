@@ -5,7 +5,7 @@ from __future__ import annotations
 from percept.report.figures.band import band_drawings
 from percept.report.figures.boundaries import boundary_drawings
 from percept.report.figures.canvas import Drawing
-from percept.report.figures.couplings import design_drawings, device_drawings, stability_drawings
+from percept.report.figures.couplings import design_drawings, stability_drawings
 from percept.report.figures.intervals import interval_drawings
 from percept.report.figures.levels import level_drawings
 from percept.report.figures.pse_lines import line_drawings
@@ -25,6 +25,5 @@ def drawings(results: Results) -> list[Drawing]:
         *zwidth_drawings(results.zwidth),
         *stability_drawings(results.coupling),
         *design_drawings(results),
-        *device_drawings(results),
         *band_drawings(results),
     ]

@@ -1,11 +1,10 @@
-"""The figures of couplings and devices: the stability criterion, and maps of what feels real."""
+"""The figures of couplings: the stability criterion, and maps of what feels real."""
 
 from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from percept.inference.record import percent
 from percept.report.figures.canvas import (
@@ -13,7 +12,6 @@ from percept.report.figures.canvas import (
     WIDE,
     Drawing,
     Frame,
-    brief,
     legend,
     log_scale,
     outer_labels,
@@ -21,19 +19,17 @@ from percept.report.figures.canvas import (
     row_labels,
 )
 from percept.report.figures.curves import draw_stability
-from percept.report.select import METHOD_NAMES, choice_said, chosen, device_ranges, words_of
+from percept.report.select import METHOD_NAMES, choice_said, chosen, words_of
 from percept.results import (
     AdmissibleCouplings,
     Coupling,
-    DeviceMap,
-    DeviceProbabilities,
     EnvironmentCouplings,
     Results,
 )
 from percept.results.fields import Array
 
 __all__ = [
-    "design_drawings", "device_drawings", "draw_couplings", "draw_devices", "stability_drawings",
+    "design_drawings", "draw_couplings", "stability_drawings",
 ]  # fmt: skip
 
 #: Probabilities from which on the map is a shade darker; the decision is one more.
@@ -48,11 +44,6 @@ _FEWEST_COLUMNS = 3
 _TITLE_WIDTH = 24.0  # mm
 _PANEL_HEIGHT = 42.0  # mm, with its labels
 _LEGEND_HEIGHT = 15.0  # mm
-_DEVICE_COLUMNS = 4  # panels side by side
-_DEVICE_TITLE_WIDTH = 34.0  # mm
-_DEVICE_HEIGHT = 46.0  # mm, with its labels
-_DEVICE_LABELS = 12.0  # mm, of the lowest panels
-_CELL_ALPHA = 0.6  # opacity of a certain cell: its number stays readable
 _STABILITY_SIZE = (120.0, 50.0)  # mm
 
 
@@ -195,82 +186,6 @@ def stability_drawings(coupling: Coupling | None) -> list[Drawing]:
             description="The real part of the coupling’s admittance 1/Z_c has to stay above the"
             " lower bound.",
             size=_STABILITY_SIZE,
-            draw=draw,
-        )
-    ]
-
-
-def draw_devices(ax: Axes, devices: DeviceMap, of_environment: DeviceProbabilities) -> None:
-    """Draw a cell per device, damping upwards and mass to the right, with its probability.
-
-    Parameters
-    ----------
-    ax : Axes
-        To draw on.
-    devices : DeviceMap
-        The devices.
-    of_environment : DeviceProbabilities
-        Probabilities of one environment.
-    """
-    for (row, column), probability in np.ndenumerate(of_environment.probability):
-        stable = devices.stable[row][column]
-        ax.add_patch(
-            Rectangle(
-                (column - 0.5, row - 0.5), 1.0, 1.0, linewidth=0.4, edgecolor=COLOURS["rule"],
-                facecolor=COLOURS["coupled"], alpha=_CELL_ALPHA * float(probability),
-            )
-        )  # fmt: skip
-        # An unstable coupling has no number: its display was not judged.
-        text = f"{100.0 * probability:.0f}" if stable else "–"
-        ax.text(column, row, text, ha="center", va="center", fontsize=6)
-    own = Rectangle(
-        (devices.own[1] - 0.5, devices.own[0] - 0.5), 1.0, 1.0, fill=False, linewidth=1.2,
-        edgecolor=COLOURS["ink"],
-    )  # fmt: skip
-    ax.add_patch(own)
-    ax.set_xlim(-0.5, len(devices.mass) - 0.5)
-    ax.set_ylim(-0.5, len(devices.damping) - 0.5)
-    ax.set_xticks(range(len(devices.mass)), [brief(mass) for mass in devices.mass])
-    ax.set_yticks(range(len(devices.damping)), [brief(value) for value in devices.damping])
-    ax.grid(visible=False)
-    ax.set_xlabel("mass (kg)")
-    ax.set_ylabel("damping (N·s/m)")
-
-
-def device_drawings(results: Results) -> list[Drawing]:
-    """Return the map of each environment whose probability moves with the device."""
-    devices = results.sensitivity
-    if devices is None:
-        return []
-    names = [found.name for found in device_ranges(devices) if found.varies]
-    drawn = [one for one in devices.environments if one.name in names]
-    if not drawn:
-        return []
-    columns = min(len(drawn), _DEVICE_COLUMNS)
-
-    def draw(figure: Figure) -> None:
-        frame = Frame(gap=4, line=9)
-        axes = panels(figure, len(drawn), columns=_DEVICE_COLUMNS, frame=frame)
-        titles = row_labels([one.name for one in drawn], most=_DEVICE_TITLE_WIDTH)
-        for ax, of_environment, title in zip(axes, drawn, titles, strict=True):
-            draw_devices(ax, devices, of_environment)
-            ax.set_title(title, loc="left")
-        outer_labels(axes, columns)
-
-    rows = -(-len(drawn) // _DEVICE_COLUMNS)
-    through = "through the coupling" if devices.coupled else "directly"
-    said = (
-        f"Probability in per cent that it feels real {through}, at every ω"
-        f" ({METHOD_NAMES[devices.method]}, {devices.draws} draws)."
-    )
-    if devices.coupled:
-        said += " A dash: the coupling is not stable."
-    return [
-        Drawing(
-            name="device",
-            title="Probability of feeling real, by mass and damping of the device",
-            description=said + " The frame is the scene’s device.",
-            size=(WIDE, _DEVICE_LABELS + _DEVICE_HEIGHT * rows),
             draw=draw,
         )
     ]

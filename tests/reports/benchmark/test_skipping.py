@@ -16,7 +16,7 @@ from tests.documents import build_document
 SAMPLER = {"emcee", "arviz_base", "arviz_stats", "h5netcdf", "xarray"}
 PAGE = {"jinja2", "matplotlib.figure", "percept.report.figures"}
 OURS = {"percept.inference.hierarchy", "percept.inference.sampling", "percept.boundary"}
-CURVES = {"curve_laws", "boundaries", "verdicts", "device_map", "coupling_map"}
+CURVES = {"curve_laws", "boundaries", "verdicts", "other_devices", "coupling_map"}
 BAYESIAN = {"fit", "posterior", "users"}
 
 
