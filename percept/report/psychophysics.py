@@ -21,13 +21,10 @@ __all__ = ["Measured", "psychophysics"]
 #: What measures are called, in the order of the page.
 _NAMES = {
     "pse": "PSE",
-    "constant_error": "Constant error",
-    "constant_error_relative": "Relative constant error",
     "jnd": "JND (SD of adjustment)",
     "jnd_quartile": "JND (.6745 SD)",
     "weber": "Weber fraction",
     "sd_subjects": "SD between {subjects}",
-    "weber_subjects": "Relative SD between {subjects}",
     "icc_1": "ICC(1)",
     "sigma_u": "σ u",
     "sigma_w": "σ w",
@@ -39,12 +36,10 @@ _NAMES = {
     "sigma_slope": "σ of slopes per decade",
 }
 
-#: What a matched setting says of its reference; of what was not matched they are means.
-_OF_REFERENCES = {"pse", "constant_error", "constant_error_relative"}
 #: Lines of the table that stand open: more would keep readers from the sections below.
 _MOST_LINES = 100
 #: Styles of what is a fraction of the reference; all else is plain.
-_STYLES = {"constant_error_relative": "bias", "weber": "percent", "weber_subjects": "percent"}
+_STYLES = {"weber": "percent"}
 
 
 @dataclass(frozen=True)
@@ -78,9 +73,7 @@ def psychophysics(results: Results) -> Section | None:
     quantities = results.data.quantities
     means = {name for name, quantity in quantities.items() if not quantity.is_matched}
     rows = [
-        row
-        for row in results.psychophysics
-        if row.parameter not in means or row.measure not in _OF_REFERENCES
+        row for row in results.psychophysics if row.parameter not in means or row.measure != "pse"
     ]
     if not rows:
         return None

@@ -13,10 +13,7 @@ __all__ = ["Equivalence", "EquivalenceRow", "Measure", "PseLineRow", "Psychophys
 #: `docs/psychophysics.md` defines each one.
 Measure: TypeAlias = Literal[
     "pse",
-    "constant_error",
-    "constant_error_relative",
     "sd_subjects",
-    "weber_subjects",
     "jnd",
     "jnd_quartile",
     "weber",

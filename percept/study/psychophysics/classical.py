@@ -140,7 +140,7 @@ def _moments_rows(site: Site, moments: Moments) -> Iterator[PsychophysicsRow]:
     claim = Claim(level=asked.level, family=asked.family)
     mean = interval_of("mean", moments, claim)
     pse = Bounded(float(mean.estimate), float(mean.lower), float(mean.upper))
-    yield from site.of_location(pse)
+    yield site.row("pse", pse, site.quantity.unit)
     sd = float(moments.on_scale(asked.family).sd)
     bounded = sd_interval(sd / site.response_unit, site.n - 1.0, level=asked.level)
     yield from site.of_subjects(bounded)

@@ -66,7 +66,8 @@ def posterior_psychophysics(
     population_sd = fit.moments.population_sd
     for cell, c in fit.column.items():
         site = sites[cell]
-        yield from site.of_location(mapped(points_of_equality[c], _to_native(fit, c)))
+        pse = mapped(points_of_equality[c], _to_native(fit, c))
+        yield site.row("pse", pse, site.quantity.unit)
         yield from site.of_subjects(limits.of(population_sd[:, c]))
     rng = generator(scene.inference.seed, Stream.PSYCHOPHYSICS)
     locations, _ = fit.model.draw(independent, rng)

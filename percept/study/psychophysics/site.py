@@ -70,32 +70,23 @@ class Site:
             approximate=approximate,
         )
 
-    def of_location(self, pse: Bounded) -> Iterator[PsychophysicsRow]:
-        """Yield the point of subjective equality and the constant error."""
-        unit = self.quantity.unit
-        yield self.row("pse", pse, unit)
-        if math.isnan(self.reference):
-            return
-        error = mapped(pse, lambda x: x - self.reference)
-        yield self.row("constant_error", error, unit)
-        if self.reference != 0.0:
-            size = abs(self.reference)
-            relative = mapped(error, lambda x: x / size)
-            yield self.row("constant_error_relative", relative)
-
     def of_subjects(self, sd: Bounded) -> Iterator[PsychophysicsRow]:
-        """Yield the SD between subjects, on the response scale, in the quantity's unit."""
-        step = mapped(sd, self.step)
-        yield from self._of_step("sd_subjects", "weber_subjects", step)
+        """Yield the SD between subjects in the quantity's unit."""
+        if not math.isnan(self.reference):
+            yield self.row("sd_subjects", mapped(sd, self.step), self.quantity.unit)
 
     def of_trials(self, sd: Bounded) -> Iterator[PsychophysicsRow]:
         """Yield the SD between trials, on the response scale, and thresholds made of it."""
         yield self.sigma("sigma_e", sd)
+        if math.isnan(self.reference):
+            return
         step = mapped(sd, self.step)
-        yield from self._of_step("jnd", "weber", step)
-        if not math.isnan(self.reference):
-            quartile = mapped(sd, lambda x: self.step(x, _QUARTILE))
-            yield self.row("jnd_quartile", quartile, self.quantity.unit)
+        yield self.row("jnd", step, self.quantity.unit)
+        if self.reference != 0.0:
+            size = abs(self.reference)
+            yield self.row("weber", mapped(step, lambda x: x / size))
+        quartile = mapped(sd, lambda x: self.step(x, _QUARTILE))
+        yield self.row("jnd_quartile", quartile, self.quantity.unit)
 
     def of_own_trials(self, sd: Bounded) -> Iterator[PsychophysicsRow]:
         """Yield a subject's own SD between trials, and their Weber fraction."""
@@ -104,18 +95,6 @@ class Site:
             return
         log = self.scene.inference.family == "lognormal"
         yield self.row("weber", mapped(sd, math.expm1) if log else sd)
-
-    def _of_step(
-        self, measure: Measure, fraction: Measure, step: Bounded
-    ) -> Iterator[PsychophysicsRow]:
-        """Yield a step in the quantity's unit, and as a fraction of the reference."""
-        if math.isnan(self.reference):
-            return
-        yield self.row(measure, step, self.quantity.unit)
-        if self.reference != 0.0:
-            size = abs(self.reference)
-            relative = mapped(step, lambda x: x / size)
-            yield self.row(fraction, relative)
 
     def sigma(
         self, measure: Measure, sd: Bounded, *, approximate: bool = False
