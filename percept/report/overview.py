@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from percept.report.cautions import cautions
 from percept.report.contrast import contrast_sentences, level_panels
@@ -20,7 +20,6 @@ from percept.report.select import (
     families_of,
     first,
     foremost,
-    gives_means,
     matching,
     words_of,
 )
@@ -30,8 +29,6 @@ from percept.results import (
     IntervalRow,
     Overview,
     OverviewRow,
-    ReferenceName,
-    ReferencesInside,
     Results,
     Verdict,
 )
@@ -43,12 +40,9 @@ _KIND = "user"  # whose range stands beside the average's interval
 
 def findings(results: Results) -> Findings:
     """Work out what the first screen says from the results."""
-    references: tuple[ReferencesInside, ...] = ()
-    if not gives_means(results):
-        references = tuple(_references(results.intervals))
     rows, classical = _both_rows(results)
     paragraph = results_paragraph(results, rows, classical)
-    return Findings(overview(results), references, tuple(cautions(results)), paragraph)
+    return Findings(overview(results), tuple(cautions(results)), paragraph)
 
 
 def overview(results: Results) -> Overview:
@@ -206,23 +200,3 @@ def first_screen(results: Results, summary: Findings) -> Section:
         named=named_subjects(results),
     )
     return Section("summary", "Summary", view)
-
-
-def _references(intervals: Sequence[IntervalRow]) -> Iterator[ReferencesInside]:
-    """Count, by method and family, the references inside the interval of the average user."""
-    means = matching(intervals, kind="mean", joint="marginal")
-    for method in METHODS:
-        rows = matching(means, method=method)
-        for family in distinct(rows, "family"):
-            inside = 0
-            outside = []
-            for row in matching(rows, family=family):
-                if row.reference is None or row.lower is None or row.upper is None:
-                    continue
-                if row.lower <= row.reference <= row.upper:
-                    inside += 1
-                else:
-                    outside.append(ReferenceName(row.environment, row.parameter))
-            count = inside + len(outside)
-            if count:
-                yield ReferencesInside(method, family, rows[0].level, inside, count, tuple(outside))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
 from percept.boundary.band import size_name
@@ -42,6 +42,7 @@ from percept.results import (
     plain,
 )
 from percept.results.fields import Array
+from percept.scene import Scene
 from percept.sessions.quantities import Quantity
 
 __all__ = ["Intervals", "Matrix", "build_sections", "intervals"]
@@ -115,7 +116,7 @@ def build_sections(results: Results, summary: Findings) -> list[Section]:
         people(results, summary.overview.rows),
         data(results),
         methods(results),
-        _part(results.provenance, "provenance", "Provenance"),
+        Section("provenance", "Provenance", _settings(results.provenance.scene)),
         _part(results.skipped, "skipped", "Not computed"),
     )
     return [section for section in sections if section is not None]
@@ -137,27 +138,15 @@ class Matrix:
 
 
 @dataclasses.dataclass(frozen=True)
-class Coverage:
-    """What intervals of one kind and method cover."""
-
-    kind: str
-    method: str
-    families: list[str]
-    where: list[str]  # Cells; empty where it holds for all
-    sentence: str
-
-
-@dataclasses.dataclass(frozen=True)
 class Intervals:
     """The section of intervals."""
 
     matrices: list[Matrix]
-    coverages: list[Coverage]
     leaves_out: bool  # Whether adjustments at the limits of a control are left out
 
 
 def intervals(results: Results) -> Section | None:
-    """Return a matrix per quantity in the study's family, and what each interval covers."""
+    """Return a matrix per quantity in the study's family."""
     if not results.intervals:
         return None
     marginal = matching(results.intervals, joint="marginal")
@@ -167,7 +156,7 @@ def intervals(results: Results) -> Section | None:
         title = results.data.quantities[name].head
         matrices.append(Matrix(name, title, rows[0].unit, _grid(rows, families_of(results))))
     leaves_out = any(row.left_out for row in results.intervals)
-    view = Intervals(matrices, _coverages(results.intervals), leaves_out)
+    view = Intervals(matrices, leaves_out)
     return Section("intervals", "Intervals of the adjustments", view)
 
 
@@ -190,26 +179,18 @@ def _grid(records: Sequence[R], families: Sequence[str]) -> Grid[R]:
     return Grid(columns, lines, family)
 
 
-def _coverages(rows: Sequence[IntervalRow]) -> list[Coverage]:
-    """Return what each kind and method covers, each sentence once, with what it holds for."""
-    coverages = []
-    for group in _by_kind_and_method(rows):
-        for sentence in distinct(group, "covers"):
-            same = matching(group, covers=sentence)
-            of_family = matching(group, family=same[0].family)
-            where: list[str] = []
-            if len(distinct(of_family, "covers")) > 1:
-                where = [f"{row.parameter} of {row.environment}" for row in same]
-            coverages.append(
-                Coverage(
-                    kind=same[0].kind,
-                    method=same[0].method,
-                    families=sorted(distinct(same, "family"), reverse=True),
-                    where=list(dict.fromkeys(where)),
-                    sentence=sentence,
-                )
-            )
-    return coverages
+def _settings(scene: Mapping[str, Any]) -> list[tuple[str, str, object]]:
+    """Return table, key and value of every setting that is not the default."""
+    defaults = plain(Scene().to_dict())
+    settings = []
+    for table, entries in scene.items():
+        if not isinstance(entries, Mapping):
+            continue
+        usual = defaults.get(table) or {}
+        for key, value in entries.items():
+            if value != usual.get(key):
+                settings.append((table, key, value))
+    return settings
 
 
 @dataclasses.dataclass(frozen=True)

@@ -58,8 +58,6 @@ from percept.results.findings import (
     Findings,
     Overview,
     OverviewRow,
-    ReferenceName,
-    ReferencesInside,
 )
 from percept.results.intervals import (
     AnovaRow,
@@ -85,7 +83,6 @@ __all__ = [
     "LadderEffect", "Leaning", "LeftOut", "LeftOutRow", "LevelValues", "Membership", "MethodPair",
     "MoreSubjects", "NormalityTest", "Note", "Nouns", "OtherDevices", "Overview", "OverviewRow",
     "Passivity", "PosteriorEvidence", "PredictiveCheck", "Prior", "PriorQuantiles", "Provenance",
-    "PseLineRow", "PsychophysicsRow", "ReferenceName", "ReferencesInside", "RenderedEdge",
-    "RenderedWall", "Results", "Shape", "Skipped", "SourceFile", "SubjectCheck", "SubjectRow",
-    "Verdict", "WeberTrend", "ZWidth", "dumps", "plain",
+    "PseLineRow", "PsychophysicsRow", "RenderedEdge", "RenderedWall", "Results", "Shape", "Skipped",
+    "SourceFile", "SubjectCheck", "SubjectRow", "Verdict", "WeberTrend", "ZWidth", "dumps", "plain",
 ]  # fmt: skip

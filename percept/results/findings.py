@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-__all__ = ["Findings", "Overview", "OverviewRow", "ReferenceName", "ReferencesInside"]
+__all__ = ["Findings", "Overview", "OverviewRow"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -40,30 +40,9 @@ class Overview:
 
 
 @dataclasses.dataclass(frozen=True)
-class ReferenceName:
-    """The reference of one quantity."""
-
-    environment: str
-    parameter: str
-
-
-@dataclasses.dataclass(frozen=True)
-class ReferencesInside:
-    """How many references lie inside the average user's intervals of one method and family."""
-
-    method: str
-    family: str
-    level: float
-    inside: int
-    of: int
-    outside: tuple[ReferenceName, ...]
-
-
-@dataclasses.dataclass(frozen=True)
 class Findings:
     """The sentences, numbers and cautions of the first screen."""
 
     overview: Overview
-    references: tuple[ReferencesInside, ...]
     cautions: tuple[str, ...]
     paragraph: str  # Of results, to paste into a paper; empty without intervals

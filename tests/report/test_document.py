@@ -112,20 +112,6 @@ def test_close_views_are_evaluated_where_the_scene_asks(classical):
     assert {row["kind"] for row in classical["close"]} == {"user"}
 
 
-def test_six_references_of_the_paper_lie_outside_their_own_interval(classical):
-    (normal,) = [row for row in classical["summary"]["references"] if row["family"] == "normal"]
-    outside = {(one["environment"], one["parameter"]) for one in normal["outside"]}
-    assert (normal["inside"], normal["of"]) == (4, 10)
-    assert outside == {
-        ("VE1", "k"),
-        ("VE3", "k"),
-        ("VE4", "k"),
-        ("VE5", "k"),
-        ("VE2", "b"),
-        ("VE5", "b"),
-    }
-
-
 def test_a_summary_and_a_scene_without_device_are_documents_too():
     study = Study(
         read_sessions(DATASETS / "hbfd_table1.csv"), Scene(inference={"method": "classical"})
