@@ -65,8 +65,6 @@ class PseLineRow(NotebookRecord):
     estimate: float
     lower: float
     upper: float
-    lower_together: float  # Limits between which the whole line lies with probability `level`
-    upper_together: float
     error: float | None  # Monte Carlo standard error of `lower` and `upper`, the larger
     unit: str
     n: int  # Subjects behind it

@@ -137,7 +137,6 @@ class Stream(enum.IntEnum):
     MORE_SUBJECTS = 112
     PSYCHOPHYSICS = 113
     CONTRASTS = 114
-    PSE_LINES = 115
     CHECKED_STATISTICS = 127
     PRIOR = 131
     DEVICES = 137

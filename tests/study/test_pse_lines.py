@@ -14,9 +14,6 @@ from percept.sessions import Sessions
 from percept.study.basics import Skipped
 from percept.study.psychophysics.lines import posterior_lines
 
-#: Lines drawn to count how many a band holds.
-LINES = 40_000
-
 
 def rows_of(study):
     found = study.parts.psychophysics.lines
@@ -59,40 +56,6 @@ def test_limits_are_roots_of_the_mixture_over_draws(fitted, lines, parameter, nu
     expected = [quantile(0.005), mean.mean(), quantile(0.995)]
     found = np.log(row[["lower", "estimate", "upper"]].astype(float) / row["reference"])
     np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9)
-
-
-def test_whole_lines_lie_between_limits_together(fitted, lines):
-    """Lines drawn by themselves: intercept and slope from two references far apart."""
-    row = lines[lines["parameter"] == "k"]
-    fit = fitted.parts.fit
-    trend = fit.model.trends(fit.points)[""]
-    rng = np.random.default_rng(11)
-    draw = rng.integers(len(fit.points), size=LINES)
-    mean = trend.mean[draw, 0]
-    covariance = trend.covariance[draw, 0]
-    first = rng.standard_normal(LINES)
-    second = rng.standard_normal(LINES)
-    sd = np.sqrt(covariance[:, 0, 0])
-    along = covariance[:, 0, 1] / sd
-    intercept = mean[:, 0] + sd * first
-    rest = np.sqrt(covariance[:, 1, 1] - along**2)
-    slope = mean[:, 1] + along * first + rest * second
-    tested = [fitted.parts.reference["k", name] for name in fit.environments]
-    decades = np.log10(row["reference"].to_numpy()) - np.log10(tested).mean()
-    lines_drawn = np.exp(intercept[:, None] + np.multiply.outer(slope, decades))
-    lines_drawn *= row["reference"].to_numpy()
-
-    def share(kind):
-        lower = row[f"lower{kind}"].to_numpy()
-        upper = row[f"upper{kind}"].to_numpy()
-        return ((lines_drawn >= lower) & (lines_drawn <= upper)).all(axis=1).mean()
-
-    error = np.sqrt(0.99 * 0.01 / LINES)
-    # The level searched for rests on 65,536 lines of its own.
-    assert share("_together") == pytest.approx(0.99, abs=4.5 * 1.3 * error)
-    assert share("") < 0.99 - 10.0 * error
-    assert (row["lower_together"] < row["lower"]).all()
-    assert (row["upper_together"] > row["upper"]).all()
 
 
 def test_a_line_is_straight_and_has_the_slope_of_the_table(fitted, lines):

@@ -56,9 +56,9 @@ def line_drawings(results: Results) -> list[Drawing]:
     """Return a figure per quantity, with a panel for each condition."""
     words = words_of(results)
     said = (
-        f"Line: where the {words.environments} lie on average, with limits at each reference and"
-        " limits that hold the whole line. Marks with bars: the point of subjective equality of"
-        f" each {words.environment}. Dashed: it equals the reference. All Bayesian."
+        f"Line: where the {words.environments} lie on average. Band: its limits at each reference."
+        f" Marks with bars: the point of subjective equality of each {words.environment}. Dashed:"
+        " it equals the reference. All Bayesian."
     )
     drawings = []
     for parameter in distinct(results.pse_lines, "parameter"):
@@ -115,18 +115,15 @@ def _draw_with(
 
 
 def _draw_line(ax: Axes, rows: Sequence[PseLineRow]) -> FloatArray:
-    """Draw a line with both of its bands; return the limits of the wider one, (2, n)."""
+    """Draw a line with its band; return the limits of the band, (2, n)."""
     reference = np.array([row.reference for row in rows])
-    band = np.array([(row.lower_together, row.upper_together) for row in rows]).T / reference
-    curves = np.array([(row.lower, row.upper, row.estimate) for row in rows]) / reference[:, None]
+    band = np.array([(row.lower, row.upper) for row in rows]).T / reference
+    estimate = np.array([row.estimate for row in rows]) / reference
     colour = COLOURS["bayesian"]
-    level = percent(rows[0].level)
-    label = f"whole line, {level}"
-    whole = ax.fill_between(reference, *band, color=colour, alpha=_FILL, linewidth=0.0, label=label)
-    label = f"each reference, {level}"
-    limits = ax.plot(reference, curves[:, :2], color=colour, linewidth=0.7, label=label)
-    line = ax.plot(reference, curves[:, 2], color=colour, linewidth=1.6, label="line")
-    mark(ax, [whole, *limits, *line], "bayesian", "mean")
+    label = f"each reference, {percent(rows[0].level)}"
+    drawn = ax.fill_between(reference, *band, color=colour, alpha=_FILL, linewidth=0.0, label=label)
+    line = ax.plot(reference, estimate, color=colour, linewidth=1.6, label="line")
+    mark(ax, [drawn, *line], "bayesian", "mean")
     return band
 
 

@@ -13,13 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from percept.inference.classical.variability import Bounded
-from percept.inference.hierarchy.families import level_together
 from percept.inference.hierarchy.laws import ConditionalMoments
 from percept.inference.hierarchy.linear_posterior import LinearPosterior
 from percept.inference.hierarchy.product import pooled_parts
 from percept.results import PseLineRow
 from percept.scene import Scene
-from percept.study.basics import Array, References, Skipped, Stream, generator
+from percept.study.basics import Array, References, Skipped
 from percept.study.fit import Fit
 from percept.study.psychophysics.limits import bounded_means
 from percept.study.psychophysics.site import mapped
@@ -30,10 +29,6 @@ __all__ = ["posterior_lines"]
 _POINTS = 25
 #: Two references lie on any line.
 _FEWEST_REFERENCES = 3
-#: Draws of the scales that limits together rest on: as many as families of contrasts need.
-_MOST_DRAWS = 4096
-#: Lines drawn for them: limits together at 99 % are then known to 1 % of their half-widths.
-_LINES = 65_536
 #: Tolerances beyond which the error of a limit withholds a line, as it does other curves.
 _MOST_TOLERANCES = 10.0
 
@@ -48,7 +43,7 @@ def posterior_lines(
     fit : Fit
         A fit that passed.
     scene : Scene
-        Level, family, tolerance and seed.
+        Level, family and tolerance.
     reference : mapping
         By parameter and environment, in the parameter's unit.
 
@@ -107,21 +102,16 @@ class _Line:
         variance = np.einsum("sab,an,bn->sn", covariance, weights, weights)
         # Of the location alone: users are not asked for.
         laws = ConditionalMoments(mean @ weights, np.sqrt(variance), np.zeros_like(variance))
-        single_limits = bounded_means(laws, asked.level, len(mean))
+        limits_at = bounded_means(laws, asked.level, len(mean))
         # In half-widths.
-        worst = max(2.0 * (own.error or 0.0) / (own.upper - own.lower) for own in single_limits)
+        worst = max(2.0 * (own.error or 0.0) / (own.upper - own.lower) for own in limits_at)
         if worst > _MOST_TOLERANCES * asked.tolerance:
             what = f"line of {quantity.label} over the reference"
             why = f"the Monte Carlo error of its limits is {worst:.0%} of a half-width"
             yield Skipped(what, why)
             return
-        together = self._level_together(laws, mean, covariance, weights)
-        limits_together = bounded_means(laws, together, len(mean))
-        for value, single, wide in zip(
-            references.tolist(), single_limits, limits_together, strict=True
-        ):
-            pse = self._native(value, single)
-            band = self._native(value, wide)
+        for value, limits in zip(references.tolist(), limits_at, strict=True):
+            pse = self._native(value, limits)
             yield PseLineRow(
                 parameter=quantity.name,
                 condition=condition,
@@ -132,26 +122,10 @@ class _Line:
                 estimate=pse.estimate,
                 lower=pse.lower,
                 upper=pse.upper,
-                lower_together=band.lower,
-                upper_together=band.upper,
                 error=pse.error,
                 unit=quantity.unit,
                 n=len(self.density.statistics.subjects),
             )
-
-    def _level_together(
-        self, laws: ConditionalMoments, mean: Array, covariance: Array, weights: Array
-    ) -> float:
-        """Level of single limits between which whole lines lie with the level asked for."""
-        asked = self.scene.inference
-        stride = -(-len(mean) // _MOST_DRAWS)
-        rng = generator(asked.seed, Stream.PSE_LINES)
-        roots = np.linalg.cholesky(covariance[::stride])
-        repeats = -(-_LINES // len(roots))
-        normals = rng.standard_normal((repeats, len(roots), 2))
-        drawn = mean[::stride] + np.einsum("sab,rsb->rsa", roots, normals)
-        values = drawn.reshape(-1, 2) @ weights
-        return level_together(laws.mean[::stride], laws.sd[::stride], values, asked.level)
 
     def _native(self, reference: float, bounded: Bounded) -> Bounded:
         """Return responses to a reference in its unit."""
