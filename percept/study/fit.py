@@ -222,11 +222,6 @@ def bayesian_rows(
     if not fit.passed:
         yield Skipped("Bayesian intervals", fit.withheld)
         return
-    if len(fit.parameters) == 2:
-        symbols = [fit.quantities[parameter].symbol for parameter in fit.parameters]
-        names = " and ".join(symbols)
-        what = f"Bayesian intervals of {names} widened to hold together (bonferroni)"
-        yield Skipped(what, "the sampler holds only single limits to the tolerance")
     for kind in asked.kinds:
         lower, upper = fit.limits[kind]
         for cell, c in fit.column.items():
