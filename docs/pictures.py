@@ -113,7 +113,6 @@ _REPORTED = {
         "band": "band",
         "stability": "stability",
         "design": "design",
-        "device": "device",
         "zwidth": "zwidth",
     },
     "sleep": {"levels_gain_1": "levels"},
