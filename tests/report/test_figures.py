@@ -45,7 +45,7 @@ def file(drawing, form="svg"):
 
 
 def test_there_is_a_figure_of_everything_with_data(found):
-    curves = {"boundaries", "boundaries_close", "ratios", "zwidth", "stability", "design", "device"}
+    curves = {"boundaries", "boundaries_close", "ratios", "zwidth", "stability", "design"}
     assert found.keys() == curves | {"overview_k", "overview_b", "pse_k", "pse_b", "band"}
 
 
