@@ -49,7 +49,7 @@ RESULTS = Results(
     comparison=None, band_pairs=None, ladder=None, diagnostics=None, checks=None,
     skipped=(Skipped("band law", "one environment"),),
 )  # fmt: skip
-SUMMARY = Findings(Overview((), ("one",)), (), (), "")
+SUMMARY = Findings(Overview((), ("one",)), (), "")
 
 
 def written(tmp_path, text):
