@@ -1,36 +1,45 @@
-"""How probably other couplings feel real, and are stable.
+"""How probably other couplings, and other devices, feel real.
 
 The map of couplings is over stiffness and damping, up to the edge of what is stable. Where the
 device has a posterior, the edge is that of its most stable draw. Its ends, the
 stiffest and the softest coupling that feel real with the scene's `decision`, are found on it and
-confirmed by `percept.boundary.feels_real`, which also searches between frequencies.
+confirmed by `percept.boundary.feels_real`, which also searches between frequencies. Mass and
+damping of a device are seldom known well: every display is judged again at ± 50 % of either.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from percept.boundary.feels_real import CouplingJudge, Evidence, feels_real
+from percept.boundary.feels_real import (
+    CouplingJudge,
+    Evidence,
+    feels_real,
+    judge,
+    rough_probability,
+)
 from percept.boundary.users import Users
-from percept.haptics import Coupling, TabulatedDevice
+from percept.haptics import Coupling, Device, TabulatedDevice
 from percept.haptics.search import covers_range
 from percept.results import (
     AdmissibleCouplings,
+    ChangedVerdict,
     ConfirmedCoupling,
     EnvironmentCouplings,
+    OtherDevices,
 )
 from percept.results.fields import Method
 from percept.scene import InferenceTable
 from percept.study.basics import Array, Skipped
 from percept.study.device import Setup, map_frequencies, stiffness_span
-from percept.study.stable_couplings import StableCouplings
+from percept.study.stable_couplings import StableCouplings, is_stable
 from percept.study.verdicts import frequencies, relative_sd
 
-__all__ = ["coupling_map", "no_coupling_map"]
+__all__ = ["coupling_map", "no_coupling_map", "no_other_devices", "other_devices"]
 
 #: Draws of the users behind a map of couplings: 0.95 is known to 0.014 by them.
 _MAP_DRAWS = 256
@@ -54,6 +63,12 @@ _LINES_BETWEEN = 9
 _HALVINGS = 10
 #: Ends that are tried before a search gives up.
 _TRIALS = 5
+
+#: Draws of the users behind a probability: it is known to 0.02 by them, and differences better.
+_DEVICE_DRAWS = 512
+#: Of the scene's mass or damping, which are seldom known better.
+_LESS = 0.5
+_MORE = 1.5
 
 End = Literal["stiffest", "softest"]
 
@@ -310,3 +325,101 @@ def _ends_on_lines(
         outside = np.where(found >= wanted, outside, middle)
     ends[lines] = inside
     return ends
+
+
+def no_other_devices(setup: Setup, users: Mapping[str, Users]) -> Skipped | None:
+    """Say why mass and damping are not varied; None where they are."""
+    what = "verdicts with other mass and damping of the device"
+    if not isinstance(setup.device, Device):
+        return Skipped(what, "a measured response has neither")
+    if not users:
+        return Skipped(what, "they need a joint law of stiffness and damping")
+    return None
+
+
+def other_devices(
+    setup: Setup,
+    users: Mapping[str, Users],
+    method: Method,
+    asked: InferenceTable,
+    within: tuple[float, float],
+) -> OtherDevices | None:
+    """Judge every environment again with other mass and damping of the device.
+
+    Parameters
+    ----------
+    setup : Setup
+        Device, coupling and references.
+    users : mapping of str to Users
+        Draws of the population, in random order, by environment.
+    method : {"bayesian", "classical"}
+        Whose draws these are.
+    asked : InferenceTable
+        Level of the central ranges, and decision.
+    within : tuple of float
+        Ends of the frequencies that displays are judged over, rad/s.
+
+    Returns
+    -------
+    OtherDevices or None
+        None where `no_other_devices` says why.
+    """
+    if no_other_devices(setup, users) is not None:
+        return None
+    setups = list(_setups(setup))
+    stable = None
+    if setup.coupling is not None:
+        stable = tuple(is_stable(varied, setup.coupling) for varied in setups)
+    devices = [varied.device for varied in setups if isinstance(varied.device, Device)]
+    verdicts = []
+    for environment, population in users.items():
+        some = population.select(slice(0, _DEVICE_DRAWS))
+        for coupled in (False, True) if setup.coupling is not None else (False,):
+            probabilities = tuple(
+                _probability(varied, environment, some, asked.level, within, coupled=coupled)
+                for varied in setups
+            )
+            verdict = ChangedVerdict(
+                environment=environment,
+                coupled=coupled,
+                probability=probabilities,
+                outcome=tuple(judge(one, asked.decision) for one in probabilities),
+            )
+            verdicts.append(verdict)
+    return OtherDevices(
+        mass=tuple(float(device.mass) for device in devices),
+        damping=tuple(float(device.damping) for device in devices),
+        stable=stable,
+        verdicts=tuple(verdicts),
+        method=method,
+        draws=min(_DEVICE_DRAWS, *(population.size for population in users.values())),
+    )
+
+
+def _setups(setup: Setup) -> Iterator[Setup]:
+    """Yield the scene's own device, then less and more mass, then less and more damping."""
+    device = setup.device
+    assert isinstance(device, Device)
+    devices = [device]
+    for factor in (_LESS, _MORE):
+        devices.append(dataclasses.replace(device, mass=factor * device.mass))
+    for factor in (_LESS, _MORE):
+        devices.append(dataclasses.replace(device, damping=factor * device.damping))
+    for other in devices:
+        yield dataclasses.replace(setup, device=other)
+
+
+def _probability(
+    setup: Setup,
+    environment: str,
+    users: Users,
+    level: float,
+    within: tuple[float, float],
+    *,
+    coupled: bool,
+) -> float:
+    """Judge one environment on one device."""
+    span = stiffness_span(setup, environment, users, level)
+    omega = map_frequencies(setup, environment, span, within)
+    display = setup.display(environment, coupled=coupled)
+    return rough_probability(display, users, omega, level=level)

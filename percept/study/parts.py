@@ -41,8 +41,12 @@ from percept.study.intervals import (
     classical_rows,
     compare_intervals,
 )
-from percept.study.maps import coupling_map, no_coupling_map
-from percept.study.other_devices import no_other_devices, other_devices
+from percept.study.maps import (
+    coupling_map,
+    no_coupling_map,
+    no_other_devices,
+    other_devices,
+)
 from percept.study.psychophysics import Psychophysics
 from percept.study.regions import Law, Region, SubjectPairs, laws_of, regions_of, subject_pairs
 from percept.study.responses import references, refuse_lone_subject
