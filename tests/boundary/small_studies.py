@@ -1,17 +1,9 @@
-"""Small studies, all of which get a page: `python -m tests.boundary.small_studies [FIRST [LAST]]`.
-
-Every three and every four of the published study's ten subjects go through their curves, and random
-studies through the whole command. A line per study says what became of it; one that ends in an
-exception makes the exit code 1.
-"""
+"""Small studies, all of which get a page: subsets of the published one, and random ones."""
 
 from __future__ import annotations
 
 import itertools
 import json
-import sys
-import tempfile
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -118,26 +110,3 @@ def pages_of(seed: int, folder: Path) -> list[str]:
     assert (out / "report.html").stat().st_size > 10_000
     document = json.loads((out / "report.json").read_text(encoding="utf-8"))
     return [f"{row['what']}: {row['why']}" for row in document["skipped"]]
-
-
-def _main(first: int = 0, last: int = 1_000_000) -> int:
-    warnings.simplefilter("error", RuntimeWarning)
-    failed = 0
-    chosen = [*subsets(3), *subsets(4)]
-    with tempfile.TemporaryDirectory() as name:
-        jobs = [(",".join(c), lambda c=c: curves_of(c).skipped) for c in chosen]
-        jobs += [(f"random {i}", lambda i=i: pages_of(i, Path(name))) for i in range(RANDOM)]
-        for number, (label, job) in enumerate(jobs):
-            if not first <= number < last:
-                continue
-            try:
-                print(number, label, len(job()), "not computed", flush=True)
-            except Exception as error:  # noqa: BLE001 - any exception is what is looked for
-                failed += 1
-                print(number, label, "FAILED", repr(error)[:300], flush=True)
-    print(f"{failed} failed")
-    return int(failed > 0)
-
-
-if __name__ == "__main__":
-    sys.exit(_main(*map(int, sys.argv[1:])))

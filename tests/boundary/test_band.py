@@ -118,19 +118,6 @@ def test_one_environment_carrying_the_offset_is_named() -> None:
     assert sum(law.best or 0.0 for law in laws) == pytest.approx(1.0)
 
 
-def test_an_offset_that_two_environments_carry_is_carried_by_no_one() -> None:
-    z, bands = np.array([1.0, 2.0, 100.0, 1000.0]), np.array([0.091, 0.521, 6.277, 127.897])
-    offset = laws_of(z, bands * np.exp(1e-3 * np.random.default_rng(4).standard_normal((20, 4))))[
-        "offset"
-    ]
-    without = [
-        fit_law("offset", np.delete(z, j), np.delete(bands, j)[None])[0, 0] for j in range(4)
-    ]
-    assert np.flatnonzero(np.array(without) < 0.1 * offset.parameters["c"].value).tolist() == [1, 2]
-    assert offset.carried_by is None
-    assert "rests on" not in offset.sentence
-
-
 def powers(exponent: float, count: int = 60) -> np.ndarray:
     return Z4**exponent * np.exp(0.05 * np.random.default_rng(2).standard_normal((count, 4)))
 

@@ -209,14 +209,6 @@ def test_limits_that_a_law_does_not_determine_are_refused() -> None:
         Magnitude(law, DEVICE, PERIOD, OMEGA).limits(1.0 - 1e-6)
 
 
-def test_a_frequency_the_device_alone_decides() -> None:
-    law = laws()[0][0]
-    nyquist = np.array([1.0, np.pi / PERIOD])
-    limits = Magnitude(law, DEVICE, PERIOD, nyquist).limits(0.9)
-    assert np.isinf([limits.lower[1], limits.upper[1]]).all()
-    assert np.isfinite([limits.lower[0], limits.upper[0]]).all()
-
-
 def test_the_mass_of_an_environment_moves_its_resonance() -> None:
     law = laws()[0][0]
     found, same = (

@@ -63,16 +63,6 @@ def test_both_orders_of_integration_agree(log):
     np.testing.assert_allclose(first, second, rtol=0.0, atol=1e-6)
 
 
-def test_a_law_of_one_quantity_is_the_limit_of_a_narrow_other():
-    population = users(log=False, correlation=0.0)
-    narrow = Users(False, population.mean, population.sd * [[1.0], [1e-7]], population.correlation)
-    omega = np.array([0.1])
-    plane, radius = disc(540.0, 2.0, omega)
-    share = share_within(narrow.column(), plane, radius, DiscIntegral(0, 96))[0, 0]
-    # At so low an omega abs(Z_h) rises with stiffness alone, and both users have one damping.
-    assert share == pytest.approx(special.ndtr((540.0 - 500.0) / 50.0), abs=1e-6)
-
-
 def test_central_ranges_hold_their_level():
     boxes = users(log=True).central_ranges(0.9)
     edge = special.ndtri(0.95)

@@ -158,27 +158,6 @@ print(sorted(path.name for path in Path(sys.argv[3]).iterdir()))
 """
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="limits of file sizes are POSIX")
-def test_no_room_on_the_disk_is_said_and_leaves_nothing(tmp_path, run):
-    (tmp_path / "entry").write_bytes(encode(run))
-    ran = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            FULL,
-            str(tmp_path / "entry"),
-            str(Path(__file__).parent),
-            str(tmp_path / "c"),
-        ],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert ran.stdout.strip() == "[]"
-    assert "not kept for next time" in ran.stderr
-    assert "file too large" in ran.stderr
-
-
 TWO = """
 import sys
 from importlib import metadata
@@ -245,3 +224,24 @@ def test_an_entry_is_of_these_versions_and_this_code(cache, run):
     for name in ("numpy", "scipy", "emcee"):
         assert metadata.version(name) in versions
     assert versions != numbers_version("haptics")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of file sizes are POSIX")
+def test_no_room_on_the_disk_is_said_and_leaves_nothing(tmp_path, run):
+    (tmp_path / "entry").write_bytes(encode(run))
+    ran = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            FULL,
+            str(tmp_path / "entry"),
+            str(Path(__file__).parent),
+            str(tmp_path / "c"),
+        ],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert ran.stdout.strip() == "[]"
+    assert "not kept for next time" in ran.stderr
+    assert "file too large" in ran.stderr

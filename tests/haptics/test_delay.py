@@ -63,16 +63,6 @@ def test_the_searched_damping_is_the_root_of_a_polynomial(delay, discretization)
         assert found == pytest.approx(largest_by_polynomials(k_c * T, beta, delay), rel=1e-9)
 
 
-@pytest.mark.parametrize("kind", ["average", "true"])
-@pytest.mark.parametrize("delay", [0.25, 1.0, 2.5, 40.0])
-def test_demand_at_dc_grows_with_the_square_of_one_and_twice_the_delay(kind, delay):
-    """One sample of delay asks nine times as much at low frequency."""
-    beta = 100.0 + 25.0
-    expected = (1 + 2 * delay) ** 2 * 50.0**2 / (16 * beta)
-    found = required_damping_at([0.0, 1e-9], COUPLING, T, hold=Hold(kind, delay))
-    assert found == pytest.approx([expected, expected], rel=1e-15)
-
-
 @pytest.mark.parametrize("delay", [0.3, 1.0, 7.7, 100.0])
 @pytest.mark.parametrize("kind", ["average", "true"])
 def test_no_frequency_asks_for_more_than_the_searched_damping(kind, delay):

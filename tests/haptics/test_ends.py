@@ -119,25 +119,6 @@ def test_effective_stiffness_has_its_limits():
     assert stiffness[2] == pytest.approx(stiffness[3], rel=1e-6)
 
 
-def test_device_at_the_ends():
-    device = Device(2.0, 5.0, (Mode(0.5, 1e4, 3.0), Mode(0.5, 0.0, 3.0), Mode(0.0, 1.0, 1.0)))
-    at_dc, at_nyquist = device_impedance([0.0, NYQUIST], device, 1e-3)
-    assert at_dc == 5.0
-    assert at_nyquist.real == pytest.approx(11.0)
-    assert at_nyquist.imag == np.inf
-
-
-def test_hold_of_both_kinds():
-    np.testing.assert_array_equal(hold([0.0, NYQUIST], 1e-3), [1.0, 0.0])
-    np.testing.assert_allclose(
-        hold([0.0, NYQUIST], 1e-3, kind="true"), [1.0, -2j / np.pi], atol=1e-16
-    )
-    h = 0.7
-    np.testing.assert_allclose(
-        hold(2 * h / 1e-3, 1e-3, kind="true"), np.sin(h) / h * np.exp(-1j * h), rtol=1e-14
-    )
-
-
 def test_hold_keeps_its_digits_next_to_nyquist():
     theta = np.pi - np.array([1e-14, 1e-12, 1e-9])
     with mpmath.workdps(40):

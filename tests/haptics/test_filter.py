@@ -12,18 +12,13 @@ from percept.haptics import (
     Environment,
     Mode,
     absolute_stability,
-    effective_impedance,
     perceived_impedance,
     required_damping,
     required_damping_at,
     stability_margin,
 )
-from percept.haptics.axis import warp
-from percept.haptics.containment import Boxes, departures, plane_departures
 from percept.haptics.limits import largest_coupling_damping, stable_stiffness
 from percept.haptics.loop import Hold
-from percept.haptics.perceived import shown_element
-from percept.haptics.records import Display
 from percept.haptics.rendering import coupled_region
 from percept.haptics.velocity import VelocityFilter
 from tests import LONG
@@ -190,36 +185,3 @@ def test_verdicts_over_a_range_hold_with_a_filter():
     every = list(scenes(90 if LONG else 1, 19, filtered=True))
     found = [contradiction(scene, omega) for scene in every]
     assert [wrong for wrong, _ in found if wrong] == []
-
-
-@pytest.mark.parametrize("order", [1, 3])
-@pytest.mark.parametrize("mass", [0.0, 0.3])
-@pytest.mark.parametrize("coupled", [True, False])
-def test_turning_points_are_found(order, mass, coupled):
-    """Largest departures of stiffness and damping are those of a fine grid."""
-    velocity_filter = VelocityFilter(60.0, order)
-    wall = Environment(1e3, 20.0, mass)
-    coupling = Coupling(5e3, 50.0, velocity_filter)
-    if not coupled:
-        wall = Environment(1e3, 20.0, mass, velocity_filter)
-    display = Display(Device(1.0, 5.0), wall, T, coupling if coupled else None)
-    boxes = Boxes.of((500.0, 1500.0), (5.0, 25.0))
-    omega = np.linspace(LOWER, UPPER, 200_001)
-    shown = shown_element(warp(omega, T), display)
-    by_stiffness = boxes.stiffness.widths_off(shown.stiffness)
-    by_damping = boxes.damping.widths_off(shown.damping)
-    seen = np.maximum(by_stiffness, by_damping).max()
-    found = plane_departures(display, boxes, LOWER, UPPER)
-    assert found.largest[0] == pytest.approx(seen, rel=1e-6)
-    if coupled and not mass:
-        point = effective_impedance(30.0, wall, coupling, T)
-        at = shown_element(warp(30.0, T), display)
-        assert (point.stiffness, point.damping) == (at.stiffness, at.damping)
-    # Displays side by side are judged like each alone.
-    if coupled:
-        two = Coupling([5e3, 8e3], [50.0, 30.0], velocity_filter)
-        both = Display(Device(1.0, 5.0), wall, T, two)
-        assert departures(both, boxes.select(np.array([0, 0])), LOWER, UPPER).largest[
-            0
-        ] == pytest.approx(departures(display, boxes, LOWER, UPPER).largest[0], rel=1e-9)
-        assert plane_departures(both, boxes, LOWER, UPPER).largest[0] == found.largest[0]

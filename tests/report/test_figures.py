@@ -18,7 +18,6 @@ from percept.report.figures.canvas import (
     log_scale,
     panels,
 )
-from percept.report.figures.couplings import design_drawings
 from percept.report.figures.intervals import Bar, BarAxis, draw_intervals, interval_drawings
 from percept.report.figures.output import STYLE, drawn
 from tests.documents import as_results
@@ -273,14 +272,6 @@ def test_characters_that_a_font_or_xml_does_not_have_break_no_figure(name):
         assert [root.find(f"{SVG}{tag}").text for tag in ("title", "desc")] == [expected, expected]
 
 
-def test_a_label_in_an_id_of_the_file_is_none_in_the_page():
-    drawing = drawing_of(lambda ax: ax.plot([1, 2], [1, 2])[0].set_gid('coupling:5 "kN"/m'))
-    assert 'coupling:5 "kN"/m' in {
-        element.get("id") for element in ET.fromstring(file(drawing)).iter()
-    }
-    assert "coupling:5" not in inline(drawing)
-
-
 def test_bars_span_their_limits_and_end_in_arrows_where_the_axis_does():
     ax = axes()
     bars = [
@@ -366,25 +357,3 @@ def test_methods_stay_apart_in_colour_blindness():
     for matrix in seen_by.values():
         classical, bayesian = (matrix @ linear(COLOURS[name]) for name in ("classical", "bayesian"))
         assert np.linalg.norm(classical - bayesian) > 0.25
-
-
-def test_the_coupling_in_use_stands_at_the_edge_where_it_lies_beyond(classical):
-    document = copy.deepcopy(classical)
-    for stiffness, damping, inside in ((50e3, 900.0, False), (1e3, 10.0, True)):
-        document["provenance"]["scene"]["coupling"] = {"stiffness": stiffness, "damping": damping}
-        (found,) = design_drawings(as_results(document))
-        assert found.description.endswith("The cross is the coupling in use.")
-        figure = Figure(figsize=(7.0, 3.0))
-        found.draw(figure)
-        ax = figure.axes[0]
-        (mark,) = [line for line in ax.get_lines() if line.get_marker() == "X"]
-        place = mark.get_xdata()[0], mark.get_ydata()[0]
-        edge = ax.get_xlim()[1], ax.get_ylim()[1]
-        assert place == ((1.0, 10.0) if inside else edge)
-        assert mark.get_label() == (
-            f"coupling in use ({stiffness / 1e3:.4g} kN/m, {damping:.4g} N·s/m)"
-        )
-        assert not mark.get_clip_on()
-    document["provenance"]["scene"].pop("coupling")
-    (found,) = design_drawings(as_results(document))
-    assert "in use" not in found.description

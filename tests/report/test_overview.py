@@ -234,26 +234,6 @@ def test_the_cause_of_another_verdict_is_said_where_the_ladder_knows_it():
     assert "main cause" not in overview(alike).sentences[1]
 
 
-def test_the_cause_of_another_sign_is_said_where_the_ladder_knows_it():
-    made = results([("soft", 10.04, 11.7, 13.6, 5, 40)])
-    mean, user = (dataclasses.replace(row, method="bayesian") for row in made.intervals)
-    effects = climbed("soft", "user", prior=(9.0, 0.0)) + climbed(
-        "soft", "mean", pooling=(0.0, -0.4)
-    )
-    ladder = Ladder(tuple(effects), ())
-
-    def said(lower):
-        bayesian = (dataclasses.replace(mean, lower=lower, upper=13.7), user)
-        both = dataclasses.replace(made, intervals=made.intervals + bayesian, ladder=ladder)
-        return overview(both).sentences[0]
-
-    assert said(9.9).endswith(
-        "excludes zero. The main cause in soft is what the model learns from the other"
-        " environments."
-    )
-    assert "main cause" not in said(10.1)
-
-
 def test_the_stability_of_the_coupling_is_said():
     assert (
         overview(results([SOFT], coupling=judged(0.3157, "unstable"))).sentences[1]

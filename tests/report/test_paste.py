@@ -16,8 +16,6 @@ from percept.report.paste import paste_tables
 from percept.results import Results
 from tests import DATASETS
 from tests.documents import EMPTY, as_results
-from tests.study.within import frame
-from tests.study.within import study as factors
 
 HOSTILE = r"\input{/etc/passwd} & 50% <b>_$#~^[x]"
 
@@ -96,18 +94,6 @@ def test_every_table_is_told_as_on_the_page(both):
         assert plain(caption).removesuffix(" Simulated data.").replace("_", "") in page
         assert caption.endswith("Simulated data.")
         assert {sign for sign in text if ord(sign) > 127} <= LATIN
-
-
-def test_contrasts_and_analyses_of_variance_are_pasted_too():
-    inference = {"method": "classical", "tolerance": 0.3}
-    files = tables(factors(frame(subjects=4), inference=inference).results(curves=False))
-    term = "environment × hand"
-    (row,) = [row for row in rows_of(files["anova_k.tex"]) if row[0] == term]
-    assert len(row) == 9
-    overall = [row for row in rows_of(files["contrast_1.tex"]) if row[0].startswith("overall")]
-    assert [row[1:3] for row in overall] == [
-        ["mean", "classical"], ["user", "classical"], ["share", "classical"],
-    ]  # fmt: skip
 
 
 def test_names_become_no_commands(both):

@@ -178,12 +178,6 @@ def test_entries_are_balanced_and_have_their_fields(both):
     )
 
 
-def test_the_page_s_numbers_follow_the_list(both):
-    page = page_of(both)
-    shown = [int(one) for one in re.findall(r"&nbsp;\[(\d+)\]", page)]
-    assert list(dict.fromkeys(shown)) == list(range(1, len(cited(as_results(both))) + 1))
-
-
 @pytest.mark.evidence
 def test_of_many_environments_some_are_drawn_and_the_page_says_so(classical):
     document = copy.deepcopy(classical)

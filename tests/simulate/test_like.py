@@ -131,15 +131,6 @@ def test_ten_subjects_are_the_nearest_of_many_draws_in_both_correlations() -> No
         assert abs(within - CORRELATION) < 0.1
 
 
-def test_more_subjects_keep_mean_and_sd() -> None:
-    few, many = (simulate_like(PUBLISHED, seed=1, subjects=n) for n in (10, 40))
-    assert many["subject"].nunique() == 40
-    for name in ("k_adj", "b_adj"):
-        a, b = (table.groupby("environment")[name] for table in (few, many))
-        assert_allclose(a.mean(), b.mean(), rtol=2e-5)
-        assert_allclose(a.std(), b.std(), rtol=2e-4)
-
-
 def test_the_limits_of_any_quantity_are_met() -> None:
     options = ReadOptions.from_mapping({"quantities": {"duration": {"unit": "ms"}}})
     rows = [

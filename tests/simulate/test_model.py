@@ -121,23 +121,6 @@ def test_every_prior_scale_is_used_where_it_belongs() -> None:
     assert_allclose(np.log(b.s_e / 0.3), 3 * np.log(a.s_e / 0.1), rtol=1e-12)
 
 
-def test_covariances_are_written_out_entry_by_entry() -> None:
-    values = draw_environments(
-        hyperparameters(),
-        Design.balanced(REFERENCES, subjects=2, trials=2),
-        np.random.default_rng(1),
-    )
-    hyper = values.hyper
-    assert_allclose(values.cov_u, [[0.09, 0.6 * 0.15], [0.6 * 0.15, 0.25]], rtol=1e-14)
-    for j in range(5):
-        for cov, sd, rho in (
-            (values.cov_w, values.sigma, hyper.rho_w),
-            (values.cov_e, values.sigma_e, hyper.rho_e),
-        ):
-            k, b = sd[j]
-            assert_allclose(cov[j], [[k * k, rho * k * b], [rho * k * b, b * b]], rtol=1e-14)
-
-
 def test_moments_of_the_responses() -> None:
     """Cell means have covariance Σ_u + Σ_w + Σ_e/r, share Σ_u across environments, scatter Σ_e
     within."""

@@ -89,17 +89,6 @@ def test_limits_hold_their_level_over_other_devices(fitted: Study, averaged, at_
     assert least["at its point"] < 0.8
 
 
-def test_simultaneous_curves_contain_pointwise_ones_and_say_their_level(averaged) -> None:
-    for key, band in averaged.items():
-        if band.shape != "simultaneous" or band.method == "classical":
-            continue
-        inner = averaged[(*key[:-1], "pointwise")]
-        assert (band.lower <= inner.lower).all()
-        assert (band.upper >= inner.upper).all()
-        assert band.pointwise_level is not None
-        assert band.pointwise_level >= band.level
-
-
 def test_a_device_all_but_known_changes_nothing_and_makes_no_share(fitted: Study, at_point) -> None:
     known = curves(drawing(fitted, [[1e-12, 0.0], [0.0, 1e-12]]))
     for key, boundary in at_point.items():

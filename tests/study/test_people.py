@@ -73,19 +73,6 @@ def test_rows_are_those_of_plain_loops(subjects, family):
         assert [row.n for row in rows][:2] == [4, 1]
 
 
-def test_a_reference_of_zero_gives_differences_and_zero_adjustments_no_logarithm():
-    table = SESSIONS.table[["subject", "environment", "k_ref", "k_adj"]].copy()
-    table["k_ref"] = 0.0
-    rows = list(subject_rows(Sessions.from_frame(table), Scene()))
-    assert {(row.relative, row.log, row.unit) for row in rows} == {(False, False, "N/m")}
-    first = table[table["subject"] == "S01"]["k_adj"]
-    assert rows[0].mean == pytest.approx(first.mean(), rel=1e-12)
-    table["k_ref"] = SESSIONS.table["k_ref"]
-    table.loc[table.index[:5], "k_adj"] = 0.0
-    rows = list(subject_rows(Sessions.from_frame(table), Scene()))
-    assert {(row.relative, row.log) for row in rows} == {(True, False)}
-
-
 def test_published_limits_have_no_rows():
     assert list(subject_rows(read_sessions(DATASETS / "hbfd_table1.csv"), Scene())) == []
 

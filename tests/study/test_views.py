@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from percept import Scene, Sessions, Study, read_sessions
+from percept import Scene, Study, read_sessions
 from percept.errors import UsageError
 from tests import DATASETS
 from tests.documents import build_document
@@ -72,19 +72,6 @@ def test_the_summary_lays_methods_side_by_side(fitted, kind):
                 one[name] for name in ("estimate", "lower", "upper")
             ]
             assert row["reference"] == one["reference"]
-
-
-def test_the_other_family_stands_in_where_the_scene_s_has_no_interval():
-    rows = [
-        (s, e, 10.0, v)
-        for s, e, v in [(1, "A", -9.0), (2, "A", 9), (3, "A", 7), (1, "B", 8), (2, "B", 9)]
-    ]
-    table = pd.DataFrame(rows, columns=["subject", "environment", "k_ref", "k_adj"])
-    found = Study(Sessions.from_frame(table), Scene().with_inference(method="classical")).summary()
-    assert dict(zip(found["environment"], found["family"], strict=True)) == {
-        "A": "normal",
-        "B": "lognormal",
-    }
 
 
 def test_a_kind_that_was_not_asked_for_is_named():

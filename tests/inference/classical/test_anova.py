@@ -147,16 +147,6 @@ def test_epsilon_is_that_of_the_covariance_of_the_conditions(subjects, levels):
     assert effect.p_corrected == pytest.approx(expected, rel=1e-10)
 
 
-@pytest.mark.parametrize("n", [2, 3, 12])
-def test_two_levels_are_a_paired_t_test(n):
-    values = np.random.default_rng(n).normal(size=(n, 2))
-    test = stats.ttest_rel(values[:, 1], values[:, 0])
-    (effect,) = anova(values, ["hand"])
-    assert effect.f == pytest.approx(test.statistic**2, rel=1e-12)
-    assert effect.p_value == pytest.approx(test.pvalue, rel=1e-10)
-    assert (effect.p_corrected, effect.epsilon) == (effect.p_value, 1.0)
-
-
 def test_two_groups_are_a_t_test_of_subjects_means_and_of_their_differences():
     values = np.random.default_rng(2).normal(size=(9, 2))
     group = np.repeat([0, 1], [5, 4])
@@ -191,12 +181,3 @@ def test_what_has_no_f_is_refused():
         anova(rounded, ["hand"])
     with pytest.raises(RefusalError, match="an analysis of variance needs two levels of hand"):
         anova(np.array([[1.0], [2.0], [4.0]]), ["hand"])
-
-
-@pytest.mark.parametrize("levels", [3, 4, 6])
-def test_two_subjects_leave_huynh_and_feldt_without_a_correction(levels):
-    rng = np.random.default_rng(levels)
-    for _ in range(50):
-        (effect,) = anova(rng.normal(size=(2, levels)), ["level"])
-        assert effect.epsilon == pytest.approx(1.0 / (levels - 1), rel=1e-12)
-        assert effect.huynh_feldt == 1.0

@@ -80,16 +80,6 @@ def test_tails_that_a_double_cannot_say_from_one(tail):
     assert tolerance_factor(9, 0.5, 1.0 - tail, sided="one") == pytest.approx(factor, rel=1e-4)
 
 
-def test_repeats_of_all_three_are_each_their_own():
-    random = np.random.default_rng(2)
-    n = random.choice([2, 7, 30, 10**6], (6, 5, 4))
-    share, confidence = random.choice([0.5, 0.9, 0.99], (5, 1)), random.choice([0.8, 0.95], 4)
-    factors = tolerance_factor(n, share, confidence)
-    for place in np.ndindex(n.shape):
-        alone = tolerance_factor(n[place], share[place[1], 0], confidence[place[2]])
-        assert factors[place] == pytest.approx(alone, rel=1e-14)
-
-
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [

@@ -57,27 +57,6 @@ def test_quantiles_of_several_mixtures_are_each_its_own():
         assert abs(together[q] - alone) < 1e-13 * abs(alone)
 
 
-def test_limits_and_influence_of_many_draws_are_those_of_few():
-    """Every draw twice is the same mixture, but large enough for the search that stops early."""
-    rng = np.random.default_rng(8)
-    mean, sd = 0.3 * rng.normal(size=(3000, 3)), np.exp(0.2 * rng.normal(size=(3000, 3)))
-    spread = np.exp(0.3 * rng.normal(size=(3000, 3)))
-
-    def limits(mean, sd, spread):
-        return [
-            mixture_quantile(mean, sd, 0.005, upper=True),
-            mixture_quantile(mean, sd, 0.005, upper=False),
-            share_half_width(mean, 0.2 * sd, spread, share=0.9, confidence=0.95)[1:],
-        ]
-
-    few = limits(mean, sd, spread)
-    many = limits(*(np.tile(part, (2, 1)) for part in (mean, sd, spread)))
-    for (value, influence), (exact, wanted) in zip(many, few, strict=True):
-        np.testing.assert_allclose(value, exact, rtol=1e-7)
-        np.testing.assert_allclose(influence[:3000], wanted, atol=1e-3 * np.abs(wanted).max())
-        np.testing.assert_allclose(influence[3000:], influence[:3000], rtol=0, atol=0)
-
-
 def weighted_root(function, weights, low, high):
     return optimize.brentq(lambda x: weights @ function(x), low, high, xtol=1e-14, rtol=1e-14)
 

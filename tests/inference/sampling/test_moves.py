@@ -89,28 +89,6 @@ def test_ensembles_never_see_each_other():
     assert not np.array_equal(last(points)[:WALKERS], last(moved)[:WALKERS])
 
 
-def test_independent_draws_are_weighed_several_steps_ahead():
-    """Four offers from one density call, each with its own values, then the next call."""
-    calls = []
-
-    def density(points):
-        calls.append(len(points))
-        return points[:, 0]
-
-    move = IndependentMove(generators(2), ReferenceLaw(3))
-    sampler = emcee.EnsembleSampler(24, 3, density, moves=move, vectorize=True)
-    start = emcee.State(
-        np.random.default_rng(1).normal(size=(24, 3)), log_prob=np.full(24, -np.inf)
-    )
-    drawn = []
-    for state in sampler.sample(start, iterations=5, store=False, skip_initial_state_check=True):
-        # From nowhere every offer is accepted at first: the value is that of the point.
-        np.testing.assert_array_equal(state.log_prob, state.coords[:, 0])
-        drawn.append(state.coords[:, 0])
-    assert calls == [96, 96]
-    assert len(np.unique(drawn)) > 24
-
-
 def test_an_interrupted_density_is_not_emcee_s_to_tell(capsys):
     """emcee prints every walker and a traceback around an exception of the density, also at
     Ctrl-C."""

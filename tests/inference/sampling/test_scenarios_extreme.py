@@ -7,13 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from percept.inference import prediction_interval
 from tests import LONG
 from tests.inference.sampling.test_scenarios import (
     KINDS,
     answered,
     half_widths,
-    on_the_model_scale,
     responses,
     study_of,
     table_of,
@@ -34,21 +32,6 @@ def test_a_subject_wild_everywhere_is_an_effect_of_the_subject():
     # 7.2 degrees of freedom a cell: a standard error of 0.26.
     assert np.all(np.abs(within - found) < 4 * 0.26)
     assert scales["sigma_u"][1].mean() > 5 * scales["sigma"][1].mean()
-
-
-@pytest.mark.evidence
-def test_spreads_below_the_subjects_effect_in_a_large_study():
-    """Cells' SDs are mostly the subjects' own: the coordinates begin fifty units from where
-    sigma is."""
-    sd = np.array([0.05, 0.1, 0.2, 0.4])
-    response = responses(2000, 4, seed=1, sd=sd)
-    limits, errors = on_the_model_scale(answered(study_of(table_of(response))))
-    k = KINDS.index("user")
-    for c, values in enumerate(response.transpose(2, 1, 0).reshape(8, -1)):
-        interval = prediction_interval(values, level=0.99)
-        allowed = 0.5 * (interval.upper - interval.lower) / np.sqrt(2.0 * 1999.0)
-        for side, wanted in enumerate((interval.lower, interval.upper)):
-            assert abs(limits[k, side, c] - wanted) < 4 * errors[k, side, c] + allowed
 
 
 @pytest.mark.evidence(reduced=True)
