@@ -177,10 +177,10 @@ def test_hostile_names_appear_as_text(classical):
     assert "49" not in [cell["bare"] for cell in read.cells]
 
 
-def test_it_says_that_couplings_and_devices_are_checked_at_every_frequency(read):
+def test_it_says_how_couplings_and_other_devices_are_judged(read):
     text = " ".join("".join(read.text).split())
     assert "found on the map and confirmed at every ω." in text
-    assert "is judged again on devices between an eighth and eight times the scene’s own" in text
+    assert "The table shows how each verdict moves at ± 50 % of either." in text
     assert "paper’s rule says" in text
     assert text.count("paper’s rule") == 2
     assert "frequencies only" not in text
