@@ -91,6 +91,7 @@ def climb(
     """Fit what lies between the classical method and a study's fit; `how`: progress and store."""
     asked = scene.inference
     normal = scene.with_inference(family="normal", tolerance=max(_TOLERANCE, asked.tolerance))
+    alone = _without_terms(normal)
     pooled = scene.model.pooling == "partial"
     groups = modelled_together(parameters, asked.together)
     pair = sessions.form != "summary" and any(len(group) > 1 for group in groups)
@@ -110,7 +111,9 @@ def climb(
         if cause == "prior" and climbed["trials"]:
             table = _subject_means(table, parameters)
         tables = [table]
+        model_scene = normal
         if cause in _BY_ENVIRONMENT:
+            model_scene = alone
             tables = [rows for _, rows in table.groupby("environment", sort=False)]
         build = prepare
         if climbed["correlation"] and cause != "correlation":
@@ -119,7 +122,7 @@ def climb(
             part = dataclasses.replace(sessions, table=table)
             try:
                 # Contrasts are not on the ladder.
-                model = dataclasses.replace(build(part, normal, parameters), contrasts=None)
+                model = dataclasses.replace(build(part, model_scene, parameters), contrasts=None)
                 one = fit_of(model, normal.inference, sampled(model.model, normal.inference, **how))
                 why = " ".join(one.run.gate.reasons)
             except RefusalError as error:
@@ -145,6 +148,13 @@ def climb(
     words = _words(scene)
     told = [sentence(rows, fit.quantities, words) for _, rows in first]
     return Ladder(effects, tuple(told), tuple(notes))
+
+
+def _without_terms(scene: Scene) -> Scene:
+    """Return a scene without factors and covariates: one environment has no levels to compare."""
+    model = scene.model.model_dump(exclude={"bias", "spread", "subjects_slope"}, exclude_none=True)
+    study = scene.study.model_dump(exclude={"factor"}, exclude_none=True)
+    return scene.with_tables(model=model, study=study)
 
 
 def _subject_means(table: pd.DataFrame, parameters: tuple[str, ...]) -> pd.DataFrame:

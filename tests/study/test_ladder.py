@@ -6,9 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from percept import Study
+from percept import Scene, Study, read_sessions
 from percept.sessions.quantities import IMPEDANCE
 from percept.study.ladder import Ladder, sentence
+from tests import DATASETS
 from tests.study.checked import study_of, table_of
 
 REFERENCE = {"pooling": "none", "prior": "reference"}
@@ -268,3 +269,15 @@ def test_tables_are_the_caller_s_own(fitted: Study) -> None:
         changed = getattr(fitted.parts, name)
         changed.iloc[:, 0] = "changed"
         pd.testing.assert_frame_equal(getattr(fitted.parts, name), before)
+
+
+def test_levels_of_a_factor_have_a_ladder_each() -> None:
+    """An environment by itself has one level: its step leaves the factor out."""
+    scene = Scene.load(DATASETS / "sleep.toml").with_inference(tolerance=0.2, kinds=["mean"])
+    study = Study(read_sessions(DATASETS / "sleep.csv", scene=scene), scene)
+    ladder = study.parts.ladder
+    assert ladder is not None
+    assert ladder.notes == ()
+    causes = ladder.effects.groupby("environment")["cause"].agg(list).to_dict()
+    steps = ["all", "prior", "pooling"]
+    assert causes == {"nights (first)": steps, "nights (second)": steps}
