@@ -19,6 +19,7 @@ from scipy import special
 
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
+from percept.inference.classical.central_range import noncentral_t_tail
 from percept.inference.classical.equivalence import tost_power
 from percept.inference.classical.moments import check_option, tail_of
 from percept.inference.classical.tolerance import factor_of_tails
@@ -38,8 +39,6 @@ __all__ = [
 ]
 
 _MOST_SUBJECTS = 10_000_000
-#: SDs of t from its limit to its centre, beyond which the power is one in double precision.
-_CERTAIN = 40.0
 #: SDs over the largest value, below which all differences are equal but for rounding.
 _NO_SCATTER = 1e-12
 #: Confidence that a pilot's true SD is below the limit that is planned for too: R. H. Browne,
@@ -236,9 +235,9 @@ def plan_contrast(
         df = freedom * (n - 1.0)
         limit = -float(special.stdtrit(df, half_tail))
         shift = size * np.sqrt(n / variance)
-        if shift > limit + _CERTAIN:
-            return 1.0
-        return float(special.nctdtr(df, -shift, -limit) + special.nctdtr(df, shift, -limit))
+        power = noncentral_t_tail(limit, df, np.array([shift, -shift])).sum()
+        # Rounding may pass one.
+        return min(float(power), 1.0)
 
     n = _fewest(reached, power, "power")
     df = freedom * (n - 1.0)

@@ -1,15 +1,16 @@
 """Whether a value lies in the central range of all users: a confidence for one normal quantity.
 
-The central range of a population N(μ, σ²) is μ ± zσ with z the (1 + level)/2 quantile of a
+The central range of a population N(μ, σ²) is μ ± zσ with z the (1 + central)/2 quantile of a
 standard normal. For a value x let δ = (x − μ)/σ. The pivot √n(x − x̄)/s of n users has a noncentral
 t law with ν = n − 1 and noncentrality √n·δ. Read as a law of δ, it puts on |δ| ≤ z the confidence
 
     E[Φ(√n(z − d·w)) − Φ(√n(−z − d·w))],   d = |x − x̄|/s,   w = s/σ,   ν·w² ~ χ²_ν.
 
 A value at the edge of the range gets a confidence of c or more in at most 1 − c of studies.
-SciPy's noncentral t gives NaN where its tail is small, so the expectation is a sum over w here. The
-integrand falls from 1 to 0 where d·w passes z. The sum has four pieces of w: below that fall, its
-two halves, and above it. Shapes: (...) is that of the values; nodes of w take a further last axis.
+SciPy's noncentral t gives NaN where its tail is small, so its upper tail at t, E[Φ(δ − t·w)] with
+noncentrality δ, is a sum over w here. The integrand falls from 1 to 0 where t·w passes δ. The sum
+has four pieces of w: below that fall, its two halves, and above it. Shapes: (...) is that of the
+values; nodes of w take a further last axis.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from percept.errors import RefusalError
 from percept.inference.classical.moments import Moments, plain, tail_of
 from percept.inference.record import FloatOrArray
 
-__all__ = ["central_range_confidence"]
+__all__ = ["central_range_confidence", "noncentral_t_tail"]
 
 Array = NDArray[np.float64]
 
@@ -32,16 +33,16 @@ Array = NDArray[np.float64]
 _NEGLIGIBLE = 1e-16
 #: SDs within which Φ goes from 0 to 1: it leaves out 6e-16.
 _STEP = 8.0
-#: Smallest d: keeps z/d finite for a value at the mean, where the integrand does not fall.
+#: Smallest t: keeps δ/t finite for a value at the mean, where the integrand does not fall.
 _LEAST_DISTANCE = 1e-30
-#: Nodes in each of the four pieces: they give 12 digits from n = 2 to 1,000.
+#: Nodes in each of the four pieces: they give 12 digits from one degree of freedom on.
 _NODES = 96
 
 _legendre = cache(np.polynomial.legendre.leggauss)
 
 
 def central_range_confidence(
-    value: ArrayLike, users: Moments, *, level: float = 0.99
+    value: ArrayLike, users: Moments, *, central: float = 0.99
 ) -> FloatOrArray:
     """Work out the confidence that a value lies in the central range of all users.
 
@@ -51,7 +52,7 @@ def central_range_confidence(
         What is displayed, on the scale of `users`: the logarithm in the lognormal family.
     users : Moments
         Mean, SD and number n of the users, at least 2; broadcasts against `value`.
-    level : float
+    central : float
         Share of all users that the central range holds; 0 to 1, exclusive.
 
     Returns
@@ -64,35 +65,54 @@ def central_range_confidence(
     RefusalError
         Where all users are equal: the range has no width then.
     UsageError
-        A level outside (0, 1).
+        A share outside (0, 1).
     """
-    edge = -special.ndtri(0.5 * tail_of(level))
+    edge = -special.ndtri(0.5 * tail_of(central, "central"))
     value = np.asarray(value, dtype=np.float64)
     sd = np.asarray(users.sd, dtype=np.float64)
     n = np.asarray(users.n, dtype=np.float64)
     if np.any(sd <= 0.0):
         raise RefusalError("All users set the same value, so their range has no width.")
-    distance = np.abs(value - users.mean) / sd
-    distance, n = np.broadcast_arrays(distance, n)
-    distance = distance[..., None]
-    n = n[..., None]
-    w, lengths = _nodes(edge, distance, n)
-    probability = lengths * _density(w, n - 1.0)
     root_n = np.sqrt(n)
-    below_upper_end = special.ndtr(root_n * (edge - distance * w))
-    below_lower_end = special.ndtr(root_n * (-edge - distance * w))
-    confidence = np.sum(probability * (below_upper_end - below_lower_end), axis=-1)
-    return plain(np.minimum(confidence, 1.0))
+    t = root_n * np.abs(value - users.mean) / sd
+    below_upper_end = noncentral_t_tail(t, n - 1.0, root_n * edge)
+    below_lower_end = noncentral_t_tail(t, n - 1.0, -root_n * edge)
+    return plain(np.minimum(below_upper_end - below_lower_end, 1.0))
 
 
-def _nodes(edge: float, distance: Array, n: Array) -> tuple[Array, Array]:
-    """Return nodes of w and the length that each stands for, (..., nodes), from d, n (..., 1)."""
-    nu = n - 1.0
-    lowest = np.sqrt(special.chdtri(nu, 1.0 - _NEGLIGIBLE) / nu)
-    highest = np.sqrt(special.chdtri(nu, _NEGLIGIBLE) / nu)
-    distance = np.maximum(distance, _LEAST_DISTANCE)
-    fall = edge / distance
-    half_width = _STEP / (np.sqrt(n) * distance)
+def noncentral_t_tail(t: ArrayLike, df: ArrayLike, shift: ArrayLike) -> Array:
+    """Return the probability that a noncentral t exceeds a value.
+
+    Parameters
+    ----------
+    t : array_like
+        The value; zero or more.
+    df : array_like
+        Degrees of freedom, 1 or more.
+    shift : array_like
+        Noncentrality, of either sign.
+
+    Returns
+    -------
+    ndarray
+        Of the broadcast shape, never NaN.
+    """
+    values = np.broadcast_arrays(np.maximum(t, _LEAST_DISTANCE), df, shift)
+    columns = [np.asarray(value, dtype=np.float64)[..., None] for value in values]
+    limit, freedom, centre = columns
+    w, lengths = _nodes(limit, freedom, centre)
+    probability = lengths * _density(w, freedom)
+    total = np.sum(probability, axis=-1)
+    above = np.sum(probability * special.ndtr(centre - limit * w), axis=-1)
+    return np.asarray(above / total)
+
+
+def _nodes(t: Array, df: Array, shift: Array) -> tuple[Array, Array]:
+    """Return nodes of w and the length that each stands for, (..., nodes), from fields (..., 1)."""
+    lowest = np.sqrt(special.chdtri(df, 1.0 - _NEGLIGIBLE) / df)
+    highest = np.sqrt(special.chdtri(df, _NEGLIGIBLE) / df)
+    fall = shift / t
+    half_width = _STEP / t
     cuts = np.concatenate([fall - half_width, fall, fall + half_width], axis=-1)
     cuts = np.clip(cuts, lowest, highest)
     ends = np.concatenate([lowest, cuts, highest], axis=-1)
@@ -105,11 +125,7 @@ def _nodes(edge: float, distance: Array, n: Array) -> tuple[Array, Array]:
     return w.reshape(shape), lengths.reshape(shape)
 
 
-def _density(w: Array, nu: Array) -> Array:
-    """Density of w = s/σ with ν degrees of freedom."""
-    half_nu = 0.5 * nu
-    # By its logarithm: the factors overflow from n = 300 on.
-    log_constant = np.log(2.0) + half_nu * np.log(half_nu) - special.gammaln(half_nu)
-    log_power = special.xlogy(nu - 1.0, w)
-    log_exponential = -half_nu * w**2
-    return np.exp(log_constant + log_power + log_exponential)
+def _density(w: Array, df: Array) -> Array:
+    """Density of w = s/σ with so many degrees of freedom, but for a constant; 1 at w = 1."""
+    # By its logarithm: powers overflow from n = 300 on.
+    return np.exp(special.xlogy(df - 1.0, w) - 0.5 * df * (w**2 - 1.0))

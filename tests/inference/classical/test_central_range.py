@@ -41,7 +41,7 @@ def by_quadrature(value, mean, sd, n, level):
 @pytest.mark.parametrize("value", [-4.0, 0.5, 1.0, 2.5758, 9.0, 500.0])
 @pytest.mark.parametrize("level", [0.5, 0.99])
 def test_against_quadrature(n, value, level):
-    found = central_range_confidence(value, Moments(mean=0.5, sd=0.8, n=n), level=level)
+    found = central_range_confidence(value, Moments(mean=0.5, sd=0.8, n=n), central=level)
     assert found == pytest.approx(float(by_quadrature(value, 0.5, 0.8, n, level)), abs=1e-10)
 
 
@@ -49,7 +49,7 @@ def confidences(n, offset, rng):
     """Confidence of a value `offset` SDs from the mean, in studies of n standard normal users."""
     values = rng.standard_normal((STUDIES, n))
     users = Moments(mean=values.mean(axis=1), sd=values.std(axis=1, ddof=1), n=n)
-    return central_range_confidence(np.full(STUDIES, offset), users, level=LEVEL)
+    return central_range_confidence(np.full(STUDIES, offset), users, central=LEVEL)
 
 
 @pytest.mark.evidence(reduced=True)
@@ -77,5 +77,5 @@ def test_broadcasts_and_refuses():
     assert isinstance(central_range_confidence(0.0, Moments(mean=0.0, sd=1.0, n=5)), float)
     with pytest.raises(RefusalError, match="All users set the same value"):
         central_range_confidence(0.0, Moments(mean=0.0, sd=0.0, n=5))
-    with pytest.raises(UsageError, match="level must lie strictly between 0 and 1"):
-        central_range_confidence(0.0, Moments(mean=0.0, sd=1.0, n=5), level=1.0)
+    with pytest.raises(UsageError, match="central must lie strictly between 0 and 1"):
+        central_range_confidence(0.0, Moments(mean=0.0, sd=1.0, n=5), central=1.0)
