@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+from scipy import special
+
 from percept.errors import capitalised, counted
 from percept.report.numbers import bare, rounded
 from percept.report.select import (
@@ -28,7 +30,7 @@ from percept.results import (
     Skipped,
 )
 
-__all__ = ["cautions", "misfits"]
+__all__ = ["cautions", "misfits", "overruled"]
 
 _FEW = 5  # fewer subjects than this are called few
 #: Shift, in half-widths of the classical interval, from which on pooling is told: at 95 % it takes
@@ -43,6 +45,8 @@ _UNEXPECTED = {
     ("farthest", "high"): "one {subject} lies farther from the others in {quantity}",
     ("farthest", "low"): "the {subjects} lie closer together in {quantity}",
 }
+#: Classical standard errors between the model's mean and the data's from which one is told first.
+_OVERRULED = 2.0
 _WARNINGS = 4  # the summary repeats the reader's first warnings
 
 
@@ -129,6 +133,33 @@ def _pooled(results: Results, words: Words) -> Iterator[str]:
             f" {_short(pooled.estimate)}{unit}; that of the data is {_short(plain.estimate)}{unit},"
             " as in the classical interval."
         )
+
+
+def overruled(results: Results, words: Words) -> list[str]:
+    """Say where the model's mean lies far from that of the data, by its own standard error."""
+    means = matching(results.intervals, kind="mean", joint="marginal", family=family_of(results))
+    classical = {
+        (row.parameter, row.environment): row for row in matching(means, method="classical")
+    }
+    named = []
+    for row in matching(means, method="bayesian"):
+        of_data = classical.get((row.parameter, row.environment))
+        if of_data is None:
+            continue
+        half_width = -special.stdtrit(of_data.n - 1.0, 0.5 * (1.0 - of_data.level))
+        if half_width * _shift(row, of_data) > _OVERRULED:
+            label = results.data.quantities[row.parameter].label
+            unit = f" {row.unit}" if row.unit else ""
+            named.append(
+                f"{label} of {row.environment} ({_short(row.estimate)} instead of"
+                f" {_short(of_data.estimate)}{unit})"
+            )
+    if not named:
+        return []
+    return [
+        f"The Bayesian mean lies more than two standard errors from the {words.subjects}’ mean in"
+        f" {_first_of(named)}. Use the classical interval, or wider [model.priors]."
+    ]
 
 
 def _shift(row: IntervalRow, classical: IntervalRow) -> float:

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
-from percept.report.cautions import cautions
+from percept.report.cautions import cautions, overruled
 from percept.report.contrast import contrast_sentences, level_panels
 from percept.report.feelings import RENDERED, coupling_sentences, feeling_sentences
 from percept.report.numbers import percentage
@@ -49,7 +49,7 @@ def overview(results: Results) -> Overview:
     """Return the rows of the first table, and the sentences above them."""
     rows, classical = _both_rows(results)
     words = words_of(results)
-    sentences = contrast_sentences(results)
+    sentences = [*overruled(results, words), *contrast_sentences(results)]
     contrasts = len(sentences)
     effects = results.ladder.effects if results.ladder else ()
     sentences += bias_sentences(rows, classical, results.data.quantities, words, effects)

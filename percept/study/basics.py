@@ -36,8 +36,10 @@ __all__ = [
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
-#: A setting lies near its reference, but a mean may lie anywhere: ten times [model] scale away.
-_ALPHA_SD_OF_MEANS = 10.0
+#: A setting lies near its reference, but a mean may lie anywhere: priors of locations, in which
+#: means differ, are so many times as wide.
+_WIDER_FOR_MEANS = 10.0
+_LOCATIONS = ("alpha_sd", "gamma_sd", "tau_scale", "lambda_sd", "covariate_sd")
 #: By parameter and environment, in the parameter's unit; NaN where there is none.
 References = Mapping[tuple[str, str], float]
 
@@ -55,7 +57,7 @@ def results(items: Iterable[T | Skipped]) -> list[T]:
 
 def claim_of(asked: InferenceTable) -> dict[str, Any]:
     """Return what the intervals of all kinds claim: level, share and confidence."""
-    return {"level": asked.level, "share": asked.held_share, "confidence": asked.confidence}
+    return {"level": asked.level, "share": asked.share, "confidence": asked.confidence}
 
 
 def analysed_parameters(
@@ -92,7 +94,8 @@ def priors_of(scene: Scene, parameters: Collection[str]) -> Priors:
 
     in_force = dict(scene.model.priors)
     if not any(scene.quantities[parameter].is_matched for parameter in parameters):
-        in_force.setdefault("alpha_sd", _ALPHA_SD_OF_MEANS)
+        for name in _LOCATIONS:
+            in_force.setdefault(name, _WIDER_FOR_MEANS * getattr(Priors, name))
     return Priors(**in_force)
 
 
@@ -134,7 +137,6 @@ class Stream(enum.IntEnum):
     POSTERIOR_BANDS = 108
     PAIRS = 110
     FIDUCIAL = 111
-    MORE_SUBJECTS = 112
     PSYCHOPHYSICS = 113
     CONTRASTS = 114
     CHECKED_STATISTICS = 127

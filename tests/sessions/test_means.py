@@ -10,6 +10,7 @@ from scipy import stats
 
 from percept import Scene, Study
 from percept.cli import main
+from percept.report.overview import overview
 from percept.sessions import ReadOptions, Sessions
 
 VALUES = {"soft": [4.0, 5.0, 7.0, 6.5], "hard": [9.0, 11.0, 8.0, 12.5]}
@@ -119,3 +120,29 @@ def test_the_prior_of_means_hardly_draws_them_to_zero(tmp_path):
     # N(0, 10²) of scales of 50 ms lets the mean lie at five of them; N(0, 1²) does not.
     assert limits["default"].estimate == pytest.approx(np.mean(values), abs=10.0)
     assert limits["narrow"].estimate < limits["default"].estimate - 10.0
+
+
+@pytest.mark.parametrize("scale", [10.0, 1.0, 0.001])
+def test_means_far_apart_stay_where_the_data_have_them_or_are_the_first_thing_said(scale):
+    rng = np.random.default_rng(3)
+    left = rng.normal(-9.0, 3.0, 10)
+    values = np.concatenate([left, rng.normal(43.0, 3.0, 10)])
+    places = np.repeat(["left", "right"], 10)
+    people = np.tile(np.arange(10), 2).astype(str)
+    table = pd.DataFrame({"subject": people, "environment": places, "x_adj": values})
+    scene = Scene(
+        quantities={"x": {"unit": "mm", "label": "place", "reference": "none"}},
+        inference={"family": "normal", "level": 0.95, "kinds": ["mean"], "tolerance": 0.1},
+        model={"scale": {"x": scale}},
+    )
+    options = ReadOptions(quantities=scene.quantities)
+    study = Study(Sessions.from_frame(table, scene=options), scene)
+    said = overview(study.results()).sentences[0]
+    rows = study.intervals.query("method == 'bayesian'").set_index("environment")
+    if scale >= 1.0:
+        error = stats.sem(left)
+        assert rows["estimate"]["left"] == pytest.approx(left.mean(), abs=error)
+        assert "standard errors" not in said
+    else:
+        assert said.startswith("The Bayesian mean lies more than two standard errors from the")
+        assert re.search(r"place of right \([^)]+ instead of 4\d\.\d mm\)", said)
