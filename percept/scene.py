@@ -38,6 +38,7 @@ __all__ = [
     "ReportTable",
     "Scene",
     "StudyTable",
+    "VerdictTable",
 ]
 
 
@@ -100,13 +101,13 @@ class FrequencyTable(Table):
 
 
 class InferenceTable(Table):
-    """Levels, family and accuracy of the intervals; `share` defaults to `level`.
+    """Levels, family and accuracy of the intervals; `share` is `[verdict] central` by default.
 
     One or two quantities have a model together; of more, `together` names two that have one.
     """
 
     level: Level = 0.99
-    share: Level | None = None
+    share: Level = 0.99
     confidence: Level = 0.95
     decision: Decision = 0.95
     family: Literal["lognormal", "normal"] = "lognormal"
@@ -137,10 +138,11 @@ class InferenceTable(Table):
             else chosen
         )
 
-    @property
-    def held_share(self) -> float:
-        """Share P of kind `share`."""
-        return self.level if self.share is None else self.share
+
+class VerdictTable(Table):
+    """What feels real: what lies among the values that the `central` share of users would set."""
+
+    central: Level = 0.99
 
 
 class ModelTable(Table):
@@ -278,6 +280,7 @@ class Scene(DataTables):
     coupling: CouplingTable | None = None
     frequency: FrequencyTable = FrequencyTable()
     inference: InferenceTable = InferenceTable()
+    verdict: VerdictTable = VerdictTable()
     model: ModelTable = ModelTable()
     checks: ChecksTable | None = None
     study: StudyTable = StudyTable()
@@ -291,6 +294,16 @@ class Scene(DataTables):
             super().__init__(**tables)
         except ValidationError as error:
             raise said(error) from error
+
+    @model_validator(mode="before")
+    @classmethod
+    def _share(cls, tables: Any) -> Any:
+        """Let the share of intervals be that of verdicts, unless it is given."""
+        verdict = tables.get("verdict")
+        asked = tables.get("inference", {})
+        if isinstance(verdict, dict) and "central" in verdict and isinstance(asked, dict):
+            return tables | {"inference": {"share": verdict["central"]} | asked}
+        return tables
 
     @model_validator(mode="after")
     def _of_the_quantities(self) -> Self:

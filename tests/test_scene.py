@@ -195,15 +195,16 @@ def test_replacing_a_setting_keeps_the_rest_and_checks_it():
         scene.with_inference(tolerance=2)
 
 
-def test_the_share_held_is_the_level_unless_given():
-    assert Scene(inference={"level": 0.9}).inference.held_share == 0.9
-    assert Scene(inference={"level": 0.9, "share": 0.8}).inference.held_share == 0.8
+def test_the_share_held_is_that_of_verdicts_unless_given():
+    assert Scene(inference={"level": 0.9}).inference.share == 0.99
+    assert Scene(verdict={"central": 0.9}).inference.share == 0.9
+    assert Scene(verdict={"central": 0.9}, inference={"share": 0.8}).inference.share == 0.8
 
 
 def test_what_is_none_or_left_out_is_not_handed_on():
     plain = Scene().to_dict()
     assert "device" not in plain
-    assert "share" not in plain["inference"]
+    assert "parameters" not in plain["inference"]
     assert Scene(**plain) == Scene()
 
 

@@ -8,16 +8,15 @@ of the contrary: the first keeps its error rate without, the second with, a corr
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.boundary.feels_real import Feeling, feels_real
+from percept.boundary.feels_real import FEWEST_FOR_MAGNITUDE, Feeling, feels_real
 from percept.boundary.users import Users
-from percept.haptics.axis import warp
-from percept.haptics.perceived import shown_element
 from percept.haptics.records import Display
+from percept.haptics.shown import shown_limits
 from percept.html import NotebookRecord
 from percept.inference.classical.central_range import central_range_confidence
 from percept.inference.classical.fiducial import fiducial_draws
@@ -48,10 +47,15 @@ class Confidence(NotebookRecord):
 
     stiffness: float  # At the omega least favourable to it
     damping: float
-    magnitude: float | None  # abs(Z_h) at its least favourable omega; None without subjects' pairs
-    magnitude_omega: float | None  # rad/s
-    together: float | None  # Share of draws in which all parts hold at every omega
-    together_error: float | None  # Its Monte Carlo standard error
+    subjects: int
+    # Tests that ask for the least favourable omega: two where a part reaches over the mean user.
+    stiffness_tests: int = 1
+    damping_tests: int = 1
+    magnitude: float | None = None  # abs(Z_h) at its least favourable omega; None without pairs
+    magnitude_omega: float | None = None  # rad/s
+    together: float | None = None  # Share of draws in which all parts hold at every omega
+    together_error: float | None = None  # Its Monte Carlo standard error
+    scores: Array | None = field(default=None, compare=False)  # Of the draws, as of `Evidence`
 
     @property
     def parts(self) -> tuple[float, ...]:
@@ -60,11 +64,13 @@ class Confidence(NotebookRecord):
         return tuple(part for part in known if part is not None)
 
     def verdict(self, decision: float) -> Feeling:
-        """Judge by the least confident part."""
-        least = min(self.parts)
-        if least >= decision:
+        """Judge by the least confident part; of few subjects abs(Z_h) never says "does not"."""
+        if min(self.parts) >= decision:
             return "feels real"
-        return "does not" if least <= (1.0 - decision) / PARTS else "too little data"
+        refuting = [self.stiffness * self.stiffness_tests, self.damping * self.damping_tests]
+        if self.magnitude is not None and self.subjects >= FEWEST_FOR_MAGNITUDE:
+            refuting.append(self.magnitude)
+        return "does not" if min(refuting) <= (1.0 - decision) / PARTS else "too little data"
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +86,7 @@ def confidence(
     subjects: SubjectPairs,
     omega: Array,
     *,
-    level: float,
+    central: float,
     decision: float,
     rng: np.random.Generator,
 ) -> Confidence:
@@ -94,7 +100,7 @@ def confidence(
         At least two; with fewer than three abs(Z_h) is not judged.
     omega : ndarray, shape (M,)
         rad/s, from `percept.boundary.feels_real.search_grid`.
-    level : float
+    central : float
         Share of all users that a central range holds.
     decision : float
         Confidence from which a display is said to feel real.
@@ -113,18 +119,21 @@ def confidence(
     """
     stiffness = Moments.from_values(subjects.values[:, 0])
     damping = Moments.from_values(subjects.values[:, 1])
-    by_parts = limits_confidence(display, stiffness, damping, omega, level=level, log=subjects.log)
+    by_parts = limits_confidence(
+        display, stiffness, damping, omega, central=central, log=subjects.log
+    )
     if len(subjects.values) < FEWEST_FOR_PAIR:
         return by_parts
     draws = fiducial_draws(subjects.values, _DRAWS, rng)
     users = Users.of(draws.mean, draws.covariance, log=subjects.log)
-    evidence = feels_real(display, users, omega, level=level, decision=decision)
+    evidence = feels_real(display, users, omega, central=central, decision=decision)
     return replace(
         by_parts,
         magnitude=evidence.lowest,
         magnitude_omega=evidence.lowest_omega,
         together=evidence.probability,
         together_error=evidence.error,
+        scores=evidence.scores,
     )
 
 
@@ -134,7 +143,7 @@ def limits_confidence(
     damping: Moments,
     omega: Array,
     *,
-    level: float,
+    central: float,
     log: bool,
 ) -> Confidence:
     """Judge stiffness and damping alone, as published limits allow.
@@ -147,7 +156,7 @@ def limits_confidence(
         Of the users, of the logarithms where `log` is true.
     omega : ndarray, shape (M,)
         rad/s.
-    level : float
+    central : float
         Share of all users that a central range holds.
     log : bool
         Whether users scatter by ratios.
@@ -162,23 +171,29 @@ def limits_confidence(
     RefusalError
         Where all users set one quantity to the same value.
     """
-    shown = shown_element(warp(omega, display.period), display)
+    shown = shown_limits(display, float(omega[0]), float(omega[-1]))
+    by_stiffness, stiffness_tests = _least(shown.stiffness, stiffness, central, log=log)
+    by_damping, damping_tests = _least(shown.damping, damping, central, log=log)
     return Confidence(
-        stiffness=_least(np.asarray(shown.stiffness), stiffness, level, log=log),
-        damping=_least(np.asarray(shown.damping), damping, level, log=log),
-        magnitude=None,
-        magnitude_omega=None,
-        together=None,
-        together_error=None,
+        stiffness=by_stiffness,
+        damping=by_damping,
+        subjects=int(np.min([stiffness.n, damping.n])),
+        stiffness_tests=stiffness_tests,
+        damping_tests=damping_tests,
     )
 
 
-def _least(shown: Array, users: Moments, level: float, *, log: bool) -> float:
-    """Return the smallest confidence over omega: it falls to both sides, so an extreme has it."""
-    extremes = np.array([shown.min(), shown.max()])
+def _least(extremes: Array, users: Moments, central: float, *, log: bool) -> tuple[float, int]:
+    """Return the smallest confidence over omega, and how many tests that is.
+
+    It falls to both sides of the mean, so an extreme has it. Extremes on both sides may each
+    refute.
+    """
     if log:
         # No user feels a stiffness or damping of zero or less under the lognormal family.
         if extremes[0] <= 0.0:
-            return 0.0
+            return 0.0, 1
         extremes = np.log(extremes)
-    return float(np.min(central_range_confidence(extremes, users, level=level)))
+    confidences = central_range_confidence(extremes, users, central=central)
+    both_sides = bool(extremes[0] < users.mean < extremes[1])
+    return float(np.min(confidences)), 1 + both_sides

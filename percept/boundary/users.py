@@ -20,8 +20,8 @@ from percept.haptics.containment import Boxes, Range
 from percept.haptics.perceived import DistancePlane
 
 __all__ = [
-    "PASS", "DiscIntegral", "MagnitudeRanges", "Users", "by_integral", "choose_integral",
-    "magnitude_ranges", "share_within",
+    "ACCURACY", "PASS", "DiscIntegral", "MagnitudeRanges", "Users", "by_integral",
+    "choose_integral", "magnitude_ranges", "share_within",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ _BEYOND_EDGE = 0.05
 #: where a disc ends at a slant.
 _AGREEMENT = 0.25
 #: Shares are as good as exact from here on: verdicts look at shares of 0.005 and their like.
-_ACCURACY = 1e-7
+ACCURACY = 1e-7
 #: Logarithms of a stiffness or damping of zero, and below: no user is there.
 _LEAST = np.finfo(np.float64).tiny
 _SQRT_2PI = float(np.sqrt(2.0 * np.pi))
@@ -100,10 +100,15 @@ class Users:
         """Return the same with a last axis of one, which frequencies broadcast against."""
         return self.select(None)
 
-    def few(self) -> Users:
-        """Return some of the populations, (n, 1), which show how the integral is best taken."""
-        step = max(1, self.size // _TRIED)
-        return self.select(slice(None, None, step)).column()
+    def few(self) -> slice:
+        """Return which populations show how the integral is best taken."""
+        return slice(None, None, max(1, self.size // _TRIED))
+
+    def score(self, value: float | Array, quantity: int) -> Array:
+        """Return how many SDs a stiffness (0) or damping (1) lies above the mean, (D,)."""
+        if self.log:
+            value = np.log(np.maximum(value, _LEAST))
+        return np.asarray((value - self.mean[quantity]) / self.sd[quantity])
 
     def native(self, score: float, quantity: int) -> Array:
         """Return the stiffness (0) or damping (1) that lies `score` SDs from the mean, (D,)."""
@@ -249,7 +254,7 @@ def _chord(users: Users, outer: _Axis, inner: _Axis, score: Array, radius: Array
 
 
 def choose_integral(
-    users: Users, plane: DistancePlane, radius: Array, accuracy: float = _ACCURACY
+    users: Users, plane: DistancePlane, radius: Array, accuracy: float = ACCURACY
 ) -> list[DiscIntegral]:
     """Return for each frequency (M,) the integral whose digits settle with the fewest nodes.
 
@@ -272,7 +277,7 @@ def choose_integral(
         if not unsettled.size:
             break
         some = plane.select(unsettled)
-        there = radius[unsettled]
+        there = radius[..., unsettled]
         finer = share_within(users, some, there, integral)
         coarser = shares[int(integral.even), integral.inner]
         change = np.abs(finer - coarser[:, unsettled]).max(axis=0)
@@ -369,7 +374,7 @@ def _limit(users: Users, plane: DistancePlane, brackets: _Brackets, score: float
     spans = brackets.low + brackets.high
     log_middle = 0.5 * np.median(spans, axis=0)
     middle = np.exp(log_middle)
-    chosen = choose_integral(users.few(), plane, middle, _SHARE_ACCURACY)
+    chosen = choose_integral(users.select(users.few()).column(), plane, middle, _SHARE_ACCURACY)
     limit = np.empty_like(brackets.low)
     for integral, frequencies in by_integral(chosen).items():
         (columns,) = np.nonzero(frequencies)

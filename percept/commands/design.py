@@ -221,10 +221,9 @@ def _needed(verdict: Verdict, subjects: str) -> str:
         return f"too little data; the {subjects}' values have no joint law to plan by"
     if more.subjects is None:
         return f"too little data; more than {more.most:,} more {subjects} would be needed"
-    error = f"{more.lower:,} to {more.upper:,}" if more.upper else f"{more.lower:,} or more"
     return (
-        f"too little data; {more.subjects:,} more {subjects} ({error} within the Monte Carlo error)"
-        f" would decide with probability {more.probability:.2f} ± {more.error:.2f}"
+        f"too little data; about {more.subjects:,} more {subjects} would decide with probability"
+        f" {more.assurance:g}"
     )
 
 

@@ -26,7 +26,6 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
 from percept.haptics.arrays import BoolArray, FloatArray, IntArray, Scalars
@@ -34,7 +33,7 @@ from percept.haptics.axis import omega_of_rate, warp
 from percept.haptics.forms import Squares
 from percept.haptics.perceived import DistancePlane, Extremes, Point, shown_element
 from percept.haptics.records import Display, TabulatedDevice
-from percept.haptics.shown import shown_by
+from percept.haptics.shown import turning_points, turns
 
 __all__ = [
     "ON_LIMIT",
@@ -380,13 +379,13 @@ def plane_departures(display: Display, boxes: Boxes, lower: float, upper: float)
         The range passes Nyquist; T not positive.
     """
     displays = [display]
-    if display.count is not None and _turns(display):
+    if display.count is not None and turns(display):
         displays = [display.select(np.array(n)) for n in range(display.count)]
-    turns = [_turning_points(single, lower, upper) for single in displays]
-    most = max(points.size for points in turns)
+    places = [turning_points(single, lower, upper) for single in displays]
+    most = max(points.size for points in places)
     # Columns with fewer turning points are padded with the upper end.
-    omega = np.full((most, len(turns)), float(upper))
-    for column, points in zip(omega.T, turns, strict=True):
+    omega = np.full((most, len(places)), float(upper))
+    for column, points in zip(omega.T, places, strict=True):
         column[: points.size] = points
     shown = shown_element(warp(omega, display.period), display)
     by_stiffness = boxes.stiffness.widths_off(shown.stiffness)
@@ -396,36 +395,3 @@ def plane_departures(display: Display, boxes: Boxes, lower: float, upper: float)
     largest = np.take_along_axis(off, top, axis=0)
     where = np.take_along_axis(omega, top, axis=0)
     return PlaneDepartures(largest[0], where[0])
-
-
-def _turns(display: Display) -> bool:
-    """Say whether the stiffness or damping shown may turn within the range."""
-    if display.environment.velocity_filter is not None:
-        return True
-    coupling = display.coupling
-    if coupling is None:
-        return False
-    return coupling.velocity_filter is not None or bool(display.environment.mass)
-
-
-def _turning_points(display: Display, lower: float, upper: float) -> FloatArray:
-    """Return both ends of a range of ω, rad/s, and where stiffness or damping turns between.
-
-    Without a mass and a filter both are monotone in Ω².
-    """
-    if not _turns(display):
-        return np.array([lower, upper])
-    half = display.period / 2
-    # In units of the range's middle the coefficients are of one size.
-    unit = np.tan(lower * half) * np.tan(upper * half) / half**2
-    square = Polynomial([0.0, unit])
-    stiffness, damping, bottom = shown_by(display, square)
-    roots = []
-    for top in (damping, stiffness):
-        slope = top.deriv() * bottom - top * bottom.deriv()
-        roots.append(slope.roots())
-    # A root that rounding made complex still splits the range; more points do no harm.
-    squares = np.maximum(np.concatenate(roots).real, 0.0) * unit
-    turns = omega_of_rate(np.sqrt(squares), display.period)
-    inner = np.clip(turns, lower, upper)
-    return np.array([lower, *inner, upper])

@@ -253,8 +253,8 @@ class DistancePlane(NamedTuple):
         return DistancePlane(*(field.ravel() for field in np.broadcast_arrays(*self)))
 
     def select(self, which: IntArray | BoolArray) -> DistancePlane:
-        """Return some of the n elements of a flat plane."""
-        return DistancePlane(*(field[which] for field in self))
+        """Return some of the n elements of a flat plane, or of the last axis of another."""
+        return DistancePlane(*(field[..., which] for field in self))
 
     def offsets(self, point: Point) -> tuple[FloatArray, FloatArray]:
         """Return real and imaginary part of Z_h·e^{j(1 + 2d)h}, N·s/m."""

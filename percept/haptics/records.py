@@ -170,6 +170,20 @@ class Device(_Parameters):
                 raise UsageError("Device modes must be Mode records.", value=mode)
         object.__setattr__(self, "modes", modes)
 
+    def select(self, which: int | slice | IntArray) -> Device:
+        """Return one of several devices, or some; single numbers hold for all."""
+        modes = []
+        for mode in self.modes:
+            stiffness = _selected(mode.stiffness, which)
+            damping = _selected(mode.damping, which)
+            modes.append(Mode(_selected(mode.mass, which), stiffness, damping))
+        return Device(
+            mass=_selected(self.mass, which),
+            damping=_selected(self.damping, which),
+            modes=tuple(modes),
+            stiffness=_selected(self.stiffness, which),
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class TabulatedDevice:
@@ -286,19 +300,20 @@ class Display:
 
     def select(self, which: IntArray) -> Display:
         """Return the displays of these indices, in this order."""
-
-        def selected(value: Scalars) -> Scalars:
-            return value if isinstance(value, float) else value[which]
-
         device = self.device
         if isinstance(device, Device):
-            mass = selected(device.mass)
-            device = replace(device, mass=mass, damping=selected(device.damping))
+            device = device.select(which)
         coupling = self.coupling
         if coupling is not None:
-            stiffness = selected(coupling.stiffness)
-            coupling = replace(coupling, stiffness=stiffness, damping=selected(coupling.damping))
+            stiffness = _selected(coupling.stiffness, which)
+            damping = _selected(coupling.damping, which)
+            coupling = replace(coupling, stiffness=stiffness, damping=damping)
         return replace(self, device=device, coupling=coupling)
+
+
+def _selected(value: Scalars, which: int | slice | IntArray) -> Scalars:
+    """Return some of an array's values; a single number stays."""
+    return np.asarray(value)[which] if np.ndim(value) else value
 
 
 def refuse_arrays(device: AnyDevice, coupling: Coupling) -> None:

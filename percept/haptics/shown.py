@@ -7,11 +7,13 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from percept.haptics.arrays import Scalars
+from percept.haptics.arrays import FloatArray, Scalars
+from percept.haptics.axis import omega_of_rate, warp
+from percept.haptics.perceived import shown_element
 from percept.haptics.polynomials import Form
 from percept.haptics.records import Coupling, Display, Environment
 
-__all__ = ["Shown", "shown_by"]
+__all__ = ["Shown", "ShownLimits", "shown_by", "shown_limits", "turning_points", "turns"]
 
 # A polynomial in Ω², of either kind.
 Curve = TypeVar("Curve", Form, Polynomial)
@@ -137,3 +139,71 @@ def _in_series(
         damping=by_first * first.damping + by_second * second.damping,
         denominator=of_sum,
     )
+
+
+class ShownLimits(NamedTuple):
+    """The least and the largest stiffness and damping shown over a range of ω, (2,) each."""
+
+    stiffness: FloatArray  # N/m
+    damping: FloatArray  # N·s/m
+
+
+def shown_limits(display: Display, lower: float, upper: float) -> ShownLimits:
+    """Return between which limits the stiffness and damping shown stay over a range of ω.
+
+    Parameters
+    ----------
+    display : Display
+        One, or several that share a coupling: what is shown does not depend on the device.
+    lower, upper : float
+        Ends of the range, rad/s, between 0 and π/T.
+
+    Returns
+    -------
+    ShownLimits
+
+    Raises
+    ------
+    UsageError
+        The range passes Nyquist; T not positive.
+    """
+    omega = turning_points(display, lower, upper)
+    shown = shown_element(warp(omega, display.period), display)
+    return ShownLimits(_ends(shown.stiffness), _ends(shown.damping))
+
+
+def _ends(values: Scalars) -> FloatArray:
+    return np.array([np.min(values), np.max(values)])
+
+
+def turns(display: Display) -> bool:
+    """Say whether the stiffness or damping shown may turn within the range."""
+    if display.environment.velocity_filter is not None:
+        return True
+    coupling = display.coupling
+    if coupling is None:
+        return False
+    return coupling.velocity_filter is not None or bool(display.environment.mass)
+
+
+def turning_points(display: Display, lower: float, upper: float) -> FloatArray:
+    """Return both ends of a range of ω, rad/s, and where stiffness or damping turns between.
+
+    Without a mass and a filter both are monotone in Ω².
+    """
+    if not turns(display):
+        return np.array([lower, upper])
+    half = display.period / 2
+    # In units of the range's middle the coefficients are of one size.
+    unit = np.tan(lower * half) * np.tan(upper * half) / half**2
+    square = Polynomial([0.0, unit])
+    stiffness, damping, bottom = shown_by(display, square)
+    roots = []
+    for top in (damping, stiffness):
+        slope = top.deriv() * bottom - top * bottom.deriv()
+        roots.append(slope.roots())
+    # A root that rounding made complex still splits the range; more points do no harm.
+    squares = np.maximum(np.concatenate(roots).real, 0.0) * unit
+    places = omega_of_rate(np.sqrt(squares), display.period)
+    inner = np.clip(places, lower, upper)
+    return np.array([lower, *inner, upper])

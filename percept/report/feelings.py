@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 
 from percept.boundary.confidence import FEWEST_FOR_PAIR, PARTS
-from percept.boundary.feels_real import judge
+from percept.boundary.feels_real import FEWEST_FOR_MAGNITUDE, judge
 from percept.errors import capitalised
 from percept.inference.record import percent
 from percept.report.numbers import bare, rounded
@@ -80,13 +79,15 @@ def feeling_sentences(
             probabilities = [verdict.probability for verdict in with_outcome]
             groups.append(f"{said} ({_said_range(probabilities, judged[0].decision)})")
     rendered = "Through the coupling" if coupled else "Displayed directly"
-    level = percent(judged[0].level)
+    central = percent(judged[0].central)
     decision = percent(judged[0].decision)
     measures = {"bayesian": "Bayesian probability", "classical": "classical confidence"}
     measure = " or ".join(measures[method] for method in distinct(judged, "method"))
     return [
         f"{rendered}, {'; '.join(groups)}.",
-        f"Judged against the central {level} of {words.users}: {measure}, decision at {decision}.",
+        f"Judged against the central {central} of {words.users}: {measure}, decision at"
+        f" {decision}.",
+        *_too_few(judged, words),
         *_straddling(judged),
         *_leaning(judged, words),
         *_disagreeing(judged, words, effects),
@@ -117,55 +118,48 @@ def _said_range(probabilities: Sequence[float], decision: float) -> str:
 
 def _deciding(judged: Sequence[Verdict], words: Words) -> list[str]:
     """Say how many more subjects would decide what there is too little data on."""
-    decisive: dict[str, MoreSubjects] = {}
-    too_many: list[str] = []
-    for verdict in judged:
-        more = verdict.more
-        if more is None:
-            continue
-        if more.subjects is None:
-            too_many.append(verdict.environment)
-        else:
-            decisive[verdict.environment] = more
+    decisive = {verdict.environment: verdict.more for verdict in judged if verdict.more}
+    if not decisive:
+        return []
+    most = next(iter(decisive.values())).most
+    counts = {name: more.subjects for name, more in decisive.items() if more.subjects}
+    too_many = [name for name in decisive if name not in counts]
     sentences = []
-    if decisive:
-        assurance = next(verdict.more.assurance for verdict in judged if verdict.more)
-        counts = [_range_of(more) for more in decisive.values()]
-        several = words.subject if counts == ["1"] else words.subjects
-        if len(decisive) > MOST_NAMED:
-            fewest = _two_digits(min(more.lower for more in decisive.values()))
-            largest = max(decisive.values(), key=_upper)
-            each = f"each of {len(decisive)} {words.environments}"
-            said = f"{fewest} to {_upper_end(largest)} more {several} would decide {each}"
-        else:
-            said = f"{listed(counts)} more {several} would decide {listed(list(decisive))}"
-        sentences.append(f"About {said} with probability {assurance:g}.")
+    if len(counts) > MOST_NAMED:
+        fewest, largest = (
+            _two_digits(count) for count in (min(counts.values()), max(counts.values()))
+        )
+        each = f"each of {len(counts)} {words.environments}"
+        sentences.append(f"To decide {each}, about {fewest} to {largest} more {words.subjects}.")
+    elif counts:
+        several = words.subject if set(counts.values()) == {1} else words.subjects
+        said = listed([_two_digits(count) for count in counts.values()])
+        sentences.append(f"To decide {listed(list(counts))}, about {said} more {several}.")
     if too_many:
-        most = next(verdict.more.most for verdict in judged if verdict.more)
-        named = f"{len(too_many)} {words.environments}"
-        if len(too_many) <= MOST_NAMED:
-            named = listed(too_many)
+        named = listed(too_many)
+        if len(too_many) > MOST_NAMED:
+            named = f"{len(too_many)} {words.environments}"
         sentences.append(f"{named} would take more than {most:,} {words.subjects}.")
     return sentences
 
 
-def _range_of(more: MoreSubjects) -> str:
-    """Write the numbers that the Monte Carlo error leaves, each to two digits."""
-    lower = _two_digits(more.lower)
-    upper = _upper_end(more)
-    return lower if lower == upper else f"{lower} to {upper}"
-
-
-def _upper(more: MoreSubjects) -> float:
-    return math.inf if more.upper is None else more.upper
-
-
-def _upper_end(more: MoreSubjects) -> str:
-    return f"over {more.most:,}" if more.upper is None else _two_digits(more.upper)
-
-
 def _two_digits(count: int) -> str:
     return f"{float(f'{count:.2g}'):,.0f}"
+
+
+def _too_few(judged: Sequence[Verdict], words: Words) -> list[str]:
+    """Say where few subjects keep abs(Z_h) from saying that a display does not feel real."""
+    held = [
+        verdict.environment
+        for verdict in judged
+        if verdict.outcome == "too little data" and verdict.subjects < FEWEST_FOR_MAGNITUDE
+        if judge(verdict.probability, verdict.decision) == "does not"
+    ]
+    if not held:
+        return []
+    count = f"fewer than {FEWEST_FOR_MAGNITUDE} {words.subjects}"
+    said = f"only k or b can show that {listed(held)} would not feel real"
+    return [f"With {count} {said}."]
 
 
 def _straddling(judged: Sequence[Verdict]) -> list[str]:
@@ -173,7 +167,7 @@ def _straddling(judged: Sequence[Verdict]) -> list[str]:
     sentences = []
     for verdict in judged:
         evidence = verdict.bayesian
-        if evidence and evidence.straddles and verdict.by_device is None:
+        if evidence and evidence.straddles:
             probability = bare(rounded(100.0 * evidence.probability, 3))
             error = bare(rounded(100.0 * evidence.error, 2))
             sentences.append(
@@ -281,6 +275,7 @@ class Feelings:
     undecided: MoreSubjects | None  # Of a verdict that more subjects would decide, if there is one
     refuted: float  # A part's confidence that says "does not"
     fewest: int  # Subjects that abs(Z_h) needs
+    fewest_refuting: int  # Subjects from which on abs(Z_h) may say "does not"
     paper: PaperRule | None
 
 
@@ -296,6 +291,7 @@ def feelings(results: Results) -> Section | None:
         undecided=next((verdict.more for verdict in verdicts if verdict.more), None),
         refuted=(1.0 - verdicts[0].decision) / PARTS,
         fewest=FEWEST_FOR_PAIR,
+        fewest_refuting=FEWEST_FOR_MAGNITUDE,
         paper=_paper_rule(results),
     )
     return Section("verdicts", "Does it feel real?", view)

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from percept.boundary.feels_real import CENTRALS
 from percept.files import inert
 from percept.report.select import matching
 from percept.results import BandPair, Boundary, Confidences, PosteriorEvidence, Results, Verdict
@@ -110,6 +111,10 @@ def _verdicts(verdicts: Sequence[Verdict]) -> str:
             evidence = row.pop(method)
             for field in dataclasses.fields(record):
                 row[f"{method}_{field.name}"] = getattr(evidence, field.name, None)
+        others = row.pop("bayesian_by_central") or ()
+        by_central = {other.central: other.probability for other in others}
+        for central in CENTRALS:
+            row[f"bayesian_central_{central:g}"] = by_central.get(central)
         rows.append(row)
     if not rows:
         return ""

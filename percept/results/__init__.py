@@ -25,11 +25,11 @@ from percept.results.checks import (
 )
 from percept.results.coupling import (
     AdmissibleCouplings,
+    CentralProbability,
     ChangedVerdict,
     Confidences,
     ConfirmedCoupling,
     Coupling,
-    DeviceAverage,
     DeviceStability,
     EnvironmentCouplings,
     Leaning,
@@ -76,13 +76,14 @@ from percept.results.results import SCHEMA, Results, Skipped
 
 __all__ = [
     "SCHEMA", "AdmissibleCouplings", "AnovaRow", "Band", "BandDifference", "BandLaw", "BandPair",
-    "BandRow", "BandStatement", "Boundary", "CellOutlier", "CellValues", "ChangedVerdict", "Checks",
-    "Confidences", "ConfirmedCoupling", "ContrastRow", "Coupling", "Data", "DesignCounts",
-    "DeviceAverage", "DeviceStability", "Diagnostics", "EnvironmentCouplings", "EquivalenceRow",
-    "Estimate", "Findings", "GateVerdict", "IntervalRow", "IntervalWithout", "Ladder",
-    "LadderEffect", "Leaning", "LeftOut", "LeftOutRow", "LevelValues", "Membership", "MethodPair",
-    "MoreSubjects", "NormalityTest", "Note", "Nouns", "OtherDevices", "Overview", "OverviewRow",
-    "Passivity", "PosteriorEvidence", "PredictiveCheck", "Prior", "PriorQuantiles", "Provenance",
-    "PseLineRow", "PsychophysicsRow", "RenderedEdge", "RenderedWall", "Results", "Shape", "Skipped",
-    "SourceFile", "SubjectCheck", "SubjectRow", "Verdict", "WeberTrend", "ZWidth", "dumps", "plain",
+    "BandRow", "BandStatement", "Boundary", "CellOutlier", "CellValues", "CentralProbability",
+    "ChangedVerdict", "Checks", "Confidences", "ConfirmedCoupling", "ContrastRow", "Coupling",
+    "Data", "DesignCounts", "DeviceStability", "Diagnostics", "EnvironmentCouplings",
+    "EquivalenceRow", "Estimate", "Findings", "GateVerdict", "IntervalRow", "IntervalWithout",
+    "Ladder", "LadderEffect", "Leaning", "LeftOut", "LeftOutRow", "LevelValues", "Membership",
+    "MethodPair", "MoreSubjects", "NormalityTest", "Note", "Nouns", "OtherDevices", "Overview",
+    "OverviewRow", "Passivity", "PosteriorEvidence", "PredictiveCheck", "Prior", "PriorQuantiles",
+    "Provenance", "PseLineRow", "PsychophysicsRow", "RenderedEdge", "RenderedWall", "Results",
+    "Shape", "Skipped", "SourceFile", "SubjectCheck", "SubjectRow", "Verdict", "WeberTrend",
+    "ZWidth", "dumps", "plain",
 ]  # fmt: skip

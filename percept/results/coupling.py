@@ -11,11 +11,11 @@ from percept.results.fields import Array, Family, Feeling, Inside, Kind, Method
 
 __all__ = [
     "AdmissibleCouplings",
+    "CentralProbability",
     "ChangedVerdict",
     "Confidences",
     "ConfirmedCoupling",
     "Coupling",
-    "DeviceAverage",
     "DeviceStability",
     "EnvironmentCouplings",
     "Leaning",
@@ -31,9 +31,20 @@ __all__ = [
 ]
 
 
+@dataclasses.dataclass(frozen=True)
+class CentralProbability:
+    """Posterior probability that a display lies among a central share of users at every ω."""
+
+    central: float
+    probability: float
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PosteriorEvidence:
-    """Posterior probability that a display lies in the central range of users at every ω."""
+    """Posterior probability that a display lies in the central range of users at every ω.
+
+    Where the scene's device has a posterior, each draw of the users has a device of its own.
+    """
 
     outcome: Feeling
     probability: float  # By abs(Z_h) and by effective stiffness and damping
@@ -42,8 +53,9 @@ class PosteriorEvidence:
     straddles: bool  # Whether two errors reach over a threshold after all draws
     magnitude: float  # By abs(Z_h) alone
     plane: float  # By effective stiffness and damping alone
+    by_central: tuple[CentralProbability, ...]  # Against other shares of users
     lowest: float  # By abs(Z_h) at the one omega where it is least probable
-    lowest_omega: float  # rad/s
+    lowest_omega: float  # rad/s; of many devices, the median of theirs
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -66,11 +78,7 @@ class MoreSubjects(NotebookRecord):
     """How many more subjects would decide a verdict with a stated probability."""
 
     subjects: int | None  # None where `most` are not enough
-    lower: int  # One Monte Carlo error below
-    upper: int | None  # One above; None beyond `most`
-    probability: float  # That so many decide, by the classical rule
-    error: float  # Its Monte Carlo standard error
-    assurance: float  # Probability that was wanted
+    assurance: float  # That probability
     most: int  # Subjects beyond which no number is given
 
 
@@ -83,33 +91,23 @@ class Leaning:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class DeviceAverage:
-    """A posterior probability of feeling real, averaged over the posterior of the device."""
-
-    probability: float
-    error: float  # Its Monte Carlo standard error
-    devices: int
-    share: float  # Of the variance of the answer, the part that knowing the device would remove
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Verdict(NotebookRecord):
     """Whether one environment, as it is displayed, feels real."""
 
     environment: str
     coupled: bool  # Through the coupling, or directly
-    level: float  # Share of all users that a central range holds
+    central: float  # Share of all users that a central range holds
     decision: float  # It feels real from this probability on, and does not from one minus it down
+    subjects: int  # Of fewer than six, abs(Z_h) alone never says "does not"
     outcome: Feeling  # Of `method`
     method: Method  # Bayesian where there is a posterior
     probability: float  # Posterior probability, or the classical method's least confidence
-    bayesian: PosteriorEvidence | None  # With the device at its point
+    bayesian: PosteriorEvidence | None
     classical: Confidences | None
     stable_and_real: float | None  # None directly, where stability is undecided, and without draws
     # None where either method decides, and without a joint law of the subjects' values.
     more: MoreSubjects | None = None
     leaning: Leaning | None = None  # None where no row of the environment looks mistyped
-    by_device: DeviceAverage | None = None  # None where the scene's device has no posterior
 
 
 @dataclasses.dataclass(frozen=True)
@@ -254,7 +252,7 @@ class AdmissibleCouplings(NotebookRecord):
 
     method: Method  # Whose draws of the users these are
     family: Family
-    level: float  # Share of all users that a central range holds
+    central: float  # Share of all users that a central range holds
     decision: float  # A coupling is admissible from this probability on
     draws: int  # Behind the map; its ends are confirmed by more
     damping: Array  # (B,) b_c of each line, N·s/m

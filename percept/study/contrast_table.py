@@ -60,7 +60,7 @@ class ContrastTable:
             "method": method,
             "family": inference.family,
             "level": inference.level,
-            "share": inference.held_share if share else None,
+            "share": inference.share if share else None,
             "confidence": inference.confidence if share else None,
             "lower": lower,
             "upper": upper,
@@ -128,7 +128,7 @@ class ContrastTable:
         if not kind:
             start = f"The ratio of SDs between {users} of {self.quantity.label} ({how})"
         elif kind == "share":
-            start = f"For at least {percent(self.inference.held_share)} of all {users} the {what}"
+            start = f"For at least {percent(self.inference.share)} of all {users} the {what}"
         else:
             who = "next" if kind == "user" else "typical" if log else "average"
             start = f"The {who} {user}'s {what}"

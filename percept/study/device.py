@@ -124,7 +124,10 @@ class Setup:
         )
 
     def resonances(self, environment: str) -> Array:
-        """Frequencies, rad/s, where curves bend most: device mass on the reference, modes."""
+        """Frequencies, rad/s, where curves bend most: device mass on the reference, modes.
+
+        Shape (R,), or (N, R) of N devices.
+        """
         device = self.device
         if not isinstance(device, Device):
             return device.omega[:: max(1, device.omega.size // _MOST_ROWS)]
@@ -132,7 +135,8 @@ class Setup:
         reference = self.references[environment]
         joint_stiffness = reference.stiffness + device.stiffness
         pairs.append((joint_stiffness, device.mass + reference.mass))
-        return np.array([float(np.sqrt(k / m)) for k, m in pairs if m])
+        rates = [np.sqrt(np.divide(k, m)) for k, m in pairs if np.all(m)]
+        return np.stack(np.broadcast_arrays(*rates), axis=-1) if rates else np.array([])
 
     def coupling_of(self, stiffness: Scalars, damping: Scalars) -> Coupling:
         """Return couplings whose damper acts on the velocity as the loop filters it."""
@@ -174,9 +178,9 @@ class StiffnessSpan(NamedTuple):
     high: float
 
 
-def stiffness_span(setup: Setup, environment: str, users: Users, level: float) -> StiffnessSpan:
+def stiffness_span(setup: Setup, environment: str, users: Users, central: float) -> StiffnessSpan:
     """Return the span of the draws' central ranges of stiffness; above zero."""
-    ranges = users.central_ranges(level).stiffness
+    ranges = users.central_ranges(central).stiffness
     reference = float(setup.references[environment].stiffness)
     low = float(np.quantile(ranges.low, _COMMON[0]))
     high = float(np.quantile(ranges.high, _COMMON[1]))

@@ -96,7 +96,7 @@ class DeviceCurves:
             return np.log(np.maximum(magnitude, _SMALLEST))
 
         at_point = logs(setup.device)
-        on_devices = logs(setup.draws.select(device))
+        on_devices = logs(setup.draws.stacked.select(device))
 
         def pair(chosen: slice) -> _Pair:
             weights = probability[chosen]

@@ -12,7 +12,6 @@ import math
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import special
 
 from percept import haptics
@@ -56,30 +55,11 @@ class DeviceDraws:
 
     def device(self, index: int) -> Device:
         """Return one device."""
-        return self.select(index)
+        return self.stacked.select(index)
 
     def first(self, count: int) -> DeviceDraws:
         """Return the first devices."""
-        return DeviceDraws(self.select(slice(count)))
-
-    def select(self, which: int | slice | NDArray[np.intp]) -> Device:
-        """Return the device of an index, or devices stacked."""
-        stacked = self.stacked
-        modes = []
-        for mode in stacked.modes:
-            modes.append(
-                Mode(
-                    mass=np.asarray(mode.mass)[which],
-                    stiffness=np.asarray(mode.stiffness)[which],
-                    damping=np.asarray(mode.damping)[which],
-                )
-            )
-        return Device(
-            mass=np.asarray(stacked.mass)[which],
-            damping=np.asarray(stacked.damping)[which],
-            modes=tuple(modes),
-            stiffness=np.asarray(stacked.stiffness)[which],
-        )
+        return DeviceDraws(self.stacked.select(slice(count)))
 
 
 def device_draws(scene: Scene) -> DeviceDraws | None:

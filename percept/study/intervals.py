@@ -189,7 +189,7 @@ def bayesian_row(
     """Make the row of a posterior interval; `rest` are fields of `Interval`."""
     lower, upper, estimate = map(float, limits)
     if kind == "share":
-        rest |= {"share": asked.held_share, "confidence": asked.confidence}
+        rest |= {"share": asked.share, "confidence": asked.confidence}
     interval = Interval(
         kind=kind, method="bayesian", family=asked.family, level=asked.level,
         lower=lower, upper=upper, estimate=estimate, unit=unit, **rest,

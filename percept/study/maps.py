@@ -1,10 +1,9 @@
 """How probably other couplings, and other devices, feel real.
 
-The map of couplings is over stiffness and damping, up to the edge of what is stable. Where the
-device has a posterior, the edge is that of its most stable draw. Its ends, the
-stiffest and the softest coupling that feel real with the scene's `decision`, are found on it and
-confirmed by `percept.boundary.feels_real`, which also searches between frequencies. Mass and
-damping of a device are seldom known well: every display is judged again at ± 50 % of either.
+The map of couplings is over stiffness and damping, up to the edge of what is stable with the
+device, or with its most stable draw. The stiffest and the softest coupling that feel real are
+confirmed by `feels_real`. Mass and damping of a device are seldom known well: every display is
+judged again at ± 50 % of either.
 """
 
 from __future__ import annotations
@@ -15,13 +14,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from percept.boundary.feels_real import (
-    CouplingJudge,
-    Evidence,
-    feels_real,
-    judge,
-    rough_probability,
-)
+from percept.boundary.couplings import CouplingJudge
+from percept.boundary.feels_real import Evidence, feels_real, judge, rough_probability
 from percept.boundary.users import Users
 from percept.haptics import Coupling, Device, TabulatedDevice
 from percept.haptics.search import covers_range
@@ -33,7 +27,7 @@ from percept.results import (
     OtherDevices,
 )
 from percept.results.fields import Method
-from percept.scene import InferenceTable
+from percept.scene import Scene
 from percept.study.basics import Array, Skipped
 from percept.study.device import Setup, map_frequencies, stiffness_span
 from percept.study.stable_couplings import StableCouplings, is_stable
@@ -92,7 +86,7 @@ def coupling_map(
     setup: Setup,
     users: Mapping[str, Users],
     method: Method,
-    asked: InferenceTable,
+    scene: Scene,
     within: tuple[float, float],
 ) -> AdmissibleCouplings | None:
     """Map the probability that stable couplings feel real, per environment and for all together.
@@ -105,8 +99,8 @@ def coupling_map(
         Draws of the population, in random order, by environment.
     method : {"bayesian", "classical"}
         Whose draws these are.
-    asked : InferenceTable
-        Level and decision.
+    scene : Scene
+        With the central share and the decision.
     within : tuple of float
         Ends of the frequencies that couplings are judged over, rad/s.
 
@@ -120,16 +114,16 @@ def coupling_map(
     stable = StableCouplings.of(setup)
     judges = []
     for environment, population in users.items():
-        judges.append(_Environment.of(stable, environment, population, asked, within))
+        judges.append(_Environment.of(stable, environment, population, scene, within))
     damping = _lines(stable.largest_damping)
     maps = [_map_of(environment.name, [environment], damping) for environment in judges]
     if len(judges) > 1:
         maps.append(_map_of(None, judges, damping))
     return AdmissibleCouplings(
         method=method,
-        family=asked.family,
-        level=asked.level,
-        decision=asked.decision,
+        family=scene.inference.family,
+        central=scene.verdict.central,
+        decision=scene.inference.decision,
         draws=min(_MAP_DRAWS, *(population.size for population in users.values())),
         damping=damping,
         environments=tuple(maps),
@@ -152,7 +146,7 @@ class _Environment:
     judge: CouplingJudge
     users: Users
     omega: Array  # rad/s, where `feels_real` looks first
-    asked: InferenceTable
+    scene: Scene
     softest: float  # N/m: a softer coupling is too soft under every draw
 
     @classmethod
@@ -161,26 +155,28 @@ class _Environment:
         stable: StableCouplings,
         name: str,
         users: Users,
-        asked: InferenceTable,
+        scene: Scene,
         within: tuple[float, float],
     ) -> _Environment:
         """Prepare an environment."""
         setup = stable.setup
         some = users.select(slice(0, _MAP_DRAWS))
-        span = stiffness_span(setup, name, some, asked.level)
+        central = scene.verdict.central
+        span = stiffness_span(setup, name, some, central)
         display = setup.display(name, coupled=True)
         omega = map_frequencies(setup, name, span, within)
-        judge = CouplingJudge(display, some, omega, level=asked.level)
+        judge = CouplingJudge(display, some, omega, central=central)
         searched = frequencies(setup, name, relative_sd(users), within)
-        return cls(name, stable, judge, users, searched, asked, _SOFTER * span.low)
+        return cls(name, stable, judge, users, searched, scene, _SOFTER * span.low)
 
     def confirm(self, coupling: Coupling) -> Evidence:
         """Judge one coupling by `feels_real`."""
         setup = dataclasses.replace(self.stable.setup, coupling=coupling)
         display = setup.display(self.name, coupled=True)
         some = self.users.select(slice(0, _END_DRAWS))
-        level = self.asked.level
-        return feels_real(display, some, self.omega, level=level, decision=self.asked.decision)
+        central = self.scene.verdict.central
+        decision = self.scene.inference.decision
+        return feels_real(display, some, self.omega, central=central, decision=decision)
 
 
 class _Grid(NamedTuple):
@@ -235,7 +231,7 @@ def _confirmed_end(
     environments: Sequence[_Environment], grid: _Grid, probability: Array, end: End
 ) -> ConfirmedCoupling | None:
     """Return the stiffest or the softest coupling that `feels_real` confirms; None without one."""
-    decision = environments[0].asked.decision
+    decision = environments[0].scene.inference.decision
     wanted = decision
     for _ in range(_TRIALS):
         coupling = _refined_end(environments, grid, probability, wanted, end)
@@ -341,7 +337,7 @@ def other_devices(
     setup: Setup,
     users: Mapping[str, Users],
     method: Method,
-    asked: InferenceTable,
+    scene: Scene,
     within: tuple[float, float],
 ) -> OtherDevices | None:
     """Judge every environment again with other mass and damping of the device.
@@ -354,8 +350,8 @@ def other_devices(
         Draws of the population, in random order, by environment.
     method : {"bayesian", "classical"}
         Whose draws these are.
-    asked : InferenceTable
-        Level of the central ranges, and decision.
+    scene : Scene
+        With the central share and the decision.
     within : tuple of float
         Ends of the frequencies that displays are judged over, rad/s.
 
@@ -371,19 +367,21 @@ def other_devices(
     if setup.coupling is not None:
         stable = tuple(is_stable(varied, setup.coupling) for varied in setups)
     devices = [varied.device for varied in setups if isinstance(varied.device, Device)]
+    central = scene.verdict.central
+    decision = scene.inference.decision
     verdicts = []
     for environment, population in users.items():
         some = population.select(slice(0, _DEVICE_DRAWS))
         for coupled in (False, True) if setup.coupling is not None else (False,):
             probabilities = tuple(
-                _probability(varied, environment, some, asked.level, within, coupled=coupled)
+                _probability(varied, environment, some, central, within, coupled=coupled)
                 for varied in setups
             )
             verdict = ChangedVerdict(
                 environment=environment,
                 coupled=coupled,
                 probability=probabilities,
-                outcome=tuple(judge(one, asked.decision) for one in probabilities),
+                outcome=tuple(judge(one, decision) for one in probabilities),
             )
             verdicts.append(verdict)
     return OtherDevices(
@@ -413,13 +411,13 @@ def _probability(
     setup: Setup,
     environment: str,
     users: Users,
-    level: float,
+    central: float,
     within: tuple[float, float],
     *,
     coupled: bool,
 ) -> float:
     """Judge one environment on one device."""
-    span = stiffness_span(setup, environment, users, level)
+    span = stiffness_span(setup, environment, users, central)
     omega = map_frequencies(setup, environment, span, within)
     display = setup.display(environment, coupled=coupled)
-    return rough_probability(display, users, omega, level=level)
+    return rough_probability(display, users, omega, central=central)

@@ -343,11 +343,8 @@ class Parts:
         """Whether each environment feels real, directly and coupled; empty without a device."""
         if self.setup is None:
             return ()
-        asked = self.scene.inference
         stable = self.coupling.stable if self.coupling is not None else None
-        judged = study_verdicts(
-            self.setup, self.users, self.subjects, asked, self.within, stable=stable
-        )
+        judged = study_verdicts(self.setup, self.users, self.subjects, self.scene, stable=stable)
         if not self.sessions.slips:
             return tuple(judged)
         return tuple(leaning_on_slips(judged, self.sessions, self._verdicts_over))
@@ -366,14 +363,12 @@ class Parts:
     @cached_property
     def subjects(self) -> dict[str, Subjects]:
         """What the classical method knows of the users of each environment."""
-        if self.scene.inference.method == "bayesian":
-            return {}
         return subjects_of(self.cells, results(self._pairs), self.scene.inference)
 
     @cached_property
     def map_users(self) -> dict[str, Users]:
         """Draws of users behind maps: posterior ones, else fiducial ones of subjects."""
-        if self.users or self.setup is None:
+        if self.users or self.setup is None or self.scene.inference.method == "bayesian":
             return self.users
         return likely_users(self.subjects, self.setup, self.scene.inference)
 
@@ -388,7 +383,7 @@ class Parts:
         if self.setup is None:
             return None
         whose = self.map_users, self.map_method
-        return coupling_map(self.setup, *whose, self.scene.inference, self.within)
+        return coupling_map(self.setup, *whose, self.scene, self.within)
 
     @cached_property
     def other_devices(self) -> OtherDevices | None:
@@ -396,7 +391,7 @@ class Parts:
         if self.setup is None:
             return None
         whose = self.map_users, self.map_method
-        return other_devices(self.setup, *whose, self.scene.inference, self.within)
+        return other_devices(self.setup, *whose, self.scene, self.within)
 
     @property
     def comparison(self) -> pd.DataFrame | None:

@@ -103,9 +103,6 @@ class SubjectPairs:
     environment: str
     k: Array  # (N,) N/m
     b: Array  # (N,) N·s/m
-    # (2,) What trial noise adds to the variance of such a value, on the family's scale; zero
-    # without repeats, where it is part of the value.
-    trial_variance: Array = dataclasses.field(default_factory=lambda: np.zeros(2))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -180,7 +177,7 @@ def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
     halved = IntervalEstimands(
         fit.model,
         level=_halved(asked.level),
-        share=_halved(asked.held_share),
+        share=_halved(asked.share),
         confidence=_halved(asked.confidence),
     )
     laws = fit.model.laws(fit.points)
@@ -247,9 +244,7 @@ def _pairs_of_subjects(sessions: Sessions, family: Family) -> Iterator[SubjectPa
         if np.ptp(k) == 0.0 or np.ptp(b) == 0.0:
             yield Skipped(what, "all subjects made the same adjustments of one parameter")
             continue
-        trial_sd = np.array([mean.trial_sd or 0.0 for mean in means])
-        trial_variance = trial_sd**2 * count / len(rows)
-        yield SubjectPairs(family, environment, displayable(k), displayable(b), trial_variance)
+        yield SubjectPairs(family, environment, displayable(k), displayable(b))
 
 
 def laws_of(

@@ -16,29 +16,28 @@ import numpy as np
 
 from percept.boundary import confidence as classical
 from percept.boundary.confidence import Confidence, confidence, limits_confidence
-from percept.boundary.feels_real import feels_real, judge, search_grid
+from percept.boundary.feels_real import CENTRALS, Evidence, feels_real, search_grid
 from percept.boundary.users import Users
 from percept.errors import RefusalError
 from percept.haptics import TabulatedDevice
-from percept.haptics.records import Display
 from percept.inference.classical.fiducial import fiducial_draws
 from percept.inference.classical.moments import Moments
 from percept.inference.hierarchy.product import pooled_parts
 from percept.inference.record import Family
 from percept.results import (
+    CentralProbability,
     Confidences,
     Leaning,
-    MoreSubjects,
     Note,
     PosteriorEvidence,
     Verdict,
 )
-from percept.scene import InferenceTable
+from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.study.basics import Array, Stream, generator
 from percept.study.deciding import more_subjects
 from percept.study.device import Setup
-from percept.study.device_verdicts import with_device_draws
+from percept.study.device_draws import smallest_margins
 from percept.study.intervals import Cell
 from percept.study.regions import SubjectPairs
 
@@ -54,8 +53,6 @@ __all__ = [
 _MOST_DRAWS = 4096
 #: Fiducial draws of a map, where there is no posterior.
 _FIDUCIAL_DRAWS = 512
-#: Truths that more subjects are simulated of: a probability of 0.8 is known to 0.025 by them.
-_TRUTHS = 256
 #: Half of a resonance's width against the SD of log k between users, and its least.
 _HALF_SD = 0.5
 _LEAST_HALF_WIDTH = 1e-3
@@ -75,19 +72,19 @@ class Subjects:
     damping: Moments
     # None with fewer than three subjects, and for published limits.
     pairs: classical.SubjectPairs | None
-    trial_variance: Array  # (2,) What trial noise adds to the variance of a subject's value
 
     def confidence(
-        self, setup: Setup, environment: str, asked: InferenceTable, omega: Array, *, coupled: bool
+        self, setup: Setup, environment: str, scene: Scene, omega: Array, *, coupled: bool
     ) -> Confidence | None:
         """Judge what is displayed; None where subjects do not scatter."""
         display = setup.display(environment, coupled=coupled)
+        asked = scene.inference
         rng = generator(asked.seed, Stream.FIDUCIAL)
-        level = asked.level
+        central = scene.verdict.central
         if self.pairs is not None:
             try:
                 return confidence(
-                    display, self.pairs, omega, level=level, decision=asked.decision, rng=rng
+                    display, self.pairs, omega, central=central, decision=asked.decision, rng=rng
                 )
             except RefusalError:
                 # Stiffness and damping in proportion have no joint law; each still has its own.
@@ -95,7 +92,7 @@ class Subjects:
         try:
             moments = self.stiffness, self.damping
             log = self.family == "lognormal"
-            return limits_confidence(display, *moments, omega, level=level, log=log)
+            return limits_confidence(display, *moments, omega, central=central, log=log)
         except RefusalError:
             return None
 
@@ -117,11 +114,9 @@ def subjects_of(
             stiffness, damping = own
             if stiffness is None or damping is None:
                 continue
-            of_subjects = values.get(environment)
-            pair = _subject_pairs(of_subjects)
-            trial_variance = np.zeros(2) if of_subjects is None else of_subjects.trial_variance
+            pair = _subject_pairs(values.get(environment))
             # The family set last stays.
-            found[environment] = Subjects(family, stiffness, damping, pair, trial_variance)
+            found[environment] = Subjects(family, stiffness, damping, pair)
     return found
 
 
@@ -214,14 +209,19 @@ def likely_users(
 def frequencies(
     setup: Setup, environment: str, relative_sd: float, within: tuple[float, float]
 ) -> Array:
-    """Return the frequencies, rad/s, at which an environment is judged before dips are searched."""
+    """Return the frequencies, rad/s, at which an environment is judged before peaks are searched.
+
+    Shape (M,), or (D, M) where the device of the setup is D devices.
+    """
     resonances = setup.resonances(environment)
-    resonances = resonances[np.isfinite(resonances) & (resonances > 0.0)]
+    if resonances.ndim == 1:
+        resonances = resonances[np.isfinite(resonances) & (resonances > 0.0)]
     half_width = max(_HALF_SD * relative_sd, _LEAST_HALF_WIDTH)
     if isinstance(setup.device, TabulatedDevice):
         # A table's rows are all there is to see.
         half_width = 0.0
-    return search_grid(*within, resonances, np.full(resonances.size, min(half_width, 1.0)))
+    half_widths = np.full(resonances.shape[-1], min(half_width, 1.0))
+    return search_grid(*within, resonances, half_widths)
 
 
 def relative_sd(users: Users) -> float:
@@ -234,87 +234,81 @@ def study_verdicts(
     setup: Setup,
     users: Mapping[str, Users],
     subjects: Mapping[str, Subjects],
-    asked: InferenceTable,
-    within: tuple[float, float],
+    scene: Scene,
     *,
     stable: bool | None,
 ) -> Iterator[Verdict]:
-    """Judge every reference, directly and through the coupling, at every ω of a range, rad/s.
+    """Judge every reference, directly and through the coupling, at every ω of the scene's range.
 
     `stable` is the coupling's verdict, None where it is undecided.
     """
+    within = scene.frequency.lower, scene.frequency.upper
     renderings = [False]
     if setup.coupling is not None:
         renderings.append(True)
     for environment in setup.references:
-        own_users = users.get(environment)
-        own_subjects = subjects.get(environment)
-        spread = _stiffness_spread(own_users, own_subjects)
+        of_users = users.get(environment)
+        of_subjects = subjects.get(environment)
+        spread = _stiffness_spread(of_users, of_subjects)
         if spread is None:
             continue
         omega = frequencies(setup, environment, spread, within)
         for coupled in renderings:
             evidence = None
-            if own_users is not None:
-                evidence = _posterior_evidence(
-                    setup, environment, own_users, asked, omega, coupled=coupled
+            together = None
+            if of_users is not None:
+                judged, evidence = _by_posterior(
+                    setup, environment, of_users, scene, coupled=coupled
                 )
+                if coupled:
+                    together = _stable_and_real(judged, evidence, stable=stable)
             parts = None
-            if own_subjects is not None:
-                found = own_subjects.confidence(setup, environment, asked, omega, coupled=coupled)
-                parts = _confidences(found, own_subjects.family, asked)
-            verdict = _verdict(environment, evidence, parts, asked, coupled=coupled, stable=stable)
-            if verdict is None:
-                continue
-            if own_users is not None:
-                verdict = with_device_draws(verdict, setup, own_users, omega, asked.decision)
-            if _undecided(verdict) and own_subjects is not None:
-                display = setup.display(environment, coupled=coupled)
-                more = subjects_to_decide(display, own_users, own_subjects, asked, omega)
-                verdict = dataclasses.replace(verdict, more=more)
-            yield verdict
+            if of_subjects is not None and scene.inference.method != "bayesian":
+                parts = of_subjects.confidence(setup, environment, scene, omega, coupled=coupled)
+            if evidence is not None or parts is not None:
+                verdict = _verdict(environment, of_subjects, evidence, parts, scene)
+                yield dataclasses.replace(verdict, coupled=coupled, stable_and_real=together)
 
 
-def _undecided(verdict: Verdict) -> bool:
-    """Whether neither method decides: the classical one says how many subjects would."""
-    if verdict.classical is None or verdict.classical.outcome != "too little data":
-        return False
-    return verdict.outcome == "too little data"
-
-
-def subjects_to_decide(
-    display: Display,
-    users: Users | None,
-    subjects: Subjects,
-    asked: InferenceTable,
-    omega: Array,
-) -> MoreSubjects | None:
-    """Find how many more subjects would decide; None without a joint law of subjects."""
-    pairs = subjects.pairs
-    if pairs is None:
-        return None
-    if users is None or users.log != pairs.log:
-        truths = fiducial_users(subjects, asked)
+def _verdict(
+    environment: str,
+    subjects: Subjects | None,
+    evidence: Evidence | None,
+    parts: Confidence | None,
+    scene: Scene,
+) -> Verdict:
+    """Put the evidence of both methods together; the Bayesian outcome leads where there is one."""
+    central = scene.verdict.central
+    decision = scene.inference.decision
+    count = 0 if subjects is None else int(subjects.stiffness.n)
+    bayesian = None if evidence is None else _reported(evidence, decision, count)
+    classical = None
+    if parts is not None and subjects is not None:
+        classical = _confidences(parts, subjects.family, decision)
+    if bayesian is not None:
+        outcome, probability = bayesian.outcome, bayesian.probability
     else:
-        truths = _with_trial_noise(users, subjects.trial_variance)
-    if truths is None:
-        return None
-    return more_subjects(
-        display,
-        pairs,
-        truths.select(slice(_TRUTHS)),
-        omega,
-        level=asked.level,
-        decision=asked.decision,
-        rng=generator(asked.seed, Stream.MORE_SUBJECTS),
+        assert classical is not None
+        outcome, probability = classical.outcome, classical.least
+    more = None
+    scores = evidence.scores if evidence is not None else parts.scores if parts else None
+    undecided = {row.outcome for row in (bayesian, classical) if row} == {"too little data"}
+    if undecided and classical is not None and scores is not None:
+        more = more_subjects(scores, count, central=central, decision=decision)
+    return Verdict(
+        environment=environment,
+        coupled=False,
+        central=central,
+        decision=decision,
+        subjects=count,
+        outcome=outcome,
+        method="classical" if bayesian is None else "bayesian",
+        probability=probability,
+        bayesian=bayesian,
+        classical=classical,
+        stable_and_real=None,
+        more=more,
     )
-
-
-def _with_trial_noise(users: Users, variance: Array) -> Users:
-    """Return populations of what users set on average over their trials."""
-    sd = np.sqrt(users.sd**2 + variance[:, None])
-    correlation = users.correlation * (users.sd / sd).prod(axis=0)
-    return dataclasses.replace(users, sd=sd, correlation=correlation)
 
 
 def leaning_on_slips(
@@ -359,72 +353,57 @@ def _stiffness_spread(users: Users | None, subjects: Subjects | None) -> float |
     return float(moments.sd) / max(abs(float(moments.mean)), _LEAST_MEAN)
 
 
-def _verdict(
-    environment: str,
-    evidence: PosteriorEvidence | None,
-    parts: Confidences | None,
-    asked: InferenceTable,
-    *,
-    coupled: bool,
-    stable: bool | None,
-) -> Verdict | None:
-    """Put the evidence of both methods together; the Bayesian outcome leads where there is one."""
-    together = None
-    if evidence is not None:
-        outcome = evidence.outcome
-        probability = evidence.probability
-        if coupled and stable is not None:
-            together = evidence.probability if stable else 0.0
-    elif parts is not None:
-        outcome = parts.outcome
-        probability = parts.least
-    else:
-        return None
-    return Verdict(
-        environment=environment,
-        coupled=coupled,
-        level=asked.level,
-        decision=asked.decision,
-        outcome=outcome,
-        method="classical" if evidence is None else "bayesian",
-        probability=probability,
-        bayesian=evidence,
-        classical=parts,
-        stable_and_real=together,
+def _by_posterior(
+    setup: Setup, environment: str, users: Users, scene: Scene, *, coupled: bool
+) -> tuple[Setup, Evidence]:
+    """Judge draws of the users, each on a draw of the device; return the devices too."""
+    if setup.draws is not None:
+        which = np.arange(users.size) % setup.draws.count
+        setup = dataclasses.replace(setup, device=setup.draws.stacked.select(which))
+    within = scene.frequency.lower, scene.frequency.upper
+    found = feels_real(
+        setup.display(environment, coupled=coupled),
+        users,
+        frequencies(setup, environment, relative_sd(users), within),
+        central=scene.verdict.central,
+        decision=scene.inference.decision,
     )
+    return setup, found
 
 
-def _posterior_evidence(
-    setup: Setup,
-    environment: str,
-    users: Users,
-    asked: InferenceTable,
-    omega: Array,
-    *,
-    coupled: bool,
-) -> PosteriorEvidence:
-    display = setup.display(environment, coupled=coupled)
-    found = feels_real(display, users, omega, level=asked.level, decision=asked.decision)
+def _reported(found: Evidence, decision: float, subjects: int) -> PosteriorEvidence:
+    by_central = zip(CENTRALS, found.by_central, strict=True)
     return PosteriorEvidence(
-        outcome=judge(found.probability, asked.decision),
+        outcome=found.outcome(decision, subjects),
         probability=found.probability,
         error=found.error,
         draws=found.draws,
-        straddles=not found.clear_of(asked.decision),
+        straddles=not found.clear_of(decision),
         magnitude=found.magnitude,
         plane=found.plane,
+        by_central=tuple(CentralProbability(*pair) for pair in by_central),
         lowest=found.lowest,
         lowest_omega=found.lowest_omega,
     )
 
 
-def _confidences(
-    found: Confidence | None, family: Family, asked: InferenceTable
-) -> Confidences | None:
-    if found is None:
-        return None
+def _stable_and_real(setup: Setup, found: Evidence, *, stable: bool | None) -> float | None:
+    """Return the probability that the coupling is stable and feels real.
+
+    Of a device that is a posterior's draws by these; else None where stability is undecided.
+    """
+    if setup.draws is None or setup.coupling is None:
+        return None if stable is None else found.probability * stable
+    margins = smallest_margins(setup.draws, setup.coupling, setup.period, setup.hold)
+    # Of devices with modes fewer have a margin than there are draws.
+    judged = min(margins.size, found.draws)
+    both = found.real[:judged] & (margins[:judged] >= 1.0)
+    return float(both.mean())
+
+
+def _confidences(found: Confidence, family: Family, decision: float) -> Confidences:
     return Confidences(
-        outcome=found.verdict(asked.decision),
+        outcome=found.verdict(decision),
         family=family,
         least=min(found.parts),
         stiffness=found.stiffness,

@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 
 from percept import Scene, Sessions, Study
 from percept.boundary.confidence import Confidence, SubjectPairs, confidence
-from percept.boundary.feels_real import search_grid, search_margins
+from percept.boundary.feels_real import search_grid, search_scores
 from percept.boundary.users import Users
 from percept.calibration.studies import Checkpoint, Line
 from percept.errors import UsageError
@@ -90,7 +90,7 @@ def binomial_error(studies: int) -> float:
 def by_confidence(users: Moments, score: float) -> Array:
     """Return the confidence that a value `score` SDs from a study's mean is in its users' range."""
     scores = np.full(np.shape(users.mean), score)
-    return np.asarray(central_range_confidence(scores, users, level=LEVEL))
+    return np.asarray(central_range_confidence(scores, users, central=LEVEL))
 
 
 def by_wide_limits(users: Moments, score: float) -> Array:
@@ -111,7 +111,7 @@ def part_rates(n: int, place: str, studies: int, *, rule: Rule = by_confidence) 
             users = Moments(values.mean(axis=1), values.std(axis=1, ddof=1), n)
             parts.append(rule(users, score))
         for stiffness, damping in np.transpose(parts):
-            found = Confidence(float(stiffness), float(damping), None, None, None, None)
+            found = Confidence(float(stiffness), float(damping), n)
             outcomes.append(found.verdict(DECISION))
     return rates_of(outcomes)
 
@@ -139,7 +139,8 @@ def edge_score() -> float:
 
     def margin(score: float) -> float:
         display = display_of(score)
-        return float(search_margins(display, users, searched(display), LEVEL).least[0])
+        found = search_scores(display, users, searched(display), LEVEL)
+        return EDGE - float(found.largest[0])
 
     return float(brentq(margin, 0.5 * EDGE, 1.5 * EDGE))
 
@@ -150,9 +151,9 @@ def magnitude_study(n: int, place: str, index: int) -> Line:
     values = CENTRE + SDS * rng.standard_normal((n, 2))
     display = display_of(PLACES[place] * edge_score())
     pairs = SubjectPairs(values, log=True)
-    found = confidence(display, pairs, searched(display), level=LEVEL, decision=DECISION, rng=rng)
+    found = confidence(display, pairs, searched(display), central=LEVEL, decision=DECISION, rng=rng)
     assert found.magnitude is not None
-    alone = Confidence(found.magnitude, found.magnitude, None, None, None, None)
+    alone = Confidence(found.magnitude, found.magnitude, n)
     return {"magnitude": alone.verdict(DECISION), "all": found.verdict(DECISION)}
 
 
@@ -204,7 +205,7 @@ def truly_inside(study: Study, environment: str, users: Users) -> bool:
     omega = frequencies(study.parts.setup, environment, float(users.sd[0, 0]), study.parts.within)
     shown = np.log([display.environment.stiffness, display.environment.damping])
     in_plane = np.all(np.abs(shown - users.mean[:, 0]) <= EDGE * users.sd[:, 0])
-    return bool(in_plane and search_margins(display, users, omega, LEVEL).least[0] >= 0.0)
+    return bool(in_plane and search_scores(display, users, omega, LEVEL).largest[0] <= EDGE)
 
 
 def old_rule(study: Study, environment: str) -> str:

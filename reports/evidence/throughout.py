@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.boundary.feels_real import search_grid, search_margins
+from percept.boundary.feels_real import search_grid, search_scores
 from percept.boundary.users import DiscIntegral, Users, choose_integral, share_within
 from percept.haptics import Coupling, Device, Environment
 from percept.haptics.axis import warp
@@ -146,7 +146,8 @@ def grid_margins(scene: Scene, *, points: int) -> Array:
 
 def brute_force(scene: Scene, *, points: int) -> tuple[Array, Array]:
     """Return the smallest margin of each draw: searched, and on a grid of so many points."""
-    searched = search_margins(scene.display, scene.users, scene.omega, LEVEL).least
+    found = search_scores(scene.display, scene.users, scene.omega, LEVEL)
+    searched = EDGE - found.largest
     return searched, grid_margins(scene, points=points)
 
 

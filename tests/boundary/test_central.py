@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from percept.boundary.feels_real import CouplingJudge, feels_real, search_grid
+from percept.boundary.couplings import CouplingJudge
+from percept.boundary.feels_real import feels_real, search_grid
 from percept.boundary.users import Users, magnitude_ranges
 from percept.haptics import Coupling, Device, Environment
 from percept.haptics.axis import warp
@@ -55,7 +56,7 @@ def test_couplings_are_judged_as_one_by_one():
     users = populations(log=True, count=200)
     omega = search_grid(0.1, 100.0, np.array([np.sqrt(1000.0)]), np.array([0.05]))
     dense = np.union1d(omega, np.geomspace(20.0, 50.0, 60))
-    judge = CouplingJudge(DISPLAY, users, dense, level=0.99)
+    judge = CouplingJudge(DISPLAY, users, dense, central=0.99)
     rng = np.random.default_rng(4)
     stiffness = 500.0 * 10.0 ** rng.uniform(0.3, 2.0, 20)
     damping = rng.uniform(0.0, 40.0, 20)
@@ -64,7 +65,7 @@ def test_couplings_are_judged_as_one_by_one():
     alone = []
     for k, b in zip(stiffness[some], damping[some], strict=True):
         display = Display(DISPLAY.device, WALL, 1e-3, Coupling(float(k), float(b)))
-        evidence = feels_real(display, users, omega, level=0.99, decision=0.95)
+        evidence = feels_real(display, users, omega, central=0.99, decision=0.95)
         alone.append(evidence.probability)
     np.testing.assert_allclose(together[some], alone, atol=0.02)
     assert np.ptp(together[some]) > 0.5

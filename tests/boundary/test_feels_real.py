@@ -1,16 +1,19 @@
 """Verdicts on displays: against a fine grid of frequencies, known cases, and today's easier
 rule."""
 
+import dataclasses
+
 import numpy as np
 import pytest
-from scipy import special
 
 from percept.boundary.feels_real import (
+    CENTRALS,
     Evidence,
+    edge_of,
     feels_real,
     judge,
     search_grid,
-    search_margins,
+    search_scores,
     share_error,
 )
 from percept.boundary.users import Users
@@ -36,25 +39,27 @@ def populations(bias, sd, *, count=2_000, spread=0.0, seed=1):
 def test_against_a_fine_grid(seed):
     scene = random_scene(seed, draws=12)
     mine, fine = brute_force(scene, points=1_500)
-    differing = (mine >= 0.0) != (fine >= 0.0)
-    # A finite grid may miss the lowest point of a dip, and sees no lower one.
-    assert np.all(mine[differing] < fine[differing])
-    assert np.all(np.abs(fine[differing]) < 1e-3)
+    for central in CENTRALS:
+        inside = edge_of(LEVEL) - edge_of(central)
+        differing = (mine >= inside) != (fine >= inside)
+        # A finite grid may miss the lowest point of a dip, and sees no lower one.
+        assert np.all(mine[differing] < fine[differing])
+        assert np.all(np.abs(fine[differing] - inside) < 1e-3)
     # Only margins that could pass zero between two frequencies are searched.
     searched = (fine >= 0.0) & (fine < 0.8)
     assert np.all(mine[searched] <= fine[searched] + 1e-6)
 
 
 def test_users_about_the_wall_feel_it_and_far_ones_do_not():
-    near = feels_real(DISPLAY, populations(0.0, 0.2), OMEGA, level=LEVEL, decision=DECISION)
+    near = feels_real(DISPLAY, populations(0.0, 0.2), OMEGA, central=LEVEL, decision=DECISION)
     assert (near.probability, judge(near.probability, DECISION)) == (1.0, "feels real")
-    far = feels_real(DISPLAY, populations(4.0, 0.2), OMEGA, level=LEVEL, decision=DECISION)
+    far = feels_real(DISPLAY, populations(4.0, 0.2), OMEGA, central=LEVEL, decision=DECISION)
     assert (far.probability, judge(far.probability, DECISION)) == (0.0, "does not")
 
 
 def test_few_subjects_are_too_little_data():
     vague = populations(1.0, 0.2, spread=1.5)
-    evidence = feels_real(DISPLAY, vague, OMEGA, level=LEVEL, decision=DECISION)
+    evidence = feels_real(DISPLAY, vague, OMEGA, central=LEVEL, decision=DECISION)
     assert judge(evidence.probability, DECISION) == "too little data"
     assert evidence.probability <= min(evidence.magnitude, evidence.plane)
     assert evidence.magnitude <= evidence.lowest
@@ -64,7 +69,7 @@ def test_a_wider_boundary_is_no_evidence():
     # The wall lies three SDs off. Better data of the same users settle it; worse ones do not.
     probabilities = [
         feels_real(
-            DISPLAY, populations(3.0, 0.2, spread=spread), OMEGA, level=LEVEL, decision=DECISION
+            DISPLAY, populations(3.0, 0.2, spread=spread), OMEGA, central=LEVEL, decision=DECISION
         ).probability
         for spread in (0.05, 0.5, 2.0)
     ]
@@ -74,21 +79,26 @@ def test_a_wider_boundary_is_no_evidence():
 
 def test_a_soft_coupling_shows_another_wall():
     soft = Display(DISPLAY.device, WALL, 1e-3, Coupling(stiffness=250.0, damping=2.0))
-    evidence = feels_real(soft, populations(0.0, 0.1), OMEGA, level=LEVEL, decision=DECISION)
+    evidence = feels_real(soft, populations(0.0, 0.1), OMEGA, central=LEVEL, decision=DECISION)
     assert judge(evidence.probability, DECISION) == "does not"
 
 
 def test_draws_are_added_only_while_the_error_straddles_a_threshold():
-    clear = feels_real(DISPLAY, populations(0.0, 0.2), OMEGA, level=LEVEL, decision=DECISION)
+    clear = feels_real(DISPLAY, populations(0.0, 0.2), OMEGA, central=LEVEL, decision=DECISION)
     assert clear.draws == 512
     users = populations(0.0, 0.2, spread=1.04)
-    at_threshold = feels_real(DISPLAY, users, OMEGA, level=LEVEL, decision=DECISION)
+    at_threshold = feels_real(DISPLAY, users, OMEGA, central=LEVEL, decision=DECISION)
     assert at_threshold.draws > clear.draws or at_threshold.clear_of(DECISION)
     straddling = Evidence(
         probability=0.95, magnitude=0.95, plane=1.0, lowest=0.96, lowest_omega=0.1, error=0.01,
-        too_near=0.0, draws=512,
+        too_near=0.0, by_central=(), scores=np.zeros(512), real=np.ones(512, dtype=bool),
     )  # fmt: skip
     assert not straddling.clear_of(DECISION)
+    # Stiffness and damping do not say it, and of few subjects abs(Z_h) does not alone.
+    outside = dataclasses.replace(straddling, probability=0.01)
+    assert outside.outcome(DECISION, 6) == "does not"
+    assert outside.outcome(DECISION, 5) == "too little data"
+    assert dataclasses.replace(outside, plane=0.01).outcome(DECISION, 5) == "does not"
 
 
 @pytest.mark.parametrize("count", [1, 64, 4096])
@@ -99,12 +109,11 @@ def test_draws_that_agree_leave_an_error(agreeing, count):
     assert share_error(0.5, count) == pytest.approx(max(0.5 / np.sqrt(count), 1.0 / count))
 
 
-def test_margins_are_scores_of_the_share_below():
+def test_scores_are_those_of_the_share_below():
     # With one damping for all and at low omega abs(Z_h) orders users as their stiffness does.
     users = Users(True, np.log([[300.0], [2.0]]), np.array([[0.2], [1e-4]]), np.zeros(1))
-    (margin,) = search_margins(DISPLAY, users, np.array([0.1]), LEVEL).at_omega[0]
-    score = np.log(500.0 / 300.0) / 0.2
-    assert margin == pytest.approx(special.ndtri(0.995) - score, abs=1e-5)
+    (found,) = search_scores(DISPLAY, users, np.array([0.1]), LEVEL).at_omega[0]
+    assert found == pytest.approx(np.log(500.0 / 300.0) / 0.2, abs=1e-5)
 
 
 def test_three_outcomes():

@@ -99,7 +99,7 @@ def test_undecided_verdicts_come_with_the_subjects_that_decide_them(tmp_path, ca
     assert coupled["outcome"] == "too little data"
     more = coupled["more"]["subjects"]
     assert printed[1].startswith(
-        f"soft, through the coupling: too little data; {more} more subject"
+        f"soft, through the coupling: too little data; about {more} more subject"
     )
     assert direct["outcome"] in printed[0]
     (tmp_path / "scene.toml").write_text("")

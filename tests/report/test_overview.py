@@ -72,11 +72,12 @@ def felt(name, probability, classical=None, *, coupled=True, decision=0.95, stra
     )  # fmt: skip
     evidence = PosteriorEvidence(
         outcome=outcome, probability=probability, error=0.004, draws=4096, straddles=straddles,
-        magnitude=probability, plane=1.0, lowest=probability, lowest_omega=1.0,
+        magnitude=probability, plane=1.0, by_central=(), lowest=probability, lowest_omega=1.0,
     )  # fmt: skip
     return Verdict(
         environment=name, coupled=coupled, outcome=outcome, method="bayesian", stable_and_real=None,
-        probability=probability, level=0.99, decision=decision, classical=other, bayesian=evidence,
+        probability=probability, central=0.99, subjects=10, decision=decision, classical=other,
+        bayesian=evidence,
     )  # fmt: skip
 
 
@@ -341,37 +342,21 @@ def test_digits_end_near_a_hundredth_of_the_half_width(value, limits, digits):
 
 
 @pytest.mark.parametrize(
-    ("ranges", "said"),
+    ("counts", "said"),
     [
-        ([(7, 9)], "About 7 to 9 more users would decide W0 with probability 0.8."),
+        ([9], "To decide W0, about 9 more users."),
+        ([162, 14], "To decide W0 and W1, about 160 and 14 more users."),
         (
-            [(118, 162), (14, 14)],
-            "About 120 to 160 and 14 more users would decide W0 and W1 with probability 0.8.",
+            [None, 1],
+            "To decide W1, about 1 more user. W0 would take more than 1,000 users.",
         ),
-        ([(900, None)], "About 900 to over 1,000 more users would decide W0"),
-        (
-            [None, (1, 1)],
-            "About 1 more user would decide W1 with probability 0.8. W0 would take more than",
-        ),
-        (
-            [(9, 11), (26, 34), (3, 5), (4, 6), (5, 7), (6, 8)],
-            "About 3 to 34 more users would decide each of 6 walls with",
-        ),
+        ([9, 34, 3, 4, 5, 6], "To decide each of 6 walls, about 3 to 34 more users."),
     ],
 )
-def test_an_undecided_verdict_says_how_many_more_subjects_decide(ranges, said):
+def test_an_undecided_verdict_says_how_many_more_subjects_decide(counts, said):
     verdicts = []
-    for index, limits in enumerate(ranges):
-        lower, upper = limits or (1000, None)
-        more = MoreSubjects(
-            subjects=lower if limits else None,
-            lower=lower,
-            upper=upper,
-            probability=0.8,
-            error=0.02,
-            assurance=0.8,
-            most=1000,
-        )
+    for index, count in enumerate(counts):
+        more = MoreSubjects(subjects=count, assurance=0.8, most=1000)
         undecided = felt(f"W{index}", 0.5, 0.5)
         verdicts.append(dataclasses.replace(undecided, more=more))
     words = Words("wall", "walls", "user", "users", "user", "users")

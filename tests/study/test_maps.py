@@ -26,7 +26,7 @@ def evidence(study, environment, coupling, *, draws, device=None):
     users = study.parts.map_users[environment]
     omega = frequencies(setup, environment, relative_sd(users), RANGE)
     display = setup.display(environment, coupled=coupling is not None)
-    return feels_real(display, users.select(slice(0, draws)), omega, level=0.99, decision=0.95)
+    return feels_real(display, users.select(slice(0, draws)), omega, central=0.99, decision=0.95)
 
 
 @pytest.mark.evidence

@@ -6,6 +6,8 @@ import pytest
 
 from percept import Scene, Study, read_sessions
 from percept.boundary.feels_real import judge
+from percept.report.feelings import feeling_sentences
+from percept.report.select import Words
 from tests import DATASETS
 
 
@@ -32,37 +34,48 @@ def test_both_methods_follow_the_decision(fitted: Study) -> None:
         assert row.classical is not None
         assert row.method == "bayesian"
         assert row.outcome == judge(row.probability, 0.95)
+        assert [other.central for other in row.bayesian.by_central] == [0.8, 0.9, 0.95, 0.99]
+        shares = [other.probability for other in row.bayesian.by_central]
+        assert shares == sorted(shares)
+        assert shares[-1] == row.probability
         parts = row.classical.stiffness, row.classical.damping, row.classical.magnitude
         assert row.classical.least == min(part for part in parts if part is not None)
         # The scene's coupling is unstable.
         assert row.stable_and_real == (0.0 if row.coupled else None)
 
 
-@pytest.mark.parametrize(
-    "method", [pytest.param("bayesian", marks=pytest.mark.evidence), "classical"]
-)
-def test_four_participants_are_too_few_to_say_that_a_wall_feels_real(method) -> None:
-    columns = {
-        "subject": "participant",
-        "environment": "condition",
-        "trial": "rep",
-        **{
-            f"{name}_{side}": {"name": f"{words} {column} ({unit})", "unit": unit}
-            for name, words, unit in (("k", "stiffness", "N/mm"), ("b", "damping", "N·s/m"))
-            for side, column in (("ref", "standard"), ("adj", "response"))
-        },
-    }
+@pytest.mark.parametrize("data", ["hbfd_sessions.csv", "hbfd_table1.csv"])
+@pytest.mark.parametrize("method", ["classical", "both"])
+def test_the_level_of_intervals_decides_no_verdict(data, method) -> None:
+    scene = Scene.load(DATASETS / "hbfd.toml").with_inference(method=method, tolerance=0.1)
+    said = []
+    for level in (0.8, 0.999):
+        study = Study(read_sessions(DATASETS / data), scene.with_inference(level=level))
+        assert {row.central for row in study.verdicts} == {0.99}
+        said.append({(row.environment, row.coupled): row.outcome for row in study.verdicts})
+    assert said[0] == said[1]
+    assert "feels real" in said[0].values()
+
+
+def test_three_users_do_not_refute_a_wall_by_its_magnitude(tmp_path) -> None:
+    head = "subject,environment,k_ref,b_ref,k_adj,b_adj\n"
+    rows = ["Ann,light,1000,.01,800,.009", "Ben,light,1000,.01,1000,.01"]
+    rows.append("Cem,light,1000,.01,1300,.0115")
+    path = tmp_path / "walls.csv"
+    path.write_text(head + "\n".join(rows))
     scene = Scene(
-        inference={"level": 0.95, "tolerance": 0.1, "method": method},
-        device={"mass": 0.2, "damping": 2.0, "period": 0.001},
-        coupling={"stiffness": 14e3, "damping": 1.0},
-        columns=columns,
-        sessions={"only": {"participant": ["P01", "P02", "P03", "P04"]}},
+        inference={"method": "classical"},
+        device={"mass": 1.0, "damping": 0.001, "period": 0.001},
     )
-    path = DATASETS.parent / "docs" / "tutorial" / "matching.csv"
-    study = Study(read_sessions(path, scene=scene), scene)
-    assert len(study.sessions.subjects) == 4
-    assert "feels real" not in outcomes(study, coupled=True).values()
+    (verdict,) = Study(read_sessions(path), scene).verdicts
+    assert verdict.classical is not None
+    assert verdict.classical.magnitude == verdict.probability <= 0.05 / 3.0
+    assert min(verdict.classical.stiffness, verdict.classical.damping) > 0.05 / 3.0
+    assert verdict.outcome == "too little data"
+    words = Words("wall", "walls", "user", "users", "user", "users")
+    assert feeling_sentences([verdict], words)[2] == (
+        "With fewer than 6 users only k or b can show that light would not feel real."
+    )
 
 
 def test_published_limits_are_judged_part_by_part() -> None:

@@ -47,7 +47,7 @@ _WHOM = {
     "user": "the next {0.user}",
     "share": "a share of all {0.users}",
 }
-#: The next user's boundary decides what feels real.
+#: The next user's boundary is what the paper's rule asks about.
 _SHOWN_FIRST = ("user", "mean", "share")
 #: Shapes that both methods have, the exact one first.
 _SHAPES = ("envelope", "pointwise")
