@@ -256,9 +256,9 @@ def errors_of(lines: Sequence[Line], *, rule: str = "outcome") -> Errors:
 
 HEAD = """# Errors of verdicts
 
-Verdicts are at level {level:g} and decision {decision:g}. A verdict errs where it says that a
-display feels real that lies outside the central range of users, or that one does not that lies
-inside. Each may happen in at most {wrong:g} of studies.
+Verdicts are held against the central {central:g} of users, with decision {decision:g}. A verdict
+errs where it says that a display feels real that lies outside the central range of users, or that
+one does not that lies inside. Each may happen in at most {wrong:g} of studies.
 
 """
 PARTS = """## Classical: stiffness and damping
@@ -376,7 +376,7 @@ def page(out: Path, *, studies: int, magnitude: int, fits: int) -> str:
     for place, n in itertools.product(PLACES, SIZES):
         judged = functools.partial(magnitude_study, n, place)
         by_magnitude[place, n] = store(out, f"{place} {n}").complete(judged, magnitude)
-    stated = {"level": LEVEL, "decision": DECISION, "wrong": 1.0 - DECISION}
+    stated = {"central": LEVEL, "decision": DECISION, "wrong": 1.0 - DECISION}
     parts = [
         HEAD.format(**stated),
         PARTS.format(studies=studies),
