@@ -68,11 +68,11 @@ def test_one_device_is_certain(fitted: Study) -> None:
 
 def test_an_admissible_coupling_is_stable_and_real_with_the_decision(fitted: Study) -> None:
     users = {"VE1": fitted.parts.users["VE1"]}
-    asked = fitted.scene.with_inference(decision=0.6).inference
+    scene = fitted.scene.with_inference(decision=0.6)
     setup = setup_of(fitted)
-    with_draws = coupling_map(setup, users, "bayesian", asked, fitted.parts.within)
+    with_draws = coupling_map(setup, users, "bayesian", scene, fitted.parts.within)
     setup_at_point = dataclasses.replace(setup, draws=None)
-    at_point = coupling_map(setup_at_point, users, "bayesian", asked, fitted.parts.within)
+    at_point = coupling_map(setup_at_point, users, "bayesian", scene, fitted.parts.within)
     assert with_draws is not None
     assert at_point is not None
     assert with_draws.devices == 64
