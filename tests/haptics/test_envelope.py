@@ -93,18 +93,6 @@ def test_crossings_are_all_there_are():
         np.testing.assert_allclose(seen, expected, atol=2 * (omega[1] - omega[0]))
 
 
-def test_crossings_of_a_box_without_width_in_damping():
-    box = (900.0, 1100.0), (2.0, 2.0)
-    omega = np.linspace(1.0, 3000.0, 60_001)
-    low, high = corner_curves(omega, Device(1.0, 5.0), *box, T)
-    seen = omega[:-1][np.diff(np.sign(high - low)) != 0]
-    assert seen.size
-    step = omega[1] - omega[0]
-    np.testing.assert_allclose(
-        corner_crossings(Device(1.0, 5.0), *box, T), seen, rtol=0, atol=2 * step
-    )
-
-
 def test_no_crossing_without_mass_or_width():
     assert corner_crossings(Device(0.0, 5.0), *TABLE_1[0], T).size == 0
     assert corner_crossings(Device(1.0, 5.0), (5.0, 5.0), (1.0, 1.0), T).size == 0

@@ -1,7 +1,6 @@
 """What is pasted into a paper says what the page says, and nothing in it runs."""
 
 import copy
-import dataclasses
 import html
 import re
 import xml.etree.ElementTree as ET
@@ -13,7 +12,6 @@ from percept.report.basis import methods
 from percept.report.overview import findings
 from percept.report.page import render_page
 from percept.report.paste import paste_tables
-from percept.results import Results
 from tests import DATASETS
 from tests.documents import EMPTY, as_results
 
@@ -173,12 +171,3 @@ def test_methods_of_zero_references_speak_of_no_logarithm(offsets):
         "Of the priors, the SD of the common bias alpha (response scale) was 2; all others are"
         " percept’s defaults."
     ) in paragraph
-
-
-def test_priors_that_nobody_changed_are_said_to_be_the_defaults(offsets):
-    scene = copy.deepcopy(dict(offsets.provenance.scene))
-    scene["model"] = scene["model"] | {"priors": {}}
-    provenance = dataclasses.replace(offsets.provenance, scene=scene)
-    results = dataclasses.replace(offsets, provenance=provenance)
-    assert methods(results).view.priors == "All priors are percept’s defaults."
-    assert isinstance(results, Results)

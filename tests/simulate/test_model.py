@@ -159,19 +159,6 @@ def assert_covariance(
     assert np.all(np.abs(sample - expected) < 4 * error)
 
 
-def test_levels_the_design_cannot_show_are_absent() -> None:
-    single = Design.balanced(REFERENCES, subjects=4)
-    values = draw_environments(
-        draw_hyperparameters(single, Priors(), np.random.default_rng(1)),
-        single,
-        np.random.default_rng(2),
-    )
-    assert_array_equal(values.cov_e, np.zeros((5, 2, 2)))
-    alone = Design.balanced([[10.0], [1000.0]], subjects=4, parameters=("k",))
-    hyper = draw_hyperparameters(alone, Priors(), np.random.default_rng(1))
-    assert (hyper.rho_u, hyper.rho_w, hyper.rho_e) == (0, 0, 0)
-
-
 def test_decades_are_centred_on_the_geometric_mean() -> None:
     design = Design.balanced([[10.0, 0.1], [1000.0, 1.0], [100000.0, 100.0]], subjects=3)
     assert_allclose(design.decades, [[-2, -4 / 3], [0, -1 / 3], [2, 5 / 3]], rtol=1e-14, atol=1e-15)

