@@ -135,11 +135,3 @@ def test_departures_of_what_couplings_show(mass):
         assert found.largest[n] >= off(omega).max() - 1e-12
         assert found.largest[n] == pytest.approx(off(omega).max(), rel=1e-4, abs=1e-6)
         assert off(found.omega[n]) == pytest.approx(found.largest[n], rel=1e-9)
-
-
-def test_an_environment_itself_departs_from_many_boxes_by_its_own_k_and_b():
-    boxes = Boxes.of(([900.0, 1010.0], [1100.0, 1110.0]), (0.0, 5.0))
-    found = plane_departures(
-        Display(Device(1.0, 5.0), Environment(1000.0, 3.0, 0.4), PERIOD), boxes, 1.0, 9.0
-    )
-    np.testing.assert_allclose(found.largest, [-0.4, 0.1])

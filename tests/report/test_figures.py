@@ -7,7 +7,6 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 from matplotlib import rc_context
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from percept.report.figures import drawings
@@ -111,44 +110,6 @@ def test_hostile_names_are_drawn_as_text(both):
         assert "<script" not in text
         seen = "".join(ET.fromstring(text).itertext())
         assert 'alert("$x$")' in seen
-
-
-def renamed(document, names):
-    """The document with its environments called otherwise in what figures of intervals show."""
-    changed = copy.deepcopy(document)
-    for row in (*changed["intervals"], *changed["data"]["cells"]):
-        row["environment"] = names[row["environment"]]
-    return changed
-
-
-@pytest.mark.parametrize(
-    "pattern",
-    [
-        "{}, medium names",
-        "{} is the beginning of a name that goes on and on until nobody reads it",
-        (
-            "a name that says somewhere in the middle that it is {}, and goes on and on until"
-            " nobody reads it"
-        ),
-    ],
-)
-def test_labels_of_the_intervals_are_inside_the_figure_and_tell_environments_apart(both, pattern):
-    names = {name: pattern.format(name) for name in ("VE1", "VE2", "VE4")}
-    drawing, _ = interval_drawings(as_results(renamed(both, names)))
-    with rc_context(STYLE):
-        figure = Figure(figsize=[side / 25.4 for side in drawing.size])
-        drawing.draw(figure)
-        FigureCanvasAgg(figure).draw()
-    (ax,) = figure.axes
-    labels = ax.get_yticklabels()
-    assert min(label.get_window_extent().x0 for label in labels) > 0
-    assert ax.get_position().width > 0.5
-    texts = [label.get_text() for label in labels]
-    assert len(set(texts)) == 3
-    for name, text in zip(names.values(), texts, strict=True):
-        begin, cut, end = text.partition("…")
-        whole = f"{begin[3:] if text[1:3] == '. ' else begin}{cut}{end}"
-        assert re.fullmatch(re.escape(whole).replace("…", ".+"), name)
 
 
 def test_the_caption_of_intervals_says_what_is_drawn(both, classical):
