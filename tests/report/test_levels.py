@@ -52,7 +52,7 @@ def test_a_line_per_subject_and_the_means_of_the_contrasts():
 
 def test_values_beyond_the_axis_are_marked_and_counted():
     table = frame(12)
-    table.loc[table["subject"] == "S7", "k_adj"] *= 1000
+    table.loc[table["subject"] == "S7", "k_adj"] *= 200
     results = results_of(study(table))
     (drawing,) = level_drawings(results)
     ax = axes_of(drawing)
