@@ -25,6 +25,7 @@ __all__ = [
     "Vector",
     "block",
     "precision_entries",
+    "precision_parts",
 ]
 
 Array = NDArray[np.float64]
@@ -94,19 +95,6 @@ class Block:
         squared_slope = self.slope * self.slope
         rest = rest + squared_slope * self.leading * share
         slope = self.slope * (self.leading / v)
-        return self._with(v, rest, slope=slope)
-
-    def total(self) -> Block:
-        """Return the sum over the first axis."""
-        v = self.leading.sum(axis=0)
-        if self.slope is None:
-            return self._with(v)
-        weighted = self.leading * self.slope
-        slope = weighted.sum(axis=0) / v
-        difference = self.slope - slope
-        scatter = self.leading * difference * difference
-        rest = self.rest.sum(axis=0)
-        rest = rest + scatter.sum(axis=0)
         return self._with(v, rest, slope=slope)
 
     def scaled(self, factor: Array | float) -> Block:
@@ -198,13 +186,20 @@ def block(
     return Block((first, second * unexplained), rho * ratio)
 
 
-def precision_entries(precision: Block) -> Array:
-    """Entries (P, P, ...) of precisions (...)."""
+def precision_parts(precision: Block) -> list[Array]:
+    """Distinct entries of precisions: of the first quantity, of both, of the second."""
     second = precision.leading
     slope = precision.slope
     if slope is None:
-        return second[None, None]
+        return [second]
     cross = second * slope
-    first = precision.rest + cross * slope
-    rows = [[first, cross], [cross, second]]
-    return np.stack(rows)
+    return [precision.rest + cross * slope, cross, second]
+
+
+def precision_entries(precision: Block) -> Array:
+    """Entries (P, P, ...) of precisions (...)."""
+    parts = precision_parts(precision)
+    if len(parts) == 1:
+        return parts[0][None, None]
+    first, cross, second = parts
+    return np.stack([np.stack([first, cross]), np.stack([cross, second])])

@@ -32,6 +32,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from percept.inference.hierarchy.blocks import precision_entries, precision_parts
 from percept.inference.hierarchy.cell_problem import CellProblem
 from percept.inference.hierarchy.cell_scales import CellScales
 from percept.inference.hierarchy.slope_products import slope_products
@@ -111,15 +112,25 @@ class CellEquations:
         Columns of slopes are left at zero, to be added.
         """
         problem = self.problem
-        of_subject = self.subject.precision_entries  # D⁻¹, (P, P, C, G, W)
+        precision = self._precision_of_cells()
         sum_of_means = problem.mean * problem.subjects
-        precision = np.einsum("pqcgw,g->pqcw", of_subject, problem.subjects)
-        precision = precision.reshape(-1, self._width)  # Summed over subjects, (P P C, W)
-        data = np.einsum("pqcgw,qcg->pcw", of_subject, sum_of_means)
+        weighted = self.subject.precision.apply(tuple(sum_of_means[..., None]))
+        data = np.stack([part.sum(axis=1) for part in weighted])  # (P, C, W)
         by_data = problem.sparse_basis @ self._flat_cells(data)  # B'D⁻¹m, (a J + f, W)
         self.deviations = self._deviations_by_each_other(precision)
         self.deviations_by_rest = self._deviations_by_rest(precision, by_data[: problem.deviations])
         self.rest = self._rest_by_itself(precision, by_data[problem.deviations :])
+
+    def _precision_of_cells(self) -> Array:
+        """D⁻¹ summed over subjects, (P P C, W)."""
+        problem = self.problem
+        by_pattern = self.subject.precision
+        parts = precision_parts(by_pattern)
+        sums = [np.einsum("cgw,g->cw", part, problem.subjects) for part in parts]
+        if len(sums) == 1:
+            return sums[0]
+        first, cross, second = sums
+        return np.concatenate([first, cross, cross, second])
 
     def _deviations_by_each_other(self, precision: Array) -> Array:
         """Return own deviations of an environment by each other, (a, a, J, W)."""
@@ -155,7 +166,7 @@ class CellEquations:
         """Add B'D⁻¹x for own deviations and fixed terms, with x the values of the covariates."""
         problem = self.problem
         sum_of_values = problem.covariate_mean * problem.subjects
-        precision = self.subject.precision_entries
+        precision = precision_entries(self.subject.precision)
         # (P, C, M, P, W): M covariates, and the last P is the quantity of the slope.
         weighted = np.einsum("pqcgw,mcg->pcmqw", precision, sum_of_values)
         by_cell = self._flat_cells(weighted)

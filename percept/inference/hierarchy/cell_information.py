@@ -172,13 +172,9 @@ class _Information:
 
     def _subjects_determinant(self) -> Array:
         """Log determinants of D_i and of the effects' precision, summed over all subjects."""
-        problem = self._problem
         subject = self._equations.subject
-        subjects_by_cell = problem.present * problem.subjects
-        of_cells = subject.noise.log_determinant()
-        of_noise = np.einsum("cg,cgw->w", subjects_by_cell, of_cells)
-        of_effects = 2.0 * problem.subjects @ log_diagonal(subject.effect_factor)
-        return np.asarray(of_noise + of_effects)
+        of_effects = 2.0 * self._problem.subjects @ log_diagonal(subject.effect_factor)
+        return np.asarray(subject.noise_determinant + of_effects)
 
     def _distance(self) -> Array:
         """Squares of responses about their fitted values, whitened and summed.

@@ -76,6 +76,10 @@ class CellProblem:
         One where a pattern has the cell, else zero, (C, G).
     trials : ndarray
         Trials of a cell, one where a pattern has none, (C, G).
+    kind_of_cell : ndarray of int
+        Kind of each cell of a pattern, (C, G): equal cells, groups of trials and numbers of them.
+    cell_of_kind, group_of_kind, trials_of_kind, subjects_of_kind : ndarray
+        Of each kind; the last is the number of subjects who have one.
     mean : ndarray
         Mean response of each pattern, (P, C, G); zero where it has no cell.
     covariate_mean : ndarray
@@ -121,6 +125,7 @@ class CellProblem:
             self.mean[:, pattern.environments, g] = pattern.mean
         #: (C, G) Group of trials that each cell of a pattern belongs to, or (C, 1) for all.
         self.trial_group = _trial_groups(scatter, patterns, self.cells)
+        self._set_kinds()
         count = 0 if covariates is None else len(covariates.names)
         self.covariate_mean = np.zeros((count, *grid))
         if covariates is not None:
@@ -138,6 +143,20 @@ class CellProblem:
         cells_of_pattern = self.present.sum(axis=0)
         log_counts = np.log(self.subjects)
         self.constant = 0.5 * self.size * float(log_counts @ cells_of_pattern)
+
+    def _set_kinds(self) -> None:
+        """Give every kind of cells a number."""
+        grid = self.present.shape
+        cell = np.broadcast_to(np.arange(self.cells)[:, None], grid)
+        group = np.broadcast_to(self.trial_group, grid)
+        labels = np.stack([cell.ravel(), group.ravel(), self.trials.ravel()])
+        kinds, number = np.unique(labels, axis=1, return_inverse=True)
+        self.kind_of_cell = number.reshape(grid)
+        self.cell_of_kind = kinds[0].astype(np.intp)
+        self.group_of_kind = kinds[1].astype(np.intp)
+        self.trials_of_kind = kinds[2]
+        weights = self.present * self.subjects
+        self.subjects_of_kind = np.bincount(number.ravel(), weights=weights.ravel())
 
     @property
     def slopes(self) -> int:

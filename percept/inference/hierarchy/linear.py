@@ -25,6 +25,7 @@ import itertools
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from percept.inference.hierarchy.cell_information import CellLaw, log_density
 from percept.inference.hierarchy.cell_problem import CellProblem
@@ -225,6 +226,8 @@ class LinearModel(Model):
 
     def with_resolution(self, scales: CellScales) -> CellScales:
         """Scales of the adjustments as recorded: their resolution adds variance."""
+        if self.resolution.between is None and self.resolution.trial is None:
+            return scales
         between = scales.between
         trial = scales.trial
         if self.resolution.between is not None:
@@ -285,12 +288,21 @@ class LinearModel(Model):
     def _user_variance(self, rows: Array, scales: CellScales) -> Array:
         """Variance of one user's combinations about the locations', (W, L)."""
         weights = self.cell_weights(rows)
-        shared = np.einsum("lpc,qpcw->qlw", weights, scales.effects)
-        variance = np.einsum("qlw,qlw->lw", shared, shared)
+        count, size, cells = weights.shape
+        # Most combinations are of few cells.
+        flat = sparse.csr_array(weights.reshape(count, size * cells))
+        width = scales.effects.shape[-1]
+        variance = np.zeros((count, width))
+        for column in scales.effects:
+            variance += (flat @ column.reshape(size * cells, width)) ** 2
+        row, cell = np.nonzero(weights.any(axis=1))
+        terms = np.arange(len(row))
+        of_row = sparse.csr_array((np.ones(len(row)), (row, terms)), shape=(count, len(row)))
         for parts in scales.between.factor_columns():
-            factor_column = np.einsum("lpc,pcw->lcw", weights, np.stack(parts))
-            variance += np.einsum("lcw,lcw->lw", factor_column, factor_column)
-        return variance.T
+            factor_column = np.stack(parts)[:, cell]  # (P, terms, W)
+            departures = np.einsum("np,pnw->nw", weights[row, :, cell], factor_column)
+            variance += of_row @ departures**2
+        return np.asarray(variance.T)
 
 
 def _pooled(statistics: Statistics) -> TrialScatter:

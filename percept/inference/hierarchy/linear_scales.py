@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,6 +146,11 @@ class LinearCoordinates:
         self._standard: list[int] = []
         self._name_coordinates()
         self.limits = self._limits()
+        #: SDs under half-normal priors, and correlations: each kind is mapped at once.
+        self._half_normals = self._half_normal_scales()
+        scales = [np.full(self._count(name), scale) for name, scale in self._half_normals.items()]
+        self._half_normal_scale = np.concatenate(scales)[:, None] if scales else np.zeros((0, 1))
+        self._correlations = [name for name in self.slots if name.startswith("rho")]
 
     @property
     def levels(self) -> list[CellSpreads]:
@@ -230,13 +235,18 @@ class LinearCoordinates:
         constant = _LOG_2PI * len(standard)
         log_prior = -0.5 * (squares + constant)
         named: dict[str, Array] = {}
-        for name, scale in self._half_normal_scales():
-            named[name] = half_normal(coordinates[self.slots[name]], scale)
+        sds = half_normal(self._rows(self._half_normals, coordinates), self._half_normal_scale)
+        first = 0
+        for name in self._half_normals:
+            last = first + self._count(name)
+            named[name] = sds[first:last]
+            first = last
         rests: dict[str, Array] = {}
-        for name in self.slots:
-            if name.startswith("rho"):
-                (coordinate,) = coordinates[self.slots[name]]
-                named[name], rests[name] = correlation(coordinate, self._priors.rho_shape)
+        rows = self._rows(self._correlations, coordinates)
+        values, left = correlation(rows, self._priors.rho_shape)
+        for number, name in enumerate(self._correlations):
+            named[name] = values[number]
+            rests[name] = left[number]
         for term in self._design.effect_size:
             eta = self._by_quantity(f"eta:{term.name}", coordinates)
             named[f"eta:{term.name}"] = self._priors.psi_sd * eta
@@ -272,21 +282,30 @@ class LinearCoordinates:
             if self._scatter.subject is not None:
                 of_groups = of_groups * np.exp(named["phi"][:, self._scatter.subject])
             trial = _covariance(of_groups, "rho_e", named, rests)
-        taus = np.zeros((0, self._design.parameters, width))
+        taus = []
         for term in self._design.deviation:
             # A term may have several columns.
-            of_term = np.repeat(named[_name_of("tau", term)][None], len(term.columns), axis=0)
-            taus = np.concatenate([taus, of_term])
+            taus += [named[_name_of("tau", term)]] * len(term.columns)
         effects = self._effects(named, rests)
         return CellScales(
             between=_covariance(sigma, "rho_w", named, rests),
             trial=trial,
             effects=effect_columns(effects, self._design, width),
-            tau=taus,
+            tau=np.reshape(taus, (len(taus), self._design.parameters, width)),
         )
 
-    def _half_normal_scales(self) -> list[tuple[str, float]]:
-        """Names of SDs under half-normal priors, and their scales."""
+    def _count(self, name: str) -> int:
+        """Count the coordinates of a scale."""
+        slot = self.slots[name]
+        return slot.stop - slot.start
+
+    def _rows(self, names: Iterable[str], coordinates: Array) -> Array:
+        """Coordinates of several scales below one another."""
+        rows = [coordinates[self.slots[name]] for name in names]
+        return np.concatenate([coordinates[:0], *rows])
+
+    def _half_normal_scales(self) -> dict[str, float]:
+        """Scales of half-normal priors, by the names of the SDs."""
         priors = self._priors
         scales = {"omega": priors.omega_scale, "omega_e": priors.omega_e_scale}
         scales["omega_s"] = priors.omega_s_scale
@@ -294,7 +313,7 @@ class LinearCoordinates:
             scales[_name_of("sigma", term)] = priors.sigma_u_scale
         for term in self._design.deviation:
             scales[_name_of("tau", term)] = priors.tau_scale
-        return [(name, scale) for name, scale in scales.items() if name in self.slots]
+        return {name: scale for name, scale in scales.items() if name in self.slots}
 
     def _by_quantity(self, name: str, coordinates: Array) -> Array:
         """Coordinates of a scale, (P, count, W)."""

@@ -163,18 +163,18 @@ class OneRow:
         squares = covariance.scatter_distance(self._contrasts)
         return np.asarray(squares + others[0] * covariance.log_determinant())
 
-    def _columns(self, scales: CellScales) -> Array:
-        """Z/√N, X and the subjects' mean, side by side: (K + 1, P, C, W)."""
+    def _whitened(self, covariance: Block, scales: CellScales) -> Array:
+        """Z/√N, X and the subjects' mean over unit noise, (K + 1, P, C, W)."""
         effects = scales.effects / np.sqrt(self._subjects)
-        shape = (*self._fixed_and_mean.shape, effects.shape[-1])
-        fixed_and_mean = np.broadcast_to(self._fixed_and_mean[..., None], shape)
-        return np.concatenate([effects, fixed_and_mean])
+        # Columns that are equal in all draws are not repeated for each.
+        constant = self._fixed_and_mean[..., None]
+        return np.concatenate([_whitened(covariance, effects), _whitened(covariance, constant)])
 
     def _rows_of_single_cells(self, noise: Block, scales: CellScales) -> tuple[Array, Array]:
         """Whitened columns (K + 1, P C, W), and log det of their noise (W,): a cell is a block."""
         variances = np.einsum("apc,aw->pcw", self._own**2, self._own_sd(scales) ** 2)
         covariance = noise.scaled(1.0 / self._subjects).plus_diagonal(tuple(variances))
-        rows = _whitened(covariance, self._columns(scales))
+        rows = self._whitened(covariance, scales)
         return rows.reshape(len(rows), -1, rows.shape[-1]), covariance.log_determinant().sum(axis=0)
 
     def _regressed(self, noise: Block, scales: CellScales) -> _Regressed:
@@ -182,7 +182,7 @@ class OneRow:
         of_mean = noise.scaled(1.0 / self._subjects)
         columns = self._own[..., None] * self._own_sd(scales)[:, None, None]
         own = self._by_environment(_whitened(of_mean, columns))
-        others = self._by_environment(_whitened(of_mean, self._columns(scales)))
+        others = self._by_environment(self._whitened(of_mean, scales))
         return _Regressed(own, others)
 
     def _by_environment(self, columns: Array) -> Array:
@@ -215,8 +215,12 @@ class _Regressed:
 
 
 def _whitened(covariance: Block, columns: Array) -> Array:
-    """Columns (k, P, C, W), or (k, P, C, 1), over unit noise."""
-    return np.stack(covariance.whiten(tuple(columns.swapaxes(0, 1))), axis=1)
+    """Columns (k, P, C, W), or (k, P, C, 1), over unit noise: (k, P, C, W)."""
+    count, size, cells, _ = columns.shape
+    rows = np.empty((count, size, cells, covariance.leading.shape[-1]))
+    for p, part in enumerate(covariance.whiten(tuple(columns.swapaxes(0, 1)))):
+        rows[:, p] = part
+    return rows
 
 
 def _products(rows: Array) -> Array:

@@ -76,7 +76,7 @@ def slope_products(
     -------
     SlopeProducts
     """
-    products = _of_means(problem, subject.precision_entries)
+    products = _of_means(problem, precision_entries(subject.precision))
     if trial is not None:
         products = products.plus(_of_trials(problem.trial_scatter, trial))
     covariances = subject.covariances()

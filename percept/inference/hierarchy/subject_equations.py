@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block, precision_entries
+from percept.inference.hierarchy.blocks import Block
 from percept.inference.hierarchy.cell_problem import CellProblem
 from percept.inference.hierarchy.cell_scales import CellScales
 from percept.inference.hierarchy.small_cholesky import lower_factor, with_prior
@@ -39,8 +39,8 @@ class SubjectEquations:
         D, entries (C, G, W). Where a pattern lacks a cell, its value has no meaning.
     precision : Block
         D⁻¹, entries (C, G, W), zero where a pattern lacks a cell.
-    precision_entries : ndarray
-        D⁻¹ written out, (P, P, C, G, W).
+    noise_determinant : ndarray
+        Log determinants of D, summed over all subjects, (W,).
     effect_columns : ndarray
         Z, (q, P, C, W).
     weighted_effects : ndarray
@@ -52,15 +52,18 @@ class SubjectEquations:
     def __init__(self, problem: CellProblem, scales: CellScales) -> None:
         self._problem = problem
         self.effect_columns = scales.effects
-        self.noise = noise_of(problem, scales)
+        of_kinds = _noise_of_kinds(problem, scales)
+        kinds = problem.kind_of_cell
+        self.noise = of_kinds[kinds]
+        self.noise_determinant = problem.subjects_of_kind @ of_kinds.log_determinant()
+        precision = of_kinds.inverse()
         present = problem.present[..., None]
-        precision = self.noise.inverse()
-        self.precision = precision.scaled(present)
-        self.precision_entries = precision_entries(self.precision)
-        for_patterns = scales.effects[:, :, :, None]  # (q, P, C, 1, W)
-        quantities_first = for_patterns.swapaxes(0, 1)
-        weighted = self.precision.apply(tuple(quantities_first))
-        self.weighted_effects = np.stack(weighted, axis=1)
+        self.precision = precision[kinds].scaled(present)
+        effects = scales.effects[:, :, problem.cell_of_kind]
+        size = len(self.precision.variances)
+        self.weighted_effects = np.empty((len(effects), size, *self.noise.leading.shape))
+        for p, part in enumerate(precision.apply(tuple(effects.swapaxes(0, 1)))):
+            np.multiply(part[:, kinds], present, out=self.weighted_effects[:, p])
         products = np.einsum("apcw,bpcgw->abgw", scales.effects, self.weighted_effects)
         self.effect_factor = lower_factor(with_prior(products))
 
@@ -75,15 +78,14 @@ class SubjectEquations:
 
 
 def noise_of(problem: CellProblem, scales: CellScales) -> Block:
-    """D, entries (C, G, W).
+    """D, entries (C, G, W)."""
+    return _noise_of_kinds(problem, scales)[problem.kind_of_cell]
 
-    It is the covariance between subjects, and that of the mean of a cell's trials.
-    """
-    noise = scales.between[:, None]
-    if scales.trial is not None:
-        trial = scales.trial[problem.trial_group]
-        of_one_trial = 1.0 / problem.trials
-        noise = noise + trial.scaled(of_one_trial[..., None])
-    width = scales.effects.shape[-1]
-    grid = (*problem.present.shape, width)
-    return noise.mapped(lambda part: np.broadcast_to(part, grid))
+
+def _noise_of_kinds(problem: CellProblem, scales: CellScales) -> Block:
+    """Covariance between subjects, and that of the mean of a cell's trials, by kind of cells."""
+    noise = scales.between[problem.cell_of_kind]
+    if scales.trial is None:
+        return noise
+    of_one_trial = 1.0 / problem.trials_of_kind
+    return noise + scales.trial[problem.group_of_kind].scaled(of_one_trial[:, None])

@@ -161,8 +161,8 @@ class TrendMap:
         # The turned coefficients are independent given log sigma, with these means and SDs.
         conditional_mean = self._sizes * whitened_along
         conditional_sd = omega / np.sqrt(variance_along)
-        both = np.pad(trend, ((0, 2 - self._count), (0, 0)))
-        turned_trend = self._rotation.T @ both
+        # Missing rows have no coordinates.
+        turned_trend = self._rotation[: self._count].T @ trend
         turned = conditional_mean + conditional_sd * turned_trend
         multiples = self._rotation @ turned
         return LogSpreads(

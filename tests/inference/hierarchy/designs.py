@@ -125,7 +125,13 @@ def made(name: str, seed: int = 0, priors: Priors | None = None, **changes: Any)
     scale = 1.0 + 0.3 * np.arange(len(parameters))
     subject, cell = trials_of(asked, rng, subjects, places, levels)
     names = asked.get("covariates", ())
-    response = asked.get("size", 0.3) * rng.normal(0.3, 1.0, (len(cell), len(parameters)))
+    response = rng.normal(0.1, 0.3, (len(cell), len(parameters)))
+    if "cv" in asked:
+        # Settings scatter by next to nothing about locations, between subjects and trials alike.
+        shape = (len(places), len(parameters))
+        between = rng.normal(0.0, 0.3, (subjects, *shape))[subject, cell]
+        locations = rng.normal(0.0, 0.2, shape)[cell]
+        response = locations + np.array(asked["cv"]) * (between + response)
     values = rng.normal(0.0, 1.0, (len(cell), len(names)))
     if "age" in names:
         values[:, names.index("age")] = rng.normal(0.0, 1.0, subjects)[subject]
