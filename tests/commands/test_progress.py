@@ -135,10 +135,11 @@ def test_a_fit_on_a_terminal(tmp_path):
     table = pd.read_csv(SESSIONS, dtype={"subject": str})
     sessions = tmp_path / "sessions.csv"
     table[table["environment"] == "VE1"].to_csv(sessions, index=False)
-    words = ["fit", sessions, "--tolerance", "0.3", "--seed", "1", "--no-cache", "--out", tmp_path]
+    out = tmp_path / "out"
+    words = ["fit", sessions, "--tolerance", "0.3", "--seed", "1", "--no-cache", "--out", out]
     code, printed, shown = on_a_terminal(COMMAND, *map(str, words))
     assert code == 0, shown
-    assert (tmp_path / "posterior.nc").exists()
+    assert (out / "posterior.nc").exists()
     assert re.search(r"\d+/\d+ steps, error", shown)
     assert "VE1" in printed
 
