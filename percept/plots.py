@@ -217,14 +217,14 @@ def plot_band(
 
 
 def plot_coupling(coupling: Coupling | None, *, ax: Axes | None = None) -> Axes:
-    """Draw the criterion's bound, the coupling's admittance, m/(N·s), and where it binds, rad/s."""
+    """Draw Eq. 10's bound, the coupling's admittance, m/(N·s), and where it binds, rad/s."""
     if coupling is None:
         raise _nothing("coupling to plot")
     with rc_context(_STYLE):
         ax = _axes(ax)
-        lines = {"this coupling": (coupling.admittance, coupling.binding_omega)}
+        lines = {"this coupling": (coupling.admittance, coupling.eq10_omega)}
         draw_stability(ax, coupling.omega, coupling.bound, lines)
-        ax.set_title(f"{coupling.verdict}, margin {coupling.margin:.3g}")
+        ax.set_title(f"Eq. 10 is {coupling.eq10}, margin {coupling.eq10_margin:.3g}")
         _restyle(ax)
         return ax
 

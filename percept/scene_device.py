@@ -100,7 +100,8 @@ class DeviceTable(Table):
     """The haptic device: mass (kg), damping (N·s/m), a spring and modes, or a measured response.
 
     `response` names a CSV with columns omega (rad/s), real and imaginary (N·s/m), from the folder
-    of the scene's file; `period` is in s.
+    of the scene's file. `response_floor` is the least real part above its end, N·s/m. `period` is
+    in s.
     """
 
     mass: NonNegative | None = None
@@ -108,6 +109,7 @@ class DeviceTable(Table):
     stiffness: NonNegative = 0.0
     modes: tuple[ModeTable, ...] = ()
     response: str | None = None
+    response_floor: Positive | None = None
     period: Positive
     hold: Literal["average", "true"] = "average"
     delay: NonNegative | None = None
@@ -119,6 +121,8 @@ class DeviceTable(Table):
     def _one_description(self) -> Self:
         if self.response is None and (self.mass is None or self.damping is None):
             raise ValueError("give mass and damping, or response")
+        if self.response is None and self.response_floor is not None:
+            raise ValueError("response_floor belongs to a measured response")
         if self.response is not None and not (
             self.mass is None and self.damping is None and not self.modes and not self.stiffness
         ):

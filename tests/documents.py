@@ -17,7 +17,7 @@ EMPTY = Results(
         words=Nouns(("environment", "environments"), ("subject", "subjects"), ("user", "users")),
         doubts=(), exclusions=(), design=None, cells=(),
     ),
-    intervals=(), contrast=(), boundaries=(), zoom={}, close=(), verdicts=(), passivity=None,
+    intervals=(), contrast=(), boundaries=(), zoom={}, close=(), verdicts=(), rendering=None,
     coupling=None, band=None, design=None, sensitivity=None, comparison=None,
     band_pairs=None, ladder=None, diagnostics=None, checks=None, skipped=(),
 )  # fmt: skip

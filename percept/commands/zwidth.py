@@ -1,4 +1,4 @@
-"""`percept zwidth`: the largest stiffness and damping that a device renders stably."""
+"""`percept zwidth`: the stiffness and damping that a device renders with every passive hand."""
 
 from __future__ import annotations
 
@@ -11,20 +11,16 @@ from percept.commands.analysis import print_json, show
 from percept.errors import RefusalError, UsageError
 
 if TYPE_CHECKING:
-    from percept.results import RenderedEdge, ZWidth
+    from percept.results import ZWidth
 
 __all__ = ["ZWIDTH"]
 
 # Of an edge's points, every sixteenth is printed: nine rows.
 _STEP = 16
-_WAYS = {
-    "direct": "Rendered directly, passive with every hand (Colgate and Schenkel)",
-    "coupled": "Through a coupling, a rigid wall behind it (Llewellyn)",
-}
 
 
 def _zwidth(arguments: argparse.Namespace) -> None:
-    """Print both edges and write their figure."""
+    """Print the edge and write its figure."""
     from percept.results.plain import plain
 
     width = _width(arguments.scene)
@@ -55,26 +51,27 @@ def _width(path: str) -> ZWidth:
 
 
 def _print(width: ZWidth) -> None:
-    """Print the largest stiffness of each edge, and a table of it."""
-    for way, title in _WAYS.items():
-        edge: RenderedEdge | None = getattr(width, way)
-        if edge is None:
-            show(f"{title}: the device's table does not tell.")
-            continue
-        show(f"{title}:")
+    """Print the largest stiffness of the edge, and a table of it."""
+    edge = width.edge
+    if edge is None:
         show(
-            f"  up to {edge.stiffest:.6g} N/m (beside {edge.stiffest_damping:.4g} N·s/m), and up to"
-            f" {edge.most_damping:.4g} N·s/m."
+            "The device's table does not tell: it begins late, or no `response_floor` is stated"
+            " for what lies above its end."
         )
-        show(f"  {'damping, N·s/m':>16}{'stiffness, N/m':>18}")
-        for damping, stiffness in zip(edge.damping[::_STEP], edge.stiffness[::_STEP], strict=True):
-            show(f"  {damping:>16.4g}{stiffness:>18.6g}")
-        likely: RenderedEdge | None = getattr(width, f"likely_{way}")
-        if likely is not None:
-            show(
-                f"  95 % of the device's posterior renders up to {likely.stiffest:.6g} N/m, and up"
-                f" to {likely.most_damping:.4g} N·s/m."
-            )
+        return
+    show("With every passive hand, in time, directly or as a coupling with a rigid wall behind it:")
+    show(
+        f"  up to {edge.stiffest:.6g} N/m (beside {edge.stiffest_damping:.4g} N·s/m), and up to"
+        f" {edge.most_damping:.4g} N·s/m."
+    )
+    show(f"  {'damping, N·s/m':>16}{'stiffness, N/m':>18}")
+    for damping, stiffness in zip(edge.damping[::_STEP], edge.stiffness[::_STEP], strict=True):
+        show(f"  {damping:>16.4g}{stiffness:>18.6g}")
+    if width.likely is not None:
+        show(
+            f"  95 % of the device's posterior renders up to {width.likely.stiffest:.6g} N/m, and"
+            f" up to {width.likely.most_damping:.4g} N·s/m."
+        )
 
 
 def _draw(width: ZWidth, path: Path) -> None:
@@ -85,8 +82,8 @@ def _draw(width: ZWidth, path: Path) -> None:
     drawings = zwidth_drawings(width)
     if not drawings:
         raise RefusalError(
-            "there is no figure of a device known by a table.",
-            hint="Leave out --out, or give mass and damping.",
+            "the device's table does not tell what can be rendered, so there is no figure.",
+            hint="State response_floor, or give mass and damping.",
         )
     files, _ = drawn(drawings[0], ("svg",))
     try:
@@ -96,8 +93,8 @@ def _draw(width: ZWidth, path: Path) -> None:
 
 
 ZWIDTH = Command(
-    "The largest stiffness and damping that a scene's device renders stably with every passive"
-    " hand: directly, and through a coupling. Needs no sessions.",
+    "The largest stiffness and damping that a scene's device renders with every passive hand, in"
+    " time: of walls, and of couplings with a rigid wall behind them. Needs no sessions.",
     "percept zwidth scene.toml --out zwidth.svg",
     (
         argument("scene", "SCENE", "TOML file with a [device]"),

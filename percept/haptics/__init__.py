@@ -18,6 +18,7 @@ from percept.haptics.limits import max_coupling_stiffness
 from percept.haptics.loop import Hold
 from percept.haptics.perceived import effective_impedance, perceived_impedance
 from percept.haptics.records import Coupling, Device, Environment, Mode, TabulatedDevice
+from percept.haptics.rendering import can_render, needed_damping
 from percept.haptics.stability import (
     absolute_stability,
     required_damping,
@@ -33,6 +34,7 @@ __all__ = [
     "Mode",
     "TabulatedDevice",
     "absolute_stability",
+    "can_render",
     "corner_curves",
     "coupling_impedance",
     "device_impedance",
@@ -41,6 +43,7 @@ __all__ = [
     "hold",
     "magnitude_envelope",
     "max_coupling_stiffness",
+    "needed_damping",
     "perceived_impedance",
     "required_damping",
     "required_damping_at",

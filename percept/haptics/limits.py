@@ -1,8 +1,8 @@
-"""What a device can carry: stiffest couplings, all stable ones (Eq. 10).
+"""Which couplings meet the paper's Eq. 10 with a device: the stiffest, and all of them.
 
 With b the device's damping, β the coupling's in Tustin's form, K = k_c·T and ρ = b/β, Eq. 10 over
 all ω reads K ≤ 2βκ(ρ), where κ² = (8ρ − 1)(1 + ρ)²/(27ρ²) for 1/8 ≤ ρ ≤ 1/5 and κ² = 4ρ above;
-below 1/8 nothing is stable. Under the true hold it is K² ≤ 16bβ and β ≤ πb. A delay leaves no such
+below 1/8 nothing meets it. Under the true hold it is K² ≤ 16bβ and β ≤ πb. A delay leaves no such
 forms: limits are then searched over ω.
 """
 
@@ -27,16 +27,11 @@ from percept.haptics.loop import AnyHold, hold_of
 from percept.haptics.records import AnyDevice, Device
 from percept.haptics.search import lowest, rising_root, search_grid
 from percept.haptics.stability import demands
-from percept.haptics.velocity import VelocityFilter, filtered_damper
 
 __all__ = [
     "CheapestCoupling",
-    "StableRegion",
     "best_coupling_damping",
-    "largest_coupling_damping",
     "max_coupling_stiffness",
-    "stable_region",
-    "stable_stiffness",
     "stiffness_limits",
 ]
 
@@ -54,7 +49,7 @@ def max_coupling_stiffness(
     discretization: str = "backward",
     hold: AnyHold = "average",
 ) -> FloatArray:
-    """Return the largest k_c with which a rigid device is stable.
+    """Return the largest k_c with which a rigid device meets Eq. 10.
 
     Parameters
     ----------
@@ -72,7 +67,7 @@ def max_coupling_stiffness(
     Returns
     -------
     ndarray
-        N/m, of the broadcast shape; 0 where no positive stiffness is stable.
+        N/m, of the broadcast shape; 0 where no positive stiffness does.
 
     Raises
     ------
@@ -167,102 +162,8 @@ def _interior_root(c: FloatArray, room: FloatArray) -> FloatArray:
     return rising_root(excess, room, np.zeros_like(room), room).reshape(shape)
 
 
-def stable_stiffness(
-    device: AnyDevice,
-    b_c: FloatArray,
-    period: float,
-    hold: AnyHold,
-    velocity_filter: VelocityFilter | None = None,
-) -> FloatArray:
-    """Return the largest stable k_c (Eq. 6), in closed form for a rigid device, else by a search.
-
-    Parameters
-    ----------
-    device : Device or TabulatedDevice
-        Known from DC to Nyquist.
-    b_c : ndarray
-        Damping of the coupling, N·s/m.
-    period : float
-        Sampling period T, s.
-    hold : {"average", "true"} or Hold
-        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
-    velocity_filter : VelocityFilter, optional
-        Of the velocity that b_c acts on.
-
-    Returns
-    -------
-    ndarray
-        N/m, of b_c's shape; 0 where b_c alone is not stable. From the second order of a filter on
-        that is every b_c but 0: stable couplings then have a lowest stiffness too, and this is no
-        edge of theirs.
-
-    Raises
-    ------
-    UsageError
-        T not positive, a table that begins above Nyquist, an unknown hold.
-    """
-    if isinstance(device, Device) and not device.modes and velocity_filter is None:
-        return np.asarray(max_coupling_stiffness(device.damping, b_c, period, hold=hold))
-
-    lines = np.atleast_1d(b_c)
-
-    def limits(omega: FloatArray, which: IntArray) -> FloatArray:
-        return stiffness_limits(omega, device, lines[which], period, hold, velocity_filter)
-
-    least = lowest(limits, search_grid(device, period, hold), lines.size)
-    return least.value.reshape(b_c.shape)
-
-
-def largest_coupling_damping(
-    device: AnyDevice,
-    period: float,
-    hold: AnyHold,
-    velocity_filter: VelocityFilter | None = None,
-) -> float:
-    """Return the largest b_c, N·s/m, that is stable without a spring; 0 where none is.
-
-    Parameters
-    ----------
-    device : Device or TabulatedDevice
-        Known from DC to Nyquist.
-    period : float
-        Sampling period T, s.
-    hold : {"average", "true"} or Hold
-        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
-    velocity_filter : VelocityFilter, optional
-        Of the velocity that b_c acts on.
-
-    Returns
-    -------
-    float
-        By a search over frequencies.
-
-    Raises
-    ------
-    UsageError
-        T not positive, an unknown hold.
-    """
-    grid = warp(search_grid(device, period, hold), period)
-    available, _ = device_parts(grid, device)
-    viscous, elastic = demands(grid, hold)
-    if velocity_filter is not None:
-        damper = filtered_damper(grid, velocity_filter)
-        stretch = damper.stiffness * period
-        # At Nyquist Re F vanishes with what it is to balance: its neighbours decide.
-        below = grid.cos > 0
-        viscous = (viscous * damper.damping**2 + elastic * stretch**2)[below]
-        available = (available * damper.damping)[below]
-    limits = ratio(available, viscous, empty=np.inf)
-    return max(float(limits.min()), 0.0)
-
-
 def stiffness_limits(
-    omega: ArrayLike,
-    device: AnyDevice,
-    b_c: FloatArray,
-    period: float,
-    hold: AnyHold,
-    velocity_filter: VelocityFilter | None = None,
+    omega: ArrayLike, device: AnyDevice, b_c: FloatArray, period: float, hold: AnyHold
 ) -> FloatArray:
     """Return the largest k_c that Eq. 10 allows at each ω; 0 where none is, inf where all are."""
     grid = warp(omega, period)
@@ -272,14 +173,6 @@ def stiffness_limits(
     needed = viscous * b_c
     spare = available - needed
     half_b = (needed - available / 2) / 2
-    if velocity_filter is not None:
-        # β is K/2 + b_c·Re F, and beside K stands what the filter makes of b_c.
-        damper = filtered_damper(grid, velocity_filter)
-        stretch = damper.stiffness * grid.period
-        mixed = viscous * damper.damping + 2 * elastic * stretch
-        half_b = (mixed * b_c - available / 2) / 2
-        needed = (viscous * damper.damping**2 + elastic * stretch**2) * b_c
-        spare = available * damper.damping - needed
     a = viscous / 4 + elastic
     # a·K² + 2·half_b·K − b_c·spare = 0, in the form that adds terms of one sign.
     spare_root = np.sqrt(np.maximum(spare, 0.0))
@@ -319,53 +212,3 @@ def best_coupling_damping(stiffness: float, period: float) -> CheapestCoupling:
         coupling_damping=float((_CHEAPEST * needed - 0.5) * stretch),
         device_damping=float(needed * stretch),
     )
-
-
-class StableRegion(NamedTuple):
-    """Vertices of a polygon in the plane of couplings, shape (n,)."""
-
-    stiffness: FloatArray  # k_c, N/m
-    damping: FloatArray  # b_c, N·s/m
-
-
-def stable_region(
-    device_damping: float, period: float, *, hold: AnyHold = "average", points: int = 257
-) -> StableRegion:
-    """Return the edge of all couplings (Eq. 6) that Eq. 10 allows a rigid device.
-
-    Parameters
-    ----------
-    device_damping : float
-        b_d, N·s/m.
-    period : float
-        Sampling period T, s.
-    hold : {"average", "true"} or Hold
-        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
-    points : int
-        Vertices on the curved edge.
-
-    Returns
-    -------
-    StableRegion
-        The vertices on the edge, and the corner at the origin.
-    """
-    hold = hold_of(hold)
-    # Half-cosine spacing: the edge leaves both ends like a square root.
-    angle = np.linspace(0, np.pi / 2, points)
-    fraction = np.sin(angle) ** 2
-    if hold.delay:
-        largest = largest_coupling_damping(Device(0.0, device_damping), period, hold)
-        damping = largest * fraction
-        limit = max_coupling_stiffness(device_damping, damping, period, hold=hold)
-        stretch = limit * period
-    elif hold.kind == "true":
-        # The DC limit meets the axis b_c = 0 at β = 4b, beyond β = πb: the Nyquist limit is the
-        # whole edge.
-        damping = np.pi * device_damping * fraction
-        stretch = 2 * np.pi * device_damping * (1 - fraction)
-    else:
-        beta = device_damping * (4.0 + 4.0 * fraction)
-        stretch = _stretch(np.full_like(beta, device_damping), beta, hold)
-        damping = np.maximum(beta - stretch / 2, 0.0)
-    stiffness = np.append(stretch, 0.0) / period
-    return StableRegion(stiffness, np.append(damping, 0.0))

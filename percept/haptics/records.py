@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
 from percept.haptics.arrays import (
+    LARGEST,
     ComplexArray,
     FloatArray,
     IntArray,
@@ -195,16 +196,19 @@ class TabulatedDevice:
         rad/s, zero or more, increasing, at least two.
     impedance : array_like of complex, shape (n,)
         Z_d, N·s/m.
+    floor : float, optional
+        The least Re Z_d above the table's end, N·s/m, above zero; unknown by default.
 
     Raises
     ------
     UsageError
         Where the table is too short, unordered, of unequal lengths, or holds a value that is not
-        finite.
+        finite; where the floor is not above zero.
     """
 
     omega: FloatArray
     impedance: ComplexArray
+    floor: float | None = None
 
     def __post_init__(self) -> None:
         omega = nonnegative_array(self.omega, "TabulatedDevice omega", "rad/s")
@@ -220,6 +224,10 @@ class TabulatedDevice:
                 "TabulatedDevice omega must increase.",
                 value=float(omega[row]),
                 hint="Sort the table, drop repeats.",
+            )
+        if self.floor is not None and not 0 < self.floor <= LARGEST:
+            raise UsageError(
+                "the floor of a TabulatedDevice must be above zero, in N·s/m.", value=self.floor
             )
         omega.flags.writeable = impedance.flags.writeable = False
         object.__setattr__(self, "omega", omega)
@@ -316,15 +324,21 @@ def _selected(value: Scalars, which: int | slice | IntArray) -> Scalars:
     return np.asarray(value)[which] if np.ndim(value) else value
 
 
-def refuse_arrays(device: AnyDevice, coupling: Coupling) -> None:
+def refuse_arrays(
+    device: AnyDevice, coupling: Coupling | None, environment: Environment | None = None
+) -> None:
     """Refuse arrays where one verdict is asked for."""
-    parameters = [coupling.stiffness, coupling.damping]
+    parameters: list[Scalars] = []
+    if coupling is not None:
+        parameters += [coupling.stiffness, coupling.damping]
+    if environment is not None:
+        parameters += [environment.stiffness, environment.damping, environment.mass]
     if isinstance(device, Device):
         parameters += [device.mass, device.damping]
         for mode in device.modes:
             parameters += [mode.mass, mode.stiffness, mode.damping]
     if any(np.ndim(parameter) for parameter in parameters):
         raise UsageError(
-            "a verdict is for one device and one coupling.",
-            hint="For arrays use stability_margin or required_damping.",
+            "a verdict is for one device, one environment and one coupling.",
+            hint="For arrays use needed_damping, stability_margin or required_damping.",
         )

@@ -1,229 +1,384 @@
-"""Environments rendered without a coupling: the damping they need, the largest that stay passive.
+"""What a sampled loop can render with every passive hand: stability in time.
 
-Colgate and Schenkel's criterion asks that no passive hand can destabilize a device that samples its
-position and holds its force (true hold, velocity by backward difference). The loop is
-W = T/(4 sin² h)·(1 − z⁻¹)·H(z) with h = ωT/2. Per unit of stiffness, damping and mass it is
+The computer samples the position, works out a force H from it by backward differences
+δ = (1 − z⁻¹)/T, and holds the force for a sample, later by a delay:
 
-    k: j(T/2)·e^{−jh}/sin h        b: −F·e^{−2jh}        m: −j(2/T)·sin h·e^{−3jh}
+    directly H_e = k + b·δ + m·δ²      a rigid wall through a coupling H_c = k_c + b_c·δ
+    through a coupling H = H_c·H_e/(H_c + H_e)
 
-where F is the velocity filter. A delay of n whole samples multiplies W by e^{−2jnh}. The device
-then needs a damping b_d ≥ Re W at every ω.
+A velocity filter F makes a damper b·F·δ. The motion dies out with every passive hand if and only
+if the poles of H lie inside the unit circle and no ω asks for more than the device dissipates
+(Colgate and Schenkel). Of a rigid device ω asks for b_d > Re W, with h = ωT/2 and
 
-A further fraction f of a sample turns each alias of ω by another angle. Their average is
-W̄ = W·(1 − f + f·e^{−2jh}), and the condition is b_d² − b_d·Re W̄ ≥ f(1 − f)·sin² h·abs(W)².
+    W = T·(1 − e^{−2jh})·H/(4 sin² h)
+
+A whole delay of n samples multiplies W by e^{−2jnh}. A further fraction f turns each alias of ω by
+another angle. Their discs then add up to the condition of `_load`. Tustin's method has no place
+here: its damper has a pole at z = −1, so no damping is enough for every hand.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from percept.haptics.aliases import Aliases, alias_features, aliases
 from percept.haptics.arrays import (
-    ComplexArray,
     FloatArray,
     IntArray,
+    Scalars,
     checked_period,
-    nonnegative_array,
     ratio,
+    stored,
 )
 from percept.haptics.axis import Warp, warp
-from percept.haptics.limits import StableRegion, largest_coupling_damping, stable_stiffness
-from percept.haptics.loop import AnyHold, Hold
-from percept.haptics.perceived import perceived_impedance
-from percept.haptics.records import AnyDevice, Device, Environment
+from percept.haptics.forces import Force, Shown, flat_parameters, force_of
+from percept.haptics.loop import Hold
+from percept.haptics.records import (
+    AnyDevice,
+    Coupling,
+    Device,
+    Environment,
+    TabulatedDevice,
+    refuse_arrays,
+)
 from percept.haptics.search import lowest, search_grid
-from percept.haptics.velocity import VelocityFilter, filter_response
+from percept.haptics.velocity import VelocityFilter
+from percept.html import NotebookRecord
 
 __all__ = [
-    "PassivityDamping",
-    "coupled_region",
-    "direct_region",
-    "largest_passive_damping",
-    "largest_passive_stiffness",
-    "passivity_damping",
+    "NeededDamping",
+    "RenderedRegion",
+    "Rendering",
+    "can_render",
+    "needed_damping",
+    "rendered_region",
+    "rendering_load",
+    "rendering_margins",
 ]
 
-_NO_DEVICE = Device(0.0, 0.0)
-# Points on a region's edge, evenly spaced in damping: enough to show its corners.
+# Of 1 N·s/m: what it lacks is the damping needed.
+_UNIT = Device(0.0, 1.0)
+# How near to 1 a margin counts as short of it.
+_ROUNDING = 1e-12
+# Rows of a region's edge: enough to show its corners.
 _EDGE_POINTS = 129
+# A table may begin at this fraction of Nyquist: below it the first row holds.
+_FIRST = 1e-3
+# Half a turn of H_c + H_e is a pole outside the circle; without a spring a quarter turn is none.
+_TURNED = 0.75 * np.pi
 
 
-class PassivityDamping(NamedTuple):
-    """Device damping above which an environment rendered without coupling is passive, N·s/m."""
+@dataclass(frozen=True)
+class NeededDamping(NotebookRecord):
+    """The damping above which a rigid device renders; floats, or of the parameters' shape."""
 
-    colgate: FloatArray  # By Colgate & Schenkel: true zero-order hold, backward differences
-    paper: FloatArray  # In the paper's own model (Eqs 7, 8)
+    damping: Scalars  # N·s/m; inf where no damping suffices
+    omega: Scalars  # The ω that binds, rad/s
 
 
-def passivity_damping(
-    environment: Environment, period: float, *, delay: float = 0.0
-) -> PassivityDamping:
-    """Return the device damping above which an environment rendered without coupling is passive.
+@dataclass(frozen=True)
+class Rendering(NotebookRecord):
+    """Whether a device renders an environment with every passive hand, in time."""
+
+    verdict: Literal["can", "cannot", "undecided"]
+    reason: str  # What decides, in one sentence
+    needed_damping: float  # That a rigid device needs, N·s/m; inf where none suffices
+    margin: float  # What the device dissipates over what is asked for, at its least
+    binding_omega: float  # Where the margin is least, rad/s
+
+
+def _load(grid: Warp, force: Force, dissipated: Aliases, delay: float) -> FloatArray:
+    """Return what each ω asks for, as a fraction of what the device dissipates there.
+
+    Without a fraction of delay this is Re W/b_eff. With one it is the largest μ at which the circle
+    of centre μ·C and radius μ·abs(ρ) holds 1/W: C and ρ are half the sums over the aliases.
+    """
+    whole = np.floor(delay)
+    fraction = delay - whole
+    before = _real_part(grid, force, whole)
+    mean = before
+    if fraction:
+        mean = (1 - fraction) * before + fraction * _real_part(grid, force, whole + 1)
+    # W·sin h is finite at DC.
+    angle = (2 * whole + 1) * grid.half
+    turned = np.cos(angle) * force.real + np.sin(angle) * grid.sin * force.slope
+    loop = grid.sin * before + 1j * (grid.period / 2) * turned
+    own, turn, rest, late = dissipated
+    load = mean * own + grid.sin * (loop * late).real
+    if not fraction:
+        return np.maximum(load, 0.0)
+    spread = 4 * fraction * (1 - fraction) * np.square(own)
+    spread = spread + 2 * own * (rest - (turn * np.conj(late)).real)
+    spread = spread + grid.sin**2 * (rest**2 - np.abs(late) ** 2)
+    root = np.sqrt(load**2 + np.abs(loop) ** 2 * np.maximum(spread, 0.0))
+    return np.asarray((load + root) / 2)
+
+
+def _real_part(grid: Warp, force: Force, samples: float) -> FloatArray:
+    """Return Re W after a delay of whole samples, N·s/m."""
+    angle = (2 * samples + 1) * grid.half
+    per_sin = ratio(np.sin(angle), grid.sin, empty=2 * samples + 1)
+    return np.asarray((grid.period / 2) * (per_sin * force.real - np.cos(angle) * force.slope))
+
+
+def rendering_load(
+    omega: ArrayLike,
+    device: AnyDevice,
+    environment: Environment | None,
+    period: float,
+    *,
+    coupling: Coupling | None = None,
+    delay: float = 0.0,
+) -> FloatArray:
+    """Return what each ω asks of a device, as a fraction of what it dissipates there.
 
     Parameters
     ----------
-    environment : Environment
-        Its parameters may be arrays.
+    omega : array_like
+        rad/s, up to π/T in magnitude.
+    device : Device or TabulatedDevice
+        Of single numbers; the damping of a rigid device may be an array.
+    environment : Environment or None
+        None for a rigid wall behind the coupling. Its parameters broadcast against ω.
     period : float
         Sampling period T, s.
+    coupling : Coupling, optional
+        None where the environment is rendered directly. Its parameters broadcast against ω.
     delay : float
         Of the loop, in samples.
 
     Returns
     -------
-    PassivityDamping
-        Of the broadcast shape of the environment's parameters.
+    ndarray
+        Dimensionless; below 1 at every ω means that no passive hand makes the motion grow.
 
     Raises
     ------
     UsageError
-        T not positive, a delay that `Hold` refuses.
+        ω above Nyquist, T not positive, a delay that `Hold` refuses.
+    """
+    grid = warp(omega, period)
+    delay = Hold("true", delay).delay
+    dissipated = aliases(grid, device, delay - np.floor(delay))
+    return _load(grid, force_of(grid, environment, coupling), dissipated, delay)
+
+
+def needed_damping(
+    environment: Environment | None,
+    period: float,
+    *,
+    coupling: Coupling | None = None,
+    delay: float = 0.0,
+) -> NeededDamping:
+    """Return the damping above which a rigid device renders with every passive hand.
+
+    Parameters as in `rendering_load`, those of environment and coupling of shapes that broadcast.
+
+    Returns
+    -------
+    NeededDamping
+        Of the broadcast shape; inf where a pole of H lies outside the unit circle.
+
+    Raises
+    ------
+    UsageError
+        As `rendering_load`.
 
     Notes
     -----
-    Without delay and filter: Colgate & Schenkel ask b_d > T/(2(1 − cos θ))·Re[(1 − e^{−jθ})·H] for
-    all θ = ωT. With u = sin²(θ/2) the right-hand side is k·T/2 − b(1 − 2u) − (2m/T)(3u − 4u²):
-    convex in u, so largest at DC, k·T/2 − b, or at Nyquist, k·T/2 + b + 2m/T. Without mass that is
-    k·T/2 + abs(b). In the paper's model it is k·T/2 − b: there Re Z_h = b_d +
-    cos²(θ/2)(b − k·T/2) + (2m/T)·sin²(θ/2), smallest at DC where it can be negative at all.
-    Otherwise both are searched over ω.
+    Without delay and filter it is, with A = k·T/2 + b + 2m/T, A_e directly, A_c with a rigid wall
+    and, for an environment without mass, A_c·A_e/(A_c + A_e) through the coupling; all at Nyquist.
+    Otherwise it is searched over ω.
     """
     period = checked_period(period)
-    hold = Hold("average", delay)
-    if hold.delay or environment.velocity_filter is not None:
-        return _searched_damping(environment, period, hold)
-    elastic = np.multiply(environment.stiffness, period / 2)
-    inertial = np.multiply(environment.mass, 2 / period)
-    colgate = elastic + environment.damping + inertial
-    paper = elastic - environment.damping
-    # The mass asks for nothing there; its shape counts all the same.
-    paper = paper + np.multiply(environment.mass, 0.0)
-    return PassivityDamping(np.asarray(colgate)[()], np.asarray(paper)[()])
+    delay = Hold("true", delay).delay
+    if _is_closed(environment, coupling, delay):
+        damping = _damping_at_nyquist(environment, coupling, period)
+        return NeededDamping(stored(damping), stored(np.full(damping.shape, np.pi / period)))
+    flat, shape = flat_parameters(environment, coupling)
+    largest = _largest_load(_UNIT, flat, period, delay)
+    return NeededDamping(
+        stored(largest.damping.reshape(shape)), stored(largest.omega.reshape(shape))
+    )
 
 
-def _searched_damping(environment: Environment, period: float, hold: Hold) -> PassivityDamping:
-    """Return what `passivity_damping` does, by a search over ω."""
-    parameters = np.broadcast_arrays(environment.stiffness, environment.damping, environment.mass)
-    shape = parameters[0].shape
-    k, b, m = (parameter.ravel() for parameter in parameters)
-    velocity_filter = environment.velocity_filter
-
-    # What is left of a device without damping: its lowest value is the damping needed, negated.
-    def spare_colgate(omega: FloatArray, which: IntArray) -> FloatArray:
-        grid = warp(omega, period)
-        sampled = _Sampled.of(grid, hold.delay, velocity_filter)
-        return -sampled.needed(k[which], b[which], m[which])
-
-    def spare_paper(omega: FloatArray, which: IntArray) -> FloatArray:
-        rendered = Environment(k[which], b[which], m[which], velocity_filter)
-        perceived = perceived_impedance(omega, _NO_DEVICE, rendered, period, hold=hold)
-        return perceived.real
-
-    grid = search_grid(_NO_DEVICE, period, hold)
-    colgate = -lowest(spare_colgate, grid, k.size).value
-    paper = -lowest(spare_paper, grid, k.size).value
-    return PassivityDamping(colgate.reshape(shape)[()], paper.reshape(shape)[()])
+def _is_closed(environment: Environment | None, coupling: Coupling | None, delay: float) -> bool:
+    """Say whether what is needed has a closed form."""
+    if delay:
+        return False
+    if coupling is not None and coupling.velocity_filter is not None:
+        return False
+    if environment is None:
+        return True
+    if environment.velocity_filter is not None:
+        return False
+    return coupling is None or not np.any(environment.mass)
 
 
-class _Sampled(NamedTuple):
-    """The sampled loop per unit of stiffness, damping and mass, at each ω (see the module)."""
+def _damping_at_nyquist(
+    environment: Environment | None, coupling: Coupling | None, period: float
+) -> FloatArray:
+    """Return what a rigid device needs without delay and filter, N·s/m."""
+    half = period / 2
+    parts = []
+    if environment is not None:
+        elastic = np.multiply(environment.stiffness, half)
+        parts.append(elastic + environment.damping + np.divide(environment.mass, half))
+    if coupling is not None:
+        parts.append(np.multiply(coupling.stiffness, half) + coupling.damping)
+    if len(parts) == 1:
+        return np.asarray(parts[0])
+    smaller = np.minimum(*parts)
+    larger = np.maximum(*parts)
+    # Divided first: a product may leave the range of a double.
+    return np.asarray(smaller * ratio(larger, smaller + larger, empty=0.0))
 
-    spring: FloatArray  # Re W̄ per unit of k, s
-    damper: FloatArray  # The same per unit of b
-    inertia: FloatArray  # And per unit of m, 1/s
-    # sin h·W per unit of k, b and m. Only its size counts, so all three are turned by
-    # e^{j(2n + 1)h}/j, which makes that of k real.
-    half_period: float  # Of k: T/2, s
-    spread_damper: ComplexArray
-    spread_inertia: ComplexArray
-    spread: float  # f(1 − f)
 
-    @classmethod
-    def of(cls, grid: Warp, delay: float, velocity_filter: VelocityFilter | None) -> _Sampled:
-        """Take a loop with a delay in samples."""
-        whole = float(np.floor(delay))
-        fraction = delay - whole
-        h = grid.half
-        response: ComplexArray = np.ones(h.shape, dtype=np.complex128)
-        if velocity_filter is not None:
-            response = filter_response(grid, velocity_filter)
-        turned_once = _mean_turn(h, whole, fraction, half_samples=1)
-        turned_twice = _mean_turn(h, whole, fraction, half_samples=2)
-        turned_thrice = _mean_turn(h, whole, fraction, half_samples=3)
-        # sin((2n + 1)h)/sin h tends to 2n + 1 at DC.
-        at_dc = (1 - fraction) * (2 * whole + 1) + fraction * (2 * whole + 3)
-        half_period = grid.period / 2
-        per_half_period = 2 / grid.period
-        return cls(
-            spring=half_period * ratio(-turned_once.imag, grid.sin, empty=at_dc),
-            damper=-(turned_twice * response).real,
-            inertia=per_half_period * grid.sin * turned_thrice.imag,
-            half_period=half_period,
-            spread_damper=1j * grid.sin * response * np.exp(-1j * h),
-            spread_inertia=-per_half_period * grid.sin**2 * np.exp(-2j * h),
-            spread=fraction * (1 - fraction),
+class _Largest(NamedTuple):
+    damping: FloatArray  # The largest load, (n,); of 1 N·s/m the damping needed
+    omega: FloatArray  # Where it is, rad/s
+
+
+def _largest_load(device: AnyDevice, shown: Shown, period: float, delay: float) -> _Largest:
+    """Search the largest load over ω; it is inf where a pole of H lies outside the circle."""
+    base = Device(0.0, 0.0, shown.resonances())
+    parts = [search_grid(base, period, Hold("true", delay)), alias_features(device, period)]
+    grid = np.unique(np.concatenate(parts))
+
+    def spare(omega: FloatArray, which: IntArray) -> FloatArray:
+        some = shown.select(which)
+        return -rendering_load(
+            omega, device, some.environment, period, coupling=some.coupling, delay=delay
         )
 
-    def needed(self, k: FloatArray, b: FloatArray, m: FloatArray) -> FloatArray:
-        """Return the device damping that each ω asks for, N·s/m; zero where it asks for none."""
-        mean_loop = k * self.spring + b * self.damper + m * self.inertia
-        if not self.spread:
-            return np.maximum(mean_loop, 0.0)
-        loop = k * self.half_period + b * self.spread_damper + m * self.spread_inertia
-        # The larger root of b_d² − b_d·Re W̄ = f(1 − f)·sin² h·abs(W)².
-        twice_spread = 2 * np.sqrt(self.spread) * np.abs(loop)
-        root = np.hypot(mean_loop, twice_spread)
-        return np.asarray((mean_loop + root) / 2)
-
-    def largest_stiffness(self, device: FloatArray, b: FloatArray) -> FloatArray:
-        """Return the largest k, N/m, that a device damping allows together with b at each ω.
-
-        b_d² − b_d·Re W̄ − f(1 − f)·sin² h·abs(W)² must not be negative. In k it is
-        constant − 2·half_slope·k − bend·k².
-        """
-        spread = self.spread
-        bend = spread * self.half_period**2
-        mixed = spread * self.half_period * b * self.spread_damper.real
-        half_slope = device * self.spring / 2 + mixed
-        spare = device * (device - b * self.damper)
-        constant = spare - spread * np.abs(b * self.spread_damper) ** 2
-        discriminant = half_slope**2 + bend * constant
-        root = np.sqrt(np.maximum(discriminant, 0.0))
-        # Of the two forms of the root, the one that adds terms of one sign.
-        with_rising_slope = ratio(constant, root + half_slope, empty=np.inf)
-        with_falling_slope = ratio(root - half_slope, bend, empty=np.inf)
-        limit = np.where(half_slope > 0, with_rising_slope, with_falling_slope)
-        is_impossible = (constant < 0) | (device == 0)
-        return np.where(is_impossible, 0.0, limit)
+    least = lowest(spare, grid, shown.size)
+    outside = _has_pole_outside(grid, shown, period)
+    return _Largest(np.where(outside, np.inf, -least.value), least.x)
 
 
-def _mean_turn(h: FloatArray, whole: float, fraction: float, half_samples: int) -> ComplexArray:
-    """Return e^{−j(2n + half_samples)h}, averaged over the samples to either side of a delay."""
-    before = np.exp(-1j * (2 * whole + half_samples) * h)
-    if not fraction:
-        return np.asarray(before)
-    after = np.exp(-1j * (2 * whole + half_samples + 2) * h)
-    return np.asarray((1 - fraction) * before + fraction * after)
+def _has_pole_outside(omega: FloatArray, shown: Shown, period: float) -> FloatArray:
+    """Say which H has a pole outside the unit circle, (n,), by the argument principle.
+
+    The poles are the zeros of H_c + H_e. Without a filter they all lie inside: a backward
+    difference maps the left half plane there.
+    """
+    environment = shown.environment
+    coupling = shown.coupling
+    if environment is None or coupling is None or coupling.velocity_filter is None:
+        return np.zeros(shown.size, dtype=bool)
+    grid = warp(omega[:, None], period)
+    total = np.zeros((omega.size, shown.size), dtype=np.complex128)
+    for force in (force_of(grid, environment, None), force_of(grid, None, coupling)):
+        total += force.real + 1j * grid.sin * force.slope
+    steps = np.angle(total[1:] * np.conj(total[:-1]))
+    return np.asarray(steps.sum(axis=0) < -_TURNED)
 
 
-def largest_passive_stiffness(
-    device_damping: ArrayLike,
-    damping: ArrayLike,
+def rendering_margins(
+    device: AnyDevice,
+    environment: Environment | None,
+    period: float,
+    *,
+    coupling: Coupling | None = None,
+    delay: float = 0.0,
+) -> FloatArray:
+    """Return what a device dissipates over what is asked for, at the ω where that is least.
+
+    Parameters as in `rendering_load`, those of environment and coupling of shapes that broadcast.
+
+    Returns
+    -------
+    ndarray
+        Of the broadcast shape; above 1 the device renders with every passive hand.
+
+    Raises
+    ------
+    UsageError
+        As `rendering_load`.
+    """
+    flat, shape = flat_parameters(environment, coupling)
+    largest = _largest_load(device, flat, checked_period(period), Hold("true", delay).delay)
+    return ratio(1.0, largest.damping, empty=np.inf).reshape(shape)
+
+
+def can_render(
+    device: AnyDevice,
+    environment: Environment | None,
+    period: float,
+    *,
+    coupling: Coupling | None = None,
+    delay: float = 0.0,
+) -> Rendering:
+    """Judge whether a device renders an environment with every passive hand, in time.
+
+    Parameters as in `rendering_load`, for one device, one environment and one coupling.
+
+    Returns
+    -------
+    Rendering
+        "undecided" where a table begins too late, or its floor would decide and is not known.
+
+    Raises
+    ------
+    UsageError
+        As `rendering_load`, and arrays as parameters.
+    """
+    period = checked_period(period)
+    delay = Hold("true", delay).delay
+    refuse_arrays(device, coupling, environment)
+    need = needed_damping(environment, period, coupling=coupling, delay=delay)
+    if isinstance(device, Device) and not device.modes:
+        margin = float(ratio(device.damping, need.damping, empty=np.inf))
+        binding = float(need.omega)
+    else:
+        flat, _ = flat_parameters(environment, coupling)
+        largest = _largest_load(device, flat, period, delay)
+        margin = float(ratio(1.0, largest.damping[0], empty=np.inf))
+        binding = float(largest.omega[0])
+    verdict: Literal["can", "cannot", "undecided"] = "can"
+    reason = f"The smallest margin is {margin:.6g}, at {binding:.6g} rad/s."
+    if np.isinf(need.damping):
+        verdict = "cannot"
+        reason = "The velocity filter makes the virtual environment itself unstable."
+    elif margin <= 1 + _ROUNDING:
+        verdict = "cannot"
+    elif isinstance(device, TabulatedDevice):
+        if device.omega[0] * period > _FIRST * np.pi:
+            verdict = "undecided"
+            reason = f"Below {device.omega[0]:.6g} rad/s the device's table says nothing."
+        elif device.floor is None:
+            verdict = "undecided"
+            reason = (
+                f"Above {device.omega[-1]:.6g} rad/s the device's table says nothing, and it states"
+                " no floor of Re Z_d there."
+            )
+    return Rendering(verdict, reason, float(need.damping), margin, binding)
+
+
+class RenderedRegion(NamedTuple):
+    """The edge of what a device renders directly, and of couplings with a rigid wall behind."""
+
+    stiffness: FloatArray  # N/m, (n,), falling
+    damping: FloatArray  # N·s/m, rising from zero
+
+
+def rendered_region(
+    device: AnyDevice,
     period: float,
     *,
     delay: float = 0.0,
     velocity_filter: VelocityFilter | None = None,
-) -> FloatArray:
-    """Return the largest stiffness that is passive with a damping, rendered without coupling.
+) -> RenderedRegion:
+    """Return the edge of all (k, b) that a device renders with every passive hand.
 
     Parameters
     ----------
-    device_damping : array_like
-        b_d, N·s/m, zero or more; of many devices at once.
-    damping : array_like
-        b of the environment, N·s/m, zero or more.
+    device : Device or TabulatedDevice
+        Of single numbers. A table without a floor is taken to dissipate all above its end.
     period : float
         Sampling period T, s.
     delay : float
@@ -233,127 +388,21 @@ def largest_passive_stiffness(
 
     Returns
     -------
-    ndarray
-        N/m, of the broadcast shape; 0 where b alone is not passive.
+    RenderedRegion
+        From b = 0 to k = 0. What lies nearer to the origin on the same ray is rendered as well:
+        the load is proportional to the force.
 
     Raises
     ------
     UsageError
-        A negative damping, T not positive, a delay or filter out of its range.
-
-    Notes
-    -----
-    By Colgate & Schenkel's criterion; without delay and filter that is 2(b_d − b)/T.
+        As `rendering_load`.
     """
     period = checked_period(period)
-    device = nonnegative_array(device_damping, "device damping", "N·s/m")
-    b = nonnegative_array(damping, "damping", "N·s/m")
-    device, b = np.broadcast_arrays(device, b)
-    hold = Hold("true", delay)
-    if not hold.delay and velocity_filter is None:
-        return (np.maximum(device - b, 0.0) * (2 / period))[()]
-    devices = device.ravel()
-    dampings = b.ravel()
-
-    def limits(omega: FloatArray, which: IntArray) -> FloatArray:
-        grid = warp(omega, period)
-        sampled = _Sampled.of(grid, hold.delay, velocity_filter)
-        return sampled.largest_stiffness(devices[which], dampings[which])
-
-    search = search_grid(_NO_DEVICE, period, hold)
-    least = lowest(limits, search, devices.size)
-    return least.value.reshape(device.shape)[()]
-
-
-def largest_passive_damping(
-    device_damping: ArrayLike,
-    period: float,
-    *,
-    delay: float = 0.0,
-    velocity_filter: VelocityFilter | None = None,
-) -> FloatArray:
-    """Return the largest damping that is passive without stiffness, rendered without coupling.
-
-    Parameters as in `largest_passive_stiffness`. The device damping needed is proportional to the
-    damping rendered, so one search at 1 N·s/m serves all devices.
-
-    Returns
-    -------
-    ndarray
-        N·s/m, of the shape of `device_damping`.
-
-    Raises
-    ------
-    UsageError
-        As `largest_passive_stiffness`.
-    """
-    device = nonnegative_array(device_damping, "device damping", "N·s/m")
-    unit = Environment(0.0, 1.0, 0.0, velocity_filter)
-    needed = passivity_damping(unit, period, delay=delay)
-    return (device / needed.colgate)[()]
-
-
-def direct_region(
-    device_damping: float,
-    period: float,
-    *,
-    delay: float = 0.0,
-    velocity_filter: VelocityFilter | None = None,
-) -> StableRegion:
-    """Return the edge of all (k, b) that are passive when they are rendered without a coupling.
-
-    Parameters as in `largest_passive_stiffness`, for one device.
-
-    Returns
-    -------
-    StableRegion
-        The vertices on the edge from b = 0 on, and the corner at the origin.
-
-    Raises
-    ------
-    UsageError
-        As `largest_passive_stiffness`.
-    """
-    most = largest_passive_damping(
-        device_damping, period, delay=delay, velocity_filter=velocity_filter
-    )
-    damping = np.linspace(0.0, float(most), _EDGE_POINTS)
-    stiffness = largest_passive_stiffness(
-        device_damping, damping, period, delay=delay, velocity_filter=velocity_filter
-    )
-    return StableRegion(np.append(stiffness, 0.0), np.append(damping, 0.0))
-
-
-def coupled_region(
-    device: AnyDevice,
-    period: float,
-    hold: AnyHold = "average",
-    velocity_filter: VelocityFilter | None = None,
-) -> StableRegion:
-    """Return the edge of all stable couplings: what a rigid wall behind a coupling shows.
-
-    Parameters
-    ----------
-    device : Device or TabulatedDevice
-        Known from DC to Nyquist.
-    period : float
-        Sampling period T, s.
-    hold : {"average", "true"} or Hold
-        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
-    velocity_filter : VelocityFilter, optional
-        Of the first order, of the velocity that b_c acts on.
-
-    Returns
-    -------
-    StableRegion
-        k_c and b_c on the edge from b_c = 0 on, and the corner at the origin.
-
-    Raises
-    ------
-    UsageError
-        T not positive, a table that begins above Nyquist, an unknown hold.
-    """
-    most = largest_coupling_damping(device, period, hold, velocity_filter)
-    damping = np.linspace(0.0, most, _EDGE_POINTS)
-    stiffness = stable_stiffness(device, damping, period, hold, velocity_filter)
-    return StableRegion(np.append(stiffness, 0.0), np.append(damping, 0.0))
+    slant = np.linspace(0.0, 1.0, _EDGE_POINTS)
+    wall = Environment((1 - slant) * 2 / period, slant, 0.0, velocity_filter)
+    if isinstance(device, Device) and not device.modes:
+        load = needed_damping(wall, period, delay=delay).damping
+        reach = ratio(device.damping, load, empty=np.inf)
+    else:
+        reach = rendering_margins(device, wall, period, delay=delay)
+    return RenderedRegion(reach * wall.stiffness, reach * wall.damping)

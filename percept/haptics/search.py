@@ -1,4 +1,4 @@
-"""Where a search looks and how it ends: frequencies of a device; minima, roots, intervals."""
+"""Where a search looks and how it ends: frequencies of a device; minima and roots."""
 
 from __future__ import annotations
 
@@ -8,20 +8,18 @@ from typing import NamedTuple
 import numpy as np
 
 from percept.errors import UsageError
-from percept.haptics.arrays import BoolArray, FloatArray, IntArray, ratio
+from percept.haptics.arrays import FloatArray, IntArray
 from percept.haptics.axis import omega_of_rate
 from percept.haptics.loop import AnyHold, hold_of
 from percept.haptics.records import AnyDevice, Device, Mode, TabulatedDevice
 
 __all__ = [
-    "Intervals",
     "Lowest",
     "covers_range",
     "lowest",
     "rising_root",
     "search_grid",
     "section_minimum",
-    "where_positive",
 ]
 
 # A table may leave out this fraction of the range up to Nyquist at either end.
@@ -244,90 +242,3 @@ def rising_root(
         if not open_roots.size:
             break
     return x
-
-
-class Intervals(NamedTuple):
-    """Intervals of k_c on lines of b_c, shape (lines, n), increasing along a line."""
-
-    low: FloatArray  # N/m
-    high: FloatArray  # N/m
-    kept: BoolArray  # Which of them there are
-
-    @classmethod
-    def left_by(cls, ceiling: FloatArray, forbidden: FloatArray) -> Intervals:
-        """Take open intervals out of [0, ceiling] of each line.
-
-        `forbidden` has shape (lines, cuts, 2); what begins and ends at 0 forbids nothing.
-        """
-        order = forbidden[..., 0].argsort(axis=1)
-        starts = np.take_along_axis(forbidden[..., 0], order, axis=1)
-        ends = np.take_along_axis(forbidden[..., 1], order, axis=1)
-        # What is left lies between the farthest end so far and the next start.
-        top = ceiling[:, None]
-        low = np.hstack([np.zeros_like(top), ends])
-        low = np.maximum.accumulate(low, axis=1)
-        high = np.minimum(np.hstack([starts, top]), top)
-        return cls(low, high, high > low)
-
-    def inset(self, fraction: float) -> Intervals:
-        """Pull both ends inside by a fraction of the value, at most to the middle; 0 stays."""
-        low = np.where(self.kept, self.low, 0.0)
-        high = np.where(self.kept, self.high, 0.0)
-        half_width = (high - low) / 2
-        raised = low + np.minimum(half_width, fraction * low)
-        lowered = high - np.minimum(half_width, fraction * high)
-        return Intervals(raised, lowered, self.kept.copy())
-
-    def lines(self) -> tuple[FloatArray, ...]:
-        """Return the intervals of each line, shape (m, 2)."""
-        pairs = np.column_stack([self.low[self.kept], self.high[self.kept]])
-        last = np.cumsum(self.kept.sum(axis=1))
-        return tuple(np.split(pairs, last[:-1]))
-
-    def largest(self) -> FloatArray:
-        """Return the largest k_c of each line; −inf without any."""
-        return self.high.max(axis=1, initial=-np.inf, where=self.kept)
-
-    def smallest(self) -> FloatArray:
-        """Return the smallest k_c of each line; inf without any."""
-        return self.low.min(axis=1, initial=np.inf, where=self.kept)
-
-
-def where_positive(a: FloatArray, half_b: FloatArray, c: FloatArray) -> FloatArray:
-    """Return where a·k² + 2·half_b·k + c > 0, as up to two open intervals of k.
-
-    Parameters
-    ----------
-    a, half_b, c : ndarray
-        Coefficients, of one shape.
-
-    Returns
-    -------
-    ndarray, shape (..., 2, 2)
-        Which interval; its low and its high end. Both are 0 where there is no interval.
-    """
-    # A line counts as a parabola that bends down, with its other root at infinity.
-    a = np.where(a == 0, -0.0, a)
-    convex = a > 0
-    discriminant = half_b**2 - a * c
-    real = discriminant > 0
-    size = np.sqrt(np.where(real, discriminant, 0.0))
-    # −q/a is the root of larger size, −c/q the other: neither cancels.
-    q = half_b + np.copysign(size, half_b)
-    larger = ratio(-q, a, empty=np.nan)
-    smaller = ratio(-c, q, empty=np.nan)
-    low = np.fmin(larger, smaller)
-    high = np.fmax(larger, smaller)
-    constant = (a == 0) & (half_b == 0)
-    everywhere = np.where(constant, c > 0, convex & ~real)
-    between = ~convex & real
-    outside = convex & real
-    intervals = np.zeros((*low.shape, 2, 2))
-    intervals[everywhere, 0] = -np.inf, np.inf
-    intervals[between, 0, 0] = low[between]
-    intervals[between, 0, 1] = high[between]
-    intervals[outside, 0, 0] = -np.inf
-    intervals[outside, 0, 1] = low[outside]
-    intervals[outside, 1, 0] = high[outside]
-    intervals[outside, 1, 1] = np.inf
-    return intervals

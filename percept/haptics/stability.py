@@ -1,7 +1,9 @@
-"""Stability with a virtual coupling: the damping it needs, how much there is, Llewellyn's verdict.
+"""The paper's criterion for a virtual coupling (Eq. 10): what it asks for, how much there is.
 
-By Eqs 1 to 4, 9 and 10 a device and its coupling are stable with every passive hand and environment
-where Re Z_d is at least what Eq. 10 asks for at every ω.
+By Eqs 1 to 4, 9 and 10 a device and its coupling are absolutely stable, as two ports joined by
+velocities, where Re Z_d is at least what Eq. 10 asks for at every ω. A loop that samples positions
+aliases its forces, which this model leaves out: it may diverge where Eq. 10 is met. What such a
+loop renders is in `percept.haptics.rendering`.
 """
 
 from __future__ import annotations
@@ -238,7 +240,7 @@ def stability_margin(
     discretization: str = "backward",
     hold: AnyHold = "average",
 ) -> FloatArray:
-    """Return Re Z_d(jω) over what Eq. 10 asks for at each ω: at least 1 everywhere means stable.
+    """Return Re Z_d(jω) over what Eq. 10 asks for at each ω: at least 1 where it is met.
 
     Parameters as in `required_damping_at`, with the device, Z_d.
 
@@ -285,15 +287,15 @@ def coupling_bound(
     return ratio(demands(grid, hold).viscous, available, empty=np.inf)[()]
 
 
-Verdict = Literal["stable", "marginal", "unstable", "undecided"]
+Verdict = Literal["met", "on its limit", "not met", "undecided"]
 
 
 @dataclass(frozen=True)
 class AbsoluteStability(NotebookRecord):
-    """Llewellyn's verdict, on stability with every passive hand and environment.
+    """Whether Eq. 10 is met at every ω.
 
-    Marginal means that the smallest margin is 1 to within rounding; undecided, that nothing speaks
-    against stability, but the device's table leaves out a part of the range.
+    On its limit means that the smallest margin is 1 to within rounding; undecided, that Eq. 10 is
+    met as far as the device's table goes, which leaves out a part of the range.
     """
 
     verdict: Verdict
@@ -314,7 +316,7 @@ def absolute_stability(
 
     A rigid device is judged in closed form, with a delay by a search. With modes the smallest
     margin is searched on a grid that resolves each mode, and refined; a table is searched over the
-    range it covers, and cannot show stability where that is not all of it.
+    range it covers, and cannot show that Eq. 10 is met where that is not all of it.
 
     Parameters as in `stability_margin`, for one device and one coupling.
 
@@ -355,10 +357,10 @@ def absolute_stability(
         least = lowest(margin, search_grid(device, period, hold), 1)
         smallest = float(least.value[0])
         binding = float(least.x[0])
-    verdict: Verdict = "stable" if smallest > 1 + _ROUNDING else "marginal"
+    verdict: Verdict = "met" if smallest > 1 + _ROUNDING else "on its limit"
     reason = f"The smallest margin is {smallest:.6g}, at {binding:.6g} rad/s."
     if smallest < 1 - _ROUNDING:
-        verdict = "unstable"
+        verdict = "not met"
         active = coupling_element(warp(binding, period), coupling, discretization).damping
         if np.less(active, 0):
             reason = f"The velocity filter makes the coupling active at {binding:.6g} rad/s."

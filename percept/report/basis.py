@@ -407,7 +407,7 @@ def cited(results: Results) -> list[Reference]:
     if results.anova:
         needed.add("greenhouse1959")
     if results.provenance.scene.get("coupling") and makes_impedance(results):
-        needed.add("adams1999")
+        needed |= {"adams1999", "colgate1997"}
     return [reference for reference in _references() if reference.key in needed]
 
 

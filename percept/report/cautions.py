@@ -25,7 +25,7 @@ from percept.results import (
     Data,
     IntervalRow,
     Note,
-    Passivity,
+    Rendered,
     Results,
     Skipped,
 )
@@ -62,7 +62,7 @@ def cautions(results: Results) -> list[str]:
     said += _at_limits(results.intervals, results.data)
     said += _few(results.intervals, words)
     said += _below_zero(results.intervals, results.data)
-    said += _active(results.passivity or (), words)
+    said += _growing(results.rendering or (), words)
     if results.checks:
         said += misfits(results.checks, family_of(results), words)
     said += _warnings(results.data.doubts)
@@ -223,13 +223,13 @@ def _below_zero(intervals: Sequence[IntervalRow], data: Data) -> Iterator[str]:
         )
 
 
-def _active(passivity: Sequence[Passivity], words: Words) -> Iterator[str]:
-    names = [row.environment for row in passivity if not row.passive]
-    if names:
+def _growing(rendering: Sequence[Rendered], words: Words) -> Iterator[str]:
+    rows = matching(rendering, coupled=False, verdict="cannot")
+    if rows:
         yield (
-            f"Without a coupling this device has too little damping to render {_first_of(names)}"
-            f" passively (Colgate and Schenkel). They may chatter, and {words.users} may then"
-            " set them wrongly."
+            f"Rendered directly, {_first_of([str(row.environment) for row in rows])} may chatter:"
+            f" with some hands the motion grows. {capitalised(words.users)} may then set them"
+            " wrongly."
         )
 
 

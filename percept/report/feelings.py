@@ -10,6 +10,7 @@ from percept.boundary.feels_real import FEWEST_FOR_MAGNITUDE, judge
 from percept.errors import capitalised
 from percept.inference.record import percent
 from percept.report.numbers import bare, rounded
+from percept.report.rendering import RENDERED
 from percept.report.select import (
     METHOD_NAMES,
     MOST_NAMED,
@@ -23,10 +24,8 @@ from percept.report.select import (
 from percept.report.sentences import cause_sentences
 from percept.results import LadderEffect, MoreSubjects, Results, Verdict
 
-__all__ = ["RENDERED", "coupling_sentences", "feeling_sentences", "feelings", "probability_said"]
+__all__ = ["coupling_sentences", "feeling_sentences", "feelings", "probability_said"]
 
-#: How an environment is displayed, by whether it is through the coupling.
-RENDERED = {False: "directly", True: "through the coupling"}
 #: Outcomes in the order of a sentence: what is said of one environment, and of several.
 _SAID = {
     "feels real": ("{} feels real", "{} feel real"),
@@ -230,7 +229,7 @@ def _disagreeing(
 
 
 def coupling_sentences(results: Results) -> list[str]:
-    """Say between which stiffnesses couplings that are stable feel real, and where none does."""
+    """Say between which stiffnesses couplings are admissible, and where none is."""
     design = results.design
     if design is None:
         return []
@@ -238,22 +237,38 @@ def coupling_sentences(results: Results) -> list[str]:
     measure = "probability" if design.method == "bayesian" else "confidence"
     sure = f"with {percent(design.decision)} {measure} or more"
     spans = []
-    none = []
+    absent: dict[str, list[str]] = {"none": [], "undecided": []}
     for row in design.environments:
         if row.name is None:
             continue
         if row.softest is None or row.stiffest is None:
-            none.append(row.name)
+            absent["none" if row.outcome == "none" else "undecided"].append(row.name)
             continue
         low = bare(rounded(row.softest.stiffness / _KILO, 2))
         high = bare(rounded(row.stiffest.stiffness / _KILO, 2))
-        spans.append(f"{row.name} ({low} to {high} kN/m)")
-    others = listed(none) if len(none) <= MOST_NAMED else f"{len(none)} {environments}"
-    if not spans:
-        return [f"No stable coupling feels real in {others} {sure}."]
-    more = f" and {len(spans) - MOST_NAMED} more" if len(spans) > MOST_NAMED else ""
-    said = f"Stable couplings feel real in {listed(spans[:MOST_NAMED])}{more} {sure}"
-    return [f"{said}; none does in {others}." if none else f"{said}."]
+        span = f"{low} kN/m and more" if row.stiffest.bound == "map" else f"{low} to {high} kN/m"
+        spans.append(f"{row.name} ({span})")
+    said = []
+    if spans:
+        more = f" and {len(spans) - MOST_NAMED} more" if len(spans) > MOST_NAMED else ""
+        said.append(
+            f"Couplings that are stable in time feel real in {listed(spans[:MOST_NAMED])}{more}"
+            f" {sure}."
+        )
+    texts = {
+        "none": f"No coupling is stable in time and feels real in {{}} {sure}.",
+        "undecided": "Whether one is in {} the data do not decide.",
+    }
+    if not said and not absent["none"]:
+        texts["undecided"] = (
+            f"Whether a coupling is stable in time and feels real in {{}} {sure}, the data do not"
+            " decide."
+        )
+    for outcome, names in absent.items():
+        if names:
+            some = listed(names) if len(names) <= MOST_NAMED else f"{len(names)} {environments}"
+            said.append(texts[outcome].format(some))
+    return said
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 
 from percept.report.cautions import cautions, overruled
 from percept.report.contrast import contrast_sentences, level_panels
-from percept.report.feelings import RENDERED, coupling_sentences, feeling_sentences
-from percept.report.numbers import percentage
+from percept.report.feelings import coupling_sentences, feeling_sentences
 from percept.report.paragraph import results_paragraph
 from percept.report.people import NamedSubject, named_subjects
+from percept.report.rendering import RENDERED, rendering_sentences
 from percept.report.select import (
     METHODS,
     Section,
@@ -55,7 +55,7 @@ def overview(results: Results) -> Overview:
     sentences += bias_sentences(rows, classical, results.data.quantities, words, effects)
     if feelings := feeling_sentences(results.verdicts, words, effects):
         sentences.append(" ".join(feelings))
-    if about_coupling := [*_stability(results), *coupling_sentences(results)]:
+    if about_coupling := [*rendering_sentences(results), *coupling_sentences(results)]:
         sentences.append(" ".join(about_coupling))
     sentences += user_sentences(rows, results.data.quantities, words)
     # The next user's ranges answer where no device lets percept judge what feels real.
@@ -132,25 +132,6 @@ def _row(
         user_bias_upper=bias(upper),
         user_upper_ratio=ratio(upper),
     )
-
-
-def _stability(results: Results) -> list[str]:
-    coupling = results.coupling
-    if coupling is None:
-        return []
-    margin = coupling.margin
-    has = f"{100 * margin:.2g} % of" if margin < 1 else f"{margin:.3g} times"
-    sentence = (
-        f"The coupling is {coupling.verdict}: the device has {has} the damping the coupling needs."
-    )
-    if coupling.by_device is not None:
-        probability = percentage(coupling.by_device.probability, 3)
-        sentence += (
-            f" Over the device's posterior it is stable with a probability of {probability}."
-        )
-    if "poles cannot" in coupling.reason:
-        sentence += " The device is measured, so its poles cannot be checked."
-    return [sentence]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -14,6 +14,7 @@ from percept.report.feelings import feelings
 from percept.report.overview import first_screen
 from percept.report.people import people
 from percept.report.psychophysics import psychophysics
+from percept.report.rendering import rendering_sentences
 from percept.report.select import (
     KINDS,
     METHODS,
@@ -105,8 +106,8 @@ def build_sections(results: Results, summary: Findings) -> list[Section]:
         contrast(results),
         boundaries(results),
         feelings(results),
-        _part(results.passivity, "direct", "Passivity without a coupling"),
-        _part(results.coupling, "coupling", "The virtual coupling"),
+        _rendering(results),
+        _part(results.coupling, "coupling", "The coupling by the paper"),
         _part(results.design, "design", "Which couplings feel real"),
         device(results),
         band(results),
@@ -120,6 +121,14 @@ def build_sections(results: Results, summary: Findings) -> list[Section]:
         _part(results.skipped, "skipped", "Not computed"),
     )
     return [section for section in sections if section is not None]
+
+
+def _rendering(results: Results) -> Section | None:
+    """Return what the device renders with every passive hand."""
+    if not results.rendering:
+        return None
+    title = "What can be rendered with every hand"
+    return Section("rendering", title, rendering_sentences(results))
 
 
 def _part(part: object, name: str, title: str) -> Section | None:

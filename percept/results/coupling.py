@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
+from typing import Literal, TypeAlias
 
 from percept.html import NotebookRecord
 from percept.results.data import Note
@@ -22,13 +22,16 @@ __all__ = [
     "Membership",
     "MoreSubjects",
     "OtherDevices",
-    "Passivity",
     "PosteriorEvidence",
+    "Rendered",
     "RenderedEdge",
     "RenderedWall",
     "Verdict",
     "ZWidth",
 ]
+
+#: Whether a device renders with every passive hand.
+Rendering: TypeAlias = Literal["can", "cannot", "undecided"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,29 +107,18 @@ class Verdict(NotebookRecord):
     probability: float  # Posterior probability, or the classical method's least confidence
     bayesian: PosteriorEvidence | None
     classical: Confidences | None
-    stable_and_real: float | None  # None directly, where stability is undecided, and without draws
+    stable_and_real: float | None  # None where rendering is undecided, and without draws
     # None where either method decides, and without a joint law of the subjects' values.
     more: MoreSubjects | None = None
     leaning: Leaning | None = None  # None where no row of the environment looks mistyped
 
 
-@dataclasses.dataclass(frozen=True)
-class Passivity:
-    """Whether one reference, rendered without the coupling, is passive; dampings in N·s/m."""
-
-    environment: str
-    needed_colgate: float  # True hold and backward difference (Colgate and Schenkel)
-    needed_paper: float  # Under the paper's Eqs 7 and 8
-    device_damping: float
-    passive: bool  # By Colgate and Schenkel
-
-
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class RenderedEdge:
-    """Edge of the stiffness and damping that a device renders stably."""
+    """Edge of the stiffness and damping that a device renders with every passive hand, in time."""
 
-    stiffness: Array  # (M,) Largest stiffness beside each damping, N/m
-    damping: Array  # (M,) From zero to the largest, N·s/m
+    stiffness: Array  # (M,) From no damping to no stiffness, N/m
+    damping: Array  # (M,) Beside each stiffness, N·s/m
     stiffest: float  # Largest stiffness of all, N/m
     stiffest_damping: float  # Beside which it is reached, N·s/m
     most_damping: float  # Largest damping, N·s/m
@@ -143,16 +135,14 @@ class RenderedWall:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class ZWidth(NotebookRecord):
-    """What a device renders stably with every passive hand, directly and through a coupling."""
+    """What a device renders with every passive hand, in time.
 
-    direct: RenderedEdge | None  # Passive by Colgate and Schenkel; None for a measured device
-    # Couplings that Llewellyn's criterion allows; None where a device's table is too short.
-    coupled: RenderedEdge | None
+    The edge holds for walls rendered directly, and for couplings with a rigid wall behind them.
+    """
+
+    edge: RenderedEdge | None  # None where a device's table does not tell
     references: tuple[RenderedWall, ...]
-    # Where the device has a posterior: what 95 % of its devices render. With flexible modes the
-    # edge of couplings is not known.
-    likely_direct: RenderedEdge | None = None
-    likely_coupled: RenderedEdge | None = None
+    likely: RenderedEdge | None = None  # Of 95 % of a posterior's devices, by their damping alone
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -181,54 +171,70 @@ class Membership:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class DeviceStability(NotebookRecord):
-    """How probably the coupling is stable: all of the uncertainty is the device's."""
+    """How probably the device renders: all of the uncertainty is the device's."""
 
     probability: float
     error: float  # Its Monte Carlo standard error, as of independent draws
     draws: int  # Devices from the posterior of the scene
     level: float  # Of the range of the margin
-    margin_lower: float  # Smallest ratio of what the device has to what the coupling needs
+    margin_lower: float  # Smallest ratio of what the device dissipates to what is asked for
     margin_upper: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Rendered(NotebookRecord):
+    """Whether the device renders one environment with every passive hand, in time."""
+
+    environment: str | None  # None for a rigid wall behind the coupling
+    coupled: bool  # Through the coupling, or directly
+    verdict: Rendering
+    reason: str  # What decides
+    needed_damping: float  # That a rigid device needs, N·s/m
+    margin: float  # Smallest ratio of what the device dissipates to what is asked for
+    binding_omega: float  # Where the margin is least, rad/s
+    by_device: DeviceStability | None = None  # None where the scene's device has no posterior
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether no passive hand makes the motion grow; None where that is undecided."""
+        return {"can": True, "cannot": False}.get(self.verdict)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Coupling(NotebookRecord):
-    """What the coupling does, with the device, over the scene's frequencies."""
+    """The coupling by the paper: Eq. 10, and its rule for boundaries.
+
+    Eq. 10 leaves out that forces alias: it does not say what a sampled loop renders. `Rendered`
+    does.
+    """
 
     stiffness: float  # Of the coupling, N/m
     damping: float  # Of the coupling, N·s/m
-    verdict: str  # Llewellyn's criterion: "stable", "marginal", "unstable" or "undecided"
-    reason: str  # Why
-    margin: float  # Smallest ratio of what the device has to what the coupling needs
-    binding_omega: float  # Where it binds, rad/s
-    required_damping: float | None  # Damping a rigid device needs, N·s/m; None for other devices
+    eq10: str  # "met", "on its limit", "not met" or "undecided", over all ω
+    eq10_reason: str
+    eq10_margin: float  # Smallest ratio of Re Z_d to what Eq. 10 asks for
+    eq10_omega: float  # Where it binds, rad/s
+    required_damping: float | None  # By Eq. 10 of a rigid device, N·s/m; None for other devices
     required_omega: float | None  # Where that need is largest, rad/s
-    omega: Array  # (M,) Frequencies of the criterion, rad/s
-    bound: Array  # (M,) The criterion's bound there
+    omega: Array  # (M,) Frequencies of Fig. 4, rad/s
+    bound: Array  # (M,) Eq. 10's bound there
     admittance: Array  # (M,) Real part of the coupling's admittance there
     memberships: tuple[Membership, ...]  # By the paper's rule, one per environment
     read_at: float  # Where single values are read, rad/s
-    by_device: DeviceStability | None = None  # None where the scene's device has no posterior
-    # Device damping that the coupling needs as a wall in time, by Colgate and Schenkel, N·s/m
-    rigid_wall_damping: float | None = None
-
-    @property
-    def stable(self) -> bool | None:
-        """Whether the coupling is stable, at its limit it is not; None where that is undecided."""
-        return {"stable": True, "marginal": False, "unstable": False}.get(self.verdict)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ConfirmedCoupling(NotebookRecord):
-    """A coupling that is stable and was found to feel real at every omega of the range."""
+    """A coupling that is stable in time and was found to feel real at every omega of the range."""
 
     stiffness: float  # k_c, N/m
     damping: float  # b_c, N·s/m
     probability: float  # That it feels real; of all together, where it is least probable
     error: float  # Its Monte Carlo standard error
     draws: int
-    #: What a coupling beyond breaks first: the criterion, or the less probable of two parts.
-    bound: Literal["stability", "magnitude", "plane"]
+    #: What a coupling beyond breaks first: stability, or the less probable of two parts. At the end
+    #: of the map nothing breaks.
+    bound: Literal["stability", "magnitude", "plane", "map"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -236,15 +242,19 @@ class EnvironmentCouplings:
     """How probably stable couplings feel real in one environment, or in all together."""
 
     name: str | None  # None for all together: the smallest of the environments' probabilities
-    stiffness: Array  # (B, K) k_c on each line of damping, up to the stable limit, N/m
-    probability: Array  # (B, K)
-    stiffest: ConfirmedCoupling | None  # None where no coupling reaches the decision
+    damping: Array  # (B,) b_c of each line, N·s/m
+    stiffness: Array  # (B, K) k_c on each line of damping, N/m
+    probability: Array  # (B, K) Zero where a coupling is not stable in time
+    limited: bool  # Whether stability ends the map; else couplings count as rigid from there on
+    outcome: Literal["some", "none", "undecided"]  # Whether couplings are admissible
+    draws: int  # Behind the map; its ends are confirmed by more
+    stiffest: ConfirmedCoupling | None  # None where no coupling surely reaches the decision
     softest: ConfirmedCoupling | None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class AdmissibleCouplings(NotebookRecord):
-    """Couplings that are stable, with the probability that they feel real.
+    """Couplings that are stable in time, with the probability that they feel real.
 
     Where the device has a posterior, with the probability that they are stable and, with the device
     at its point, feel real.
@@ -253,9 +263,7 @@ class AdmissibleCouplings(NotebookRecord):
     method: Method  # Whose draws of the users these are
     family: Family
     central: float  # Share of all users that a central range holds
-    decision: float  # A coupling is admissible from this probability on
-    draws: int  # Behind the map; its ends are confirmed by more
-    damping: Array  # (B,) b_c of each line, N·s/m
+    decision: float  # A coupling is admissible two errors above this probability
     environments: tuple[EnvironmentCouplings, ...]
     devices: int | None = None  # Behind P(stable); None where the device has no posterior
 
@@ -268,6 +276,7 @@ class ChangedVerdict:
     coupled: bool  # Whether through the scene's coupling
     probability: tuple[float, ...]  # That it feels real
     outcome: tuple[Feeling, ...]
+    rendered: tuple[bool, ...]  # Whether with every passive hand, in time
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -276,7 +285,7 @@ class OtherDevices(NotebookRecord):
 
     mass: tuple[float, ...]  # kg
     damping: tuple[float, ...]  # N·s/m
-    stable: tuple[bool, ...] | None  # Whether the coupling is; None without one
+    coupled: bool  # Whether the scene has a coupling
     verdicts: tuple[ChangedVerdict, ...]
     method: Method  # Whose draws of the users these are
     draws: int

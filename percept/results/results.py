@@ -16,7 +16,7 @@ from percept.results.coupling import (
     AdmissibleCouplings,
     Coupling,
     OtherDevices,
-    Passivity,
+    Rendered,
     Verdict,
     ZWidth,
 )
@@ -76,7 +76,7 @@ class Results:
     zoom: dict[str, tuple[float, float]]  # Window of omega of each environment's close view, rad/s
     close: tuple[Boundary, ...]  # The boundaries drawn in those windows
     verdicts: tuple[Verdict, ...]  # Empty without a device
-    passivity: tuple[Passivity, ...] | None
+    rendering: tuple[Rendered, ...] | None  # In time; None without curves
     zwidth: ZWidth | None = None  # None without a device
     coupling: Coupling | None
     band: Band | None

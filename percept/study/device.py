@@ -1,4 +1,4 @@
-"""The device with its coupling and references: what it displays, and its stability."""
+"""The device with its coupling and references: what it displays, and what the paper says of it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from percept import haptics
 from percept.boundary.users import Users
@@ -17,10 +16,8 @@ from percept.haptics.arrays import Scalars
 from percept.haptics.containment import Boxes, departures, plane_departures
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.haptics.impedance import coupling_admittance
-from percept.haptics.limits import largest_coupling_damping
-from percept.haptics.loop import Hold, hold_of
+from percept.haptics.loop import Hold
 from percept.haptics.records import AnyDevice, Display
-from percept.haptics.rendering import passivity_damping
 from percept.haptics.stability import coupling_bound
 from percept.haptics.velocity import VelocityFilter
 from percept.results import Coupling as JudgedCoupling
@@ -30,7 +27,7 @@ from percept.sessions.options import FileLimits
 from percept.sessions.quantities import is_impedance
 from percept.sessions.typed import csv_frame
 from percept.study.basics import Array, Skipped
-from percept.study.device_draws import DeviceDraws, device_draws, device_stability
+from percept.study.device_draws import DeviceDraws, device_draws
 from percept.study.regions import Region
 
 __all__ = [
@@ -60,7 +57,7 @@ _ABOUT_RESONANCE = 25
 _COMMON = (0.05, 0.95)
 #: Resonances are looked for down to this fraction of the reference's stiffness.
 _SOFTEST_RESONANCE = 0.01
-# Frequencies that Llewellyn's criterion is drawn at: enough for a line without corners.
+# Frequencies that Eq. 10 is drawn at: enough for a line without corners.
 _STABILITY_POINTS = 400
 # The criterion is drawn from here on, rad/s, or from this fraction of Nyquist if that is less.
 _LOWEST_OMEGA = 1.0
@@ -142,34 +139,6 @@ class Setup:
         """Return couplings whose damper acts on the velocity as the loop filters it."""
         return Coupling(stiffness, damping, self.velocity_filter)
 
-    def largest_coupling_damping(self) -> float:
-        """Largest b_c of a stable coupling, N·s/m; 0 where none is known."""
-        hold = self.hold
-        return largest_coupling_damping(self.device, self.period, hold, self.velocity_filter)
-
-    @property
-    def why_no_coupling(self) -> str:
-        """Why no stable coupling is known."""
-        if self.velocity_filter is not None and self.velocity_filter.order > 1:
-            return "from order 2 of the velocity filter on stiffness has a lower limit too"
-        return "no coupling is stable with this device"
-
-    @property
-    def passivity(self) -> pd.DataFrame:
-        """One-port passivity of every reference, rendered without the coupling."""
-        rows = []
-        if isinstance(self.device, Device):
-            damping = self.device.damping
-            for name, reference in self.references.items():
-                wall = dataclasses.replace(reference, velocity_filter=self.velocity_filter)
-                delay = hold_of(self.hold).delay
-                needed = passivity_damping(wall, self.period, delay=delay)
-                colgate = float(needed.colgate)
-                paper = float(needed.paper)
-                rows.append((name, colgate, paper, damping, bool(damping > colgate)))
-        columns = ["environment", "needed_colgate", "needed_paper", "device_damping", "passive"]
-        return pd.DataFrame(rows, columns=columns)
-
 
 class StiffnessSpan(NamedTuple):
     """Stiffnesses that users of one environment take for it under most draws, N/m."""
@@ -229,10 +198,10 @@ def setup_of(
         yield Skipped("boundaries of Z_h", _NO_DEVICE)
     if coupling is None:
         yield Skipped(
-            "coupling: Z_h_vc, stability and admissible couplings", "the scene has no [coupling]"
+            "coupling: Z_h_vc, Eq. 10 and admissible couplings", "the scene has no [coupling]"
         )
     elif device is None:
-        yield Skipped("coupling: Z_h_vc and stability", _NO_DEVICE)
+        yield Skipped("coupling: Z_h_vc and Eq. 10", _NO_DEVICE)
 
 
 def loop_of(table: DeviceTable) -> Loop:
@@ -255,6 +224,7 @@ def device_of(scene: Scene) -> AnyDevice | None:
     # An absolute path stays what it is.
     file = str(scene.folder / str(table.response))
     measured = read_response(file, scene.files)
+    measured = dataclasses.replace(measured, floor=table.response_floor)
     first = float(measured.omega[0])
     last = float(measured.omega[-1])
     for name in ("lower", "upper"):
@@ -298,42 +268,32 @@ def study_coupling(
     family: str,
     read_at: float,
 ) -> JudgedCoupling:
-    """Judge a coupling: Llewellyn's criterion, and the paper's rule over a range, rad/s."""
+    """Judge a coupling by the paper: Eq. 10, and its rule over a range, rad/s."""
     device = setup.device
     coupling = setup.coupling
     period = setup.period
     hold = setup.hold
     assert coupling is not None
-    verdict = haptics.absolute_stability(device, coupling, period, hold=hold)
-    reason = verdict.reason
+    criterion = haptics.absolute_stability(device, coupling, period, hold=hold)
     need = None
     if isinstance(device, haptics.Device):
         need = haptics.required_damping(coupling, period, hold=hold)
-    by_device = None
-    if setup.draws is not None:
-        by_device = device_stability(setup.draws, coupling, period, hold)
-    # With a rigid wall behind it a coupling is a wall of its stiffness and damping.
-    as_wall = Environment(coupling.stiffness, coupling.damping, 0.0, coupling.velocity_filter)
-    rigid_wall = passivity_damping(as_wall, period, delay=hold_of(hold).delay)
     memberships = []
     for region in _best_regions(setup, regions, family):
         memberships.append(_membership(setup, region, within, read_at))
     nyquist = np.pi / period
     if isinstance(device, TabulatedDevice):
         omega = device.omega[device.omega <= nyquist]
-        if verdict.verdict in ("stable", "marginal"):
-            # Eqs 9 and 10 look at real parts, and a table shows no more.
-            reason = f"The device is measured, so its poles cannot be checked. {reason}"
     else:
         lowest = min(_LOWEST_OMEGA, _LOWEST_FRACTION * nyquist)
         omega = np.geomspace(lowest, nyquist, _STABILITY_POINTS)
     return JudgedCoupling(
         stiffness=float(coupling.stiffness),
         damping=float(coupling.damping),
-        verdict=verdict.verdict,
-        reason=reason,
-        margin=float(verdict.smallest_margin),
-        binding_omega=float(verdict.binding_omega),
+        eq10=criterion.verdict,
+        eq10_reason=criterion.reason,
+        eq10_margin=float(criterion.smallest_margin),
+        eq10_omega=float(criterion.binding_omega),
         required_damping=float(need.damping) if need else None,
         required_omega=float(need.omega) if need else None,
         omega=omega,
@@ -341,8 +301,6 @@ def study_coupling(
         admittance=coupling_admittance(omega, coupling, period).real,
         memberships=tuple(memberships),
         read_at=read_at,
-        by_device=by_device,
-        rigid_wall_damping=float(rigid_wall.colgate),
     )
 
 

@@ -1,8 +1,7 @@
-"""Devices that a scene's posterior leaves likely, and how stable a coupling is with them.
+"""Devices that a scene's posterior leaves likely, and what they render with every passive hand.
 
 The posterior of `[device]` is a file of draws, or a normal law of log parameters. Of a file, draws
-in random order are taken; of a normal law, Sobol's points. A margin of stability is the smallest
-ratio over all frequencies from DC to Nyquist: a coupling is stable where it is 1 or more.
+in random order are taken; of a normal law, Sobol's points.
 """
 
 from __future__ import annotations
@@ -14,10 +13,10 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
-from percept import haptics
 from percept.errors import UsageError
-from percept.haptics import Coupling, Device, Mode
-from percept.haptics.loop import Hold
+from percept.haptics import Coupling, Device, Environment, Hold, Mode
+from percept.haptics.aliases import alias_features
+from percept.haptics.rendering import needed_damping, rendering_load
 from percept.haptics.search import search_grid
 from percept.results import DeviceStability
 from percept.scene import Scene
@@ -25,17 +24,14 @@ from percept.sessions.options import FileLimits
 from percept.sessions.typed import csv_frame
 from percept.study.basics import Array, Stream, generator
 
-__all__ = ["DeviceDraws", "device_draws", "device_stability", "smallest_margins"]
+__all__ = ["DeviceDraws", "device_draws", "device_stability", "margins_of_draws"]
 
 #: Devices drawn, at most: 20 lie beyond a limit with a tail of 0.5 %. A power of two: Sobol's
 #: points are then even.
 _COUNT = 4096
 #: Devices with modes whose margins are searched for: each takes a search over frequencies. As many
-#: independent ones tell a probability to a standard error of 0.02, and Sobol's points a better one.
-_SEARCHED = 512
-#: Devices whose resonances set the frequencies of that search. They spread over the posterior, and
-#: the frequencies of one device lie dense enough for similar ones.
-_RESOLVED = 16
+#: independent ones tell a probability to a standard error of 0.03, and Sobol's points a better one.
+_SEARCHED = 256
 #: Draws that a file needs: of one draw there is no spread.
 _FEWEST_DRAWS = 2
 #: Central share of the margins that is reported.
@@ -135,55 +131,72 @@ def _read_draws(file: str, parameters: tuple[str, ...], limits: FileLimits) -> A
     return np.column_stack(columns)
 
 
-def smallest_margins(draws: DeviceDraws, coupling: Coupling, period: float, hold: Hold) -> Array:
-    """Return the smallest margin of each device with a coupling, from DC to Nyquist.
+def margins_of_draws(
+    draws: DeviceDraws,
+    environment: Environment | None,
+    coupling: Coupling | None,
+    period: float,
+    delay: float,
+) -> Array:
+    """Return what each device dissipates over what is asked for, at its least.
 
     Parameters
     ----------
     draws : DeviceDraws
         N devices.
-    coupling : Coupling
-        One.
+    environment : Environment or None
+        None for a rigid wall behind the coupling.
+    coupling : Coupling or None
+        None where the environment is rendered directly.
     period : float
         s.
-    hold : Hold
-        With the loop's delay.
+    delay : float
+        Of the loop, in samples.
 
     Returns
     -------
     ndarray, shape (N,)
-        Ratios: at least 1 is stable. All rigid devices are judged, exactly. Of devices with modes
-        the first 512 are, at the frequencies that resolve the modes of the first 16.
+        Ratios: above 1 the device renders with every passive hand. All rigid devices are judged,
+        exactly. Of devices with modes the first 256 are, each on frequencies of its own.
     """
-    if not draws.stacked.modes:
-        needed = haptics.required_damping(coupling, period, hold=hold).damping
-        with np.errstate(divide="ignore"):
-            return np.asarray(draws.stacked.damping / np.float64(needed))
+    needed = needed_damping(environment, period, coupling=coupling, delay=delay).damping
+    damping = np.asarray(draws.stacked.damping)
+    with np.errstate(divide="ignore"):
+        margins = np.asarray(damping / np.float64(needed))
+    if not draws.stacked.modes or np.isinf(needed):
+        return margins
     searched = draws.first(_SEARCHED)
-    resolved = range(min(_RESOLVED, searched.count))
-    grids = [search_grid(searched.device(index), period, hold) for index in resolved]
-    omega = np.unique(np.concatenate(grids))
-    devices = searched.stacked
-    margins = haptics.stability_margin(omega[:, None], devices, coupling, period, hold=hold)
-    return np.asarray(margins.min(axis=0))
+    margins = margins[: searched.count]
+    even = search_grid(Device(0.0, 0.0), period, Hold("true", delay))
+    for index in range(searched.count):
+        device = searched.device(index)
+        omega = np.union1d(even, alias_features(device, period))
+        load = rendering_load(omega, device, environment, period, coupling=coupling, delay=delay)
+        # Modes only add to what the damping dissipates.
+        margins[index] = max(margins[index], 1.0 / max(float(load.max()), np.finfo(float).tiny))
+    return margins
 
 
 def device_stability(
-    draws: DeviceDraws, coupling: Coupling, period: float, hold: Hold
+    draws: DeviceDraws,
+    environment: Environment | None,
+    coupling: Coupling | None,
+    period: float,
+    delay: float,
 ) -> DeviceStability:
-    """Say how probably a coupling is stable, given what is known of the device.
+    """Say how probably a device renders, given what is known of it.
 
-    Parameters as in `smallest_margins`.
+    Parameters as in `margins_of_draws`.
 
     Returns
     -------
     DeviceStability
         Its probability and the range of the margin.
     """
-    margins = smallest_margins(draws, coupling, period, hold)
+    margins = margins_of_draws(draws, environment, coupling, period, delay)
     tail = 0.5 * (1.0 - _LEVEL)
     lower, upper = np.quantile(margins, [tail, 1.0 - tail])
-    stable = int(np.count_nonzero(margins >= 1.0))
+    stable = int(np.count_nonzero(margins > 1.0))
     # Laplace's rule of succession: one stable and one unstable device more are counted for the
     # error, which a share of 0 or 1 would not have otherwise.
     hedged = (stable + 1) / (margins.size + 2)

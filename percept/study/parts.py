@@ -22,6 +22,7 @@ from percept.results import (
     Coupling,
     IntervalRow,
     OtherDevices,
+    Rendered,
     Verdict,
 )
 from percept.results.fields import Family, Method
@@ -32,6 +33,7 @@ from percept.study.anova import ByLevel, by_level
 from percept.study.band import Banded, band_study, with_band
 from percept.study.basics import FAMILIES, Skipped, analysed_parameters, referenced, results, select
 from percept.study.boundaries import JOINTS, BoundaryDrawing, increasing, zoom_windows
+from percept.study.coupling_map import coupling_map, no_coupling_map
 from percept.study.device import Setup, device_of, setup_of, study_coupling
 from percept.study.intervals import (
     COLUMNS,
@@ -41,14 +43,10 @@ from percept.study.intervals import (
     classical_rows,
     compare_intervals,
 )
-from percept.study.maps import (
-    coupling_map,
-    no_coupling_map,
-    no_other_devices,
-    other_devices,
-)
+from percept.study.other_devices import no_other_devices, other_devices
 from percept.study.psychophysics import Psychophysics
 from percept.study.regions import Law, Region, SubjectPairs, laws_of, regions_of, subject_pairs
+from percept.study.rendering import study_rendering
 from percept.study.responses import references, refuse_lone_subject
 from percept.study.verdicts import (
     Subjects,
@@ -325,7 +323,7 @@ class Parts:
 
     @cached_property
     def coupling(self) -> Coupling | None:
-        """Stability of the coupling, and the paper's rule; None without device and coupling."""
+        """The coupling by the paper, Eq. 10 and its rule; None without device and coupling."""
         setup = next(iter(results(self._setup)), None)
         if setup is None or setup.coupling is None:
             return None
@@ -333,17 +331,17 @@ class Parts:
         family = self.scene.inference.family
         return study_coupling(setup, self.regions, self.within, family=family, read_at=read_at)
 
-    @property
-    def passivity(self) -> pd.DataFrame | None:
-        """Whether each reference is passive without the coupling; None without a device."""
-        return None if self.setup is None else self.setup.passivity
+    @cached_property
+    def rendering(self) -> tuple[Rendered, ...]:
+        """What the device renders with every passive hand; empty without a device."""
+        return () if self.setup is None else study_rendering(self.setup)
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
         """Whether each environment feels real, directly and coupled; empty without a device."""
         if self.setup is None:
             return ()
-        stable = self.coupling.stable if self.coupling is not None else None
+        stable = {(row.environment, row.coupled): row.stable for row in self.rendering}
         judged = study_verdicts(self.setup, self.users, self.subjects, self.scene, stable=stable)
         if not self.sessions.slips:
             return tuple(judged)

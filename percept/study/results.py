@@ -29,7 +29,6 @@ from percept.results import (
     NormalityTest,
     Note,
     Nouns,
-    Passivity,
     Prior,
     Provenance,
     Results,
@@ -80,7 +79,7 @@ def compute(
     for name, (low, high) in windows.items():
         omega = np.linspace(low, high, _CLOSE_POINTS)
         close += parts.boundaries_at(omega, (name,), kinds=(close_kind,), joints=_CLOSE_JOINTS)
-    step("judging the coupling")
+    step("judging what can be rendered")
     coupling = parts.coupling if curves else None
     step("judging what feels real")
     verdicts = parts.verdicts if curves else ()
@@ -112,7 +111,7 @@ def compute(
         zoom=windows,
         close=tuple(close),
         verdicts=verdicts,
-        passivity=rows(Passivity, parts.passivity) if curves else None,
+        rendering=parts.rendering if curves else None,
         zwidth=study_zwidth(parts.setup) if curves else None,
         coupling=coupling,
         band=record(Band, band),

@@ -1,25 +1,25 @@
-"""Which couplings are stable, with the scene's device or with how many of its posterior."""
+"""Which couplings are stable in time, for some environments, with the device or its posterior."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from percept.boundary.feels_real import share_error
-from percept.haptics import Coupling, absolute_stability
-from percept.haptics.limits import largest_coupling_damping, stable_stiffness
-from percept.haptics.records import AnyDevice
+from percept.haptics import Coupling, Device, Environment
+from percept.haptics.rendering import needed_damping, rendering_margins
 from percept.study.basics import Array
 from percept.study.device import Setup
 
-__all__ = ["Chance", "StableCouplings", "is_stable"]
+__all__ = ["Chance", "StableCouplings"]
 
-#: Devices of a posterior behind a map: a probability of 0.95 is known to 0.03, or better by an
-#: even net.
-_DEVICES = 64
-#: Dampings at which the devices' limits are worked out; between them limits are interpolated.
-_KNOTS = 65
+#: A coupling that needs as many times what the environments need directly shows itself by a tenth
+#: at most: it counts as rigid.
+_RIGID = 10.0
+#: Halvings of a line: its limit is known to a part in 10⁸ of its range.
+_HALVINGS = 27
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,76 +28,106 @@ class Chance:
 
     probability: float
     error: float  # Its standard error, as of independent devices
-    nearness: float  # Its stiffness over the limit
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StableCouplings:
-    """Limits of stable stiffness by damping, of one device or of N.
-
-    Of one device the limits are exact, and every coupling below is stable with certainty.
-    """
+    """Couplings through which the device renders some environments with every passive hand."""
 
     setup: Setup
-    largest_damping: float  # N·s/m, from which on no coupling is stable with any device
-    knots: Array  # (B,) N·s/m; empty for one device
-    limits: Array  # (N, B) N/m
+    environments: tuple[str, ...]
+    rigid: float  # N·s/m, the coupling's k_cT/2 + b_c from which on it counts as rigid
 
     @classmethod
-    def of(cls, setup: Setup) -> StableCouplings:
-        """Work out the limits with the device, or with the first of the draws."""
-        devices: list[AnyDevice] = [setup.device]
-        if setup.draws is not None:
-            count = min(_DEVICES, setup.draws.count)
-            devices = [setup.draws.device(index) for index in range(count)]
-        loop = setup.period, setup.hold, setup.velocity_filter
-        largest = max(largest_coupling_damping(device, *loop) for device in devices)
-        if setup.draws is None or not largest:
-            return cls(setup, largest, np.empty(0), np.empty((0, 0)))
-        knots = np.linspace(0.0, largest, _KNOTS)
-        limits = np.array([stable_stiffness(device, knots, *loop) for device in devices])
-        return cls(setup, largest, knots, limits)
+    def of(cls, setup: Setup, environments: Sequence[str]) -> StableCouplings:
+        """Prepare environments; the largest of the study sets where couplings count as rigid."""
+        largest = max(_at_nyquist(setup, shown) for shown in setup.references.values())
+        used = 0.0
+        if setup.coupling is not None:
+            used = _at_nyquist(setup, setup.coupling)
+        return cls(setup, tuple(environments), max(_RIGID * largest, 2.0 * used))
 
     @property
     def devices(self) -> int | None:
         """Number of devices from a posterior; None without one."""
-        return len(self.limits) or None
-
-    def limit(self, damping: Array) -> Array:
-        """Return the largest stiffness that is stable with any device, N/m, of damping's shape."""
-        if not self.knots.size:
-            setup = self.setup
-            loop = setup.period, setup.hold, setup.velocity_filter
-            return stable_stiffness(setup.device, damping, *loop)
-        return np.interp(damping, self.knots, self.limits.max(axis=0))
+        return None if self.setup.draws is None else self.setup.draws.count
 
     def probability(self, stiffness: Array, damping: Array) -> Array:
-        """Return the probability that couplings (C,) below the limit are stable, (C,)."""
-        if not self.knots.size:
-            return np.ones(stiffness.shape)
-        stable = np.zeros(stiffness.shape)
-        for limits in self.limits:
-            stable += stiffness <= np.interp(damping, self.knots, limits)
-        return stable / len(self.limits)
+        """Return the probability that couplings (C,) are stable, (C,): 0 or 1 for one device.
+
+        Of a posterior's devices with modes the damping alone counts: that is on the safe side.
+        """
+        couplings = self.setup.coupling_of(stiffness, damping)
+        likely = np.ones(stiffness.shape)
+        device = self.setup.device
+        if self.setup.draws is None and (not isinstance(device, Device) or device.modes):
+            for margins in self._of_each(couplings, self._margins):
+                likely = np.minimum(likely, margins > 1.0)
+            return likely
+        dampings = np.atleast_1d(np.asarray(getattr(device, "damping", 0.0)))
+        if self.setup.draws is not None:
+            dampings = np.sort(np.asarray(self.setup.draws.stacked.damping))
+        for needed in self._of_each(couplings, self._needed):
+            below = np.searchsorted(dampings, needed, side="right")
+            likely = np.minimum(likely, 1.0 - below / dampings.size)
+        return likely
 
     def chance(self, coupling: Coupling) -> Chance:
-        """Return the probability that one coupling below the limit is stable."""
-        stiffness = np.atleast_1d(coupling.stiffness)
-        damping = np.atleast_1d(coupling.damping)
-        probability = float(self.probability(stiffness, damping)[0])
+        """Return the probability that one coupling is stable."""
+        some = np.atleast_1d(coupling.stiffness), np.atleast_1d(coupling.damping)
+        probability = float(self.probability(*some)[0])
         # One device is exact.
         error = share_error(probability, self.devices) if self.devices else 0.0
-        nearness = float(stiffness[0] / self.limit(damping)[0])
-        return Chance(probability, error, nearness)
+        return Chance(probability, error)
 
-    def allows(self, coupling: Coupling, decision: float) -> bool:
-        """Whether a coupling is stable, or probably enough."""
-        if not self.knots.size:
-            return is_stable(self.setup, coupling)
-        return self.chance(coupling).probability >= decision
+    def largest_damping(self) -> float:
+        """Return the largest b_c that is stable without a spring, N·s/m; 0 without any."""
+        top = np.array([self.rigid])
+        return float(_limit(lambda part: self.probability(0.0 * top, part * top))[0] * top[0])
+
+    def limit(self, damping: Array) -> Array:
+        """Return the largest stiffness beside each damping that may be stable, N/m.
+
+        It ends where couplings count as rigid.
+        """
+        top = np.maximum(self.rigid - damping, 0.0) * (2.0 / self.setup.period)
+        return top * _limit(lambda part: self.probability(part * top, damping))
+
+    def _of_each(self, couplings: Coupling, judge: Callable[[str, Coupling], Array]) -> list[Array]:
+        return [judge(environment, couplings) for environment in self.environments]
+
+    def _needed(self, environment: str, couplings: Coupling) -> Array:
+        """Return the damping that a rigid device needs, N·s/m."""
+        setup = self.setup
+        shown = setup.display(environment, coupled=True).environment
+        delay = setup.hold.delay
+        needed = needed_damping(shown, setup.period, coupling=couplings, delay=delay)
+        return np.asarray(needed.damping)
+
+    def _margins(self, environment: str, couplings: Coupling) -> Array:
+        setup = self.setup
+        shown = setup.display(environment, coupled=True).environment
+        delay = setup.hold.delay
+        return rendering_margins(setup.device, shown, setup.period, coupling=couplings, delay=delay)
 
 
-def is_stable(setup: Setup, coupling: Coupling) -> bool:
-    """Whether a coupling is stable with the device at its point."""
-    stability = absolute_stability(setup.device, coupling, setup.period, hold=setup.hold)
-    return stability.verdict == "stable"
+def _at_nyquist(setup: Setup, shown: Environment | Coupling) -> float:
+    """Return what a spring and a damper ask for at Nyquist, N·s/m."""
+    return float(0.5 * shown.stiffness * setup.period + shown.damping)
+
+
+def _limit(probability: Callable[[Array], Array]) -> Array:
+    """Return the largest part of each line, 0 to 1, that may be stable, by halving.
+
+    1 where all of it is, 0 where not even its beginning.
+    """
+    none = np.zeros_like(probability(np.array(1.0)))
+    inside = none
+    outside = none + 1.0
+    whole = probability(outside) > 0.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (inside + outside)
+        some = probability(middle) > 0.0
+        inside = np.where(some, middle, inside)
+        outside = np.where(some, outside, middle)
+    return np.where(whole, 1.0, inside)

@@ -12,7 +12,7 @@ import pandas as pd
 from percept.boundary.band import BandStudy
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import fields_html
-from percept.results import Band, Boundary, Coupling, IntervalRow, Results, Verdict
+from percept.results import Band, Boundary, Coupling, IntervalRow, Rendered, Results, Verdict
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study.basics import Skipped, results, select
@@ -220,7 +220,7 @@ class Study:
 
     @property
     def coupling(self) -> Coupling:
-        """Stability of the coupling, and the paper's rule; RefusalError without a coupling."""
+        """The coupling by the paper, Eq. 10 and its rule; RefusalError without a coupling."""
         if self.parts.coupling is None:
             skipped = self.parts.skipped_before_curves
             why = next((part.why for part in skipped if part.what.startswith("coupling")), "")
@@ -229,6 +229,11 @@ class Study:
                 hint="Give the scene a [device] and a [coupling].",
             )
         return self.parts.coupling
+
+    @property
+    def rendering(self) -> tuple[Rendered, ...]:
+        """What the device renders with every passive hand, in time; empty without a device."""
+        return self.parts.rendering
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -336,7 +341,7 @@ class Study:
         return plot_band(band, data, parameter, family=self.scene.inference.family, ax=ax)
 
     def plot_coupling(self, *, ax: Any = None) -> Any:
-        """Plot the stability criterion of the coupling (Eq. 10) over omega, rad/s."""
+        """Plot the paper's criterion for the coupling (Eq. 10) over omega, rad/s."""
         from percept.plots import plot_coupling
 
         return plot_coupling(self.coupling, ax=ax)

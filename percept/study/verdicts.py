@@ -20,6 +20,7 @@ from percept.boundary.feels_real import CENTRALS, Evidence, feels_real, search_g
 from percept.boundary.users import Users
 from percept.errors import RefusalError
 from percept.haptics import TabulatedDevice
+from percept.haptics.records import Display
 from percept.inference.classical.fiducial import fiducial_draws
 from percept.inference.classical.moments import Moments
 from percept.inference.hierarchy.product import pooled_parts
@@ -37,7 +38,7 @@ from percept.sessions import Sessions
 from percept.study.basics import Array, Stream, generator
 from percept.study.deciding import more_subjects
 from percept.study.device import Setup
-from percept.study.device_draws import smallest_margins
+from percept.study.device_draws import margins_of_draws
 from percept.study.intervals import Cell
 from percept.study.regions import SubjectPairs
 
@@ -236,11 +237,11 @@ def study_verdicts(
     subjects: Mapping[str, Subjects],
     scene: Scene,
     *,
-    stable: bool | None,
+    stable: Mapping[tuple[str | None, bool], bool | None],
 ) -> Iterator[Verdict]:
     """Judge every reference, directly and through the coupling, at every ω of the scene's range.
 
-    `stable` is the coupling's verdict, None where it is undecided.
+    `stable` says by environment, and whether through the coupling, if it can be rendered.
     """
     within = scene.frequency.lower, scene.frequency.upper
     renderings = [False]
@@ -260,8 +261,9 @@ def study_verdicts(
                 judged, evidence = _by_posterior(
                     setup, environment, of_users, scene, coupled=coupled
                 )
-                if coupled:
-                    together = _stable_and_real(judged, evidence, stable=stable)
+                shown = judged.display(environment, coupled=coupled)
+                renders = stable.get((environment, coupled))
+                together = _stable_and_real(judged, shown, evidence, stable=renders)
             parts = None
             if of_subjects is not None and scene.inference.method != "bayesian":
                 parts = of_subjects.confidence(setup, environment, scene, omega, coupled=coupled)
@@ -387,17 +389,20 @@ def _reported(found: Evidence, decision: float, subjects: int) -> PosteriorEvide
     )
 
 
-def _stable_and_real(setup: Setup, found: Evidence, *, stable: bool | None) -> float | None:
-    """Return the probability that the coupling is stable and feels real.
+def _stable_and_real(
+    setup: Setup, shown: Display, found: Evidence, *, stable: bool | None
+) -> float | None:
+    """Return the probability that a display is stable in time and feels real.
 
     Of a device that is a posterior's draws by these; else None where stability is undecided.
     """
-    if setup.draws is None or setup.coupling is None:
+    if setup.draws is None:
         return None if stable is None else found.probability * stable
-    margins = smallest_margins(setup.draws, setup.coupling, setup.period, setup.hold)
+    rendered = shown.environment, shown.coupling
+    margins = margins_of_draws(setup.draws, *rendered, setup.period, setup.hold.delay)
     # Of devices with modes fewer have a margin than there are draws.
     judged = min(margins.size, found.draws)
-    both = found.real[:judged] & (margins[:judged] >= 1.0)
+    both = found.real[:judged] & (margins[:judged] > 1.0)
     return float(both.mean())
 
 

@@ -1,4 +1,4 @@
-"""What a device renders stably, directly and through a coupling: its Z-width."""
+"""What a device renders with every passive hand, in time: its Z-width."""
 
 from __future__ import annotations
 
@@ -7,11 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from percept.haptics import Device, Environment
-from percept.haptics.limits import StableRegion
-from percept.haptics.loop import hold_of
 from percept.haptics.records import AnyDevice
-from percept.haptics.rendering import coupled_region, direct_region
-from percept.haptics.search import covers_range
+from percept.haptics.rendering import can_render, rendered_region
 from percept.results import RenderedEdge, RenderedWall, ZWidth
 from percept.study.device import Loop, Setup
 from percept.study.device_draws import DeviceDraws
@@ -23,10 +20,10 @@ _LIKELY = 0.95
 
 
 def study_zwidth(setup: Setup | None) -> ZWidth | None:
-    """Return what the device of a study renders stably; None without a device."""
+    """Return what the device of a study renders; None without a device."""
     if setup is None:
         return None
-    loop = Loop(hold_of(setup.hold), setup.velocity_filter)
+    loop = Loop(setup.hold, setup.velocity_filter)
     return z_width(setup.device, setup.period, loop, setup.references, setup.draws)
 
 
@@ -37,19 +34,18 @@ def z_width(
     references: Mapping[str, Environment],
     draws: DeviceDraws | None = None,
 ) -> ZWidth:
-    """Return the edges of what a device renders stably.
+    """Return the edge of what a device renders with every passive hand.
 
     Parameters
     ----------
     device : Device or TabulatedDevice
-        A table tells nothing of direct rendering: no damping of it holds above Nyquist.
+        A table tells nothing where it begins late, or states no floor above its end.
     period : float
         Sampling period T, s.
     loop : Loop
-        Its delay and its filter count both ways, the kind of hold with a coupling alone. From the
-        second order of the filter on the edge of stable couplings is not known.
+        Its delay and its filter count; the kind of its hold does not.
     references : mapping
-        Environments to show beside the edges, by name.
+        Environments to show beside the edge, by name.
     draws : DeviceDraws, optional
         Of the device's posterior.
 
@@ -61,49 +57,28 @@ def z_width(
     walls = []
     for name, wall in references.items():
         walls.append(RenderedWall(name, float(wall.stiffness), float(wall.damping)))
-    likely_direct = None
-    likely_coupled = None
+    likely = None
     if draws is not None:
-        # Both edges widen with the damping: what it reaches in 95 % of devices tells all.
+        # The edge widens with the damping: what it reaches in 95 % of devices tells all.
         damping = float(np.quantile(draws.stacked.damping, 1.0 - _LIKELY))
-        likely = Device(0.0, damping)
-        likely_direct = _direct_edge(likely, period, loop)
-        if not draws.stacked.modes:
-            likely_coupled = _coupled_edge(likely, period, loop)
+        likely = _edge(Device(0.0, damping), period, loop)
+    # Of nothing to render only a table can leave something open.
+    known = can_render(device, Environment(0.0, 0.0), period).verdict == "can"
     return ZWidth(
-        direct=_direct_edge(device, period, loop),
-        coupled=_coupled_edge(device, period, loop),
+        edge=_edge(device, period, loop) if known else None,
         references=tuple(walls),
-        likely_direct=likely_direct,
-        likely_coupled=likely_coupled,
+        likely=likely,
     )
 
 
-def _direct_edge(device: AnyDevice, period: float, loop: Loop) -> RenderedEdge | None:
-    """Return what is passive when it is rendered directly; flexible modes are, like a hand."""
-    if not isinstance(device, Device):
-        return None
-    damping = float(device.damping)
-    velocity_filter = loop.velocity_filter
-    region = direct_region(damping, period, delay=loop.hold.delay, velocity_filter=velocity_filter)
-    return _edge(region)
-
-
-def _coupled_edge(device: AnyDevice, period: float, loop: Loop) -> RenderedEdge | None:
-    """Return the edge of stable couplings, where it is known."""
-    velocity_filter = loop.velocity_filter
-    known_filter = velocity_filter is None or velocity_filter.order == 1
-    if not known_filter or not covers_range(device, period):
-        return None
-    return _edge(coupled_region(device, period, loop.hold, velocity_filter))
-
-
-def _edge(region: StableRegion) -> RenderedEdge:
-    """Return an edge without the corner at the origin."""
+def _edge(device: AnyDevice, period: float, loop: Loop) -> RenderedEdge:
+    region = rendered_region(
+        device, period, delay=loop.hold.delay, velocity_filter=loop.velocity_filter
+    )
     stiffest = int(region.stiffness.argmax())
     return RenderedEdge(
-        stiffness=region.stiffness[:-1],
-        damping=region.damping[:-1],
+        stiffness=region.stiffness,
+        damping=region.damping,
         stiffest=float(region.stiffness[stiffest]),
         stiffest_damping=float(region.damping[stiffest]),
         most_damping=float(region.damping.max()),

@@ -18,7 +18,7 @@ from percept.haptics import (
     required_damping,
 )
 from percept.haptics.limits import best_coupling_damping
-from percept.haptics.rendering import passivity_damping
+from percept.haptics.rendering import can_render, needed_damping
 from reports.hbfd.devices import (
     DAMPINGS,
     MASSES,
@@ -43,6 +43,7 @@ from reports.hbfd.published import (
 from reports.hbfd.squares import cells, envelope_squares, felt_square, rendered_square, share
 
 _SAME = 1e-9  # Relative difference of two ways to one number
+_NEAR = 0.01  # Relative difference of stiffness that nobody feels
 # Multiples of the tuned coupling: so far that what is left falls in proportion.
 _ONCE = 1e3
 _TWICE = 1e6
@@ -73,8 +74,25 @@ def poles_unseen(published: Published) -> Evidence:
     mirrored = b + k * published.period
     pole = b / mirrored if mirrored > b else 0.0
     other = mirrored / b if mirrored > b else 0.0
-    cases = [pole <= 1, other <= 1]
-    return evidence(cases, k=k / 1e3, b=b, mirrored=mirrored, pole=pole, other=other)
+    # Eq. 10 is met at its limit, and a sampled loop asks for more against a rigid wall.
+    met = published.needed(published.tuned)
+    in_time = _rigid_wall(published, published.tuned)
+    cases = [pole <= 1, other <= 1, in_time <= met]
+    return evidence(
+        cases,
+        k=k / 1e3,
+        b=b,
+        mirrored=mirrored,
+        pole=pole,
+        other=other,
+        met=met,
+        in_time=in_time,
+    )
+
+
+def _rigid_wall(published: Published, coupling: Coupling) -> float:
+    """Return the device damping that a coupling needs in time, a rigid wall behind it, N·s/m."""
+    return float(needed_damping(None, published.period, coupling=coupling).damping)
 
 
 def one_coupling(published: Published) -> Evidence:
@@ -111,13 +129,77 @@ def _stable_with(published: Published, coupling: Coupling) -> Evidence:
     needed = float(required.damping)
     omega = float(required.omega)
     best, least = best_coupling_damping(float(coupling.stiffness), published.period)
-    return evidence(needed <= DAMPINGS, needed=needed, omega=omega, best=best, least=least)
+    in_time = published.rendered(coupling)
+    rendered = [name for name, damping in in_time.items() if damping < needed]
+    return evidence(
+        needed <= DAMPINGS,
+        needed=needed,
+        omega=omega,
+        best=best,
+        least=least,
+        rigid=_rigid_wall(published, coupling),
+        in_time=in_time,
+        rendered=rendered,
+    )
 
 
 def worst_case(published: Published) -> Evidence:
     """Say why nobody can judge that a worst-case design made the system unstable."""
-    stability = absolute_stability(published.device, THEORETICAL, published.period)
-    return undecided(margin=stability.smallest_margin, omega=stability.binding_omega)
+    criterion = absolute_stability(published.device, THEORETICAL, published.period)
+    in_time = published.rendered(THEORETICAL)
+    return undecided(
+        margin=criterion.smallest_margin,
+        omega=criterion.binding_omega,
+        average=published.needed(),
+        rigid=_rigid_wall(published, THEORETICAL),
+        in_time=in_time,
+        most=max(in_time.values()),
+    )
+
+
+def friction_ignored(published: Published) -> Evidence:
+    """Say what friction and an operator could do to a loop."""
+    grows = []
+    for wall in published.walls:
+        found = can_render(
+            published.device, wall.environment, published.period, coupling=THEORETICAL
+        )
+        if found.verdict == "cannot":
+            grows.append(wall.name)
+    return undecided(grows=grows, most=max(published.rendered(THEORETICAL).values()))
+
+
+def stability_costs(published: Published) -> Evidence:
+    """Judge whether what makes the loop stabler makes the display less transparent."""
+    wall = published.softest_first[-1]
+    undamped = Coupling(THEORETICAL.stiffness, 0.0)
+    needed = []
+    felt = []
+    for coupling in (THEORETICAL, published.tuned, undamped):
+        needed.append(published.rendered(coupling)[wall.name])
+        felt.append(published.through_coupling(wall, coupling)[0])
+    before, softer, less_damped = needed
+    stiff, soft, same = felt
+    # The same stiffness from less damping is stabler, and no less transparent in it.
+    keeps_stiffness = less_damped < before and same >= stiff * (1 - _NEAR)
+    return evidence(
+        [softer < before and soft < stiff, not keeps_stiffness],
+        wall=wall.name,
+        before=before,
+        softer=softer,
+        less_damped=less_damped,
+        stiff=stiff,
+        soft=soft,
+        same=same,
+    )
+
+
+def perception_limited(published: Published) -> Evidence:
+    """Say why a reference outside its own limits shows no limit of perception."""
+    wall, _ = published.drawn[-1]
+    low, high = wall.stiffness
+    width = (high - low) / wall.k
+    return undecided(wall=wall.name, high=high, above=wall.k / high - 1, width=width)
 
 
 def coupling_to_infinity(published: Published) -> Evidence:
@@ -158,16 +240,17 @@ def _largest_gap(published: Published, times: float) -> float:
 def direct_rendering(published: Published) -> Evidence:
     """Judge stable interaction with the reference without a coupling."""
     device_damping = float(published.device.damping)
+    directly = published.rendered()
     passive = []
     each = {}
     paper = []
     radii = {}
     for wall in published.walls:
-        colgate, of_paper = passivity_damping(wall.environment, published.period)
-        each[wall.name] = float(colgate)
-        paper.append(float(of_paper))
+        each[wall.name] = directly[wall.name]
+        # Re Z_h of Eqs 7, 8 and 13 is least at DC.
+        paper.append(wall.k * published.period / 2 - wall.b)
         radii[wall.name] = _pole_radius(published, wall)
-        if device_damping > colgate:
+        if device_damping > each[wall.name]:
             passive.append(wall.name)
     cases = [name in passive for name in each]
     # Stable with every passive hand, and stable without one.

@@ -270,15 +270,23 @@ def window_suffices(published: Published) -> Evidence:
 
 
 def like_shapes(published: Published) -> Evidence:
-    """Judge whether higher impedance means a higher curve throughout."""
+    """Judge whether higher impedance means higher curves throughout, all four of a panel."""
     period = published.period
     drawn = [wall for wall, _ in published.drawn]
     drawn.sort(key=lambda wall: wall.k)
-    squares = [felt_square(published.device, wall.environment, period) for wall in drawn]
+    squares = []
+    for wall in drawn:
+        squares.append(
+            felt_square(published.device, wall.environment, period, coupling=published.tuned)
+        )
+        for environment in (wall.environment, wall.lower, wall.upper):
+            squares.append(felt_square(published.device, environment, period))
     edges, middles = cells(squares, *published.span, period)
-    felt = np.array([published.felt(middles, wall.environment) for wall in drawn])
-    steps = np.diff(felt, axis=0)
-    ordered = np.asarray((steps > 0).all(axis=0))
+    lines = [curves(published, wall, middles) for wall in drawn]
+    ordered = np.ones(middles.size, dtype=bool)
+    for name in ("lower", "upper", "direct", "coupled"):
+        steps = np.diff([getattr(one, name) for one in lines], axis=0)
+        ordered &= (steps > 0).all(axis=0)
     first_unordered = int(np.append(ordered, False).argmin())
     return evidence(
         ordered,

@@ -1,8 +1,7 @@
-"""What depends on the device: readings of Fig. 7, and couplings that suit environments.
+"""What depends on the device: readings of Fig. 7.
 
 The mass and the damping of the device behind the figures were never published. So each reading is
-tried on a grid of devices that a hand can move. Couplings that are stable and keep an environment
-real for the next user are the paper's future work.
+tried on a grid of devices that a hand can move.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from percept.haptics import (
     environment_impedance,
     magnitude_envelope,
 )
-from percept.haptics.design import CouplingDesign, EnvironmentBoundary, design_couplings
 from reports.hbfd.published import LOOKED_AT, Array, Published, Wall
 from reports.hbfd.squares import cells, felt_square, share
 
@@ -263,39 +261,6 @@ def largest(true_at: Callable[[Array], BoolArray], candidates: Array) -> float |
         else:
             high = middle
     return low
-
-
-@dataclass(frozen=True, eq=False)
-class Adapted:
-    """The couplings that suit each environment on one device, and any that suits all."""
-
-    device: Device
-    design: CouplingDesign  # In the order of Table 1
-    static: tuple[bool, ...]  # By environment, whether the paper's tuned coupling is among them
-
-
-def next_user_boundaries(published: Published) -> tuple[EnvironmentBoundary, ...]:
-    """Return the limits of each environment: prediction intervals of the next user."""
-    boundaries = []
-    for wall, (k, b) in zip(published.walls, published.next_user, strict=True):
-        boundaries.append(EnvironmentBoundary(wall.environment, k, b))
-    return tuple(boundaries)
-
-
-def adapted_couplings(published: Published) -> Adapted:
-    """Return the couplings that are stable and inside at every ω, on the device Fig. 4 implies."""
-    device = Device(published.device.mass, published.needed())
-    boundaries = next_user_boundaries(published)
-    span = published.span
-    period = published.period
-    design = design_couplings(device, boundaries, span, period)
-    line = np.array([float(published.tuned.damping)])
-    of_tuned_damping = design_couplings(device, boundaries, span, period, damping=line)
-    static = []
-    for region in of_tuned_damping.each:
-        ranges = region.intervals[0].tolist()
-        static.append(any(low <= published.tuned.stiffness <= high for low, high in ranges))
-    return Adapted(device, design, tuple(static))
 
 
 def environments_inside(published: Published, mass: Array, damping: Array) -> NDArray[np.int64]:

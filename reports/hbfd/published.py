@@ -21,6 +21,7 @@ from percept.haptics import (
     perceived_impedance,
     required_damping,
 )
+from percept.haptics.rendering import needed_damping
 from percept.inference import prediction_interval
 from percept.scene import Scene
 from percept.sessions import read_sessions
@@ -163,6 +164,14 @@ class Published:
         upper = np.asarray(limits.upper)
         return np.stack([lower, upper], axis=-1)
 
+    def rendered(self, coupling: Coupling | None = None) -> dict[str, float]:
+        """Return the device damping that each environment needs in time, N·s/m."""
+        needed = {}
+        for wall in self.walls:
+            rendering = needed_damping(wall.environment, self.period, coupling=coupling)
+            needed[wall.name] = float(rendering.damping)
+        return needed
+
     def needed(self, coupling: Coupling = THEORETICAL) -> float:
         """Return the damping a rigid device needs to carry a coupling (Eq. 10), N·s/m."""
         return float(required_damping(coupling, self.period).damping)
@@ -181,9 +190,10 @@ class Published:
         z_h = perceived_impedance(omega, device, environment, self.period, coupling=coupling)
         return np.abs(z_h)
 
-    def through_coupling(self, wall: Wall) -> tuple[float, float]:
-        """Return k and b of a reference through the tuned coupling, at `LOOKED_AT`."""
-        k, b = effective_impedance(LOOKED_AT, wall.environment, self.tuned, self.period)
+    def through_coupling(self, wall: Wall, coupling: Coupling | None = None) -> tuple[float, float]:
+        """Return k and b of a reference through a coupling, the tuned one, at `LOOKED_AT`."""
+        joined = coupling or self.tuned
+        k, b = effective_impedance(LOOKED_AT, wall.environment, joined, self.period)
         return float(k), float(b)
 
     @property

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup, escape
 
-from percept.haptics import Coupling, Device
+from percept.haptics import Device
 from percept.inference import prediction_interval, tolerance_interval
 from percept.provenance import made_by
 from percept.report.figures.output import draw_all
@@ -22,13 +22,12 @@ from percept.results.plain import dumps, plain
 from percept.sessions.quantities import IMPEDANCE
 from reports.command import write_page
 from reports.hbfd.claims_table import limits_printed
-from reports.hbfd.devices import Adapted, adapted_couplings
 from reports.hbfd.figures import drawings
 from reports.hbfd.judging import Claim, Verdict, judge_all, misprints
 from reports.hbfd.published import Published
 
 PAGE = "reproduction.html"
-_SCHEMA = "percept-reproduction/3"
+_SCHEMA = "percept-reproduction/4"
 _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib")
 
 
@@ -62,26 +61,6 @@ class _Row:
 
 
 @dataclass(frozen=True)
-class _Suited:
-    """The couplings that qualify for one environment, or for all of them."""
-
-    environment: str
-    softest: Coupling | None
-    stiffest: Coupling | None
-    tuned_qualifies: bool
-
-
-@dataclass(frozen=True)
-class _Future:
-    """A coupling that follows the environment."""
-
-    device: dict[str, float]
-    family: str
-    environments: list[_Suited]
-    tuned_damping: float  # What the tuned coupling asks of the device, N·s/m
-
-
-@dataclass(frozen=True)
 class _Document:
     """All of claims.json."""
 
@@ -90,7 +69,6 @@ class _Document:
     counts: dict[str, int]
     claims: list[dict[str, object]]
     table: list[_Row]
-    future: _Future
     misprints: list[dict[str, str]]
 
 
@@ -112,16 +90,15 @@ def write_reproduction(published: Published, out: Path, *, command: str) -> list
         Every claim with its verdict.
     """
     claims = judge_all(published)
-    adapted = adapted_couplings(published)
     made = made_by(command, _PACKAGES)
-    document = _document(published, claims, adapted, made.versions)
+    document = _document(published, claims, made.versions)
     write_page(out / "claims.json", dumps(plain(document)))
     write_page(out / "claims.csv", _claims_csv(claims))
     write_page(out / "table1.csv", _table_csv(document.table))
     page = render_standalone(
         "reports.hbfd",
         "reproduction.html.j2",
-        draw_all(drawings(published, adapted), out / "figures"),
+        draw_all(drawings(published), out / "figures"),
         digits=5,
         symbols=symbols,
         styles=("reproduction.css",),
@@ -147,9 +124,7 @@ def _index(match: re.Match[str]) -> str:
     return f"{match[1]}<sub>{match[2].replace('_', ',')}</sub>"
 
 
-def _document(
-    published: Published, claims: Sequence[Claim], adapted: Adapted, versions: dict[str, str]
-) -> _Document:
+def _document(published: Published, claims: Sequence[Claim], versions: dict[str, str]) -> _Document:
     """Put everything together, as claims.json holds it."""
     verdicts = [claim.verdict for claim in claims]
     counts = {verdict: verdicts.count(verdict) for verdict in get_args(Verdict)}
@@ -165,8 +140,7 @@ def _document(
     device = _device(published.device)
     provenance = _Provenance(versions, files, device, coupling, published.period)
     table = _table(published)
-    future = _future(published, adapted)
-    return _Document(_SCHEMA, provenance, counts, numbered, table, future, misprints())
+    return _Document(_SCHEMA, provenance, counts, numbered, table, misprints())
 
 
 def _device(device: Device) -> dict[str, float]:
@@ -203,21 +177,6 @@ def _table(published: Published) -> list[_Row]:
             )
         )
     return rows
-
-
-def _future(published: Published, adapted: Adapted) -> _Future:
-    names = [*(wall.name for wall in published.walls), "one for all"]
-    regions = [*adapted.design.each, adapted.design.common]
-    qualifies = [*adapted.static, all(adapted.static)]
-    rows = []
-    for name, region, tuned in zip(names, regions, qualifies, strict=True):
-        rows.append(_Suited(name, region.softest, region.largest, tuned))
-    return _Future(
-        _device(adapted.device),
-        published.scene.inference.family,
-        rows,
-        published.needed(published.tuned),
-    )
 
 
 def _claims_csv(claims: Sequence[Claim]) -> str:

@@ -9,17 +9,12 @@ import numpy as np
 
 from percept import Study, haptics
 from percept.haptics.containment import ON_LIMIT, Boxes, departures, plane_departures
-from percept.haptics.design import EnvironmentBoundary, design_couplings
-from percept.haptics.limits import stable_region
-from percept.haptics.search import covers_range
 from percept.study.device import Setup
 
 __all__ = ["by_the_paper_s_rule"]
 
 #: Of the scene's mass and damping, for the devices that verdicts are given for.
 _TIMES = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-#: Of lines of a map every so manieth is frozen.
-_EVERY = 40
 
 
 def by_the_paper_s_rule(study: Study) -> dict[str, Any]:
@@ -30,7 +25,6 @@ def by_the_paper_s_rule(study: Study) -> dict[str, Any]:
     found = {}
     if setup.coupling is not None:
         found |= _memberships(study, setup)
-        found |= _design(study, setup)
     if isinstance(setup.device, haptics.Device):
         found |= _devices(study, setup)
     return found
@@ -73,33 +67,6 @@ def _limits(study: Study, kind: str) -> dict[str, Any]:
         if (region.method, region.kind, region.joint, region.family) == wanted
         and region.limits is not None
     }
-
-
-def _design(study: Study, setup: Setup) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    limits = _limits(study, "user")
-    if not covers_range(setup.device, setup.period) or limits.keys() != setup.references.keys():
-        return found
-    boundaries = [
-        EnvironmentBoundary(reference, *limits[name])
-        for name, reference in setup.references.items()
-    ]
-    within = study.parts.within
-    design = design_couplings(setup.device, boundaries, within, setup.period, hold=setup.hold)
-    if isinstance(setup.device, haptics.Device) and not setup.device.modes:
-        damping = float(setup.device.damping)
-        edge = stable_region(damping, setup.period, hold=setup.hold, points=65)
-        for at in range(0, len(edge.stiffness), 8):
-            found[f"design stable {at}"] = [[float(edge.stiffness[at])], [float(edge.damping[at])]]
-    regions = (*design.each, design.common)
-    for name, region in zip((*setup.references, None), regions, strict=True):
-        # Damping of an end is where a smooth curve turns, of which rounding leaves half the digits.
-        for field, end in (("largest", region.largest), ("softest", region.softest)):
-            found[f"design {name} {field}"] = end and end.stiffness
-        for at in range(0, len(region.damping), _EVERY):
-            lines = region.intervals[at].tolist()
-            found[f"design {name} {at}"] = [[float(region.damping[at])], *lines]
-    return found
 
 
 def _devices(study: Study, setup: Setup) -> dict[str, Any]:

@@ -10,17 +10,11 @@ from percept.haptics import (
     Coupling,
     Device,
     Environment,
-    Mode,
     absolute_stability,
     max_coupling_stiffness,
     perceived_impedance,
     required_damping,
     required_damping_at,
-)
-from percept.haptics.limits import (
-    largest_coupling_damping,
-    stable_region,
-    stable_stiffness,
 )
 from percept.haptics.loop import Hold
 from percept.scene import Scene
@@ -94,22 +88,6 @@ def test_largest_stiffness_needs_the_device_damping(hold, discretization):
     assert need == pytest.approx(np.broadcast_to(device, (2, 3)), rel=1e-9)
     none = max_coupling_stiffness(5.0, 1e3, T, discretization=discretization, hold=hold)
     assert none == 0
-
-
-def test_edge_of_the_stable_region_needs_the_device_damping():
-    hold = Hold(delay=1.0)
-    device = Device(1.0, 15.0)
-    edge = stable_region(15.0, T, hold=hold, points=9)
-    need = required_damping(Coupling(edge.stiffness[1:-2], edge.damping[1:-2]), T, hold=hold)
-    assert need.damping == pytest.approx(np.full(7, 15.0), rel=1e-6)
-    largest = largest_coupling_damping(device, T, hold)
-    assert edge.damping.max() == pytest.approx(largest)
-    # A mode of no mass changes nothing, and takes another way.
-    damping = np.array([1.0, 5.0])
-    flexible = Device(1.0, 15.0, (Mode(0.0, 0.0, 0.0),))
-    assert stable_stiffness(flexible, damping, T, hold) == pytest.approx(
-        stable_stiffness(device, damping, T, hold), rel=1e-9
-    )
 
 
 def test_a_delay_turns_what_the_hold_puts_out():
@@ -203,7 +181,7 @@ def poles_in_the_strip(device, wall, coupling, hand, delay):
 def test_poles_counted_along_a_path_are_those_of_the_polynomial_and_of_the_verdict(whole):
     """Whole samples have both; a fraction has the count alone."""
     rng = np.random.default_rng(5)
-    found = {"stable": 0, "unstable": 0}
+    found = {"met": 0, "not met": 0}
     for _ in range(300 if LONG else 10):
         delay = float(rng.integers(0, 4)) if whole else rng.uniform(0, 4)
         coupling = Coupling(*(10 ** rng.uniform([2, -1], [5.5, 2.5])))
@@ -218,8 +196,8 @@ def test_poles_counted_along_a_path_are_those_of_the_polynomial_and_of_the_verdi
             if whole:
                 inverse = np.roots(closed_loop(device, wall, coupling, hand, int(delay))[::-1])
                 assert count == (np.abs(inverse) < 1 - 1e-9).sum()
-    assert found["stable"] == 0
-    assert found["unstable"] >= 3
+    assert found["met"] == 0
+    assert found["not met"] >= 3
 
 
 @pytest.mark.parametrize(

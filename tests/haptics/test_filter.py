@@ -10,16 +10,13 @@ from percept.haptics import (
     Coupling,
     Device,
     Environment,
-    Mode,
     absolute_stability,
     perceived_impedance,
     required_damping,
     required_damping_at,
     stability_margin,
 )
-from percept.haptics.limits import largest_coupling_damping, stable_stiffness
 from percept.haptics.loop import Hold
-from percept.haptics.rendering import coupled_region
 from percept.haptics.velocity import VelocityFilter
 from tests import LONG
 from tests.haptics.scenes import LOWER, UPPER, contradiction, scenes
@@ -132,7 +129,7 @@ def closed_loop(device, wall, coupling, hand, delay):
 def test_what_is_called_stable_keeps_its_poles_inside_the_circle():
     """With random passive hands and walls."""
     rng = np.random.default_rng(6)
-    left = {"stable": 0, "unstable": 0}
+    left = {"met": 0, "not met": 0}
     for _ in range(80):
         delay = int(rng.integers(0, 3))
         velocity_filter = VelocityFilter(10 ** rng.uniform(2, 3.4), int(rng.integers(1, 3)))
@@ -141,42 +138,25 @@ def test_what_is_called_stable_keeps_its_poles_inside_the_circle():
         damping = min(need, 1e3) * 10 ** rng.uniform(-2, 0.5)
         device = Device(10 ** rng.uniform(-2, 0.5), damping)
         verdict = absolute_stability(device, coupling, T, hold=Hold(delay=delay)).verdict
-        assert verdict == ("stable" if damping > need else "unstable")
+        assert verdict == ("met" if damping > need else "not met")
         for _ in range(10):
             wall = Environment(*(10 ** rng.uniform([0, -2, -3], [7, 2, 0])))
             hand = 10 ** rng.uniform([-2, -3, 0], [1, 1, 5])
             inverse = np.roots(closed_loop(device, wall, coupling, hand, delay)[::-1])
             left[verdict] += bool((np.abs(inverse) < 1 - 1e-4).any())
-    assert left["stable"] == 0
-    assert left["unstable"] > 10
+    assert left["met"] == 0
+    assert left["not met"] > 10
 
 
 def test_an_active_coupling_is_named():
     """Beyond its cutoff a filter of the second order turns a damper by more than a quarter."""
     coupling = Coupling(10.0, 100.0, VelocityFilter(300.0, 2))
     found = absolute_stability(Device(1.0, 1e3), coupling, T)
-    assert found.verdict == "unstable"
+    assert found.verdict == "not met"
     assert found.reason.startswith("The velocity filter makes the coupling active at ")
     assert required_damping(coupling, T).damping == np.inf
     softer = Coupling(10.0, 100.0, VelocityFilter(300.0, 1))
-    assert absolute_stability(Device(1.0, 1e3), softer, T).verdict == "stable"
-
-
-@pytest.mark.parametrize("hold", ["average", "true", Hold("average", 1.3)])
-def test_edge_of_stable_couplings_needs_the_device_damping(hold):
-    velocity_filter = VelocityFilter(500.0)
-    edge = coupled_region(Device(0.3, 10.0), T, hold, velocity_filter)
-    inner = slice(1, -3, 9)
-    coupling = Coupling(edge.stiffness[inner], edge.damping[inner], velocity_filter)
-    needed = required_damping(coupling, T, hold=hold).damping
-    assert needed == pytest.approx(np.full(needed.shape, 10.0), rel=1e-7)
-    beyond = Coupling(edge.stiffness[inner] * 1.001, edge.damping[inner], velocity_filter)
-    assert (required_damping(beyond, T, hold=hold).damping > 10.0).all()
-    flexible = Device(0.3, 10.0, (Mode(0.0, 0.0, 0.0),))
-    limit = stable_stiffness(flexible, edge.damping[inner], T, hold, velocity_filter)
-    assert limit == pytest.approx(edge.stiffness[inner], rel=1e-9)
-    # No damper of a second order is stable by itself.
-    assert largest_coupling_damping(flexible, T, hold, VelocityFilter(500.0, 2)) == 0
+    assert absolute_stability(Device(1.0, 1e3), softer, T).verdict == "met"
 
 
 @pytest.mark.evidence(reduced=True)

@@ -7,8 +7,9 @@ import percept.haptics
 
 PUBLIC = """
 Coupling Device Environment Hold Mode TabulatedDevice
-absolute_stability corner_curves coupling_impedance device_impedance effective_impedance
-environment_impedance hold magnitude_envelope max_coupling_stiffness perceived_impedance
+absolute_stability can_render corner_curves coupling_impedance device_impedance effective_impedance
+environment_impedance hold magnitude_envelope max_coupling_stiffness needed_damping
+perceived_impedance
 required_damping required_damping_at stability_margin
 """
 

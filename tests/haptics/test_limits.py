@@ -11,22 +11,17 @@ from percept.errors import UsageError
 from percept.haptics import (
     Coupling,
     Device,
-    Environment,
     Mode,
     TabulatedDevice,
     device_impedance,
     max_coupling_stiffness,
-    perceived_impedance,
     required_damping,
     required_damping_at,
 )
 from percept.haptics.limits import (
     best_coupling_damping,
-    stable_region,
-    stable_stiffness,
     stiffness_limits,
 )
-from percept.haptics.rendering import passivity_damping
 
 T = 1e-3
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
@@ -99,59 +94,11 @@ def test_smallest_limit_over_omega_is_the_rigid_limit():
         assert seen == pytest.approx(max_coupling_stiffness(b_d, b_c, T), rel=1e-6)
 
 
-def test_of_two_dips_over_omega_that_all_but_tie_the_lower_one_counts():
-    """At this b_c of a measured device the grid sees the higher of two dips as the lower."""
-    table = np.loadtxt(GOLDEN / "data" / "response.csv", delimiter=",", skiprows=1)
-    device, b_c = (
-        TabulatedDevice(table[:, 0], table[:, 1] + 1j * table[:, 2]),
-        np.array([15.498823935850876]),
-    )
-    dense = stiffness_limits(np.linspace(1813.0, 1814.0, 10_001), device, b_c, T, "average").min()
-    assert stable_stiffness(device, b_c, T, "average")[0] <= dense
-
-
 def test_limit_at_nyquist_and_for_an_active_device():
     ten = np.float64(10.0)
     assert stiffness_limits(np.pi / T, Device(1.0, 5.0), ten, T, "average") == np.inf
     active = TabulatedDevice([1.0, 100.0], [-1.0, -1.0])
     np.testing.assert_array_equal(stiffness_limits([1.0, 50.0], active, ten, T, "average"), 0.0)
-
-
-@pytest.mark.parametrize("kind", ["average", "true"])
-def test_region_has_its_edge_where_the_device_is_used_up(kind):
-    options = {"hold": kind}
-    k, b = stable_region(20.0, T, points=65, **options)
-    need = required_damping(Coupling(k, b), T, **options).damping
-    corner = (k == 0) & ((b == 0) | (kind == "true"))
-    np.testing.assert_allclose(need[~corner], 20.0, rtol=1e-12)
-    assert (need[corner] <= 20.0 * (1 + 1e-12)).all()
-    # Inside: between neighbours and towards the middle; outside: further out.
-    middle = required_damping(
-        Coupling((k + np.roll(k, 1)) / 2, (b + np.roll(b, 1)) / 2), T, **options
-    ).damping
-    assert (middle[k + np.roll(k, 1) > 0] <= 20.0 * (1 + 1e-12)).all()
-    out = required_damping(Coupling(1.001 * k, 1.001 * b), T, **options).damping
-    assert (out[~corner] > 20.0).all()
-
-
-def test_region_reaches_the_stiffest_coupling():
-    stiffness, damping = stable_region(20.0, T, points=2049)
-    stiffest = 20.0 / best_coupling_damping(1.0, T)[1]
-    assert stiffness.max() == pytest.approx(stiffest, rel=1e-6)
-    assert stiffness.max() <= stiffest * (1 + 1e-14)
-    assert damping.max() == pytest.approx(160.0)
-
-
-@pytest.mark.parametrize("kind", ["average", "true"])
-def test_the_polygon_of_a_region_has_the_area_under_the_largest_stiffness(kind):
-    options = {"hold": kind}
-    k, b = stable_region(2.0, T, points=4001, **options)
-    area = 0.5 * abs(np.sum(k * np.roll(b, -1) - b * np.roll(k, -1)))
-    lines = np.linspace(0.0, 20.0, 20_001)  # N·s/m; at most 8 times 2 are stable
-    top = max_coupling_stiffness(2.0, lines, T, **options)
-    assert top[-1] == 0
-    # Where an edge ends on its way trapezoids miss half of one, less than 2e-4 of the area.
-    assert area == pytest.approx(np.trapezoid(top, lines), rel=1e-3)
 
 
 def test_no_stiffness_where_the_coupling_damping_alone_asks_too_much_at_nyquist():
@@ -161,43 +108,6 @@ def test_no_stiffness_where_the_coupling_damping_alone_asks_too_much_at_nyquist(
     assert need == pytest.approx(100 / np.pi)
     assert stiffness_limits(nyquist, Device(0.0, 31.0), b_c, T, "true") == 0.0
     assert stiffness_limits(nyquist, Device(0.0, 32.0), b_c, T, "true") > 0
-
-
-def test_published_environments():
-    environment = Environment(STIFFNESS, DAMPING)
-    colgate, tustin = passivity_damping(environment, T)
-    assert [f"{value:.4g}" for value in colgate] == ["0.105", "1.5", "15", "37.5", "75"]
-    assert [f"{value:.4g}" for value in tustin] == ["-0.095", "-0.5", "-5", "-12.5", "-25"]
-
-
-value = st.one_of(st.just(0.0), st.floats(1e-2, 1e3))
-
-
-@settings(max_examples=60, deadline=None)
-@given(stretch=value, damping=value, inertia=value)
-def test_colgate_and_schenkel_over_all_omega(stretch, damping, inertia):
-    environment = Environment(stretch / T, damping, inertia * T)
-    theta = np.linspace(1e-4, np.pi, 20_001)
-    z = np.exp(1j * theta)
-    step = (z - 1) / (T * z)
-    force = stretch / T + damping * step + inertia * T * step**2
-    asked = T / (2 * (1 - np.cos(theta))) * ((1 - 1 / z) * force).real
-    need, _ = passivity_damping(environment, T)
-    assert need == pytest.approx(asked.max(), rel=1e-6, abs=1e-9)
-
-
-@settings(max_examples=60, deadline=None)
-@given(stretch=value, damping=value, inertia=value)
-def test_own_model_is_where_the_real_part_stays_positive(stretch, damping, inertia):
-    environment = Environment(stretch / T, damping, inertia * T)
-    need = float(passivity_damping(environment, T)[1])
-    omega = np.concatenate([[0.0], np.geomspace(1e-3, np.pi / T, 2001)])
-    scale = 1 + stretch + damping
-    enough = perceived_impedance(omega, Device(1.0, max(need, 0.0)), environment, T).real
-    assert (enough >= -1e-14 * scale).all()
-    if need > 1e-6:
-        short = perceived_impedance(omega, Device(1.0, need * 0.999), environment, T).real
-        assert short.min() < 0
 
 
 @pytest.mark.parametrize(

@@ -150,14 +150,14 @@ def test_verdict_turns_at_the_required_damping(discretization, kind):
         absolute_stability(Device(1.0, need.damping * factor), COUPLING, T, **options)
         for factor in (1 - 1e-10, 1 - 1e-13, 1.0, 1 + 1e-13, 1 + 1e-10)
     ]
-    assert [verdict.verdict for verdict in verdicts] == ["unstable", *["marginal"] * 3, "stable"]
+    assert [verdict.verdict for verdict in verdicts] == ["not met", *["on its limit"] * 3, "met"]
     for verdict in verdicts[1:4]:
         assert verdict.smallest_margin == pytest.approx(1.0, abs=1e-12)
 
 
 def test_binding_frequency_of_the_published_coupling():
     verdict = absolute_stability(Device(1.0, 20.0), COUPLING, T)
-    assert verdict.verdict == "unstable"
+    assert verdict.verdict == "not met"
     assert f"{verdict.binding_omega:.6g}" == "2022.65"
     assert verdict.smallest_margin == pytest.approx(20 / 20.25479906887036, rel=1e-14)
     assert verdict.reason == "The smallest margin is 0.98742, at 2022.65 rad/s."
@@ -204,10 +204,10 @@ def test_no_pole_of_parts_that_are_not_negative_lies_outside_the_unit_circle(mod
 def test_table_is_judged_over_its_range_and_may_be_active():
     whole = np.linspace(1, np.pi / T, 50)
     passive = absolute_stability(TabulatedDevice(whole, 30 + 1j * whole), COUPLING, T)
-    assert passive.verdict == "stable"
+    assert passive.verdict == "met"
     omega = np.linspace(1, 3000, 50)
     active = absolute_stability(TabulatedDevice(omega, np.where(omega > 2000, -1, 30)), COUPLING, T)
-    assert active.verdict == "unstable"
+    assert active.verdict == "not met"
     assert "active" in active.reason
 
 
@@ -215,13 +215,13 @@ def test_a_table_of_a_part_of_the_range_shows_no_stability():
     """The rigid device behind it is unstable, at a frequency the table leaves out."""
     device, coupling = Device(1.0, 5.0), Coupling(50e3, 100.0)
     whole = absolute_stability(device, coupling, T)
-    assert whole.verdict == "unstable"
+    assert whole.verdict == "not met"
     for first, last in ((0.05, 120.0), (0.05, 0.99 * np.pi / T), (10.0, 0.9995 * np.pi / T)):
         omega = np.geomspace(first, last, 300)
         table = TabulatedDevice(omega, device_impedance(omega, device, T))
         found = absolute_stability(table, coupling, T)
         if first < whole.binding_omega < last and found.smallest_margin < 1:
-            assert found.verdict == "unstable"
+            assert found.verdict == "not met"
             continue
         assert found.verdict == "undecided"
         assert found.reason.startswith(f"From {first:g} to {last:g} rad/s the smallest margin is ")
@@ -242,7 +242,7 @@ def test_a_table_of_a_part_of_the_range_shows_no_stability():
 def test_without_coupling_nothing_is_asked():
     for damping in (0.0, 5.0):
         found = absolute_stability(Device(1.0, damping), Coupling(0.0, 0.0), T)
-        assert (found.verdict, found.smallest_margin) == ("stable", np.inf)
+        assert (found.verdict, found.smallest_margin) == ("met", np.inf)
 
 
 @pytest.mark.parametrize(
@@ -250,11 +250,11 @@ def test_without_coupling_nothing_is_asked():
     [
         (
             lambda: absolute_stability(Device(1.0, [5.0, 6.0]), COUPLING, T),
-            "one device and one coupling",
+            "one device, one environment and one coupling",
         ),
         (
             lambda: absolute_stability(Device(1.0, 5.0), Coupling([1.0, 2.0], 1.0), T),
-            "one device and one coupling",
+            "one device, one environment and one coupling",
         ),
         (
             lambda: absolute_stability(TabulatedDevice([4000.0, 5000.0], [1.0, 1.0]), COUPLING, T),

@@ -15,7 +15,6 @@ from percept.report.select import Words, first, matching, title_of, words_of
 from percept.results import (
     Checks,
     Confidences,
-    Coupling,
     IntervalRow,
     Ladder,
     LadderEffect,
@@ -25,6 +24,7 @@ from percept.results import (
     Note,
     PosteriorEvidence,
     PredictiveCheck,
+    Rendered,
     Verdict,
 )
 from percept.sessions.quantities import IMPEDANCE, Quantity
@@ -81,12 +81,11 @@ def felt(name, probability, classical=None, *, coupled=True, decision=0.95, stra
     )  # fmt: skip
 
 
-def judged(margin, verdict, reason=""):
-    """Return a coupling with its margin of stability."""
-    return Coupling(
-        stiffness=1e4, damping=10.0, verdict=verdict, reason=reason, margin=margin,
-        binding_omega=1.0, required_damping=None, required_omega=None, omega=None, bound=None,
-        admittance=None, memberships=(), read_at=1.0,
+def rendered(environment, verdict, *, coupled=False):
+    """Return a row on what is rendered in time."""
+    return Rendered(
+        environment=environment, coupled=coupled, verdict=verdict, reason="", needed_damping=1.0,
+        margin=1.0, binding_omega=1.0,
     )  # fmt: skip
 
 
@@ -235,20 +234,23 @@ def test_the_cause_of_another_verdict_is_said_where_the_ladder_knows_it():
     assert "main cause" not in overview(alike).sentences[1]
 
 
-def test_the_stability_of_the_coupling_is_said():
-    assert (
-        overview(results([SOFT], coupling=judged(0.3157, "unstable"))).sentences[1]
-        == "The coupling is unstable: the device has 32 % of the damping the coupling needs."
+def test_what_can_be_rendered_in_time_is_said():
+    verdicts = (("A", "can"), ("B", "cannot"), ("C", "undecided"))
+    directly = tuple(rendered(*one) for one in verdicts)
+    same = tuple(rendered(*one, coupled=True) for one in verdicts)
+    wall = (rendered(None, "cannot", coupled=True),)
+    made = results([SOFT])
+    said = overview(dataclasses.replace(made, rendering=directly + same + wall)).sentences[1]
+    assert said == (
+        "Directly and through the coupling alike, A can be rendered with every passive hand; with"
+        " B some hands make the motion grow; for C the device’s table does not tell."
     )
-    stable = overview(results([SOFT], coupling=judged(1.4, "stable"))).sentences
-    assert (
-        "The coupling is stable: the device has 1.4 times the damping the coupling needs." in stable
+    better = tuple(rendered(name, "can", coupled=True) for name in "ABC")
+    said = overview(dataclasses.replace(made, rendering=directly + better + wall)).sentences[1]
+    assert said.endswith(
+        " Through the coupling, all 3 environments can be rendered with every passive hand."
     )
-    reason = "A measured device's poles cannot be checked."
-    measured = overview(results([SOFT], coupling=judged(1.4, "stable", reason)))
-    assert measured.sentences[1].endswith(
-        "needs. The device is measured, so its poles cannot be checked."
-    )
+    assert "stable" not in said
 
 
 def test_without_a_device_the_next_user_s_range_is_said():

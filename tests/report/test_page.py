@@ -243,7 +243,7 @@ def names_of(document):
 
 def test_sections_stand_in_reading_order(both):
     assert names_of(both) == [
-        "summary", "intervals", "psychophysics", "boundaries", "verdicts", "direct", "coupling",
+        "summary", "intervals", "psychophysics", "boundaries", "verdicts", "rendering", "coupling",
         "design", "device", "band", "comparison",
         "diagnostics", "people", "data", "methods", "provenance", "skipped",
     ]  # fmt: skip
@@ -258,20 +258,20 @@ def test_without_a_coupling_there_is_the_device_alone():
     assert document["coupling"] is document["design"] is None
     skipped = {entry["what"]: entry["why"] for entry in document["skipped"]}
     assert (
-        skipped["coupling: Z_h_vc, stability and admissible couplings"]
+        skipped["coupling: Z_h_vc, Eq. 10 and admissible couplings"]
         == "the scene has no [coupling]"
     )
-    assert "direct" in names_of(document)
+    assert "rendering" in names_of(document)
     assert not {"coupling", "design"} & set(names_of(document))
-    # b_d > kT/2 + |b|, with k and b of Table 1 and T = 1 ms.
-    needed = {row["environment"]: row["needed_colgate"] for row in document["passivity"]}
+    # b_d > kT/2 + b, with k and b of Table 1 and T = 1 ms.
+    needed = {row["environment"]: row["needed_damping"] for row in document["rendering"]}
     for row in table.drop_duplicates("environment").itertuples():
         assert needed[row.environment] == pytest.approx(row.k_ref * 0.001 / 2 + row.b_ref)
     active = [name for name, damping in needed.items() if damping >= tables["device"]["damping"]]
     assert active
     said = " ".join(document["summary"]["cautions"])
-    assert f"too little damping to render {listed(active)} passively" in said
-    assert "Passivity without a coupling" in page_of(document)
+    assert f"Rendered directly, {listed(active)} may chatter" in said
+    assert "What can be rendered with every hand" in page_of(document)
 
 
 def said_of(sessions):
@@ -449,7 +449,7 @@ def test_the_velocity_filter_is_in_words_of_the_methods(classical):
     document["provenance"]["scene"]["device"]["velocity_filter"] = filtered
     words = words_of(document)
     assert "behind a Butterworth filter of 300 rad/s and order 2" in words
-    assert "With this loop’s velocity filter that damping is searched" in words
+    assert "That is asked here at every ω, with the loop’s own delay and filter." in words
 
 
 @pytest.mark.parametrize(

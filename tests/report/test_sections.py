@@ -40,26 +40,36 @@ END = {
 
 def test_couplings_that_feel_real_are_named_with_their_span(both):
     changed = copy.deepcopy(both)
+    absent = {"stiffest": None, "softest": None, "outcome": "none"}
     environments = changed["design"]["environments"] = [
-        both["design"]["environments"][0] | {"name": name, "stiffest": None, "softest": None}
+        both["design"]["environments"][0] | {"name": name} | absent
         for name in ("VE1", "VE2", "VE3", "VE4", None)
     ]
+    sure = "with 95 % probability or more"
     (none,) = coupling_sentences(as_results(changed))
     assert none == (
-        "No stable coupling feels real in VE1, VE2, VE3 and VE4 with 95 % probability or more."
+        f"No coupling is stable in time and feels real in VE1, VE2, VE3 and VE4 {sure}."
     )
     environments[1] |= {"stiffest": END, "softest": END | {"stiffness": 700.0}}
-    (some,) = coupling_sentences(as_results(changed))
-    assert some == (
-        "Stable couplings feel real in VE2 (0.7 to 9 kN/m) with 95 % probability or more; none does"
-        " in VE1, VE3 and VE4."
-    )
+    environments[2] |= {"outcome": "undecided"}
+    said = coupling_sentences(as_results(changed))
+    assert said == [
+        f"Couplings that are stable in time feel real in VE2 (0.7 to 9 kN/m) {sure}.",
+        f"No coupling is stable in time and feels real in VE1 and VE4 {sure}.",
+        "Whether one is in VE3 the data do not decide.",
+    ]
     sentences = findings(as_results(changed)).overview.sentences
-    assert any(sentence.endswith(some) for sentence in sentences)
+    assert any(sentence.endswith(" ".join(said)) for sentence in sentences)
     for row in environments:
-        row |= {"stiffest": END, "softest": END}
+        row |= {"stiffest": None, "softest": None, "outcome": "undecided"}
+    assert coupling_sentences(as_results(changed)) == [
+        f"Whether a coupling is stable in time and feels real in VE1, VE2, VE3 and VE4 {sure},"
+        " the data do not decide."
+    ]
+    for row in environments:
+        row |= {"stiffest": END | {"bound": "map"}, "softest": END}
     (every,) = coupling_sentences(as_results(changed))
-    assert every.endswith("VE3 (9 to 9 kN/m) and VE4 (9 to 9 kN/m) with 95 % probability or more.")
+    assert every.endswith(f"VE3 (9 kN/m and more) and VE4 (9 kN/m and more) {sure}.")
     changed["design"] = None
     assert coupling_sentences(as_results(changed)) == []
 
@@ -155,7 +165,7 @@ def test_no_section_without_checks(checked):
 
 def test_only_what_was_used_is_cited(classical, both):
     keys = [reference.key for reference in cited(as_results(classical))]
-    assert keys == ["boundaries", "percept", "meeker2017", "adams1999"]
+    assert keys == ["boundaries", "percept", "meeker2017", "adams1999", "colgate1997"]
     assert {"emcee", "cotter2013", "vehtari2021"} <= {
         reference.key for reference in cited(as_results(both))
     }

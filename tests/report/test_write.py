@@ -113,7 +113,7 @@ def test_steps_are_told(quick, tmp_path):
         "working out intervals",
         "contrasting levels",
         "working out boundaries",
-        "judging the coupling",
+        "judging what can be rendered",
         "judging what feels real",
         "fitting the band law",
         "mapping couplings",

@@ -45,7 +45,7 @@ RESULTS = Results(
         doubts=(), exclusions=(), design=None, cells=(),
     ),
     intervals=(INTERVAL,), contrast=(), boundaries=(BOUNDARY,), zoom={"wäll/1~": (9.0, 11.0)},
-    close=(), verdicts=(), passivity=None, coupling=None, band=None, design=None, sensitivity=None,
+    close=(), verdicts=(), rendering=None, coupling=None, band=None, design=None, sensitivity=None,
     comparison=None, band_pairs=None, ladder=None, diagnostics=None, checks=None,
     skipped=(Skipped("band law", "one environment"),),
 )  # fmt: skip

@@ -1,14 +1,14 @@
-"""Devices drawn from a scene's posterior, and the probability that a coupling is stable."""
+"""Devices drawn from a scene's posterior, and what they render with every passive hand."""
 
 import numpy as np
 import pytest
 from scipy import special
 
 from percept import Scene, UsageError, haptics
-from percept.haptics.loop import Hold
-from percept.study.device_draws import device_draws, device_stability, smallest_margins
+from percept.study.device_draws import device_draws, device_stability, margins_of_draws
 
-HOLD = Hold("average", 0.0)
+# Through the coupling this needs 15.0 N·s/m.
+WALL = haptics.Environment(12e3, 11.0)
 COUPLING = haptics.Coupling(50e3, 100.0)
 MODE = {"mass": 0.2, "stiffness": 8e3, "damping": 2.0}
 
@@ -31,8 +31,8 @@ def test_draws_have_the_posteriors_moments():
 def test_stability_of_a_rigid_device_is_a_normal_distribution_function():
     sd = 0.05
     draws = device_draws(scene({"parameters": ["damping"], "covariance": [[sd**2]]}))
-    needed = haptics.required_damping(COUPLING, 1e-3).damping
-    found = device_stability(draws, COUPLING, 1e-3, HOLD)
+    needed = haptics.needed_damping(WALL, 1e-3, coupling=COUPLING).damping
+    found = device_stability(draws, WALL, COUPLING, 1e-3, 0.0)
     exact = special.ndtr((np.log(16.0) - np.log(needed)) / sd)
     assert found.probability == pytest.approx(exact, abs=found.error)
     edges = 16.0 / needed * np.exp(sd * special.ndtri([0.025, 0.975]))
@@ -46,20 +46,19 @@ def test_margins_of_modal_devices_are_those_of_each_alone(delay):
         "covariance": np.diag([0.04, 0.01, 0.25]).tolist(),
     }
     draws = device_draws(scene(posterior, modes=[MODE]))
-    hold = Hold("average", delay)
-    found = smallest_margins(draws, COUPLING, 1e-3, hold)
-    assert found.size == 512
+    found = margins_of_draws(draws, WALL, COUPLING, 1e-3, delay)
+    assert found.size == 256
     for index in range(0, found.size, 64):
-        alone = haptics.absolute_stability(draws.device(index), COUPLING, 1e-3, hold=hold)
-        # The grid is not refined: it misses a minimum by less than this.
-        assert found[index] == pytest.approx(alone.smallest_margin, rel=2e-3)
+        alone = haptics.can_render(draws.device(index), WALL, 1e-3, coupling=COUPLING, delay=delay)
+        # The frequencies are not refined: they miss a minimum by less than this.
+        assert found[index] == pytest.approx(alone.margin, rel=2e-3)
 
 
 def test_few_draws_of_a_modal_device_are_all_judged(tmp_path):
     file = tmp_path / "draws.csv"
     file.write_text("mass,damping\n1,1\n1,40\n", encoding="utf-8")
     draws = device_draws(scene({"draws": str(file)}, modes=[MODE]))
-    assert sorted(smallest_margins(draws, COUPLING, 1e-3, HOLD) > 1.0) == [False, True]
+    assert sorted(margins_of_draws(draws, WALL, COUPLING, 1e-3, 0.0) > 1.0) == [False, True]
 
 
 def test_draws_of_a_file(tmp_path):
@@ -67,7 +66,7 @@ def test_draws_of_a_file(tmp_path):
     file.write_text("mass,damping\n1,10\n1,20\n1,30\n1,40\n", encoding="utf-8")
     draws = device_draws(scene({"draws": str(file)}))
     assert sorted(draws.stacked.damping) == [10.0, 20.0, 30.0, 40.0]
-    assert device_stability(draws, COUPLING, 1e-3, HOLD).probability == 0.75
+    assert device_stability(draws, WALL, COUPLING, 1e-3, 0.0).probability == 0.75
     for text, message in (
         ("mass\n1\n", "There is no column 'damping'; there are mass"),
         (

@@ -1,4 +1,4 @@
-"""The figures of couplings: the stability criterion, and maps of what feels real."""
+"""The figures of couplings: Eq. 10, and maps of what feels real."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ from percept.results import (
     EnvironmentCouplings,
     Results,
 )
-from percept.results.fields import Array
 
 __all__ = [
     "design_drawings", "draw_couplings", "stability_drawings",
@@ -47,29 +46,26 @@ _LEGEND_HEIGHT = 15.0  # mm
 _STABILITY_SIZE = (120.0, 50.0)  # mm
 
 
-def draw_couplings(
-    ax: Axes, damping: Array, couplings: EnvironmentCouplings, *, decision: float
-) -> None:
-    """Draw how probably stable couplings feel real, by their stiffness and damping.
+def draw_couplings(ax: Axes, couplings: EnvironmentCouplings, *, decision: float) -> None:
+    """Draw how probably couplings that are stable in time feel real, by stiffness and damping.
 
     Parameters
     ----------
     ax : Axes
         To draw on; its stiffness becomes logarithmic.
-    damping : ndarray, shape (B,)
-        Of each line of the map, N·s/m.
     couplings : EnvironmentCouplings
         The map, and its ends.
     decision : float
         Probability from which a coupling feels real.
     """
     stiffness = couplings.stiffness / _KILO
-    lines = np.broadcast_to(damping[:, None], stiffness.shape)
+    lines = np.broadcast_to(couplings.damping[:, None], stiffness.shape)
     probability = couplings.probability
-    ax.plot(
-        stiffness[:, -1], damping, color=COLOURS["quiet"], linewidth=0.8,
-        label="edge of the stable region",
-    )  # fmt: skip
+    if couplings.limited:
+        ax.plot(
+            stiffness[:, -1], couplings.damping, color=COLOURS["quiet"], linewidth=0.8,
+            label="edge of what is stable in time",
+        )  # fmt: skip
     for least in (*SHADES, decision):
         if probability.max() > least:
             ax.contourf(
@@ -122,29 +118,32 @@ def design_drawings(results: Results) -> list[Drawing]:
     used = results.provenance.scene.get("coupling")
 
     def draw(figure: Figure) -> None:
-        axes = panels(figure, len(regions), columns=columns, frame=Frame(bottom=17, gap=3, line=8))
+        axes = panels(figure, len(regions), columns=columns, frame=Frame(bottom=17, gap=9, line=8))
         titles = row_labels(
             [region.name or "all together" for region in regions], most=_TITLE_WIDTH
         )
         left = min(float(region.stiffness[0, 0]) for region in regions) / _KILO
         right = max(float(region.stiffness.max()) for region in regions) / _KILO
         for ax, region, title in zip(axes, regions, titles, strict=True):
-            draw_couplings(ax, design.damping, region, decision=design.decision)
+            draw_couplings(ax, region, decision=design.decision)
             ax.set_xlim(left / _ROOM, _ROOM * right)
-            ax.set_ylim(0.0, _ROOM * float(design.damping[-1]))
+            ax.set_ylim(0.0, _ROOM * float(region.damping[-1]))
             if used is not None:
                 _draw_used(ax, used["stiffness"], used["damping"])
             ax.set_title(title, loc="left")
             ax.set_xlabel("stiffness (kN/m)")
             ax.set_ylabel("damping (N·s/m)")
         outer_labels(axes, columns)
+        for ax in axes:
+            # What is stable ends elsewhere in each panel.
+            ax.tick_params(labelleft=True)
         legend(max(axes, key=lambda ax: len(ax.get_legend_handles_labels()[0])), ncols=3)
 
     rows = -(-len(regions) // columns)
     return [
         Drawing(
             name="design",
-            title="Probability that stable couplings feel real, by stiffness and damping",
+            title="Probability that couplings stable in time feel real, by stiffness and damping",
             description=_said(results, design) + choice_said(names, words_of(results).environments),
             size=(WIDE, _LEGEND_HEIGHT + _PANEL_HEIGHT * rows),
             draw=draw,
@@ -156,10 +155,12 @@ def _said(results: Results, design: AdmissibleCouplings) -> str:
     """Say what the map shows."""
     shades = ", ".join(f"{100 * shade:.0f}" for shade in SHADES)
     words = words_of(results)
+    draws = min(region.draws for region in design.environments)
     said = (
-        "Left of the edge couplings are stable with this device. The darker, the more probably"
-        f" displays through the coupling feel real ({METHOD_NAMES[design.method]},"
-        f" {design.draws} draws of the {words.users}): shades begin at {shades} and"
+        f"Left of the edge this device renders the {words.environment} with every passive hand,"
+        f" in time. Without an edge all couplings do. The darker, the more probably displays"
+        f" through the coupling feel real ({METHOD_NAMES[design.method]},"
+        f" {draws} draws of the {words.users}): shades begin at {shades} and"
         f" {percent(design.decision)}."
     )
     if len(design.environments) > 1:
@@ -170,21 +171,21 @@ def _said(results: Results, design: AdmissibleCouplings) -> str:
 
 
 def stability_drawings(coupling: Coupling | None) -> list[Drawing]:
-    """Return the stability criterion over ω (Fig. 4)."""
+    """Return Eq. 10 over ω (Fig. 4)."""
     if coupling is None or not len(coupling.bound):
         return []
 
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, frame=Frame(left=18, top=3))
-        lines = {"this coupling": (coupling.admittance, coupling.binding_omega)}
+        lines = {"this coupling": (coupling.admittance, coupling.eq10_omega)}
         draw_stability(ax, coupling.omega, coupling.bound, lines)
 
     return [
         Drawing(
             name="stability",
-            title="Stability of the coupling over the angular frequency",
-            description="The real part of the coupling’s admittance 1/Z_c has to stay above the"
-            " lower bound.",
+            title="Equation 10 over the angular frequency",
+            description="By the paper, the real part of the coupling’s admittance 1/Z_c has to stay"
+            " above the lower bound.",
             size=_STABILITY_SIZE,
             draw=draw,
         )

@@ -1,4 +1,4 @@
-"""The figure of what a device renders stably: directly, and through a coupling."""
+"""The figure of what a device renders with every passive hand."""
 
 from __future__ import annotations
 
@@ -21,39 +21,42 @@ _LEAST_SPAN = 10.0
 
 
 def draw_zwidth(ax: Axes, width: ZWidth) -> None:
-    """Draw the regions of stiffness and damping, and the references as points.
+    """Draw the region of stiffness and damping, and the references as points.
 
     Parameters
     ----------
     ax : Axes
         To draw on; it becomes logarithmic beside references, which lie decades apart.
     width : ZWidth
-        What is drawn. References beyond both edges stand at the border.
+        What is drawn. Its edge is known. References beyond it stand at the border.
     """
-    shown = [edge for edge in (width.direct, width.coupled) if edge is not None]
-    right = _ROOM * max((edge.stiffest for edge in shown), default=0.0) / _KILO or 1.0
-    top = _ROOM * max((edge.most_damping for edge in shown), default=0.0) or 1.0
+    assert width.edge is not None
+    right = _ROOM * width.edge.stiffest / _KILO or 1.0
+    top = _ROOM * width.edge.most_damping or 1.0
     left, bottom = _lower_ends(width, right, top)
-    if width.coupled is not None:
-        _draw_edge(ax, width.coupled, left, COLOURS["coupled"], "a rigid wall through a coupling")
-    if width.direct is not None:
-        _draw_edge(ax, width.direct, left, COLOURS["classical"], "rendered directly")
-    for likely in (width.likely_coupled, width.likely_direct):
-        if likely is not None:
-            ax.plot(
-                np.maximum(likely.stiffness / _KILO, left), likely.damping,
-                color=COLOURS["ink"], linestyle="--", linewidth=0.8,
-                label="rendered by 95 % of likely devices",
-            )  # fmt: skip
+    _draw_edge(ax, width.edge, left)
+    if width.likely is not None:
+        ax.plot(
+            np.maximum(width.likely.stiffness / _KILO, left), width.likely.damping,
+            color=COLOURS["ink"], linestyle="--", linewidth=0.8,
+            label="rendered by 95 % of likely devices",
+        )  # fmt: skip
     if left:
         log_scale(ax, plain=True)
     ax.set_xlim(left, right)
     ax.set_ylim(bottom, top)
+    places: dict[tuple[float, float], list[str]] = {}
     for wall in width.references:
-        x = np.clip(wall.stiffness / _KILO, left, right)
-        y = np.clip(wall.damping, bottom, top)
-        ax.plot([x], [y], "o", markersize=3, color=COLOURS["ink"], clip_on=False)
-        ax.annotate(wall.environment, (x, y), xytext=(3, 3), textcoords="offset points")
+        x = float(np.clip(wall.stiffness / _KILO, left, right))
+        y = float(np.clip(wall.damping, bottom, top))
+        places.setdefault((x, y), []).append(wall.environment)
+    for place, names in places.items():
+        ax.plot(*place, "o", markersize=3, color=COLOURS["ink"], clip_on=False)
+        side = "right" if place[0] == right else "left"
+        ax.annotate(
+            ", ".join(names), place, xytext=(-3 if side == "right" else 3, 3), ha=side,
+            textcoords="offset points",
+        )  # fmt: skip
     ax.set_xlabel("stiffness (kN/m)")
     ax.set_ylabel("damping (N·s/m)")
 
@@ -68,18 +71,19 @@ def _lower_ends(width: ZWidth, right: float, top: float) -> tuple[float, float]:
     return left, min(_BELOW * min(damping), top / _LEAST_SPAN)
 
 
-def _draw_edge(ax: Axes, edge: RenderedEdge, left: float, colour: str, label: str) -> None:
-    """Fill a region down to both axes."""
-    stiffness = np.append(edge.stiffness, 0.0) / _KILO
-    damping = np.append(edge.damping, edge.damping[-1])
-    stiffness = np.maximum(stiffness, left)
-    ax.fill_betweenx(damping, left, stiffness, color=colour, alpha=_FILL_ALPHA, linewidth=0)
-    ax.plot(stiffness, damping, color=colour, label=label)
+def _draw_edge(ax: Axes, edge: RenderedEdge, left: float) -> None:
+    """Fill the region down to both axes."""
+    stiffness = np.maximum(edge.stiffness / _KILO, left)
+    colour = COLOURS["coupled"]
+    corner_stiffness = np.append(stiffness, left)
+    corner_damping = np.append(edge.damping, 0.0)
+    ax.fill(corner_stiffness, corner_damping, color=colour, alpha=_FILL_ALPHA, linewidth=0)
+    ax.plot(stiffness, edge.damping, color=colour, label="rendered with every passive hand")
 
 
 def zwidth_drawings(width: ZWidth | None) -> list[Drawing]:
     """Return the Z-width of the device."""
-    if width is None or width.direct is None:
+    if width is None or width.edge is None:
         return []
 
     def draw(figure: Figure) -> None:
@@ -88,15 +92,15 @@ def zwidth_drawings(width: ZWidth | None) -> list[Drawing]:
         legend(ax)
 
     said = (
-        "Inside the edges a wall is rendered stably with every passive hand. A coupling shows"
-        " itself where the wall behind it is rigid."
+        "Inside the edge no passive hand makes the motion grow, in time. The edge holds for walls"
+        " rendered directly, and for couplings with a rigid wall behind them."
     )
     if width.references:
         said += " Points are the references; those beyond stand at the border."
     return [
         Drawing(
             name="zwidth",
-            title="Largest stiffness and damping that the device renders stably",
+            title="Stiffness and damping that the device renders with every passive hand",
             description=said,
             size=_SIZE,
             draw=draw,

@@ -1,6 +1,7 @@
 """Every verdict against a computation of its own: plain arithmetic, dense scans, linear
 programs, mpmath."""
 
+import itertools
 import math
 import pkgutil
 import re
@@ -24,6 +25,14 @@ RANGE = np.geomspace(0.1, 100.0, 20_001)
 
 # verdict, then numbers by name: the digits printed set the tolerance.
 EXPECTED = {
+    "stability-costs": (
+        ONLY_IF,
+        {
+            "damping needed in time, 110 kN/m": "50.54",
+            "damping needed in time, 50 kN/m": "46.875",
+            "damping needed in time, 110 kN/m undamped": "31.73",
+        },
+    ),
     "arbitrary-model": (
         ONLY_IF,
         {"exact lower limit": "9.395", "exact upper limit": "102.87", "mass of VE3": "100.0"},
@@ -35,10 +44,20 @@ EXPECTED = {
             "gains in the range, largest difference": "0.00083",
         },
     ),
-    "poles-unseen": (ONLY_IF, {"pole of 1/Z_c with k_c negative": "1.5"}),
-    "fig-4-theoretical": (ONLY_IF, {"damping asked for": "20.2548", "ω that binds": "2022.65"}),
-    "worst-case": (OPEN, {}),
-    "fig-4-tuned": (ONLY_IF, {"damping asked for": "15.8384", "ω that binds": "2073.2"}),
+    "poles-unseen": (
+        ONLY_IF,
+        {"pole of 1/Z_c with k_c negative": "1.5", "damping needed in time, rigid wall": "125"},
+    ),
+    "fig-4-theoretical": (
+        ONLY_IF,
+        {
+            "damping asked for": "20.2548",
+            "ω that binds": "2022.65",
+            "damping needed in time, rigid wall": "155",
+        },
+    ),
+    "worst-case": (OPEN, {"damping needed in time, rigid wall": "155"}),
+    "friction-ignored": (OPEN, {"damping needed in time, largest of the environments": "50.54"}),
     "one-coupling": (
         ONLY_IF,
         {"damping asked for, Eq. 6": "20.2548", "damping asked for, Eq. 12's form": "14.0492"},
@@ -90,7 +109,10 @@ EXPECTED = {
     "table-1": (OPEN, {"limits that agree": "20", "half-width in SDs": "1.02769"}),
     "mass-left-out": (ONLY_IF, {"largest m_e that keeps Fig. 7d": "8.69"}),
     "four-lines": (ONLY_IF, {"least ratio, Fig. 7e": "1.499", "line that hides Fig. 7e": "1.76"}),
-    "like-shapes": (ONLY_IF, {"ω up to which they are in order": "22.50"}),
+    "like-shapes": (
+        ONLY_IF,
+        {"share of the range in order": "0.780", "ω up to which they are in order": "21.9"},
+    ),
     "resonance-peaks": (OPEN, {}),
     "one-device": (
         OPEN,
@@ -120,6 +142,16 @@ EXPECTED = {
     "fig-7f": (
         HOLDS,
         {"reference above its upper limit": "0.0013", "effective stiffness": "16667"},
+    ),
+    "perception-limited": (OPEN, {"reference above its upper limit": "0.0013"}),
+    "fig-4-tuned": (
+        ONLY_IF,
+        {
+            "damping asked for": "15.8384",
+            "ω that binds": "2073.2",
+            "damping needed in time, rigid wall": "125",
+            "damping needed in time, VE4": "28.85",
+        },
     ),
     "users-unreal": (OPEN, {}),
     "magnitude-suffices": (
@@ -390,27 +422,17 @@ def test_limits_made_at_random_come_out_of_table_1_too(changed, claims, publishe
     assert "each subject" in random.condition
 
 
-def test_where_the_order_of_the_curves_ends_by_a_polynomial_of_its_own(claims):
-    # At s = jΩ, with 1 kg and 5 N·s/m: |Z_h|² of VE1 less that of VE2 over g² is a quadratic in Ω².
-    (k1, b1), (k2, b2), (m, b_d) = (10.0, 0.1), (1000.0, 1.0), SCENE
-    roots = np.roots(
-        [
-            -m * T * (b1 - b2),
-            b1**2 - b2**2 + 2 * b_d * (b1 - b2) - 2 * (m + b_d * T / 2) * (k1 - k2),
-            k1**2 - k2**2,
-        ]
+def test_where_the_order_of_the_four_curves_ends_on_a_fine_grid(claims, published):
+    omega = np.geomspace(0.1, 100.0, 400_001)
+    walls = sorted((wall for wall, _ in published.drawn), key=lambda wall: wall.k)
+    ordered = np.ones(omega.size, dtype=bool)
+    for soft, stiff in itertools.pairwise(walls):
+        for below, above in zip(four(omega, SCENE, soft), four(omega, SCENE, stiff), strict=True):
+            ordered &= below < above
+    assert omega[ordered.argmin()] == pytest.approx(
+        claims["like-shapes"].numbers[0].value, rel=2e-5
     )
-    crossing = 2 / T * math.atan(math.sqrt(roots[roots > 0].min()) * T / 2)
-    found = claims["like-shapes"].numbers[0].value
-    assert found == pytest.approx(crossing, rel=1e-10)
-    assert claims["like-shapes"].margin.value == pytest.approx(
-        math.log(found / 0.1) / math.log(1e3)
-    )
-    ordered = (
-        np.diff([felt(RANGE, SCENE, k, b) for k, b in ((10, 0.1), (1000, 1), (25e3, 25))], axis=0)
-        > 0
-    )
-    assert ordered.all(axis=0).mean() == pytest.approx(claims["like-shapes"].margin.value, abs=1e-4)
+    assert ordered.mean() == pytest.approx(claims["like-shapes"].margin.value, abs=1e-5)
 
 
 def test_the_mass_left_out_is_a_root_in_fifty_digits(published, claims):
@@ -912,11 +934,11 @@ def test_magnitude_is_enough_where_no_damper_is_as_small(published, changed):
 
 
 def test_walls_in_order_throughout_if_they_are_stiff(changed):
-    stiff = {("VE1", "k", "reference"): "100000", ("VE2", "k", "reference"): "200000"}
-    assert (
-        judged("like-shapes", changed(stiff | {("VE4", "k", "reference"): "300000"})).verdict
-        == HOLDS
-    )
+    stiff = {}
+    for name, k in (("VE1", 100e3), ("VE2", 200e3), ("VE4", 300e3)):
+        for column, part in (("reference", 1.0), ("lower", 0.95), ("upper", 1.05)):
+            stiff[name, "k", column] = f"{part * k:g}"
+    assert judged("like-shapes", changed(stiff)).verdict == HOLDS
 
 
 def test_a_stiff_wall_outweighs_the_device(published, changed):

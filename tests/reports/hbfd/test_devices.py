@@ -1,13 +1,9 @@
 import numpy as np
 import pytest
 
-from percept.haptics import Coupling, Device, magnitude_envelope, required_damping
+from percept.haptics import Device, magnitude_envelope
 from reports.hbfd import devices
-from reports.hbfd.devices import (
-    adapted_couplings,
-    environments_inside,
-    next_user_boundaries,
-)
+from reports.hbfd.devices import environments_inside
 
 
 def felt(s, zoh, device, k, b, coupling=None):
@@ -89,8 +85,7 @@ def test_environments_inside_are_the_same_one_device_at_a_time(published):
     wanted = []
     for mass, damping in zip(masses, dampings, strict=True):
         inside = 0
-        for boundary, wall in zip(next_user_boundaries(published), published.walls, strict=True):
-            limits = boundary.stiffness, boundary.damping
+        for limits, wall in zip(published.next_user, published.walls, strict=True):
             lower, upper = magnitude_envelope(
                 omega, Device(mass, damping), *limits, published.period
             )
@@ -104,71 +99,11 @@ def test_environments_inside_are_the_same_one_device_at_a_time(published):
     assert 0 < wanted[0] < 5
 
 
-@pytest.fixture(scope="module")
-def adapted(published):
-    return adapted_couplings(published)
-
-
-def stays_inside(published, device, row, coupling):
-    """Eqs 11 and 12 as they stand against the exact envelope, and effective k and b against
-    their limits."""
-    omega = published.omega(3001)
-    boundary = next_user_boundaries(published)[row]
-    limits = boundary.stiffness, boundary.damping
-    lower, upper = magnitude_envelope(omega, device, *limits, published.period)
-    wall, period = published.walls[row], published.period
-    z = np.exp(1j * omega * period)
-    s, zoh = 2 / period * (z - 1) / (z + 1), (z + 1) / (2 * z)
-    z_e, z_c = wall.b + wall.k / s, float(coupling.damping) + float(coupling.stiffness) / s
-    shown = z_e * z_c / (z_e + z_c)
-    felt = np.abs(device.mass * s + device.damping + zoh * shown)
-    inside = (lower * (1 - 1e-9) <= felt) & (felt <= upper * (1 + 1e-9))
-    for value, (low, high) in zip((-shown.imag * s.imag, shown.real), limits, strict=True):
-        inside &= (low <= value) & (value <= high)
-    return bool(inside.all())
-
-
-def test_the_device_just_carries_the_theoretical_coupling(adapted):
-    assert adapted.device.damping == pytest.approx(20.2548, abs=5e-5)
-
-
-def test_adapted_couplings_are_stable_and_feel_real(published, adapted):
-    # The stiffest environment's damping falls below its limits through any stable coupling.
-    none = [row for row, region in enumerate(adapted.design.each) if region.largest is None]
-    assert none == [4]
-    assert adapted.design.common.largest is None
-    rng = np.random.default_rng(3)
-    for k_c, b_c in zip(10 ** rng.uniform(3, 5.3, 300), rng.uniform(0, 162, 300), strict=True):
-        coupling = Coupling(k_c, b_c)
-        if required_damping(coupling, published.period).damping <= adapted.device.damping:
-            assert not stays_inside(published, adapted.device, 4, coupling)
-    for row, region in enumerate(adapted.design.each[:4]):
-        for coupling in (region.softest, region.largest):
-            needed = required_damping(coupling, published.period).damping
-            assert needed <= adapted.device.damping * (1 + 1e-9)
-            assert stays_inside(published, adapted.device, row, coupling), (row, coupling)
-
-
-def test_softer_than_the_softest_feels_unreal(published, adapted):
-    for row, region in enumerate(adapted.design.each[:4]):
-        soft = region.softest
-        if soft.stiffness > 0:
-            softer = Coupling(0.98 * float(soft.stiffness), float(soft.damping))
-            assert not stays_inside(published, adapted.device, row, softer)
-
-
-def test_the_tuned_coupling_suits_those_it_suits(published, adapted):
-    found = [stays_inside(published, adapted.device, row, published.tuned) for row in range(5)]
-    assert list(adapted.static) == found
-    assert found == [True, True, True, False, False]
-
-
 def test_boundaries_are_of_the_next_user(published):
     # Massless, undamped device at low ω: |Z_h| is k/Ω, and the limits are the lognormal
     # prediction's.
     omega = np.array([1e-3])
-    boundary = next_user_boundaries(published)[1]
-    limits = boundary.stiffness, boundary.damping
+    limits = published.next_user[1]
     seen = magnitude_envelope(omega, Device(0.0, 0.0), *limits, published.period)
     mean, sd = 981.03, 35.200
     spread = np.sqrt(np.log1p((sd / mean) ** 2))

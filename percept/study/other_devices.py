@@ -1,0 +1,134 @@
+"""How verdicts move with other mass and damping of the device, which are seldom known well."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+
+from percept.boundary.feels_real import judge, rough_probability
+from percept.boundary.users import Users
+from percept.haptics import Device, can_render
+from percept.results import ChangedVerdict, OtherDevices
+from percept.results.fields import Method
+from percept.scene import Scene
+from percept.study.basics import Skipped
+from percept.study.device import Setup, map_frequencies, stiffness_span
+
+__all__ = ["no_other_devices", "other_devices"]
+
+#: Draws of the users behind a probability: it is known to 0.02 by them, and differences better.
+_DEVICE_DRAWS = 512
+#: Of the scene's mass or damping, which are seldom known better.
+_LESS = 0.5
+_MORE = 1.5
+
+
+def no_other_devices(setup: Setup, users: Mapping[str, Users]) -> Skipped | None:
+    """Say why mass and damping are not varied; None where they are."""
+    what = "verdicts with other mass and damping of the device"
+    if not isinstance(setup.device, Device):
+        return Skipped(what, "a measured response has neither")
+    if not users:
+        return Skipped(what, "they need a joint law of stiffness and damping")
+    return None
+
+
+def other_devices(
+    setup: Setup,
+    users: Mapping[str, Users],
+    method: Method,
+    scene: Scene,
+    within: tuple[float, float],
+) -> OtherDevices | None:
+    """Judge every environment again with other mass and damping of the device.
+
+    Parameters
+    ----------
+    setup : Setup
+        Device, coupling and references.
+    users : mapping of str to Users
+        Draws of the population, in random order, by environment.
+    method : {"bayesian", "classical"}
+        Whose draws these are.
+    scene : Scene
+        With the central share and the decision.
+    within : tuple of float
+        Ends of the frequencies that displays are judged over, rad/s.
+
+    Returns
+    -------
+    OtherDevices or None
+        None where `no_other_devices` says why.
+    """
+    if no_other_devices(setup, users) is not None:
+        return None
+    setups = list(_setups(setup))
+    devices = [varied.device for varied in setups if isinstance(varied.device, Device)]
+    central = scene.verdict.central
+    decision = scene.inference.decision
+    verdicts = []
+    for environment, population in users.items():
+        some = population.select(slice(0, _DEVICE_DRAWS))
+        for coupled in (False, True) if setup.coupling is not None else (False,):
+            probabilities = tuple(
+                _probability(varied, environment, some, central, within, coupled=coupled)
+                for varied in setups
+            )
+            verdict = ChangedVerdict(
+                environment=environment,
+                coupled=coupled,
+                probability=probabilities,
+                outcome=tuple(judge(one, decision) for one in probabilities),
+                rendered=tuple(_renders(varied, environment, coupled=coupled) for varied in setups),
+            )
+            verdicts.append(verdict)
+    return OtherDevices(
+        mass=tuple(float(device.mass) for device in devices),
+        damping=tuple(float(device.damping) for device in devices),
+        coupled=setup.coupling is not None,
+        verdicts=tuple(verdicts),
+        method=method,
+        draws=min(_DEVICE_DRAWS, *(population.size for population in users.values())),
+    )
+
+
+def _setups(setup: Setup) -> Iterator[Setup]:
+    """Yield the scene's own device, then less and more mass, then less and more damping."""
+    device = setup.device
+    assert isinstance(device, Device)
+    devices = [device]
+    for factor in (_LESS, _MORE):
+        devices.append(dataclasses.replace(device, mass=factor * device.mass))
+    for factor in (_LESS, _MORE):
+        devices.append(dataclasses.replace(device, damping=factor * device.damping))
+    for other in devices:
+        yield dataclasses.replace(setup, device=other)
+
+
+def _renders(setup: Setup, environment: str, *, coupled: bool) -> bool:
+    """Whether the device renders an environment with every passive hand, in time."""
+    shown = setup.display(environment, coupled=coupled)
+    found = can_render(
+        setup.device,
+        shown.environment,
+        setup.period,
+        coupling=shown.coupling,
+        delay=setup.hold.delay,
+    )
+    return found.verdict == "can"
+
+
+def _probability(
+    setup: Setup,
+    environment: str,
+    users: Users,
+    central: float,
+    within: tuple[float, float],
+    *,
+    coupled: bool,
+) -> float:
+    """Judge one environment on one device."""
+    span = stiffness_span(setup, environment, users, central)
+    omega = map_frequencies(setup, environment, span, within)
+    display = setup.display(environment, coupled=coupled)
+    return rough_probability(display, users, omega, central=central)
