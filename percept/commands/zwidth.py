@@ -38,7 +38,7 @@ def _width(path: str) -> ZWidth:
     from percept.scene import Scene
     from percept.study.device import device_of, loop_of
     from percept.study.device_draws import device_draws
-    from percept.study.zwidth import z_width
+    from percept.study.rendering import z_width
 
     scene = Scene.load(path)
     device = device_of(scene)

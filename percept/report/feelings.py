@@ -10,7 +10,6 @@ from percept.boundary.feels_real import FEWEST_FOR_MAGNITUDE, judge
 from percept.errors import capitalised
 from percept.inference.record import percent
 from percept.report.numbers import bare, rounded
-from percept.report.rendering import RENDERED
 from percept.report.select import (
     METHOD_NAMES,
     MOST_NAMED,
@@ -22,10 +21,25 @@ from percept.report.select import (
     words_of,
 )
 from percept.report.sentences import cause_sentences
-from percept.results import LadderEffect, MoreSubjects, Results, Verdict
+from percept.results import LadderEffect, MoreSubjects, Rendered, Results, Verdict
 
-__all__ = ["coupling_sentences", "feeling_sentences", "feelings", "probability_said"]
+__all__ = [
+    "RENDERED",
+    "coupling_sentences",
+    "feeling_sentences",
+    "feelings",
+    "probability_said",
+    "rendering_sentences",
+]
 
+#: How an environment is displayed, by whether it is through the coupling.
+RENDERED = {False: "directly", True: "through the coupling"}
+#: What is said of the environments of a verdict.
+_RENDERS = {
+    "can": "{} can be rendered with every passive hand",
+    "cannot": "with {} some hands make the motion grow",
+    "undecided": "for {} the device’s table does not tell",
+}
 #: Outcomes in the order of a sentence: what is said of one environment, and of several.
 _SAID = {
     "feels real": ("{} feels real", "{} feel real"),
@@ -226,6 +240,30 @@ def _disagreeing(
         return []
     why = cause_sentences(effects, apart, "user", words)
     return [f"The classical method says otherwise: {'; '.join(parts)}.", *why]
+
+
+def rendering_sentences(results: Results) -> list[str]:
+    """Say which environments can be rendered with every passive hand, in which way."""
+    rows = [row for row in results.rendering or () if row.environment is not None]
+    ways = distinct(rows, "coupled")
+    said = {
+        way: _said_renders(matching(rows, coupled=way), words_of(results).environments)
+        for way in ways
+    }
+    if len(set(said.values())) < len(said):
+        return [f"Directly and through the coupling alike, {said[False]}."]
+    return [f"{capitalised(RENDERED[way])}, {text}." for way, text in said.items()]
+
+
+def _said_renders(rows: list[Rendered], environments: str) -> str:
+    parts = []
+    for verdict, said in _RENDERS.items():
+        names = [str(row.environment) for row in matching(rows, verdict=verdict)]
+        if names:
+            every = len(names) == len(rows) > 1
+            some = listed(names) if len(names) <= MOST_NAMED else f"{len(names)} {environments}"
+            parts.append(said.format(f"all {len(names)} {environments}" if every else some))
+    return "; ".join(parts)
 
 
 def coupling_sentences(results: Results) -> list[str]:

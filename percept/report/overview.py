@@ -8,10 +8,14 @@ from collections.abc import Sequence
 
 from percept.report.cautions import cautions, overruled
 from percept.report.contrast import contrast_sentences, level_panels
-from percept.report.feelings import coupling_sentences, feeling_sentences
+from percept.report.feelings import (
+    RENDERED,
+    coupling_sentences,
+    feeling_sentences,
+    rendering_sentences,
+)
 from percept.report.paragraph import results_paragraph
 from percept.report.people import NamedSubject, named_subjects
-from percept.report.rendering import RENDERED, rendering_sentences
 from percept.report.select import (
     METHODS,
     Section,

@@ -10,11 +10,10 @@ from typing import Any, Generic, TypeVar
 from percept.boundary.band import size_name
 from percept.report.basis import checks, comparison, data, diagnostics, methods
 from percept.report.contrast import contrast
-from percept.report.feelings import feelings
+from percept.report.feelings import feelings, rendering_sentences
 from percept.report.overview import first_screen
 from percept.report.people import people
 from percept.report.psychophysics import psychophysics
-from percept.report.rendering import rendering_sentences
 from percept.report.select import (
     KINDS,
     METHODS,

@@ -1,14 +1,22 @@
-"""What the device renders with every passive hand, in time: directly and through the coupling."""
+"""What a device renders with every passive hand, in time: each reference, and its Z-width."""
 
 from __future__ import annotations
 
-from percept.haptics import Coupling, Environment
-from percept.haptics.rendering import can_render
-from percept.results import Rendered
-from percept.study.device import Setup
-from percept.study.device_draws import device_stability
+from collections.abc import Mapping
 
-__all__ = ["study_rendering"]
+import numpy as np
+
+from percept.haptics import Coupling, Device, Environment
+from percept.haptics.records import AnyDevice
+from percept.haptics.rendering import can_render, rendered_region
+from percept.results import Rendered, RenderedEdge, RenderedWall, ZWidth
+from percept.study.device import Loop, Setup
+from percept.study.device_draws import DeviceDraws, device_stability
+
+__all__ = ["study_rendering", "study_zwidth", "z_width"]
+
+#: Share of the devices of a posterior that render what counts as likely.
+_LIKELY = 0.95
 
 
 def study_rendering(setup: Setup) -> tuple[Rendered, ...]:
@@ -41,4 +49,70 @@ def _rendered(setup: Setup, name: str | None, *, coupled: bool) -> Rendered:
         margin=found.margin,
         binding_omega=found.binding_omega,
         by_device=by_device,
+    )
+
+
+def study_zwidth(setup: Setup | None) -> ZWidth | None:
+    """Return what the device of a study renders; None without a device."""
+    if setup is None:
+        return None
+    loop = Loop(setup.hold, setup.velocity_filter)
+    return z_width(setup.device, setup.period, loop, setup.references, setup.draws)
+
+
+def z_width(
+    device: AnyDevice,
+    period: float,
+    loop: Loop,
+    references: Mapping[str, Environment],
+    draws: DeviceDraws | None = None,
+) -> ZWidth:
+    """Return the edge of what a device renders with every passive hand.
+
+    Parameters
+    ----------
+    device : Device or TabulatedDevice
+        A table tells nothing where it begins late, or states no floor above its end.
+    period : float
+        Sampling period T, s.
+    loop : Loop
+        Its delay and its filter count; the kind of its hold does not.
+    references : mapping
+        Environments to show beside the edge, by name.
+    draws : DeviceDraws, optional
+        Of the device's posterior.
+
+    Returns
+    -------
+    ZWidth
+        Without an edge that is not known.
+    """
+    walls = []
+    for name, wall in references.items():
+        walls.append(RenderedWall(name, float(wall.stiffness), float(wall.damping)))
+    likely = None
+    if draws is not None:
+        # The edge widens with the damping: what it reaches in 95 % of devices tells all.
+        damping = float(np.quantile(draws.stacked.damping, 1.0 - _LIKELY))
+        likely = _edge(Device(0.0, damping), period, loop)
+    # Of nothing to render only a table can leave something open.
+    known = can_render(device, Environment(0.0, 0.0), period).verdict == "can"
+    return ZWidth(
+        edge=_edge(device, period, loop) if known else None,
+        references=tuple(walls),
+        likely=likely,
+    )
+
+
+def _edge(device: AnyDevice, period: float, loop: Loop) -> RenderedEdge:
+    region = rendered_region(
+        device, period, delay=loop.hold.delay, velocity_filter=loop.velocity_filter
+    )
+    stiffest = int(region.stiffness.argmax())
+    return RenderedEdge(
+        stiffness=region.stiffness,
+        damping=region.damping,
+        stiffest=float(region.stiffness[stiffest]),
+        stiffest_damping=float(region.damping[stiffest]),
+        most_damping=float(region.damping.max()),
     )

@@ -41,7 +41,7 @@ from percept.sessions import Sessions
 from percept.study.basics import results
 from percept.study.intervals import adjustments, design_counts, normality_tests, with_left_out
 from percept.study.people import subject_rows
-from percept.study.zwidth import study_zwidth
+from percept.study.rendering import study_zwidth
 
 if TYPE_CHECKING:
     from percept.study.parts import Parts

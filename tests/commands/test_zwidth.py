@@ -9,7 +9,7 @@ from percept.haptics import Coupling, Device, Environment, needed_damping
 from percept.haptics.loop import Hold
 from percept.study.device import Loop
 from percept.study.device_draws import DeviceDraws
-from percept.study.zwidth import z_width
+from percept.study.rendering import z_width
 
 T = 1e-3
 DEVICE = "[device]\nmass = 1.0\ndamping = 5.0\nperiod = 0.001\n"
