@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ import pandas as pd
 from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import Quantity
 from percept.sessions.records import IDS, MASS, Notice, Places, Problems, shown
+from percept.sessions.table import Log
 
 __all__ = [
     "TRIAL",
@@ -36,19 +37,15 @@ _THOUSAND = 1000.0
 _ABOUT = 3.0
 
 
-def settle_references(
-    table: pd.DataFrame,
-    declared: Mapping[str, Mapping[str, float]],
-    parameters: Iterable[str],
-    place: Places,
-    problems: Problems,
-    *,
-    by_trial: bool = False,
-) -> None:
+def settle_references(table: pd.DataFrame, parameters: Iterable[str], log: Log) -> None:
     """Fill references from the scene or earlier rows, and hold an environment to one reference.
 
-    `by_trial` leaves trials the references that they have.
+    Trials may keep references that they have of their own; of what is not matched they are zero.
     """
+    zeros = {f"{p}_ref": 0.0 for p, q in log.options.quantities.items() if not q.is_matched}
+    environments = log.options.environments
+    declared = {name: environments.get(name, {}) | zeros for name in table["environment"].unique()}
+    place = log.places(table)
     columns = [f"{p}_ref" for p in parameters]
     if MASS in table:
         columns.append(MASS)
@@ -59,7 +56,7 @@ def settle_references(
     for column in columns:
         given = {e: own[column] for e, own in declared.items() if column in own}
         of_environment = pd.Series(given, dtype=float).reindex(firsts.index)
-        own_of_trial = by_trial and column != MASS
+        own_of_trial = log.options.trial_references and column != MASS
         if not own_of_trial:
             of_environment = of_environment.fillna(firsts[column])
         expected = of_environment.to_numpy(dtype=float)[codes]
@@ -80,7 +77,7 @@ def settle_references(
                 ' trial, set [model] bias = "reference".'
             )
             value = float(values[row])
-            problems.add(f"{message}.", column=column, value=value, hint=hint, **place(row))
+            log.problems.add(f"{message}.", column=column, value=value, hint=hint, **place(row))
         if column == MASS:
             table[MASS] = np.nan_to_num(expected)
             continue
@@ -90,7 +87,7 @@ def settle_references(
             without.setdefault(str(table["environment"].iloc[row]), []).append(column)
         table[column] = expected
     if without:
-        _ask_for_references(without, declared, problems)
+        _ask_for_references(without, declared, log.problems)
 
 
 def _ask_for_references(
@@ -129,20 +126,13 @@ def in_order(references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...]
     return tuple(str(name) for name in ranked.sort_values(by, kind="stable").index)
 
 
-def refuse_repeats(
-    table: pd.DataFrame,
-    cell: list[str],
-    place: Places,
-    problems: Problems,
-    *,
-    numbered: bool,
-    telling: Sequence[str],
-) -> None:
+def refuse_repeats(table: pd.DataFrame, cell: list[str], log: Log, telling: Sequence[str]) -> None:
     """Refuse rows that repeat what tells trials apart; there are some.
 
-    `numbered` is whether a column numbers the trials; `telling` are further columns of which each
-    would tell all of them apart.
+    Each of the columns `telling` would tell all of them apart.
     """
+    place = log.places(table)
+    numbered = log.numbered
     again = np.flatnonzero(table.duplicated(cell).to_numpy()).tolist()
     count = len(again)
     first = table.iloc[again[0]]
@@ -163,7 +153,7 @@ def refuse_repeats(
     ]
     if numbered:
         hints.insert(0, "Remove one row, or name the column of trial numbers in [columns].")
-    problems.add(text, hint=" ".join(hints), **place(again[0]))
+    log.problems.add(text, hint=" ".join(hints), **place(again[0]))
 
 
 def _conditions(telling: Sequence[str]) -> str:
@@ -195,24 +185,18 @@ def _typical_ratio(values: npt.NDArray[np.float64], reference: npt.NDArray[np.fl
     return float(np.exp(np.median(np.log(values) - np.log(reference))))
 
 
-def check_plausible(
-    table: pd.DataFrame,
-    quantities: Iterable[Quantity],
-    declared: Set[str],
-    place: Places,
-    problems: Problems,
-) -> list[Notice]:
+def check_plausible(table: pd.DataFrame, quantities: Iterable[Quantity], log: Log) -> None:
     """Refuse median ratios of adjustments to references beyond 100, and files off by a thousand.
 
-    Where the units of both columns are `declared` a notice says so instead.
+    Where the units of both columns are declared a notice says so instead.
     """
-    notices: list[Notice] = []
+    place = log.places(table)
     for quantity in quantities:
         adj = f"{quantity.name}_adj"
         ref = f"{quantity.name}_ref"
         for slip in _slips(table, adj, ref):
-            if {adj, ref} <= declared:
-                notices.append(Notice(slip.text, column=adj))
+            if {adj, ref} <= log.declared_units:
+                log.notices.append(Notice(slip.text, column=adj))
                 continue
             # A slip makes numbers too small where the larger unit was meant. One declared unit is
             # as likely to be the slip as the other column: it settles nothing.
@@ -223,8 +207,7 @@ def check_plausible(
                 f' such as {column} = {{ name = "…", unit = "{unit}" }}.'
             )
             value = float(table[adj].iloc[slip.row])
-            problems.add(slip.text, column=adj, value=value, hint=hint, **place(slip.row))
-    return notices
+            log.problems.add(slip.text, column=adj, value=value, hint=hint, **place(slip.row))
 
 
 @dataclass(frozen=True)

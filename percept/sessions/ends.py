@@ -7,36 +7,24 @@ out, counted per environment and logged. The intervals then describe the other a
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from percept.errors import counted
+from percept.errors import UsageError, counted
 from percept.sessions.quantities import Quantity
 from percept.sessions.records import Exclusion, Notice, Places, clip
+from percept.sessions.table import Log
 
-__all__ = ["Ends", "by_environment", "without_ends"]
+__all__ = ["by_environment", "without_ends"]
 
 #: Environments that a sentence lists.
 _LISTED = 8
 _Mask = npt.NDArray[np.bool_]
 
 
-@dataclass
-class Ends:
-    """Trials without the adjustments at the ends of their controls, and what is said of these."""
-
-    table: pd.DataFrame
-    exclusions: list[Exclusion] = field(default_factory=list)
-    notices: list[Notice] = field(default_factory=list)
-    counts: dict[str, int] = field(default_factory=dict)
-    #: Rows whose adjustment is left out, with its quantity as `parameter`.
-    left_out: list[pd.DataFrame] = field(default_factory=list)
-
-
-def without_ends(table: pd.DataFrame, quantities: Iterable[Quantity], place: Places) -> Ends:
+def without_ends(table: pd.DataFrame, quantities: Iterable[Quantity], log: Log) -> pd.DataFrame:
     """Leave out adjustments at the limits of their quantities; a row without any goes.
 
     Parameters
@@ -45,53 +33,58 @@ def without_ends(table: pd.DataFrame, quantities: Iterable[Quantity], place: Pla
         Trials with ids and adjustments in the quantities' units.
     quantities : iterable of Quantity
         Those that the trials have.
-    place : callable
-        From a row's position to its file and line.
+    log : Log
+        Takes up what is left out.
 
     Returns
     -------
-    Ends
+    DataFrame
+
+    Raises
+    ------
+    UsageError
+        Nothing is left.
     """
-    ends = Ends(table)
     adjusted = []
+    place = log.places(table)
     for quantity in quantities:
         column = f"{quantity.name}_adj"
         adjusted.append(column)
         if quantity.limits is None:
             continue
         lowest, highest = quantity.limits
-        values = ends.table[column].to_numpy()
+        values = table[column].to_numpy()
         at_end = (values <= lowest) | (values >= highest)
         if at_end.any():
-            _leave_out(ends, quantity, at_end, place)
-    if ends.counts:
-        ends.table = ends.table.dropna(subset=adjusted, how="all").reset_index(drop=True)
-    return ends
+            _log(table, quantity, at_end, place, log)
+            table = table.assign(**{column: table[column].mask(at_end)})
+    if log.at_limits:
+        table = table.dropna(subset=adjusted, how="all").reset_index(drop=True)
+    if table.empty:
+        hint = "Correct limits in [quantities]."
+        raise UsageError("every adjustment lies at a limit of its control.", hint=hint)
+    return table
 
 
-def _leave_out(
-    ends: Ends, quantity: Quantity, at_end: npt.NDArray[np.bool_], place: Places
-) -> None:
-    """Blank the adjustments at the ends of a control, log each and say how many there are."""
+def _log(table: pd.DataFrame, quantity: Quantity, at_end: _Mask, place: Places, log: Log) -> None:
+    """Log each adjustment at an end of a control, and say how many there are."""
     why = f"{quantity.label} at a limit of its control"
-    rows = ends.table[at_end]
+    rows = table[at_end]
     positions = np.flatnonzero(at_end).tolist()
     ids = zip(positions, rows["subject"], rows["environment"], strict=True)
     for position, subject, environment in ids:
         what = f"{quantity.name} in environment {environment}"
-        exclusion = Exclusion(subject, what, why, **place(position))
-        ends.exclusions.append(exclusion)
+        log.exclusions.append(Exclusion(subject, what, why, **place(position)))
     column = f"{quantity.name}_adj"
-    known = int(ends.table[column].notna().sum())
+    known = int(table[column].notna().sum())
     text = (
         f"{counted(len(rows), 'value')} of {known} at the limits of the control,"
         f" {quantity.amounts(quantity.limits or ())}, are left out:"
-        f" {by_environment(ends.table, at_end)}. Every interval describes the other values only"
+        f" {by_environment(table, at_end)}. Every interval describes the other values only"
     )
-    ends.notices.append(Notice(text, column=column))
-    ends.counts[f"left out: {why}"] = len(rows)
-    ends.left_out.append(rows.assign(parameter=quantity.name))
-    ends.table = ends.table.assign(**{column: ends.table[column].mask(at_end)})
+    log.notices.append(Notice(text, column=column))
+    log.counts[f"left out: {why}"] = len(rows)
+    log.at_limits.append(rows.assign(parameter=quantity.name))
 
 
 def by_environment(table: pd.DataFrame, chosen: _Mask) -> str:

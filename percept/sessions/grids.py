@@ -173,7 +173,7 @@ class Block:
         delimiter = self.dialect.delimiter
         text = self.text.replace("\r\n", "\n") if "\r" in self.text else self.text
         special = any(sign in text for sign in ('"', "\r", _BYTE_ORDER_MARK))
-        if self.split or special or not delimiter.isascii():
+        if special or not (text and delimiter.isascii()):
             return None
         body = text.encode()
         if not text.endswith("\n"):
@@ -251,7 +251,10 @@ def text_blocks(
             last=not following,
         )
         dialect, grid = _find_dialect(unsplit, delimiter, resolves)
-        yield replace(unsplit, dialect=dialect, split=grid)
+        after_header = int(grid.cells.index[0]) - first_row
+        lines = io.StringIO(unsplit.text, newline="").readlines()
+        rest = "" if grid.dropped else "".join(lines[after_header:])
+        yield Block(dialect, grid, rest, first_row + after_header)
         while following:
             first_row += files.line_ends(text)
             text = following

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -20,7 +20,7 @@ from percept.sessions.columns import unused_columns
 from percept.sessions.ends import without_ends
 from percept.sessions.options import DataTables, ReadOptions
 from percept.sessions.quantities import Quantities, trial_columns
-from percept.sessions.reading import Reading
+from percept.sessions.reading import open_files, open_frame
 from percept.sessions.records import (
     IDS,
     MASS,
@@ -33,12 +33,14 @@ from percept.sessions.records import (
     once_per_kind,
 )
 from percept.sessions.responses import complete_responses
-from percept.sessions.table import FileTable
+from percept.sessions.summary import read_summary
+from percept.sessions.table import Log, OpenFile
+from percept.sessions.trials import read_trials
 
 __all__ = ["Sessions", "by_level", "read_sessions", "refuse_gaps"]
 
 #: Opens the input, once for each reading.
-_Opened = Callable[[Reading], Generator[FileTable]]
+_Opened = Callable[[Log], Generator[OpenFile]]
 #: A column of more values than this counts or times trials, and names no condition.
 _MOST_LEVELS = 12
 
@@ -101,7 +103,7 @@ class Sessions:
             hint = "read_sessions reads files."
             raise UsageError(f"a DataFrame is needed, not {type(frame).__name__}.", hint=hint)
         options = ReadOptions.of(scene)
-        return _merged(options, lambda reading: reading.frame(frame))
+        return _merged(options, lambda log: open_frame(frame, log))
 
     @property
     def quantities(self) -> Quantities:
@@ -253,135 +255,127 @@ def read_sessions(
         else:
             hint = "Put all rows into one: pandas.concat."
             raise UsageError("a DataFrame is read alone.", hint=hint)
-    return _merged(options, lambda reading: reading.tables(files))
+    return _merged(options, lambda log: open_files(files, log), [str(path) for path in files])
 
 
-def _merged(options: ReadOptions, opened: _Opened) -> Sessions:
+def _merged(options: ReadOptions, opened: _Opened, paths: Sequence[str] = ()) -> Sessions:
     """Merge the files by column name and check them together."""
-    reading = Reading(options)
+    log = Log(options, paths)
     frames: list[pd.DataFrame] = []
     first_of_form: dict[str, str] = {}
-    present: set[str] = set()
-    with closing(opened(reading)) as tables:
-        for table in tables:
-            with reading.problems.collecting():
-                first_of_form.setdefault(table.form, table.name)
-                present |= table.parameters
-                for frame in table.frames():
-                    frames.append(frame.assign(file=len(reading.sources)))
+    with closing(opened(log)) as files:
+        for file in files:
+            with log.problems.collecting():
+                form = file.found.form
+                first_of_form.setdefault(form, file.name)
+                frame = read_summary(file) if form == "summary" else read_trials(file)
+                frames.append(frame.assign(file=len(log.sources)))
     if len(first_of_form) > 1:
         message = "trials and a published summary cannot be read together."
-        file = list(first_of_form.values())[1]
-        reading.problems.add(message, file=file, hint="Read them one by one.")
-    reading.refuse_nothing(frames)
+        name = list(first_of_form.values())[1]
+        log.problems.add(message, file=name, hint="Read them one by one.")
+    _refuse_nothing(log, frames)
     merged = pd.concat(frames, ignore_index=True)
     summary = "summary" in first_of_form
     if summary:
-        tidy = _checked_summary(reading, merged)
+        checks.check_summary(merged, options, log.places(merged), log.problems)
+        log.problems.raise_if_any()
+        log.counts["observations"] = len(merged)
+        tidy = merged[list(SUMMARY_COLUMNS)].astype({"n": np.int64})
     else:
-        parameters = [p for p in reading.options.quantities if p in present]
-        place = reading.places(merged)
-        declared = _declared_references(reading.options, merged["environment"].unique())
-        checks.settle_references(
-            merged,
-            declared,
-            parameters,
-            place,
-            reading.problems,
-            by_trial=reading.options.trial_references,
-        )
-        complete_responses(merged, reading.options, parameters, place, reading.problems)
-        merged = _without_ends(reading, merged, parameters)
-        tidy = _checked_trials(reading, merged, parameters, opened)
+        merged = _checked_trials(log, merged, opened)
+        tidy = _laid_out(options, merged)
     return Sessions(
         table=tidy,
         form="summary" if summary else "trials",
-        sources=tuple(reading.sources),
-        notices=once_per_kind(reading.notices),
-        exclusions=tuple(reading.exclusions),
-        counts=dict(reading.counts),
+        sources=tuple(log.sources),
+        notices=once_per_kind(log.notices),
+        exclusions=tuple(log.exclusions),
+        counts=dict(log.counts),
         provenance=merged[["file", "row"]].astype(np.int64),
-        options=reading.options,
-        at_limits=pd.concat(reading.at_limits) if reading.at_limits else pd.DataFrame(),
+        options=options,
+        at_limits=pd.concat(log.at_limits) if log.at_limits else pd.DataFrame(),
     )
 
 
-def _without_ends(
-    reading: Reading, merged: pd.DataFrame, parameters: Sequence[str]
-) -> pd.DataFrame:
-    """Leave out what lies at the ends of a control, and take up what is said of it."""
-    quantities = [reading.options.quantities[p] for p in parameters]
-    ends = without_ends(merged, quantities, reading.places(merged))
-    reading.exclusions += ends.exclusions
-    reading.notices += ends.notices
-    reading.counts.update(ends.counts)
-    reading.at_limits += ends.left_out
-    if ends.table.empty:
-        hint = "Correct limits in [quantities]."
-        raise UsageError("every adjustment lies at a limit of its control.", hint=hint)
-    return ends.table
+def _refuse_nothing(log: Log, frames: Sequence[pd.DataFrame]) -> None:
+    """Raise the problems found, a rule that no row met, or that no row is left.
+
+    Notice environments that no row has.
+    """
+    if not log.sources:
+        for error in log.without_trials:
+            log.problems.extend(error)
+    log.problems.raise_if_any()
+    for error in log.without_trials:
+        log.notices.append(Notice(f"left out: {error.message}", error.file))
+    for rule in log.options.sessions.exclude:
+        # Limits may well be kept by all rows.
+        if rule.equals and rule not in log.applied:
+            raise UsageError(
+                f"no row has {' or '.join(map(repr, rule.equals))} in this column.",
+                key="sessions.exclude",
+                column=rule.column,
+                hint="Correct the text, or take the rule out.",
+            )
+    present = {name for frame in frames for name in frame["environment"].unique()}
+    if not present:
+        rows = ", ".join(f"{number} {reason}" for reason, number in log.counts.items())
+        message = "no row has an adjustment."
+        raise UsageError(message, file=log.sources[0].name, hint=f"Rows: {rows}.")
+    for name in log.options.environments:
+        if name not in present:
+            log.notices.append(Notice("[environments] names it, but no row has it", column=name))
 
 
-def _declared_references(
-    options: ReadOptions, environments: Iterable[str]
-) -> Mapping[str, Mapping[str, float]]:
-    """Return the scene's references by environment; of quantities without one they are zero."""
-    zeros = {f"{name}_ref": 0.0 for name, q in options.quantities.items() if not q.is_matched}
-    if not zeros:
-        return options.environments
-    return {name: {**options.environments.get(name, {}), **zeros} for name in environments}
-
-
-def _checked_summary(reading: Reading, merged: pd.DataFrame) -> pd.DataFrame:
-    """Check a published table as a whole, and lay it out."""
-    checks.check_summary(merged, reading.options, reading.places(merged), reading.problems)
-    reading.problems.raise_if_any()
-    reading.counts["observations"] = len(merged)
-    return merged[list(SUMMARY_COLUMNS)].astype({"n": np.int64})
-
-
-def _checked_trials(
-    reading: Reading, merged: pd.DataFrame, parameters: Sequence[str], opened: _Opened
-) -> pd.DataFrame:
-    """Check the trials of all files as a whole, and lay them out."""
-    options = reading.options
-    problems = reading.problems
-    place = reading.places(merged)
+def _checked_trials(log: Log, merged: pd.DataFrame, opened: _Opened) -> pd.DataFrame:
+    """Settle the references of all trials, and check them as a whole."""
+    options = log.options
+    parameters = [p for p in options.quantities if p in log.parameters]
+    quantities = [options.quantities[p] for p in parameters]
+    checks.settle_references(merged, parameters, log)
+    complete_responses(merged, options, parameters, log.places(merged), log.problems)
+    merged = without_ends(merged, quantities, log)
     if options.sessions.trial == "order":
         merged["trial"] = merged.groupby(list(IDS), sort=False).cumcount() + 1
     split = [name for name in options.split if name in merged]
     cell = list(dict.fromkeys((*checks.TRIAL, *split)))
     if merged.duplicated(cell).any():
-        telling = _telling_columns(options, opened)
-        checks.refuse_repeats(
-            merged, cell, place, problems, numbered=reading.numbered, telling=telling
-        )
-    reading.check(merged, parameters)
+        checks.refuse_repeats(merged, cell, log, _telling_columns(log, opened))
+    checks.check_plausible(merged, quantities, log)
+    log.problems.raise_if_any()
+    log.notices += log.names.notices()
+    log.notices += doubts.doubtful_ids(merged, log.places(merged))
+    log.notices += checks.repeats_over_sessions(merged)
+    log.counts.update(checks.count_grid(merged))
     for p in parameters:
-        reading.counts[f"rows without {p}"] = int(merged[f"{p}_adj"].isna().sum())
+        log.counts[f"rows without {p}"] = int(merged[f"{p}_adj"].isna().sum())
+    return merged
+
+
+def _laid_out(options: ReadOptions, merged: pd.DataFrame) -> pd.DataFrame:
+    """Order the columns: those of trials, groups, and a mass."""
     columns = list(trial_columns(options.quantities))
     groups = [str(name) for name in merged if name not in (*columns, MASS, "row", "file")]
     if MASS in merged:
         columns.append(MASS)
-    tidy = merged[[*columns, *groups]].copy()
-    for group in groups:
-        # A file that lacks a group column leaves blanks, never the text "nan".
-        tidy[group] = merged[group].fillna("").astype("str")
-    return tidy
+    # A file that lacks a group column leaves blanks, never the text "nan".
+    blank = {group: merged[group].fillna("").astype("str") for group in groups}
+    return merged[[*columns, *groups]].assign(**blank)
 
 
-def _telling_columns(options: ReadOptions, opened: _Opened) -> list[str]:
+def _telling_columns(log: Log, opened: _Opened) -> list[str]:
     """Name unused columns of which each tells all trials apart, the fewest levels first."""
     telling: dict[str, int] = {}
     # What is wrong with the files is told by the first reading.
     with suppress(UsageError):
-        with closing(opened(Reading(options))) as tables:
-            first = next(tables)
-        names = first.file.header.names
-        unused = unused_columns(first.file.header, first.found, options)
+        with closing(opened(Log(log.options))) as files:
+            first = next(files)
+        names = first.header.names
+        unused = unused_columns(first.header, first.found, log.options)
         unused = [name for name in unused if names.count(name) == 1]
-        with closing(opened(Reading(options.with_groups(unused)))) as tables:
-            merged = pd.concat([frame for table in tables for frame in table.frames()])
+        with closing(opened(Log(log.options.with_groups(unused)))) as files:
+            merged = pd.concat([read_trials(file) for file in files])
         for name in merged.columns.intersection(unused):
             levels = merged[name].nunique()
             if levels <= _MOST_LEVELS and not merged.duplicated([*checks.TRIAL, name]).any():

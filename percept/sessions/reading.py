@@ -1,9 +1,8 @@
-"""A study being read, file by file, with what is noticed and counted on the way."""
+"""Files to tables whose header is known, one after the other."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from itertools import chain
 from pathlib import Path
@@ -11,183 +10,98 @@ from pathlib import Path
 import pandas as pd
 
 from percept.errors import UsageError
-from percept.sessions import checks
-from percept.sessions.columns import Header, resolve
-from percept.sessions.doubts import doubtful_ids
+from percept.sessions.columns import Header, check_columns, resolve, unused_columns
 from percept.sessions.files import Input, load, open_text
 from percept.sessions.grids import Block, text_blocks
 from percept.sessions.layout import refuse_headless
-from percept.sessions.options import ExcludeRule, ReadOptions
+from percept.sessions.options import ReadOptions
 from percept.sessions.paths import expand, ids_from_name
-from percept.sessions.records import (
-    Exclusion,
-    NoDataError,
-    Notice,
-    Place,
-    Places,
-    Problems,
-    Source,
-)
-from percept.sessions.summary import SummaryTable
-from percept.sessions.table import FileTable, OpenFile
-from percept.sessions.trials import LongTable, WideTable
+from percept.sessions.records import NoDataError, Notice, Source, shown
+from percept.sessions.table import Log, OpenFile
 from percept.sessions.typed import is_typed, typed_block, typed_rows
-from percept.sessions.values import Names
 
-__all__ = ["Reading", "open_blocks"]
+__all__ = ["open_blocks", "open_files", "open_frame"]
 
 
-class Reading:
-    """A study being read, file by file: its sources, and what was noticed so far."""
+def open_files(paths: Sequence[str | Path], log: Log) -> Generator[OpenFile]:
+    """Open files; an error of one becomes a problem, so that the next is read too.
 
-    def __init__(self, options: ReadOptions) -> None:
-        self.options = options
-        self.paths: list[str] = []  # As they were given
-        self.problems = Problems()
-        self.sources: list[Source] = []
-        self.notices: list[Notice] = []
-        self.exclusions: list[Exclusion] = []
-        self.at_limits: list[pd.DataFrame] = []  # Adjustments left out at limits of controls
-        self.without_trials: list[NoDataError] = []
-        self.counts: Counter[str] = Counter()
-        self.names = Names()
-        for environment in options.environments:
-            self.names.add("environment", environment)
-        self.numbered = False  # Whether a column of any file numbers the trials
-        self.applied: set[ExcludeRule] = set()  # Rules on texts that some row met
-        self.declared_units = {name for own in options.environments.values() for name in own}
+    A file is added to the sources once all of it is read.
+    """
+    wants = log.options.sessions.files.wants
+    files, notices = expand(paths, wants)
+    log.notices += notices
+    for file, named in files.items():
+        with log.problems.collecting():
+            for entry in load(file, log.options.files):
+                is_file = entry.name == file
+                if is_file or wants(entry.path):
+                    with log.problems.collecting():
+                        yield from _open_input(entry, log, named=named and is_file)
 
-    def tables(self, paths: Sequence[str | Path]) -> Generator[FileTable]:
-        """Open the files; an error of one becomes a problem, so that the next is read too."""
-        self.paths = [str(path) for path in paths]
-        wants = self.options.sessions.files.wants
-        files, notices = expand(paths, wants)
-        self.notices += notices
-        for file, named in files.items():
-            with self.problems.collecting():
-                for entry in load(file, self.options.files):
-                    is_file = entry.name == file
-                    if is_file or wants(entry.path):
-                        with self.problems.collecting():
-                            yield from self._table(entry, named=named and is_file)
 
-    def _table(self, entry: Input, *, named: bool) -> Generator[FileTable]:
-        """Open one input, and take it up once all of it is read."""
-        with closing(open_blocks(entry, self.options, self.notices)) as blocks:
-            try:
-                ids = ids_from_name(entry.path, self.options.sessions.filename, file=entry.name)
-                table = self._open(entry.name, blocks, ids)
-            except NoDataError as error:
-                # A file that somebody named has to hold trials; one of a folder may be a companion.
-                if error.column and named:
-                    raise
-                self.without_trials.append(error)
-                return
-            sha256 = entry.sha256()
-            for source in self.sources:
-                if source.sha256 == sha256 and entry.part is None:
-                    message = f"byte for byte the same file as {source.name}."
-                    raise UsageError(message, file=entry.name, hint="Leave one of them out.")
-            yield table
-            self._add(table, sha256)
-
-    def frame(self, frame: pd.DataFrame) -> Generator[FileTable]:
-        """Take a DataFrame as a file; a row's number is its position plus 2, as below a header."""
-        limits = self.options.files
-        limits.hold_table(len(frame), len(frame.columns), "<frame>")
-        rows = [list(frame.columns), *frame.itertuples(index=False, name=None)]
-        block = typed_block(rows, "<frame>", limits)
-        table = self._open("<frame>", iter([block]), {})
-        yield table
-        self._add(table, "")
-
-    def _open(self, name: str, blocks: Iterator[Block], ids: Mapping[str, str]) -> FileTable:
-        """Find out from the header what kind of table a file is."""
-        first = next(blocks)
-        grid = first.grid()
-        header = Header(grid.header, name, self.paths)
-        found = resolve(header, self.options)
-        file = OpenFile(
-            name=name,
-            header=header,
-            blocks=chain([first], blocks),
-            ids=ids,
-            options=self.options,
-            problems=self.problems,
-            names=self.names,
-        )
-        if found.form == "summary":
-            return SummaryTable(file, found)
+def _open_input(entry: Input, log: Log, *, named: bool) -> Generator[OpenFile]:
+    """Open one input; nothing comes of a file without trials."""
+    with closing(open_blocks(entry, log.options, log.notices)) as blocks:
         try:
-            return WideTable(file, found) if found.wide else LongTable(file, found)
+            ids = ids_from_name(entry.path, log.options.sessions.filename, file=entry.name)
+            table = _open(entry.name, blocks, ids, log)
+        except NoDataError as error:
+            # A file that somebody named has to hold trials; one of a folder may be a companion.
+            if error.column and named:
+                raise
+            log.without_trials.append(error)
+            return
+        sha256 = entry.sha256()
+        for source in log.sources:
+            if source.sha256 == sha256 and entry.part is None:
+                message = f"byte for byte the same file as {source.name}."
+                raise UsageError(message, file=entry.name, hint="Leave one of them out.")
+        yield from _read(table, sha256)
+
+
+def open_frame(frame: pd.DataFrame, log: Log) -> Generator[OpenFile]:
+    """Take a DataFrame as a file; a row's number is its position plus 2, as below a header."""
+    limits = log.options.files
+    limits.hold_table(len(frame), len(frame.columns), "<frame>")
+    rows = [list(frame.columns), *frame.itertuples(index=False, name=None)]
+    block = typed_block(rows, "<frame>", limits)
+    yield from _read(_open("<frame>", iter([block]), {}, log), "")
+
+
+def _read(table: OpenFile, sha256: str) -> Generator[OpenFile]:
+    """Have a file read, and add it to the sources."""
+    counts = table.log.counts
+    before = counts["rows read"]
+    yield table
+    table.log.sources.append(Source(table.name, sha256, counts["rows read"] - before))
+
+
+def _open(name: str, blocks: Iterator[Block], ids: Mapping[str, str], log: Log) -> OpenFile:
+    """Find out from the header what kind of table a file is."""
+    first = next(blocks)
+    grid = first.grid()
+    header = Header(grid.header, name, log.paths)
+    found = resolve(header, log.options)
+    file = OpenFile(name, header, found, ids, chain([first], blocks), log)
+    if found.form == "trials":
+        try:
+            check_columns(header, found, log.options, ids)
         except UsageError:
             columns = [column.tolist() for _, column in grid.cells.items()]
             refuse_headless(grid.header, columns, name)
             raise
-
-    def _add(self, table: FileTable, sha256: str) -> None:
-        """Take up what is known of a file once all of it is read."""
-        self.sources.append(Source(table.name, sha256, table.counts["rows read"]))
-        self.notices += table.notices
-        self.numbered |= table.numbered
-        self.exclusions += table.exclusions
-        self.applied |= table.applied
-        self.counts.update(table.counts)
-        self.declared_units |= table.declared_units
-
-    def refuse_nothing(self, frames: Sequence[pd.DataFrame]) -> None:
-        """Raise the problems found, a rule that no row met, or that no row is left.
-
-        Notice environments that no row has.
-        """
-        if not self.sources:
-            for error in self.without_trials:
-                self.problems.extend(error)
-        self.problems.raise_if_any()
-        for error in self.without_trials:
-            self.notices.append(Notice(f"left out: {error.message}", error.file))
-        self._refuse_idle_rules()
-        if not any(len(frame) for frame in frames):
-            rows = ", ".join(f"{number} {reason}" for reason, number in self.counts.items())
-            message = "no row has an adjustment."
-            raise UsageError(message, file=self.sources[0].name, hint=f"Rows: {rows}.")
-        present = {name for frame in frames if len(frame) for name in frame["environment"].unique()}
-        for name in self.options.environments:
-            if name not in present:
-                self.notices.append(
-                    Notice("[environments] names it, but no row has it", column=name)
-                )
-
-    def _refuse_idle_rules(self) -> None:
-        """Refuse a rule on texts that no row met; limits may well be kept by all rows."""
-        for rule in self.options.sessions.exclude:
-            if rule.equals and rule not in self.applied:
-                raise UsageError(
-                    f"no row has {' or '.join(map(repr, rule.equals))} in this column.",
-                    key="sessions.exclude",
-                    column=rule.column,
-                    hint="Correct the text, or take the rule out.",
-                )
-
-    def places(self, table: pd.DataFrame) -> Places:
-        """Return where a row of the table, by its position, stands."""
-        files = table["file"].to_numpy()
-        rows = table["row"].to_numpy()
-        return lambda at: Place(file=self.sources[int(files[at])].name, row=int(rows[at]))
-
-    def check(self, table: pd.DataFrame, parameters: Iterable[str]) -> None:
-        """Look at units, ids and cells over all files."""
-        quantities = [self.options.quantities[p] for p in parameters]
-        places = self.places(table)
-        self.notices += checks.check_plausible(
-            table, quantities, self.declared_units, places, self.problems
-        )
-        self.problems.raise_if_any()
-        self.notices += self.names.notices()
-        self.notices += doubtful_ids(table, places)
-        if table["session"].nunique() > 1:
-            self.notices += checks.repeats_over_sessions(table)
-        self.counts.update(checks.count_grid(table))
+        log.numbered |= file.is_numbered
+        log.parameters |= {p for p in log.options.quantities if f"{p}_adj" in found.rules}
+        log.declared_units |= {c for c, rule in found.rules.items() if rule.unit is not None}
+    for text in found.announced:
+        file.notice(text)
+    for column in sorted(ids.keys() & found.rules.keys()):
+        own = found.rules[column].name
+        file.notice(f"{column} is taken from the file's name; column {own!r} is not used")
+    if unused := unused_columns(header, found, log.options):
+        file.notice(f"columns not used: {shown(unused)}")
+    return file
 
 
 def open_blocks(entry: Input, options: ReadOptions, notices: list[Notice]) -> Generator[Block]:

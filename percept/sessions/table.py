@@ -1,102 +1,95 @@
-"""A file as a table: where its columns stand, and what became of its rows."""
+"""A file whose header is known, and what the reader says of a study beside its table."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
 
 import pandas as pd
 
-from percept.sessions.columns import Header, Resolution, unused_columns
-from percept.sessions.grids import Block, Grid
+from percept.sessions.columns import Header, Resolution
+from percept.sessions.grids import Block
 from percept.sessions.options import ExcludeRule, ReadOptions
-from percept.sessions.records import CellPlace, Exclusion, Notice, Problems, shown
+from percept.sessions.records import (
+    CellPlace,
+    Exclusion,
+    NoDataError,
+    Notice,
+    Place,
+    Places,
+    Problems,
+    Source,
+)
 from percept.sessions.values import Names
 
-__all__ = ["FileTable", "OpenFile"]
+__all__ = ["Log", "OpenFile"]
+
+
+class Log:
+    """What is said of a study while it is read: each step adds to it."""
+
+    def __init__(self, options: ReadOptions, paths: Sequence[str] = ()) -> None:
+        self.options = options
+        self.paths = paths  # As they were given
+        self.problems = Problems()
+        self.sources: list[Source] = []
+        self.notices: list[Notice] = []
+        self.exclusions: list[Exclusion] = []
+        self.without_trials: list[NoDataError] = []
+        self.at_limits: list[pd.DataFrame] = []  # Adjustments left out at limits of controls
+        self.counts: Counter[str] = Counter()  # Rows by what became of them
+        self.parameters: set[str] = set()  # Quantities with a column of adjustments
+        self.numbered = False  # Whether a column of any file numbers the trials
+        self.applied: set[ExcludeRule] = set()  # Rules on texts that some row met
+        self.declared_units = {name for own in options.environments.values() for name in own}
+        self.names = Names()
+        for environment in options.environments:
+            self.names.add("environment", environment)
+
+    def places(self, table: pd.DataFrame) -> Places:
+        """Return where a row of the table, by its position, stands."""
+        files = table["file"].to_numpy()
+        rows = table["row"].to_numpy()
+        return lambda at: Place(file=self.sources[int(files[at])].name, row=int(rows[at]))
 
 
 @dataclass(frozen=True)
 class OpenFile:
-    """A file whose header is known, and what the study knows so far."""
+    """A file whose header is known."""
 
     name: str
     header: Header
-    blocks: Iterator[Block]
+    found: Resolution
     ids: Mapping[str, str]  # Of the file's name
-    options: ReadOptions
-    problems: Problems
-    names: Names
+    blocks: Iterator[Block]
+    log: Log
 
+    @property
+    def options(self) -> ReadOptions:
+        """How the study is read."""
+        return self.log.options
 
-class FileTable(ABC):
-    """One file: where its columns stand, its observations, and what became of its rows.
+    @property
+    def is_numbered(self) -> bool:
+        """Whether a column numbers the trials."""
+        return "trial" in self.found.rules or any(slot.trial for slot in self.found.slots)
 
-    Attributes
-    ----------
-    name : str
-        The file's name for messages.
-    counts : Counter
-        Rows by what became of them; complete once `frames` is used up, as are all that follow.
-    exclusions : list of Exclusion
-        Rows left out by a rule, or for want of an adjustment.
-    notices : list of Notice
-        Choices made in reading.
-    numbered : bool
-        Whether a column numbers the trials.
-    declared_units : set of str
-        Canonical columns whose unit is declared.
-    parameters : set of str
-        Quantities that have a column of adjustments.
-    applied : set of ExcludeRule
-        Rules on texts that some row met.
-    """
+    def notice(self, text: str) -> None:
+        """Say something about the whole file."""
+        self.log.notices.append(Notice(text, self.name))
 
-    form: ClassVar[Literal["trials", "summary"]]
-
-    def __init__(self, file: OpenFile, found: Resolution) -> None:
-        self.name = file.name
-        self.file = file
-        self.quantities = file.options.quantities
-        self.problems = file.problems
-        self.found = found
-        self.counts: Counter[str] = Counter()
-        self.exclusions: list[Exclusion] = []
-        self.notices: list[Notice] = []
-        self.numbered = False
-        self.declared_units = {c for c, rule in found.rules.items() if rule.unit is not None}
-        self.parameters: set[str] = set()
-        self.applied: set[ExcludeRule] = set()
-        for text in found.announced:
-            self._notice(text)
-        for column in sorted(file.ids.keys() & found.rules.keys()):
-            own = found.rules[column].name
-            self._notice(f"{column} is taken from the file's name; column {own!r} is not used")
-        if unused := unused_columns(file.header, found, file.options):
-            self._notice(f"columns not used: {shown(unused)}")
-
-    @abstractmethod
-    def frames(self) -> Iterator[pd.DataFrame]:
-        """Give the observations of each block: canonical columns, groups, physical `row`."""
-
-    def _notice(self, text: str) -> None:
-        self.notices.append(Notice(text, self.name))
-
-    def _counted(self, block: Block) -> Grid:
+    def cells(self, block: Block) -> pd.DataFrame:
         """Split a block into cells, and count its rows."""
         grid = block.grid()
-        self.counts["rows read"] += len(grid.cells)
-        self.counts.update(grid.dropped)
-        return grid
+        self.log.counts["rows read"] += len(grid.cells)
+        self.log.counts.update(grid.dropped)
+        return grid.cells
 
-    def _place(self, column: str, row: int | None = None) -> CellPlace:
-        """Where a column stands, by its canonical name or, with a prefix, its own."""
+    def place(self, column: str, row: int | None = None) -> CellPlace:
+        """Where a column stands, by its canonical name or its own."""
         rule = self.found.rules.get(column)
-        name = column.rpartition(":")[2] if rule is None else rule.name
-        place = CellPlace(file=self.name, column=name)
+        place = CellPlace(file=self.name, column=column if rule is None else rule.name)
         if row is not None:
             place["row"] = int(row)
         return place

@@ -1,11 +1,14 @@
-"""Tables of trials: rows selected, ids and numbers taken out of their cells, units converted."""
+"""A file's trials as one table: rows selected, ids and numbers taken out of cells, units converted.
+
+Its columns have percept's names or are `Own`; its index is the physical line.
+"""
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import PurePath
-from typing import Any, ClassVar, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,388 +16,363 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import values
-from percept.sessions.columns import Resolution, check_columns
+from percept.sessions.columns import Slot
 from percept.sessions.grids import Block
 from percept.sessions.options import KEPT_COLUMNS, canonical_columns
 from percept.sessions.quantities import convert, numbers_of, quantity_of, with_mass
 from percept.sessions.records import IDS, MASS, Exclusion, shown
-from percept.sessions.table import FileTable, OpenFile
+from percept.sessions.table import OpenFile
 
-__all__ = ["LongTable", "WideTable"]
+__all__ = ["read_trials"]
 
 _CORRECT = "Correct the cell, or leave it empty if there was no adjustment."
 #: Share of rows without an id from which on its cells seem to be merged.
 _MERGED = 0.5
 #: Above this, doubles do not tell whole numbers apart.
 _WHOLE = 2.0**53
-#: Before the name of a column of the file's own that is read as text, or as numbers for a limit.
-_OWN = "own:"
-_LIMIT = "limit:"
 _EARLIER = "earlier event of a trial"
 _Mask = npt.NDArray[np.bool_]
 
 
-class TrialTable(FileTable):
-    """A table of trials. In frames of a block the index is the physical line."""
+@dataclass(frozen=True)
+class Own:
+    """Label of a column of the file's own, whatever its name."""
 
-    form: ClassVar[Literal["trials", "summary"]] = "trials"
+    name: str
+    is_number: bool = False  # Read for a limit
 
-    def __init__(self, file: OpenFile, found: Resolution) -> None:
-        super().__init__(file, found)
-        check_columns(file.header, found, file.options, file.ids)
-        self._rules = found.rules
-        self._selection = file.options.sessions
-        self._mark = self._selection.decimal
-        self.numbered = "trial" in found.rules or any(slot.trial for slot in found.slots)
-        self.parameters = {p for p in file.options.quantities if f"{p}_adj" in found.rules}
-        self._groups = [name for name in KEPT_COLUMNS if name in file.header.names]
-        for name in self._selection.groups:
-            if name not in self._groups:
-                self._groups.append(name)
-        self._own = self._own_columns()
-        self._number_columns = set(numbers_of(file.options.quantities))
-        self._number_columns |= {name for name in self._own if name.startswith(_LIMIT)}
-        # Of columns with a path: a cell that lacks it, and whether any cell had it.
-        self._lacking: dict[str, str] = {}
-        self._picked: set[str] = set()
-        self._joins: dict[str, tuple[str, ...]] = {}  # From a joined id to its parts
 
-    def _own_columns(self) -> dict[str, int]:
-        """Find the file's other columns that are read."""
-        canonical = canonical_columns(self.quantities)
-        rules = [rule for rule in self._selection.exclude if rule.column not in canonical]
-        texts = [*self._groups, *self._selection.only]
-        texts += [rule.column for rule in rules if rule.equals]
-        for column in self._rules.values():
-            texts += column.also
-        names = {f"{_OWN}{text}": text for text in texts}
-        for rule in rules:
-            if not rule.equals:
-                names[f"{_LIMIT}{rule.column}"] = rule.column
-        return {key: self.file.header.position(name) for key, name in names.items()}
+def read_trials(file: OpenFile) -> pd.DataFrame:
+    """Give the observations of a file: canonical columns, groups, physical `row`."""
+    selection = file.options.sessions
+    data = _cells(file)
+    data = _with_ids(file, data)
+    data = _selected(file, data)
+    for canonical, rule in file.found.rules.items():
+        if rule.path is not None:
+            data[canonical] = _picks(file, data[canonical], canonical, rule.path)
+    adjusted = [name for name in data if isinstance(name, str) and name.endswith("_adj")]
+    blank = np.logical_and.reduce([_missing(data[column]) for column in adjusted])
+    data = _exclude(file, data, blank, "no adjustment", of_trials=True)
+    _check_ids(file, data)
+    data = _converted(file, data)
+    if selection.keep == "last":
+        data = _last_events(file, data)
+    data = _within_limits(file, data)
+    return _laid_out(file, data)
 
-    @abstractmethod
-    def _cells(self, block: Block) -> pd.DataFrame:
-        """Give the cells of a block by canonical column, a row for each observation."""
 
-    def frames(self) -> Iterator[pd.DataFrame]:
-        """Give the observations of each block: canonical columns, groups, physical `row`."""
-        if self._selection.keep == "last":
-            yield from self._frames_of_last_events()
+def _groups(file: OpenFile) -> list[str]:
+    """Name the columns of groups that the file has."""
+    kept = [name for name in KEPT_COLUMNS if name in file.header.names]
+    return list(dict.fromkeys((*kept, *file.options.sessions.groups)))
+
+
+def _own_columns(file: OpenFile) -> dict[Any, int]:
+    """Find the file's other columns that are read."""
+    canonical = canonical_columns(file.options.quantities)
+    selection = file.options.sessions
+    names = [Own(name) for name in (*_groups(file), *selection.only)]
+    for rule in selection.exclude:
+        if rule.column not in canonical:
+            names.append(Own(rule.column, is_number=not rule.equals))
+    for column in file.found.rules.values():
+        names += [Own(name) for name in column.also]
+    return {own: file.header.position(own.name) for own in names}
+
+
+def _cells(file: OpenFile) -> pd.DataFrame:
+    """Give the cells of all blocks by canonical or own column, a row for each observation."""
+    own = _own_columns(file)
+    parts = []
+    for block in file.blocks:
+        if file.found.wide:
+            cells = file.cells(block)
+            slots = [_slot(cells, slot, own) for slot in file.found.slots]
+            # Columns of other slots are blank in this one.
+            parts.append(pd.concat(slots).fillna("").sort_index(kind="stable"))
         else:
-            for block in self.file.blocks:
-                yield self._frame(self._observations(self._cells(block)))
-        self._check_paths()
+            parts.append(_long(file, block, {**own, **file.found.slots[0].columns}))
+    return pd.concat(parts).assign(**file.ids)
 
-    def _frames_of_last_events(self) -> Iterator[pd.DataFrame]:
-        """Give one frame, since the last event of a trial may stand in any block."""
-        observations = (self._observations(self._cells(block)) for block in self.file.blocks)
-        events = [self._last_events(data) for data in observations]
-        if not events:
-            return
-        data = self._last_events(pd.concat(events))
-        earlier = self.counts[_EARLIER]
-        rows = earlier + len(data)
-        text = (
-            f'keep = "last" leaves out {earlier:,} of {rows:,} rows ({earlier / max(rows, 1):.1%})'
-            " as earlier events of a trial"
+
+def _slot(cells: pd.DataFrame, slot: Slot, own: dict[Any, int]) -> pd.DataFrame:
+    """Give the observations that one slot of a wide table holds."""
+    columns: dict[Any, int] = {**own, **slot.columns}
+    data = cells[list(columns.values())].set_axis(list(columns), axis=1)
+    if slot.environment is not None:
+        data["environment"] = slot.environment
+    if slot.trial is not None:
+        data["trial"] = slot.trial
+    return data
+
+
+def _long(file: OpenFile, block: Block, columns: dict[Any, int]) -> pd.DataFrame:
+    """Give the cells of a block; one of plain numbers is split at the speed of pandas' parser."""
+    rules = file.found.rules.values()
+    selection = file.options.sessions
+    numeric = set(_numbers(file, columns))
+    numbers = {columns[name] for name in numeric}
+    texts = {columns[name] for name in columns.keys() - numeric}
+    comma_may_be_decimal = selection.decimal is None and block.dialect.delimiter != ","
+    needs_text = (
+        bool(texts & numbers)
+        or any(rule.path is not None for rule in rules)
+        or any(rule.equals and rule.column in numeric for rule in selection.exclude)
+        or (comma_may_be_decimal and "," in block.text)
+    )
+    cells = None
+    if not needs_text:
+        cells = block.read_plain(sorted(texts), sorted(numbers), selection.decimal or ".")
+    if cells is None:
+        cells = file.cells(block)
+    else:
+        file.log.counts["rows read"] += len(cells)
+    return cells[list(columns.values())].set_axis(list(columns), axis=1)
+
+
+def _numbers(file: OpenFile, names: Iterable[Any]) -> list[Any]:
+    """Give the columns of numbers among those named."""
+    canonical = {"trial", *numbers_of(file.options.quantities)}
+    return [name for name in names if name in canonical or getattr(name, "is_number", False)]
+
+
+def _with_ids(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
+    """Join ids of several columns, and write ids and groups in one spelling."""
+    if file.options.sessions.subject == "row":
+        stem = PurePath(file.name).stem
+        data["subject"] = [f"{stem} {row}" for row in data.index]
+    for canonical, rule in file.found.rules.items():
+        if rule.also:
+            data[canonical] = _joined(file, data, canonical, rule.also)
+    columns: dict[Any, str] = {name: name for name in IDS if name in data}
+    columns |= {Own(name): name for name in _groups(file)}
+    for column, name in columns.items():
+        data[column] = file.log.names.settle(name, data[column], file.name)
+    return data
+
+
+def _joined(file: OpenFile, data: pd.DataFrame, canonical: str, also: tuple[str, ...]) -> list[str]:
+    """Join ids of several columns; one that lacks a part is blank, and so missing."""
+    columns = [data[canonical], *(data[Own(name)] for name in also)]
+    records = list(zip(*columns, strict=True))
+    ids: dict[tuple[str, ...], str] = {}
+    parts_of: dict[str, tuple[str, ...]] = {}
+    for parts in dict.fromkeys(records):
+        complete = all(part.strip() for part in parts)
+        joined = "-".join(parts) if complete else ""
+        ids[parts] = joined
+        if joined and parts_of.setdefault(joined, parts) != parts:
+            message = f"{shown(parts)} and {shown(parts_of[joined])} both join to {joined!r}."
+            hint = "Take the hyphens out of one of these columns."
+            raise UsageError(message, hint=hint, **file.place(canonical))
+    return [ids[parts] for parts in records]
+
+
+def _selected(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
+    """Keep the rows that the scene's rules on texts leave."""
+    for name, texts in file.options.sessions.only.items():
+        kept = _among(data[Own(name)], texts)
+        data = _keep(file, data, kept, f"{name} is not {' or '.join(texts)}")
+    for rule in file.options.sessions.exclude:
+        if not rule.equals:
+            continue
+        column = Own(rule.column) if Own(rule.column) in data else rule.column
+        if column not in data:
+            file.header.position(rule.column)
+        excluded = _among(data[column], rule.equals)
+        if excluded.any():
+            file.log.applied.add(rule)
+        data = _exclude(file, data, excluded, rule.why)
+    return data
+
+
+def _keep(file: OpenFile, data: pd.DataFrame, kept: _Mask, reason: str) -> pd.DataFrame:
+    """Keep rows, and count the others by reason."""
+    if kept.all():
+        return data
+    file.log.counts[reason] += int((~kept).sum())
+    return data[kept].copy()
+
+
+def _exclude(
+    file: OpenFile, data: pd.DataFrame, excluded: _Mask, why: str, *, of_trials: bool = False
+) -> pd.DataFrame:
+    """Leave rows out and log them; `of_trials` logs those with a subject and environment."""
+    ids = data[excluded].reindex(columns=[*IDS, "trial"], fill_value="").astype(str)
+    for row, own in zip(ids.index.tolist(), ids.to_dict("records"), strict=True):
+        if of_trials and not (own["subject"].strip() and own["environment"].strip()):
+            continue
+        what = []
+        for column in ("session", "environment", "trial"):
+            name = own[column].removesuffix(".0")
+            if name:
+                what.append(f"{column} {name}")
+        exclusion = Exclusion(own["subject"], ", ".join(what), why, file.name, row)
+        file.log.exclusions.append(exclusion)
+    return _keep(file, data, ~excluded, f"excluded: {why}")
+
+
+def _picks(file: OpenFile, cells: pd.Series[str], canonical: str, path: str) -> list[str]:
+    """Values inside the JSON cells of a column; records of other kinds of trial may lack them."""
+    lacking = []
+    picked = []
+    found = False
+    for row, cell in zip(cells.index.tolist(), cells, strict=True):
+        value: str | None = ""
+        try:
+            value = values.pick(cell, path)
+        except values.CellError as error:
+            # Only the scene knows whether such a row has no adjustment: it is no blank.
+            hint = (
+                f"Correct the cell or the path of {canonical}, or pick rows with [sessions] only."
+            )
+            place = file.place(canonical, row)
+            file.log.problems.add(f"{error}.", value=cell, hint=hint, **place)
+        if value is None:
+            lacking.append(cell)
+        else:
+            found |= not values.is_missing(cell)
+        picked.append(value or "")
+    if lacking and not found:
+        file.log.problems.add(
+            "no row has this path.",
+            key=f"columns.{canonical}.path",
+            value=path,
+            hint=f"Correct it: it begins inside a cell such as {shown(lacking[:1])}.",
+            **file.place(canonical),
         )
-        if not self.numbered:
-            text += "; no column numbers the trials, so one row stays per subject and environment"
-        self._notice(text)
-        yield self._frame(data)
-
-    def _observations(self, data: pd.DataFrame) -> pd.DataFrame:
-        """Select and check the observations of a block, and convert their numbers."""
-        data = self._with_ids(data)
-        data = self._selected(data)
-        for canonical, rule in self._rules.items():
-            if rule.path is not None:
-                picked = self._picks(data[canonical], canonical, rule.path)
-                data = data.assign(**{canonical: picked})
-        adjusted = [f"{p}_adj" for p in self.quantities if p in self.parameters]
-        blank = np.logical_and.reduce([_missing(data[column]) for column in adjusted])
-        data = self._exclude(data, blank, "no adjustment", of_trials=True)
-        self._check_ids(data)
-        return self._converted(data)
-
-    def _with_ids(self, data: pd.DataFrame) -> pd.DataFrame:
-        """Join ids of several columns, and write ids and groups in one spelling."""
-        if self._selection.subject == "row":
-            stem = PurePath(self.name).stem
-            data = data.assign(subject=[f"{stem} {row}" for row in data.index])
-        for canonical, rule in self._rules.items():
-            if rule.also:
-                joined = self._joined(data, canonical, rule.also)
-                data = data.assign(**{canonical: joined})
-        groups = [f"{_OWN}{name}" for name in self._groups]
-        for column in (*IDS, *groups):
-            if column not in data:
-                continue
-            name = column.removeprefix(_OWN)
-            settled = self.file.names.settle(name, data[column], self.name)
-            data = data.assign(**{column: settled})
-        return data
-
-    def _joined(self, data: pd.DataFrame, canonical: str, also: tuple[str, ...]) -> list[str]:
-        """Join ids of several columns; one that lacks a part is blank, and so missing."""
-        columns = [data[canonical]]
-        for name in also:
-            columns.append(data[f"{_OWN}{name}"])
-        records = list(zip(*columns, strict=True))
-        ids: dict[tuple[str, ...], str] = {}
-        for parts in records:
-            if parts in ids:
-                continue
-            complete = all(part.strip() for part in parts)
-            joined = "-".join(parts) if complete else ""
-            ids[parts] = joined
-            if joined and self._joins.setdefault(joined, parts) != parts:
-                other = shown(self._joins[joined])
-                message = f"{shown(parts)} and {other} both join to {joined!r}."
-                hint = "Take the hyphens out of one of these columns."
-                raise UsageError(message, hint=hint, **self._place(canonical))
-        return [ids[parts] for parts in records]
-
-    def _selected(self, data: pd.DataFrame) -> pd.DataFrame:
-        """Keep the rows that the scene's rules on texts leave."""
-        for name, texts in self._selection.only.items():
-            kept = _among(data[f"{_OWN}{name}"], texts)
-            data = self._keep(data, kept, f"{name} is not {' or '.join(texts)}")
-        for rule in self._selection.exclude:
-            if not rule.equals:
-                continue
-            column = f"{_OWN}{rule.column}"
-            if column not in data:
-                column = rule.column
-            if column not in data:
-                self.file.header.position(rule.column)
-            excluded = _among(data[column], rule.equals)
-            if excluded.any():
-                self.applied.add(rule)
-            data = self._exclude(data, excluded, rule.why)
-        return data
-
-    def _keep(self, data: pd.DataFrame, kept: _Mask, reason: str) -> pd.DataFrame:
-        """Keep rows, and count the others by reason."""
-        if kept.all():
-            return data
-        self.counts[reason] += int((~kept).sum())
-        return data[kept]
-
-    def _exclude(
-        self, data: pd.DataFrame, excluded: _Mask, why: str, *, of_trials: bool = False
-    ) -> pd.DataFrame:
-        """Leave rows out and log them; `of_trials` logs those with a subject and environment."""
-        ids = data[excluded].reindex(columns=[*IDS, "trial"], fill_value="").astype(str)
-        for row, own in zip(ids.index.tolist(), ids.to_dict("records"), strict=True):
-            if of_trials and not (own["subject"].strip() and own["environment"].strip()):
-                continue
-            what = []
-            for column in ("session", "environment", "trial"):
-                name = own[column].removesuffix(".0")
-                if name:
-                    what.append(f"{column} {name}")
-            exclusion = Exclusion(own["subject"], ", ".join(what), why, self.name, row)
-            self.exclusions.append(exclusion)
-        return self._keep(data, ~excluded, f"excluded: {why}")
-
-    def _picks(self, cells: pd.Series[str], canonical: str, path: str) -> list[str]:
-        """Values inside the JSON cells of a column."""
-        picked = []
-        for row, cell in zip(cells.index.tolist(), cells, strict=True):
-            value: str | None = ""
-            try:
-                value = values.pick(cell, path)
-            except values.CellError as error:
-                # Only the scene knows whether such a row has no adjustment: it is no blank.
-                hint = (
-                    f"Correct the cell or the path of {canonical}, or pick rows with [sessions]"
-                    " only."
-                )
-                place = self._place(canonical, row)
-                self.problems.add(f"{error}.", value=cell, hint=hint, **place)
-            if value is None:
-                self._lacking.setdefault(canonical, cell)
-            elif not values.is_missing(cell):
-                self._picked.add(canonical)
-            picked.append(value or "")
-        return picked
-
-    def _check_paths(self) -> None:
-        """Refuse a path that no record has; records of other kinds of trial may lack it."""
-        for canonical, cell in self._lacking.items():
-            if canonical in self._picked:
-                continue
-            self.problems.add(
-                "no row has this path.",
-                key=f"columns.{canonical}.path",
-                value=self._rules[canonical].path,
-                hint=f"Correct it: it begins inside a cell such as {shown([cell])}.",
-                **self._place(canonical),
-            )
-
-    def _check_ids(self, data: pd.DataFrame) -> None:
-        """Refuse observations without an id, or without a number in a column of trials."""
-        for column in (*IDS, "trial"):
-            if column not in data:
-                continue
-            if column == "trial":
-                missing = _missing(data[column])
-            else:
-                # Ids are few, so that each is looked at once.
-                empty = [name for name in data[column].unique() if not name.strip()]
-                missing = data[column].isin(empty).to_numpy()
-            if missing.sum() > 1 and missing.mean() >= _MERGED and not missing[0]:
-                first = int(data.index[missing][0])
-                message = (
-                    f"{missing.sum()} of {len(data)} rows have no {column}: cells merged down?"
-                )
-                hint = "Write it in every row: unmerge the cells, and fill each down."
-                self.problems.add(message, hint=hint, **self._place(column, first))
-                continue
-            for row in data.index[missing]:
-                hint = "Fill it in, or leave such rows out with [sessions] only or exclude."
-                place = self._place(column, row)
-                self.problems.add(f"an adjustment has no {column}.", hint=hint, **place)
-
-    def _converted(self, data: pd.DataFrame) -> pd.DataFrame:
-        """Convert columns of numbers to percept's units, by the file's one decimal mark."""
-        names = [name for name in data if name in self._number_columns or name == "trial"]
-        texts = {name: data[name].tolist() for name in names if data[name].dtype != np.float64}
-        rows = data.index.to_numpy()
-        if self._mark is None and texts:
-            columns = [(self._place(name)["column"], cells) for name, cells in texts.items()]
-            self._mark = values.decimal_mark(columns, rows, file=self.name, problems=self.problems)
-        numbers: dict[str, npt.NDArray[Any]] = {}
-        for name, cells in texts.items():
-            place = self._place(name)
-            numbers[name] = values.parse_numbers(
-                cells,
-                rows,
-                self._mark,
-                self.problems,
-                place,
-                correct=_CORRECT,
-                canonical=name,
-            )
-        quantities = with_mass(self.quantities)
-        for name in names:
-            rule = self._rules.get(name)
-            if name == "trial" or rule is None:
-                continue
-            column = (numbers.get(name, data[name].to_numpy()) + rule.offset) * rule.scale
-            if rule.response == "log":
-                column = np.power(10.0, column)
-            numbers[name] = convert(column, rule.unit, quantities[quantity_of(name)])
-        if "trial" in data:
-            trials = numbers.get("trial", data["trial"].to_numpy())
-            numbers["trial"] = self._whole(trials, rows)
-        return data.assign(**numbers)
-
-    def _whole(
-        self, trials: npt.NDArray[np.float64], rows: npt.NDArray[np.int64]
-    ) -> npt.NDArray[np.int64]:
-        """Numbers of trials; those that are not whole are problems."""
-        whole = (np.abs(trials) < _WHOLE) & (trials == np.round(trials))
-        for position in np.flatnonzero(~whole & ~np.isnan(trials)).tolist():
-            self.problems.add(
-                "a trial number must be whole.",
-                value=float(trials[position]),
-                hint="Number the trials 1, 2, 3 …",
-                **self._place("trial", rows[position]),
-            )
-        return np.where(whole, trials, 0).astype(np.int64)
-
-    def _last_events(self, data: pd.DataFrame) -> pd.DataFrame:
-        """Reduce each trial to its last event, with the last value of each number."""
-        ids = [column for column in (*IDS, "trial") if column in data]
-        numbers = [column for column in data if column in self._number_columns]
-        last = data.groupby(ids, sort=False, dropna=False)[numbers].ffill()
-        data = data.assign(**{column: last[column].to_numpy() for column in numbers})
-        return self._keep(data, ~data.duplicated(ids, keep="last").to_numpy(), _EARLIER)
-
-    def _within_limits(self, data: pd.DataFrame) -> pd.DataFrame:
-        """Leave out what lies beyond a rule's limits; earlier events of a trial are gone by now."""
-        for rule in self._selection.exclude:
-            if rule.equals:
-                continue
-            column = rule.column if rule.column in data else f"{_LIMIT}{rule.column}"
-            if column not in data or not pd.api.types.is_numeric_dtype(data[column]):
-                key = f"sessions.exclude {rule.column}"
-                raise UsageError("limits need a column of numbers.", key=key)
-            numbers = data[column].to_numpy()
-            outside = np.zeros(len(numbers), dtype=bool)
-            if rule.below is not None:
-                outside |= numbers < rule.below
-            if rule.above is not None:
-                outside |= numbers > rule.above
-            data = self._exclude(data, outside, rule.why)
-        return data
-
-    def _frame(self, data: pd.DataFrame) -> pd.DataFrame:
-        """Lay out canonical columns; what the file lacks is session and trial 1, or NaN."""
-        data = self._within_limits(data)
-        options = self.file.options
-        defaults: dict[str, str | float] = dict.fromkeys(IDS, "1")
-        defaults |= {f"{p}_ref": np.nan for p in options.quantities}
-        defaults["trial"] = 1
-        defaults |= {f"{p}_adj": np.nan for p in options.quantities}
-        if MASS in data or any(MASS in own for own in options.environments.values()):
-            defaults[MASS] = np.nan
-        columns = {column: data.get(column, value) for column, value in defaults.items()}
-        for name in self._groups:
-            columns[name] = data[f"{_OWN}{name}"]
-        frame = pd.DataFrame(columns, index=data.index).assign(row=data.index)
-        return frame.astype(dict.fromkeys(IDS, "str"))
+    return picked
 
 
-class LongTable(TrialTable):
-    """A row for each observation."""
-
-    def _cells(self, block: Block) -> pd.DataFrame:
-        columns = {**self._own, **self.found.slots[0].columns}
-        cells = self._parsed(block, columns)
-        if cells is None:
-            cells = self._counted(block).cells
+def _check_ids(file: OpenFile, data: pd.DataFrame) -> None:
+    """Refuse observations without an id, or without a number in a column of trials."""
+    problems = file.log.problems
+    for column in (*IDS, "trial"):
+        if column not in data:
+            continue
+        if column == "trial":
+            missing = _missing(data[column])
         else:
-            self.counts["rows read"] += len(cells)
-        named = cells[list(columns.values())].set_axis(list(columns), axis=1)
-        return named.assign(**self.file.ids)
-
-    def _parsed(self, block: Block, columns: dict[str, int]) -> pd.DataFrame | None:
-        """Split a plain block at the speed of pandas' parser; None where it may not be used."""
-        numeric = {name for name in columns if name in self._number_columns or name == "trial"}
-        numbers = {columns[name] for name in numeric}
-        texts = {columns[name] for name in columns.keys() - numeric}
-        comma_may_be_decimal = self._mark is None and block.dialect.delimiter != ","
-        if (
-            texts & numbers
-            or any(rule.path is not None for rule in self._rules.values())
-            or any(rule.equals and rule.column in numeric for rule in self._selection.exclude)
-            or (comma_may_be_decimal and "," in block.text)
-        ):
-            return None
-        return block.read_plain(sorted(texts), sorted(numbers), self._mark or ".")
+            # Ids are few, so that each is looked at once.
+            empty = [name for name in data[column].unique() if not name.strip()]
+            missing = data[column].isin(empty).to_numpy()
+        if missing.sum() > 1 and missing.mean() >= _MERGED and not missing[0]:
+            place = file.place(column, data.index[missing][0])
+            message = f"{missing.sum()} of {len(data)} rows have no {column}: cells merged down?"
+            hint = "Write it in every row: unmerge the cells, and fill each down."
+            problems.add(message, hint=hint, **place)
+            continue
+        for row in data.index[missing]:
+            hint = "Fill it in, or leave such rows out with [sessions] only or exclude."
+            problems.add(f"an adjustment has no {column}.", hint=hint, **file.place(column, row))
 
 
-class WideTable(TrialTable):
-    """A row for several observations: each slot of the header gives one."""
+def _converted(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
+    """Convert columns of numbers to percept's units, by the file's one decimal mark."""
+    problems = file.log.problems
+    rows = data.index.to_numpy()
+    quantities = with_mass(file.options.quantities)
+    names = _numbers(file, data)
+    texts = {name: data[name].tolist() for name in names if data[name].dtype != np.float64}
+    places = {name: file.place(name.name if isinstance(name, Own) else name) for name in names}
+    mark = file.options.sessions.decimal
+    if mark is None and texts:
+        columns = [(places[name]["column"], cells) for name, cells in texts.items()]
+        mark = values.decimal_mark(columns, rows, file=file.name, problems=problems)
+    for name in names:
+        numbers = data[name].to_numpy()
+        if name in texts:
+            numbers = values.parse_numbers(
+                texts[name],
+                rows,
+                mark,
+                problems,
+                places[name],
+                correct=_CORRECT,
+                canonical=str(getattr(name, "name", name)),
+            )
+        rule = file.found.rules.get(name)
+        if name == "trial":
+            numbers = _whole(file, numbers, rows)
+        elif rule is not None:
+            numbers = (numbers + rule.offset) * rule.scale
+            if rule.response == "log":
+                numbers = np.power(10.0, numbers)
+            numbers = convert(numbers, rule.unit, quantities[quantity_of(name)])
+        data[name] = numbers
+    return data
 
-    def _cells(self, block: Block) -> pd.DataFrame:
-        cells = self._counted(block).cells
-        parts = []
-        for slot in self.found.slots:
-            columns = {**self._own, **slot.columns}
-            part = cells[list(columns.values())].set_axis(list(columns), axis=1)
-            fixed = dict(self.file.ids)
-            if slot.environment is not None:
-                fixed.setdefault("environment", slot.environment)
-            if slot.trial is not None:
-                fixed["trial"] = slot.trial
-            parts.append(part.assign(**fixed))
-        # Columns of other slots are blank in this one.
-        return pd.concat(parts).fillna("").sort_index(kind="stable")
+
+def _whole(
+    file: OpenFile, trials: npt.NDArray[np.float64], rows: npt.NDArray[np.int64]
+) -> npt.NDArray[np.int64]:
+    """Numbers of trials; those that are not whole are problems."""
+    whole = (np.abs(trials) < _WHOLE) & (trials == np.round(trials))
+    for position in np.flatnonzero(~whole & ~np.isnan(trials)).tolist():
+        file.log.problems.add(
+            "a trial number must be whole.",
+            value=float(trials[position]),
+            hint="Number the trials 1, 2, 3 …",
+            **file.place("trial", rows[position]),
+        )
+    return np.where(whole, trials, 0).astype(np.int64)
+
+
+def _last_events(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
+    """Reduce each trial to its last event, with the last value of each number."""
+    ids = [column for column in (*IDS, "trial") if column in data]
+    numbers = [column for column in _numbers(file, data) if column != "trial"]
+    filled = data.groupby(ids, sort=False, dropna=False)[numbers].ffill()
+    # Physical lines may repeat in a wide table: values go by position.
+    for column in numbers:
+        data[column] = filled[column].to_numpy()
+    last = _keep(file, data, ~data.duplicated(ids, keep="last").to_numpy(), _EARLIER)
+    rows = len(data)
+    earlier = rows - len(last)
+    text = (
+        f'keep = "last" leaves out {earlier:,} of {rows:,} rows ({earlier / max(rows, 1):.1%})'
+        " as earlier events of a trial"
+    )
+    if not file.is_numbered:
+        text += "; no column numbers the trials, so one row stays per subject and environment"
+    file.notice(text)
+    return last
+
+
+def _within_limits(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
+    """Leave out what lies beyond a rule's limits; earlier events of a trial are gone by now."""
+    for rule in file.options.sessions.exclude:
+        if rule.equals:
+            continue
+        column = rule.column if rule.column in data else Own(rule.column, is_number=True)
+        if column not in data or not pd.api.types.is_numeric_dtype(data[column]):
+            key = f"sessions.exclude {rule.column}"
+            raise UsageError("limits need a column of numbers.", key=key)
+        numbers = data[column].to_numpy()
+        outside = np.zeros(len(numbers), dtype=bool)
+        if rule.below is not None:
+            outside |= numbers < rule.below
+        if rule.above is not None:
+            outside |= numbers > rule.above
+        data = _exclude(file, data, outside, rule.why)
+    return data
+
+
+def _laid_out(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
+    """Lay out canonical columns; what the file lacks is session and trial 1, or NaN."""
+    options = file.options
+    defaults: dict[str, str | float] = dict.fromkeys(IDS, "1")
+    defaults |= {f"{p}_ref": np.nan for p in options.quantities}
+    defaults["trial"] = 1
+    defaults |= {f"{p}_adj": np.nan for p in options.quantities}
+    if MASS in data or any(MASS in own for own in options.environments.values()):
+        defaults[MASS] = np.nan
+    columns = {column: data.get(column, value) for column, value in defaults.items()}
+    for name in _groups(file):
+        columns[name] = data[Own(name)]
+    frame = pd.DataFrame(columns, index=data.index).assign(row=data.index)
+    return frame.astype(dict.fromkeys(IDS, "str"))
 
 
 def _among(cells: pd.Series[Any], texts: Sequence[str]) -> _Mask:

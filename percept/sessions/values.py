@@ -68,22 +68,22 @@ _NO_NUMBERS = (
 _ZERO_WIDTH = re.compile("[\u200b-\u200f\u2060\ufeff\u00ad]")
 
 
-def is_missing(cell: str) -> bool:
+def is_missing(cell: str | float) -> bool:
     """Whether a value cell says there is no value."""
-    return cell.strip(_SPACE).lower() in _MISSING
+    return str(cell).strip(_SPACE).lower() in _MISSING
 
 
 def decimal_mark(
-    columns: Sequence[tuple[str, Sequence[str]]],
+    columns: Sequence[tuple[str, Sequence[str | float]]],
     rows: npt.NDArray[np.int64],
     *,
     file: str,
     problems: Problems,
-) -> Mark | None:
-    """Find the decimal mark from all the number cells that are used; None where no cell has one."""
+) -> Mark:
+    """Find the decimal mark from all the number cells that are used."""
     commas = _with_mark(",", columns, rows)
     if not commas:
-        return "." if any("." in cell for _, cells in columns for cell in cells) else None
+        return "."
     points = _with_mark(".", columns, rows)
     sure_commas = _with_one_reading(commas)
     if points:
@@ -107,14 +107,16 @@ def _with_one_reading(cells: Sequence[tuple[int, str, str]]) -> int:
 
 
 def _with_mark(
-    sign: Mark, columns: Sequence[tuple[str, Sequence[str]]], rows: npt.NDArray[np.int64]
+    sign: Mark, columns: Sequence[tuple[str, Sequence[str | float]]], rows: npt.NDArray[np.int64]
 ) -> list[tuple[int, str, str]]:
     """Row, column and text of each number that has a mark."""
     return [
         (int(row), name, text)
         for name, cells in columns
         for row, cell in zip(rows, cells, strict=True)
-        if sign in cell and _NUMBER[sign].fullmatch(text := cell.strip(_SPACE))
+        if isinstance(cell, str)
+        and sign in cell
+        and _NUMBER[sign].fullmatch(text := cell.strip(_SPACE))
     ]
 
 
@@ -123,7 +125,7 @@ def _readings(cell: str) -> str:
 
 
 def parse_numbers(
-    cells: Sequence[str],
+    cells: Sequence[str | float],
     rows: npt.NDArray[np.int64],
     mark: Mark | None,
     problems: Problems,
@@ -137,6 +139,10 @@ def parse_numbers(
     numbers = np.full(len(cells), np.nan)
     is_number = _NUMBER[mark].fullmatch
     for at, cell in enumerate(cells):
+        if isinstance(cell, float):
+            # Of a block that pandas' parser read.
+            numbers[at] = cell
+            continue
         text = cell.strip(_SPACE)
         if is_number(text):
             numbers[at] = number = float(text.replace(",", "."))
