@@ -15,14 +15,22 @@ by `WhitenedRows`.
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.hierarchy.cell_equations import CellEquations
 from percept.inference.hierarchy.cell_problem import CellProblem
 from percept.inference.hierarchy.cell_scales import CellScales
-from percept.inference.hierarchy.elimination import Solved, solve
-from percept.inference.hierarchy.small_cholesky import log_diagonal, solve_lower, solve_upper
+from percept.inference.hierarchy.elimination import OwnFirst, SubjectsFirst, subtract
+from percept.inference.hierarchy.small_cholesky import (
+    log_diagonal,
+    lower_factor,
+    solve_lower,
+    solve_upper,
+    with_prior,
+)
 from percept.inference.hierarchy.whitened_rows import WhitenedRows
 
 __all__ = ["CellLaw", "log_density"]
@@ -53,6 +61,26 @@ def _locations(problem: CellProblem, latents: Array, deviation_sd: Array) -> Arr
     return np.concatenate([cells, slopes])
 
 
+class _Solved(Protocol):
+    """Latents at W sets of scales: a own deviations in each of J environments, and r others."""
+
+    latents: Array  # (a J + r, W) Those that fit best: own deviations, then the r of the rest
+
+    def columns_of(self, own: Array, rest: Array) -> Array:
+        """Columns (K, n, W) whose products are the covariance of n combinations of latents.
+
+        Parameters
+        ----------
+        own : ndarray
+            Weights of the deviations themselves, in response units, (n, a, J). Effects have none.
+        rest : ndarray
+            Weights of the other latents, which are standard normal, (n, r).
+        """
+
+    def variances_of(self, own: Array, rest: Array) -> Array:
+        """Variances (W, n) of combinations with such weights."""
+
+
 class CellLaw:
     """Law of the locations at W sets of scales.
 
@@ -68,7 +96,7 @@ class CellLaw:
 
     def __init__(self, problem: CellProblem, scales: CellScales) -> None:
         self._problem = problem
-        self._solved: Solved
+        self._solved: _Solved
         if problem.one_row is not None:
             self._solved = problem.one_row.solve(scales)
         else:
@@ -135,7 +163,7 @@ class _Information:
         # Draws that lose all digits may become NaN here.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             self._equations = CellEquations(problem, scales)
-            self._solved, kept = solve(self._equations)
+            self._solved, kept = _solve(self._equations)
             self.latents = self._solved.latents
             self._means = _locations(problem, self.latents, self._equations.deviation_sd)
             self.log_density = problem.constant - 0.5 * (
@@ -233,3 +261,67 @@ class _Information:
         one_row = unexplained[:, None]
         squares = subject.noise.distance(tuple(one_row)).sum(axis=0)
         return np.asarray(squares + np.einsum("qgw,qgw->gw", effects, effects))
+
+
+def _solve(equations: CellEquations) -> tuple[OwnFirst | SubjectsFirst, Array]:
+    """Solve the normal equations in the order that leaves the smaller matrix.
+
+    Second is the least part of a pivot that the elimination has left, (W,): the part of its digits.
+    """
+    by_effects = equations.effects_by_latents
+    solved: OwnFirst | SubjectsFirst
+    if equations.problem.eliminates_environments(len(by_effects)):
+        columns, environments, _, width = equations.deviations_by_rest.shape
+        effects, _, patterns, _ = by_effects.shape
+        own = columns * environments
+        factor = lower_factor(with_prior(equations.deviations))  # (a, a, J, W)
+        by_own = by_effects[:, :own].reshape(effects, columns, environments, patterns, width)
+        own_by_effects = by_own.transpose(1, 0, 3, 2, 4)  # (a, q, G, J, W)
+        own_by_effects = own_by_effects.reshape(columns, effects * patterns, environments, width)
+        own_by_rest = equations.deviations_by_rest.swapaxes(1, 2)
+        mixed = np.concatenate([own_by_effects, own_by_rest], axis=1)
+        explained = solve_lower(factor[:, :, None], mixed)
+        joint = _precision_of_effects(equations, own)
+        whole = subtract(joint, explained)
+        sd = equations.deviation_sd
+        solved = OwnFirst(sd, factor, explained, joint, effects * patterns)
+    else:
+        joint = _precision_of_latents(equations)
+        whole = subtract(joint, by_effects)
+        solved = SubjectsFirst(equations.deviation_sd, joint)
+    return solved, (solved.pivots / whole).min(axis=0, initial=1.0)
+
+
+def _precision_of_effects(equations: CellEquations, own: int) -> Array:
+    """Lower triangle of the precision of what is left, the data last: (K + 1, K + 1, W)."""
+    effects, _, patterns, _ = equations.effects_by_latents.shape
+    rest, _, width = equations.rest.shape
+    first = effects * patterns
+    joint = np.zeros((first + rest, first + rest, width))
+    by_rest = equations.effects_by_latents[:, own:]  # (q, r + 1, G, W)
+    rest_by_effects = by_rest.swapaxes(0, 1)
+    joint[first:, :first] = rest_by_effects.reshape(rest, first, width)
+    joint[first:, first:] = equations.rest.swapaxes(0, 1)
+    diagonal = np.arange(first + rest)
+    joint[diagonal, diagonal] += 1.0  # The prior's one, and all that effects have
+    return joint
+
+
+def _precision_of_latents(equations: CellEquations) -> Array:
+    """Lower triangle of the latents' precision, the data last: (K + 1, K + 1, W)."""
+    columns, environments, rest, width = equations.deviations_by_rest.shape
+    own = columns * environments
+    size = own + rest
+    joint = np.zeros((size, size, width))
+    environment = np.arange(environments)
+    for first in range(columns):
+        for second in range(columns):
+            rows = first * environments + environment
+            others = second * environments + environment
+            joint[rows, others] = equations.deviations[first, second]
+    by_rest = equations.deviations_by_rest.reshape(own, rest, width)
+    joint[own:, :own] = by_rest.swapaxes(0, 1)
+    joint[own:, own:] = equations.rest.swapaxes(0, 1)
+    diagonal = np.arange(size)
+    joint[diagonal, diagonal] += 1.0
+    return joint

@@ -1,114 +1,213 @@
-"""Two orders in which the normal equations of a linear design are solved, and the choice of one.
+"""Normal equations of a linear design, solved with one group of unknowns eliminated first.
 
-Effects of two subjects are independent given the latents, and own deviations of two environments
-given the rest. Either group is eliminated block by block (`SubjectsFirst`, `EnvironmentsFirst`),
-and `Remainder` holds what is left. Cost grows with the cube of what is left. So the larger group
-goes first.
+The unknowns are own deviations, a in each of J environments; subjects' effects, q in each of G
+patterns; and the rest, r coefficients of fixed terms and slopes. Effects of two subjects are
+independent given the others, and so are own deviations of two environments. So either group is
+eliminated block by block, and costs little; the cost of what remains grows with the cube of its
+number. The larger group goes first.
 
-With A the precision of what is eliminated, and T and M as in `remainder`, a combination with
-weights x of what is eliminated and y of what is left has the variance
+All unknowns are standard normal a priori, and their joint precision is [[A, X], [X', Y]], A of the
+group that is eliminated. With powers like A^(-1/2) for inverses of lower Cholesky factors,
+
+    T = A^(-1/2)X,  M = Y - T'T
+
+and M is the precision of the K unknowns that remain. The data are one more column of X and Y, and
+last: the right side of the equations. A combination with weights x of what is eliminated and y of
+what remains has the variance
 
     |A^(-1/2)x|² + |M^(-1/2)(y - T'A^(-1/2)x)|²
+
+The difference M loses digits where T'T is nearly all of Y. W are the sets of scales, last so that
+each step of a factorisation is one pass over all of them.
 """
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
-from percept.inference.hierarchy.cell_equations import CellEquations
-from percept.inference.hierarchy.environments_first import EnvironmentsFirst
-from percept.inference.hierarchy.remainder import Remainder, subtract
-from percept.inference.hierarchy.small_cholesky import lower_factor, solve_lower, with_prior
-from percept.inference.hierarchy.subjects_first import SubjectsFirst
+from percept.inference.hierarchy.small_cholesky import (
+    log_diagonal,
+    lower_factor,
+    solve_lower,
+    solve_upper,
+)
 
-__all__ = ["Elimination", "Solved", "solve"]
+__all__ = ["OwnFirst", "SubjectsFirst", "subtract"]
 
 Array = NDArray[np.float64]
 
 
-class Solved(Protocol):
-    """Latents at W sets of scales: a own deviations in each of J environments, and r others."""
-
-    latents: Array  # (a J + r, W) Those that fit best: own deviations, then the r of the rest
-
-    def columns_of(self, own: Array, rest: Array) -> Array:
-        """Columns (K, n, W) whose products are the covariance of n combinations of latents.
-
-        Parameters
-        ----------
-        own : ndarray
-            Weights of the deviations themselves, in response units, (n, a, J). Effects have none.
-        rest : ndarray
-            Weights of the other latents, which are standard normal, (n, r).
-        """
-
-    def variances_of(self, own: Array, rest: Array) -> Array:
-        """Variances (W, n) of combinations with such weights."""
-
-
-class Elimination(Solved, Protocol):
-    """Normal equations solved."""
-
-    log_determinant: Array  # (W,) Of the joint precision of latents and whitened effects
-
-
-def solve(equations: CellEquations) -> tuple[Elimination, Array]:
-    """Solve the normal equations, in the order that leaves the smaller matrix.
+def subtract(joint: Array, explained: Array) -> Array:
+    """Turn Y into M = Y - T'T, in place.
 
     Parameters
     ----------
-    equations : CellEquations
-        The normal equations at W sets of scales.
+    joint : ndarray
+        Y, the data last, (K + 1, K + 1, W); its lower triangle counts.
+    explained : ndarray
+        T of B independent vectors of k eliminated unknowns, the data last, (k, K + 1, B, W).
 
     Returns
     -------
-    Elimination
-    kept : ndarray
-        Least part of a pivot that the elimination has left, (W,): the part of its digits.
+    ndarray
+        Diagonal of Y before, (K, W): the part of it that a pivot of M keeps tells its digits.
     """
-    effects = len(equations.effects_by_latents)
-    if equations.problem.eliminates_environments(effects):
-        return _environments_first(equations)
-    solved = SubjectsFirst(equations)
-    return solved, solved.kept
+    diagonal = np.einsum("kkw->kw", joint)[:-1].copy()
+    for row in range(len(joint)):
+        end = row + 1
+        columns = explained[:, :end]
+        joint[row, :end] -= np.einsum("kbw,kcbw->cw", explained[:, row], columns)
+    return diagonal
 
 
-def _environments_first(equations: CellEquations) -> tuple[EnvironmentsFirst, Array]:
-    """Eliminate own deviations."""
-    columns, environments, _, width = equations.deviations_by_rest.shape
-    effects, _, patterns, _ = equations.effects_by_latents.shape
-    own = columns * environments
-    factor = lower_factor(with_prior(equations.deviations))  # (a, a, J, W)
-    by_own = equations.effects_by_latents[:, :own]
-    by_own = by_own.reshape(effects, columns, environments, patterns, width)
-    own_by_effects = by_own.transpose(1, 0, 3, 2, 4)  # (a, q, G, J, W)
-    own_by_effects = own_by_effects.reshape(columns, effects * patterns, environments, width)
-    own_by_rest = equations.deviations_by_rest.swapaxes(1, 2)
-    mixed = np.concatenate([own_by_effects, own_by_rest], axis=1)
-    explained = solve_lower(factor[:, :, None], mixed)  # T, (a, K + 1, J, W)
-    joint = _joint_precision(equations, own)
-    whole = np.einsum("kkw->kw", joint)[:-1].copy()
-    subtract(joint, explained)
-    remainder = Remainder(joint)
-    solved = EnvironmentsFirst(
-        equations.deviation_sd, factor, explained, remainder, effects * patterns
-    )
-    return solved, (remainder.pivots / whole).min(axis=0, initial=1.0)
+class _Remaining:
+    """What remains, by M with the data last, (K + 1, K + 1, W); its lower triangle is read."""
+
+    def __init__(self, joint: Array) -> None:
+        size = len(joint) - 1
+        # The row of the data below the square becomes M^(-1/2) times the right side.
+        factor = lower_factor(joint[:, :size])
+        self._factor = factor[:size]
+        self.solution = solve_upper(self._factor, factor[size])  # (K, W) Those that fit best
+        self.log_determinant = 2.0 * log_diagonal(self._factor)
+        self.pivots = np.einsum("kkw->kw", self._factor) ** 2
+
+    def columns_of(self, weights: Array) -> Array:
+        """M^(-1/2) times weights (K, l, W or 1): their products are the covariance, (K, l, W)."""
+        for_combinations = self._factor[:, :, None]
+        return solve_lower(for_combinations, weights)
 
 
-def _joint_precision(equations: CellEquations, own: int) -> Array:
-    """Lower triangle of the precision of what is left, the data last: (K + 1, K + 1, W)."""
-    effects, _, patterns, _ = equations.effects_by_latents.shape
-    rest, _, width = equations.rest.shape
-    first = effects * patterns
-    joint = np.zeros((first + rest, first + rest, width))
-    by_rest = equations.effects_by_latents[:, own:]  # (q, r + 1, G, W)
-    rest_by_effects = by_rest.swapaxes(0, 1)
-    joint[first:, :first] = rest_by_effects.reshape(rest, first, width)
-    joint[first:, first:] = equations.rest.swapaxes(0, 1)
-    diagonal = np.arange(first + rest)
-    joint[diagonal, diagonal] += 1.0  # The prior's one, and all that effects have
-    return joint
+class SubjectsFirst:
+    """Subjects' effects are eliminated; own deviations and then the rest remain.
+
+    Parameters
+    ----------
+    deviation_sd : ndarray
+        SDs of the own deviations of each column, (a, W).
+    joint : ndarray
+        M, the data last, (K + 1, K + 1, W).
+
+    Attributes
+    ----------
+    latents : ndarray
+        Own deviations and the rest that fit best, (a J + r, W).
+    log_determinant : ndarray
+        Of the joint precision, (W,).
+    pivots : ndarray
+        Of M, (K, W).
+    """
+
+    def __init__(self, deviation_sd: Array, joint: Array) -> None:
+        self._deviation_sd = deviation_sd
+        self._remaining = _Remaining(joint)
+        self.latents = self._remaining.solution
+        self.log_determinant = self._remaining.log_determinant
+        self.pivots = self._remaining.pivots
+
+    def columns_of(self, own: Array, rest: Array) -> Array:
+        """Columns (K, n, W) whose products are the covariance of n combinations of latents."""
+        of_own = _in_units_of_prior(own, self._deviation_sd)
+        of_own = of_own.reshape(own[0].size, *of_own.shape[2:])
+        of_rest = np.broadcast_to(rest.T[..., None], (rest.shape[1], *of_own.shape[1:]))
+        return self._remaining.columns_of(np.concatenate([of_own, of_rest]))
+
+    def variances_of(self, own: Array, rest: Array) -> Array:
+        """Variances (W, n) of combinations of latents."""
+        columns = self.columns_of(own, rest)
+        return np.einsum("knw,knw->wn", columns, columns)
+
+
+class OwnFirst:
+    """Own deviations of environments are eliminated; effects and then the rest remain.
+
+    Parameters
+    ----------
+    deviation_sd : ndarray
+        SDs of the own deviations of each column, (a, W).
+    factor : ndarray
+        Lower factors of their precision A in each environment, (a, a, J, W).
+    explained : ndarray
+        T, the data last, (a, K + 1, J, W).
+    joint : ndarray
+        M, the data last, (K + 1, K + 1, W).
+    effects : int
+        Number of effects among the K unknowns.
+
+    Attributes
+    ----------
+    latents, log_determinant, pivots
+        As in `SubjectsFirst`.
+    """
+
+    def __init__(
+        self,
+        deviation_sd: Array,
+        factor: Array,
+        explained: Array,
+        joint: Array,
+        effects: int,
+    ) -> None:
+        self._deviation_sd = deviation_sd
+        self._factor = factor
+        #: T without the data's column, (a, K, J, W).
+        self._explained = explained[:, :-1]
+        self._effects = effects
+        self._remaining = _Remaining(joint)
+        solved = self._remaining.solution
+        fitted = np.einsum("akjw,kw->ajw", self._explained, solved)
+        deviations = solve_upper(factor, explained[:, -1] - fitted)
+        flat = deviations.reshape(fitted[..., 0].size, solved.shape[-1])
+        self.latents = np.concatenate([flat, solved[effects:]])
+        of_deviations = 2.0 * log_diagonal(factor).sum(axis=0)
+        self.log_determinant = of_deviations + self._remaining.log_determinant
+        self.pivots = self._remaining.pivots
+
+    def columns_of(self, own: Array, rest: Array) -> Array:
+        """Columns (a J + K, n, W) whose products are the covariance of n combinations."""
+        scaled = _in_units_of_prior(own, self._deviation_sd)
+        whitened = solve_lower(self._factor[:, :, :, None], scaled)  # A^(-1/2)x
+        explained = np.einsum("akjw,ajnw->knw", self._explained, whitened)
+        of_remaining = self._remaining.columns_of(self._weights(explained, rest))
+        of_own = whitened.reshape(own[0].size, *whitened.shape[2:])
+        return np.concatenate([of_own, of_remaining])
+
+    def variances_of(self, own: Array, rest: Array) -> Array:
+        """Variances (W, n) of n combinations, most of whose weights of own deviations are zero.
+
+        A^(-1/2) is written out, so that products with the weights can be sparse.
+        """
+        count, columns, environments = own.shape
+        deviations = columns * environments
+        unit = np.broadcast_to(np.eye(columns)[:, :, None, None], self._factor.shape)
+        inverse = solve_lower(self._factor[:, :, None], unit) * self._deviation_sd[:, None]
+        width = inverse.shape[-1]
+        # (a, a, J, W) Covariance of own deviations if all that remains were known.
+        covariance = np.einsum("kajw,kbjw->abjw", inverse, inverse)
+        products = own[:, :, None] * own[:, None]  # (n, a, a, J)
+        entries = columns * deviations
+        sparse_products = sparse.csr_array(products.reshape(count, entries))
+        of_own = sparse_products @ covariance.reshape(entries, width)
+        # T'A^(-1/2) times the SDs: what each remaining unknown takes from an own deviation.
+        taken = np.einsum("kajw,krjw->ajrw", inverse, self._explained)
+        unknowns = taken.shape[2]
+        sparse_own = sparse.csr_array(own.reshape(count, deviations))
+        explained = sparse_own @ taken.reshape(deviations, unknowns * width)
+        by_unknown = explained.reshape(count, unknowns, width).swapaxes(0, 1)
+        of_remaining = self._remaining.columns_of(self._weights(by_unknown, rest))
+        variances = of_own + np.einsum("knw,knw->nw", of_remaining, of_remaining)
+        return np.asarray(variances.T)
+
+    def _weights(self, explained: Array, rest: Array) -> Array:
+        """Weights y - T'A^(-1/2)x, (K, n, W), from T'A^(-1/2)x and the rest's y, (n, r)."""
+        weights = -explained
+        weights[self._effects :] += rest.T[..., None]
+        return weights
+
+
+def _in_units_of_prior(own: Array, deviation_sd: Array) -> Array:
+    """Weights (n, a, J) of own deviations times their SDs (a, W): (a, J, n, W)."""
+    combinations_last = np.moveaxis(own, 0, -1)
+    return np.asarray(combinations_last[..., None] * deviation_sd[:, None, None])

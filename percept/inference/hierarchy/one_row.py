@@ -31,8 +31,7 @@ from numpy.typing import NDArray
 from percept.inference.hierarchy.blocks import Block
 from percept.inference.hierarchy.cell_scales import CellScales
 from percept.inference.hierarchy.design import Design
-from percept.inference.hierarchy.environments_first import EnvironmentsFirst
-from percept.inference.hierarchy.remainder import Remainder
+from percept.inference.hierarchy.elimination import OwnFirst
 from percept.inference.hierarchy.small_cholesky import (
     log_diagonal,
     lower_factor,
@@ -126,13 +125,15 @@ class OneRow:
         minus_twice += np.einsum("kw,kw->w", solution, solution)
         return -0.5 * minus_twice
 
-    def solve(self, scales: CellScales) -> EnvironmentsFirst:
+    def solve(self, scales: CellScales) -> OwnFirst:
         """Own deviations, effects and fixed columns' coefficients that fit best, and their law."""
         own = self._regressed(self._noise(scales), scales)
-        remainder = Remainder(_products(own.rows))
-        effects = len(scales.effects)
-        return EnvironmentsFirst(
-            self._own_sd(scales), own.factor, own.explained, remainder, effects
+        return OwnFirst(
+            deviation_sd=self._own_sd(scales),
+            factor=own.factor,
+            explained=own.explained,
+            joint=_products(own.rows),
+            effects=len(scales.effects),
         )
 
     def draws_per_pass(self, effects: int) -> int:

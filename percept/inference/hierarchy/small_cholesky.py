@@ -2,8 +2,8 @@
 
 Matrices and vectors have their axes first and draws last, (K, K, ...) and (K, ...). A loop over
 rows with whole arrays of draws is as fast as a factor for each draw by LAPACK, or faster, since
-that needs copies with the draws first: `Remainder` takes 0.6 to 1 of the time, measured for K from
-14 to 128 and 256 draws.
+that needs copies with the draws first: `elimination` takes 0.6 to 1 of the time, measured for K
+from 14 to 128 and 256 draws.
 """
 
 from __future__ import annotations

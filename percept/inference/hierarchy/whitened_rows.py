@@ -39,7 +39,7 @@ class WhitenedRows:
     log_density : ndarray
         As in `CellLaw`, (W,).
     latents : ndarray
-        As in `Elimination`, (K, W).
+        As in `SubjectsFirst`, (K, W).
     """
 
     def __init__(self, problem: CellProblem, scales: CellScales) -> None:
@@ -67,7 +67,7 @@ class WhitenedRows:
         self.log_density = problem.constant - 0.5 * (determinants + distance)
 
     def columns_of(self, own: Array, rest: Array) -> Array:
-        """Columns (K, n, W), as in `Elimination`."""
+        """Columns (K, n, W), as in `SubjectsFirst`."""
         deviations = own[0].size
         weights = np.concatenate([own.reshape(len(own), deviations), rest], axis=1)
         sd = self._latent_sd.copy()
@@ -76,7 +76,7 @@ class WhitenedRows:
         return np.einsum("nk,kw,wkl->lnw", weights, sd, self._inverse, optimize=True)
 
     def variances_of(self, own: Array, rest: Array) -> Array:
-        """Variances (W, n), as in `Elimination`."""
+        """Variances (W, n), as in `SubjectsFirst`."""
         columns = self.columns_of(own, rest)
         return np.einsum("knw,knw->wn", columns, columns)
 
