@@ -69,12 +69,8 @@ class _Solved(Protocol):
     def columns_of(self, own: Array, rest: Array) -> Array:
         """Columns (K, n, W) whose products are the covariance of n combinations of latents.
 
-        Parameters
-        ----------
-        own : ndarray
-            Weights of the deviations themselves, in response units, (n, a, J). Effects have none.
-        rest : ndarray
-            Weights of the other latents, which are standard normal, (n, r).
+        Weights of the deviations themselves are in response units, (n, a, J). Those of the other
+        latents, which are standard normal, are (n, r). Effects have none.
         """
 
     def variances_of(self, own: Array, rest: Array) -> Array:
