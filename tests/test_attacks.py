@@ -144,10 +144,10 @@ def test_a_name_of_its_own_in_every_row_is_no_environment():
 def test_a_study_without_a_coupling_says_so():
     study = Study(Sessions.from_frame(pd.DataFrame(trials())))
     with pytest.raises(RefusalError, match=r"no coupling: .*Give the scene a \[device\]"):
-        study.coupling.verdict  # noqa: B018
+        study.coupling.eq10  # noqa: B018
     with_device = Scene(device={"mass": 1.0, "damping": 5.0, "period": 1e-3})
     with pytest.raises(RefusalError, match=r"there is no coupling"):
-        Study(study.sessions, with_device).coupling.verdict  # noqa: B018
+        Study(study.sessions, with_device).coupling.eq10  # noqa: B018
 
 
 def test_a_path_that_is_a_formula_is_text_in_a_batch():

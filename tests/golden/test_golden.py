@@ -59,7 +59,7 @@ def test_what_was_renamed_is_found_under_its_old_name(monkeypatch):
     ("part", "name", "tolerance"),
     [
         ("exact", "intervals[VE1 k mean classical normal marginal]", EXACT),
-        ("exact", "coupling.margin", EXACT),
+        ("exact", "coupling.eq10_margin", EXACT),
         ("exact", "rule realism VE1 mean normal marginal corner effective", EXACT),
         ("exact", "sensitivity.verdicts[VE1 2]", POINTWISE),
         ("curves", "envelope VE1 user lognormal hotelling", EXACT),
@@ -103,12 +103,12 @@ def test_an_endpoint_too_far_is_caught(study):
 def test_numbers_that_come_or_go_are_named():
     old = frozen("published")
     new = copy.deepcopy(old)
-    del new["exact"]["coupling.margin"]
+    del new["exact"]["coupling.eq10_margin"]
     new["curves"]["corner X"] = new["curves"].pop("corner VE1 mean normal marginal")
-    new["exact"]["coupling.verdict"] = "stable"
+    new["exact"]["coupling.eq10"] = "met"
     assert sorted(differences(old, new)) == [
         "corner VE1 mean normal marginal: gone",
         "corner X: new",
-        "coupling.margin: gone",
-        "coupling.verdict: was 'unstable', is 'stable'",
+        "coupling.eq10: was 'not met', is 'met'",
+        "coupling.eq10_margin: gone",
     ]
