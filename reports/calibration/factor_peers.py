@@ -1,6 +1,6 @@
 """Limits of studies with factors by nutpie, beside percept's.
 
-PyMC has the model as `factor_studies` draws from it.
+PyMC has the model as `studies` draws from it.
 """
 
 from __future__ import annotations
@@ -17,23 +17,12 @@ from numpy.typing import NDArray
 from scipy import optimize, special
 
 from percept.calibration.studies import Line, plan_digest
-from percept.inference.hierarchy.contrasts import ContrastEstimands
-from percept.inference.hierarchy.interval_estimands import IntervalEstimands
 from percept.inference.hierarchy.linear_posterior import LinearPosterior
-from percept.inference.record import Kind
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 from percept.provenance import made_by, markdown_table
-from reports.calibration.factor_studies import (
-    DECADES,
-    GROUP,
-    KINDS,
-    PRIORS,
-    Drawn,
-    draw_study,
-    model_of,
-)
-from reports.calibration.factors import Rows, contrast_rows
+from reports.calibration.fits import Rows, contrast_rows
+from reports.calibration.studies import GROUP, KINDS, Drawn, draw_study, model_of
 from reports.peers import Observed, plain_model
 from reports.store import store
 
@@ -42,7 +31,7 @@ Array: TypeAlias = NDArray[np.float64]
 LEVEL = 0.9
 TAILS = (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL)
 SIDES = ("lower", "upper")
-KIND_NAMES: tuple[Kind, ...] = ("mean", "user")
+KIND_NAMES = ("mean", "user")
 #: Monte Carlo error of percept's limits, over the half-width.
 TOLERANCE = 0.01
 CHAINS = 4
@@ -88,8 +77,8 @@ def observed(drawn: Drawn) -> Observed:
         drawn.subject,
         drawn.cell,
         drawn.environment,
-        np.tile(DECADES[drawn.environment], (len(kind.parameters), 1)),
-        PRIORS,
+        drawn.x,
+        drawn.priors,
         contrast=drawn.contrast,
         own=own,
         factors=kind.factors,
@@ -109,11 +98,7 @@ class Limits:
 
 def percept_limits(model: LinearPosterior, rows: Rows, *, tolerance: float) -> Limits:
     """Return limits of means and users by percept."""
-    claims = IntervalEstimands(model, kinds=KIND_NAMES, level=LEVEL)
-    users = (*model.cells, *(("contrast", name) for name in rows.names))
-    groups = tuple(("contrast", name) for name in rows.group_names)
-    estimands = ContrastEstimands(model, rows.weights, users, groups, claims)
-    run = sample(model, estimands, Settings(tolerance=tolerance, seed=1))
+    run = sample(model, rows.estimands(model, LEVEL), Settings(tolerance=tolerance, seed=1))
     assert run.gate.passed, run.gate.reasons
     assert run.gate.tolerance_met, run.gate.error_reached
     of_users = [*map(",".join, model.cells), *rows.names]

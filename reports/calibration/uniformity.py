@@ -238,9 +238,9 @@ def calibrate(
     return judge_places(plan.name, plan.bins, lines)
 
 
-def verdict_table(first: str, calibrations: Iterable[Calibration]) -> str:
-    """Write verdicts as a table in Markdown; `first` heads the kinds of study."""
-    heads = [first, "fits", "failed", "quantities", "outside", "farthest", "tail", "band"]
+def verdict_table(calibrations: Iterable[Calibration]) -> str:
+    """Write verdicts as a table in Markdown."""
+    heads = ["design", "fits", "failed", "quantities", "outside", "farthest", "tail", "band"]
     rows = []
     for calibration in calibrations:
         farthest = ""

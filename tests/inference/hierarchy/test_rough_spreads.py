@@ -15,7 +15,7 @@ from percept.inference.hierarchy.rough_spreads import rough_trial
 from percept.inference.hierarchy.statistics import from_summary, from_trials
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
-from reports.calibration.factor_studies import KINDS, draw_study, model_of
+from reports.calibration.studies import KINDS, draw_study, model_of
 
 APART = Options(subject_effect=False)
 TIGHT = {"xatol": 1e-10, "fatol": 1e-15, "maxiter": 10_000}

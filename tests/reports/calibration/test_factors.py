@@ -9,8 +9,8 @@ import pytest
 from scipy import stats
 
 from percept.provenance import made_by
-from reports.calibration.factor_studies import KINDS
-from reports.calibration.factors import WRONG, fit_study, page, place_study
+from reports.calibration.fits import WRONG, fit_study, page, place_study
+from reports.calibration.studies import KINDS
 from reports.calibration.uniformity import Plan, calibrate, judge_places
 from tests import LONG
 
@@ -66,5 +66,5 @@ def test_a_fit_that_failed_has_no_place():
     placed = [{"reason": "slow", "values": {}}]
     placed += [{"reason": "", "values": {"tau": 0.1 * number}} for number in range(1, 10)]
     judged = judge_places("subjects' own trial SDs", 20, placed)
-    text = page([judged], 10, made_by("a command"))
+    text = page([judged], made_by("a command"))
     assert "| subjects' own trial SDs | 10 | 1 | 1 | 0 | tau |" in text

@@ -15,7 +15,7 @@ from percept.inference.hierarchy.linear_posterior import LinearPosterior, plain_
 from percept.inference.sampling.moves import ReferenceLaw, standard_moves
 from percept.provenance import made_by
 from reports.calibration.__main__ import main
-from reports.calibration.sbc import page, place_study, verdicts_json
+from reports.calibration.fits import page, place_study, verdicts_json
 from reports.calibration.uniformity import (
     EcdfBand,
     Plan,
@@ -67,13 +67,13 @@ class WithoutJacobian(LinearPosterior):
         return super().__call__(points) + 2.0 * np.log(sigma).reshape(len(points), -1).sum(axis=1)
 
 
-def without_jacobian(statistics, priors):
-    model = plain_model(statistics, priors)
-    return WithoutJacobian(statistics, model.design, priors)
+def without_jacobian(model):
+    return WithoutJacobian(model.statistics, model.design, model.priors)
 
 
-def with_a_narrow_prior(statistics, priors):
-    return plain_model(statistics, dataclasses.replace(priors, log_s_sd=0.1 * priors.log_s_sd))
+def with_a_narrow_prior(model):
+    priors = dataclasses.replace(model.priors, log_s_sd=0.1 * model.priors.log_s_sd)
+    return plain_model(model.statistics, priors)
 
 
 @pytest.mark.evidence(reduced=True)
@@ -145,7 +145,7 @@ def test_failed_fits_are_counted_with_their_reason():
     found = judged(PLAN, placed)
     assert (found.fits, found.failed) == (42, 2)
     assert found.reasons == ("the ensembles disagree.", "stuck.")
-    assert "| one environment | 42 | 2 | 1 | 0 | tau[k] |" in verdict_table("design", [found])
+    assert "| one environment | 42 | 2 | 1 | 0 | tau[k] |" in verdict_table([found])
     nothing = judged(PLAN, [failed("stuck.")])
     assert (nothing.fits, nothing.failed, nothing.quantities) == (1, 1, ())
 

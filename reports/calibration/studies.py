@@ -1,6 +1,6 @@
-"""Studies with factors, groups and covariates drawn from the prior, written out plainly.
+"""Studies drawn from the prior: plain ones by percept's simulator, others written out plainly.
 
-Nothing here comes from the model's own columns: every factor has two levels, whose contrast is
+No contrast here comes from the model's own columns: every factor has two levels, whose contrast is
 minus or plus one half, and an interaction's contrast is the product of those of its factors.
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Mapping
 from typing import TypeAlias
 
@@ -20,6 +21,12 @@ from percept.inference.hierarchy.linear_posterior import LinearPosterior
 from percept.inference.hierarchy.priors import Priors
 from percept.inference.hierarchy.statistics import apart_by_subject, from_trials
 from percept.inference.hierarchy.trial_scatter import trial_scatter
+from percept.simulate.model import (
+    Design,
+    draw_environments,
+    draw_hyperparameters,
+    draw_responses,
+)
 
 Array: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.intp]
@@ -36,6 +43,25 @@ PRIORS = Priors(
     omega_e_scale=0.3,
     omega_s_scale=0.8,
 )
+# Stiffness in N/m and damping in N·s/m, from soft to stiff.
+_REFERENCES = np.array([[10.0, 0.1], [1e3, 1.0], [1e4, 10.0], [2.5e4, 25.0], [5e4, 50.0]])
+# Trials of eight subjects in four environments: two miss some, and one sees a single one.
+_GAPS = np.ones((8, 4), dtype=np.int64)
+_GAPS[[0, 2, 2, 5, 5, 5], [1, 0, 3, 1, 2, 3]] = 0
+#: Plain studies. The order decides the seeds, as in `KINDS`.
+DESIGNS: dict[str, Design] = {
+    "balanced": Design.balanced(_REFERENCES, subjects=10),
+    "trials": Design.balanced(_REFERENCES[:3], subjects=8, trials=3),
+    "missing cells": Design(_REFERENCES[:4], _GAPS),
+    "one parameter": Design.balanced(_REFERENCES[:4, :1], subjects=8, parameters=("k",)),
+    "one environment": Design.balanced(_REFERENCES[2:3], subjects=8),
+    "three subjects": Design.balanced(_REFERENCES[:3], subjects=3),
+    "weak scatter": Design.balanced(_REFERENCES, subjects=10, trials=3),
+    "thirty environments": Design.balanced(np.geomspace([10.0, 0.1], [5e4, 50.0], 30), subjects=8),
+}
+# Where the priors of plain studies are not the defaults. A twentieth of the scatter between trials:
+# the data can hardly tell the scatter between subjects from none.
+_WEAK = {"weak scatter": Priors(log_s_mean=math.log(0.005))}
 GROUP = "group"
 ENVIRONMENTS = ("VE1", "VE2")
 #: Decades of their references above the geometric mean.
@@ -87,6 +113,9 @@ class Drawn:
     environment: Indices  # (C,)
     level: dict[str, Indices]  # (C,) by factor
     contrast: dict[str, Array]  # (C,) by term
+    environments: tuple[str, ...]
+    x: Array  # (P, C) decades of the references above their geometric mean
+    priors: Priors
     response: Array  # (M, P)
     subject: Indices  # (M,)
     cell: Indices  # (M,)
@@ -95,6 +124,34 @@ class Drawn:
     beta: Array  # (P, C)
     slope: Array  # (P,) of the covariate
     user: Array  # (P, C) one more user
+
+
+def draw_plain(name: str, rng: np.random.Generator) -> Drawn:
+    """Draw the truth, and then the trials, of one of `DESIGNS`."""
+    design = DESIGNS[name]
+    priors = _WEAK.get(name, Priors())
+    truth = draw_environments(draw_hyperparameters(design, priors, rng), design, rng)
+    responses = draw_responses(truth, design, rng)
+    roots = np.linalg.cholesky(truth.cov_u + truth.cov_w)
+    user = truth.beta + np.einsum("jpq,jq->jp", roots, rng.standard_normal(truth.beta.shape))
+    size = len(design.parameters)
+    return Drawn(
+        kind=Kind(subjects=len(design.subjects), parameters=design.parameters),
+        environment=np.arange(len(design.environments)),
+        level={},
+        contrast={},
+        environments=design.environments,
+        x=design.decades.T,
+        priors=priors,
+        response=responses.y,
+        subject=responses.subject,
+        cell=responses.environment,
+        covariate=np.zeros((len(responses.y), 0)),
+        truth=vars(truth.hyper) | {"sigma": truth.sigma.T, "sigma_e": truth.sigma_e.T},
+        beta=truth.beta.T,
+        slope=np.zeros(size),
+        user=user.T,
+    )
 
 
 class _Prior:
@@ -192,6 +249,9 @@ def draw_study(kind: Kind, rng: np.random.Generator) -> Drawn:
         environment=environment,
         level=level,
         contrast=contrast,
+        environments=ENVIRONMENTS,
+        x=np.tile(x, (prior.size, 1)),
+        priors=PRIORS,
         response=response,
         subject=subject,
         cell=cell,
@@ -276,13 +336,12 @@ def model_of(
     names = []
     for c, environment in enumerate(drawn.environment):
         own = [levels[factor][drawn.level[factor][c]] for factor in kind.factors]
-        names.append(" ".join([ENVIRONMENTS[environment], *own]))
-    x = np.tile(DECADES[drawn.environment], (len(kind.parameters), 1))
+        names.append(" ".join([drawn.environments[environment], *own]))
     statistics = from_trials(
         drawn.response,
         drawn.subject,
         drawn.cell,
-        x,
+        drawn.x,
         parameters=kind.parameters,
         environments=tuple(names),
         subjects=tuple(f"S{i + 1}" for i in range(kind.subjects)),
@@ -299,7 +358,7 @@ def model_of(
         )
     if own_trial_sds:
         scatter = trial_scatter(*trials, by_subject=True)
-    cells = Cells(tuple(names), drawn.environment, ENVIRONMENTS, x)
+    cells = Cells(tuple(names), drawn.environment, drawn.environments, drawn.x)
     factors = Factors(
         levels=levels,
         level=drawn.level,
@@ -307,7 +366,7 @@ def model_of(
         between_subjects=frozenset({GROUP}.intersection(kind.factors)),
         spread=kind.spread,
     )
-    design = design_of(cells, factors, PRIORS)
+    design = design_of(cells, factors, drawn.priors)
     if not subjects_contrasts:
         design = dataclasses.replace(design, subject=design.subject[:1])
-    return LinearPosterior(statistics, design, PRIORS, covariates, scatter)
+    return LinearPosterior(statistics, design, drawn.priors, covariates, scatter)
