@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from percept.inference.hierarchy.covariates import Covariates
-from percept.inference.hierarchy.design import Design, Term
+from percept.inference.hierarchy.design import Design, columns_by_quantity
 from percept.inference.hierarchy.one_row import OneRow, is_one_row
 from percept.inference.hierarchy.statistics import Pattern, Statistics
 from percept.inference.hierarchy.trial_scatter import TrialScatter
 
-__all__ = ["CellProblem", "PatternScatter", "columns_by_quantity"]
+__all__ = ["CellProblem", "PatternScatter"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -217,24 +217,6 @@ class CellProblem:
         numbers = columns * len(self.subjects) * max(effects, 1)
         draws = max(_NUMBERS // numbers, _FEWEST_DRAWS)
         return min(draws, _MOST_DRAWS)
-
-
-def columns_by_quantity(
-    terms: tuple[Term, ...],
-    size: int,
-    cells: int,
-) -> Array:
-    """Columns of terms, each once for every quantity that it enters alone: (k P, P, C)."""
-    columns = []
-    for term in terms:
-        for column in term.columns:
-            for p in range(size):
-                alone = np.zeros_like(column)
-                alone[p] = column[p]
-                columns.append(alone)
-    if not columns:
-        return np.zeros((0, size, cells))
-    return np.stack(columns)
 
 
 def _products(

@@ -24,6 +24,7 @@ class CellScales:
 
     between: Block  # (C, W) Covariance between subjects within a cell
     trial: Block | None  # (T, W) Covariance between the trials of a group; None without repeats
+    covariances: list[Block]  # (W,) Of subjects' effects over the quantities, one for each term
     effects: Array  # (q, P, C, W) Columns Z: what a unit of each subject's effect adds to a cell
     tau: Array  # (o, P, W) SDs of the environments' own deviations, one for each column
 
@@ -32,6 +33,7 @@ class CellScales:
         return CellScales(
             between=self.between[..., draws],
             trial=None if self.trial is None else self.trial[..., draws],
+            covariances=[covariance[draws] for covariance in self.covariances],
             effects=self.effects[..., draws],
             tau=self.tau[..., draws],
         )

@@ -38,6 +38,7 @@ __all__ = [
     "Options",
     "Term",
     "cell_columns",
+    "columns_by_quantity",
     "contrast_columns",
     "design_of",
     "new_cells",
@@ -348,3 +349,21 @@ def cell_columns(terms: tuple[Term, ...]) -> list[Array]:
         for column in term.columns:
             columns.append(column[:, 0])
     return columns
+
+
+def columns_by_quantity(
+    terms: tuple[Term, ...],
+    size: int,
+    cells: int,
+) -> Array:
+    """Columns of terms, each once for every quantity that it enters alone: (k P, P, C)."""
+    columns = []
+    for term in terms:
+        for column in term.columns:
+            for p in range(size):
+                alone = np.zeros_like(column)
+                alone[p] = column[p]
+                columns.append(alone)
+    if not columns:
+        return np.zeros((0, size, cells))
+    return np.stack(columns)

@@ -290,6 +290,7 @@ class LinearCoordinates:
         return CellScales(
             between=_covariance(sigma, "rho_w", named, rests),
             trial=trial,
+            covariances=effects.covariances,
             effects=effect_columns(effects, self._design, width),
             tau=np.reshape(taus, (len(taus), self._design.parameters, width)),
         )
