@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,9 +11,8 @@ import numpy as np
 import pandas as pd
 
 from percept.calibration.coverage import coverage, fitted_values, plan_like
-from percept.calibration.judge import CoveragePlan, claim_of_cell, judge_study
+from percept.calibration.judge import CoveragePlan, claim_of_cell
 from percept.errors import RefusalError
-from percept.inference import Moments
 from percept.sessions.quantities import Quantities
 from percept.simulate.model import Hyperparameters, TrueValues
 from percept.study import Study
@@ -22,9 +20,13 @@ from percept.study.intervals import cell_moments, known_moments
 from percept.workers import Mapper, in_process
 
 __all__ = [
-    "ADVICE_FILE", "STUDIES", "advice_plans", "expected_minutes", "gather", "own_values",
+    "ADVICE_FILE",
+    "STUDIES",
+    "advice_plans",
+    "gather",
+    "own_values",
     "recommend",
-]  # fmt: skip
+]
 
 #: Studies needed of each method, under either truth, before any is recommended. Classical ones cost
 #: a thousandth of Bayesian ones.
@@ -69,18 +71,17 @@ def own_values(study: Study, fitted: TrueValues) -> TrueValues:
     moments = known_moments(
         cell_moments(study.sessions, study.parts.parameters, "normal"), "normal"
     )
-    for parameter, environment in study.parts.reference:
-        if (parameter, environment) not in moments:
-            label = study.sessions.quantities[parameter].label
-            raise RefusalError(
-                f"{label} in {environment} has no mean and SD of its own to simulate from."
-            )
     mean = np.empty_like(fitted.beta)
     sd = np.empty_like(fitted.beta)
     for j, environment in enumerate(study.parts.environments):
         for p, parameter in enumerate(study.parts.parameters):
             reference = study.parts.reference[parameter, environment]
-            cell: Moments = moments[parameter, environment]
+            cell = moments.get((parameter, environment))
+            if cell is None:
+                label = study.sessions.quantities[parameter].label
+                raise RefusalError(
+                    f"{label} in {environment} has no mean and SD of its own to simulate from."
+                )
             mean[j, p] = float(cell.mean) / reference
             sd[j, p] = float(cell.sd) / reference
     counts = study.sessions.table.groupby(["environment", "subject"], sort=False).size()
@@ -159,7 +160,7 @@ def gather(
     tables = []
     for plan, users in zip(plans, _USERS, strict=False):
         for method, enough in studies.items():
-            judged_plan = plan if method == "bayesian" else replace(plan, method="classical")
+            judged_plan = plan if method == "bayesian" else plan.by("classical")
             simulated = enough
             fewest = 0
             # Normal users below zero leave no lognormal fit: more studies make up for those.
@@ -173,25 +174,6 @@ def gather(
                 simulated *= 2
             tables.append(rows.assign(plan=plan.key, users=users))
     return pd.concat(tables)
-
-
-def expected_minutes(plans: Sequence[CoveragePlan]) -> float:
-    """Judge one study, and return the time of all that both methods judge.
-
-    Parameters
-    ----------
-    plans : sequence of CoveragePlan
-        As `advice_plans` gives them.
-
-    Returns
-    -------
-    float
-        Minutes of one core; studies of the classical method alone add little.
-    """
-    start = time.perf_counter()
-    judge_study(plans[0], 0)
-    seconds = time.perf_counter() - start
-    return len(plans) * STUDIES["bayesian"] * seconds / 60.0
 
 
 def recommend(

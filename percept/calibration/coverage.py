@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import functools
-import hashlib
-import json
 import math
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from percept.calibration.judge import Claim, CoveragePlan, Labels, judged_line
+from percept.calibration.judge import CoveragePlan, Family, Held, Labels, Method, judge_study
 from percept.calibration.studies import Checkpoint, Line
 from percept.errors import RefusalError, UsageError
-from percept.files import write_whole
 from percept.provenance import markdown_table
 from percept.results import Verdict
+from percept.scene import Scene
+from percept.sessions.quantities import is_impedance
 from percept.simulate.model import Design, Hyperparameters, TrueValues, simulate
 from percept.study import Study
 from percept.study.responses import refuse_no_ratio
@@ -34,20 +32,19 @@ __all__ = [
     "coverage_markdown",
     "decided_shares",
     "fitted_values",
-    "kept_values",
     "plan_like",
     "refuse_unfit",
     "standard_error",
-    "true_values",
 ]
 
-# The truth that an interrupted run goes on from, in the folder of its results.
-_TRUTH_FILE = "truth.json"
 # Of the posterior, what `Hyperparameters` holds; trials have no law over environments there.
 _HYPER_SCALES = ("tau", "sigma_u", "s", "kappa", "omega", "omega_s")
 _CORRELATIONS = ("rho_u", "rho_w", "rho_e")
 # Tolerance of simulated fits: the error of a limit hardly moves what it covers, and time counts.
 _TOLERANCE = 0.05
+# Device, kg, N·s/m and s, of a study without a known one, and frequencies, rad/s.
+_DEVICE = {"mass": 1.0, "damping": 5.0, "period": 0.001}
+_FREQUENCY = {"lower": 0.1, "upper": 100.0, "points": 11}
 
 
 def refuse_unfit(study: Study) -> None:
@@ -184,19 +181,10 @@ def decided_shares(
 
 def _with_more(study: Study, more: int, rng: np.random.Generator) -> Study:
     """Add subjects of a posterior draw to a study."""
-    parts = study.parts
     values = fitted_values(study, rng)
-    references = [
-        [parts.reference[parameter, environment] for parameter in parts.parameters]
-        for environment in parts.environments
-    ]
-    design = Design.balanced(
-        references,
-        subjects=more,
-        trials=max(1, int(np.median(_trials(study)))),
-        parameters=parts.parameters,
-        environments=parts.environments,
-    )
+    own = _design_of(study)
+    trials = max(1, int(np.median(own.trials)))
+    design = replace(own, trials=np.full((more, len(own.references)), trials))
     new = simulate(values, design, rng, family=study.scene.inference.family)
     new["subject"] = "simulated " + new["subject"].astype(str)
     table = study.sessions.table
@@ -204,56 +192,16 @@ def _with_more(study: Study, more: int, rng: np.random.Generator) -> Study:
     return Study(replace(study.sessions, table=joined), study.scene)
 
 
-def true_values(record: Line) -> TrueValues:
-    """Take true values as `dataclasses.asdict` and JSON leave them.
-
-    Parameters
-    ----------
-    record : Line
-        Fields of `TrueValues`, with lists for arrays.
-
-    Returns
-    -------
-    TrueValues
-    """
-    arrays = {name: np.array(value) for name, value in record.items() if name != "hyper"}
-    hyper: dict[str, Any] = {}
-    for name, value in record["hyper"].items():
-        hyper[name] = np.array(value) if isinstance(value, list) else value
-    return TrueValues(hyper=Hyperparameters(**hyper), **arrays)
-
-
-def kept_values(study: Study, folder: Path) -> TrueValues:
-    """Take the fitted values that an interrupted run left in a folder, or leave new ones there.
-
-    Studies are kept by their truth: another fit's Monte Carlo error would make it another plan.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-    folder : Path
-        Folder of the run's results, made where it does not exist.
-
-    Returns
-    -------
-    TrueValues
-    """
-    scene = json.dumps(study.scene.to_dict(), sort_keys=True, default=str)
-    digest = hashlib.sha256((study.sessions.table.to_csv() + scene).encode()).hexdigest()
-    path = folder / _TRUTH_FILE
-    if path.exists():
-        kept = json.loads(path.read_text(encoding="utf-8"))
-        if kept.get("study") == digest:
-            return true_values(kept["values"])
-    values = fitted_values(study)
-    folder.mkdir(parents=True, exist_ok=True)
-    record = {"study": digest, "values": asdict(values)}
-    write_whole(path, json.dumps(record, indent=1, default=np.ndarray.tolist).encode())
-    return values
-
-
-def plan_like(study: Study, subjects: int | None = None, **changes: Any) -> CoveragePlan:
+def plan_like(
+    study: Study,
+    subjects: int | None = None,
+    *,
+    method: Method = "both",
+    users_family: Family = "lognormal",
+    values: TrueValues | None = None,
+    model: dict[str, Any] | None = None,
+    each: bool = False,
+) -> CoveragePlan:
     """Plan studies of this one's environments and settings.
 
     Parameters
@@ -262,50 +210,69 @@ def plan_like(study: Study, subjects: int | None = None, **changes: Any) -> Cove
         The study.
     subjects : int, optional
         Subjects with a trial each; the study's own subjects and trials by default.
-    **changes
-        Other fields of `CoveragePlan`.
+    method : {"both", "classical", "bayesian"}
+        Which methods are judged.
+    users_family, values, each
+        As `CoveragePlan` has them.
+    model : dict, optional
+        ``[model]`` of the analysis.
 
     Returns
     -------
     CoveragePlan
     """
-    inference = study.scene.inference
-    device = study.scene.device
-    if device is not None and device.mass is not None and device.damping is not None:
-        changes["device"] = (device.mass, device.damping)
-        changes["period"] = device.period
-    own = len(study.sessions.subjects)
-    if subjects in (None, own):
-        changes["trials"] = _trials(study)
-    references = [
-        tuple(study.parts.reference[parameter, environment] for parameter in study.parts.parameters)
-        for environment in study.parts.environments
-    ]
-    quantities = {}
-    for parameter in study.parts.parameters:
-        quantities[parameter] = study.sessions.quantities[parameter].model_dump(exclude={"name"})
+    design = _design_of(study)
+    if subjects not in (None, len(design.trials)):
+        design = replace(design, trials=np.ones((subjects, len(design.references)), dtype=int))
+    model = model or {}
+    if values is None or not np.any(values.hyper.omega_s):
+        # Subjects have trial SDs of their own only if they truly do.
+        model = model | {"subjects_trial_sd": False}
+    asked = study.scene.inference
+    if is_impedance(design.parameters):
+        own = study.scene.device
+        known = own is not None and own.mass is not None and own.damping is not None
+        device = {name: getattr(own, name) for name in _DEVICE} if known else _DEVICE
+        described: dict[str, Any] = {"device": device}
+    else:
+        quantities = study.sessions.quantities
+        described = {
+            "quantities": {
+                parameter: quantities[parameter].model_dump(exclude={"name"})
+                for parameter in design.parameters
+            }
+        }
+    scene = Scene(
+        **described,
+        frequency=_FREQUENCY,
+        model=model,
+        inference={
+            "kinds": ["user"] if each else ["mean", "user", "share"],
+            "level": asked.level,
+            "share": asked.share,
+            "confidence": asked.confidence,
+            "family": asked.family,
+            "method": method,
+            "tolerance": max(asked.tolerance, _TOLERANCE),
+            "seed": asked.seed,
+        },
+    )
     return CoveragePlan(
-        references=tuple(references),
-        parameters=study.parts.parameters,
-        quantities=quantities,
-        environments=study.parts.environments,
-        subjects=subjects or own,
-        family=inference.family,
-        level=inference.level,
-        share=inference.share,
-        confidence=inference.confidence,
-        tolerance=max(inference.tolerance, _TOLERANCE),
-        seed=inference.seed,
-        **changes,
+        design=design, scene=scene, users_family=users_family, values=values, each=each
     )
 
 
-def _trials(study: Study) -> tuple[tuple[int, ...], ...]:
-    """Count the trials of each subject in each environment."""
+def _design_of(study: Study) -> Design:
+    """Return who adjusted what in a study, and how often."""
+    parts = study.parts
+    references = [
+        [parts.reference[parameter, environment] for parameter in parts.parameters]
+        for environment in parts.environments
+    ]
     table = study.sessions.table
     counts = pd.crosstab(table["subject"], table["environment"])
-    counts = counts.loc[list(study.sessions.subjects), list(study.parts.environments)]
-    return tuple(map(tuple, counts.to_numpy().tolist()))
+    counts = counts.loc[list(study.sessions.subjects), list(parts.environments)]
+    return Design(np.array(references), counts.to_numpy(), parts.parameters, parts.environments)
 
 
 def coverage(
@@ -345,20 +312,28 @@ def coverage(
         raise UsageError(
             "a standard error needs at least two studies.", key="studies", value=studies
         )
-    judge = functools.partial(judged_line, plan)
+    judge = functools.partial(_judged_line, plan)
     kept = Checkpoint(checkpoint, plan.key, what="judged")
     lines = kept.complete(judge, studies, mapper=mapper, progress=progress)
-    return averaged(plan, [[Claim.from_line(row) for row in line["judged"]] for line in lines])
+    judged = []
+    for line in lines:
+        judged.append({Labels(*labels): held for *labels, held in line["judged"]})
+    return averaged(plan, judged)
 
 
-def averaged(plan: CoveragePlan, judged: Sequence[Sequence[Claim]]) -> pd.DataFrame:
+def _judged_line(plan: CoveragePlan, index: int) -> Line:
+    """Judge a study; give each claim as a list of its labels and how far it held."""
+    return {"judged": [[*labels, held] for labels, held in judge_study(plan, index).items()]}
+
+
+def averaged(plan: CoveragePlan, judged: Sequence[Held]) -> pd.DataFrame:
     """Average what became of each claim over studies.
 
     Parameters
     ----------
     plan : CoveragePlan
         The studies.
-    judged : sequence of sequence of Claim
+    judged : sequence of Held
         The claims of each study.
 
     Returns
@@ -370,19 +345,19 @@ def averaged(plan: CoveragePlan, judged: Sequence[Sequence[Claim]]) -> pd.DataFr
     """
     fractions: dict[Labels, list[float]] = {}
     for claims in judged:
-        for claim in claims:
-            fractions.setdefault(claim.labels, []).append(claim.held)
+        for labels, value in claims.items():
+            fractions.setdefault(labels, []).append(value)
     rows = []
     for labels, values in fractions.items():
         held = np.array(values)
-        stated = plan.confidence if labels.kind == "share" else plan.level
+        stated = plan.asked.confidence if labels.kind == "share" else plan.asked.level
         if labels.claim in ("withheld", "refused"):
             stated = math.nan
             held = np.append(held, np.zeros(len(judged) - held.size))
         rows.append(
             {
                 **labels._asdict(),
-                "subjects": plan.subjects,
+                "subjects": len(plan.design.trials),
                 "truth": plan.users_family,
                 "stated": stated,
                 "held": held.mean(),

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.calibration.studies import Line, plan_digest
+from percept.calibration.studies import plan_digest
 from percept.errors import RefusalError, UsageError
 from percept.haptics import Device
 from percept.haptics.perceived import perceived_magnitude
 from percept.inference.hierarchy.priors import Priors
-from percept.results import Boundary
-from percept.scene import Scene
+from percept.scene import InferenceTable, Scene
 from percept.sessions import ReadOptions, Sessions
 from percept.sessions.quantities import is_impedance
 from percept.simulate.model import (
@@ -32,14 +30,13 @@ from percept.study import Study
 from percept.study.regions import displayable
 
 __all__ = [
-    "Claim",
     "CoveragePlan",
+    "Held",
     "Labels",
     "Population",
     "claim_of_cell",
     "interval_held",
     "judge_study",
-    "judged_line",
 ]
 
 Array = NDArray[np.float64]
@@ -63,102 +60,44 @@ class Labels(NamedTuple):
     shape: str = ""
 
 
-@dataclasses.dataclass(frozen=True)
-class Claim:
-    """What one study claims, and how far that is true."""
-
-    labels: Labels
-    held: float  # Fraction of users, frequencies, environments and parameters it is true for
-
-    @classmethod
-    def from_line(cls, judged: Line) -> Claim:
-        """Take a claim as `judged_line` gives it."""
-        return cls(Labels(*(judged[name] for name in Labels._fields)), judged["held"])
-
-    def to_line(self) -> Line:
-        """Return the claim as JSON has it."""
-        return {**self.labels._asdict(), "held": self.held}
+#: By the claims of one study: the fraction of users, frequencies, environments and parameters that
+#: each is true for.
+Held: TypeAlias = dict[Labels, float]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class CoveragePlan:
     """Studies to simulate, and how to analyse each."""
 
-    references: tuple[tuple[float, ...], ...]  # Of `parameters`, in the environments tested
-    environments: tuple[str, ...] = ()  # Their names; VE1, VE2, … where there are none
-    subjects: int = 10  # Per study
-    # Of each subject in each environment; one where None.
-    trials: tuple[tuple[int, ...], ...] | None = None
+    design: Design
+    scene: Scene  # Of the analysis; its seed is that of the whole
     users_family: Family = "lognormal"  # Distribution of the simulated users
-    family: Family = "lognormal"  # Of the hierarchical model
-    method: Method = "both"  # Which methods are judged
-    level: float = 0.99  # As `InferenceTable`
-    share: float | None = None  # As `InferenceTable`
-    confidence: float = 0.95  # As `InferenceTable`
-    tolerance: float = 0.05  # Of the sampler
     values: TrueValues | None = None  # What the studies are drawn from; the priors where None
-    device: tuple[float, float] = (1.0, 5.0)  # kg and N·s/m
-    period: float = 0.001  # Sampling period, s
-    frequencies: tuple[float, float, int] = (0.1, 100.0, 11)  # From, to, rad/s, and how many
-    seed: int = 1  # Of the whole
-    model: dict[str, Any] = dataclasses.field(default_factory=dict)  # [model] of the analysis
-    parameters: tuple[str, ...] = PARAMETERS  # One or two quantities
-    # [quantities] of the analysis.
-    quantities: dict[str, Any] = dataclasses.field(default_factory=dict)
     # Judge the next user's intervals only, in each environment and parameter by itself.
     each: bool = False
 
     def __post_init__(self) -> None:
-        if len(self.references) < 2 and self.values is None:
+        subjects, environments = self.design.trials.shape
+        if environments < 2 and self.values is None:
             raise UsageError(
-                "a coverage study needs at least two environments.", value=len(self.references)
+                "a coverage study needs at least two environments.", value=environments
             )
-        if self.subjects < 2:
-            raise UsageError("a coverage study needs at least two subjects.", value=self.subjects)
+        if subjects < 2:
+            raise UsageError("a coverage study needs at least two subjects.", value=subjects)
+
+    @property
+    def asked(self) -> InferenceTable:
+        """What the analysis asks for."""
+        return self.scene.inference
 
     @property
     def key(self) -> str:
         """A digest that tells results of different plans apart."""
         return plan_digest(self)
 
-    @property
-    def design(self) -> Design:
-        """Who adjusts what, and how often."""
-        references = np.array(self.references)
-        trials = np.ones((self.subjects, len(references)), int)
-        if self.trials is not None:
-            trials = np.array(self.trials)
-        return Design(references, trials, self.parameters, self.environments)
-
-    @property
-    def model_of_truth(self) -> dict[str, Any]:
-        """Return [model] of the analysis: subjects have trial SDs of their own if they truly do."""
-        if self.values is not None and np.any(self.values.hyper.omega_s):
-            return self.model
-        return {**self.model, "subjects_trial_sd": False}
-
-    def scene(self, seed: int) -> Scene:
-        """Return the scene that a simulated study is analysed under."""
-        lower, upper, points = self.frequencies
-        mass, damping = self.device
-        described: dict[str, Any] = {"quantities": self.quantities}
-        if is_impedance(self.parameters):
-            described = {"device": {"mass": mass, "damping": damping, "period": self.period}}
-        return Scene(
-            **described,
-            frequency={"lower": lower, "upper": upper, "points": points},
-            model=self.model_of_truth,
-            inference={
-                "kinds": ["user"] if self.each else ["mean", "user", "share"],
-                "level": self.level,
-                "share": self.level if self.share is None else self.share,
-                "confidence": self.confidence,
-                "family": self.family,
-                "method": self.method,
-                "tolerance": self.tolerance,
-                "seed": seed,
-            },
-        )
+    def by(self, method: Method) -> CoveragePlan:
+        """Return the same studies, judged by one method or both."""
+        return dataclasses.replace(self, scene=self.scene.with_inference(method=method))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -218,25 +157,7 @@ class Population:
         )
 
 
-def judged_line(plan: CoveragePlan, index: int) -> Line:
-    """Judge study number `index` of a plan; give its claims as a line of JSON has them.
-
-    Parameters
-    ----------
-    plan : CoveragePlan
-        The plan.
-    index : int
-        Number of the study, from zero.
-
-    Returns
-    -------
-    Line
-        Claims under ``judged``.
-    """
-    return {"judged": [claim.to_line() for claim in judge_study(plan, index)]}
-
-
-def judge_study(plan: CoveragePlan, index: int) -> list[Claim]:
+def judge_study(plan: CoveragePlan, index: int) -> Held:
     """Simulate study number `index` of a plan, analyse it, and judge every claim.
 
     Parameters
@@ -248,26 +169,48 @@ def judge_study(plan: CoveragePlan, index: int) -> list[Claim]:
 
     Returns
     -------
-    list of Claim
+    Held
         One per kind of claim, averaged over environments and parameters. "withheld" or "refused"
         comes first where the Bayesian method gives nothing.
     """
-    rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(index,)))
-    study, populations = _simulated(plan, rng)
-    claims = []
-    no_bayesian = "" if plan.method == "classical" else _why_no_bayesian(study)
+    asked = plan.asked
+    rng = np.random.default_rng(np.random.SeedSequence(asked.seed, spawn_key=(index,)))
+    design = plan.design
+    values = plan.values
+    if values is None:
+        hyper = draw_hyperparameters(design, Priors(), rng)
+        values = draw_environments(hyper, design, rng)
+    study = _simulated_study(values, design, rng, plan.scene, plan.users_family)
+    judged: Held = {}
+    no_bayesian = "" if asked.method == "classical" else _why_no_bayesian(study)
     if no_bayesian:
-        claims.append(Claim(Labels(no_bayesian, method="bayesian", family=plan.family), 1.0))
+        judged[Labels(no_bayesian, method="bayesian", family=asked.family)] = 1.0
     if no_bayesian == "refused":
-        if plan.method == "bayesian":
-            return claims
+        if asked.method == "bayesian":
+            return judged
         study = Study(study.sessions, study.scene.with_inference(method="classical"))
     held: dict[Labels, list[float]] = {}
-    for claim in _claims(plan, study, populations, rng):
-        held.setdefault(claim.labels, []).append(claim.held)
+    for labels, value in _claims(plan, study, _populations(plan, values), rng):
+        held.setdefault(labels, []).append(value)
     # Environments and parameters of one study are not independent: a study is one observation.
-    claims += [Claim(labels, float(np.mean(values))) for labels, values in held.items()]
-    return claims
+    return judged | {labels: float(np.mean(values)) for labels, values in held.items()}
+
+
+def _simulated_study(
+    values: TrueValues, design: Design, rng: np.random.Generator, scene: Scene, family: Family
+) -> Study:
+    """Simulate the sessions of a study, and put them under a scene with a seed of their own."""
+    table = simulate(values, design, rng, family=family).drop(columns="source")
+    columns = {}
+    # With declared units a median far from its reference is no slip of units.
+    for parameter in design.parameters:
+        unit = scene.quantities[parameter].unit
+        for name in (f"{parameter}_ref", f"{parameter}_adj"):
+            if unit:
+                columns[name] = {"name": name, "unit": unit}
+    options = ReadOptions(quantities=scene.quantities, columns=columns)
+    scene = scene.with_inference(seed=int(rng.integers(1 << 31)))
+    return Study(Sessions.from_frame(table, scene=options), scene)
 
 
 def _why_no_bayesian(study: Study) -> str:
@@ -281,16 +224,9 @@ def _why_no_bayesian(study: Study) -> str:
     return "" if fit.run.gate.passed else "withheld"
 
 
-def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, dict[str, Population]]:
-    """Simulate one study, and give the users of each of its environments."""
+def _populations(plan: CoveragePlan, values: TrueValues) -> dict[str, Population]:
+    """Return the users of each environment."""
     design = plan.design
-    values = plan.values
-    if values is None:
-        hyper = draw_hyperparameters(design, Priors(), rng)
-        values = draw_environments(hyper, design, rng)
-    table = simulate(values, design, rng, family=plan.users_family)
-    scene = plan.scene(seed=int(rng.integers(1 << 31)))
-    sessions = _as_sessions(table, scene, plan.parameters)
     covariances = values.cov_u + values.cov_w
     if not design.repeated:
         # Without repeats a user's value contains the trial noise.
@@ -298,21 +234,13 @@ def _simulated(plan: CoveragePlan, rng: np.random.Generator) -> tuple[Study, dic
     populations = {}
     for j, environment in enumerate(design.environments):
         populations[environment] = Population(
-            plan.users_family, design.references[j], values.beta[j], covariances[j], plan.parameters
+            plan.users_family,
+            design.references[j],
+            values.beta[j],
+            covariances[j],
+            design.parameters,
         )
-    return Study(sessions, scene), populations
-
-
-def _as_sessions(table: pd.DataFrame, scene: Scene, parameters: tuple[str, ...]) -> Sessions:
-    """Read trials with declared units: a median far from its reference is no slip of units."""
-    columns = {}
-    for parameter in parameters:
-        unit = scene.quantities[parameter].unit
-        for name in (f"{parameter}_ref", f"{parameter}_adj"):
-            if unit:
-                columns[name] = {"name": name, "unit": unit}
-    options = ReadOptions(quantities=scene.quantities, columns=columns)
-    return Sessions.from_frame(table.drop(columns="source"), scene=options)
+    return populations
 
 
 def claim_of_cell(parameter: str, environment: str) -> str:
@@ -325,7 +253,7 @@ def _claims(
     study: Study,
     populations: dict[str, Population],
     rng: np.random.Generator,
-) -> Iterator[Claim]:
+) -> Iterator[tuple[Labels, float]]:
     """Yield each claim of a study, and how far it is true."""
     intervals = study.intervals
     if plan.each:
@@ -336,8 +264,8 @@ def _claims(
     for row in rows:
         name = claim_of_cell(row.parameter, row.environment) if plan.each else "interval"
         labels = Labels(name, row.kind, row.method, row.family, row.joint)
-        yield Claim(labels, interval_held(row, populations[row.environment]))
-    if is_impedance(plan.parameters) and not plan.each:
+        yield labels, interval_held(row, populations[row.environment])
+    if is_impedance(plan.design.parameters) and not plan.each:
         yield from _boundary_claims(study, populations, rng)
 
 
@@ -366,7 +294,7 @@ def interval_held(interval: Any, population: Population) -> float:
 
 def _boundary_claims(
     study: Study, populations: dict[str, Population], rng: np.random.Generator
-) -> Iterator[Claim]:
+) -> Iterator[tuple[Labels, float]]:
     """Judge each boundary by the curves of its users, at single frequencies and throughout."""
     device = study.parts.device
     table = study.scene.device
@@ -385,17 +313,16 @@ def _boundary_claims(
             boundary.omega[:, None], device, users[:, 0], users[:, 1], table.period
         )
         inside = (boundary.lower[:, None] <= curves) & (curves <= boundary.upper[:, None])
-        yield Claim(_boundary_labels("boundary at an omega", boundary), float(inside.mean()))
-        throughout = inside.all(axis=0)
-        yield Claim(_boundary_labels("boundary throughout", boundary), float(throughout.mean()))
-
-
-def _boundary_labels(claim: str, boundary: Boundary) -> Labels:
-    return Labels(
-        claim,
-        boundary.kind,
-        boundary.method,
-        boundary.family,
-        boundary.joint,
-        boundary.shape,
-    )
+        for claim, held in (
+            ("boundary at an omega", inside),
+            ("boundary throughout", inside.all(axis=0)),
+        ):
+            labels = Labels(
+                claim,
+                boundary.kind,
+                boundary.method,
+                boundary.family,
+                boundary.joint,
+                boundary.shape,
+            )
+            yield labels, float(held.mean())

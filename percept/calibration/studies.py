@@ -29,8 +29,13 @@ _START = '{"plan": "'
 
 def plan_digest(plan: DataclassInstance) -> str:
     """Return a digest that tells results of different plans apart."""
-    text = json.dumps(dataclasses.asdict(plan), sort_keys=True, default=np.ndarray.tolist)
+    text = json.dumps(dataclasses.asdict(plan), sort_keys=True, default=_plain)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _plain(value: Any) -> Any:
+    """Stand for an array or a scene in JSON."""
+    return value.tolist() if isinstance(value, np.ndarray) else value.to_dict()
 
 
 class Checkpoint:

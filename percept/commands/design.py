@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import inspect
 import itertools
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,7 +24,7 @@ from percept.errors import RefusalError, UsageError
 
 if TYPE_CHECKING:
     from percept.calibration.coverage import DecidedShares
-    from percept.calibration.judge import CoveragePlan
+    from percept.calibration.judge import CoveragePlan, Method
     from percept.planning import ContrastPlan, EquivalencePlan, Plan
     from percept.results import Verdict
     from percept.study import Study
@@ -69,8 +68,9 @@ users, and the other way round, show what the wrong family costs. A study of nor
 value is not positive has no lognormal row, so `studies` can be few.
 
 """
-_CURVES = """ Curves belong to a device of {mass:g} kg and {damping:g} N·s/m at a period of
-{period:g} s, at {points} frequencies from {lower:g} to {upper:g} rad/s."""
+_CURVES = """ Curves belong to a device of {device.mass:g} kg and {device.damping:g} N·s/m at a
+period of {device.period:g} s, at {frequency.points} frequencies from {frequency.lower:g} to
+{frequency.upper:g} rad/s."""
 
 
 def _plan(arguments: argparse.Namespace) -> None:
@@ -238,12 +238,12 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     """Write DIR/coverage.md and coverage.csv; an interrupted run goes on from judged.jsonl."""
     import pandas as pd
 
-    from percept.calibration.advice import ADVICE_FILE, expected_minutes, gather
+    from percept.calibration.advice import ADVICE_FILE, gather
     from percept.calibration.coverage import coverage, coverage_markdown
     from percept.provenance import made_by
 
     out = Path(arguments.out)
-    plans = _plans(arguments, out)
+    plans = _plans(arguments)
     checkpoint = out / "judged.jsonl"
     with (
         Working("simulating", shown=not arguments.quiet) as working,
@@ -254,11 +254,6 @@ def _calibrate(arguments: argparse.Namespace) -> None:
             working.show(f"{done} of {total} studies", done, total)
 
         if arguments.advice:
-            if not arguments.quiet:
-                print(
-                    f"This takes about {expected_minutes(plans):.0f} minutes of one core.",
-                    file=sys.stderr,
-                )
             table = gather(tuple(plans), checkpoint, mapper=mapper, progress=told)
             table.to_csv(out / ADVICE_FILE, index=False)
             print(out / ADVICE_FILE)
@@ -266,7 +261,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         tables = []
         for plan in plans:
             studies = arguments.studies
-            if plan.method == "classical" and arguments.classical is not None:
+            if plan.asked.method == "classical" and arguments.classical is not None:
                 studies = arguments.classical
             tables.append(
                 coverage(plan, studies, mapper=mapper, checkpoint=checkpoint, progress=told)
@@ -280,19 +275,19 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     print(out / "coverage.md")
 
 
-def _plans(arguments: argparse.Namespace, out: Path) -> list[CoveragePlan]:
+def _plans(arguments: argparse.Namespace) -> list[CoveragePlan]:
     """Plan studies for each method, number of subjects and distribution of users."""
     from percept.calibration.advice import advice_plans
-    from percept.calibration.coverage import kept_values, plan_like, refuse_unfit
+    from percept.calibration.coverage import fitted_values, plan_like, refuse_unfit
 
     with Working("fitting the truth", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         refuse_unfit(study)
         if arguments.advice:
             return list(advice_plans(study))
-        values = kept_values(study, out) if arguments.source == "fit" else None
+        values = fitted_values(study) if arguments.source == "fit" else None
     method = study.scene.inference.method
-    methods = ["classical", "bayesian"] if method == "both" else [method]
+    methods: list[Method] = ["classical", "bayesian"] if method == "both" else [method]
     plans = []
     for judged_method in methods:
         for subjects in arguments.subjects or [None]:
@@ -307,27 +302,16 @@ def _plans(arguments: argparse.Namespace, out: Path) -> list[CoveragePlan]:
 
 def _head(arguments: argparse.Namespace, plans: list[CoveragePlan]) -> str:
     """Write what the page says before its table."""
-    from percept.sessions.quantities import is_impedance
-
     plan = plans[0]
-    methods = dict.fromkeys(_REFITTED[plan.method] for plan in plans)
+    methods = dict.fromkeys(_REFITTED[plan.asked.method] for plan in plans)
     curves = ""
-    if is_impedance(plan.parameters):
-        mass, damping = plan.device
-        lower, upper, points = plan.frequencies
-        curves = _CURVES.format(
-            mass=mass,
-            damping=damping,
-            period=plan.period,
-            points=points,
-            lower=lower,
-            upper=upper,
-        )
+    if plan.scene.device is not None:
+        curves = _CURVES.format(device=plan.scene.device, frequency=plan.scene.frequency)
     return _HEAD.format(
         paths=" ".join(Path(path).name for path in arguments.sessions),
         trials="one trial each" if arguments.subjects else "its subjects and trials",
         source=_SOURCES[arguments.source],
-        methods=" and ".join(methods).format(100 * plan.tolerance),
+        methods=" and ".join(methods).format(100 * plan.asked.tolerance),
         curves=curves,
     )
 

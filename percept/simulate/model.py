@@ -183,8 +183,6 @@ class Responses:
     environment: Indices  # (N,) index
     trial: Indices  # (N,) number within its cell, from 1
     y: Array  # (N, P)
-    u: Array  # (I, P) subject effects
-    w: Array  # (I, J, P) effects of a subject in an environment, drawn for empty cells too
 
 
 def correlated_normal(rng: np.random.Generator, shape: tuple[int, ...], rho: float) -> Array:
@@ -309,6 +307,7 @@ def draw_responses(values: TrueValues, design: Design, rng: np.random.Generator)
     parameters = len(design.parameters)
     hyper = values.hyper
     u = hyper.sigma_u * correlated_normal(rng, (subjects, parameters), hyper.rho_u)
+    # Drawn for empty cells too.
     w = values.sigma * correlated_normal(rng, (subjects, environments, parameters), hyper.rho_w)
     counts = design.trials.ravel()
     cell = np.repeat(np.arange(counts.size), counts)
@@ -325,8 +324,6 @@ def draw_responses(values: TrueValues, design: Design, rng: np.random.Generator)
         environment=environment,
         trial=np.arange(cell.size) - first + 1,
         y=values.beta[environment] + u[subject] + w[subject, environment] + e,
-        u=u,
-        w=w,
     )
 
 

@@ -20,11 +20,10 @@ from percept.calibration.coverage import (
     fitted_values,
     plan_like,
     refuse_unfit,
-    true_values,
 )
 from percept.calibration.judge import (
-    Claim,
     CoveragePlan,
+    Held,
     Labels,
     Population,
     interval_held,
@@ -32,17 +31,29 @@ from percept.calibration.judge import (
 )
 from percept.cluster import on_cluster
 from percept.sessions import ReadOptions, Sessions
-from percept.simulate.model import Hyperparameters, TrueValues
+from percept.simulate.model import Design, Hyperparameters, TrueValues
 from tests import DATASETS, LONG
 from tests.workers.clusters import QUIET, in_threads
 
-PLAN = CoveragePlan(
-    references=((10.0, 0.1), (1000.0, 1.0), (25_000.0, 25.0)),
-    subjects=5,
-    method="classical",
-    level=0.9,
-    frequencies=(0.1, 100.0, 4),
-)
+REFERENCES = ((10.0, 0.1), (1000.0, 1.0), (25_000.0, 25.0))
+
+
+def planned(
+    references=REFERENCES, subjects=5, points=4, *, truth="lognormal", values=None, **asked
+):
+    """Plan studies of stiffness and damping, by the classical method unless asked otherwise."""
+    scene = Scene(
+        device={"mass": 1.0, "damping": 5.0, "period": 0.001},
+        frequency={"lower": 0.1, "upper": 100.0, "points": points},
+        model={"subjects_trial_sd": False},
+        inference={"method": "classical", "level": 0.9, "share": 0.9, "tolerance": 0.05, "seed": 1}
+        | asked,
+    )
+    design = Design.balanced(references, subjects=subjects)
+    return CoveragePlan(design=design, scene=scene, users_family=truth, values=values)
+
+
+PLAN = planned()
 NORMAL = Population("normal", np.array([100.0, 2.0]), np.array([0.1, 0.0]), np.diag([0.01, 0.04]))
 
 
@@ -68,8 +79,7 @@ def found(rows: pd.DataFrame, **wanted: str) -> Any:
 def rows() -> pd.DataFrame:
     values = fixed_values(spread=1.5, environments=2)
     studies = 200 if LONG else 24
-    plan = dataclasses.replace(PLAN, references=PLAN.references[:2], values=values)
-    return coverage(plan, studies)
+    return coverage(planned(REFERENCES[:2], values=values), studies)
 
 
 @pytest.mark.evidence(reduced=True)
@@ -103,7 +113,7 @@ def test_region_boundaries_hold_whole_curves_at_their_level_and_pointwise_ones_l
 @QUIET
 def test_runs_go_on_where_they_stopped_and_do_not_depend_on_workers(tmp_path: Path) -> None:
     path = tmp_path / "judged.jsonl"
-    plan = dataclasses.replace(PLAN, references=PLAN.references[:2])
+    plan = planned(REFERENCES[:2])
     before = coverage(plan, 2, checkpoint=path)
     with path.open("a") as file:
         file.write('{"plan": "' + plan.key + '", "index": 2, "jud')  # cut short
@@ -118,7 +128,7 @@ def test_runs_go_on_where_they_stopped_and_do_not_depend_on_workers(tmp_path: Pa
     assert done == [(3, 4), (4, 4)]
     pd.testing.assert_frame_equal(rows, coverage(plan, 4))
     # Another plan does not take these lines for its own.
-    assert not coverage(dataclasses.replace(plan, seed=2), 2, checkpoint=path).equals(before)
+    assert not coverage(planned(REFERENCES[:2], seed=2), 2, checkpoint=path).equals(before)
     pd.testing.assert_frame_equal(coverage(plan, 2, checkpoint=path), before)
 
 
@@ -165,10 +175,10 @@ def test_limits_of_a_share_hold_where_they_contain_the_share(upper: float, held:
 
 
 def test_withheld_studies_count_among_all_and_claims_among_those_that_make_them() -> None:
-    def interval(truth: float) -> list[Claim]:
-        return [Claim(Labels("interval", "mean", "bayesian", "lognormal", "marginal"), truth)]
+    def interval(truth: float) -> Held:
+        return {Labels("interval", "mean", "bayesian", "lognormal", "marginal"): truth}
 
-    withheld = [Claim(Labels("withheld", method="bayesian", family="lognormal"), 1.0)]
+    withheld = {Labels("withheld", method="bayesian", family="lognormal"): 1.0}
     rows = averaged(PLAN, [withheld, interval(1.0), interval(0.0), interval(1.0)])
     none, some = found(rows, claim="withheld"), found(rows, claim="interval")
     assert (none.held, none.studies) == (0.25, 4)
@@ -195,17 +205,16 @@ def test_fitted_values_are_those_of_the_fit() -> None:
 
 
 def test_bayesian_claims_are_judged() -> None:
-    judged = judge_study(dataclasses.replace(PLAN, method="both", tolerance=0.2, seed=4), 0)
-    claims = {(one.labels.claim, one.labels.method) for one in judged}
+    judged = judge_study(planned(method="both", tolerance=0.2, seed=4), 0)
+    claims = {(labels.claim, labels.method) for labels in judged}
     assert {("interval", "bayesian"), ("boundary throughout", "bayesian")} <= claims
-    assert all(0.0 <= one.held <= 1.0 for one in judged)
+    assert all(0.0 <= held <= 1.0 for held in judged.values())
 
 
 def test_normal_users_below_zero_are_refused_by_a_lognormal_model_and_said_so() -> None:
     values = fixed_values(spread=2.0, environments=3)
-    plan = dataclasses.replace(PLAN, method="both", users_family="normal", values=values)
-    labels = [one.labels for one in judge_study(plan, 0)]
-    assert [one.claim for one in labels if one.method == "bayesian"] == ["refused"]
+    plan = planned(method="both", truth="normal", values=values)
+    assert [one.claim for one in judge_study(plan, 0) if one.method == "bayesian"] == ["refused"]
     table = coverage_markdown(coverage(plan, 2))
     assert "| refused |" in table
 
@@ -227,8 +236,9 @@ def test_a_single_quantity_is_simulated_as_two_are() -> None:
     """The t-interval of normal logarithms covers what it states, whatever the quantity and its
     unit."""
     plan = plan_like(durations(level=0.9), method="classical")
-    assert plan.parameters == ("duration",)
-    assert plan.references == ((400.0,), (900.0,), (2000.0,))
+    assert plan.design.parameters == ("duration",)
+    assert plan.design.references.tolist() == [[400.0], [900.0], [2000.0]]
+    assert plan.design.trials.tolist() == 6 * [[2, 2, 2]]
     values = fixed_values(spread=0.5, environments=3, parameters=1)
     rows = coverage(dataclasses.replace(plan, values=values), 60 if LONG else 20)
     assert set(rows["claim"]) == {"interval"}
@@ -246,43 +256,41 @@ def test_values_are_fitted_to_the_quantities_there_are() -> None:
     refuse_unfit(Study(read_sessions(DATASETS / "hbfd_sessions.csv"), of_k))
 
 
-def test_plans_are_told_apart_by_what_they_hold_and_not_by_its_type() -> None:
-    values = fixed_values(spread=0.5, environments=3)
-    read = json.loads(json.dumps(dataclasses.asdict(values), default=np.ndarray.tolist))
-    plan = dataclasses.replace(PLAN, values=values)
-    again = dataclasses.replace(PLAN, values=true_values(read))
-    assert plan.key == again.key != PLAN.key
-    lone = dataclasses.replace(PLAN, references=((1.0,), (2.0,)), parameters=("k",))
-    assert lone.key != dataclasses.replace(lone, parameters=("b",)).key
+def test_plans_are_told_apart_by_what_they_hold() -> None:
+    plan, again = (planned(values=fixed_values(spread=0.5, environments=3)) for _ in range(2))
+    others = [
+        planned(),
+        planned(values=fixed_values(spread=0.6, environments=3)),
+        planned(level=0.8),
+        planned(subjects=6),
+        dataclasses.replace(planned(), each=True),
+        dataclasses.replace(
+            planned(), design=dataclasses.replace(PLAN.design, parameters=("b", "k"))
+        ),
+    ]
+    assert plan.key == again.key
+    assert len({plan.key, *(other.key for other in others)}) == 7
 
 
 def test_users_far_from_the_reference_are_no_slip_of_units() -> None:
     """Their median is .005 of the reference, which a file without units would be refused for."""
-    plan = CoveragePlan(
-        references=((1000.0, 1.0), (25000.0, 25.0)),
-        subjects=8,
-        users_family="normal",
-        method="classical",
-        level=0.9,
-        frequencies=(0.1, 100.0, 5),
-    )
-    claims = {one.labels.claim for one in judge_study(plan, 315)}
+    plan = planned(((1000.0, 1.0), (25000.0, 25.0)), subjects=8, points=5, truth="normal")
+    claims = {labels.claim for labels in judge_study(plan, 315)}
     assert {"interval", "boundary throughout"} <= claims
 
 
 def test_wrong_plans() -> None:
     with pytest.raises(UsageError, match="at least two environments"):
-        CoveragePlan(references=((1.0, 1.0),))
+        planned(((1.0, 1.0),))
     with pytest.raises(UsageError, match="at least two subjects"):
-        dataclasses.replace(PLAN, subjects=1)
+        planned(subjects=1)
     with pytest.raises(UsageError, match="at least two studies"):
         coverage(PLAN, 1)
 
 
 @pytest.mark.evidence
 def test_bayesian_coverage_averaged_over_the_prior() -> None:
-    plan = dataclasses.replace(PLAN, method="both", tolerance=0.1)
-    rows = coverage(plan, 200)
+    rows = coverage(planned(method="both", tolerance=0.1), 200)
     for row in rows.itertuples():
         if (row.method, row.joint, row.claim) == ("bayesian", "marginal", "interval"):
             assert row.held > row.stated - 4 * row.error
@@ -290,10 +298,7 @@ def test_bayesian_coverage_averaged_over_the_prior() -> None:
 
 @pytest.mark.evidence
 def test_regions_hold_whole_curves_drawn_from_the_prior_and_pointwise_bands_do_not() -> None:
-    plan = dataclasses.replace(
-        PLAN, method="both", tolerance=0.1, frequencies=(0.1, 100.0, 40), seed=2
-    )
-    judged = coverage(plan, 200)
+    judged = coverage(planned(points=40, method="both", tolerance=0.1, seed=2), 200)
     for kind in ("mean", "user"):
         whole = {
             "claim": "boundary throughout",
