@@ -2,28 +2,112 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
+import io
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from percept.batch_folder import BatchFolder, Outcome, Status, TableFormat, encode, failed
+import pandas as pd
+
 from percept.cache import digest, numbers_version
+from percept.checkpoint import Checkpoint
 from percept.errors import PerceptError, UsageError
+from percept.files import exclusive, inert, own_folder, whole_file
 from percept.scene import Scene
 from percept.sessions import read_sessions
 from percept.sessions.paths import expand, fitting, is_pattern, may_be_study
 from percept.study import Study
 from percept.workers import Mapper
 
-__all__ = ["Job", "StudySource", "Summary", "analyse", "run_batch", "sources"]
+__all__ = [
+    "COLUMNS",
+    "Job",
+    "Outcome",
+    "StudySource",
+    "Summary",
+    "TableFormat",
+    "analyse",
+    "encode",
+    "run_batch",
+    "sources",
+]
 
 # A scene of this name in a study's folder goes before the batch's own.
 _SCENE_NAME = "scene.toml"
 # Parts of percept whose code decides the digits of a study's rows.
-_PARTS = ("inference", "sessions", "study", "batch", "batch_folder")
+_PARTS = ("inference", "sessions", "study", "batch")
+# What an earlier run finished, in the folder of the results.
+_FINISHED = "finished.jsonl"
+
+#: A study is "done", or "refused" by the reader or the analysis. Where the gate failed it is
+#: "withheld" and has classical rows only. "failed" is the fault of the machine or of an unreadable
+#: file, and a later run tries again.
+Status = Literal["done", "withheld", "refused", "failed"]
+TableFormat = Literal["csv", "parquet"]
+
+#: Columns of every result and their types: what became of the study, then its intervals in the unit
+#: of their quantity, one row each. A study without intervals has one row.
+COLUMNS = {
+    "study": "text",
+    "key": "text",
+    "status": "text",
+    "message": "text",
+    "subjects": "count",
+    "steps": "count",
+    "worst_error": "real",
+    "rhat": "real",
+    "effective_draws": "real",
+    "environment": "text",
+    "parameter": "text",
+    "kind": "text",
+    "method": "text",
+    "family": "text",
+    "joint": "text",
+    "level": "real",
+    "share": "real",
+    "confidence": "real",
+    "lower": "real",
+    "upper": "real",
+    "estimate": "real",
+    "n": "count",
+    "unit": "text",
+    "reference": "real",
+}
+
+_HEADER = ",".join(COLUMNS) + "\n"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one study."""
+
+    status: Status
+    message: str  # Why, or the error of a study that misses its tolerance; empty where all is well
+    rows: str  # As CSV without a header: every number reads back as the same double
+
+
+def encode(
+    study: str, key: str, status: Status, message: str, rows: pd.DataFrame | None = None
+) -> Outcome:
+    """Encode the rows of a study: one per interval, or one without any."""
+    if rows is None or rows.empty:
+        rows = pd.DataFrame(index=[0])
+    rows = rows.assign(study=study, key=key, status=status, message=message)
+    whole = {name: "Int64" for name, kind in COLUMNS.items() if kind == "count"}
+    rows = rows.reindex(columns=list(COLUMNS)).astype(whole)
+    for name, kind in COLUMNS.items():
+        if kind == "text":
+            rows[name] = rows[name].map(inert, na_action="ignore")
+    return Outcome(status, message, rows.to_csv(index=False, header=False, lineterminator="\n"))
+
+
+def _failed(study: str, key: str, error: Exception) -> Outcome:
+    """Encode the row of a study that met an error which is not about its data."""
+    return encode(study, key, "failed", f"{type(error).__name__}: {error}")
 
 
 @dataclass(frozen=True)
@@ -122,7 +206,7 @@ def analyse(job: Job) -> Outcome:
     except PerceptError as error:
         return encode(job.name, job.key, "refused", str(error))
     except Exception as error:  # noqa: BLE001 - it is this study's, and goes into its row
-        return failed(job.name, job.key, error)
+        return _failed(job.name, job.key, error)
     rows = intervals.assign(subjects=len(study.sessions.subjects))
     if fit is None:
         return encode(job.name, job.key, "done", "", rows)
@@ -150,13 +234,13 @@ class Summary:
     inaccurate: list[tuple[str, str]] = field(default_factory=list)
     table: Path = Path()  # The rows of all studies
 
-    def count(self, name: str, status: Status, message: str) -> None:
+    def count(self, name: str, outcome: Outcome) -> None:
         """Count a finished study."""
-        self.counts[status] += 1
-        if status != "done":
-            self.failures.append((name, message))
-        elif message:
-            self.inaccurate.append((name, message))
+        self.counts[outcome.status] += 1
+        if outcome.status != "done":
+            self.failures.append((name, outcome.message))
+        elif outcome.message:
+            self.inaccurate.append((name, outcome.message))
 
 
 def run_batch(
@@ -199,68 +283,98 @@ def run_batch(
     """
     if table_format == "parquet":
         _require_pyarrow()
-    summary = Summary(len(studies))
-    with BatchFolder.opened(out, force=force) as folder:
-        batch = _Batch(studies, folder, summary, progress)
+    folder = own_folder(out, force=force)
+    with exclusive(folder, wait=False):
+        kept = Checkpoint(folder / _FINISHED, "batch", what="analysed")
+        batch = _Batch(studies, kept, Summary(len(studies)), progress)
         for job, outcome in mapper(analyse, batch.unfinished()):
             if isinstance(outcome, Exception):
-                outcome = failed(job.name, job.key, outcome)
-            folder.save(job.key, outcome)
-            batch.count(job.name, outcome.status, outcome.message)
-        summary.table = folder.combine(batch.keys, table_format)
-    return summary
+                outcome = _failed(job.name, job.key, outcome)
+            batch.finish(job.name, job.key, outcome)
+        batch.summary.table = folder / f"batch.{table_format}"
+        with whole_file(batch.summary.table) as aside:
+            _write_table(batch.rows(), aside, table_format)
+    return batch.summary
 
 
-@dataclass
 class _Batch:
     """A batch while it runs."""
 
-    studies: Sequence[StudySource]
-    folder: BatchFolder
-    summary: Summary
-    progress: Callable[[Summary], None] | None
-    keys: list[str] = field(default_factory=list)  # Of the studies, in their order
+    def __init__(
+        self,
+        studies: Sequence[StudySource],
+        kept: Checkpoint,
+        summary: Summary,
+        progress: Callable[[Summary], None] | None,
+    ) -> None:
+        self.studies = studies
+        self.kept = kept
+        self.summary = summary
+        self.progress = progress
+        self.keys: list[str] = []  # Of the studies, in their order
+        self.outcomes = {key: Outcome(**line) for key, line in kept.read().items()}
 
     def unfinished(self) -> Iterator[Job]:
         """Read one study after the other; unreadable and finished ones need no worker."""
         for source in self.studies:
+            name = source.path
             try:
                 key = source.key()
             except (PerceptError, OSError) as error:
                 # A file that cannot be opened may be there next time.
-                self._refuse(source, digest("unread", source.path), "failed", error)
-                continue
-            if self._is_finished(source, key):
+                key = digest("unread", name)
                 self.keys.append(key)
-                continue
-            try:
-                job = source.read()
-            except (PerceptError, OSError) as error:
-                self._refuse(source, key, "refused", error)
+                self.finish(name, key, encode(name, key, "failed", str(error)))
                 continue
             self.keys.append(key)
-            yield job
+            earlier = self.outcomes.get(key)
+            if earlier is not None and earlier.status != "failed":
+                self.summary.skipped += 1
+                self._count(name, earlier)
+                continue
+            try:
+                yield source.read()
+            except (PerceptError, OSError) as error:
+                self.finish(name, key, encode(name, key, "refused", str(error)))
 
-    def count(self, name: str, status: Status, message: str) -> None:
+    def finish(self, name: str, key: str, outcome: Outcome) -> None:
+        """Keep what became of a study."""
+        self.outcomes[key] = outcome
+        self.kept.append(key, dataclasses.asdict(outcome))
+        self._count(name, outcome)
+
+    def rows(self) -> str:
+        """Return the rows of all studies as CSV, in their order."""
+        return _HEADER + "".join(self.outcomes[key].rows for key in self.keys)
+
+    def _count(self, name: str, outcome: Outcome) -> None:
         """Count a study and tell how far the batch is."""
-        self.summary.count(name, status, message)
+        self.summary.count(name, outcome)
         if self.progress:
             self.progress(self.summary)
 
-    def _is_finished(self, source: StudySource, key: str) -> bool:
-        """Whether an earlier run has finished a study; count it."""
-        kept = self.folder.kept(key)
-        if kept is None or kept.status == "failed":
-            return False
-        self.summary.skipped += 1
-        self.count(source.path, kept.status, kept.message)
-        return True
 
-    def _refuse(self, source: StudySource, key: str, status: Status, error: Exception) -> None:
-        """Keep the row of a study that no worker gets."""
-        self.keys.append(key)
-        self.folder.save(key, encode(source.path, key, status, str(error)))
-        self.count(source.path, status, str(error))
+def _write_table(text: str, path: Path, table_format: TableFormat) -> None:
+    """Write rows of CSV as they are, or as a Parquet table."""
+    if table_format == "csv":
+        path.write_bytes(text.encode())
+        return
+    import pyarrow as pa
+    import pyarrow.csv as pa_csv
+    import pyarrow.parquet as pq
+
+    types = {"text": pa.string(), "count": pa.int64(), "real": pa.float64()}
+    # A message may have lines, and an environment may be called "NA".
+    table = pa_csv.read_csv(
+        io.BytesIO(text.encode()),
+        parse_options=pa_csv.ParseOptions(newlines_in_values=True),
+        convert_options=pa_csv.ConvertOptions(
+            column_types={name: types[kind] for name, kind in COLUMNS.items()},
+            null_values=[""],
+            strings_can_be_null=True,
+        ),
+    )
+    pq.write_table(table, path, compression="zstd")
 
 
 def _require_pyarrow() -> None:

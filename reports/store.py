@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from percept.calibration.studies import Checkpoint
+from percept.checkpoint import Checkpoint
 
 #: Beside the page that is made of it.
 FILE = "finished.jsonl"

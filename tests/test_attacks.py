@@ -12,7 +12,7 @@ import pytest
 import rdata
 
 from percept import Scene, Sessions, Study, read_sessions
-from percept.batch_folder import encode
+from percept.batch import encode
 from percept.cli import main
 from percept.errors import RefusalError, UsageError
 from percept.files import write_new
@@ -151,8 +151,8 @@ def test_a_study_without_a_coupling_says_so():
 
 
 def test_a_path_that_is_a_formula_is_text_in_a_batch():
-    text = encode("=1+1.csv", "k", "refused", "-2 is wrong").text
-    assert text.splitlines()[1].startswith("'=1+1.csv,k,refused,'-2 is wrong,")
+    text = encode("=1+1.csv", "k", "refused", "-2 is wrong").rows
+    assert text.startswith("'=1+1.csv,k,refused,'-2 is wrong,")
 
 
 def test_a_report_of_parts_that_do_not_fit_is_refused(tmp_path):

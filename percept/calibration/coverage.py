@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from percept.calibration.judge import CoveragePlan, Family, Held, Labels, Method, judge_study
-from percept.calibration.studies import Checkpoint, Line
+from percept.checkpoint import Checkpoint, Line
 from percept.errors import RefusalError, UsageError
 from percept.provenance import markdown_table
 from percept.results import Verdict

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.calibration.studies import plan_digest
+from percept.checkpoint import plan_digest
 from percept.errors import RefusalError, UsageError
 from percept.haptics import Device
 from percept.haptics.perceived import perceived_magnitude

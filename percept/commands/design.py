@@ -68,8 +68,9 @@ users, and the other way round, show what the wrong family costs. A study of nor
 value is not positive has no lognormal row, so `studies` can be few.
 
 """
-_CURVES = """ Curves belong to a device of {device.mass:g} kg and {device.damping:g} N·s/m at a
-period of {device.period:g} s, at {frequency.points} frequencies from {frequency.lower:g} to
+_CURVES = """ Curves belong to a device of {device.mass:g} kg and {device.damping:g} N·s/m at a \
+period of
+{device.period:g} s, at {frequency.points} frequencies from {frequency.lower:g} to \
 {frequency.upper:g} rad/s."""
 
 

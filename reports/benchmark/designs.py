@@ -147,7 +147,7 @@ def _result(
 ) -> Printed | None:
     """Take the result of one process from what is kept, or run it; None without either."""
     kept = store(folder, f"{name} {task} {DESIGNS[name].plan}")
-    results = kept.read(seed + 1)
+    results = kept.read()
     if seed not in results and run:
         say(f"{name}, seed {seed}: {task}")
         results[seed] = _measured(task, name, seed)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, special
 
-from percept.calibration.studies import Line, plan_digest
+from percept.checkpoint import Line, plan_digest
 from percept.inference.hierarchy.linear_posterior import LinearPosterior
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from percept.calibration.studies import Line, plan_digest
+from percept.checkpoint import Line, plan_digest
 from percept.errors import RefusalError
 from percept.inference.sampling.gate import Run
 from percept.provenance import markdown_table

@@ -23,7 +23,7 @@ from percept import Scene, Sessions, Study
 from percept.boundary.confidence import Confidence, SubjectPairs, confidence
 from percept.boundary.feels_real import search_grid, search_scores
 from percept.boundary.users import Users
-from percept.calibration.studies import Checkpoint, Line
+from percept.checkpoint import Checkpoint, Line
 from percept.errors import UsageError
 from percept.haptics import Device, Environment
 from percept.haptics.records import Display

@@ -6,14 +6,13 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study, read_sessions
-from percept.batch import StudySource, analyse
-from percept.batch_folder import COLUMNS, BatchFolder, encode
+from percept.batch import COLUMNS, StudySource, analyse, encode, run_batch, sources
 from tests.batch.conftest import study_text
 
 
 def read(outcome):
     """Rows, with every number as Python reads it, whatever pandas' version."""
-    rows = pd.read_csv(io.StringIO(outcome.text), dtype=str)
+    rows = pd.read_csv(io.StringIO(outcome.rows), dtype=str, names=list(COLUMNS))
     return rows.astype({name: float for name, kind in COLUMNS.items() if kind != "text"})
 
 
@@ -61,11 +60,17 @@ def test_a_parquet_table_has_the_same_numbers_nulls_and_names(tmp_path):
             "n": [3, 4, 5],
         }
     )
-    with BatchFolder.opened(tmp_path) as folder:
-        folder.save("k" * 64, encode("a", "k" * 64, "done", "", frame))
-        folder.save("l" * 64, encode("007", "l" * 64, "refused", "why"))
-        table = folder.combine(["k" * 64, "l" * 64], "parquet")
-    rows = pq.read_table(table).to_pylist()
+    paths = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    for path in paths:
+        path.write_text(study_text(1))
+
+    def given(function, jobs):
+        outcomes = encode("a", "k", "done", "", frame), encode("007", "l", "refused", "why")
+        yield from zip(jobs, outcomes, strict=True)
+
+    studies = sources(map(str, paths))
+    summary = run_batch(studies, tmp_path / "out", given, table_format="parquet")
+    rows = pq.read_table(summary.table).to_pylist()
     assert [row["lower"] for row in rows] == [-np.inf, 0.1 + 0.2, 5e-324, None]
     assert [row["share"] for row in rows] == [None, 0.9, 1 / 3, None]
     assert [row["environment"] for row in rows] == [*frame["environment"], None]

@@ -12,6 +12,8 @@ import pytest
 from percept.batch import analyse, run_batch, sources
 from percept.cli import main
 from percept.cluster import on_cluster
+from percept.errors import UsageError
+from percept.files import exclusive
 from percept.workers import in_process, processes
 from tests.unmixed import unmixed_sessions
 from tests.workers.clusters import QUIET, in_threads, scheduler
@@ -48,9 +50,7 @@ def test_one_set_of_rows_per_study_and_bad_ones_reported(studies, tmp_path):
     assert [finished for finished, _ in told] == list(range(1, 8))
     assert told[-1] == (7, 3)
     alone = analyse(sources(studies[:1], changes=CLASSICAL)[0].read())
-    (row,) = set(table.loc[table["study"] == studies[0], "key"])
-    kept = (tmp_path / "out/studies" / row[:2] / f"{row}.csv").read_text()
-    assert kept == alone.text
+    assert alone.rows in summary.table.read_text()
 
 
 def test_processes_of_this_machine_and_threads_of_dask_give_the_same_bytes(studies, tmp_path):
@@ -102,18 +102,47 @@ def test_a_study_without_an_answer_failed_and_a_later_run_tries_it_again(studies
     assert (again.skipped, again.counts, again.failures) == (1, {"done": 2}, [])
 
 
-def test_a_file_that_holds_no_rows_costs_its_study_a_second_analysis(studies, tmp_path, capsys):
+def test_a_line_cut_short_costs_its_study_a_second_analysis(studies, tmp_path, capsys):
     words = ["batch", *studies[:2], "--method", "classical", "--workers", "1"]
     words += ["--out", str(tmp_path / "out")]
     assert main(words) == 0
     table = tmp_path / "out" / "batch.csv"
     before = table.read_bytes()
-    sorted(tmp_path.glob("out/studies/*/*"))[0].write_bytes(b"")
+    kept = tmp_path / "out" / "finished.jsonl"
+    kept.write_bytes(kept.read_bytes()[:-100])
     capsys.readouterr()
     assert main(words) == 0
     told = capsys.readouterr()
     assert told.out.splitlines()[0] == "2 studies (2 done): 1 finished before, 1 now"
     assert table.read_bytes() == before
+
+
+def test_a_folder_that_percept_did_not_mark_is_not_written_into(studies, tmp_path):
+    table = tmp_path / "out" / "batch.csv"
+    table.parent.mkdir()
+    table.write_text("mine")
+    message = r"the folder holds what percept did not write, such as batch\.csv.*--force"
+    with pytest.raises(UsageError, match=message):
+        batch(studies[:1], table.parent, in_process)
+    assert [path.name for path in table.parent.iterdir()] == ["batch.csv"]
+    assert batch(studies[:1], table.parent, in_process, force=True).table == table
+    assert batch(studies[:1], table.parent, in_process).skipped == 1
+
+
+def test_a_file_of_something_else_in_its_place_is_refused(studies, tmp_path):
+    (tmp_path / ".percept").write_text("")
+    (tmp_path / "finished.jsonl").write_text("mine\n")
+    with pytest.raises(UsageError, match=r"finished\.jsonl:1: not a line of analysed studies"):
+        batch(studies[:1], tmp_path, in_process)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="folders are not locked there")
+def test_a_second_batch_is_told_to_wait(studies, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    with exclusive(out), pytest.raises(UsageError, match="another run is writing into it"):
+        batch(studies[:1], out, in_process)
+    assert batch(studies[:1], out, in_process).counts == {"done": 1}
 
 
 def test_parquet_is_refused_before_anything_is_computed_without_its_package(
@@ -145,13 +174,13 @@ def test_a_study_refused_before_is_reported_again(studies, tmp_path, capsys):
     arguments += ["--out", str(tmp_path / "out")]
     assert main(arguments) == 1
     first = capsys.readouterr()
-    rows = [path.stat().st_mtime_ns for path in sorted(tmp_path.glob("out/studies/*/*"))]
+    kept = (tmp_path / "out" / "finished.jsonl").read_bytes()
     assert main(arguments) == 1
     again = capsys.readouterr()
     assert "text.csv:2, column 'k_adj', value 'much'" in again.err
     assert again.err == first.err
     assert again.out.splitlines()[0] == "2 studies (1 done, 1 refused): 2 finished before, 0 now"
-    assert [path.stat().st_mtime_ns for path in sorted(tmp_path.glob("out/studies/*/*"))] == rows
+    assert (tmp_path / "out" / "finished.jsonl").read_bytes() == kept
     assert main([*arguments, "--json"]) == 1
     summary = json.loads(capsys.readouterr().out)
     assert (summary["skipped"], summary["counts"]) == (2, {"done": 1, "refused": 1})

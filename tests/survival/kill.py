@@ -232,6 +232,10 @@ def check_whole(path: Path) -> None:
                 assert data.rstrip().endswith(b"</html>"), "the page has no end"
             case ".svg":
                 assert data.rstrip().endswith(b"</svg>"), "the figure has no end"
+            case ".jsonl":
+                # The next run cuts off a last line that has no end.
+                for line in data.decode().split("\n")[:-1]:
+                    json.loads(line)
             case _:
                 assert data.endswith(b"\n"), "the last line has no end"
     except Exception as error:
@@ -239,12 +243,18 @@ def check_whole(path: Path) -> None:
 
 
 def contents(folder: Path) -> dict[str, str]:
-    """Digest every file of a folder but what killed runs left aside, which goes after a day."""
-    return {
-        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and ".percept-unfinished-" not in path.as_posix()
-    }
+    """Digest every file of a folder but what killed runs left aside, which goes after a day.
+
+    Studies of a batch finish in any order: their lines are digested in that of their keys.
+    """
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and ".percept-unfinished-" not in path.as_posix():
+            data = path.read_bytes()
+            if path.suffix == ".jsonl":
+                data = b"".join(sorted(data.splitlines(keepends=True)))
+            found[path.relative_to(folder).as_posix()] = hashlib.sha256(data).hexdigest()
+    return found
 
 
 def _study(seed: int) -> str:

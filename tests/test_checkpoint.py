@@ -1,4 +1,4 @@
-"""Studies by their numbers: kept line by line, whoever stops the run."""
+"""Studies by their numbers or keys: kept line by line, whoever stops the run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from percept.calibration.studies import Checkpoint
+from percept.checkpoint import Checkpoint
 from percept.errors import RefusalError, UsageError
 from percept.files import exclusive
 
@@ -25,13 +25,12 @@ def of(value: float) -> dict[str, float]:
 
 def test_each_plan_reads_what_it_wrote(tmp_path: Path) -> None:
     path = tmp_path / "folder" / "tried.jsonl"
-    assert kept(path).read(9) == {}
+    assert kept(path).read() == {}
     for index, value in ((0, 1.5), (4, 0.1), (2, 7.0)):
         kept(path).append(index, of(value))
     kept(path, "b").append(0, of(-1.0))
-    assert kept(path).read(9) == {0: of(1.5), 4: of(0.1), 2: of(7.0)}
-    assert kept(path).read(3) == {0: of(1.5), 2: of(7.0)}
-    assert kept(path, "b").read(9) == {0: of(-1.0)}
+    assert kept(path).read() == {0: of(1.5), 4: of(0.1), 2: of(7.0)}
+    assert kept(path, "b").read() == {0: of(-1.0)}
 
 
 @pytest.mark.parametrize("length", [1, 9, 25, 36])
@@ -42,11 +41,11 @@ def test_a_line_cut_short_anywhere_is_dropped_and_writing_goes_on(
     kept(path).append(0, of(1.5))
     whole = path.read_text()
     path.write_text(whole[:length])
-    assert kept(path).read(9) == {}
+    assert kept(path).read() == {}
     kept(path).append(1, of(2.5))
-    assert kept(path).read(9) == {1: of(2.5)}
+    assert kept(path).read() == {1: of(2.5)}
     path.write_text(whole + whole[:length])
-    assert kept(path).read(9) == {0: of(1.5)}
+    assert kept(path).read() == {0: of(1.5)}
     assert path.read_text() == whole
 
 
@@ -54,14 +53,14 @@ def test_a_line_cut_short_anywhere_is_dropped_and_writing_goes_on(
 def test_two_runs_do_not_cut_each_other_s_lines(tmp_path: Path) -> None:
     path = tmp_path / "tried.jsonl"
     kept(path).append(0, of(1.5))
-    with exclusive(tmp_path):
+    with exclusive(path):
         threads = [
             threading.Thread(target=kept(path).append, args=(1, of(2.5))),
-            threading.Thread(target=kept(path).read, args=(9,)),
+            threading.Thread(target=kept(path).read, args=()),
         ]
         for thread in threads:
             thread.start()
-        # Half a line of somebody who holds the folder.
+        # Half a line of somebody who holds the file.
         with path.open("a") as file:
             file.write('{"plan": "a", "in')
             file.flush()
@@ -69,7 +68,7 @@ def test_two_runs_do_not_cut_each_other_s_lines(tmp_path: Path) -> None:
             file.write('dex": 2, "value": 3.5}\n')
     for thread in threads:
         thread.join(10)
-    assert kept(path).read(9) == {0: of(1.5), 1: of(2.5), 2: of(3.5)}
+    assert kept(path).read() == {0: of(1.5), 1: of(2.5), 2: of(3.5)}
 
 
 @pytest.mark.parametrize(
@@ -87,13 +86,13 @@ def test_a_file_of_something_else_is_refused_and_left_alone(
     path = tmp_path / "tried.jsonl"
     path.write_text(text)
     with pytest.raises(UsageError, match=rf"tried\.jsonl:{row}: not a line of tried studies"):
-        kept(path).read(9)
+        kept(path).read()
     assert path.read_text() == text
 
 
 def test_no_file_keeps_nothing() -> None:
     kept(None).append(0, of(1.0))
-    assert kept(None).read(9) == {}
+    assert kept(None).read() == {}
 
 
 def test_what_is_no_file_of_results_is_refused(tmp_path: Path) -> None:
@@ -103,17 +102,19 @@ def test_what_is_no_file_of_results_is_refused(tmp_path: Path) -> None:
         with pytest.raises(
             UsageError, match=rf"{name}: no file of tried studies\. Choose another folder"
         ):
-            kept(tmp_path / name).read(3)
+            kept(tmp_path / name).read()
 
 
 def test_only_what_is_not_kept_is_worked_on(tmp_path: Path) -> None:
     told: list[tuple[int, int]] = []
     path = tmp_path / "tried.jsonl"
+    kept(path).append(1, of(6.5))
     kept(path).append(1, of(7.5))
+    kept(path).append(7, of(-1.0))
     results = kept(path).complete(of, 3, progress=lambda *counts: told.append(counts))
     assert results == [of(0), of(7.5), of(2)]
     assert told == [(2, 3), (3, 3)]
-    assert kept(path).read(9) == {0: of(0.0), 1: of(7.5), 2: of(2.0)}
+    assert kept(path).read() == {0: of(0.0), 1: of(7.5), 2: of(2.0), 7: of(-1.0)}
 
 
 def test_an_error_is_said_when_all_others_are_done(tmp_path: Path) -> None:
@@ -123,5 +124,5 @@ def test_an_error_is_said_when_all_others_are_done(tmp_path: Path) -> None:
     )
     with pytest.raises(RefusalError, match=message) as caught:
         kept(path).complete(lambda index: of(6 / index), 3)
-    assert kept(path).read(9) == {1: of(6.0), 2: of(3.0)}
+    assert kept(path).read() == {1: of(6.0), 2: of(3.0)}
     assert isinstance(caught.value.__cause__, ZeroDivisionError)

@@ -1,4 +1,4 @@
-"""Studies of a plan by their numbers: each is worked on once, and its result kept as a line."""
+"""Studies of a plan by their numbers or keys: each is worked on once, its result kept as a line."""
 
 from __future__ import annotations
 
@@ -56,18 +56,13 @@ class Checkpoint:
         self._plan = plan
         self._what = what
 
-    def read(self, studies: int) -> dict[int, Line]:
-        """Read the results of the plan's first studies; cut off a last line that is not whole.
-
-        Parameters
-        ----------
-        studies : int
-            How many studies, counted from zero.
+    def read(self) -> dict[Any, Line]:
+        """Read the results of the plan's studies; cut off a last line that is not whole.
 
         Returns
         -------
-        dict of int to Line
-            Results by the number of their study.
+        dict of int or str to Line
+            The last result of each study, by its number or key.
 
         Raises
         ------
@@ -76,30 +71,39 @@ class Checkpoint:
         """
         if self._path is None or not self._path.exists():
             return {}
-        with exclusive(self._path.parent):
-            lines = self._whole_lines(self._path)
+        try:
+            with exclusive(self._path):
+                lines = self._whole_lines(self._path)
+        except (OSError, UnicodeDecodeError) as error:
+            raise UsageError(
+                f"no file of {self._what} studies.",
+                file=str(self._path),
+                hint="Choose another folder.",
+            ) from error
         results = {}
         for row, line in enumerate(lines, start=1):
             try:
                 result = json.loads(line)
                 plan = result.pop("plan")
-                index = int(result.pop("index"))
+                index = result.pop("index")
             except (ValueError, KeyError, TypeError, AttributeError) as error:
                 raise self._foreign(row) from error
             if not result:
                 raise self._foreign(row)
-            if plan == self._plan and index < studies:
+            if plan == self._plan:
                 results[index] = result
         return results
 
-    def append(self, index: int, result: Line) -> None:
-        """Write the result of study `index` behind the others."""
+    def append(self, index: int | str, result: Line) -> None:
+        """Write the result of a study behind the others."""
         if self._path is None:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
         line = {"plan": self._plan, "index": index, **result}
-        with exclusive(self._path.parent), self._path.open("a", encoding="utf-8") as file:
+        with self._path.open("a", encoding="utf-8") as file, exclusive(self._path):
             file.write(json.dumps(line) + "\n")
+            # Before another run may write.
+            file.flush()
 
     def complete(
         self,
@@ -132,8 +136,9 @@ class Checkpoint:
         RefusalError
             Some studies ended in an error; all others are kept.
         """
-        results = self.read(studies)
-        missing = sorted(set(range(studies)) - results.keys())
+        kept = self.read()
+        results = {index: kept[index] for index in range(studies) if index in kept}
+        missing = [index for index in range(studies) if index not in kept]
         errors: dict[int, Exception] = {}
         for index, result in mapper(study, missing):
             if isinstance(result, Exception):
@@ -149,13 +154,8 @@ class Checkpoint:
 
     def _whole_lines(self, path: Path) -> list[str]:
         """Read the lines, and cut off half a line: the next would be written behind it."""
-        try:
-            data = path.read_bytes()
-            whole, newline, rest = data.decode().rpartition("\n")
-        except (OSError, UnicodeDecodeError) as error:
-            raise UsageError(
-                f"no file of {self._what} studies.", file=str(path), hint="Choose another folder."
-            ) from error
+        data = path.read_bytes()
+        whole, newline, rest = data.decode().rpartition("\n")
         if rest:
             if not (rest.startswith(_START) or _START.startswith(rest)):
                 raise self._foreign(1 + whole.count("\n") + len(newline))
