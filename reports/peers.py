@@ -7,8 +7,9 @@ summed into the scatter of the cell's mean. It needs the extra `peers`.
 from __future__ import annotations
 
 import dataclasses
+import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -20,6 +21,9 @@ Array: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.intp]
 #: A number or an array of PyMC, or of numpy; PyMC has no types.
 Term: TypeAlias = Any
+
+#: nutpie's default is 6; R-hat needs several.
+CHAINS = 4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -245,3 +249,54 @@ def _log_density(squares: _Pairs, covariance: _Pairs, counts: NDArray[Any]) -> T
     determinant = first * second - both**2
     distance = second * squares[0, 0] + first * squares[1, 1] - 2.0 * both * squares[0, 1]
     return -0.5 * (distance / determinant + counts * pm.math.log(determinant)).sum()
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Draws:
+    """What nutpie drew, by name: (chains, draws, …). Chains cut short are filled up with NaN."""
+
+    values: Mapping[str, Array]
+    divergences: int
+    seconds: float  # Wall time of sampling
+
+
+def nutpie_sampler(model: Any, names: Sequence[str] | None = None) -> Callable[..., Draws]:
+    """Compile a model of PyMC for nutpie.
+
+    Parameters
+    ----------
+    model : pymc.Model
+        As `plain_model` writes it.
+    names : sequence of str, optional
+        Variables that are kept; all by default.
+
+    Returns
+    -------
+    callable
+        Takes the draws of each chain, other arguments of `nutpie.sample`, and as `patience` the
+        seconds after which it stops.
+    """
+    import nutpie
+
+    compiled = nutpie.compile_pymc_model(model, var_names=names)
+
+    def draw(draws: int, *, patience: float | None = None, **options: object) -> Draws:
+        started = time.perf_counter()
+        sampler = nutpie.sample(
+            compiled,
+            draws=draws,
+            chains=CHAINS,
+            progress_bar=False,
+            save_warmup=False,
+            blocking=False,
+            **options,
+        )
+        try:
+            tree = sampler.wait(timeout=patience)
+        except TimeoutError:
+            tree = sampler.abort()
+        seconds = time.perf_counter() - started
+        values = {name: np.asarray(tree.posterior[name]) for name in tree.posterior.data_vars}
+        return Draws(values, int(np.nansum(tree.sample_stats.diverging)), seconds)
+
+    return draw

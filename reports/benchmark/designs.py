@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 _PATIENCE = 10.0  # Times the allowed time after which a fit is given up
 _LEAST_PATIENCE = 300.0  # s, at least: a loaded machine is slow
 _SAMPLING = 180.0  # s that nutpie samples
-#: nutpie's default is 6 chains; R-hat needs several, and a run here has a thread for each.
-_CHAINS = 4
 #: Draws of each chain that are not kept; nutpie's default is 300 to 400: rare shapes adapt late.
 _WARM_UP = 2000
 #: Draws of each chain, unless time ends first.
@@ -296,43 +294,30 @@ def _fit(study: Prepared, seed: int) -> Printed:
 def _nutpie(study: Prepared, seed: int) -> Printed:
     """Sample for at most `_SAMPLING`; limits of kinds mean and user, and what the run took."""
     from reports.benchmark.peers.engines import limits_of_draws
-    from reports.peers import plain_model
+    from reports.peers import CHAINS, nutpie_sampler, plain_model
 
-    model = plain_model(observed(study))
-    import nutpie
-
-    compiled = nutpie.compile_pymc_model(model, var_names=["beta", "spread"])
-    started = time.perf_counter()
+    draw = nutpie_sampler(plain_model(observed(study)), ["beta", "spread"])
     # A thread per chain, whatever the processors: a run cut short then has draws of every chain.
-    sampler = nutpie.sample(
-        compiled,
-        draws=_DRAWS,
+    drawn = draw(
+        _DRAWS,
         tune=_WARM_UP,
-        chains=_CHAINS,
-        cores=_CHAINS,
+        cores=CHAINS,
         seed=seed,
         target_accept=_ACCEPTANCE,
-        progress_bar=False,
-        save_warmup=False,
-        blocking=False,
+        patience=_SAMPLING,
     )
-    try:
-        tree = sampler.wait(timeout=_SAMPLING)
-    except TimeoutError:
-        tree = sampler.abort()
-    wall = time.perf_counter() - started
-    beta = np.asarray(tree.posterior["beta"])
-    beta = beta.reshape(*beta.shape[:2], -1)
-    # Chains cut short are filled up with NaN.
-    done = np.isfinite(beta[..., 0]).sum(axis=1)
+    beta = drawn.values["beta"]
+    done = np.isfinite(beta[:, :, 0, 0]).sum(axis=1)
     length = int(done.min())
     if length < _FEWEST_DRAWS:
-        return {"cost": {"peer_s": wall, "peer_draws": int(done.sum())}}
-    spread = np.asarray(tree.posterior["spread"]).reshape(beta.shape)
+        return {"cost": {"peer_s": drawn.seconds, "peer_draws": int(done.sum())}}
     rng = np.random.default_rng(seed)
-    value, error, _ = limits_of_draws(beta[:, :length], spread[:, :length], rng)
-    divergences = int(np.nansum(tree.sample_stats.diverging))
-    cost = {"peer_s": wall, "peer_draws": _CHAINS * length, "divergences": divergences}
+    value, error, _ = limits_of_draws(beta[:, :length], drawn.values["spread"][:, :length], rng)
+    cost = {
+        "peer_s": drawn.seconds,
+        "peer_draws": CHAINS * length,
+        "divergences": drawn.divergences,
+    }
     return {"cost": cost, "value": value[:_KINDS].ravel(), "error": error[:_KINDS].ravel()}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from typing import Any, TypeAlias
 
@@ -98,14 +98,6 @@ class Inputs:
         return twin.is_nyquist(self.omega * self.period)
 
 
-Computed: TypeAlias = Callable[[Inputs], Any]
-#: Returns the error over the condition.
-Check: TypeAlias = Callable[[Inputs], float]
-
-#: What is compared, by name.
-QUANTITIES: dict[str, Check] = {}
-
-
 def haptics_digits(
     cases: int = 2000, *, seed: int = 20_240_501, quantities: tuple[str, ...] = ()
 ) -> list[Digits]:
@@ -136,7 +128,7 @@ def haptics_digits(
         if inputs.at_nyquist:
             decade = 1
         for name in quantities or QUANTITIES:
-            error = QUANTITIES[name](inputs)
+            error = error_of(name, inputs)
             errors.setdefault((name, decade), []).append(error)
     rows = []
     for (name, decade), of_cases in sorted(errors.items()):
@@ -203,146 +195,87 @@ def _stiffness_limit(v: Inputs) -> float:
     return twin.limit_error_over_condition(float(limit), v.b_d, v.b_c, v.period)
 
 
-def _compare(name: str, ours: Computed, exact: twin.Formula, inputs: Sequence[str]) -> None:
-    """Put a quantity of ours beside its exact formula of some inputs."""
+Computed: TypeAlias = Callable[[Inputs], Any]
 
-    def error(v: Inputs) -> float:
-        own = {key: getattr(v, key) for key in inputs}
-        return twin.error_over_condition(ours(v), exact, own, at_nyquist=v.at_nyquist)
-
-    QUANTITIES[name] = error
-
-
-_W = ("omega", "period")
-_LATE = (*_W, "delay")
-_SHOWN = ("k_e", "b_e", "m_e")
-_VC = ("k_c", "b_c")
-_RIGID = (*_W, "m", "b_d")
-_FLEXIBLE = (*_RIGID, "m_i", "b_i", "k_i", "k_d")
-_ENVIRONMENT = (*_W, *_SHOWN)
-_COUPLING = (*_W, *_VC)
-_DIRECT = (*_RIGID, *_SHOWN)
-_EFFECTIVE = (*_W, *_SHOWN, *_VC)
-_ALL = (*_DIRECT, *_VC)
-
-_compare("Z_d", lambda v: device_impedance(v.omega, v.device, v.period), twin.rigid, _RIGID)
-_compare(
-    "Z_d, flexible",
-    lambda v: device_impedance(v.omega, v.flexible, v.period),
-    twin.flexible,
-    _FLEXIBLE,
-)
-_compare(
-    "Z_e",
-    lambda v: environment_impedance(v.omega, v.environment, v.period),
-    twin.environment,
-    _ENVIRONMENT,
-)
-_compare(
-    "Z_c, Eq. 6",
-    lambda v: coupling_impedance(v.omega, v.coupling, v.period),
-    twin.coupling_backward,
-    _COUPLING,
-)
-_compare(
-    "1/Z_c, Eq. 6",
-    lambda v: coupling_admittance(v.omega, v.coupling, v.period),
-    twin.admittance_backward,
-    _COUPLING,
-)
-_compare("ZOH, Eq. 8", lambda v: hold(v.omega, v.period), twin.hold_average, _W)
-_compare("ZOH, true", lambda v: hold(v.omega, v.period, kind="true"), twin.hold_true, _W)
-_compare("Z_eff", _effective, twin.effective, _EFFECTIVE)
-_compare(
-    "Re Z_eff",
-    lambda v: effective_impedance(v.omega, v.environment, v.coupling, v.period)[1],
-    twin.effective_damping,
-    _EFFECTIVE,
-)
-_compare(
-    "Z_h",
-    lambda v: perceived_impedance(v.omega, v.device, v.environment, v.period),
-    twin.direct,
-    _DIRECT,
-)
-_compare(
-    "Z_h, flexible, true hold",
-    lambda v: perceived_impedance(v.omega, v.flexible, v.environment, v.period, hold="true"),
-    twin.direct_flexible_true,
-    (*_FLEXIBLE, *_SHOWN),
-)
-_compare("Z_h_vc, Eq. 12", lambda v: _coupled(v, "tustin"), twin.coupled, _ALL)
-_compare("Z_h_vc, Eq. 6", lambda v: _coupled(v, "backward"), twin.coupled_backward, _ALL)
-_compare(
-    "abs(Z_h), k and b negative",
-    lambda v: perceived_magnitude(v.omega, v.device, -v.k_e, -v.b_e, v.period, mass=v.m_e),
-    twin.magnitude,
-    _DIRECT,
-)
-_compare(
-    "ZOH, delayed",
-    lambda v: hold(v.omega, v.period, kind=v.late),
-    twin.late(twin.hold_average),
-    _LATE,
-)
-_compare(
-    "Z_h, flexible, delayed",
-    lambda v: perceived_impedance(v.omega, v.flexible, v.environment, v.period, hold=v.late),
-    twin.direct_late,
-    (*_FLEXIBLE, *_SHOWN, "delay"),
-)
-_compare(
-    "Z_h_vc, true hold, delayed",
-    lambda v: perceived_impedance(
-        v.omega, v.device, v.environment, v.period, coupling=v.coupling, hold=v.late_true
+_LIMIT = "largest stiffness"
+_PAIRS: dict[str, tuple[Computed, twin.Formula]] = {
+    "Z_d": (lambda v: device_impedance(v.omega, v.device, v.period), twin.rigid),
+    "Z_d, flexible": (lambda v: device_impedance(v.omega, v.flexible, v.period), twin.flexible),
+    "Z_e": (lambda v: environment_impedance(v.omega, v.environment, v.period), twin.environment),
+    "Z_c, Eq. 6": (
+        lambda v: coupling_impedance(v.omega, v.coupling, v.period),
+        twin.coupling_backward,
     ),
-    twin.coupled_late_true,
-    (*_ALL, "delay"),
-)
-_compare(
-    "abs(Z_h), k and b negative, delayed",
-    lambda v: perceived_magnitude(
-        v.omega, v.device, -v.k_e, -v.b_e, v.period, mass=v.m_e, hold=v.late
+    "1/Z_c, Eq. 6": (
+        lambda v: coupling_admittance(v.omega, v.coupling, v.period),
+        twin.admittance_backward,
     ),
-    twin.magnitude_late,
-    (*_DIRECT, "delay"),
-)
-_compare("box, upper", lambda v: _box(v)[1], twin.box_upper, _ALL)
-_compare("box, lower", lambda v: _box(v)[0], twin.box_lower, _ALL)
-_compare(
-    "required damping at ω",
-    lambda v: required_damping_at(v.omega, v.coupling, v.period),
-    twin.required_at(twin.coupling_backward, twin.hold_average),
-    _COUPLING,
-)
-_compare(
-    "required damping at ω, true hold",
-    _required_at_true,
-    twin.required_at(twin.coupling_tustin, twin.hold_true),
-    _COUPLING,
-)
-_compare(
-    "required damping at ω, delayed",
-    lambda v: required_damping_at(v.omega, v.coupling, v.period, hold=v.late),
-    twin.required_at(twin.coupling_backward, twin.late(twin.hold_average)),
-    (*_COUPLING, "delay"),
-)
-_compare(
-    "required damping at ω, true hold, delayed",
-    lambda v: required_damping_at(v.omega, v.coupling, v.period, hold=v.late_true),
-    twin.required_at(twin.coupling_backward, twin.late(twin.hold_true)),
-    (*_COUPLING, "delay"),
-)
-_compare(
-    "stability margin",
-    lambda v: stability_margin(v.omega, v.flexible, v.coupling, v.period),
-    twin.margin,
-    (*_FLEXIBLE, *_VC),
-)
-_compare(
-    "required damping",
-    lambda v: required_damping(v.coupling, v.period).damping,
-    twin.required,
-    _COUPLING,
-)
-QUANTITIES["largest stiffness"] = _stiffness_limit
+    "ZOH, Eq. 8": (lambda v: hold(v.omega, v.period), twin.hold_average),
+    "ZOH, true": (lambda v: hold(v.omega, v.period, kind="true"), twin.hold_true),
+    "Z_eff": (_effective, twin.effective),
+    "Re Z_eff": (
+        lambda v: effective_impedance(v.omega, v.environment, v.coupling, v.period)[1],
+        twin.effective_damping,
+    ),
+    "Z_h": (lambda v: perceived_impedance(v.omega, v.device, v.environment, v.period), twin.direct),
+    "Z_h, flexible, true hold": (
+        lambda v: perceived_impedance(v.omega, v.flexible, v.environment, v.period, hold="true"),
+        twin.direct_flexible_true,
+    ),
+    "Z_h_vc, Eq. 12": (lambda v: _coupled(v, "tustin"), twin.coupled),
+    "Z_h_vc, Eq. 6": (lambda v: _coupled(v, "backward"), twin.coupled_backward),
+    "abs(Z_h), k and b negative": (
+        lambda v: perceived_magnitude(v.omega, v.device, -v.k_e, -v.b_e, v.period, mass=v.m_e),
+        twin.magnitude,
+    ),
+    "ZOH, delayed": (lambda v: hold(v.omega, v.period, kind=v.late), twin.late(twin.hold_average)),
+    "Z_h, flexible, delayed": (
+        lambda v: perceived_impedance(v.omega, v.flexible, v.environment, v.period, hold=v.late),
+        twin.direct_late,
+    ),
+    "Z_h_vc, true hold, delayed": (
+        lambda v: perceived_impedance(
+            v.omega, v.device, v.environment, v.period, coupling=v.coupling, hold=v.late_true
+        ),
+        twin.coupled_late_true,
+    ),
+    "abs(Z_h), k and b negative, delayed": (
+        lambda v: perceived_magnitude(
+            v.omega, v.device, -v.k_e, -v.b_e, v.period, mass=v.m_e, hold=v.late
+        ),
+        twin.magnitude_late,
+    ),
+    "box, upper": (lambda v: _box(v)[1], twin.box_upper),
+    "box, lower": (lambda v: _box(v)[0], twin.box_lower),
+    "required damping at ω": (
+        lambda v: required_damping_at(v.omega, v.coupling, v.period),
+        twin.required_at(twin.coupling_backward, twin.hold_average),
+    ),
+    "required damping at ω, true hold": (
+        _required_at_true,
+        twin.required_at(twin.coupling_tustin, twin.hold_true),
+    ),
+    "required damping at ω, delayed": (
+        lambda v: required_damping_at(v.omega, v.coupling, v.period, hold=v.late),
+        twin.required_at(twin.coupling_backward, twin.late(twin.hold_average)),
+    ),
+    "required damping at ω, true hold, delayed": (
+        lambda v: required_damping_at(v.omega, v.coupling, v.period, hold=v.late_true),
+        twin.required_at(twin.coupling_backward, twin.late(twin.hold_true)),
+    ),
+    "stability margin": (
+        lambda v: stability_margin(v.omega, v.flexible, v.coupling, v.period),
+        twin.margin,
+    ),
+    "required damping": (lambda v: required_damping(v.coupling, v.period).damping, twin.required),
+}
+#: What is compared.
+QUANTITIES = (*_PAIRS, _LIMIT)
+
+
+def error_of(name: str, v: Inputs) -> float:
+    """Return the error of a quantity over its condition."""
+    if name == _LIMIT:
+        return _stiffness_limit(v)
+    ours, exact = _PAIRS[name]
+    return twin.error_over_condition(ours(v), exact, vars(v), at_nyquist=v.at_nyquist)

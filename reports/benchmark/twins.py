@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -114,7 +113,7 @@ def error_over_condition(
     exact : Formula
         The same in any precision.
     inputs : mapping
-        Values of the formula, ω in rad/s and T in s among them.
+        Values of the formula, ω in rad/s and T in s among them; it need not read all.
     at_nyquist : bool, optional
         Whether ωT stands for π.
 
@@ -129,7 +128,8 @@ def error_over_condition(
         precise = {key: mpmath.mpf(value) for key, value in inputs.items()}
         if at_nyquist:
             precise["omega"] = (mpmath.pi - mpmath.mpf(_NYQUIST_GAP)) / precise["period"]
-        value = exact(_point(precise, mpmath))
+        point = _point(precise, mpmath)
+        value = exact(point)
         size = mpmath.mpf(abs(value))
         if size > _EVERYTHING:
             return 0.0 if np.isinf(computed) else float("inf")
@@ -139,7 +139,8 @@ def error_over_condition(
             return float("inf")
         total = mpmath.mpf(0)
         for key, number in precise.items():
-            if number == 0 or (at_nyquist and key in ("omega", "period")):
+            of_point = key in ("omega", "period")
+            if number == 0 or (at_nyquist if of_point else key not in point.read):
                 continue
             step = 1 + mpmath.mpf(_STEP)
             moved = exact(_point({**precise, key: number * step}, mpmath))
@@ -194,7 +195,19 @@ def limit_error_over_condition(
         return float(abs(base - b_d) / by_k / max(mpmath.mpf(1), condition))
 
 
-def _point(inputs: Mapping[str, Number], mp: Any) -> SimpleNamespace:
+class _Point:
+    """Inputs of a formula; it keeps which of them were read."""
+
+    def __init__(self, inputs: Mapping[str, Number]) -> None:
+        self._inputs = inputs
+        self.read: set[str] = set()
+
+    def __getattr__(self, name: str) -> Number:
+        self.read.add(name)
+        return self._inputs[name]
+
+
+def _point(inputs: Mapping[str, Number], mp: Any) -> _Point:
     """Add z = exp(jωT), Tustin's s and θ to the inputs, in the arithmetic of an mpmath context."""
     theta = inputs["omega"] * inputs["period"]
     z = mp.expj(theta)
@@ -202,7 +215,7 @@ def _point(inputs: Mapping[str, Number], mp: Any) -> SimpleNamespace:
     # is real.
     tustin = 2 / inputs["period"] * (z - 1) / (z + 1)
     s = mp.mpc(0, tustin.imag)
-    return SimpleNamespace(**inputs, theta=theta, z=z, s=s, mp=mp)
+    return _Point({**inputs, "theta": theta, "z": z, "s": s, "mp": mp})
 
 
 def _series(a: Number, b: Number) -> Number:

@@ -23,7 +23,7 @@ from percept.inference.sampling.run import sample
 from percept.provenance import made_by, markdown_table
 from reports.calibration.fits import Rows, contrast_rows
 from reports.calibration.studies import GROUP, KINDS, Drawn, draw_study, model_of
-from reports.peers import Observed, plain_model
+from reports.peers import CHAINS, Observed, nutpie_sampler, plain_model
 from reports.store import store
 
 Array: TypeAlias = NDArray[np.float64]
@@ -34,7 +34,6 @@ SIDES = ("lower", "upper")
 KIND_NAMES = ("mean", "user")
 #: Monte Carlo error of percept's limits, over the half-width.
 TOLERANCE = 0.01
-CHAINS = 4
 #: Shorter steps than by default: divergences would bias the comparison.
 ACCEPTANCE = 0.97
 #: Draws of each chain that are not kept.
@@ -119,21 +118,10 @@ def nutpie_limits(
     from arviz_stats.base.array import BaseArray
 
     study = observed(drawn)
-    model = plain_model(study)
-    import nutpie
-
-    tree = nutpie.sample(
-        nutpie.compile_pymc_model(model),
-        draws=plan.draws,
-        tune=plan.warm_up,
-        chains=CHAINS,
-        cores=1,
-        seed=plan.seed,
-        target_accept=plan.acceptance,
-        progress_bar=False,
-        save_warmup=False,
+    drawn_by_nutpie = nutpie_sampler(plain_model(study))(
+        plan.draws, tune=plan.warm_up, cores=1, seed=plan.seed, target_accept=plan.acceptance
     )
-    posterior = {name: np.asarray(tree.posterior[name]) for name in tree.posterior.data_vars}
+    posterior = drawn_by_nutpie.values
     locations = posterior["beta"].reshape(CHAINS, plan.draws, -1)
     if drawn.kind.covariate:
         locations = np.concatenate([locations, posterior["slope"]], axis=2)
@@ -153,7 +141,7 @@ def nutpie_limits(
                 sd = user_sd(study, posterior, row)
                 label = f"user {name} {side}"
                 found.value[label], found.error[label] = _user_limit(mean, sd, tail, array_stats)
-    return found, int(np.sum(tree.sample_stats.diverging))
+    return found, drawn_by_nutpie.divergences
 
 
 def user_sd(study: Observed, posterior: Mapping[str, Array], row: Array) -> Array:

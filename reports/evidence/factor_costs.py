@@ -10,8 +10,10 @@ import itertools
 import json
 import sys
 import time
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -42,7 +44,7 @@ class Case:
     name: str
     subjects: int
     environments: int
-    factors: tuple[str, ...] = ()  # Each has two levels, which every subject meets
+    factors: Sequence[str] = ()  # Each has two levels, which every subject meets
     covariate: bool = False  # A column that varies by trial
     trials: int = 2
     family: str = "lognormal"
@@ -52,76 +54,12 @@ class Case:
     allowed_times: float | None = None
 
 
-PLAIN_CELLS = Case("16 x 10 cells, no factor", 16, 10)
-#: Designs without factors in which subjects have trial SDs of their own by default.
-PLAIN_DESIGNS = ((10, 5), (16, 10), (40, 6))
-ONE_SD = Case("12 x 5, 5 trials, one trial SD", 12, 5, trials=5)
-ONE_SD_FACTOR = Case("12 x 5 x 2, 5 trials, one trial SD", 12, 5, ("hand",), trials=5)
+def _cases() -> dict[str, Case]:
+    text = resources.files("reports.evidence").joinpath("factor_costs.toml").read_text("utf-8")
+    return {name: Case(name, **fields) for name, fields in tomllib.loads(text).items()}
 
 
-def plain_cases() -> list[Case]:
-    """Return pairs of studies without factors: one trial SD, and subjects' own."""
-    cases = []
-    for subjects, environments in PLAIN_DESIGNS:
-        size = f"{subjects} x {environments}, 3 trials"
-        one_sd = Case(f"{size}, one trial SD", subjects, environments, trials=3)
-        own_sds = replace(
-            one_sd,
-            name=f"{size}, trial SDs of subjects' own",
-            own_trial_sds=True,
-            against=one_sd.name,
-            allowed_times=3.0,
-        )
-        cases += [one_sd, own_sds]
-    return cases
-
-
-CASES = (
-    *plain_cases(),
-    PLAIN_CELLS,
-    Case("16 x 5 x 2", 16, 5, ("hand",), against=PLAIN_CELLS.name, allowed_times=3.0),
-    Case(
-        "16 x 5 x 2 and a covariate of trials",
-        16,
-        5,
-        ("hand",),
-        covariate=True,
-        against=PLAIN_CELLS.name,
-        allowed_times=6.0,
-    ),
-    Case(
-        "40 x 6 x 2 x 2 and a covariate of trials",
-        40,
-        6,
-        ("hand", "load"),
-        covariate=True,
-        allowed_s=60.0,
-    ),
-    Case("300 x 5 x 2, 3 trials", 300, 5, ("hand",), trials=3, allowed_s=60.0),
-    Case("4 x 60, normal family", 4, 60, family="normal", allowed_s=30.0),
-    Case("4 x 30 x 2", 4, 30, ("hand",)),
-    ONE_SD,
-    Case(
-        "12 x 5, 5 trials, trial SDs of subjects' own",
-        12,
-        5,
-        trials=5,
-        own_trial_sds=True,
-        against=ONE_SD.name,
-        allowed_times=3.0,
-    ),
-    ONE_SD_FACTOR,
-    Case(
-        "12 x 5 x 2, 5 trials, trial SDs of subjects' own",
-        12,
-        5,
-        ("hand",),
-        trials=5,
-        own_trial_sds=True,
-        against=ONE_SD_FACTOR.name,
-        allowed_times=3.0,
-    ),
-)
+CASES = _cases()
 
 
 def simulated_study(case: Case, seed: int = 1) -> Study:
@@ -178,24 +116,23 @@ def row_of(case: Case, seconds: Mapping[str, float]) -> list[str]:
     return [case.name, f"{seconds[case.name]:.1f}", times, allowed]
 
 
-def page(repeats: int, made: Made, cases: Iterable[Case] = CASES) -> str:
+def page(repeats: int, made: Made) -> str:
     """Fit every case in processes of its own, and write the page."""
-    times: dict[str, list[float]] = {case.name: [] for case in cases}
+    times: dict[str, list[float]] = {name: [] for name in CASES}
     # Rounds, not case by case: what else the machine does falls on all of them.
     for _ in range(repeats):
         for name, seconds in times.items():
             seconds.append(in_a_process(__name__, name)["seconds"])
             say(f"{name}: {seconds[-1]:.1f} s")
     median = {name: float(np.median(each)) for name, each in times.items()}
-    rows = [row_of(case, median) for case in cases]
+    rows = [row_of(case, median) for case in CASES.values()]
     table = markdown_table(["study", "s", "times", "allowed"], rows)
     return PAGE.format(repeats=repeats, table=table, made=made.sentence)
 
 
 def _main(task: str) -> None:
     """Print the time of one case."""
-    (case,) = (case for case in CASES if case.name == json.loads(task))
-    print_result({"seconds": fit_time(case)})
+    print_result({"seconds": fit_time(CASES[json.loads(task)])})
 
 
 if __name__ == "__main__":

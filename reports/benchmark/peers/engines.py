@@ -44,8 +44,7 @@ _WALKERS = 256  # Of emcee, where the coordinates do not ask for more
 _KEPT_EVERY = 10  # Steps of emcee
 _BURN_IN = 0.25  # Of emcee's steps
 
-_CHAINS = 4  # Of nutpie, as its users take them
-_NUTPIE_TUNE = 400
+_NUTPIE_TUNE = 400  # Of nutpie, as its users take them
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,39 +171,19 @@ def _emcee(study: Prepared) -> Sampler:
 
 
 def _nutpie(study: Prepared) -> Sampler:
-    from reports.peers import plain_model
+    from reports.peers import nutpie_sampler, plain_model
 
-    model = plain_model(observed(study), centred=True)
-    import nutpie
-
-    compiled = nutpie.compile_pymc_model(model, var_names=["beta", "spread"])
+    draw = nutpie_sampler(plain_model(observed(study), centred=True), ["beta", "spread"])
 
     def fit(budget: float, seed: int) -> Fitted:
         started = time.perf_counter()
-        tree = nutpie.sample(
-            compiled,
-            draws=int(budget),
-            tune=_NUTPIE_TUNE,
-            chains=_CHAINS,
-            cores=os.cpu_count(),
-            seed=seed,
-            progress_bar=False,
-        )
-        return _of_tree(tree, seed, time.perf_counter() - started)
+        drawn = draw(int(budget), tune=_NUTPIE_TUNE, cores=os.cpu_count(), seed=seed)
+        rng = np.random.default_rng(seed)
+        limits = limits_of_draws(drawn.values["beta"], drawn.values["spread"], rng)
+        seconds = time.perf_counter() - started
+        return Fitted(*limits, seconds, {"divergences": float(drawn.divergences)})
 
     return fit
-
-
-def _of_tree(tree: Any, seed: int, seconds: float) -> Fitted:
-    """Return limits from the draws of a general sampler, as its users take them."""
-    started = time.perf_counter()
-    beta = np.asarray(tree.posterior["beta"])
-    spread = np.asarray(tree.posterior["spread"])
-    shape = (*beta.shape[:2], -1)
-    rng = np.random.default_rng(seed)
-    limits = limits_of_draws(beta.reshape(shape), spread.reshape(shape), rng)
-    seconds += time.perf_counter() - started
-    return Fitted(*limits, seconds, {"divergences": float(tree.sample_stats.diverging.sum())})
 
 
 def share_half_widths(off: Array, spread: Array, share: float = SHARE) -> Array:
@@ -228,8 +207,8 @@ def limits_of_draws(
 
     Parameters
     ----------
-    beta, spread : ndarray, shape (chains, draws, cells)
-        Means of the populations, and their SDs.
+    beta, spread : ndarray, shape (chains, draws, …)
+        Of the cells: means of the populations, and their SDs.
     rng : numpy.random.Generator
         Draws new users.
 
@@ -242,6 +221,8 @@ def limits_of_draws(
     """
     from arviz_stats.base.array import BaseArray
 
+    beta = beta.reshape(*beta.shape[:2], -1)
+    spread = spread.reshape(beta.shape)
     array_stats: Any = BaseArray()
     tails = (0.5 * (1.0 - _LEVEL), 0.5 * (1.0 + _LEVEL))
 
