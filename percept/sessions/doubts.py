@@ -2,43 +2,31 @@
 
 from __future__ import annotations
 
+import json
 import re
 import unicodedata
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import counted
 from percept.sessions.ends import by_environment
-from percept.sessions.faults import faults, missing_codes
 from percept.sessions.quantities import Quantity
 from percept.sessions.records import IDS, Factors, Notice, Places, clip, shown
+from percept.sessions.slips import slips
 from percept.sessions.values import fold, is_missing
 
-__all__ = ["Slip", "doubtful_ids", "doubtful_scales", "empty_cells", "screen", "slips"]
+__all__ = ["Trials", "doubtful_ids", "doubtful_scales", "empty_cells", "screen"]
 
-#: Decades from the median of the others (a factor of 30) that are hardly ever a person's.
-_GROSS = float(np.log10(30.0))
-#: Subjects an environment needs for its median to say anything of one of them.
-_FEWEST = 3
-#: Decades by which a digit too many or too few may miss ten: within a factor of two.
-_NEAR_TEN = float(np.log10(2.0))
-#: Decades from the median of all trials at which a value is looked at: of two trials the median
-#: lies half-way.
-_LOOKED_AT = 0.5 * (1.0 - _NEAR_TEN)
-#: SDs of the other trials beyond which a value is no ordinary one: one in 16,000 of normal ones.
-_FAR = 4.0
-#: SD in decades that subjects usually have: a factor of 1.4.
-_USUAL_SD = 0.15
-#: SDs between the quartiles of normal values.
-_QUARTILES = 1.349
-#: Degrees of freedom that the scatter elsewhere counts for beside that of the environment itself.
-_ELSEWHERE = 3.0
+#: Numbers that stand for a missing value: -999, 9999 and others of nines, in any unit.
+_CODE = re.compile(r"99+0*")
+#: Equal settings, and different ones among them, from which on two subjects are hardly two people.
+_EQUAL = 4
+_DIFFERENT = 3
 #: Values below this share of all are few.
 _FEW = 0.05
 #: Environments that a study hardly has on purpose.
@@ -54,8 +42,6 @@ _HOMOGLYPHS = str.maketrans(
     "АВЕКМНОРСТХаеорсухіѕјԁһ" + "ΑΒΕΖΗΙΚΜΝΟΡΤΥΧονκρ",
     "ABEKMHOPCTXaeopcyxisjdh" + "ABEZHIKMNOPTYXovkp",
 )
-
-_Sorted = npt.NDArray[np.float64]
 
 
 def doubtful_ids(table: pd.DataFrame, place: Places) -> Iterator[Notice]:
@@ -112,47 +98,107 @@ def doubtful_scales(references: pd.DataFrame, quantities: Iterable[Quantity]) ->
         yield Notice(text, column=f"{name}_adj")
 
 
-def _single_trials(table: pd.DataFrame) -> Iterator[Notice]:
+def _single_trials(trials: Trials) -> Iterator[Notice]:
     """Warn of references that differ on every trial."""
-    trials = table["environment"].value_counts(sort=False)
-    single = int((trials == 1).sum())
-    if len(trials) > _MANY and single > len(trials) / 2:
+    counts = trials.table["environment"].value_counts(sort=False)
+    single = int((counts == 1).sum())
+    if len(counts) > _MANY and single > len(counts) / 2:
         text = (
-            f"{single} of {len(trials)} environments have one trial: the reference seems to differ"
+            f"{single} of {len(counts)} environments have one trial: the reference seems to differ"
             " on every trial. Name a column of conditions, environment in [columns], and give each"
             " condition one reference in [environments]."
         )
         yield Notice(text, column="environment")
 
 
-def screen(
-    table: pd.DataFrame,
-    quantities: Sequence[Quantity],
-    place: Places,
-    pooled: Iterable[str],
-    family: str,
-    factors: Factors | None,
-    *,
-    left_out: bool = False,
-) -> Iterator[Notice]:
-    """Warn of what is seldom meant. Nothing is left out: that is for the analyst to declare.
+@dataclass(frozen=True)
+class Trials:
+    """The trials of a study, and what the checks need to know of them."""
 
-    `left_out` says that the analyst declared limits, and that some cells may have lost all trials.
-    """
-    found = list(slips(table, quantities))
+    table: pd.DataFrame
+    quantities: Sequence[Quantity]
+    place: Places
+    pooled: Sequence[str]  # Columns of groups that the analysis does not tell apart
+    family: str
+    factors: Factors | None
+    left_out: bool  # Limits are declared, and some cells may have lost all trials
+
+
+def screen(trials: Trials) -> Iterator[Notice]:
+    """Warn of what is seldom meant. Nothing is left out: that is for the analyst to declare."""
+    for check in _CHECKS:
+        yield from check(trials)
+
+
+def _slips(trials: Trials) -> Iterator[Notice]:
+    """Name values that look mistyped."""
+    found = list(slips(trials.table, trials.quantities))
     for slip in found[:_MOST_SLIPS]:
-        yield Notice(f"{slip.text}: mistyped?", column=f"{slip.parameter}_adj", **place(slip.index))
+        place = trials.place(slip.index)
+        yield Notice(f"{slip.text}: mistyped?", column=f"{slip.parameter}_adj", **place)
     if len(found) > _MOST_SLIPS:
         yield Notice(f"{counted(len(found) - _MOST_SLIPS, 'more value')} may be mistyped")
-    yield from faults(table, quantities, place)
-    yield from _single_trials(table)
-    for quantity in quantities:
-        yield from _without_logarithm(table, quantity.name, place, family)
-        yield from _at_a_limit(table, quantity.name, place)
-        yield from _never_moved(table, quantity.name)
-    yield from _empty_cells(table, factors, "no trial left" if left_out else "no trial")
-    for column in pooled:
-        yield from _pooled(table, column)
+
+
+def _of_quantities(trials: Trials) -> Iterator[Notice]:
+    """Look at the adjustments of each quantity."""
+    for quantity in trials.quantities:
+        yield from _without_logarithm(trials, quantity.name)
+        yield from _at_a_limit(trials, quantity.name)
+        yield from _never_moved(trials.table, quantity.name)
+
+
+def missing_codes(values: pd.Series[float]) -> list[float]:
+    """Give the numbers, at either end of all values, that seem to stand for a missing one."""
+    codes = []
+    for code in (values.min(), values.max()):
+        others = values[values != code]
+        if others.empty or not _CODE.fullmatch(f"{abs(code):.12g}"):
+            continue
+        reach = others.max() - others.min()
+        alone_below = code < 0 <= others.min()
+        if alone_below or not others.min() - reach <= code <= others.max() + reach:
+            codes.append(float(code))
+    return codes
+
+
+def _codes(trials: Trials) -> Iterator[Notice]:
+    """Ask whether a number is a code for a missing value."""
+    table = trials.table
+    for quantity in trials.quantities:
+        column = f"{quantity.name}_adj"
+        for code in missing_codes(table[column].dropna()):
+            rows = table.index[table[column] == code]
+            limit = f"below = {code + 0.5!r}" if code < 0 else f"above = {code - 0.5!r}"
+            rule = f'{{ column = "{column}", {limit}, why = "missing" }}'
+            verb = "is" if len(rows) == 1 else "are"
+            text = (
+                f"{counted(len(rows), 'value')} of {quantity.name} {verb} {code:g}: a code for a"
+                f" missing value? Then [sessions] exclude = [{rule}] leaves such rows out."
+            )
+            yield Notice(text, column=column, **trials.place(rows[0]))
+
+
+def _copies(trials: Trials) -> Iterator[Notice]:
+    """Name subjects whose settings are those of another subject, value by value."""
+    columns = [f"{quantity.name}_adj" for quantity in trials.quantities]
+    ordered = trials.table.sort_values(["environment", "session", "trial"], kind="stable")
+    first_of: dict[tuple[object, ...], str] = {}
+    for subject, rows in ordered.groupby("subject", sort=False):
+        settings = rows[columns].to_numpy(dtype=float)
+        known = settings[~np.isnan(settings)]
+        if len(known) < _EQUAL or len(np.unique(known)) < _DIFFERENT:
+            continue
+        first = first_of.setdefault((*rows["environment"], settings.tobytes()), str(subject))
+        if first == subject:
+            continue
+        name = json.dumps(str(subject), ensure_ascii=False)
+        rule = f'{{ column = "subject", equals = {name}, why = "a copy" }}'
+        text = (
+            f"subjects {shown([first])} and {shown([str(subject)])} have the same {len(known)}"
+            f" settings: a copy? Then [sessions] exclude = [{rule}] leaves it out."
+        )
+        yield Notice(text, column="subject", **trials.place(rows.index.min()))
 
 
 def empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[tuple[str, str]]:
@@ -188,10 +234,12 @@ def empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[tuple[
             yield subject, name
 
 
-def _empty_cells(table: pd.DataFrame, factors: Factors | None, what: str) -> Iterator[Notice]:
+def _empty_cells(trials: Trials) -> Iterator[Notice]:
     """Name the subjects that lack an environment."""
-    lacking = [f"{subject} at {name}" for subject, name in empty_cells(table, factors)]
-    of_subjects = table.groupby("subject", sort=False)["environment"].nunique()
+    cells = empty_cells(trials.table, trials.factors)
+    lacking = [f"{subject} at {name}" for subject, name in cells]
+    what = "no trial left" if trials.left_out else "no trial"
+    of_subjects = trials.table.groupby("subject", sort=False)["environment"].nunique()
     if lacking and len(of_subjects) > 1 and (of_subjects == 1).all():
         yield Notice("each subject met one environment: environments are groups of subjects")
     elif lacking:
@@ -199,13 +247,11 @@ def _empty_cells(table: pd.DataFrame, factors: Factors | None, what: str) -> Ite
         yield Notice(f"{counted(len(lacking), 'cell')} {has} {what}: {shown(lacking)}")
 
 
-def _without_logarithm(
-    table: pd.DataFrame, parameter: str, place: Places, family: str
-) -> Iterator[Notice]:
+def _without_logarithm(trials: Trials, parameter: str) -> Iterator[Notice]:
     """Count zeros and negative values, and say which way out fits them."""
     column = f"{parameter}_adj"
     reference = f"{parameter}_ref"
-    known = table.dropna(subset=column)
+    known = trials.table.dropna(subset=column)
     low = known[known[column] <= 0]
     if low.empty or set(low[column]) <= set(missing_codes(known[column])):
         return
@@ -213,7 +259,7 @@ def _without_logarithm(
     few_zeros = few and bool((low[column] == 0).all())
     no_ratio = bool((low[reference] <= 0).any())
     # The normal family takes zeros and negative values; only a few zeros are doubted there.
-    if family != "lognormal" and (no_ratio or not few_zeros):
+    if trials.family != "lognormal" and (no_ratio or not few_zeros):
         return
     if no_ratio:
         way = (
@@ -242,7 +288,7 @@ def _without_logarithm(
     text = f"{_share(len(low), len(known), parameter)} zero or negative, here the first. {way}"
     if not no_ratio:
         text += f" There are {by_environment(known, (known[column] <= 0).to_numpy())}."
-    yield Notice(text, column=column, **place(low.index[0]))
+    yield Notice(text, column=column, **trials.place(low.index[0]))
 
 
 def _share(count: int, total: int, parameter: str) -> str:
@@ -251,8 +297,9 @@ def _share(count: int, total: int, parameter: str) -> str:
     return f"{counted(count, 'value')} of {parameter} ({count / total:.1%} of {total:,}) {verb}"
 
 
-def _at_a_limit(table: pd.DataFrame, parameter: str, place: Places) -> Iterator[Notice]:
+def _at_a_limit(trials: Trials, parameter: str) -> Iterator[Notice]:
     """Warn where many more values equal the largest or least than the one next to it."""
+    table = trials.table
     column = f"{parameter}_adj"
     counts = table[column].value_counts().sort_index()
     if len(counts) < 3:
@@ -274,7 +321,7 @@ def _at_a_limit(table: pd.DataFrame, parameter: str, place: Places) -> Iterator[
             f" {limits} leaves them out, counts them and logs them."
         )
         first = table.index[table[column] == value][0]
-        yield Notice(text, column=column, **place(first))
+        yield Notice(text, column=column, **trials.place(first))
 
 
 def _never_moved(table: pd.DataFrame, parameter: str) -> Iterator[Notice]:
@@ -291,8 +338,14 @@ def _never_moved(table: pd.DataFrame, parameter: str) -> Iterator[Notice]:
         yield Notice(text, column=column)
 
 
-def _pooled(table: pd.DataFrame, column: str) -> Iterator[Notice]:
+def _pooled(trials: Trials) -> Iterator[Notice]:
     """Say what becomes of groups that the analysis does not tell apart."""
+    for column in trials.pooled:
+        yield from _pooled_by(trials.table, column)
+
+
+def _pooled_by(table: pd.DataFrame, column: str) -> Iterator[Notice]:
+    """Say how the groups of a column are analysed, where there are several."""
     levels = table.groupby(column, sort=False)["subject"].nunique()
     if len(levels) < 2:
         return
@@ -314,110 +367,12 @@ def _pooled(table: pd.DataFrame, column: str) -> Iterator[Notice]:
     yield Notice(text, column=column)
 
 
-@dataclass(frozen=True)
-class Slip:
-    """One adjustment that may be mistyped, and the other trials of its environment."""
-
-    index: int  # Label of its row in the table of trials
-    environment: str
-    parameter: str
-    text: str  # The value, and what lets one doubt it
-
-
-def slips(table: pd.DataFrame, quantities: Iterable[Quantity]) -> Iterator[Slip]:
-    """Find adjustments that look mistyped, by quantity and in the order of the rows.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Trials as `Sessions.table` has them.
-    quantities : iterable of Quantity
-        What was adjusted.
-
-    Yields
-    ------
-    Slip
-        A value about ten times, or a tenth of, what the others and the same subject's other trials
-        lead one to expect; or thirty times off the median of the others, either way.
-    """
-    for quantity in quantities:
-        name = quantity.name
-        columns = ["subject", "environment", f"{name}_adj", f"{name}_ref"]
-        trials = table[columns].set_axis(["subject", "environment", "value", "reference"], axis=1)
-        trials = trials[trials["value"] > 0]
-        trials["decades"] = np.log10(trials["value"])
-        middle = trials.groupby("environment", sort=False)["decades"].transform("median")
-        trials["off"] = trials["decades"] - middle
-        beside = _Others(trials)
-        looked_at = trials[trials["off"].abs() > _LOOKED_AT]
-        one: Any
-        for one in looked_at.itertuples():
-            if len(beside.decades[one.environment]) > 1 and _is_slip(one, beside):
-                usual = _quantile(beside.values[one.environment], one.value, 0.5)
-                text = (
-                    f"{name} = {one.value:.6g} of subject {shown([one.subject])}, where the"
-                    f" other trials of {shown([one.environment])} have a median of {usual:.6g}"
-                )
-                yield Slip(one.Index, one.environment, name, text)
-
-
-class _Others:
-    """Trials sorted by environment and by subject once, so that each is cheap to leave out."""
-
-    def __init__(self, trials: pd.DataFrame) -> None:
-        by_environment = trials.groupby("environment", sort=False)
-        self.decades = {name: np.sort(own) for name, own in by_environment["decades"]}
-        self.values = {name: np.sort(own) for name, own in by_environment["value"]}
-        self.subjects = by_environment["subject"].nunique().to_dict()
-        self.off = {name: np.sort(own) for name, own in trials.groupby("subject")["off"]}
-        sds = by_environment["decades"].agg(_robust_sd)
-        #: SD that the other environments usually have, in decades.
-        ordered = np.sort(sds)
-        self.usual_sd = {name: _quantile(ordered, sd, 0.5) for name, sd in sds.items()}
-        if len(sds) == 1:
-            self.usual_sd = dict.fromkeys(sds.index, _USUAL_SD)
-
-
-def _quantile(ordered: _Sorted, left_out: float, share: float) -> float:
-    """Quantile of sorted numbers without one of them."""
-    last = len(ordered) - 2
-    if last < 0:
-        return np.nan
-    gap = np.searchsorted(ordered, left_out)
-    below = int(share * last)
-    above = min(below + 1, last)
-    # Behind the gap each number stands one place later.
-    low = ordered[below + (below >= gap)]
-    high = ordered[above + (above >= gap)]
-    return float(low + (share * last - below) * (high - low))
-
-
-def _is_slip(one: Any, others: _Others) -> bool:
-    """Whether a digit explains how far a trial lies from those beside it, or nothing does."""
-    beside = others.decades[one.environment]
-    typical = _quantile(beside, one.decades, 0.5)
-    distance = abs(one.decades - typical)
-    gross = distance > _GROSS and others.subjects[one.environment] >= _FEWEST
-    if abs(distance - 1.0) > _NEAR_TEN and not gross:
-        return False
-    if len(beside) == 2:
-        # Of two trials either may be the slip: it is the one farther from what was shown.
-        shown = np.log10(one.reference) if one.reference > 0 else np.nan
-        if not abs(one.decades - shown) > abs(typical - shown):
-            return False
-    freedom = len(beside) - 2
-    quartiles = [_quantile(beside, one.decades, share) for share in (0.25, 0.75)]
-    own_sd = (quartiles[1] - quartiles[0]) / _QUARTILES
-    elsewhere = _ELSEWHERE * others.usual_sd[one.environment] ** 2
-    variance = (elsewhere + freedom * own_sd**2) / (_ELSEWHERE + freedom)
-    if distance <= _FAR * np.sqrt(variance * (1.0 + 1.0 / (len(beside) - 1))):
-        return False
-    # A subject who is as far off in other trials has a habit, or another unit.
-    habit = _quantile(others.off[one.subject], one.off, 0.5)
-    off = one.decades - typical
-    return not abs(off - habit) < 1.0 - _NEAR_TEN
-
-
-def _robust_sd(decades: pd.Series) -> float:
-    """SD of normal values that have these quartiles."""
-    return float(decades.quantile(0.75) - decades.quantile(0.25)) / _QUARTILES
+_CHECKS: tuple[Callable[[Trials], Iterator[Notice]], ...] = (
+    _slips,
+    _codes,
+    _copies,
+    _single_trials,
+    _of_quantities,
+    _empty_cells,
+    _pooled,
+)

@@ -33,6 +33,7 @@ from percept.sessions.records import (
     once_per_kind,
 )
 from percept.sessions.responses import complete_responses
+from percept.sessions.slips import Slip, slips
 from percept.sessions.summary import read_summary
 from percept.sessions.table import Log, OpenFile
 from percept.sessions.trials import read_trials
@@ -166,24 +167,23 @@ class Sessions:
         scales = doubts.doubtful_scales(self._references, quantities)
         if self.form != "trials":
             return tuple(scales)
-        pooled = self.options.pooled(self.table.columns)
-        seldom = doubts.screen(
+        trials = doubts.Trials(
             self.table,
             quantities,
             self.place,
-            pooled,
+            self.options.pooled(self.table.columns),
             self.options.family,
             self.factors,
             left_out=not self.at_limits.empty,
         )
-        return (*scales, *seldom)
+        return (*scales, *doubts.screen(trials))
 
     @cached_property
-    def slips(self) -> tuple[doubts.Slip, ...]:
+    def slips(self) -> tuple[Slip, ...]:
         """Adjustments that look mistyped; none in summary form."""
         if self.form != "trials":
             return ()
-        return tuple(doubts.slips(self.table, [self.quantities[p] for p in self.parameters]))
+        return tuple(slips(self.table, [self.quantities[p] for p in self.parameters]))
 
     def left_out(self, environment: str, parameter: str) -> int:
         """Count the adjustments of a cell that are left out at a limit of their control."""

@@ -14,8 +14,8 @@ from percept.sessions import (
     format_validation,
     validate,
 )
-from percept.sessions.doubts import slips
 from percept.sessions.quantities import IMPEDANCE
+from percept.sessions.slips import slips
 from tests import DATASETS, LONG
 
 HEADER = "subject,environment,k_ref,b_ref,k_adj,b_adj"
