@@ -58,6 +58,10 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16-le"),
     (codecs.BOM_UTF16_BE, "utf-16-be"),
 )
+_TWO_ENCODINGS = (
+    "Other letters are UTF-8: two programs wrote this file. Write it again in UTF-8, or declare"
+    ' [sessions] encoding = "cp1252".'
+)
 _CSV = "Export the data as CSV in UTF-8."
 _TRIALS = "Use the trial-by-trial .csv that PsychoPy writes next to it."
 #: How files begin that are no tables of text, as bytes (each a character here) or as text.
@@ -200,12 +204,22 @@ def open_text(entry: Input, declared: str | None) -> tuple[TextIO, str]:
         )
         *others, encoding = [marked] if marked else ["cp1252", "utf-8"]
         while problem := _undecodable(stream, encoding, entry.name, start=len(mark)):
+            if others and _is_part_utf8(stream):
+                problem.hint = _TWO_ENCODINGS
+                raise problem
             if not others:
                 raise problem
             encoding = others.pop()
     with _text_from(entry, encoding, len(mark)) as early:
         _refuse(early.read(_EARLY), entry.name)
     return _text_from(entry, encoding, len(mark)), encoding
+
+
+def _is_part_utf8(stream: BinaryIO) -> bool:
+    """Whether a text that is not UTF-8 has characters that are: two programs wrote it."""
+    stream.seek(0)
+    blocks = iter(partial(stream.read, BLOCK), b"")
+    return any(re.search(rb"[\xc3-\xf4][\x80-\xbf]", block) for block in blocks)
 
 
 def _text_from(entry: Input, encoding: str, start: int) -> TextIO:

@@ -11,14 +11,14 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions.columns import Header, check_columns, resolve, unused_columns
-from percept.sessions.files import Input, load, open_text
+from percept.sessions.files import Input, is_workbook, load, open_text
 from percept.sessions.grids import Block, text_blocks
 from percept.sessions.layout import refuse_headless
 from percept.sessions.options import ReadOptions
 from percept.sessions.paths import expand, ids_from_name
 from percept.sessions.records import NoDataError, Notice, Source, shown
 from percept.sessions.table import Log, OpenFile
-from percept.sessions.typed import is_typed, typed_block, typed_rows
+from percept.sessions.typed import is_typed, sheets, typed_block, typed_rows
 
 __all__ = ["open_blocks", "open_files", "open_frame"]
 
@@ -37,7 +37,19 @@ def open_files(paths: Sequence[str | Path], log: Log) -> Generator[OpenFile]:
                 is_file = entry.name == file
                 if is_file or wants(entry.path):
                     with log.problems.collecting():
-                        yield from _open_input(entry, log, named=named and is_file)
+                        for part in _parts(entry, log.options):
+                            yield from _open_input(part, log, named=named and is_file)
+
+
+def _parts(entry: Input, options: ReadOptions) -> list[Input]:
+    """Give an input, or each sheet of a workbook if the scene wants all; its path ends in it."""
+    data = entry.data or b""
+    if options.sessions.sheet != "*" or entry.part or not is_workbook(data, entry.name):
+        return [entry]
+    place = Path(entry.path)
+    return [
+        Input(f"{entry.name}::{sheet}", str(place / sheet), data, sheet) for sheet in sheets(data)
+    ]
 
 
 def _open_input(entry: Input, log: Log, *, named: bool) -> Generator[OpenFile]:

@@ -30,7 +30,7 @@ Columns = Mapping[str, Sequence[object]]
 Construct = Callable[[Any], Any]
 
 
-def chosen(names: Sequence[str], part: str | None, file: str) -> str:
+def chosen(names: Sequence[str], part: str | None, file: str, also: str = "") -> str:
     """Choose the part of a file that is named, or its only one."""
     wanted = list(names) if part is None else [name for name in names if name == part]
     if len(wanted) == 1:
@@ -40,7 +40,7 @@ def chosen(names: Sequence[str], part: str | None, file: str) -> str:
     what = "several tables" if part is None else "no such table"
     message = f"the file holds {what}; there are {shown(names)}."
     hint = f"Name one behind two colons: {file.partition('::')[0]}::{names[0]}."
-    raise UsageError(message, file=file, hint=hint)
+    raise UsageError(message, file=file, hint=f"{hint} {also}".strip())
 
 
 def json_rows(data: bytes, file: str, part: str | None, limits: FileLimits) -> Rows:

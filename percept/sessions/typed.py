@@ -17,7 +17,7 @@ from percept.sessions.options import FileLimits
 from percept.sessions.records import NoDataError
 from percept.sessions.stores import chosen, database_rows, json_rows, matlab_rows, r_rows
 
-__all__ = ["csv_frame", "is_typed", "typed_block", "typed_rows"]
+__all__ = ["csv_frame", "is_typed", "sheets", "typed_block", "typed_rows"]
 
 _Reader = Callable[[bytes, str, str | None, FileLimits], list[Sequence[Any]]]
 #: How JSON begins that holds records or lists.
@@ -157,14 +157,17 @@ def _ragged_rows(
     book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
     names = book.sheetnames
     if sheet is None:
-        names = [name for name in names if _is_filled(book[name])] or names[:1]
-    page = book[chosen(names, sheet, file)]
+        names = sheets(data) or names[:1]
+    name = chosen(names, sheet, file, 'Or read all that are alike: [sessions] sheet = "*".')
+    page = book[name]
+    written = openpyxl.load_workbook(io.BytesIO(data), read_only=True)[name]
     # The size that a sheet states may be wrong.
     page.reset_dimensions()
+    written.reset_dimensions()
     blank_rows = 0
     width = 0
-    for number, cells in enumerate(page.iter_rows(), 1):
-        values = [_sheet_value(cell) for cell in cells]
+    for number, rows in enumerate(zip(page.iter_rows(), written.iter_rows(), strict=True), 1):
+        values = [_sheet_value(*cells) for cells in zip(*rows, strict=True)]
         while values and values[-1] == "":
             values.pop()
         width = max(width, len(values))
@@ -175,6 +178,14 @@ def _ragged_rows(
         yield from ([] for _ in range(blank_rows))
         blank_rows = 0
         yield values
+
+
+def sheets(data: bytes) -> list[str]:
+    """Name the sheets of a workbook that have a cell with a value."""
+    import openpyxl
+
+    book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
+    return [name for name in book.sheetnames if _is_filled(book[name])]
 
 
 def _is_filled(page: Any) -> bool:
@@ -195,9 +206,14 @@ _READERS: dict[bytes, _Reader] = {
 }
 
 
-def _sheet_value(cell: Any) -> Any:
-    """Value of a cell; whole numbers are written without a point, and errors are blank."""
+def _sheet_value(cell: Any, written: Any) -> Any:
+    """Value of a cell, or its formula if no program has worked that out; errors are blank.
+
+    Whole numbers are written without a point.
+    """
     value = cell.value
+    if value is None and written.data_type == "f":
+        return written.value
     if value is None or cell.data_type == "e":
         return ""
     return int(value) if isinstance(value, float) and value.is_integer() else value

@@ -53,6 +53,8 @@ _NO_NUMBERS = (
      "not a plain number: separators of thousands are not read.", "Write it without them."),
     (r"(?s:[\[{].*)", "a list or a record, not a number.",
      'Say which value counts, such as the last: [columns] k_adj = { name = "…", path = "-1" }.'),
+    (r"(?s:=.*)", "a formula without its result, not a number.",
+     "Open the workbook in Excel or LibreOffice, save it there, and read it again."),
     (r"(?s:.*%)", "a percentage, not a number.", "Write it as a fraction, 0.95 for 95%."),
     (r"[\u2010-\u2015\u2212] *[0-9.,]+.*", "a typographic minus sign, not a number.",
      "Replace it by a hyphen in the whole file."),

@@ -202,6 +202,16 @@ def test_a_windows_encoding_is_announced(tmp_path):
     assert "not UTF-8; read as Windows-1252" in [notice.text for notice in sessions.notices]
 
 
+def test_text_in_two_encodings_is_refused(tmp_path):
+    file = tmp_path / "f.csv"
+    rows = "subject,environment,k_ref,k_adj\nZoë,VE1,10,11\n".encode()
+    file.write_bytes(rows + "Jürgen,VE1,10,12\n".encode("cp1252"))
+    with pytest.raises(UsageError, match="byte 0xfc is not text in utf-8") as caught:
+        read_sessions(file)
+    assert caught.value.row == 3
+    assert 'or declare [sessions] encoding = "cp1252".' in caught.value.hint
+
+
 def test_the_extras_are_named_when_missing(tmp_path, monkeypatch):
     (tmp_path / "t.parquet").write_bytes(b"PAR1xxxxPAR1")
     monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)

@@ -210,9 +210,34 @@ def test_a_fault_of_a_workbook_is_named_and_refused(tmp_path, name):
     assert (problem.row, problem.message) == (row, message)
 
 
+def test_a_formula_that_nobody_worked_out_is_refused(tmp_path):
+    cells = [HEAD.split(","), *rows()]
+    value = cells[2][-1]
+    cells[2][-1] = f"={value}*1"
+    problem = refusal(workbook(tmp_path, data=cells))
+    assert (problem.row, problem.value) == (3, f"={value}*1")
+    assert problem.message == "a formula without its result, not a number."
+    assert "save it there" in problem.hint
+
+
+def test_sheets_of_subjects_are_read_together(tmp_path):
+    whole = read_sessions(workbook(tmp_path, data=[HEAD.split(","), *rows()])).table
+    sheets = {}
+    for subject, *cells in rows():
+        sheets.setdefault(subject, [HEAD.split(",")[1:]]).append(cells)
+    path = workbook(tmp_path, **sheets)
+    scene = {"sessions": {"sheet": "*", "filename": "{subject}"}}
+    sessions = read_sessions(path, scene=ReadOptions.from_mapping(scene))
+    assert [source.name for source in sessions.sources] == [f"{path}::{name}" for name in sheets]
+    assert sessions.table.equals(whole)
+
+
 def test_a_sheet_of_several_is_named_behind_two_colons(tmp_path):
     path = workbook(tmp_path, trials=[HEAD.split(","), *rows()], notes=[["a", "b"], [1, 2]])
-    assert refusal(path).hint == f"Name one behind two colons: {path}::trials."
+    assert refusal(path).hint == (
+        f"Name one behind two colons: {path}::trials. Or read all that are alike: [sessions] sheet"
+        ' = "*".'
+    )
     assert len(read_sessions(f"{path}::trials").table) == 24
     scene = ReadOptions(sessions={"sheet": "trials"})
     assert len(read_sessions(path, scene=scene).table) == 24
