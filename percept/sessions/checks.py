@@ -16,17 +16,6 @@ from percept.sessions.quantities import Quantity
 from percept.sessions.records import IDS, MASS, Notice, Places, Problems, shown
 from percept.sessions.table import Log
 
-__all__ = [
-    "TRIAL",
-    "check_plausible",
-    "check_summary",
-    "count_grid",
-    "in_order",
-    "refuse_repeats",
-    "repeats_over_sessions",
-    "settle_references",
-]
-
 #: What tells a trial from others.
 TRIAL = [*IDS, "trial"]
 #: From this ratio of adjustments to references on, either way, a unit is doubted.

@@ -19,17 +19,6 @@ from percept.sessions.options import (
 from percept.sessions.quantities import IMPEDANCE, Quantities, numbers_of, with_mass
 from percept.sessions.records import NoDataError, shown
 
-__all__ = [
-    "Header",
-    "Resolution",
-    "Slot",
-    "aliases",
-    "check_columns",
-    "plain",
-    "resolve",
-    "unused_columns",
-]
-
 _WORDS = {
     "subject": (
         "participant participant_id participant_private_id subject_nr subject_id subject_number"

@@ -20,8 +20,6 @@ from percept.sessions.records import IDS, Factors, Notice, Places, clip, shown
 from percept.sessions.slips import slips
 from percept.sessions.values import fold, is_missing
 
-__all__ = ["Trials", "doubtful_ids", "doubtful_scales", "empty_cells", "screen"]
-
 #: Numbers that stand for a missing value: -999, 9999 and others of nines, in any unit.
 _CODE = re.compile(r"99+0*")
 #: Equal settings, and different ones among them, from which on two subjects are hardly two people.

@@ -17,8 +17,6 @@ from percept.sessions.quantities import Quantity
 from percept.sessions.records import Exclusion, Notice, Places, clip
 from percept.sessions.table import Log
 
-__all__ = ["by_environment", "without_ends"]
-
 #: Environments that a sentence lists.
 _LISTED = 8
 _Mask = npt.NDArray[np.bool_]

@@ -24,8 +24,6 @@ from percept.sessions.options import FileLimits
 from percept.sessions.paths import PACKED, is_hidden, named_part
 from percept.sessions.records import NoDataError
 
-__all__ = ["BLOCK", "Input", "is_workbook", "line_ends", "load", "open_text"]
-
 #: What broken and locked archives raise.
 _BROKEN = (
     zipfile.BadZipFile,

@@ -7,8 +7,6 @@ import itertools
 
 from percept.errors import UsageError
 
-__all__ = ["TRIAL_REFERENCE", "Term", "model_terms", "terms_of"]
-
 #: A term: one column, or several that interact.
 Term = tuple[str, ...]
 #: More characters or terms are no formula that somebody wrote: products double with each factor.

@@ -31,8 +31,6 @@ from percept.sessions.layout import FirstRows, LayoutError, refuse_aligned, refu
 from percept.sessions.plain import are_plain, is_rectangular
 from percept.sessions.records import NoDataError, Place, clip
 
-__all__ = ["Block", "Dialect", "Grid", "Records", "text_blocks"]
-
 Quoting = Literal["doubled", "backslash", "wrapped"]
 
 _DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}

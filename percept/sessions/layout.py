@@ -14,8 +14,6 @@ from percept.errors import UsageError
 from percept.sessions.records import Place, shown
 from percept.sessions.values import is_missing
 
-__all__ = ["FirstRows", "LayoutError", "refuse_aligned", "refuse_headless", "refuse_layout"]
-
 #: Rows that are looked at.
 _MOST_ROWS = 50
 _NUMBER = re.compile(r"[+-]?([0-9]+[.,]?[0-9]*|[.,][0-9]+)([eE][+-]?[0-9]+)?")

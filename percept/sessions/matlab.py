@@ -15,8 +15,6 @@ import numpy as np
 from percept.errors import UsageError
 from percept.sessions.options import FileLimits
 
-__all__ = ["columns", "plain", "tables", "variables", "vectors"]
-
 #: Bytes before the first variable of versions 5 and 7.
 _HEADER = 128
 #: Kinds of data that MATLAB writes, as its tags number them. SciPy crashes on some others.

@@ -25,20 +25,6 @@ from percept.sessions.quantities import (
 from percept.sessions.records import IDS
 from percept.sessions.values import LARGEST, LEAST
 
-__all__ = [
-    "KEPT_COLUMNS",
-    "SUMMARY",
-    "ColumnRule",
-    "DataTables",
-    "ExcludeRule",
-    "FileLimits",
-    "ReadOptions",
-    "SessionsTable",
-    "canonical_columns",
-    "in_range",
-    "said",
-]
-
 #: Columns kept as text wherever they stand: groups of subjects, and whether data are simulated.
 KEPT_COLUMNS = ("group", "source")
 SUMMARY = ("environment", "parameter", "reference", "lower", "upper", "mean", "sd", "n", "level")

@@ -11,17 +11,6 @@ from pathlib import Path, PurePath
 from percept.errors import UsageError
 from percept.sessions.records import Notice
 
-__all__ = [
-    "PACKED",
-    "expand",
-    "fitting",
-    "ids_from_name",
-    "is_hidden",
-    "is_pattern",
-    "may_be_study",
-    "named_part",
-]
-
 #: What tells a folder of results from one of sessions: the marker of `percept.files`.
 _MARKER = ".percept"
 #: Ends of the names of tables in archives.

@@ -7,8 +7,6 @@ import numpy.typing as npt
 
 from percept.sessions.values import LARGEST, LEAST
 
-__all__ = ["are_plain", "is_rectangular"]
-
 
 def is_rectangular(body: bytes, delimiter: str, width: int) -> bool:
     """Whether every line has the same number of cells."""

@@ -28,8 +28,6 @@ from percept.sessions.reading import open_blocks
 from percept.sessions.records import Problems, shown
 from percept.sessions.values import CellError, is_missing, pick
 
-__all__ = ["Proposal", "propose_columns"]
-
 #: Files of a folder, and members of an archive, that are looked at.
 _FILES = 40
 #: More values of a reference than these name no environments.

@@ -16,24 +16,6 @@ from pydantic import BaseModel, ConfigDict, model_validator
 from percept.errors import UsageError, capitalised, did_you_mean
 from percept.sessions.records import IDS, MASS
 
-__all__ = [
-    "IMPEDANCE",
-    "TO_FILL_IN",
-    "Quantities",
-    "Quantity",
-    "Table",
-    "amount_in",
-    "convert",
-    "factor",
-    "is_impedance",
-    "known_key",
-    "numbers_of",
-    "quantity_of",
-    "refuse_unfilled",
-    "trial_columns",
-    "with_mass",
-]
-
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
 _IMPEDANCE = {
     "k": {"label": "stiffness", "unit": "N/m"},

@@ -16,7 +16,6 @@ import pandas as pd
 
 from percept.errors import UsageError, counted
 from percept.sessions import checks, doubts
-from percept.sessions.columns import unused_columns
 from percept.sessions.ends import without_ends
 from percept.sessions.options import DataTables, ReadOptions
 from percept.sessions.quantities import Quantities, trial_columns
@@ -37,8 +36,6 @@ from percept.sessions.slips import Slip, slips
 from percept.sessions.summary import read_summary
 from percept.sessions.table import Log, OpenFile
 from percept.sessions.trials import read_trials
-
-__all__ = ["Sessions", "by_level", "read_sessions", "refuse_gaps"]
 
 #: Opens the input, once for each reading.
 _Opened = Callable[[Log], Generator[OpenFile]]
@@ -368,15 +365,9 @@ def _telling_columns(log: Log, opened: _Opened) -> list[str]:
     """Name unused columns of which each tells all trials apart, the fewest levels first."""
     telling: dict[str, int] = {}
     # What is wrong with the files is told by the first reading.
-    with suppress(UsageError):
-        with closing(opened(Log(log.options))) as files:
-            first = next(files)
-        names = first.header.names
-        unused = unused_columns(first.header, first.found, log.options)
-        unused = [name for name in unused if names.count(name) == 1]
-        with closing(opened(Log(log.options.with_groups(unused)))) as files:
-            merged = pd.concat([read_trials(file) for file in files])
-        for name in merged.columns.intersection(unused):
+    with suppress(UsageError), closing(opened(Log(log.options.with_groups(log.unused)))) as files:
+        merged = pd.concat([read_trials(file) for file in files])
+        for name in merged.columns.intersection(log.unused):
             levels = merged[name].nunique()
             if levels <= _MOST_LEVELS and not merged.duplicated([*checks.TRIAL, name]).any():
                 telling[name] = levels

@@ -20,8 +20,6 @@ from percept.sessions.records import NoDataError, Notice, Source, shown
 from percept.sessions.table import Log, OpenFile
 from percept.sessions.typed import is_typed, sheets, typed_block, typed_rows
 
-__all__ = ["open_blocks", "open_files", "open_frame"]
-
 
 def open_files(paths: Sequence[str | Path], log: Log) -> Generator[OpenFile]:
     """Open files; an error of one becomes a problem, so that the next is read too.
@@ -113,6 +111,7 @@ def _open(name: str, blocks: Iterator[Block], ids: Mapping[str, str], log: Log) 
         file.notice(f"{column} is taken from the file's name; column {own!r} is not used")
     if unused := unused_columns(header, found, log.options):
         file.notice(f"columns not used: {shown(unused)}")
+        log.unused = log.unused or [own for own in unused if header.names.count(own) == 1]
     return file
 
 

@@ -10,26 +10,6 @@ from typing import TypedDict, Unpack
 
 from percept.errors import Concerned, PerceptError, UsageError
 
-__all__ = [
-    "IDS",
-    "MASS",
-    "SUMMARY_COLUMNS",
-    "CellPlace",
-    "Exclusion",
-    "Factors",
-    "NoDataError",
-    "Notice",
-    "Place",
-    "Places",
-    "Problems",
-    "ReadError",
-    "Source",
-    "clip",
-    "once_per_kind",
-    "shown",
-    "summarised",
-]
-
 IDS = ("subject", "session", "environment")
 #: Mass of an environment (Eq. 7): a reference that nobody adjusts.
 MASS = "m_ref"

@@ -11,8 +11,6 @@ from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import Quantity
 from percept.sessions.records import Places, Problems
 
-__all__ = ["complete_responses"]
-
 #: A whole turn in units of angles.
 _TURNS = {"deg": 360.0, "°": 360.0, "degree": 360.0, "degrees": 360.0}
 _TURNS |= dict.fromkeys(("rad", "radian", "radians"), 2 * np.pi)

@@ -13,8 +13,6 @@ import pandas as pd
 from percept.sessions.quantities import Quantity
 from percept.sessions.records import shown
 
-__all__ = ["Slip", "slips"]
-
 #: Decades from the median of the others (a factor of 30) that are hardly ever a person's.
 _GROSS = float(np.log10(30.0))
 #: Subjects an environment needs for its median to say anything of one of them.

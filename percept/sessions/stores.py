@@ -19,8 +19,6 @@ from percept.sessions.options import FileLimits
 from percept.sessions.records import NoDataError, shown
 from percept.sessions.values import unique_keys
 
-__all__ = ["chosen", "database_rows", "json_rows", "matlab_rows", "r_rows"]
-
 #: Bytes of one cell of a database: more than any mouse track has.
 _LONGEST_CELL = 16 << 20
 _NOT_A_TABLE = "Export the table as CSV."

@@ -13,8 +13,6 @@ from percept.sessions.records import shown
 from percept.sessions.table import OpenFile
 from percept.sessions.values import decimal_mark, is_missing, parse_numbers
 
-__all__ = ["read_summary"]
-
 #: Limits at any level give back the mean and SD they were made of.
 _LEVEL = 0.95
 

@@ -23,8 +23,6 @@ from percept.sessions.records import (
 )
 from percept.sessions.values import Names
 
-__all__ = ["Log", "OpenFile"]
-
 
 class Log:
     """What is said of a study while it is read: each step adds to it."""
@@ -37,6 +35,7 @@ class Log:
         self.notices: list[Notice] = []
         self.exclusions: list[Exclusion] = []
         self.without_trials: list[NoDataError] = []
+        self.unused: list[str] = []  # Columns of the first file that nothing is read from
         self.at_limits: list[pd.DataFrame] = []  # Adjustments left out at limits of controls
         self.counts: Counter[str] = Counter()  # Rows by what became of them
         self.parameters: set[str] = set()  # Quantities with a column of adjustments

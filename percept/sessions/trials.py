@@ -23,8 +23,6 @@ from percept.sessions.quantities import convert, numbers_of, quantity_of, with_m
 from percept.sessions.records import IDS, MASS, Exclusion, shown
 from percept.sessions.table import OpenFile
 
-__all__ = ["read_trials"]
-
 _CORRECT = "Correct the cell, or leave it empty if there was no adjustment."
 #: Share of rows without an id from which on its cells seem to be merged.
 _MERGED = 0.5

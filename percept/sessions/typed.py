@@ -17,8 +17,6 @@ from percept.sessions.options import FileLimits
 from percept.sessions.records import NoDataError
 from percept.sessions.stores import chosen, database_rows, json_rows, matlab_rows, r_rows
 
-__all__ = ["csv_frame", "is_typed", "sheets", "typed_block", "typed_rows"]
-
 _Reader = Callable[[bytes, str, str | None, FileLimits], list[Sequence[Any]]]
 #: How JSON begins that holds records or lists.
 _JSON = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:\{\s*[\"}]|\[\s*[\[{])")

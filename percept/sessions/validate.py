@@ -15,8 +15,6 @@ from percept.sessions.options import ReadOptions
 from percept.sessions.read import Sessions, read_sessions
 from percept.sessions.records import Exclusion, Notice, ReadError, Source, summarised
 
-__all__ = ["EnvironmentRead", "Validation", "format_validation", "validate"]
-
 _ALONE = Notice("there is one subject; an interval over subjects needs at least two")
 _VERDICTS = ("read without problems", "read, but no analysis is possible")
 

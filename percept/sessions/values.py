@@ -15,20 +15,6 @@ import pandas as pd
 
 from percept.sessions.records import CellPlace, Notice, Problems, clip
 
-__all__ = [
-    "LARGEST",
-    "LEAST",
-    "CellError",
-    "Mark",
-    "Names",
-    "decimal_mark",
-    "fold",
-    "is_missing",
-    "parse_numbers",
-    "pick",
-    "unique_keys",
-]
-
 Mark = Literal[".", ","]
 
 #: Numbers lie between these in size, or are zero: products of three of them are doubles still.
