@@ -68,18 +68,29 @@ _NO_TABLES = (
     (r"\xd0\xcf\x11\xe0", "an old Office or E-Prime binary file", _CSV),
     (r"RDA[23]\n|A\n", "an R data file in ASCII", "In R: saveRDS(table, 'trials.rds')."),
     (r"\x89HDF|\$FL[23]|<stata_dta>|%PDF", "another program's binary file", _CSV),
-    (r"PK\x03\x04|\x1f\x8b|Rar!|7z\xbc\xaf|BZh|\xfd7zXZ|\x28\xb5\x2f\xfd",
-     "an archive inside an archive, or in a format not read here",
-     "Unpack it, or pack it as .zip or .gz."),
-    (r"\s*\*\*\* Header Start \*\*\*", "an E-Prime log in frames, not a table",
-     "In E-DataAid or E-Merge export it as tab-delimited or CSV text and read that."),
-    (r"\s*reversal(Intensities|Indices)=",
-     "PsychoPy's text summary of a staircase, not a table of trials", _TRIALS),
+    (
+        r"PK\x03\x04|\x1f\x8b|Rar!|7z\xbc\xaf|BZh|\xfd7zXZ|\x28\xb5\x2f\xfd",
+        "an archive inside an archive, or in a format not read here",
+        "Unpack it, or pack it as .zip or .gz.",
+    ),
+    (
+        r"\s*\*\*\* Header Start \*\*\*",
+        "an E-Prime log in frames, not a table",
+        "In E-DataAid or E-Merge export it as tab-delimited or CSV text and read that.",
+    ),
+    (
+        r"\s*reversal(Intensities|Indices)=",
+        "PsychoPy's text summary of a staircase, not a table of trials",
+        _TRIALS,
+    ),
     # Means and raw values of conditions, or a block of extraInfo below them.
-    (r"(?=[^\r\n]*_raw\b)[^\r\n]*_(mean|std)\b|(?ms:(?=.*?^[\t,; ]*extraInfo[\t,; ]*\r?$))",
-     "PsychoPy's summary of conditions, not a table of trials", _TRIALS),
+    (
+        r"(?=[^\r\n]*_raw\b)[^\r\n]*_(mean|std)\b|(?ms:(?=.*?^[\t,; ]*extraInfo[\t,; ]*\r?$))",
+        "PsychoPy's summary of conditions, not a table of trials",
+        _TRIALS,
+    ),
     (r"\s*(<!doctype|<html|<\?xml)", "a web page or XML, not a table", _CSV),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)

@@ -74,10 +74,10 @@ _ASK = {
     ' line and set [model] bias = "reference"',
     "trial": "the column that numbers repeats; or remove this line and write, below [sessions],"
     ' trial = "order"',
-    "ref": 'its column; or remove this line and write numbers in [environments], or reference ='
+    "ref": "its column; or remove this line and write numbers in [environments], or reference ="
     ' "none" below [quantities.NAME] if nothing was matched',
     "adj": 'its column; "wall_{environment}" if each environment has one',
-}  # fmt: skip
+}
 _HEAD = '# What the names of columns in {} say. Write what is right in the place of each "?".'
 _REST = '# Every other key has its default: "percept new all.toml" writes them all, to copy from.'
 

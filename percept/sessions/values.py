@@ -35,24 +35,42 @@ _NUMPY = re.compile(r"np\.(?:float|int)\d+\(([^()]*)\)")
 #: What else stands in cells of numbers: a pattern, what is wrong, and what to do beside correcting
 #: it.
 _NO_NUMBERS = (
-    (r"[+-]?[0-9]{1,3}([,.' ][0-9]{3})+([.,][0-9]*)?",
-     "not a plain number: separators of thousands are not read.", "Write it without them."),
-    (r"(?s:[\[{].*)", "a list or a record, not a number.",
-     'Say which value counts, such as the last: [columns] k_adj = { name = "…", path = "-1" }.'),
-    (r"(?s:=.*)", "a formula without its result, not a number.",
-     "Open the workbook in Excel or LibreOffice, save it there, and read it again."),
+    (
+        r"[+-]?[0-9]{1,3}([,.' ][0-9]{3})+([.,][0-9]*)?",
+        "not a plain number: separators of thousands are not read.",
+        "Write it without them.",
+    ),
+    (
+        r"(?s:[\[{].*)",
+        "a list or a record, not a number.",
+        'Say which value counts, such as the last: [columns] k_adj = { name = "…", path = "-1" }.',
+    ),
+    (
+        r"(?s:=.*)",
+        "a formula without its result, not a number.",
+        "Open the workbook in Excel or LibreOffice, save it there, and read it again.",
+    ),
     (r"(?s:.*%)", "a percentage, not a number.", "Write it as a fraction, 0.95 for 95%."),
-    (r"[\u2010-\u2015\u2212] *[0-9.,]+.*", "a typographic minus sign, not a number.",
-     "Replace it by a hyphen in the whole file."),
-    (r"(?i:#?n/?a\.?|#n/?a!?|\.+|\?+|--+|missing)", "a word for a missing value, not a number.",
-     'Leave the cell empty, or leave such rows out: [sessions] exclude = [{ column = "COLUMN",'
-     ' equals = "CELL", why = "missing" }].'),
-    (r"[+-]?[0-9.,]+ ?[A-Za-z°µΩ].*", "a number with a unit or a remark, not a number alone.",
-     'Write the number alone, and its unit in the scene, such as [columns] CANONICAL = { name ='
-     ' "COLUMN", unit = "UNIT" }.'),
+    (
+        r"[\u2010-\u2015\u2212] *[0-9.,]+.*",
+        "a typographic minus sign, not a number.",
+        "Replace it by a hyphen in the whole file.",
+    ),
+    (
+        r"(?i:#?n/?a\.?|#n/?a!?|\.+|\?+|--+|missing)",
+        "a word for a missing value, not a number.",
+        'Leave the cell empty, or leave such rows out: [sessions] exclude = [{ column = "COLUMN",'
+        ' equals = "CELL", why = "missing" }].',
+    ),
+    (
+        r"[+-]?[0-9.,]+ ?[A-Za-z°µΩ].*",
+        "a number with a unit or a remark, not a number alone.",
+        "Write the number alone, and its unit in the scene, such as [columns] CANONICAL = { name ="
+        ' "COLUMN", unit = "UNIT" }.',
+    ),
     (r"(?i:[+-]?inf(inity)?)", "not a finite number.", ""),
     (r"(?s:.*)", "not a number.", ""),
-)  # fmt: skip
+)
 _ZERO_WIDTH = re.compile("[\u200b-\u200f\u2060\ufeff\u00ad]")
 
 

@@ -10,7 +10,6 @@ import pytest
 
 from percept.errors import UsageError
 from percept.sessions import ReadOptions, Sessions, read_sessions
-from percept.sessions.files import Input, open_text
 from tests.sessions.dialects import WRITERS, delimited, example, frame
 
 PSYCHOPY_HEADER = "environment,k_ref,k_adj,note,participant,expName,psychopyVersion,"
@@ -62,17 +61,13 @@ def test_archives_are_read_in_memory(tmp_path, pack):
     assert [p.name for p in tmp_path.iterdir()] == [file.name]
 
 
-def decoded(data, encoding=None):
-    text, found = open_text(Input("f", "f", data), encoding)
-    with text:
-        return text.read(), found
-
-
 @pytest.mark.parametrize("order", ["utf-16-le", "utf-16-be"])
 @pytest.mark.parametrize("declared", [None, "utf-16", "UTF16"])
-def test_a_byte_order_mark_says_which_half_of_an_encoding_it_is(order, declared):
-    text = "subject,environment\nä,1\n"
-    assert decoded(("\ufeff" + text).encode(order), declared) == (text, order)
+def test_a_byte_order_mark_says_which_half_of_an_encoding_it_is(tmp_path, order, declared):
+    file = tmp_path / "f.csv"
+    file.write_bytes("\ufeffsubject,environment,k_ref,k_adj\nä,a,10,11\n".encode(order))
+    options = ReadOptions(sessions={"encoding": declared} if declared else {})
+    assert read_sessions(file, scene=options).subjects == ("ä",)
 
 
 def test_folders_and_patterns_name_what_they_leave_out(tmp_path):

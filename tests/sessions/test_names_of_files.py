@@ -8,7 +8,6 @@ from percept.errors import UsageError
 from percept.sessions import read_sessions
 from percept.sessions.options import ReadOptions
 from percept.sessions.paths import ids_from_name
-from percept.sessions.records import shown
 
 
 @pytest.mark.parametrize(
@@ -58,13 +57,6 @@ def test_notices_of_many_files_are_one_with_their_number(tmp_path):
     # Their numbers differ: the first file's stand there.
     assert kept.text.startswith('keep = "last" leaves out 0 of 1 rows')
     assert kept.text.endswith(" (and 29 more like this)")
-
-
-def test_long_names_stay_different_in_a_list():
-    names = [f"{'the wall of the first condition ' * 3}{end}" for end in ("left", "right")]
-    listed = shown(names)
-    assert "…" in listed
-    assert listed.count("left") == listed.count("right") == 1
 
 
 def test_a_column_of_an_undeclared_quantity_says_how_to_declare_it():

@@ -466,16 +466,6 @@ def test_a_sequence_that_r_writes_as_its_length_is_held_to_the_limit(tmp_path):
         r_rows(data, "t.rds", None, ReadOptions().files)
 
 
-def test_a_second_sheet_is_named_behind_colons(tmp_path):
-    pytest.importorskip("openpyxl")
-    path = tmp_path / "book.xlsx"
-    with pd.ExcelWriter(path) as book:
-        pd.DataFrame({"about": ["a pilot"]}).to_excel(book, sheet_name="Info", index=False)
-        FRAME.to_excel(book, sheet_name="Trials", index=False)
-    same_as_frame(f"{path}::Trials")
-    assert "no such table; there are 'Info', 'Trials'." in refusal(f"{path}::Data")
-
-
 def test_files_of_all_formats_merge_in_a_folder(tmp_path):
     thirds = [FRAME[FRAME["subject"] == name] for name in FRAME["subject"].unique()]
     (tmp_path / "a.json").write_text(thirds[0].to_json(orient="records"))
