@@ -8,7 +8,17 @@ from collections.abc import Sequence
 from percept.errors import capitalised, counted
 from percept.inference.record import percent
 from percept.report.numbers import bare, digits_of, rounded
-from percept.report.select import METHODS, Section, distinct, listed, matching, ordered, words_of
+from percept.report.select import (
+    KINDS,
+    METHODS,
+    Section,
+    Words,
+    distinct,
+    listed,
+    matching,
+    ordered,
+    words_of,
+)
 from percept.results import AnovaRow, ContrastRow, LevelValues, Results
 from percept.sessions.formula import TRIAL_REFERENCE
 from percept.sessions.quantities import Quantity
@@ -148,16 +158,22 @@ def _subjects_at(rows: Sequence[LevelValues]) -> int:
 
 
 def _overall(rows: Sequence[ContrastRow]) -> list[ContrastRow]:
-    """Return the average user's contrast over all references, of each quantity's best method.
+    """Return every contrast over all references, of each quantity's best method.
 
-    Without such a contrast, return the contrasts of single references.
+    Without such a contrast, return those of single references. They are the average user's, or of
+    the first kind that there is.
     """
-    means = [row for row in matching(rows, kind="mean") if row.of != "level"]
+    of_users = [row for row in rows if row.of not in ("level", "spread")]
     best = []
-    for factor, parameter in dict.fromkeys((row.factor, row.parameter) for row in means):
-        of_quantity = matching(means, factor=factor, parameter=parameter)
-        overall = matching(of_quantity, environment=None) or of_quantity
-        best += matching(overall, method=ordered(METHODS[::-1], overall, "method")[0])
+    for factor, parameter in dict.fromkeys((row.factor, row.parameter) for row in of_users):
+        of_quantity = matching(of_users, factor=factor, parameter=parameter)
+        kind = ordered(KINDS, of_quantity, "kind")[0]
+        of_kind = matching(of_quantity, kind=kind)
+        for first, second in dict.fromkeys((row.first, row.second) for row in of_kind):
+            of_pair = matching(of_kind, first=first, second=second)
+            method = ordered(METHODS[::-1], of_pair, "method")[0]
+            of_method = matching(of_pair, method=method)
+            best += matching(of_method, environment=None) or of_method
     return best
 
 
@@ -167,7 +183,6 @@ def contrast_sentences(results: Results) -> list[str]:
     # No one sentence says what an interaction is.
     rows = [row for row in contrasts if row.of != "interaction"]
     words = words_of(results)
-    users = capitalised(words.users)
     sentences = []
     for row in rows[:_SAID]:
         label = results.data.quantities[row.parameter].label
@@ -181,15 +196,24 @@ def contrast_sentences(results: Results) -> list[str]:
             rests_on += f" and {len(row.references)} of {row.of_references} {places}"
             if len(row.references) < row.of_references:
                 rests_on += f", {listed(row.references)}"
-        said = f"{users} set {label} {_difference(row)}"
+        said = f"{_who_sets(row, words)} {label} {_difference(row)}"
         if row.of == "slope" and row.factor == TRIAL_REFERENCE:
             said = _along_the_reference(row, f"{words.users} set {label}")
         sentences.append(f"{said} with {percent(row.level)} {sure}, from {rests_on}.")
     if len(contrasts) > len(sentences):
-        more = counted(len(contrasts) - len(sentences), "contrast")
+        more = counted(len(contrasts) - len(sentences), "more contrast")
         factors = listed(distinct(contrasts, "factor"))
-        sentences.append(f"The section on {factors} has {more} more.")
+        sentences.append(f"The section on {factors} has {more}.")
     return sentences
+
+
+def _who_sets(row: ContrastRow, words: Words) -> str:
+    """Begin a sentence with the users whose contrast a row holds."""
+    if row.kind == "user":
+        return f"The next {words.user} sets"
+    if row.share is not None:
+        return f"At least {percent(row.share)} of {words.users} set"
+    return f"{capitalised(words.users)} set"
 
 
 def _along_the_reference(row: ContrastRow, users_set: str) -> str:

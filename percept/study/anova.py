@@ -154,11 +154,11 @@ def _values(
         subject = subjects[cells.values.index[row]]
         count = len(np.unique(missing[:, 0]))
         more = f" Cells are missing for {count} subjects in all." if count > 1 else ""
+        cell = factors.cell(environment, levels) if levels else environment
         name = json.dumps(subject, ensure_ascii=False)  # JSON's texts are TOML's, too
         rule = f'{{ column = "subject", equals = {name}, why = "incomplete" }}'
         raise RefusalError(
-            f"{subject} has no trial in {factors.cell(environment, levels)}, and the analysis"
-            f" needs complete cells.{more}",
+            f"{subject} has no trial in {cell}, and the analysis needs complete cells.{more}",
             hint=f"To leave {subject} out: [sessions] exclude = [{rule}]. The contrasts use all"
             " data.",
         )

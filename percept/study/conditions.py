@@ -15,7 +15,7 @@ from percept.sessions import Sessions
 from percept.sessions.formula import TRIAL_REFERENCE, Term, terms_of
 from percept.sessions.read import by_level, refuse_gaps
 from percept.sessions.records import Factors
-from percept.study.basics import Array
+from percept.study.basics import Array, Skipped
 from percept.study.trial_references import at_typical_references
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "covariate_values",
     "level_means",
     "told_apart",
+    "without_data",
 ]
 
 #: A cell: its environment, and its level under each factor.
@@ -206,14 +207,37 @@ def comparisons(
     cells : sequence of (str, tuple of str)
         Environment and levels of the cells that have data.
     """
+    for term, outline, signs in _outlines(conditions, factors):
+        yield from _by_reference(term, outline, signs, factors, cells)
+
+
+def without_data(
+    conditions: Conditions, factors: Factors, cells: Sequence[CellKey], label: str
+) -> Iterator[Skipped]:
+    """Yield the contrasts of one quantity that `comparisons` cannot make; `label` names it."""
+    for term, outline, signs in _outlines(conditions, factors):
+        made = _by_reference(term, outline, signs, factors, cells)
+        found = {comparison.environment for comparison in made}
+        lacking = [name for name in factors.environments if name not in found]
+        if not lacking:
+            continue
+        what = f"contrast of {label}, {outline.second} against {outline.first}"
+        levels = "all its levels" if outline.interaction else "both levels"
+        if found:
+            yield Skipped(f"{what}, in {', '.join(lacking)}", f"there are no data at {levels}")
+        else:
+            yield Skipped(what, f"no reference has data at {levels}")
+
+
+def _outlines(conditions: Conditions, factors: Factors) -> Iterator[tuple[Term, Comparison, Signs]]:
+    """Yield every pair of levels and every interaction, without references or weights."""
     for factor in conditions.factors:
         within = factor not in conditions.between
         for pair in itertools.combinations(factors.levels[factor], 2):
-            corners = {pair[0]: -1.0, pair[1]: 1.0}
-            signs: Signs = {(level,): sign for level, sign in corners.items()}
             groups = ("", "") if within else pair
+            signs: Signs = {(pair[0],): -1.0, (pair[1],): 1.0}
             outline = Comparison(factor, *pair, None, (), {}, within, groups=groups)
-            yield from _by_reference((factor,), outline, signs, factors, cells)
+            yield (factor,), outline, signs
     for term in conditions.terms:
         if len(term) == 1:
             continue
@@ -223,21 +247,18 @@ def comparisons(
             pairs_of_factor = itertools.combinations(factors.levels[factor], 2)
             of_factors.append(list(pairs_of_factor))
         for pairs in itertools.product(*of_factors):
-            first = ", ".join(pair[0] for pair in pairs)
-            second = ", ".join(pair[1] for pair in pairs)
-            groups = pairs[term.index(between[0])] if between else ("", "")
             outline = Comparison(
                 ":".join(term),
-                first,
-                second,
+                ", ".join(pair[0] for pair in pairs),
+                ", ".join(pair[1] for pair in pairs),
                 None,
                 (),
                 {},
                 within=not between,
                 interaction=True,
-                groups=groups,
+                groups=pairs[term.index(between[0])] if between else ("", ""),
             )
-            yield from _by_reference(term, outline, _signs(pairs), factors, cells)
+            yield term, outline, _signs(pairs)
 
 
 def _signs(pairs: Sequence[tuple[str, str]]) -> Signs:

@@ -29,6 +29,7 @@ from percept.study.conditions import (
     comparisons,
     conditions_of,
     level_means,
+    without_data,
 )
 from percept.study.contrast_table import ContrastTable
 from percept.study.intervals import Row
@@ -60,6 +61,10 @@ def contrast_rows(
             references=len(factors.environments if factors else sessions.environments),
             users=scene.user_noun,
         )
+    if inference.method != "bayesian":
+        for p, column in itertools.product(parameters, conditions.covariates):
+            what = f"classical slope of {sessions.quantities[p].label} on {column}"
+            yield Skipped(what, "only the hierarchical model estimates slopes")
     if inference.method != "bayesian" and factors is not None:
         for p in parameters:
             try:
@@ -73,6 +78,10 @@ def contrast_rows(
         # The classical method does without the model.
         from percept.study.posterior_contrasts import posterior_contrasts
 
+        if factors is not None and fit.contrasts is not None:
+            cells = [factors.cells[name] for name in fit.environments]
+            for table in tables.values():
+                yield from without_data(conditions, factors, cells, table.quantity.label)
         yield from posterior_contrasts(fit, tables)
 
 
@@ -88,7 +97,9 @@ def _classical(
     )
     levels = {factor: factors.levels[factor] for factor in within}
     cells = {str(cell): cell for cell in own.cells}
-    of_subjects = comparisons(reduced, Factors(levels, cells), own.cells)
+    factors_within = Factors(levels, cells)
+    of_subjects = comparisons(reduced, factors_within, own.cells)
+    yield from without_data(reduced, factors_within, own.cells, table.quantity.label)
     for _, family in itertools.groupby(of_subjects, _told_together):
         yield from _of_subjects(own, list(family), table)
     cells_of_all = list(factors.cells.values())
@@ -98,9 +109,14 @@ def _classical(
         what = f"classical contrasts of groups in {table.quantity.label}"
         yield Skipped(what, "Welch's test compares the groups of one column only")
         return
-    for comparison in comparisons(conditions, factors, cells_of_all):
-        if not comparison.within:
-            yield from _of_groups(own, factors, comparison, table)
+    groups = dataclasses.replace(
+        conditions,
+        factors=tuple(conditions.between),
+        terms=tuple(term for term in conditions.terms if set(term) & conditions.between),
+    )
+    yield from without_data(groups, factors, cells_of_all, table.quantity.label)
+    for comparison in comparisons(groups, factors, cells_of_all):
+        yield from _of_groups(own, factors, comparison, table)
 
 
 def _told_together(comparison: Comparison) -> tuple[str, str, str]:

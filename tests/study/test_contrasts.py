@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
+from percept.report.contrast import contrast_sentences
 from percept.report.tables import csv_tables
 from percept.sessions import ReadError, ReadOptions, Sessions
 from percept.sessions.read import by_level
@@ -17,7 +18,7 @@ from percept.study.contrast_table import chosen_contrasts
 from percept.study.results import diagnostics_of
 from tests import DATASETS
 from tests.documents import as_results, build_document, page_of
-from tests.study.within import frame, study
+from tests.study.within import crossed, frame, study
 
 
 def means(table, response):
@@ -78,7 +79,7 @@ def test_contrasts_say_what_they_cover():
         " 95 % confidence (from 8 of 8 users, with both levels)."
     )
     assert row_of(found, None, kind="share")["covers"].startswith(
-        "For at least 95 % of all users the ratio of stiffness (right over left) lies between the"
+        "For at least 99 % of all users the ratio of stiffness (right over left) lies between the"
         " limits"
     )
     assert row_of(study(frame(), "normal").parts.contrasts, "VE1", kind="user")[
@@ -198,6 +199,82 @@ def test_what_has_no_contrast_is_named():
         UsageError, match="'hand': says nothing that the environments and the other"
     ):
         study(apart)
+
+
+def given_and_skipped(table, **tables):
+    """Contrasts of bias by levels and environment, and the names of what is left out."""
+    inference = {"method": "classical", "kinds": ["mean"]}
+    sessions = {"trial": "order"}
+    scene = Scene(**{"inference": inference, "sessions": sessions, **tables})
+    options = ReadOptions.from_mapping(dict(scene))
+    made = Study(Sessions.from_frame(table, scene=options), scene)
+    rows = made.parts.contrasts
+    given = set()
+    if len(rows):
+        rows = rows[rows["of"].isin(["bias", "interaction"])].fillna({"environment": "overall"})
+        given = set(zip(rows["second"], rows["first"], rows["environment"], strict=True))
+    return given, {part.what: part.why for part in made.skipped}
+
+
+def test_levels_that_never_meet_are_named():
+    table = frame(levels=("a", "b", "c"))
+    met = np.where(table["environment"] == "VE1", table["hand"] != "c", table["hand"] != "a")
+    given, skipped = given_and_skipped(table[met], model={"bias": "hand"})
+    assert given == {
+        ("b", "a", "VE1"),
+        ("b", "a", "overall"),
+        ("c", "b", "VE2"),
+        ("c", "b", "VE3"),
+        ("c", "b", "overall"),
+    }
+    assert skipped["contrast of stiffness, c against a"] == "no reference has data at both levels"
+    at_both = "there are no data at both levels"
+    assert skipped["contrast of stiffness, b against a, in VE2, VE3"] == at_both
+    assert skipped["contrast of stiffness, c against b, in VE1"] == at_both
+
+
+def test_interactions_and_groups_without_data_are_named():
+    table = frame(levels=("a", "b", "c"))
+    table["load"] = np.where(table["trial"] == 1, "x", "y")
+    corner = (table["hand"] == "c") & (table["load"] == "y")
+    given, skipped = given_and_skipped(table[~corner], model={"bias": "hand * load"})
+    assert {(second, first) for second, first, _ in given if "," in second} == {("b, y", "a, x")}
+    at_all = "no reference has data at all its levels"
+    assert skipped["contrast of stiffness, c, y against a, x"] == at_all
+    assert skipped["contrast of stiffness, c, y against b, x"] == at_all
+    group = np.where(table["subject"] < "S4", "novice", "expert")
+    apart = (group == "novice") & (table["environment"] == "VE1")
+    given, skipped = given_and_skipped(table.assign(group=group)[~apart], model={"bias": "group"})
+    assert {environment for _, _, environment in given} == {"VE2", "VE3", "overall"}
+    there = "there are no data at both levels"
+    assert skipped["contrast of stiffness, expert against novice, in VE1"] == there
+
+
+@pytest.mark.parametrize("bias", ["dose", "hand + dose"])
+def test_slopes_that_the_classical_method_lacks_are_named(bias):
+    given, skipped = given_and_skipped(crossed(), model={"bias": bias})
+    why = "only the hierarchical model estimates slopes"
+    assert skipped["classical slope of stiffness on dose"] == why
+    assert len(given) == (4 if bias == "hand + dose" else 0)
+
+
+def test_the_first_screen_has_every_pair_of_levels():
+    table = frame(levels=("a", "b", "c"))
+    # No reference has the level c for every subject.
+    place = np.where(table["subject"] < "S4", "VE1", "VE2")
+    met = (table["hand"] != "c") | (table["environment"] == place)
+    sentences = contrast_sentences(study(table[met]).results())
+    levels = [text.partition(" times as high with ")[2].partition(":")[0] for text in sentences]
+    # The first pair over all references, the others at each of theirs.
+    assert levels[:3] == ["b as with a", "c as with a", "c as with a"]
+    assert sentences[2].startswith("Users set stiffness in VE2 ")
+    assert sentences[3:] == ["The section on hand has 2 more contrasts."]
+
+
+def test_the_first_screen_tells_the_kind_that_was_asked_for():
+    inference = {"method": "classical", "family": "lognormal", "kinds": ["user"]}
+    (sentence,) = contrast_sentences(study(frame(), inference=inference).results())
+    assert sentence.startswith("The next user sets stiffness 1.19 times as high")
 
 
 @pytest.mark.parametrize(

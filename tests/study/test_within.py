@@ -202,6 +202,7 @@ def test_limits_of_spread_meet_the_tolerance(made):
 
 def test_a_tolerance_that_is_not_met_is_said(made):
     asked = {"method": "bayesian", "tolerance": 0.003, "most_steps": 200, "walkers": 64}
+    asked["share"] = 0.95
     fit = Study(made.sessions, made.scene.with_inference(**asked)).parts.fit
     # The worst limit of all, of cells and of contrasts.
     assert fit.passed
