@@ -212,7 +212,7 @@ def plot_band(
     with rc_context(_STYLE):
         ax = _axes(ax)
         draw_band(ax, series)
-        ax.set_title(f"kind {series.kind}")
+        ax.set_title("next user")
         return _legend(ax)
 
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import elementwise
 
 from percept.html import NotebookRecord
-from percept.inference.record import Family, Kind, Method
+from percept.inference.record import Family, Method
 from percept.results import BandLaw, BandStatement, Estimate
 
 Array = NDArray[np.float64]
@@ -66,7 +66,6 @@ class BandOwner:
     """Whose bands are spoken of."""
 
     method: Method
-    kind: Kind
     family: Family
     parameter: str | None = None  # Whose bands lie against its own reference; None for abs(Z_e)
 
@@ -77,7 +76,7 @@ class BandStudy(NotebookRecord):
 
     omega: float | None  # rad/s; None where the quantities make no impedance
     rows: pd.DataFrame
-    laws: tuple[BandLaw, ...]  # Three per method, kind and family, with at least three environments
+    laws: tuple[BandLaw, ...]  # Three per method and family, with at least three environments
     statements: tuple[BandStatement, ...] = ()
     kappa: pd.DataFrame | None = None
 
@@ -104,7 +103,7 @@ def band_laws(
     replicates : ndarray, shape (S, J)
         Bands of other studies, or of posterior draws.
     whose : BandOwner
-        Method, kind and family of the bands.
+        Method and family of the bands.
     level : float
         Of the parameters' intervals.
 

@@ -47,21 +47,16 @@ class Comparison:
 
     sentence: str
     bands: str  # How the methods' boundaries differ; empty without boundaries
-    families: list[str]
-    units: str
 
 
 def comparison(results: Results) -> Section | None:
-    """Return pairs of intervals, with how classical and Bayesian differ, and why."""
+    """Say how classical and Bayesian intervals differ, and why."""
     pairs = results.comparison
     if not pairs:
         return None
-    units = [f"{q.symbol} in {q.unit or 'its own unit'}" for q in results.data.quantities.values()]
     view = Comparison(
         sentence=_differences(pairs, results),
         bands=" ".join(bands_sentences(results.band_pairs or ())),
-        families=distinct(pairs, "family"),
-        units=listed(units),
     )
     return Section("comparison", "Classical against Bayesian", view)
 

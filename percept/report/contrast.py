@@ -26,20 +26,10 @@ from percept.sessions.quantities import Quantity
 __all__ = ["Design", "LevelPanel", "contrast", "contrast_sentences", "design_words", "level_panels"]
 
 _SAID = 3  # more contrasts than this are counted on the first screen, not said
+#: What is compared, in the order of the table.
+_PARTS = ("level", "bias", "spread", "interaction", "slope")
 #: Digits of an estimate, at least: beside a wide interval it has the digits of the narrow one.
 _LEAST_DIGITS = 3
-
-
-@dataclasses.dataclass(frozen=True)
-class ContrastTable:
-    """The contrasts of two levels in the bias or the spread of one quantity, or one interaction."""
-
-    factor: str
-    first: str
-    second: str
-    quantity: Quantity
-    of: str
-    rows: list[ContrastRow]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,7 +49,8 @@ class Contrasts:
     ratio: bool  # Whether contrasts of bias are ratios, else differences
     bayesian: bool
     overall: list[ContrastRow]  # Of the average user, over all references
-    tables: list[ContrastTable]
+    rows: list[ContrastRow]  # Pair by pair of levels
+    several: bool  # Quantities
     anova: list[AnovaTable]
     least_digits: int = _LEAST_DIGITS  # Of estimates
 
@@ -69,23 +60,21 @@ def contrast(results: Results) -> Section | None:
     rows = results.contrast
     if not rows:
         return None
+    parameters = distinct(rows, "parameter")
     pairs = list(dict.fromkeys((row.factor, row.first, row.second) for row in rows))
-    tables = []
-    for factor, first, second in pairs:
-        of_pair = matching(rows, factor=factor, first=first, second=second)
-        for parameter in distinct(rows, "parameter"):
-            quantity = results.data.quantities[parameter]
-            for of in ("level", "bias", "spread", "interaction", "slope"):
-                of_quantity = matching(of_pair, parameter=parameter, of=of)
-                if of_quantity:
-                    tables.append(ContrastTable(factor, first, second, quantity, of, of_quantity))
+
+    def place(row: ContrastRow) -> tuple[int, int, int]:
+        pair = pairs.index((row.factor, row.first, row.second))
+        return pair, parameters.index(row.parameter), _PARTS.index(row.of)
+
     view = Contrasts(
         within=listed(distinct(matching(rows, within=True), "factor")),
         groups=listed(distinct(matching(rows, within=False), "factor")),
         ratio=rows[0].family == "lognormal",
         bayesian="bayesian" in distinct(rows, "method"),
         overall=_overall(rows),
-        tables=tables,
+        rows=sorted(rows, key=place),
+        several=len(parameters) > 1,
         anova=[
             AnovaTable(results.data.quantities[name], matching(results.anova, parameter=name))
             for name in distinct(results.anova, "parameter")

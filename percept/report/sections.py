@@ -306,18 +306,16 @@ def device(results: Results) -> Section | None:
 
 @dataclasses.dataclass(frozen=True)
 class BandLine:
-    """The bands of one environment and kind, by method."""
+    """The bands of one environment, by method."""
 
     environment: str
-    kind: str
     bands: dict[str, BandRow]
 
 
 @dataclasses.dataclass(frozen=True)
 class LawLine:
-    """The laws of one kind and method, by model."""
+    """The laws of one method, by model."""
 
-    kind: str
     method: str
     laws: dict[str, BandLaw]
 
@@ -336,11 +334,11 @@ class BandPart:
     lines: list[BandLine]
     laws: dict[str, str]  # Formulas by model
     law_lines: list[LawLine]
-    statements: dict[str, list[BandStatement]]  # Of every kind and method, by their sentence
+    statements: dict[str, list[BandStatement]]  # Of every method, by their sentence
 
     @property
     def stated(self) -> list[BandStatement]:
-        """Return the statements of the first sentence: one per kind and method."""
+        """Return the statements of the first sentence: one per method."""
         return next(iter(self.statements.values()), [])
 
 
@@ -368,15 +366,12 @@ def _band_part(
     lines = []
     for environment in distinct(rows, "environment"):
         of_environment = matching(rows, environment=environment)
-        for kind in ordered(KINDS, of_environment, "kind"):
-            bands: dict[str, BandRow] = {
-                row.method: row for row in matching(of_environment, kind=kind)
-            }
-            lines.append(BandLine(environment, kind, bands))
+        bands: dict[str, BandRow] = {row.method: row for row in of_environment}
+        lines.append(BandLine(environment, bands))
     law_lines = []
-    for group in _by_kind_and_method(laws):
-        by_model = {law.model: law for law in group}
-        law_lines.append(LawLine(group[0].kind, group[0].method, by_model))
+    for method in distinct(laws, "method"):
+        by_model = {law.model: law for law in matching(laws, method=method)}
+        law_lines.append(LawLine(method, by_model))
     return BandPart(
         name="band" if parameter is None else f"band_{parameter}",
         size=size_name(parameter),

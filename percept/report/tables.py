@@ -22,7 +22,7 @@ _INTERVAL = (
     "upper", "estimate", "reference", "n", "left_out", "covers",
 )  # fmt: skip
 _DATA = ("environment", "n", "reference", "mean", "sd")
-_BAND = ("environment", "method", "kind", "family")
+_BAND = ("environment", "method", "family")
 _REFERENCE_BAND = (*_BAND, "reference", "band", "relative")
 _IMPEDANCE_BAND = (*_BAND, "impedance", "band", "relative")
 _CURVE = ("environment", "kind", "method", "family", "joint", "shape", "level")
@@ -65,7 +65,6 @@ def csv_tables(results: Results) -> dict[str, str]:
     tables["equivalence"] = _all_fields(results.equivalence)
     tables["contrast"] = _all_fields(results.contrast)
     tables["anova"] = _all_fields(results.anova)
-    tables["comparison"] = _all_fields(results.comparison or ())
     tables["band_pairs"] = _band_pairs(results.band_pairs or ())
     tables["memberships"] = _all_fields(memberships)
     tables["verdicts"] = _verdicts(results.verdicts)

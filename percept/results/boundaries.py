@@ -93,11 +93,10 @@ class Estimate(NotebookRecord):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class BandRow:
-    """Width of one environment's interval against the environment's own size."""
+    """Width of one environment's interval of users against the environment's own size."""
 
     environment: str
     method: Method
-    kind: Kind
     family: Family
     impedance: float | None = None  # abs(Z_e) in N·s/m; None where the size is a reference
     reference: float | None = None  # In the parameter's unit; None where the size is an impedance
@@ -113,7 +112,6 @@ class BandLaw(NotebookRecord):
     """A law fitted to bands over environments."""
 
     method: Method
-    kind: Kind
     family: Family
     parameter: str | None = None  # Whose bands lie against its own reference; None for abs(Z_e)
     model: str  # "weber": w|Z|, "offset": c + w|Z|, "power": w|Z|^p
@@ -132,7 +130,6 @@ class BandStatement(NotebookRecord):
     """A statement on bands, with the probability that it is true."""
 
     method: Method
-    kind: Kind
     family: Family
     parameter: str | None = None
     statement: str  # In words
@@ -156,6 +153,6 @@ class Band(NotebookRecord):
 
     omega: float | None  # rad/s; None where the quantities make no impedance
     rows: tuple[BandRow, ...]
-    laws: tuple[BandLaw, ...]  # Three per method, kind and family, with at least three environments
+    laws: tuple[BandLaw, ...]  # Three per method and family, with at least three environments
     statements: tuple[BandStatement, ...] = ()
     kappa: tuple[WeberTrend, ...] | None = None

@@ -21,7 +21,7 @@ from percept.boundary.band import (
 from percept.haptics import Device, magnitude_envelope
 from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.classical.moments import Moments
-from percept.inference.record import Family, Kind, Method
+from percept.inference.record import Family, Method
 from percept.results import BandLaw, BandStatement
 from percept.scene import InferenceTable
 from percept.sessions.quantities import is_impedance
@@ -50,12 +50,12 @@ _BOOTSTRAP = 1000
 _DRAWS = 2000
 # Radians between samples at which abs(Z_h) of no device is abs(Z_e), to a double's digits.
 _SAMPLED = 1e-8
-_LABELS = ["method", "kind", "family"]
+_LABELS = ["method", "family"]
 
 #: Lower and upper limits, scalars or one per replicate, by parameter and environment.
 CellLimits = Mapping[tuple[str, str], tuple[Array, Array]]
-#: Limits that other studies, or posterior draws, would have: by method, kind and family.
-Replicates = dict[tuple[Method, Kind, Family], CellLimits]
+#: Limits that other studies, or posterior draws, would have: by method and family.
+Replicates = dict[tuple[Method, Family], CellLimits]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,8 +97,6 @@ def with_band(
     parameters: Sequence[str],
     environments: Sequence[str],
     omega: float,
-    *,
-    no_share: bool,
 ) -> Iterator[Banded | Skipped]:
     """Yield what bands are set against: the impedance at `omega`, or each parameter's reference."""
     if is_impedance(parameters):
@@ -107,15 +105,15 @@ def with_band(
             k = reference["k", environment]
             b = reference["b", environment]
             size[environment] = float(np.hypot(b, k / omega))
-        yield from _band_of(Banded(None, size, omega), "", no_share=no_share)
+        yield from _band_of(Banded(None, size, omega), "")
         return
     for parameter in parameters:
         size = {environment: reference[parameter, environment] for environment in environments}
         of_parameter = "" if len(parameters) == 1 else f" of {parameter}"
-        yield from _band_of(Banded(parameter, size), of_parameter, no_share=no_share)
+        yield from _band_of(Banded(parameter, size), of_parameter)
 
 
-def _band_of(banded: Banded, of_parameter: str, *, no_share: bool) -> Iterator[Banded | Skipped]:
+def _band_of(banded: Banded, of_parameter: str) -> Iterator[Banded | Skipped]:
     """Yield environments of positive size, and say which have no band and which laws lack."""
     name = size_name(banded.parameter)
     what = "the impedance of its reference" if banded.parameter is None else "its reference"
@@ -134,9 +132,6 @@ def _band_of(banded: Banded, of_parameter: str, *, no_share: bool) -> Iterator[B
         yield Skipped(law, why)
     elif not determines_laws(list(positive.values())):
         yield Skipped(law, f"without one environment all {name}s lie within 5 % of each other")
-    elif no_share:
-        why = "a single posterior draw has no band that holds a share of users"
-        yield Skipped(f"Bayesian {law}, kind share", why)
 
 
 def classical_replicates(
@@ -152,30 +147,23 @@ def classical_replicates(
             for of_environment in one_band.cells(moments).values():
                 needed.update(of_environment)
         redrawn = {cell: _redrawn(moments[cell], rng) for cell in moments if cell in needed}
-        for kind in asked.kinds:
-            replicates["classical", kind, family] = {
-                cell: _limits(moments[cell], *drawn, kind, family, asked)
-                for cell, drawn in redrawn.items()
-            }
+        replicates["classical", family] = {
+            cell: _limits(moments[cell], *drawn, family, asked) for cell, drawn in redrawn.items()
+        }
     return replicates
 
 
 def posterior_replicates(fit: Fit, asked: InferenceTable) -> Replicates:
-    """Return limits of the central interval given each posterior draw: of the mean, or of users."""
+    """Return limits of the central interval of users given each posterior draw."""
     stride = max(1, len(fit.points) // _DRAWS)
     points = fit.points[::stride]
     means, _ = fit.model.draw(points, generator(asked.seed, Stream.POSTERIOR_BANDS))
     laws = fit.model.laws(points)
     out = -special.ndtri(0.5 * (1.0 - asked.level))
-    replicates: Replicates = {}
-    spreads = {"mean": (laws.mean, laws.sd), "user": (means, laws.population_sd)}
-    for kind, (centre, sd) in spreads.items():
-        if kind in asked.kinds:
-            lower = fit.scale.native(centre - out * sd)
-            upper = fit.scale.native(centre + out * sd)
-            limits = {cell: (lower[:, c], upper[:, c]) for cell, c in fit.column.items()}
-            replicates["bayesian", kind, asked.family] = limits
-    return replicates
+    lower = fit.scale.native(means - out * laws.population_sd)
+    upper = fit.scale.native(means + out * laws.population_sd)
+    limits = {cell: (lower[:, c], upper[:, c]) for cell, c in fit.column.items()}
+    return {("bayesian", asked.family): limits}
 
 
 def _redrawn(moments: Moments, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -192,10 +180,10 @@ def _redrawn(moments: Moments, rng: np.random.Generator) -> tuple[Array, Array]:
 
 
 def _limits(
-    moments: Moments, mean: Array, sd: Array, kind: Kind, family: Family, asked: InferenceTable
+    moments: Moments, mean: Array, sd: Array, family: Family, asked: InferenceTable
 ) -> tuple[Array, Array]:
     """Limits about redrawn means and SDs: an interval's half-width in SDs depends on n alone."""
-    interval = interval_of(kind, moments, Claim(**claim_of(asked), family=family))
+    interval = interval_of("user", moments, Claim(**claim_of(asked), family=family))
     assert interval.factor is not None
     half_width = float(interval.factor) * sd
     lower = mean - half_width
@@ -228,8 +216,8 @@ def band_study(
         if table.empty:
             continue
         by_labels = dict(iter(table.groupby(_LABELS, sort=False)))
-        for (method, kind, family), limits in replicates.items():
-            rows = by_labels.get((method, kind, family))
+        for (method, family), limits in replicates.items():
+            rows = by_labels.get((method, family))
             if rows is None:  # no environment has an interval of this family
                 continue
             drawn = one_band.ends(limits)
@@ -242,7 +230,7 @@ def band_study(
             # Draws of a posterior have laws of their own; a bootstrap's scatter about the study's
             # bands.
             bands = None if method == "bayesian" else rows["band"].to_numpy()
-            whose = BandOwner(method=method, kind=kind, family=family, parameter=one_band.parameter)
+            whose = BandOwner(method=method, family=family, parameter=one_band.parameter)
             laws += band_laws(environments, size, bands, redrawn, whose, level=asked.level)
             statements += band_statements(size, redrawn, whose)
     every = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
@@ -251,10 +239,10 @@ def band_study(
 
 
 def _rows(intervals: pd.DataFrame, banded: Banded) -> Iterator[dict[str, object]]:
-    """Yield the band of each environment, method, kind and family with all its limits."""
-    marginal = intervals[intervals["joint"] == "marginal"]
-    for labels, rows in marginal.groupby(["environment", *_LABELS], sort=False):
-        _, method, kind, family = labels
+    """Yield the band of users of each environment, method and family that has all its limits."""
+    of_users = intervals[(intervals["joint"] == "marginal") & (intervals["kind"] == "user")]
+    for labels, rows in of_users.groupby(["environment", *_LABELS], sort=False):
+        _, method, family = labels
         limits: dict[tuple[str, str], tuple[Array, Array]] = {}
         for interval in rows.to_dict("records"):
             cell = interval["parameter"], interval["environment"]
@@ -265,7 +253,6 @@ def _rows(intervals: pd.DataFrame, banded: Banded) -> Iterator[dict[str, object]
             row: dict[str, object] = {
                 "environment": environment,
                 "method": method,
-                "kind": kind,
                 "family": family,
             }
             if banded.parameter is not None:

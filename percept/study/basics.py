@@ -13,7 +13,7 @@ from percept.errors import RefusalError, UsageError
 from percept.inference.record import Family
 from percept.results import Skipped
 from percept.scene import InferenceTable, Scene
-from percept.sessions.quantities import Quantities, is_impedance
+from percept.sessions.quantities import Quantities
 
 if TYPE_CHECKING:
     from percept.inference.hierarchy.priors import Priors
@@ -106,12 +106,6 @@ def referenced(
     quantities: Quantities,
 ) -> Iterator[str | Skipped]:
     """Yield the environments with a reference of stiffness and damping, which curves need."""
-    if len(environments) == 1:
-        yield Skipped("trend over environments and band law", "there is one environment")
-    if not is_impedance(parameters):
-        if is_impedance(quantities):
-            yield Skipped("boundaries", f"only {quantities[parameters[0]].label} was adjusted")
-        return
     for environment in environments:
         names = [
             quantities[p].label for p in parameters if not np.isfinite(reference[p, environment])

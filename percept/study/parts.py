@@ -121,6 +121,8 @@ class Parts:
             if self.sessions.form == "trials":
                 refuse_lone_subject(self.sessions.subjects)
             rows += classical_rows(self.cells, asked, self.reference, users=self.scene.user_noun)
+        if self._fit is None:
+            return rows
         if isinstance(self._fit, Skipped):
             return [*rows, self._fit]
         from percept.study.fit import bayesian_rows
@@ -163,9 +165,9 @@ class Parts:
         return {family: cell_moments(self.sessions, self.parameters, family) for family in FAMILIES}
 
     @cached_property
-    def _fit(self) -> Fit | Skipped:
+    def _fit(self) -> Fit | Skipped | None:
         if self.scene.inference.method == "classical":
-            return Skipped("hierarchical model", "only the classical method was asked for")
+            return None
         from percept.study.fit import fitted
         from percept.study.prepare import prepared_beside
 
@@ -226,9 +228,14 @@ class Parts:
 
     @cached_property
     def _with_reference(self) -> list[str | Skipped]:
-        return list(
-            referenced(self.reference, self.parameters, self.environments, self.sessions.quantities)
-        )
+        quantities = self.sessions.quantities
+        if not is_impedance(self.parameters):
+            if self.device is None or not is_impedance(quantities):
+                return []
+            why = f"only {quantities[self.parameters[0]].label} was adjusted"
+            return [Skipped("boundaries", why)]
+        whole = self.reference, self.parameters, self.environments, quantities
+        return list(referenced(*whole))
 
     @property
     def with_reference(self) -> tuple[str, ...]:
@@ -291,8 +298,7 @@ class Parts:
 
     @cached_property
     def _pairs(self) -> list[SubjectPairs | Skipped]:
-        device = self.device is not None
-        return list(subject_pairs(self.sessions, self.scene, self.parameters, device=device))
+        return list(subject_pairs(self.sessions, self.scene, self.parameters))
 
     @cached_property
     def curve_laws(self) -> tuple[Law, ...]:
@@ -306,12 +312,15 @@ class Parts:
 
     @cached_property
     def _banded(self) -> list[Banded | Skipped]:
-        """What bands are set against: environments' impedance, or quantities' references."""
+        """What bands are set against: environments' impedance, or quantities' references.
+
+        A band is of users; without their intervals there is none.
+        """
+        if "user" not in self.scene.inference.kinds:
+            return []
         names = self.with_reference if is_impedance(self.parameters) else self.environments
         read_at = self.scene.frequency.read_at
-        share = "share" in self.scene.inference.kinds
-        no_share = share and self.passed is not None
-        return list(with_band(self.reference, self.parameters, names, read_at, no_share=no_share))
+        return list(with_band(self.reference, self.parameters, names, read_at))
 
     @cached_property
     def band(self) -> BandStudy | None:

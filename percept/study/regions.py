@@ -197,7 +197,7 @@ def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
 
 
 def subject_pairs(
-    sessions: Sessions, scene: Scene, parameters: Sequence[str], *, device: bool
+    sessions: Sessions, scene: Scene, parameters: Sequence[str]
 ) -> Iterator[SubjectPairs | Skipped]:
     """Yield what classical ellipses and laws come from, and those there are none of."""
     asked = scene.inference
@@ -206,11 +206,6 @@ def subject_pairs(
         yield Skipped("subject effects and k-b correlation", "published limits do not hold them")
     if not is_impedance(parameters):
         return
-    if "share" in asked.kinds:
-        yield Skipped("ellipse of kind share", "there is no exact ellipse of a share of users")
-        if device:
-            why = "a share of users has no curve of its own"
-            yield Skipped("curves through draws, kind share", why)
     if published:
         why = "published limits hold no correlation of k and b"
         yield Skipped("ellipses and curves through draws", why)

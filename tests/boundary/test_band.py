@@ -17,7 +17,7 @@ from percept.results import BandLaw
 
 Z = np.geomspace(1.0, 5000.0, 40)
 Z4 = np.array([1.0, 10.0, 100.0, 1000.0])
-WHOSE = BandOwner(method="bayesian", kind="user", family="normal")
+WHOSE = BandOwner(method="bayesian", family="normal")
 TRUE = {"weber": (0.12,), "offset": (0.8, 0.1), "power": (0.5, 0.8)}
 
 

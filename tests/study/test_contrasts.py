@@ -156,7 +156,7 @@ def test_contrasts_without_a_ratio_are_in_the_quantity_s_unit(reference):
         assert row["unit"] == "N/m"
         assert "(right less left, in N/m)" in row["covers"]
         page = page_of(build_document(made))
-        assert "difference in N/m" in page
+        assert "bias (N/m)" in page
         assert " N/m, <data" in page
         assert "references, <data" not in page
 

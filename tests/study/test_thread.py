@@ -118,7 +118,6 @@ def test_nothing_is_computed_for_what_the_scene_leaves_out():
     assert bare.posterior is None
     what = {part.what: part.why for part in bare.skipped}
     assert what["boundaries of Z_h"] == "the scene has no [device]"
-    assert what["hierarchical model"] == "only the classical method was asked for"
     assert not any(name.startswith("zoom") for name in what)
 
 

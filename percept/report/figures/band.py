@@ -24,13 +24,11 @@ from percept.report.figures.canvas import (
     row_labels,
 )
 from percept.report.select import (
-    KINDS,
     METHOD_NAMES,
     METHODS,
     distinct,
     families_of,
     first,
-    kind_names,
     matching,
     words_of,
 )
@@ -60,7 +58,7 @@ _SIZE = (150.0, 58.0)  # mm
 
 @dataclass(frozen=True, eq=False)
 class Widths:
-    """Bands of one method and kind."""
+    """Bands of one method."""
 
     label: str  # For the legend
     method: str
@@ -74,7 +72,6 @@ class Widths:
 class BandSeries:
     """What a figure of bands is drawn from."""
 
-    kind: str  # What the intervals cover
     sizes: FloatArray  # (m,) Where laws are drawn
     widths: tuple[Widths, ...]  # By method
     axis: str  # What the bands are against, in words
@@ -159,7 +156,7 @@ def _band_drawing(results: Results, band: Band, parameter: str | None) -> Drawin
 
     return Drawing(
         name=name,
-        title=f"{title}, {kind_names(results.data.words)[series.kind]}",
+        title=f"{title}, next {results.data.words.user[0]}",
         description=f"Width of the band of {said}.",
         size=_SIZE,
         draw=draw,
@@ -172,14 +169,13 @@ def band_series(
     families: Sequence[str],
     quantities: Mapping[str, Quantity],
 ) -> BandSeries:
-    """Return bands of the next user, or else the first kind, in the first family of each method."""
+    """Return bands of the next user, in the first family of each method."""
     rows = matching(band.rows, parameter=parameter)
-    kind = next(kind for kind in ("user", *KINDS) if matching(rows, kind=kind))
     sizes = np.array([_size(row) for row in rows])
     grid = np.geomspace(sizes.min() / _BEYOND, sizes.max() * _BEYOND, _LAW_POINTS)
     widths: list[Widths] = []
     for method in METHODS:
-        row = first(matching(rows, method=method, kind=kind), family=families)
+        row = first(matching(rows, method=method), family=families)
         if row is not None:
             widths.append(_widths(band, row, grid))
     if parameter is None:
@@ -188,7 +184,7 @@ def band_series(
     else:
         axis = f"reference {quantities[parameter].words}"
         unit = quantities[parameter].unit
-    return BandSeries(kind, grid, tuple(widths), axis, unit)
+    return BandSeries(grid, tuple(widths), axis, unit)
 
 
 def _size(row: BandRow) -> float:
@@ -199,7 +195,7 @@ def _size(row: BandRow) -> float:
 
 
 def _widths(band: Band, like: BandRow, grid: FloatArray) -> Widths:
-    """Return the bands and laws of the same method, kind, family and parameter as a row."""
+    """Return the bands and laws of the same method, family and parameter as a row."""
     rows = _with_keys_of(band.rows, like)
     laws: dict[str, FloatArray] = {}
     for law in _with_keys_of(band.laws, like):
@@ -216,6 +212,4 @@ def _widths(band: Band, like: BandRow, grid: FloatArray) -> Widths:
 
 
 def _with_keys_of(records: Sequence[T], like: BandRow) -> list[T]:
-    return matching(
-        records, method=like.method, kind=like.kind, family=like.family, parameter=like.parameter
-    )
+    return matching(records, method=like.method, family=like.family, parameter=like.parameter)
