@@ -30,7 +30,7 @@ __all__ = ["COMPARE"]
 
 _PAIRS = [
     "environment", "parameter", "kind", "lower_classical", "upper_classical", "lower_bayesian",
-    "upper_bayesian", "width_ratio", "shift", "overlap",
+    "upper_bayesian", "width_ratio", "shift",
 ]  # fmt: skip
 _STEPS = ["environment", "parameter", "cause", "width", "log_width_error", "centre", "centre_error"]
 _CONTRAST = [

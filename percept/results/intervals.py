@@ -128,7 +128,6 @@ class MethodPair(NotebookRecord):
     width_ratio: float | None  # Bayesian over classical
     relative: bool  # Whether all references of the parameter are positive
     shift: float | None  # Bayesian estimate over the classical one, less one; else less the other
-    overlap: float | None  # Shared over joined length, on the family's scale
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

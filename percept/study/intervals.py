@@ -214,8 +214,8 @@ def with_left_out(rows: Sequence[IntervalRow], sessions: Sessions) -> list[Inter
     return counted
 
 
-def compare_intervals(intervals: pd.DataFrame, family: str) -> pd.DataFrame:
-    """Pair the methods' marginal intervals; overlap is measured on the scale of the scene's family.
+def compare_intervals(intervals: pd.DataFrame) -> pd.DataFrame:
+    """Pair the methods' marginal intervals.
 
     The shift of the estimates is relative, or in the quantity's unit where one of its references is
     zero or negative.
@@ -235,12 +235,6 @@ def compare_intervals(intervals: pd.DataFrame, family: str) -> pd.DataFrame:
     both["relative"] = ~both["parameter"].isin(by_difference)
     ratio = new / old - 1.0
     both["shift"] = ratio.where(both["relative"], new - old)
-    if family == "lognormal":
-        low = np.log(low)
-        high = np.log(high)
-    shared = high.min(axis=0) - low.max(axis=0)
-    whole = high.max(axis=0) - low.min(axis=0)
-    both["overlap"] = np.maximum(shared, 0.0) / whole
     return both
 
 

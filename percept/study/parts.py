@@ -404,7 +404,7 @@ class Parts:
     def comparison(self) -> pd.DataFrame | None:
         """The methods' intervals in equal family and kind; a copy, None without both methods."""
         both = self.passed is not None and self.scene.inference.method == "both"
-        return compare_intervals(self.intervals, self.scene.inference.family) if both else None
+        return compare_intervals(self.intervals) if both else None
 
     @cached_property
     def band_pairs(self) -> tuple[BandPair, ...] | None:

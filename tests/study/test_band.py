@@ -8,7 +8,7 @@ import pytest
 from scipy import special, stats
 
 from percept import Scene, Study
-from percept.boundary.band import LAWS, determines_laws, fit_law
+from percept.boundary.band import LAWS, fit_law
 from percept.sessions import Sessions
 from percept.study.band import (
     Banded,
@@ -171,11 +171,3 @@ def test_the_size_of_an_environment_ranges_over_its_limits_as_on_a_grid() -> Non
         lower, upper = Banded(None, {"E": 1.0}, 10.0).ends(limits)["E"]
         assert float(upper) == pytest.approx(grid.max(), rel=1e-14)
         assert float(lower) == pytest.approx(grid.min(), abs=0.05)
-
-
-def test_references_within_a_few_per_cent_determine_no_law():
-    """An exponent from references of 82.6 and 83.2 overflowed, and no report was made."""
-    apart = 100.0 * np.array([1.0, 1.06, 2.0])
-    assert determines_laws(apart)
-    close = np.array([80.7, 82.6, 83.2])
-    assert not determines_laws(close)

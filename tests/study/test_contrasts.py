@@ -201,61 +201,35 @@ def test_what_has_no_contrast_is_named():
         study(apart)
 
 
-def given_and_skipped(table, **tables):
-    """Contrasts of bias by levels and environment, and the names of what is left out."""
-    inference = {"method": "classical", "kinds": ["mean"]}
-    sessions = {"trial": "order"}
-    scene = Scene(**{"inference": inference, "sessions": sessions, **tables})
-    options = ReadOptions.from_mapping(dict(scene))
-    made = Study(Sessions.from_frame(table, scene=options), scene)
-    rows = made.parts.contrasts
-    given = set()
-    if len(rows):
-        rows = rows[rows["of"].isin(["bias", "interaction"])].fillna({"environment": "overall"})
-        given = set(zip(rows["second"], rows["first"], rows["environment"], strict=True))
-    return given, {part.what: part.why for part in made.skipped}
+def why_skipped(table, bias):
+    made = study(table, model={"bias": bias})
+    return {part.what: part.why for part in made.skipped}
 
 
-def test_levels_that_never_meet_are_named():
+def test_levels_and_groups_that_never_meet_are_named():
     table = frame(levels=("a", "b", "c"))
     met = np.where(table["environment"] == "VE1", table["hand"] != "c", table["hand"] != "a")
-    given, skipped = given_and_skipped(table[met], model={"bias": "hand"})
-    assert given == {
-        ("b", "a", "VE1"),
-        ("b", "a", "overall"),
-        ("c", "b", "VE2"),
-        ("c", "b", "VE3"),
-        ("c", "b", "overall"),
-    }
-    assert skipped["contrast of stiffness, c against a"] == "no reference has data at both levels"
-    at_both = "there are no data at both levels"
-    assert skipped["contrast of stiffness, b against a, in VE2, VE3"] == at_both
-    assert skipped["contrast of stiffness, c against b, in VE1"] == at_both
-
-
-def test_interactions_and_groups_without_data_are_named():
-    table = frame(levels=("a", "b", "c"))
+    why = why_skipped(table[met], "hand")
+    assert why["contrast of stiffness, c against a"] == "no reference has data at both levels"
+    there = "there are no data at both levels"
+    assert why["contrast of stiffness, b against a, in VE2, VE3"] == there
+    assert why["contrast of stiffness, c against b, in VE1"] == there
+    table["group"] = np.where(table["subject"] < "S4", "novice", "expert")
+    apart = (table["group"] == "novice") & (table["environment"] == "VE1")
+    assert (
+        why_skipped(table[~apart], "group")["contrast of stiffness, expert against novice, in VE1"]
+        == there
+    )
     table["load"] = np.where(table["trial"] == 1, "x", "y")
     corner = (table["hand"] == "c") & (table["load"] == "y")
-    given, skipped = given_and_skipped(table[~corner], model={"bias": "hand * load"})
-    assert {(second, first) for second, first, _ in given if "," in second} == {("b, y", "a, x")}
-    at_all = "no reference has data at all its levels"
-    assert skipped["contrast of stiffness, c, y against a, x"] == at_all
-    assert skipped["contrast of stiffness, c, y against b, x"] == at_all
-    group = np.where(table["subject"] < "S4", "novice", "expert")
-    apart = (group == "novice") & (table["environment"] == "VE1")
-    given, skipped = given_and_skipped(table.assign(group=group)[~apart], model={"bias": "group"})
-    assert {environment for _, _, environment in given} == {"VE2", "VE3", "overall"}
-    there = "there are no data at both levels"
-    assert skipped["contrast of stiffness, expert against novice, in VE1"] == there
+    why = why_skipped(table[~corner], "hand * load")
+    assert why["contrast of stiffness, c, y against a, x"].endswith("at all its levels")
 
 
-@pytest.mark.parametrize("bias", ["dose", "hand + dose"])
-def test_slopes_that_the_classical_method_lacks_are_named(bias):
-    given, skipped = given_and_skipped(crossed(), model={"bias": bias})
-    why = "only the hierarchical model estimates slopes"
-    assert skipped["classical slope of stiffness on dose"] == why
-    assert len(given) == (4 if bias == "hand + dose" else 0)
+def test_slopes_that_the_classical_method_lacks_are_named():
+    why = why_skipped(crossed(), "hand * load + dose")
+    said = "only the hierarchical model estimates slopes"
+    assert why["classical slope of stiffness on dose"] == said
 
 
 def test_the_first_screen_has_every_pair_of_levels():
@@ -264,9 +238,8 @@ def test_the_first_screen_has_every_pair_of_levels():
     place = np.where(table["subject"] < "S4", "VE1", "VE2")
     met = (table["hand"] != "c") | (table["environment"] == place)
     sentences = contrast_sentences(study(table[met]).results())
-    levels = [text.partition(" times as high with ")[2].partition(":")[0] for text in sentences]
     # The first pair over all references, the others at each of theirs.
-    assert levels[:3] == ["b as with a", "c as with a", "c as with a"]
+    assert "with b as with a" in sentences[0]
     assert sentences[2].startswith("Users set stiffness in VE2 ")
     assert sentences[3:] == ["The section on hand has 2 more contrasts."]
 

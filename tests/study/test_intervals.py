@@ -69,6 +69,6 @@ def test_estimates_about_a_negative_reference_shift_in_their_unit():
         for p, reference in (("k", -6.0), ("b", 6.0))
         for method, estimate in (("classical", -0.5), ("bayesian", 0.5))
     ]  # fmt: skip
-    found = compare_intervals(pd.DataFrame(rows), "normal").set_index("parameter")
+    found = compare_intervals(pd.DataFrame(rows)).set_index("parameter")
     assert found["relative"].to_dict() == {"k": False, "b": True}
     assert found["shift"].to_dict() == {"k": 1.0, "b": -2.0}

@@ -6,7 +6,6 @@ import pytest
 from percept import Scene, Study, UsageError
 from percept.sessions import ReadOptions, Sessions
 from percept.study.basics import results
-from percept.study.prepare import prepare
 from tests import LONG
 from tests.documents import build_document, page_of
 from tests.study.within import crossed, frame, study
@@ -16,11 +15,6 @@ def bayesian(made, **inference):
     asked = {"tolerance": 0.05, "method": "bayesian"} | inference
     scene = made.scene.with_inference(**asked)
     return Study(made.sessions, scene).parts.contrast_rows
-
-
-def model_of(made):
-    scene = made.scene.with_inference(method="bayesian")
-    return prepare(made.sessions, scene, made.parts.parameters).contrasts.model
 
 
 @pytest.fixture(scope="module")
@@ -37,17 +31,6 @@ def rows(made):
 @pytest.fixture(scope="module")
 def computed(rows):
     return results(rows)
-
-
-def test_the_model_has_a_cell_for_each_reference_and_level(made):
-    model = model_of(made)
-    assert model.statistics.environments == made.parts.environments
-    assert model.design.cells.environment.tolist() == [0, 0, 1, 1, 2, 2]
-    np.testing.assert_allclose(model.statistics.x[0], [-1, -1, 0, 0, 1, 1], atol=1e-12)
-    # Missing cells of a subject stay missing.
-    gaps = np.isnan(model.statistics.cell_means[:, 0])
-    assert gaps.sum() == 2
-    assert gaps[3, 2:4].all()
 
 
 def test_many_subjects_leave_little_to_the_priors(made, computed):
@@ -109,20 +92,16 @@ def test_what_the_model_cannot_carry_is_said():
         ("hand + place", {"place": lambda t: t["environment"]}, "'place': says nothing that the"),
         ("hand + flat", {"flat": "1.0"}, "all rows have one value"),
         ("hand + foot", {}, "column 'foot'"),
+        ({"bias": "hand + dose", "spread": "dose"}, {}, "is no factor of the model"),
     ],
 )
 def test_terms_that_the_data_cannot_carry_are_refused_by_name(bias, change, message):
     table = crossed().query("load == 'low'").assign(**change)
-    scene = Scene(model={"bias": bias}, inference={"method": "classical"})
+    model = bias if isinstance(bias, dict) else {"bias": bias}
+    scene = Scene(model=model, inference={"method": "classical"})
     options = ReadOptions.from_mapping(dict(scene))
     with pytest.raises(UsageError, match=message):
         Study(Sessions.from_frame(table, scene=options), scene)
-
-
-def test_levels_that_differ_in_spread_are_factors():
-    scene = Scene(model={"bias": "hand + dose", "spread": "dose"})
-    with pytest.raises(UsageError, match="is no factor of the model"):
-        Study(Sessions.from_frame(crossed(), scene=ReadOptions.from_mapping(dict(scene))), scene)
 
 
 @pytest.fixture(scope="module")
@@ -198,13 +177,3 @@ def test_limits_of_spread_meet_the_tolerance(made):
     half_width = np.diff(ends, axis=2)[..., 0].mean(axis=0) / 2.0
     differ = np.sqrt((np.std(ends, axis=0, ddof=1) ** 2).mean(axis=1)) / half_width
     assert np.sqrt((differ**2).mean()) < 2.0 * 0.05
-
-
-def test_a_tolerance_that_is_not_met_is_said(made):
-    asked = {"method": "bayesian", "tolerance": 0.003, "most_steps": 200, "walkers": 64}
-    asked["share"] = 0.95
-    fit = Study(made.sessions, made.scene.with_inference(**asked)).parts.fit
-    # The worst limit of all, of cells and of contrasts.
-    assert fit.passed
-    # Limits of several contrasts are nearly as far: chance decides which is the worst.
-    assert "limit of contrast in " in fit.run.gate.error_reached
