@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import importlib.util
 import io
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -281,8 +282,13 @@ def run_batch(
         The folder cannot be used, holds files that percept did not write, or Parquet is asked for
         and pyarrow is not installed.
     """
-    if table_format == "parquet":
-        _require_pyarrow()
+    if table_format == "parquet" and importlib.util.find_spec("pyarrow") is None:
+        raise UsageError(
+            "a Parquet table needs pyarrow, which is not installed.",
+            key="--format",
+            value="parquet",
+            hint="Install the extra, percept-haptics[tables], or leave --format out.",
+        )
     folder = own_folder(out, force=force)
     with exclusive(folder, wait=False):
         kept = Checkpoint(folder / _FINISHED, "batch", what="analysed")
@@ -375,15 +381,3 @@ def _write_table(text: str, path: Path, table_format: TableFormat) -> None:
         ),
     )
     pq.write_table(table, path, compression="zstd")
-
-
-def _require_pyarrow() -> None:
-    try:
-        import pyarrow.parquet  # noqa: F401 - whether it is there
-    except ImportError:
-        raise UsageError(
-            "a Parquet table needs pyarrow, which is not installed.",
-            key="--format",
-            value="parquet",
-            hint="Install the extra, percept-haptics[tables], or leave --format out.",
-        ) from None

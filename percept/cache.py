@@ -30,7 +30,6 @@ __all__ = [
     "digest",
     "encode",
     "numbers_version",
-    "unsealed",
 ]
 
 _SUFFIX = ".npz"
@@ -159,7 +158,7 @@ class PosteriorCache:
         """Return the stored run of what is asked, equal in every digit."""
         path = self._path(asked)
         try:
-            run = decode(unsealed(path))
+            run = decode(path.read_bytes())
         except FileNotFoundError:
             return None
         except OSError as error:
@@ -181,7 +180,7 @@ class PosteriorCache:
     def keep(self, asked: tuple[object, ...], run: Run) -> None:
         """Store the run of what is asked."""
         path = self._path(asked)
-        data = _sealed(path, encode(run))
+        data = encode(run)
         if len(data) > self.limit:
             _log.info(
                 "posterior %s takes %d bytes, more than the cache may", path.stem[:12], len(data)
@@ -218,7 +217,7 @@ class PosteriorCache:
         return len(entries)
 
     def _path(self, asked: tuple[object, ...]) -> Path:
-        return self.folder / f"{digest(numbers_version('inference'), *asked)}{_SUFFIX}"
+        return self.folder / f"{digest(numbers_version('inference', 'cache'), *asked)}{_SUFFIX}"
 
     def _evict(self) -> None:
         """Remove what is unused for longest; the newest stays: it is no larger than the cache."""
@@ -228,20 +227,6 @@ class PosteriorCache:
             if total > self.limit:
                 path.unlink(missing_ok=True)
                 total -= size
-
-
-def _sealed(path: Path, data: bytes) -> bytes:
-    """Put a digest of an entry and of its name before it."""
-    return hashlib.sha256(path.name.encode() + data).digest() + data
-
-
-def unsealed(path: Path) -> bytes:
-    """Read an entry; ValueError where it is not what was kept under this name."""
-    content = path.read_bytes()
-    data = content[hashlib.sha256().digest_size :]
-    if content != _sealed(path, data):
-        raise ValueError("it holds other numbers than were kept")
-    return data
 
 
 def _mark_used(path: Path) -> None:

@@ -19,7 +19,7 @@ from percept.errors import UsageError
 
 __all__ = [
     "MARKER", "FolderFiles", "exclusive", "filled_folder", "inert", "own_folder", "refuse_foreign",
-    "whole_file", "write_new", "write_whole",
+    "whole_file", "write_whole",
 ]  # fmt: skip
 
 #: A folder with this file is percept's own. It lists, line by line, what percept wrote there.
@@ -66,11 +66,11 @@ class FolderFiles:
 
 
 @contextmanager
-def whole_file(path: Path, *, new: bool = False) -> Iterator[Path]:
+def whole_file(path: Path) -> Iterator[Path]:
     """Give a hidden name beside `path` to write to; at the end that file takes the place of `path`.
 
     `path` is never seen in part, whatever stops the process or the machine: the bytes go to the
-    disk first. FileExistsError where it has to be new and is there at the end.
+    disk first.
     """
     path = path.resolve()
     _remove_abandoned(path.parent)
@@ -81,10 +81,6 @@ def whole_file(path: Path, *, new: bool = False) -> Iterator[Path]:
         with exclusive(aside):
             yield aside
             _sync(aside, os.O_RDWR)
-            if new:
-                # Only a link refuses to replace; a file system without links replaces.
-                with suppress(PermissionError, NotImplementedError):
-                    os.link(aside, path)
             aside.replace(path)
     finally:
         with suppress(OSError):
@@ -96,14 +92,6 @@ def whole_file(path: Path, *, new: bool = False) -> Iterator[Path]:
 def write_whole(path: Path, data: bytes) -> None:
     """Write a file by `whole_file`."""
     with whole_file(path) as aside:
-        aside.write_bytes(data)
-
-
-def write_new(path: Path, data: bytes) -> None:
-    """Write a file that is whole or not there; FileExistsError where there is one already."""
-    if os.path.lexists(path):
-        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
-    with whole_file(path, new=True) as aside:
         aside.write_bytes(data)
 
 

@@ -94,10 +94,7 @@ def plan_mean(
     family: Family = "normal",
 ) -> Plan:
     """Find the n for which the t-interval of the mean has a wanted half-width."""
-    for name, value in (("half_width", half_width), ("sd", sd)):
-        if not (np.isfinite(value) and value > 0.0):
-            raise UsageError(f"{name} must be a positive number.", value=value)
-    check_option("family", family, ("normal", "lognormal"))
+    _check(family, half_width=half_width, sd=sd)
     half_tail = tail_of(level) / 2.0
     log = family == "lognormal"
     found = _smallest(
@@ -216,11 +213,7 @@ def plan_contrast(
     The power is that of the noncentral t: exact of pairs, and of groups with equal SDs. Of others
     Satterthwaite's degrees of freedom stand for those that each study estimates.
     """
-    named = {"difference": difference, "sd": sd, "other_sd": sd if other_sd is None else other_sd}
-    for name, value in named.items():
-        if not (np.isfinite(value) and value > 0.0):
-            raise UsageError(f"{name} must be a positive number.", value=value)
-    check_option("family", family, ("normal", "lognormal"))
+    _check(family, difference=difference, sd=sd, other_sd=sd if other_sd is None else other_sd)
     half_tail = tail_of(level) / 2.0
     log = family == "lognormal"
     variances = [
@@ -316,15 +309,12 @@ def plan_equivalent(
     RefusalError
         Ten million subjects would be too few.
     """
-    for name, value in (("jnd", jnd), ("sd", sd)):
-        if not (np.isfinite(value) and value > 0.0):
-            raise UsageError(f"{name} must be a positive number.", value=value)
+    _check(family, jnd=jnd, sd=sd)
     if not abs(bias) < jnd:
         hint = "No number of subjects shows a larger bias to be smaller."
         raise UsageError("bias must be smaller than one JND.", value=bias, hint=hint)
     if not 0.5 < decision < 1.0:
         raise UsageError("decision must lie strictly between 0.5 and 1.", value=decision)
-    check_option("family", family, ("normal", "lognormal"))
     to_lower = jnd + bias
     to_upper = jnd - bias
     if family == "lognormal":
@@ -397,6 +387,14 @@ def plan_from_pilot(
         )
         plans.append(plan)
     return PilotPlan(subjects=int(counts.sum()), plan=plans[0], cautious=plans[1])
+
+
+def _check(family: Family, **sizes: float) -> None:
+    """Refuse an unknown family, and sizes that are not positive."""
+    for name, value in sizes.items():
+        if not (np.isfinite(value) and value > 0.0):
+            raise UsageError(f"{name} must be a positive number.", value=value)
+    check_option("family", family, ("normal", "lognormal"))
 
 
 def _smallest_ratio(

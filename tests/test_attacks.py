@@ -15,7 +15,6 @@ from percept import Scene, Sessions, Study, read_sessions
 from percept.batch import encode
 from percept.cli import main
 from percept.errors import RefusalError, UsageError
-from percept.files import write_new
 from percept.report import rewrite_report
 from percept.sessions import ReadOptions
 from percept.sessions.formula import terms_of
@@ -170,15 +169,3 @@ def test_a_report_of_parts_that_do_not_fit_is_refused(tmp_path):
     (tmp_path / "harmed.json").write_text(json.dumps(harmed))
     with pytest.raises(UsageError, match=r"harmed\.json: its parts do not fit each other"):
         rewrite_report(tmp_path / "harmed.json", tmp_path / "again")
-
-
-def test_a_new_file_is_whole_or_not_there(tmp_path, monkeypatch):
-    path = tmp_path / "scene.toml"
-    write_new(path, b"first")
-    with pytest.raises(FileExistsError):
-        write_new(path, b"second")
-    assert path.read_bytes() == b"first"
-    monkeypatch.setattr("os.fsync", lambda handle: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        write_new(tmp_path / "other.toml", b"half")
-    assert [found.name for found in tmp_path.iterdir()] == ["scene.toml"]

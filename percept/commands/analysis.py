@@ -190,7 +190,7 @@ def open_mapper(arguments: argparse.Namespace) -> Iterator[Mapper]:
             "a scheduler has workers of its own.", hint="Give --workers or --scheduler."
         )
     # dask takes a second to import, and is not always installed.
-    from percept.cluster import connected, on_cluster
+    from percept.workers import connected, on_cluster
 
     with connected(arguments.scheduler) as client:
         yield on_cluster(client)

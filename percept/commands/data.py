@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import shlex
 import sys
 from pathlib import Path
@@ -11,7 +12,7 @@ from pathlib import Path
 from percept.commands import JSON, Command, argument, number
 from percept.commands.analysis import SESSIONS, Working, read_scene
 from percept.errors import UsageError, counted, printable
-from percept.files import write_new
+from percept.files import write_whole
 
 __all__ = ["NEW", "SIMULATE", "VALIDATE"]
 
@@ -54,10 +55,10 @@ def _new(arguments: argparse.Namespace) -> None:
 def _write_new(path: str, text: str) -> None:
     """Write a file that is not there yet."""
     hint = "Give another name, or remove it first."
+    if os.path.lexists(path):
+        raise UsageError("is already there and stays as it is.", file=path, hint=hint)
     try:
-        write_new(Path(path), text.encode())
-    except FileExistsError as error:
-        raise UsageError("is already there and stays as it is.", file=path, hint=hint) from error
+        write_whole(Path(path), text.encode())
     except OSError as error:
         hint = "Name a folder that is there."
         raise UsageError(f"cannot be written: {error.strerror}.", file=path, hint=hint) from error

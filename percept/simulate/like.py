@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 import statistics
@@ -39,15 +38,6 @@ _PRINTED_DIGITS = 12
 _UNDERFLOW = 700.0
 Array = NDArray[np.float64]
 _Rows = tuple[tuple[Decimal, ...], ...]
-
-
-@dataclass(frozen=True)
-class _Cell:
-    """One parameter in one environment, with the digits that were printed."""
-
-    reference: Decimal
-    lower: Decimal
-    upper: Decimal
 
 
 @dataclass(frozen=True)
@@ -90,19 +80,21 @@ class PublishedLimits:
             if others:
                 message = f"all rows must have the same {column}; the first has {first}."
                 raise UsageError(message, file=file, column=column, value=str(others[0]))
-        printed = _printed(table)
-        for key in itertools.product(sessions.environments, sessions.parameters):
-            _require_printed(printed.get(key), key, file)
-        cells = [
-            [printed[environment, parameter] for parameter in sessions.parameters]
-            for environment in sessions.environments
-        ]
+        printed: dict[str, _Rows] = {}
+        for name in ("reference", "lower", "upper"):
+            wide = table.pivot(index="environment", columns="parameter", values=name)
+            wide = wide.reindex(index=sessions.environments, columns=sessions.parameters)
+            # As printed, without the last digits of a double.
+            decimals = wide.map(lambda value: Decimal(f"{value:.15g}"))
+            printed[name] = tuple(decimals.itertuples(index=False, name=None))
+        for j, environment in enumerate(sessions.environments):
+            for p, parameter in enumerate(sessions.parameters):
+                limits = (printed["lower"][j][p], printed["upper"][j][p])
+                _require_printed(*limits, f"{environment}, {parameter}", file)
         return cls(
             environments=sessions.environments,
             parameters=sessions.parameters,
-            reference=tuple(tuple(cell.reference for cell in row) for row in cells),
-            lower=tuple(tuple(cell.lower for cell in row) for row in cells),
-            upper=tuple(tuple(cell.upper for cell in row) for row in cells),
+            **printed,
             n=int(table["n"].iloc[0]),
             level=float(table["level"].iloc[0]),
         )
@@ -120,31 +112,19 @@ class PublishedLimits:
         return Moments.from_limits(lower, upper, self.n, level=self.level)
 
 
-def _printed(table: pd.DataFrame) -> dict[tuple[str, str], _Cell]:
-    """Take numbers as they were printed, without the last digits of a double."""
-    cells = {}
-    for row in table.to_dict("records"):
-        numbers = [Decimal(f"{row[name]:.15g}") for name in ("reference", "lower", "upper")]
-        cells[row["environment"], row["parameter"]] = _Cell(*numbers)
-    return cells
-
-
-def _require_printed(cell: _Cell | None, key: tuple[str, str], file: str | None) -> None:
-    """Refuse a cell that no simulated subjects can print as."""
-    where = ", ".join(key)
-    if cell is None:
+def _require_printed(lower: Decimal, upper: Decimal, where: str, file: str | None) -> None:
+    """Refuse limits that no simulated subjects can print as."""
+    if lower.is_nan():
         raise UsageError(f"there is no row for {where}, though others have one.", file=file)
-    digits = max(len(limit.as_tuple().digits) for limit in (cell.lower, cell.upper))
+    digits = max(len(limit.as_tuple().digits) for limit in (lower, upper))
     if digits > _PRINTED_DIGITS:
         raise UsageError(
-            f"{where}: printed limits are needed, and {cell.lower} to {cell.upper} was worked out.",
+            f"{where}: printed limits are needed, and {lower} to {upper} was worked out.",
             file=file,
             hint="percept fit takes means and standard deviations.",
         )
-    if cell.lower == cell.upper:
-        raise UsageError(
-            f"{where}: the limits {cell.lower} and {cell.upper} must differ.", file=file
-        )
+    if lower == upper:
+        raise UsageError(f"{where}: the limits {lower} and {upper} must differ.", file=file)
 
 
 def simulate_like(published: Sessions, *, seed: int, subjects: int | None = None) -> pd.DataFrame:

@@ -11,8 +11,8 @@ Each of three steps has its own record, so that a calibration can hold any of th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, fields
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -131,22 +131,9 @@ class Hyperparameters:
     @classmethod
     def zero(cls, parameters: int) -> Hyperparameters:
         """No bias, no scatter and no correlation of so many parameters."""
-        zero = np.zeros(parameters)
-        return cls(
-            alpha=zero,
-            gamma=zero,
-            tau=zero,
-            sigma_u=zero,
-            rho_u=0.0,
-            s=zero,
-            kappa=zero,
-            omega=zero,
-            rho_w=0.0,
-            s_e=zero,
-            kappa_e=zero,
-            omega_e=zero,
-            rho_e=0.0,
-        )
+        names = [field.name for field in fields(cls)]
+        zeros: dict[str, Any] = dict.fromkeys(names, np.zeros(parameters))
+        return cls(**zeros | {"rho_u": 0.0, "rho_w": 0.0, "rho_e": 0.0})
 
 
 @dataclass(frozen=True, eq=False)

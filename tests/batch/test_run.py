@@ -11,10 +11,9 @@ import pytest
 
 from percept.batch import analyse, run_batch, sources
 from percept.cli import main
-from percept.cluster import on_cluster
 from percept.errors import UsageError
 from percept.files import exclusive
-from percept.workers import in_process, processes
+from percept.workers import in_process, on_cluster, processes
 from tests.unmixed import unmixed_sessions
 from tests.workers.clusters import QUIET, in_threads, scheduler
 

@@ -29,9 +29,9 @@ from percept.calibration.judge import (
     interval_held,
     judge_study,
 )
-from percept.cluster import on_cluster
 from percept.sessions import ReadOptions, Sessions
 from percept.simulate.model import Design, Hyperparameters, TrueValues
+from percept.workers import on_cluster
 from tests import DATASETS, LONG
 from tests.workers.clusters import QUIET, in_threads
 

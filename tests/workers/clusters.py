@@ -11,7 +11,7 @@ import time
 
 import pytest
 
-from percept.cluster import connected
+from percept.workers import connected
 
 #: What dask leaves open or says of itself while it starts and ends.
 QUIET = pytest.mark.filterwarnings(

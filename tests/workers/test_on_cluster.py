@@ -12,9 +12,13 @@ import pytest
 
 distributed = pytest.importorskip("distributed", reason="needs the extra percept-haptics[cluster]")
 
-from percept.cluster import connected, on_cluster, require_same_code  # noqa: E402
 from percept.errors import RefusalError  # noqa: E402 - only where distributed is installed
-from percept.workers import in_process  # noqa: E402
+from percept.workers import (  # noqa: E402
+    connected,
+    in_process,
+    on_cluster,
+    require_same_code,
+)
 from tests.workers.clusters import QUIET, in_threads, scheduler  # noqa: E402
 
 pytestmark = QUIET

@@ -3,10 +3,9 @@ import sys
 import pytest
 
 from percept.cli import build_parser
-from percept.cluster import connected
 from percept.commands.analysis import open_mapper
 from percept.errors import UsageError
-from percept.workers import cores, in_process
+from percept.workers import connected, cores, in_process
 from tests.workers.clusters import QUIET
 
 pytestmark = QUIET
