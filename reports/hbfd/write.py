@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import get_args
 
 import numpy as np
-import pandas as pd
 from markupsafe import Markup, escape
 
 from percept.haptics import Device
@@ -93,8 +92,6 @@ def write_reproduction(published: Published, out: Path, *, command: str) -> list
     made = made_by(command, _PACKAGES)
     document = _document(published, claims, made.versions)
     write_page(out / "claims.json", dumps(plain(document)))
-    write_page(out / "claims.csv", _claims_csv(claims))
-    write_page(out / "table1.csv", _table_csv(document.table))
     page = render_standalone(
         "reports.hbfd",
         "reproduction.html.j2",
@@ -177,30 +174,3 @@ def _table(published: Published) -> list[_Row]:
             )
         )
     return rows
-
-
-def _claims_csv(claims: Sequence[Claim]) -> str:
-    """Return the claims as CSV: one row each, its numbers with all their digits."""
-    rows = []
-    for number, claim in enumerate(claims, start=1):
-        others = []
-        for quantity in claim.numbers:
-            value = plain(quantity.value)
-            others.append(f"{quantity.name} = {value!r} {quantity.unit}".rstrip())
-        row = {"number": number, **plain(claim), "numbers": "; ".join(others)}
-        margin = claim.margin
-        row["margin"] = margin.value if margin else None
-        row["margin_name"] = margin.name if margin else ""
-        row["margin_unit"] = margin.unit if margin else ""
-        rows.append(row)
-    return pd.DataFrame(rows).to_csv(index=False, lineterminator="\n")
-
-
-def _table_csv(rows: Sequence[_Row]) -> str:
-    """Return Table 1 as CSV: printed limits, percept's, and those for users."""
-    table = pd.DataFrame([plain(row) for row in rows]).drop(columns=["user", "share"])
-    table["user_lower"] = [row.user[0] for row in rows]
-    table["user_upper"] = [row.user[1] for row in rows]
-    table["share_lower"] = [row.share[0] for row in rows]
-    table["share_upper"] = [row.share[1] for row in rows]
-    return table.to_csv(index=False, lineterminator="\n")
