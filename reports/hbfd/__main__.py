@@ -16,15 +16,12 @@ def main(words: Sequence[str] | None = None) -> int:
     """Write tables, figures and every claim with its verdict; print the verdicts and the page."""
     parser = argparse.ArgumentParser("python -m reports.hbfd", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="folder to write into")
-    parser.add_argument("--table", help="published limits (the paper's Table 1)")
-    parser.add_argument("--scene", help="device, coupling and range (the paper's)")
     parser.add_argument("--quiet", action="store_true", help="print no verdicts")
     return run(parser, _reproduce, words)
 
 
 def _reproduce(arguments: argparse.Namespace) -> None:
-    published = load_published(arguments.table, arguments.scene)
-    claims = write_reproduction(published, arguments.out, command=arguments.typed)
+    claims = write_reproduction(load_published(), arguments.out, command=arguments.typed)
     if not arguments.quiet:
         for claim in claims:
             print(f"{claim.verdict:<18}“{claim.quote}”")

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NoReturn, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.errors import UsageError
 from percept.haptics import (
     Coupling,
     Device,
@@ -36,8 +35,6 @@ Value: TypeAlias = Any
 THEORETICAL = Coupling(110e3, 100.0)
 #: Where Fig. 7 looks closely, rad/s.
 LOOKED_AT = 10.0
-
-_WINDOWS = 3  # Figs 7b, 7d and 7f
 
 
 @dataclass(frozen=True)
@@ -82,37 +79,12 @@ class Published:
         A rigid device, the tuned coupling, the perceivable range, and in `report.zoom` the windows
         of Figs 7b, 7d and 7f.
     files : tuple of Path
-        Where table and scene were read; empty where they were not.
-
-    Raises
-    ------
-    UsageError
-        For a table without k and b, or a scene that lacks one of these parts.
+        Where table and scene were read.
     """
 
     limits: PublishedLimits
     scene: Scene
     files: tuple[Path, ...] = ()
-
-    def __post_init__(self) -> None:
-        if self.limits.parameters != ("k", "b"):
-            table = str(self.files[0]) if self.files else None
-            raise UsageError("the table must have k and b.", file=table, column="parameter")
-        device = self.scene.device
-        if device is None or device.mass is None or device.modes:
-            self._refuse("device", "the reproduction needs a rigid device: mass and damping.")
-        if self.scene.coupling is None:
-            self._refuse("coupling", "the reproduction needs the coupling of section 2.3.")
-        windows = set(self.scene.report.zoom)
-        if len(windows) != _WINDOWS or not windows <= set(self.limits.environments):
-            message = (
-                "three windows are needed, as in Figs 7b, d and f, on environments of the table."
-            )
-            self._refuse("report.zoom", message)
-
-    def _refuse(self, key: str, message: str) -> NoReturn:
-        scene = str(self.files[1]) if self.files else None
-        raise UsageError(message, file=scene, key=key)
 
     @cached_property
     def walls(self) -> tuple[Wall, ...]:
@@ -229,27 +201,8 @@ def undecided(**values: Value) -> Evidence:
     return Evidence(None, values)
 
 
-def load_published(table: str | Path | None = None, scene: str | Path | None = None) -> Published:
-    """Read the published numbers.
-
-    Parameters
-    ----------
-    table : str or Path, optional
-        Limits as `percept.read_sessions` reads them; the paper's Table 1 by default.
-    scene : str or Path, optional
-        A scene file; by default the one that comes with the table.
-
-    Returns
-    -------
-    Published
-        The limits, the scene, and what follows from them.
-
-    Raises
-    ------
-    UsageError
-        A file that cannot be read or lacks what the reproduction needs.
-    """
-    table_file = Path(table or dataset("hbfd_table1.csv"))
-    scene_file = Path(scene or dataset("hbfd.toml"))
-    limits = PublishedLimits.from_sessions(read_sessions(table_file))
-    return Published(limits, Scene.load(scene_file), (table_file, scene_file))
+def load_published() -> Published:
+    """Read the paper's Table 1 and the scene that comes with it."""
+    files = dataset("hbfd_table1.csv"), dataset("hbfd.toml")
+    table, scene = files
+    return Published(PublishedLimits.from_sessions(read_sessions(table)), Scene.load(scene), files)

@@ -1,15 +1,11 @@
 import cmath
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from percept.errors import UsageError
-from percept.scene import Scene
-from reports.hbfd.__main__ import main
-from reports.hbfd.published import Published, load_published
+from reports.hbfd.published import load_published
 from reports.hbfd.write import PAGE, symbols
 
 COMMITTED = Path(__file__).resolve().parents[3] / "reports" / "hbfd"
@@ -138,51 +134,7 @@ def test_names_of_the_table_are_text_on_the_page(published, claims):
     )
 
 
-def test_a_missing_table_is_named(capsys, tmp_path):
-    assert main(["--table", "nowhere.csv", "--out", str(tmp_path / "out")]) == 2
-    assert "nowhere.csv" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("tables", "says"),
-    [
-        ({"device": None}, "rigid device"),
-        ({"coupling": None}, "coupling"),
-        ({"report": {"zoom": {"VE1": (9.0, 11.0)}}}, "three windows"),
-        (
-            {"report": {"zoom": {"A": (9.0, 11.0), "VE2": (9.0, 11.0), "VE4": (9.0, 11.0)}}},
-            "three windows",
-        ),
-    ],
-    ids=["no device", "no coupling", "too few windows", "windows elsewhere"],
-)
-def test_a_scene_that_lacks_something_is_refused(published, tables, says):
-    kept = {**published.scene.to_dict(), **{name: t for name, t in tables.items() if t}}
-    scene = Scene(**{name: t for name, t in kept.items() if tables.get(name, t) is not None})
-    with pytest.raises(UsageError, match=says):
-        Published(published.limits, scene)
-
-
-def test_a_table_without_damping_is_refused(published):
-    only_k = {
-        name: tuple(row[:1] for row in getattr(published.limits, name))
-        for name in ("reference", "lower", "upper")
-    }
-    with pytest.raises(UsageError, match="k and b"):
-        Published(replace(published.limits, parameters=("k",), **only_k), published.scene)
-
-
 def test_the_paper_is_read_by_default(published):
     found = load_published()
     assert [path.name for path in found.files] == ["hbfd_table1.csv", "hbfd.toml"]
     assert found.limits.environments == ("VE1", "VE2", "VE3", "VE4", "VE5")
-
-
-def test_a_scene_that_lacks_something_is_named(tmp_path):
-    path = tmp_path / "bare.toml"
-    path.write_text("[device]\nmass = 1.0\ndamping = 5.0\nperiod = 0.001\n")
-    with pytest.raises(
-        UsageError, match=r"bare\.toml, coupling: the reproduction needs the coupling"
-    ):
-        load_published(scene=path)
