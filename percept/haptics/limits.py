@@ -8,8 +8,6 @@ forms: limits are then searched over ω.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -29,14 +27,10 @@ from percept.haptics.search import lowest, rising_root, search_grid
 from percept.haptics.stability import demands
 
 __all__ = [
-    "CheapestCoupling",
-    "best_coupling_damping",
     "max_coupling_stiffness",
     "stiffness_limits",
 ]
 
-# β/b of the cheapest coupling: where ∂K/∂β = 0, β² − 5.5·bβ − 2b² = 0.
-_CHEAPEST = (11 + np.sqrt(153)) / 4
 # b_c/b up to which the limit is set at DC under the backward difference (β = 5b there).
 _DC_LIMIT = 5 - 2 * np.sqrt(5)
 
@@ -182,33 +176,3 @@ def stiffness_limits(
     stretch = np.where(half_b <= 0, falling, rising)
     none = (spare < 0) | (available < 0)
     return (np.where(none, 0.0, stretch) / grid.period)[()]
-
-
-class CheapestCoupling(NamedTuple):
-    """The coupling damping that asks for the least device damping, N·s/m."""
-
-    coupling_damping: float  # b_c, about 0.1248·k_cT
-    device_damping: float  # The b_d that it asks for, about 0.10695·k_cT
-
-
-def best_coupling_damping(stiffness: float, period: float) -> CheapestCoupling:
-    """Return the b_c with which a coupling of a given stiffness needs the least b_d (Eqs 6, 8).
-
-    Parameters
-    ----------
-    stiffness : float
-        k_c, N/m.
-    period : float
-        Sampling period T, s.
-
-    Returns
-    -------
-    CheapestCoupling
-    """
-    stretch = stiffness * period
-    kappa_root = np.sqrt((8 / _CHEAPEST - 1) / 27)
-    needed = 1 / (_CHEAPEST * 2 * kappa_root * (1 + _CHEAPEST))
-    return CheapestCoupling(
-        coupling_damping=float((_CHEAPEST * needed - 0.5) * stretch),
-        device_damping=float(needed * stretch),
-    )

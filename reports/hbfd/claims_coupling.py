@@ -17,7 +17,6 @@ from percept.haptics import (
     perceived_impedance,
     required_damping,
 )
-from percept.haptics.limits import best_coupling_damping
 from percept.haptics.rendering import can_render, needed_damping
 from reports.hbfd.devices import (
     DAMPINGS,
@@ -48,6 +47,8 @@ _NEAR = 0.01  # Relative difference of stiffness that nobody feels
 _ONCE = 1e3
 _TWICE = 1e6
 _POINTS = 2001  # Of ω over the perceivable range
+# β/b of the cheapest coupling: where ∂K/∂β = 0, β² − 5.5·bβ − 2b² = 0.
+_CHEAPEST = (11 + np.sqrt(153)) / 4
 _HIGH = 2  # VE4 and VE5: the paper calls them high and very high impedance
 
 
@@ -128,7 +129,7 @@ def _stable_with(published: Published, coupling: Coupling) -> Evidence:
     required = required_damping(coupling, published.period)
     needed = float(required.damping)
     omega = float(required.omega)
-    best, least = best_coupling_damping(float(coupling.stiffness), published.period)
+    best, least = cheapest_damping(float(coupling.stiffness) * published.period)
     in_time = published.rendered(coupling)
     rendered = [name for name, damping in in_time.items() if damping < needed]
     return evidence(
@@ -141,6 +142,13 @@ def _stable_with(published: Published, coupling: Coupling) -> Evidence:
         in_time=in_time,
         rendered=rendered,
     )
+
+
+def cheapest_damping(stretch: float) -> tuple[float, float]:
+    """Return the b_c with which a k_cT asks for the least b_d (Eqs 6, 8 and 10), and that b_d."""
+    kappa_root = np.sqrt((8 / _CHEAPEST - 1) / 27)
+    needed = 1 / (_CHEAPEST * 2 * kappa_root * (1 + _CHEAPEST))
+    return float((_CHEAPEST * needed - 0.5) * stretch), float(needed * stretch)
 
 
 def worst_case(published: Published) -> Evidence:

@@ -16,6 +16,7 @@ from percept.scene import Scene
 from reports.hbfd import claims_figures as figures
 from reports.hbfd import claims_table as table
 from reports.hbfd import devices
+from reports.hbfd.claims_coupling import cheapest_damping
 from reports.hbfd.judging import judge, sentences, verdict_of
 from reports.hbfd.published import Published
 
@@ -270,6 +271,12 @@ def test_damping_asked_for_by_a_scan(k, b, form, claims):
     assert found[name] == pytest.approx(asked.max(), rel=1e-7)
     if not form:
         assert found["ω that binds"] == pytest.approx(omega[asked.argmax()], abs=0.05)
+
+
+def test_the_damping_with_which_a_stiffness_asks_for_least():
+    coupling, device = cheapest_damping(1.0)
+    assert f"{coupling:.4g}" == "0.1248"
+    assert f"{device:.5g}" == "0.10695"
 
 
 def test_two_couplings_with_one_eq_10_and_one_stable_pole():
