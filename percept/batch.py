@@ -24,19 +24,6 @@ from percept.sessions.paths import expand, fitting, is_pattern, may_be_study
 from percept.study import Study
 from percept.workers import Mapper
 
-__all__ = [
-    "COLUMNS",
-    "Job",
-    "Outcome",
-    "StudySource",
-    "Summary",
-    "TableFormat",
-    "analyse",
-    "encode",
-    "run_batch",
-    "sources",
-]
-
 # A scene of this name in a study's folder goes before the batch's own.
 _SCENE_NAME = "scene.toml"
 # Parts of percept whose code decides the digits of a study's rows.

@@ -23,15 +23,6 @@ from percept.errors import UsageError
 from percept.files import exclusive, write_whole
 from percept.inference.sampling.gate import Estimates, Gate, Run, Settings
 
-__all__ = [
-    "PosteriorCache",
-    "cache_folder",
-    "decode",
-    "digest",
-    "encode",
-    "numbers_version",
-]
-
 _SUFFIX = ".npz"
 _ARRAYS = ("points", "components", "errors", "autocorrelation_times")
 # Bytes of all entries: some hundred posteriors of ordinary studies.

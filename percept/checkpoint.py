@@ -19,8 +19,6 @@ from percept.workers import Mapper, in_process
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["Checkpoint", "Line", "plan_digest"]
-
 #: The result of one study, as a line of JSON has it.
 Line = dict[str, Any]
 # How every line starts: what is left of one cut short is told from a file of something else.

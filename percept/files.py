@@ -17,11 +17,6 @@ from pathlib import Path
 
 from percept.errors import UsageError
 
-__all__ = [
-    "MARKER", "FolderFiles", "exclusive", "filled_folder", "inert", "own_folder", "refuse_foreign",
-    "whole_file", "write_whole",
-]  # fmt: skip
-
 #: A folder with this file is percept's own. It lists, line by line, what percept wrote there.
 MARKER = ".percept"
 _HEADER = "# percept wrote these files. It replaces and removes them.\n"

@@ -27,18 +27,6 @@ from percept.errors import RefusalError, UsageError
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = [
-    "Given",
-    "Mapper",
-    "Result",
-    "connected",
-    "cores",
-    "in_process",
-    "on_cluster",
-    "processes",
-    "require_same_code",
-]
-
 Given = TypeVar("Given")
 Result = TypeVar("Result")
 

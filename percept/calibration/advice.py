@@ -19,15 +19,6 @@ from percept.study import Study
 from percept.study.intervals import cell_moments, known_moments
 from percept.workers import Mapper, in_process
 
-__all__ = [
-    "ADVICE_FILE",
-    "STUDIES",
-    "advice_plans",
-    "gather",
-    "own_values",
-    "recommend",
-]
-
 #: Studies needed of each method, under either truth, before any is recommended. Classical ones cost
 #: a thousandth of Bayesian ones.
 STUDIES = {"bayesian": 300, "classical": 10_000}

@@ -25,18 +25,6 @@ from percept.study import Study
 from percept.study.responses import refuse_no_ratio
 from percept.workers import Mapper, in_process
 
-__all__ = [
-    "DecidedShares",
-    "averaged",
-    "coverage",
-    "coverage_markdown",
-    "decided_shares",
-    "fitted_values",
-    "plan_like",
-    "refuse_unfit",
-    "standard_error",
-]
-
 # Of the posterior, what `Hyperparameters` holds; trials have no law over environments there.
 _HYPER_SCALES = ("tau", "sigma_u", "s", "kappa", "omega", "omega_s")
 _CORRELATIONS = ("rho_u", "rho_w", "rho_e")

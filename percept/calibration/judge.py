@@ -29,16 +29,6 @@ from percept.simulate.model import (
 from percept.study import Study
 from percept.study.regions import displayable
 
-__all__ = [
-    "CoveragePlan",
-    "Held",
-    "Labels",
-    "Population",
-    "claim_of_cell",
-    "interval_held",
-    "judge_study",
-]
-
 Array = NDArray[np.float64]
 Family = Literal["lognormal", "normal"]
 Method = Literal["both", "classical", "bayesian"]

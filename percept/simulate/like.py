@@ -21,8 +21,6 @@ from percept.inference import Moments
 from percept.sessions import Sessions
 from percept.simulate.model import SOURCE, Design, correlated_normal, session_table
 
-__all__ = ["BETWEEN", "CORRELATION", "PublishedLimits", "simulate_like", "write_sessions"]
-
 #: Correlation of one parameter in two environments.
 BETWEEN = 0.4
 #: Correlation of stiffness and damping in one environment.

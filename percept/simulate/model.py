@@ -21,21 +21,6 @@ from numpy.typing import ArrayLike, NDArray
 from percept.errors import RefusalError, UsageError
 from percept.inference.hierarchy.priors import Priors
 
-__all__ = [
-    "PARAMETERS",
-    "SOURCE",
-    "Design",
-    "Hyperparameters",
-    "Responses",
-    "TrueValues",
-    "correlated_normal",
-    "draw_environments",
-    "draw_hyperparameters",
-    "draw_responses",
-    "session_table",
-    "simulate",
-]
-
 #: What the column `source` of every simulated table says.
 SOURCE = "simulated"
 #: Stiffness and damping, which a design has unless it says otherwise.
