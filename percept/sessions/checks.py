@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import Quantity
-from percept.sessions.records import IDS, MASS, Notice, Places, Problems, shown
+from percept.sessions.records import IDS, MASS, Notice, Problems, shown
 from percept.sessions.table import Log
 
 #: What tells a trial from others.
@@ -239,10 +238,11 @@ def _slips(table: pd.DataFrame, adj: str, ref: str) -> Iterator[_Slip]:
             return
 
 
-def check_summary(
-    table: pd.DataFrame, options: ReadOptions, place: Places, problems: Problems
-) -> None:
+def check_summary(table: pd.DataFrame, log: Log) -> None:
     """Check the parameters, limits, n, levels and units of a published table."""
+    options = log.options
+    problems = log.problems
+    place = log.places(table)
     names = " or ".join(f'"{name}"' for name in options.quantities)
     n = table["n"]
     level = table["level"]
@@ -261,7 +261,15 @@ def check_summary(
         for row in np.flatnonzero(wrong).tolist():
             hint = "Correct or remove it."
             problems.add(message, column=column, value=values[row], hint=hint, **place(row))
-    _check_declared(table, options.environments, place, problems)
+    # References of the scene.
+    cells = zip(table["environment"], table["parameter"], table["reference"], strict=True)
+    for row, (environment, parameter, reference) in enumerate(cells):
+        own = options.environments.get(environment, {})
+        expected = own.get(f"{parameter}_ref", reference)
+        if reference != expected:
+            message = f"[environments] gives {shown([environment])} the reference {expected:g}."
+            hint = "Correct the table or the scene."
+            problems.add(message, column="reference", value=reference, hint=hint, **place(row))
     # Of what the limits hold, the nearest to the reference: wide limits are no sign of another
     # unit.
     near = table["reference"].clip(table["lower"], table["upper"])
@@ -279,22 +287,6 @@ def check_summary(
         hint = f"Write references and limits in {quantity.unit or 'one unit'}."
         value = float(reference[0])
         problems.add(message, column="reference", value=value, hint=hint, **place(int(rows[0])))
-
-
-def _check_declared(
-    table: pd.DataFrame,
-    declared: Mapping[str, Mapping[str, float]],
-    place: Places,
-    problems: Problems,
-) -> None:
-    """Compare the references of a published table with the scene's."""
-    cells = zip(table["environment"], table["parameter"], table["reference"], strict=True)
-    for row, (environment, parameter, reference) in enumerate(cells):
-        expected = declared.get(environment, {}).get(f"{parameter}_ref", reference)
-        if reference != expected:
-            message = f"[environments] gives {shown([environment])} the reference {expected:g}."
-            hint = "Correct the table or the scene."
-            problems.add(message, column="reference", value=reference, hint=hint, **place(row))
 
 
 def count_grid(table: pd.DataFrame) -> dict[str, int]:

@@ -275,7 +275,7 @@ def _merged(options: ReadOptions, opened: _Opened, paths: Sequence[str] = ()) ->
     merged = pd.concat(frames, ignore_index=True)
     summary = "summary" in first_of_form
     if summary:
-        checks.check_summary(merged, options, log.places(merged), log.problems)
+        checks.check_summary(merged, log)
         log.problems.raise_if_any()
         log.counts["observations"] = len(merged)
         tidy = merged[list(SUMMARY_COLUMNS)].astype({"n": np.int64})
@@ -331,7 +331,7 @@ def _checked_trials(log: Log, merged: pd.DataFrame, opened: _Opened) -> pd.DataF
     parameters = [p for p in options.quantities if p in log.parameters]
     quantities = [options.quantities[p] for p in parameters]
     checks.settle_references(merged, parameters, log)
-    complete_responses(merged, options, parameters, log.places(merged), log.problems)
+    complete_responses(merged, parameters, log)
     merged = without_ends(merged, quantities, log)
     if options.sessions.trial == "order":
         merged["trial"] = merged.groupby(list(IDS), sort=False).cumcount() + 1

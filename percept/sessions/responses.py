@@ -7,35 +7,30 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from percept.sessions.options import ReadOptions
 from percept.sessions.quantities import Quantity
-from percept.sessions.records import Places, Problems
+from percept.sessions.records import Problems
+from percept.sessions.table import Log
 
 #: A whole turn in units of angles.
 _TURNS = {"deg": 360.0, "°": 360.0, "degree": 360.0, "degrees": 360.0}
 _TURNS |= dict.fromkeys(("rad", "radian", "radians"), 2 * np.pi)
 
 
-def complete_responses(
-    table: pd.DataFrame,
-    options: ReadOptions,
-    parameters: Sequence[str],
-    place: Places,
-    problems: Problems,
-) -> None:
+def complete_responses(table: pd.DataFrame, parameters: Sequence[str], log: Log) -> None:
     """Make adjustments of ratios to their references, and of differences from them.
 
     Angles beyond half a turn have no mean: 350 and 10 deg lie beside each other. They are refused,
     unless the adjustments are differences within half a turn.
     """
     for p in parameters:
-        rule = options.columns.get(f"{p}_adj")
+        rule = log.options.columns.get(f"{p}_adj")
         response = rule.response if rule else None
-        half_turn = _half_turn(options.quantities[p])
+        quantity = log.options.quantities[p]
+        half_turn = _half_turn(quantity)
         if half_turn and response == "difference":
-            _refuse_far_differences(table, options.quantities[p], half_turn, place, problems)
+            _refuse_far_differences(table, quantity, half_turn, log)
         elif half_turn:
-            _refuse_whole_turns(table, options.quantities[p], half_turn, problems)
+            _refuse_whole_turns(table, quantity, half_turn, log.problems)
         if response == "ratio":
             table[f"{p}_adj"] *= table[f"{p}_ref"]
         elif response == "difference":
@@ -74,7 +69,7 @@ def _refuse_whole_turns(
 
 
 def _refuse_far_differences(
-    table: pd.DataFrame, quantity: Quantity, half_turn: float, place: Places, problems: Problems
+    table: pd.DataFrame, quantity: Quantity, half_turn: float, log: Log
 ) -> None:
     """Refuse the first difference that goes the long way round."""
     differences = table[f"{quantity.name}_adj"].to_numpy(dtype=float)
@@ -87,4 +82,5 @@ def _refuse_far_differences(
     hint = f"Add or subtract {2 * half_turn:.4g} {unit}."
     value = float(differences[first])
     column = f"{quantity.name}_adj"
-    problems.add(message, column=column, value=value, hint=hint, **place(first))
+    place = log.places(table)(first)
+    log.problems.add(message, column=column, value=value, hint=hint, **place)

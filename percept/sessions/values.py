@@ -6,7 +6,6 @@ import json
 import re
 import unicodedata
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -231,14 +230,6 @@ def fold(name: str) -> str:
     return " ".join(visible.split())
 
 
-@dataclass
-class _Spellings:
-    """One name as it was first written, and its other spellings with the place of each."""
-
-    first: str
-    others: dict[str, str] = field(default_factory=dict)
-
-
 class Names:
     """Names seen so far by column: those that differ in spaces or Unicode form only are one.
 
@@ -246,34 +237,35 @@ class Names:
     """
 
     def __init__(self) -> None:
-        self._known: dict[tuple[str, str], _Spellings] = {}
+        self._first: dict[tuple[str, str], str] = {}
+        self._others: dict[tuple[str, str], dict[str, str]] = {}  # With the place of each
 
     def add(self, column: str, name: str) -> None:
         """Take a spelling from the scene, which goes before the files' spellings."""
-        self._known.setdefault((column, fold(name)), _Spellings(name))
+        self._first.setdefault((column, fold(name)), name)
 
     def settle(self, column: str, cells: pd.Series[str], file: str) -> pd.Series[str]:
         """Write every name of a column in its first spelling."""
         spelled: dict[str, str] = {}
         for name in cells.unique():
-            known = self._known.setdefault((column, fold(name)), _Spellings(name))
-            if name == known.first:
+            key = (column, fold(name))
+            first = self._first.setdefault(key, name)
+            if name == first:
                 continue
-            spelled[name] = known.first
-            if name not in known.others:
-                row = cells.index[cells == name][0]
-                known.others[name] = f"{file}:{row}"
+            spelled[name] = first
+            row = cells.index[cells == name][0]
+            self._others.setdefault(key, {}).setdefault(name, f"{file}:{row}")
         return cells.replace(spelled) if spelled else cells
 
     def notices(self) -> list[Notice]:
         """Say which names have several spellings."""
         notices = []
-        for (column, _), name in self._known.items():
-            if name.others:
-                places = ", ".join(name.others.values())
-                text = (
-                    f"{column} {name.first!r} is one name with another spelling in {places}: they"
-                    " differ in spaces, zero-width characters or Unicode form only"
-                )
-                notices.append(Notice(text))
+        for key, places in self._others.items():
+            column, _ = key
+            text = (
+                f"{column} {self._first[key]!r} is one name with another spelling in"
+                f" {', '.join(places.values())}: they differ in spaces, zero-width characters or"
+                " Unicode form only"
+            )
+            notices.append(Notice(text))
         return notices
