@@ -177,3 +177,33 @@ def test_subjects_with_one_trial_sd_seldom_seem_to_differ():
         chances.append(chance_of_differences(scatter, 5, 4))
     for of_quantity in np.array(chances).T:
         assert stats.kstest(of_quantity, "uniform").pvalue > 1e-3
+
+
+def test_groups_with_trial_sds_of_their_own_have_jnds_of_their_own():
+    rng = np.random.default_rng(1)
+    sds = {"novice": 0.30, "expert": 0.06}
+    rows = []
+    for subject in range(10):
+        group = ("novice", "expert")[subject % 2]
+        effect = rng.normal(0.0, 0.1)
+        for environment, reference in (("VE1", 10.0), ("VE2", 100.0)):
+            location = effect + rng.normal(0.0, 0.05)
+            for trial in range(1, 11):
+                adjusted = reference * np.exp(location + rng.normal(0.0, sds[group]))
+                rows.append([f"S{subject}", environment, group, reference, trial, adjusted])
+    names = ["subject", "environment", "group", "k_ref", "trial", "k_adj"]
+    table = pd.DataFrame(rows, columns=names)
+    scene = Scene(
+        model={"bias": "group", "subjects_trial_sd": True},
+        inference={"method": "bayesian", "level": 0.99, "tolerance": 0.1},
+    )
+    sessions = Sessions.from_frame(table, scene=ReadOptions.from_mapping(dict(scene)))
+    found = Study(sessions, scene).psychophysics
+    webers = found[(found["measure"] == "weber") & found["environment"].notna()]
+    assert len(webers) == 4
+    for row in webers.itertuples():
+        group = row.environment.split("(")[1].removesuffix(")")
+        other = sds["expert" if group == "novice" else "novice"]
+        assert row.lower < sds[group] < row.upper
+        # An average over both groups' cells would lie between the two SDs.
+        assert not row.lower < np.sqrt(sds[group] * other) < row.upper
