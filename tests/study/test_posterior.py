@@ -55,10 +55,13 @@ def test_loo_is_percepts_own(opened, fitted):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Estimated shape parameter")
         found = arviz_stats.loo(opened, pointwise=True)
-    own = fitted.parts.checks.loo
-    # Both are importance sampling of heavy-tailed weights, over other draws.
-    assert found.elpd == pytest.approx(own.elpd, abs=0.5)
-    assert found.elpd_i["subject"].to_numpy().tolist() == list(fitted.sessions.subjects)
+    pointwise = found.elpd_i.to_series()
+    assert list(pointwise.index) == list(fitted.sessions.subjects)
+    trusted = [row for row in fitted.parts.checks.loo.subjects if row.elpd is not None]
+    assert len(trusted) >= len(pointwise) // 2
+    for row in trusted:
+        # Both are importance sampling of heavy-tailed weights, over other draws.
+        assert pointwise[row.subject] == pytest.approx(row.elpd, abs=0.25)
 
 
 @pytest.mark.parametrize(
