@@ -21,7 +21,7 @@ MOST_TOKENS = 294_760
 #: The same of what makes the pages of `reports`.
 MOST_TOKENS_OF_REPORTS = 52_950
 #: The same of the tests.
-MOST_TOKENS_OF_TESTS = 297_750
+MOST_TOKENS_OF_TESTS = 298_200
 #: Tokens on a code line, and in a statement; well-read libraries have 6 to 9, and 10 to 12.
 MOST_TOKENS_PER_LINE = 8.8
 MOST_TOKENS_PER_LINE_OF_A_FOLDER = 9.5
