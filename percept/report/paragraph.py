@@ -12,6 +12,7 @@ from percept.report.select import MOST_OPEN, Words, distinct, listed, matching, 
 from percept.report.sentences import (
     Bias,
     biases_of,
+    disagreements,
     ends,
     mean_sentence,
     named_or_counted,
@@ -52,10 +53,10 @@ def results_paragraph(
         if biases and not results.data.quantities[parameter].is_matched:
             sentences.append(mean_sentence(biases, label, words))
             continue
-        others = {}
-        for other in biases_of(matching(classical, parameter=parameter)):
-            others[other.row.environment] = other
+        by_classical = biases_of(matching(classical, parameter=parameter))
+        others = {other.row.environment: other for other in by_classical}
         sentences += _biases(label, biases, others, words)
+        sentences += disagreements(biases, by_classical, words)
     sentences += user_sentences(rows, results.data.quantities, words)
     sentences += feeling_sentences(results.verdicts, words)
     if sentences and results.data.simulated:

@@ -305,22 +305,6 @@ def device(results: Results) -> Section | None:
 
 
 @dataclasses.dataclass(frozen=True)
-class BandLine:
-    """The bands of one environment, by method."""
-
-    environment: str
-    bands: dict[str, BandRow]
-
-
-@dataclasses.dataclass(frozen=True)
-class LawLine:
-    """The laws of one method, by model."""
-
-    method: str
-    laws: dict[str, BandLaw]
-
-
-@dataclasses.dataclass(frozen=True)
 class BandPart:
     """The bands of the impedance, or of one quantity, with their laws and statements."""
 
@@ -331,15 +315,10 @@ class BandPart:
     unit: str
     family: str
     methods: list[str]
-    lines: list[BandLine]
+    bands: dict[str, dict[str, BandRow]]  # By environment and method
     laws: dict[str, str]  # Formulas by model
-    law_lines: list[LawLine]
+    fitted: dict[str, dict[str, BandLaw]]  # By method and model
     statements: dict[str, list[BandStatement]]  # Of every method, by their sentence
-
-    @property
-    def stated(self) -> list[BandStatement]:
-        """Return the statements of the first sentence: one per method."""
-        return next(iter(self.statements.values()), [])
 
 
 def band(results: Results) -> Section | None:
@@ -363,15 +342,12 @@ def _band_part(
     laws = matching(band.laws, family=family, parameter=parameter)
     statements = matching(band.statements, family=family, parameter=parameter)
     symbol = "|Z|" if quantity is None else "reference"
-    lines = []
-    for environment in distinct(rows, "environment"):
-        of_environment = matching(rows, environment=environment)
-        bands: dict[str, BandRow] = {row.method: row for row in of_environment}
-        lines.append(BandLine(environment, bands))
-    law_lines = []
-    for method in distinct(laws, "method"):
-        by_model = {law.model: law for law in matching(laws, method=method)}
-        law_lines.append(LawLine(method, by_model))
+    bands: dict[str, dict[str, BandRow]] = {}
+    for row in rows:
+        bands.setdefault(row.environment, {})[row.method] = row
+    fitted: dict[str, dict[str, BandLaw]] = {}
+    for law in laws:
+        fitted.setdefault(law.method, {})[law.model] = law
     return BandPart(
         name="band" if parameter is None else f"band_{parameter}",
         size=size_name(parameter),
@@ -380,9 +356,9 @@ def _band_part(
         unit="N·s/m" if quantity is None else quantity.unit,
         family=family,
         methods=ordered(METHODS, rows, "method"),
-        lines=lines,
+        bands=bands,
         laws={name: _LAWS[name].format(symbol) for name in distinct(laws, "model")},
-        law_lines=law_lines,
+        fitted=fitted,
         statements={
             sentence: matching(statements, statement=sentence)
             for sentence in distinct(statements, "statement")

@@ -22,8 +22,8 @@ from percept.results import LadderEffect, OverviewRow
 from percept.sessions.quantities import Quantity
 
 __all__ = [
-    "Bias", "bias_sentences", "biases_of", "cause_sentences", "ends", "mean_sentence",
-    "named_or_counted", "size_said", "user_sentences",
+    "Bias", "bias_sentences", "biases_of", "cause_sentences", "disagreements", "ends",
+    "mean_sentence", "named_or_counted", "size_said", "user_sentences",
 ]  # fmt: skip
 
 #: A bias of so many references and more is written as a multiple.
@@ -37,6 +37,7 @@ _CAUSES = {
     "prior": "the prior",
     "trials": "trial noise, which the model tells from differences between people",
     "pooling": "what the model learns from the other {}",
+    "own_trials": "the trial SD that each person has",
     "correlation": "what the model learns from the other quantity",
 }
 #: Shift over the classical half-width, or log ratio of widths: twice the most error of a step.
@@ -96,7 +97,7 @@ def bias_sentences(
             continue
         sentence = _bias_sentence(biases, capitalised(label), words)
         classical = biases_of(matching(others, parameter=parameter))
-        apart = _disagreement(biases, classical, words, matching(effects, parameter=parameter))
+        apart = disagreements(biases, classical, words, matching(effects, parameter=parameter))
         sentences.append(" ".join([sentence, *apart]))
     return sentences
 
@@ -188,11 +189,11 @@ def _moved(step: LadderEffect) -> float:
     return max(abs(step.log_width), abs(step.centre))
 
 
-def _disagreement(
+def disagreements(
     biases: Sequence[Bias],
     others: Sequence[Bias],
     words: Words,
-    effects: Sequence[LadderEffect],
+    effects: Sequence[LadderEffect] = (),
 ) -> list[str]:
     """Say where the classical interval sees another sign, or lies apart, and why."""
     classical = {other.row.environment: other for other in others}

@@ -119,12 +119,6 @@ class MethodPair(NotebookRecord):
     parameter: str
     kind: Kind
     family: Family
-    lower_classical: float | None
-    upper_classical: float | None
-    estimate_classical: float | None
-    lower_bayesian: float | None
-    upper_bayesian: float | None
-    estimate_bayesian: float | None
     width_ratio: float | None  # Bayesian over classical
     relative: bool  # Whether all references of the parameter are positive
     shift: float | None  # Bayesian estimate over the classical one, less one; else less the other

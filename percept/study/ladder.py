@@ -40,6 +40,7 @@ _CLAUSES = {
     "prior": "the priors say how {users} usually adjust",
     "trials": "the model tells trial noise from differences between {users}",
     "pooling": "the model also learns from the other {environments}",
+    "own_trials": "each {user} has a trial SD of their own",
     "correlation": "the model also learns from the other quantity",
     "scale": "the log scale makes the typical {user} the geometric mean",
     "sampling": "draws are random",
@@ -99,6 +100,7 @@ def climb(
         "prior": pooled,
         "trials": pooled and bool(fit.repeats),
         "pooling": pooled and len(fit.environments) > 1,
+        "own_trials": "phi" in fit.model.scales(fit.points[:1]),
         "correlation": pooled and pair,
         "scale": asked.family == "lognormal",
     }
@@ -115,6 +117,8 @@ def climb(
         if cause in _BY_ENVIRONMENT:
             model_scene = alone
             tables = [rows for _, rows in table.groupby("environment", sort=False)]
+        if cause == "pooling":
+            model_scene = _with_one_trial_sd(normal)
         build = prepare
         if climbed["correlation"] and cause != "correlation":
             build = prepare_apart
@@ -155,6 +159,12 @@ def _without_terms(scene: Scene) -> Scene:
     model = scene.model.model_dump(exclude={"bias", "spread", "subjects_slope"}, exclude_none=True)
     study = scene.study.model_dump(exclude={"factor"}, exclude_none=True)
     return scene.with_tables(model=model, study=study)
+
+
+def _with_one_trial_sd(scene: Scene) -> Scene:
+    """Return a scene in which all subjects share a trial SD."""
+    model = scene.model.model_dump(exclude_none=True) | {"subjects_trial_sd": False}
+    return scene.with_tables(model=model)
 
 
 def _subject_means(table: pd.DataFrame, parameters: tuple[str, ...]) -> pd.DataFrame:

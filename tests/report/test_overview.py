@@ -118,7 +118,9 @@ def test_a_classical_interval_of_another_sign_is_said():
     def said(lower):
         bayesian = (dataclasses.replace(mean, lower=lower, upper=13.7), user)
         both = dataclasses.replace(made, intervals=made.intervals + bayesian)
-        return overview(both).sentences[0]
+        text = overview(both).sentences[0]
+        assert text[text.find(" The classical") :] in findings(both).paragraph
+        return text
 
     assert said(9.9) == (
         "Stiffness in soft: +17 % (Bayesian, 99 %: −1 to +37 %). The classical interval, +0.4 to"

@@ -213,7 +213,6 @@ def test_levels_and_groups_that_never_meet_are_named():
     assert why["contrast of stiffness, c against a"] == "no reference has data at both levels"
     there = "there are no data at both levels"
     assert why["contrast of stiffness, b against a, in VE2, VE3"] == there
-    assert why["contrast of stiffness, c against b, in VE1"] == there
     table["group"] = np.where(table["subject"] < "S4", "novice", "expert")
     apart = (table["group"] == "novice") & (table["environment"] == "VE1")
     assert (
@@ -238,8 +237,6 @@ def test_the_first_screen_has_every_pair_of_levels():
     place = np.where(table["subject"] < "S4", "VE1", "VE2")
     met = (table["hand"] != "c") | (table["environment"] == place)
     sentences = contrast_sentences(study(table[met]).results())
-    # The first pair over all references, the others at each of theirs.
-    assert "with b as with a" in sentences[0]
     assert sentences[2].startswith("Users set stiffness in VE2 ")
     assert sentences[3:] == ["The section on hand has 2 more contrasts."]
 

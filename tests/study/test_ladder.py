@@ -149,6 +149,13 @@ def test_trial_noise_is_named_where_users_scatter_by_nothing_else() -> None:
     assert "as the classical one, because the model leaves trial noise out (×" in of_user
 
 
+def test_trial_sds_of_each_user_are_a_step_of_their_own() -> None:
+    scene = Scene(inference={"family": "normal", "tolerance": 0.3})
+    sessions = read_sessions("tests/golden/data/own_trials.csv", scene=scene)
+    causes = ladder_of(Study(sessions, scene)).effects["cause"].unique()
+    assert list(causes) == ["all", "prior", "trials", "pooling", "own_trials"]
+
+
 def study_of_pair(correlation: float) -> Study:
     """Stiffness set without bias, damping far off what its prior holds possible."""
     rng = np.random.default_rng(4)

@@ -90,8 +90,6 @@ def test_what_the_model_cannot_carry_is_said():
             "'same': says nothing that the environments",
         ),
         ("hand + place", {"place": lambda t: t["environment"]}, "'place': says nothing that the"),
-        ("hand + flat", {"flat": "1.0"}, "all rows have one value"),
-        ("hand + foot", {}, "column 'foot'"),
         ({"bias": "hand + dose", "spread": "dose"}, {}, "is no factor of the model"),
     ],
 )
