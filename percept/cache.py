@@ -95,9 +95,10 @@ def _array(value: Any) -> list[object]:
     return [value.dtype.str, value.shape, hashlib.sha256(data).hexdigest()]
 
 
-def encode(run: Run) -> bytes:
-    """Turn a run into an npz archive: its arrays, and the rest as JSON."""
+def encode(run: Run, question: str) -> bytes:
+    """Turn a run into an npz archive: its arrays, and the question and the rest as JSON."""
     rest = {
+        "question": question,
         "names": run.estimates.names,
         "gate": dataclasses.asdict(run.gate),
         "steps": run.steps,
@@ -111,10 +112,12 @@ def encode(run: Run) -> bytes:
     return archive.getvalue()
 
 
-def decode(data: bytes) -> Run:
+def decode(data: bytes, question: str) -> Run:
     """Turn an archive into the run it was made of; damage raises whatever numpy's reader meets."""
     with np.load(io.BytesIO(data), allow_pickle=False) as kept:
         rest = json.loads(kept["rest"].tobytes())
+        if rest["question"] != question:
+            raise ValueError("it answers another question")
         gate = Gate(**{**rest["gate"], "reasons": tuple(rest["gate"]["reasons"])})
         return Run(
             **{name: kept[name] for name in _ARRAYS},
@@ -149,7 +152,7 @@ class PosteriorCache:
         """Return the stored run of what is asked, equal in every digit."""
         path = self._path(asked)
         try:
-            run = decode(path.read_bytes())
+            run = decode(path.read_bytes(), path.stem)
         except FileNotFoundError:
             return None
         except OSError as error:
@@ -171,7 +174,7 @@ class PosteriorCache:
     def keep(self, asked: tuple[object, ...], run: Run) -> None:
         """Store the run of what is asked."""
         path = self._path(asked)
-        data = encode(run)
+        data = encode(run, path.stem)
         if len(data) > self.limit:
             _log.info(
                 "posterior %s takes %d bytes, more than the cache may", path.stem[:12], len(data)

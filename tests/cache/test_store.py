@@ -34,7 +34,7 @@ def names(cache):
 
 
 def test_a_run_comes_back_in_every_bit(run):
-    found = decode(encode(run))
+    found = decode(encode(run, "asked"), "asked")
     for name in ("points", "components", "errors", "autocorrelation_times"):
         assert getattr(found, name).tobytes() == getattr(run, name).tobytes()
     for name in ("value", "scale"):
@@ -42,12 +42,21 @@ def test_a_run_comes_back_in_every_bit(run):
     assert found.estimates.names == run.estimates.names
     assert found.gate == run.gate
     assert (found.steps, found.stride, found.settings) == (run.steps, run.stride, run.settings)
-    assert encode(found) == encode(run)
+    assert encode(found, "asked") == encode(run, "asked")
+
+
+def test_an_entry_of_another_question_is_not_believed(cache, run, caplog):
+    first = store(cache, 0, run)
+    second = store(cache, 1, run)
+    (cache.folder / first).write_bytes((cache.folder / second).read_bytes())
+    assert cache.find((0,)) is None
+    assert "it answers another question" in caplog.text
+    assert names(cache) == [second]
 
 
 def test_no_flipped_bit_and_no_missing_tail_gives_another_run(run):
     """Of an archive the sums cover the content; a bit outside them changes a date or nothing."""
-    data = encode(run)
+    data = encode(run, "asked")
     rng = np.random.default_rng(1)
     harmed = [data[:end] for end in [0, 1, 13, *rng.integers(0, len(data), 50).tolist()]]
     for place in [*range(60), *rng.integers(60, len(data), 300).tolist(), len(data) - 1]:
@@ -57,7 +66,7 @@ def test_no_flipped_bit_and_no_missing_tail_gives_another_run(run):
     noticed = 0
     for one in harmed:
         try:
-            found = decode(one)
+            found = decode(one, "asked")
         except Exception:  # noqa: BLE001 - whatever numpy's reader meets
             noticed += 1
         else:
