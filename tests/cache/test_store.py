@@ -70,7 +70,7 @@ def test_no_flipped_bit_and_no_missing_tail_gives_another_run(run):
         except Exception:  # noqa: BLE001 - whatever numpy's reader meets
             noticed += 1
         else:
-            assert encode(found) == data
+            assert encode(found, "asked") == data
     assert noticed > 0.8 * len(harmed)
 
 
@@ -107,7 +107,7 @@ def test_a_damaged_entry_is_said_and_discarded(cache, run, caplog, harm):
 
 
 def test_the_longest_unused_goes_first(cache, run):
-    cache.limit = 3 * len(encode(run)) + 1000
+    cache.limit = 3 * len(encode(run, "asked")) + 1000
     first, second, third = (store(cache, number, run) for number in range(3))
     assert names(cache) == [first, second, third]
     assert cache.find((0,)) is not None
@@ -144,7 +144,7 @@ sys.path.insert(0, sys.argv[2])
 import logging, pickle
 from pathlib import Path
 from percept.cache import PosteriorCache, decode
-run = decode(Path(sys.argv[1]).read_bytes())
+run = decode(Path(sys.argv[1]).read_bytes(), "asked")
 cache = PosteriorCache(Path(sys.argv[3]))
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 cache.keep((1,), run)
@@ -157,7 +157,7 @@ import sys
 from pathlib import Path
 from percept.cache import PosteriorCache, decode, encode
 data = Path(sys.argv[1]).read_bytes()
-run = decode(data)
+run = decode(data, "asked")
 cache = PosteriorCache(Path(sys.argv[2]), limit=3 * len(data) + 1000)
 found = 0
 for turn in range(200):
@@ -166,14 +166,14 @@ for turn in range(200):
     if kept is None:
         cache.keep(asked, run)
     else:
-        assert encode(kept) == data
+        assert encode(kept, "asked") == data
         found += 1
 print(found)
 """
 
 
 def test_two_processes_that_store_load_and_evict_at_once_never_see_a_torn_entry(tmp_path, run):
-    (tmp_path / "entry").write_bytes(encode(run))
+    (tmp_path / "entry").write_bytes(encode(run, "asked"))
     arguments = [sys.executable, "-c", TWO, str(tmp_path / "entry"), str(tmp_path / "c")]
     running = [
         subprocess.Popen(
@@ -190,7 +190,7 @@ def test_two_processes_that_store_load_and_evict_at_once_never_see_a_torn_entry(
     assert 1 <= len(left) <= 4  # two evicting at once may each keep their own
     for path in left:
         assert not path.name.startswith(".")
-        decode(path.read_bytes())
+        decode(path.read_bytes(), path.stem)
 
 
 @pytest.mark.parametrize(
@@ -221,7 +221,7 @@ def test_an_entry_is_of_these_versions_and_this_code(cache, run):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of file sizes are POSIX")
 def test_no_room_on_the_disk_is_said_and_leaves_nothing(tmp_path, run):
-    (tmp_path / "entry").write_bytes(encode(run))
+    (tmp_path / "entry").write_bytes(encode(run, "asked"))
     ran = subprocess.run(
         [
             sys.executable,
