@@ -138,9 +138,13 @@ def test_report_ends_with_the_page_and_keeps_what_was_there(tmp_path, capsys):
     out = tmp_path / "out"
     out.mkdir()
     (out / "notes.txt").write_text("mine")
-    code = main(["report", SESSIONS, "--method", "classical", "--out", str(out)])
+    report = ["report", SESSIONS, "--method", "classical", "--out", str(out)]
+    assert main(report) == 2
+    assert "--force" in capsys.readouterr().err
+    code = main([*report, "--force"])
     *said, last = capsys.readouterr().out.strip().splitlines()
     assert code == 0
+    assert (out / "notes.txt").read_text() == "mine"
     assert Path(last) == out / "report.html"
     summary = json.loads((out / "report.json").read_text(encoding="utf-8"))["summary"]
     warnings = [f"warning: {sentence}" for sentence in summary["cautions"]]

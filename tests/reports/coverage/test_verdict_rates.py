@@ -22,7 +22,6 @@ from tests import DATASETS, LONG
 
 REPORT = DATASETS.parent / "reports" / "coverage" / "verdicts"
 #: More than any run of the page makes.
-MANY = 100_000
 STUDIES = 20_000 if LONG else 1_000
 MOST_WRONG = 1.0 - DECISION + CLEAR * binomial_error(STUDIES)
 
@@ -65,7 +64,7 @@ def test_magnitude_rates_are_near_the_promise_though_not_exact():
 
 
 def test_bayesian_verdicts_keep_their_error_rates():
-    found = {n: errors_of(kept_fits(n, REPORT).read(MANY).values()) for n in SIZES}
+    found = {n: errors_of(kept_fits(n, REPORT).read().values()) for n in SIZES}
     for errors in found.values():
         assert errors.studies >= 50
         assert errors.within_promise()
@@ -74,14 +73,14 @@ def test_bayesian_verdicts_keep_their_error_rates():
 
 
 def test_bayesian_boundaries_that_widen_with_fewer_subjects_break_the_promise():
-    old = errors_of(kept_fits(5, REPORT).read(MANY).values(), rule="old")
+    old = errors_of(kept_fits(5, REPORT).read().values(), rule="old")
     assert not old.within_promise()
 
 
 @pytest.mark.evidence(reduced=True)
 @pytest.mark.parametrize("n", SIZES if LONG else SIZES[-1:])
 def test_committed_studies_come_out_again(n):
-    kept = kept_fits(n, REPORT).read(MANY)
+    kept = kept_fits(n, REPORT).read()
     for index in list(kept)[: 10 if LONG else 1]:
         again = bayesian_study(n, index)["verdicts"]
         for verdict, before in zip(again, kept[index]["verdicts"], strict=True):
