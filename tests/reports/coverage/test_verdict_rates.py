@@ -21,7 +21,6 @@ from reports.coverage.verdict_rates import (
 from tests import DATASETS, LONG
 
 REPORT = DATASETS.parent / "reports" / "coverage" / "verdicts"
-#: More than any run of the page makes.
 STUDIES = 20_000 if LONG else 1_000
 MOST_WRONG = 1.0 - DECISION + CLEAR * binomial_error(STUDIES)
 
