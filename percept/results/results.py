@@ -41,7 +41,7 @@ __all__ = ["SCHEMA", "Results", "Skipped"]
 _CURVES = {"boundaries": "impedances", "close": "close_impedances"}
 
 #: Of report.json and fit.json: the name, and the version of its fields.
-SCHEMA = "percept-report/4"
+SCHEMA = "percept-report/5"
 
 
 @dataclasses.dataclass(frozen=True)
