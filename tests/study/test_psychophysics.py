@@ -222,3 +222,18 @@ def test_published_limits_have_no_jnd():
     study = Study(sessions, Scene(inference={"method": "classical"}))
     said = {row.what: row.why for row in study.skipped}
     assert said["JND of damping"] == "published limits hold no trials"
+
+
+def test_an_sd_that_leads_beyond_the_doubles_has_no_upper_limit():
+    settings = pd.DataFrame(
+        {"subject": ["Ann", "Ben"], "k_ref": 10.0, "k_adj": 10.0 * np.exp([-3.6, 3.6])}
+    )
+    table = settings.assign(environment="VE1")
+    scene = Scene(inference={"method": "classical", "level": 0.99})
+    found = Study(Sessions.from_frame(table), scene).psychophysics
+    (row,) = found[found["measure"] == "sd_subjects"].itertuples()
+    sd = 7.2 / np.sqrt(2.0)
+    assert row.estimate == pytest.approx(10.0 * np.expm1(sd))
+    # One degree of freedom at 99 %: the SD is at most 5.09 * 159.6, whose e has no double.
+    assert sd / np.sqrt(stats.chi2.ppf(0.005, 1)) > np.log(np.finfo(float).max)
+    assert row.upper == np.inf

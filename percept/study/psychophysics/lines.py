@@ -6,7 +6,6 @@ any reference are roots of a mixture of normal laws, as limits at environments a
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -21,7 +20,7 @@ from percept.scene import Scene
 from percept.study.basics import Array, References, Skipped
 from percept.study.fit import Fit
 from percept.study.psychophysics.limits import bounded_means
-from percept.study.psychophysics.site import mapped
+from percept.study.psychophysics.site import exp, mapped
 
 __all__ = ["posterior_lines"]
 
@@ -130,5 +129,5 @@ class _Line:
     def _native(self, reference: float, bounded: Bounded) -> Bounded:
         """Return responses to a reference in its unit."""
         if self.fit.scale.log:
-            return mapped(bounded, lambda response: reference * math.exp(response))
+            return mapped(bounded, lambda response: reference * exp(response))
         return mapped(bounded, lambda response: reference * (1.0 + response))

@@ -17,7 +17,6 @@ mixtures. Scales and reliabilities have quantiles of draws.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Iterator
 from typing import Self
 
@@ -32,7 +31,7 @@ from percept.sessions import Sessions
 from percept.study.basics import Array, References, Stream, generator
 from percept.study.fit import Fit
 from percept.study.psychophysics.limits import DrawLimits, bounded_means
-from percept.study.psychophysics.site import Site, mapped
+from percept.study.psychophysics.site import Site, exp, mapped
 from percept.study.responses import by_difference
 
 __all__ = ["posterior_psychophysics"]
@@ -118,7 +117,7 @@ def _to_native(fit: Fit, c: int) -> Callable[[float], float]:
 
     def native(response: float) -> float:
         size = response * unit
-        return origin * math.exp(size) if fit.scale.log else origin + size
+        return origin * exp(size) if fit.scale.log else origin + size
 
     return native
 

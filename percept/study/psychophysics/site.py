@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import sys
 from collections.abc import Callable, Iterator
 
 from percept.inference.classical.variability import Bounded
@@ -12,10 +13,22 @@ from percept.results.psychophysics import Measure, PsychophysicsRow
 from percept.scene import Scene
 from percept.sessions.quantities import Quantity
 
-__all__ = ["Site", "mapped"]
+__all__ = ["Site", "exp", "expm1", "mapped"]
 
 #: The quartile of a standard normal: half of all adjustments lie within so many SDs.
 _QUARTILE = 0.6744897501960817
+#: Of what has no exponential among the doubles: SDs of several decades lead beyond.
+_OVERFLOW = math.log(sys.float_info.max)
+
+
+def exp(response: float) -> float:
+    """Return e to a response, infinite where that is beyond the doubles."""
+    return math.exp(response) if response < _OVERFLOW else math.inf
+
+
+def expm1(response: float) -> float:
+    """Return e to a response less one, infinite where that is beyond the doubles."""
+    return math.expm1(response) if response < _OVERFLOW else math.inf
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +58,7 @@ class Site:
         """Return how far some SDs of the family's scale lead from the reference."""
         size = multiple * sd * self.response_unit
         if self.scene.inference.family == "lognormal":
-            return self.reference * math.expm1(size)
+            return self.reference * expm1(size)
         return size
 
     def row(
@@ -94,7 +107,7 @@ class Site:
         if self.by_difference:
             return
         log = self.scene.inference.family == "lognormal"
-        yield self.row("weber", mapped(sd, math.expm1) if log else sd)
+        yield self.row("weber", mapped(sd, expm1) if log else sd)
 
     def sigma(
         self, measure: Measure, sd: Bounded, *, approximate: bool = False
@@ -114,5 +127,6 @@ def mapped(bounded: Bounded, increasing: Callable[[float], float]) -> Bounded:
     if bounded.error is not None:
         below = increasing(bounded.lower + bounded.error) - lower
         above = increasing(bounded.upper + bounded.error) - upper
-        error = max(below, above)
+        # Two infinite ends have no difference.
+        error = math.inf if math.isinf(upper) else max(below, above)
     return Bounded(increasing(bounded.estimate), lower, upper, error)
