@@ -178,7 +178,7 @@ class ModelTable(Table):
     @classmethod
     def _priors_of_the_model(cls, priors: dict[str, float]) -> dict[str, float]:
         # SciPy comes with them: files are validated and studies planned without it.
-        from percept.inference.hierarchy.priors import Priors
+        from percept.inference.model.priors import Priors
 
         known = [field.name for field in dataclasses.fields(Priors)]
         for name, value in priors.items():

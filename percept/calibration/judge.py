@@ -14,7 +14,7 @@ from percept.checkpoint import plan_digest
 from percept.errors import RefusalError, UsageError
 from percept.haptics import Device
 from percept.haptics.perceived import perceived_magnitude
-from percept.inference.hierarchy.priors import Priors
+from percept.inference.model.priors import Priors
 from percept.scene import InferenceTable, Scene
 from percept.sessions import ReadOptions, Sessions
 from percept.sessions.quantities import is_impedance

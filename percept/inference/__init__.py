@@ -1,4 +1,4 @@
-"""Classical inference on users; the hierarchical model is in `percept.inference.hierarchy`."""
+"""Classical inference on users; the hierarchical model is in `percept.inference.model`."""
 
 from __future__ import annotations
 

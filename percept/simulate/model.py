@@ -19,7 +19,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.hierarchy.priors import Priors
+from percept.inference.model.priors import Priors
 
 #: What the column `source` of every simulated table says.
 SOURCE = "simulated"

@@ -16,7 +16,7 @@ from percept.scene import InferenceTable, Scene
 from percept.sessions.quantities import Quantities
 
 if TYPE_CHECKING:
-    from percept.inference.hierarchy.priors import Priors
+    from percept.inference.model.priors import Priors
 
 __all__ = [
     "FAMILIES",
@@ -90,7 +90,7 @@ def select(what: str, asked: str | Collection[str] | None, there: Sequence[str])
 def priors_of(scene: Scene, parameters: Collection[str]) -> Priors:
     """Return the scene's priors for a model of these parameters."""
     # SciPy comes with them: studies are planned without it.
-    from percept.inference.hierarchy.priors import Priors
+    from percept.inference.model.priors import Priors
 
     in_force = dict(scene.model.priors)
     if not any(scene.quantities[parameter].is_matched for parameter in parameters):

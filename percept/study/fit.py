@@ -10,10 +10,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.interval_estimands import IntervalEstimands
-from percept.inference.hierarchy.laws import ConditionalMoments
-from percept.inference.hierarchy.model import Model
-from percept.inference.hierarchy.product import pooled_parts
+from percept.inference.model.interval_estimands import IntervalEstimands
+from percept.inference.model.laws import ConditionalMoments
+from percept.inference.model.model import Model
+from percept.inference.model.product import pooled_parts
 from percept.inference.sampling.gate import Estimands, Progress, Run, Settings
 from percept.results import IntervalRow
 from percept.scene import InferenceTable

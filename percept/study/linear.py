@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.hierarchy.contrasts import ContrastEstimands, ContrastRows
-from percept.inference.hierarchy.covariates import Covariates, with_covariates
-from percept.inference.hierarchy.design import Cells, Options, design_of
-from percept.inference.hierarchy.design import Factors as CellFactors
-from percept.inference.hierarchy.interval_estimands import IntervalEstimands
-from percept.inference.hierarchy.linear_posterior import LinearPosterior
-from percept.inference.hierarchy.model import Resolution
-from percept.inference.hierarchy.product import Product, linear_parts
-from percept.inference.hierarchy.statistics import Statistics, apart_by_subject
-from percept.inference.hierarchy.trial_scatter import TrialScatter, trial_scatter
+from percept.inference.model.contrasts import ContrastEstimands, ContrastRows
+from percept.inference.model.covariates import Covariates, with_covariates
+from percept.inference.model.design import Cells, Options, design_of
+from percept.inference.model.design import Factors as CellFactors
+from percept.inference.model.interval_estimands import IntervalEstimands
+from percept.inference.model.linear_posterior import LinearPosterior
+from percept.inference.model.model import Resolution
+from percept.inference.model.product import Product, linear_parts
+from percept.inference.model.statistics import Statistics, apart_by_subject
+from percept.inference.model.trial_scatter import TrialScatter, trial_scatter
 from percept.scene import InferenceTable, ModelTable, Scene
 from percept.sessions import Sessions
 from percept.sessions.formula import TRIAL_REFERENCE

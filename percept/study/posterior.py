@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 import percept
 from percept.inference.checks.predictive import new_studies
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.priors import Named
+from percept.inference.model.priors import Named
 from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit
 

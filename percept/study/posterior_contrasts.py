@@ -21,10 +21,10 @@ from typing import Self
 
 import numpy as np
 
-from percept.inference.hierarchy.contrasts import ContrastLimits
-from percept.inference.hierarchy.families import level_together
-from percept.inference.hierarchy.interval_estimands import IntervalEstimands
-from percept.inference.hierarchy.laws import ConditionalMoments
+from percept.inference.model.contrasts import ContrastLimits
+from percept.inference.model.families import level_together
+from percept.inference.model.interval_estimands import IntervalEstimands
+from percept.inference.model.laws import ConditionalMoments
 from percept.inference.record import Kind
 from percept.inference.sampling.lines import line_limits
 from percept.scene import InferenceTable

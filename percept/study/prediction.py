@@ -12,8 +12,8 @@ import pandas as pd
 from percept import haptics
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
-from percept.inference.hierarchy.laws import NewEnvironment
-from percept.inference.hierarchy.new_environment import NewEstimands, new_environment, new_name
+from percept.inference.model.laws import NewEnvironment
+from percept.inference.model.new_environment import NewEstimands, new_environment, new_name
 from percept.inference.record import Kind
 from percept.results import Boundary
 from percept.scene import InferenceTable

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.errors import RefusalError
-from percept.inference.hierarchy.design import Options
-from percept.inference.hierarchy.linear_posterior import LinearPosterior, plain_model
-from percept.inference.hierarchy.model import Model, Resolution
-from percept.inference.hierarchy.product import Product
-from percept.inference.hierarchy.statistics import Statistics, from_summary
-from percept.inference.hierarchy.unpooled import Unpooled
+from percept.inference.model.design import Options
+from percept.inference.model.linear_posterior import LinearPosterior, plain_model
+from percept.inference.model.model import Model, Resolution
+from percept.inference.model.product import Product
+from percept.inference.model.statistics import Statistics, from_summary
+from percept.inference.model.unpooled import Unpooled
 from percept.inference.record import Family
 from percept.scene import Scene
 from percept.sessions import Sessions

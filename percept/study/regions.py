@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from percept.boundary.law import BEYOND, PairLaw, confidence_law, mixture_law
 from percept.errors import RefusalError
 from percept.inference.classical.trials import subject_means
-from percept.inference.hierarchy.product import pooled_parts
+from percept.inference.model.product import pooled_parts
 from percept.inference.record import Family, Kind, Method
 from percept.inference.regions import EllipseRegion, ellipse_region
 from percept.scene import InferenceTable, Scene
@@ -172,7 +172,7 @@ def _halved(probability: float) -> float:
 
 def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
     """Yield posterior rectangles whose sides leave out half as much each."""
-    from percept.inference.hierarchy.interval_estimands import IntervalEstimands
+    from percept.inference.model.interval_estimands import IntervalEstimands
 
     halved = IntervalEstimands(
         fit.model,

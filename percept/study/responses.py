@@ -18,8 +18,8 @@ from percept.sessions.quantities import Quantities
 from percept.study.basics import IF_BY_TRIAL, Array, References, Skipped
 
 if TYPE_CHECKING:
-    from percept.inference.hierarchy.model import Resolution
-    from percept.inference.hierarchy.statistics import Statistics
+    from percept.inference.model.model import Resolution
+    from percept.inference.model.statistics import Statistics
 
 __all__ = [
     "ResponseScale",
@@ -80,7 +80,7 @@ class Trials:
     def statistics(self) -> Statistics:
         """What the density of the model needs of the trials."""
         # The classical method does without the model.
-        from percept.inference.hierarchy.statistics import from_trials
+        from percept.inference.model.statistics import from_trials
 
         return from_trials(
             self.response,
@@ -268,7 +268,7 @@ def resolution_of(
     statistics: Statistics, scene: Scene, reference: Array, scale: ResponseScale
 ) -> Resolution:
     """Step²/12 on the response scale, in cells whose scatter the step hides; or refuse those."""
-    from percept.inference.hierarchy.model import Resolution
+    from percept.inference.model.model import Resolution
 
     steps = scene.model.resolution
     between, trial = lacking_scatter(statistics, steps, scene.quantities)

@@ -205,7 +205,7 @@ def diagnostics_of(parts: Parts) -> Diagnostics | None:
     fit = parts.fit
     if fit is None:
         return None
-    from percept.inference.hierarchy.priors import MEANINGS
+    from percept.inference.model.priors import MEANINGS
 
     priors = fit.model.priors_in_force
     ensembles, _, walkers, dimension = fit.run.points.shape

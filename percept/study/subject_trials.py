@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from percept.inference.hierarchy.subject_spreads import chance_of_differences
-from percept.inference.hierarchy.trial_scatter import trial_scatter
+from percept.inference.model.subject_spreads import chance_of_differences
+from percept.inference.model.trial_scatter import trial_scatter
 from percept.scene import Scene
 from percept.study.basics import Array, Skipped
 from percept.study.responses import Trials

@@ -23,7 +23,7 @@ from percept.haptics import TabulatedDevice
 from percept.haptics.records import Display
 from percept.inference.classical.fiducial import fiducial_draws
 from percept.inference.classical.moments import Moments
-from percept.inference.hierarchy.product import pooled_parts
+from percept.inference.model.product import pooled_parts
 from percept.inference.record import Family
 from percept.results import (
     CentralProbability,

@@ -260,8 +260,8 @@ def _fit(study: Prepared, seed: int) -> Printed:
     """Fit to the default tolerance; limits of kinds mean and user, and what they cost."""
     import resource
 
-    from percept.inference.hierarchy.interval_estimands import IntervalEstimands
-    from percept.inference.hierarchy.linear_posterior import plain_model
+    from percept.inference.model.interval_estimands import IntervalEstimands
+    from percept.inference.model.linear_posterior import plain_model
     from percept.inference.sampling.gate import Settings
     from percept.inference.sampling.run import sample
 

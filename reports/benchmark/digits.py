@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from percept.inference import Moments
 from percept.inference.classical.trials import subject_means
-from percept.inference.hierarchy.linear_posterior import plain_model
-from percept.inference.hierarchy.statistics import from_trials
+from percept.inference.model.linear_posterior import plain_model
+from percept.inference.model.statistics import from_trials
 from reports.benchmark import twins as twin
 from reports.benchmark.twins import Levels, Number
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 if TYPE_CHECKING:
-    from percept.inference.hierarchy.statistics import Statistics
+    from percept.inference.model.statistics import Statistics
     from percept.study.prepare import Prepared
     from reports.peers import Observed
 
@@ -124,7 +124,7 @@ def statistics_of(study: Prepared) -> Statistics:
 
 def observed(study: Prepared) -> Observed:
     """Return a study of the published kind as the plainly written model takes it."""
-    from percept.inference.hierarchy.priors import Priors
+    from percept.inference.model.priors import Priors
     from reports.peers import Observed
 
     data = study.trials

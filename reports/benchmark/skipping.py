@@ -37,7 +37,7 @@ _PACKAGES = (
     "h5netcdf",
     "matplotlib.figure",
     "jinja2",
-    "percept.inference.hierarchy",
+    "percept.inference.model",
     "percept.inference.sampling",
     "percept.boundary",
     "percept.report.figures",

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import optimize, special
 
 from percept.checkpoint import Line, plan_digest
-from percept.inference.hierarchy.linear_posterior import LinearPosterior
+from percept.inference.model.linear_posterior import LinearPosterior
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 from percept.provenance import made_by, markdown_table

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.inference.hierarchy.contrasts import ContrastEstimands, ContrastRows
-from percept.inference.hierarchy.interval_estimands import IntervalEstimands
-from percept.inference.hierarchy.linear_posterior import LinearPosterior
+from percept.inference.model.contrasts import ContrastEstimands, ContrastRows
+from percept.inference.model.interval_estimands import IntervalEstimands
+from percept.inference.model.linear_posterior import LinearPosterior
 from percept.inference.sampling.gate import Run, Settings
 from percept.inference.sampling.run import sample
 from percept.provenance import Made

@@ -15,12 +15,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.covariates import with_covariates
-from percept.inference.hierarchy.design import Cells, Factors, design_of
-from percept.inference.hierarchy.linear_posterior import LinearPosterior
-from percept.inference.hierarchy.priors import Priors
-from percept.inference.hierarchy.statistics import apart_by_subject, from_trials
-from percept.inference.hierarchy.trial_scatter import trial_scatter
+from percept.inference.model.covariates import with_covariates
+from percept.inference.model.design import Cells, Factors, design_of
+from percept.inference.model.linear_posterior import LinearPosterior
+from percept.inference.model.priors import Priors
+from percept.inference.model.statistics import apart_by_subject, from_trials
+from percept.inference.model.trial_scatter import trial_scatter
 from percept.simulate.model import (
     Design,
     draw_environments,

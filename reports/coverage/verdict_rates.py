@@ -29,7 +29,7 @@ from percept.haptics import Device, Environment
 from percept.haptics.records import Display
 from percept.inference.classical.central_range import central_range_confidence
 from percept.inference.classical.moments import Moments
-from percept.inference.hierarchy.priors import Priors
+from percept.inference.model.priors import Priors
 from percept.sessions import ReadOptions
 from percept.simulate.model import Design, draw_environments, draw_hyperparameters, simulate
 from percept.study.verdicts import frequencies

@@ -8,7 +8,7 @@ import pytest
 
 from percept import Scene, Study, read_sessions
 from percept.cache import digest, numbers_version
-from percept.inference.hierarchy.priors import MEANINGS
+from percept.inference.model.priors import MEANINGS
 
 HEADER = "subject,environment,k_ref,b_ref,trial,k_adj,b_adj\n"
 

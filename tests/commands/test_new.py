@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from percept.cli import main
-from percept.inference.hierarchy.priors import Priors
+from percept.inference.model.priors import Priors
 from percept.scene import FrequencyTable, InferenceTable, ModelTable, ReportTable, Scene
 from percept.sessions import ReadOptions
 from percept.sessions.options import canonical_columns

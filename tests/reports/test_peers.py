@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from percept.inference.hierarchy import linear_posterior
+from percept.inference.model import linear_posterior
 from reports.benchmark.simulated import StudyDesign, observed, simulated, statistics_of
 from reports.peers import plain_model
 

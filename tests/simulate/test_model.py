@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.hierarchy.priors import Priors
+from percept.inference.model.priors import Priors
 from percept.simulate.model import (
     Design,
     Hyperparameters,

@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
-from percept.inference.hierarchy.laws import ConditionalMoments
+from percept.inference.model.laws import ConditionalMoments
 from percept.sessions import ReadOptions, Sessions
 from percept.study.compare import compare_studies, split_by
 from percept.study.fit import Fit

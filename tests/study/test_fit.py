@@ -12,7 +12,7 @@ from scipy import stats
 import percept
 from percept import Scene, read_sessions
 from percept.errors import RefusalError
-from percept.inference.hierarchy.statistics import from_trials
+from percept.inference.model.statistics import from_trials
 from percept.sessions import Sessions
 from percept.sessions.quantities import IMPEDANCE
 from percept.study.prepare import prepare

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
-from percept.inference.hierarchy.new_environment import new_environment
-from percept.inference.hierarchy.product import pooled_parts
+from percept.inference.model.new_environment import new_environment
+from percept.inference.model.product import pooled_parts
 from percept.sessions import Sessions
 from percept.study.prediction import predict
 from tests import DATASETS

@@ -6,7 +6,7 @@ import pytest
 from scipy import optimize, stats
 
 from percept import Scene, Study
-from percept.inference.hierarchy.new_environment import new_environment
+from percept.inference.model.new_environment import new_environment
 from percept.results import PseLineRow
 from percept.sessions import Sessions
 from percept.study.basics import Skipped

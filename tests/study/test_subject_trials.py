@@ -6,8 +6,8 @@ import pytest
 from scipy import stats
 
 from percept import Scene, Study
-from percept.inference.hierarchy.subject_spreads import chance_of_differences
-from percept.inference.hierarchy.trial_scatter import trial_scatter
+from percept.inference.model.subject_spreads import chance_of_differences
+from percept.inference.model.trial_scatter import trial_scatter
 from percept.sessions import ReadOptions, Sessions
 from percept.study.prepare import prepare
 

@@ -21,11 +21,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.hierarchy.blocks import Block
-from percept.inference.hierarchy.laws import SubjectLaws
-from percept.inference.hierarchy.linear_posterior import LinearPosterior
-from percept.inference.hierarchy.small_cholesky import stacked_factor
-from percept.inference.hierarchy.subject_covariance import SubjectCovariance
+from percept.inference.model.blocks import Block
+from percept.inference.model.laws import SubjectLaws
+from percept.inference.model.linear_posterior import LinearPosterior
+from percept.inference.model.small_cholesky import stacked_factor
+from percept.inference.model.subject_covariance import SubjectCovariance
 
 __all__ = ["LeftOut", "SubjectDensity"]
 

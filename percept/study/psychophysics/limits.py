@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from percept.inference.classical.variability import Bounded
-from percept.inference.hierarchy.laws import ConditionalMoments
+from percept.inference.model.laws import ConditionalMoments
 from percept.inference.sampling.endpoints import mixture_quantile
 from percept.study.basics import Array
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from percept.inference.classical.variability import Bounded
-from percept.inference.hierarchy.laws import ConditionalMoments
-from percept.inference.hierarchy.linear_posterior import LinearPosterior
-from percept.inference.hierarchy.product import pooled_parts
+from percept.inference.model.laws import ConditionalMoments
+from percept.inference.model.linear_posterior import LinearPosterior
+from percept.inference.model.product import pooled_parts
 from percept.results import PseLineRow
 from percept.scene import Scene
 from percept.study.basics import Array, References, Skipped

@@ -22,9 +22,9 @@ from typing import Self
 
 import numpy as np
 
-from percept.inference.hierarchy.laws import ConditionalMoments
-from percept.inference.hierarchy.linear_posterior import LinearPosterior
-from percept.inference.hierarchy.product import pooled_parts
+from percept.inference.model.laws import ConditionalMoments
+from percept.inference.model.linear_posterior import LinearPosterior
+from percept.inference.model.product import pooled_parts
 from percept.results import PsychophysicsRow
 from percept.scene import Scene
 from percept.sessions import Sessions

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import special
 
-from percept.inference.hierarchy.product import pooled_parts
+from percept.inference.model.product import pooled_parts
 from percept.results import EquivalenceRow
 from percept.scene import Scene
 from percept.study.basics import Array, References, Skipped

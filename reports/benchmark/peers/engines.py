@@ -17,9 +17,9 @@ from percept.errors import UsageError
 from reports.benchmark.simulated import DESIGNS, observed, simulated, statistics_of
 
 if TYPE_CHECKING:
-    from percept.inference.hierarchy.interval_estimands import IntervalEstimands
-    from percept.inference.hierarchy.model import Model
-    from percept.inference.hierarchy.statistics import Statistics
+    from percept.inference.model.interval_estimands import IntervalEstimands
+    from percept.inference.model.model import Model
+    from percept.inference.model.statistics import Statistics
     from percept.study.prepare import Prepared
 
 
@@ -96,8 +96,8 @@ def study_of(name: str) -> Prepared:
 
 def _percept_model(statistics: Statistics) -> tuple[Model, IntervalEstimands]:
     """Return percept's model with its default priors, and the limits compared."""
-    from percept.inference.hierarchy.interval_estimands import IntervalEstimands
-    from percept.inference.hierarchy.linear_posterior import plain_model
+    from percept.inference.model.interval_estimands import IntervalEstimands
+    from percept.inference.model.linear_posterior import plain_model
 
     model = plain_model(statistics)
     estimands = IntervalEstimands(

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.linear_posterior import LinearPosterior, plain_model
-from percept.inference.hierarchy.statistics import from_trials
+from percept.inference.model.linear_posterior import LinearPosterior, plain_model
+from percept.inference.model.statistics import from_trials
 
 GRID = np.linspace(-12.0, 12.0, 24_001)
 

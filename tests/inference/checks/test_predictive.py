@@ -9,10 +9,10 @@ from percept.inference.checks.predictive import (
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.linear_posterior import plain_model
+from percept.inference.model.linear_posterior import plain_model
 from tests.inference.checks.test_subjects import averages, opened
-from tests.inference.hierarchy.designs import OTHER, made
-from tests.inference.hierarchy.test_statistics import reduce
+from tests.inference.model.designs import OTHER, made
+from tests.inference.model.test_statistics import reduce
 
 
 def laws(priors):

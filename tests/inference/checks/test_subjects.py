@@ -7,10 +7,10 @@ from scipy import stats
 from percept.errors import RefusalError
 from percept.inference.checks.left_out import leave_one_out
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.hierarchy.design import Options
-from percept.inference.hierarchy.linear_posterior import plain_model
-from percept.inference.hierarchy.statistics import from_trials
-from tests.inference.hierarchy.designs import made
+from percept.inference.model.design import Options
+from percept.inference.model.linear_posterior import plain_model
+from percept.inference.model.statistics import from_trials
+from tests.inference.model.designs import made
 
 DESIGNS = [
     "plain",

@@ -8,7 +8,7 @@ from scipy import special, stats
 
 import percept
 from percept.inference import prediction_interval, t_interval, tolerance_interval
-from percept.inference.hierarchy.laws import ConditionalMoments
+from percept.inference.model.laws import ConditionalMoments
 from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample

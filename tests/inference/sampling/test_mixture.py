@@ -7,8 +7,8 @@ from scipy import integrate, optimize, special, stats
 
 from percept.errors import UsageError
 from percept.inference import tolerance_factor
-from percept.inference.hierarchy.interval_estimands import IntervalEstimands
-from percept.inference.hierarchy.unpooled import Unpooled
+from percept.inference.model.interval_estimands import IntervalEstimands
+from percept.inference.model.unpooled import Unpooled
 from percept.inference.sampling.endpoints import mixture_quantile, share_content, share_half_width
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample

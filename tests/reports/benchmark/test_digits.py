@@ -20,7 +20,7 @@ from reports.benchmark.digits import (
     number_accuracy,
     small_large,
 )
-from tests.inference.hierarchy import exact
+from tests.inference.model import exact
 
 NIST = files("scipy.stats").joinpath("tests", "data", "nist_anova")
 shipped = pytest.mark.skipif(

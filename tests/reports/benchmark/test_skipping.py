@@ -15,7 +15,7 @@ from tests.documents import build_document
 
 SAMPLER = {"emcee", "arviz_base", "arviz_stats", "h5netcdf", "xarray"}
 PAGE = {"jinja2", "matplotlib.figure", "percept.report.figures"}
-OURS = {"percept.inference.hierarchy", "percept.inference.sampling", "percept.boundary"}
+OURS = {"percept.inference.model", "percept.inference.sampling", "percept.boundary"}
 CURVES = {"curve_laws", "boundaries", "verdicts", "other_devices", "coupling_map"}
 BAYESIAN = {"fit", "posterior", "users"}
 

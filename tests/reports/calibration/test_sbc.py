@@ -11,7 +11,7 @@ import emcee
 import numpy as np
 import pytest
 
-from percept.inference.hierarchy.linear_posterior import LinearPosterior, plain_model
+from percept.inference.model.linear_posterior import LinearPosterior, plain_model
 from percept.inference.sampling.moves import ReferenceLaw, standard_moves
 from percept.provenance import made_by
 from reports.calibration.__main__ import main

@@ -1,0 +1,369 @@
+"""The linear design of a study: which columns join its cells, and which of them vary.
+
+A cell is an environment at one level of every factor. There are P quantities p, C cells c, J
+environments j, and subjects i. The location of a cell, a subject's setting in it, and its SD are
+
+    beta_cp      = sum over fixed terms X_cp theta_p + sum over deviation terms X_cp zeta_jp
+    setting_icp  = beta_cp + exp(h_cp) × sum over subject terms X_cp v_ip + w_icp
+    log sigma_cp = m + sum over SD terms X_cp psi_p + omega_p e_cp,    sigma_cp the SD of w_icp
+    h_cp         = sum over effect size terms X_cp eta_p
+
+X are the columns of each term, (K, P, C). The coefficients theta, psi and eta have known prior SDs,
+which their columns are multiplied by. Each environment has deviations zeta, whose SD tau is
+estimated for each term; each subject has effects v, whose covariance over the quantities is
+estimated for each term. SDs between subjects and between trials have terms each.
+
+A study of one cell shows the sum of v and w, and one SD: it has neither v nor psi, and its SD is
+log sigma ~ N(m, s²), s the prior SD of the typical log sigma. Published limits show no v either.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from percept.inference.model.priors import Priors
+
+__all__ = [
+    "LEVEL",
+    "TREND",
+    "Cells",
+    "Design",
+    "Factors",
+    "Options",
+    "Term",
+    "cell_columns",
+    "columns_by_quantity",
+    "contrast_columns",
+    "design_of",
+    "new_cells",
+    "trend_rows",
+]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+#: Name of the term whose column is one in every cell.
+LEVEL = "level"
+#: Name of the term whose column is the decades of the reference; one environment has none.
+TREND = "trend"
+#: Fields of a design that hold terms.
+_TERMS = ("fixed", "deviation", "subject", "sd_between", "sd_trial", "effect_size")
+
+
+@dataclasses.dataclass(frozen=True)
+class Cells:
+    """Cells of a study: C of them in J environments, P quantities."""
+
+    names: tuple[str, ...]
+    environment: Indices  # (C,) Environment of each cell
+    environments: tuple[str, ...]  # Names of the J environments
+    x: Array  # (P, C) log10 of each reference over the geometric mean of the references
+
+
+@dataclasses.dataclass(frozen=True)
+class Factors:
+    """Levels of the cells under every factor, and the terms that the model has."""
+
+    levels: Mapping[str, tuple[str, ...]]  # Levels of each factor
+    level: Mapping[str, Indices]  # (C,) Level of each cell under each factor
+    terms: tuple[tuple[str, ...], ...]  # Each a factor, or several that interact
+    between_subjects: frozenset[str] = frozenset()  # Factors of which a subject has one level only
+    spread: tuple[str, ...] = ()  # Factors whose levels differ in the spread of subject effects
+    slopes: bool = False  # Whether each subject has a trend over the references
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options:
+    """Simpler models."""
+
+    subject_effect: bool = True  # Whether subjects have effects v that cells share
+    weber: bool = False  # Fix kappa = 0: the spread is a constant fraction of the reference
+    common_spread: bool = False  # Fix omega = 0: log SDs follow their columns exactly
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Term:
+    """Columns of a term over the cells, and its name."""
+
+    name: str
+    columns: Array  # (K, P, C)
+
+    def at(self, cells: Indices) -> Term:
+        """Columns over some of the cells."""
+        return Term(self.name, self.columns[:, :, cells])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Design:
+    """All terms of a study."""
+
+    cells: Cells
+    factors: Factors
+    options: Options
+    fixed: tuple[Term, ...]  # Of the locations, times the prior SD of their coefficients
+    deviation: tuple[Term, ...]  # Whose coefficients differ between environments
+    subject: tuple[Term, ...]  # Whose coefficients differ between subjects
+    sd_between: tuple[Term, ...]  # Of log sigma between subjects, times their prior SDs
+    sd_trial: tuple[Term, ...]  # Of log sigma between trials, times their prior SDs
+    effect_size: tuple[Term, ...]  # Of the log size of subject effects, times their prior SDs
+
+    @property
+    def parameters(self) -> int:
+        """Number of quantities P."""
+        return len(self.cells.x)
+
+    def identity(self) -> tuple[object, ...]:
+        """Return what decides a density: cells and columns, since the columns hold the factors."""
+        parts = [dataclasses.astuple(self.cells), dataclasses.astuple(self.options)]
+        for name in _TERMS:
+            terms: tuple[Term, ...] = getattr(self, name)
+            parts.append(tuple(dataclasses.astuple(term) for term in terms))
+        return tuple(parts)
+
+    def under(self, priors: Priors) -> Design:
+        """Columns under other priors."""
+        return design_of(self.cells, self.factors, priors, self.options)
+
+    def at(self, cells: Indices) -> Design:
+        """Columns of some of the cells."""
+        some_cells = Cells(
+            names=tuple(self.cells.names[cell] for cell in cells),
+            environment=self.cells.environment[cells],
+            environments=self.cells.environments,
+            x=self.cells.x[:, cells],
+        )
+        level = {}
+        for name, values in self.factors.level.items():
+            level[name] = values[cells]
+        factors = dataclasses.replace(self.factors, level=level)
+        return Design(
+            cells=some_cells,
+            factors=factors,
+            options=self.options,
+            fixed=_at(self.fixed, cells),
+            deviation=_at(self.deviation, cells),
+            subject=_at(self.subject, cells),
+            sd_between=_at(self.sd_between, cells),
+            sd_trial=_at(self.sd_trial, cells),
+            effect_size=_at(self.effect_size, cells),
+        )
+
+
+def _at(terms: tuple[Term, ...], cells: Indices) -> tuple[Term, ...]:
+    """Columns of terms over some of the cells."""
+    return tuple(term.at(cells) for term in terms)
+
+
+def contrast_columns(levels: int) -> Array:
+    """Orthogonal columns (levels, levels - 1) that sum to zero over the levels.
+
+    Their squares sum to 1/2, so that a coefficient of prior SD s gives every difference of two
+    levels the prior SD s. With two levels the column is (-1/2, 1/2).
+    """
+    return np.asarray(-linalg.helmert(levels).T / np.sqrt(2.0))
+
+
+def design_of(
+    cells: Cells,
+    factors: Factors,
+    priors: Priors,
+    options: Options | None = None,
+) -> Design:
+    """Write out the columns of a study's terms.
+
+    Parameters
+    ----------
+    cells : Cells
+        The cells, with their environments and references.
+    factors : Factors
+        Levels of the cells, and terms.
+    priors : Priors
+        Prior SDs of all coefficients.
+    options : Options, optional
+        Simpler models.
+
+    Returns
+    -------
+    Design
+    """
+    options = options or Options()
+    several_cells = len(cells.names) > 1
+    several_environments = len(cells.environments) > 1
+    level = Term(LEVEL, np.ones_like(cells.x)[None])
+    trend = [Term(TREND, cells.x[None])] if several_environments else []
+    effects = []
+    main_effects = []
+    within_subjects = []
+    for factor_names in factors.terms:
+        effect = _effect(cells, factors, factor_names)
+        effects.append(effect)
+        if len(factor_names) == 1:
+            main_effects.append(effect)
+        # A subject sees one level of the others, which therefore show no effect of the subject.
+        if not factors.between_subjects.intersection(factor_names):
+            within_subjects.append(effect)
+    subject_trend = trend if factors.slopes else []
+    sized = [effect for effect in main_effects if effect.name in factors.spread]
+    sd_terms: list[Term] = []
+    if several_cells:
+        sd_trend = [] if options.weber else trend
+        sd_terms = [level, *sd_trend, *main_effects]
+    subject_terms: list[Term] = []
+    if options.subject_effect and several_cells:
+        subject_terms = [level, *subject_trend, *within_subjects]
+    fixed_sd = {LEVEL: priors.alpha_sd, TREND: priors.gamma_sd}
+    between_sd = {LEVEL: priors.log_s_sd, TREND: priors.kappa_sd}
+    trial_sd = {LEVEL: priors.log_s_e_sd, TREND: priors.kappa_e_sd}
+    return Design(
+        cells=cells,
+        factors=factors,
+        options=options,
+        fixed=_scaled([level, *trend, *effects], fixed_sd, priors.lambda_sd),
+        # One environment cannot tell its deviation from the level.
+        deviation=(level, *effects) if several_environments else (),
+        subject=tuple(subject_terms),
+        sd_between=_scaled(sd_terms, between_sd, priors.psi_sd),
+        sd_trial=_scaled(sd_terms, trial_sd, priors.psi_sd),
+        effect_size=_scaled(sized, {}, priors.psi_sd),
+    )
+
+
+def _scaled(
+    terms: Sequence[Term],
+    prior_sds: Mapping[str, float],
+    usual: float,
+) -> tuple[Term, ...]:
+    """Multiply the columns of terms by the prior SDs of their coefficients."""
+    scaled = []
+    for term in terms:
+        columns = term.columns * prior_sds.get(term.name, usual)
+        scaled.append(dataclasses.replace(term, columns=columns))
+    return tuple(scaled)
+
+
+def _effect(
+    cells: Cells,
+    factors: Factors,
+    factor_names: tuple[str, ...],
+) -> Term:
+    """Columns of a factor, or of an interaction: products of the columns of its factors."""
+    columns_by_factor = []
+    for name in factor_names:
+        of_levels = contrast_columns(len(factors.levels[name]))
+        of_cells = of_levels[factors.level[name]]
+        columns_by_factor.append(of_cells.T)
+    products = []
+    for columns in itertools.product(*columns_by_factor):
+        products.append(np.prod(columns, axis=0))
+    shape = (len(products), *cells.x.shape)
+    every_quantity = np.broadcast_to(np.stack(products)[:, None], shape)
+    return Term(":".join(factor_names), every_quantity)
+
+
+def new_cells(design: Design, x: Array, priors: Priors) -> Design:
+    """Write out the columns of an untested environment, in every condition.
+
+    A condition is a level of each factor that some cell has.
+
+    Parameters
+    ----------
+    design : Design
+        Of several environments.
+    x : ndarray
+        Decades of the references above the geometric mean of those tested, shape (P,).
+    priors : Priors
+        As the design has them.
+
+    Returns
+    -------
+    Design
+        Its cells are named by their levels alone.
+    """
+    cells = design.cells
+    factors = design.factors
+    examples = _first_cells(cells, factors)
+    names = [_condition_name(factors, cell) for cell in examples]
+    added_environment = np.full(len(examples), len(cells.environments))
+    added_x = np.repeat(x[:, None], len(examples), axis=1)
+    all_cells = Cells(
+        names=(*cells.names, *names),
+        environment=np.concatenate([cells.environment, added_environment]),
+        environments=(*cells.environments, ""),
+        x=np.concatenate([cells.x, added_x], axis=1),
+    )
+    all_levels = {}
+    for name, level in factors.level.items():
+        all_levels[name] = np.concatenate([level, level[examples]])
+    all_factors = dataclasses.replace(factors, level=all_levels)
+    wider = dataclasses.replace(design, cells=all_cells, factors=all_factors).under(priors)
+    return wider.at(np.arange(len(cells.names), len(all_cells.names)))
+
+
+def _first_cells(cells: Cells, factors: Factors) -> Indices:
+    """First cell of each condition, in the order of the cells."""
+    # The row of zeros stands for no factor: there is one condition then.
+    levels = np.stack([*factors.level.values(), np.zeros_like(cells.environment)])
+    _, first = np.unique(levels, axis=1, return_index=True)
+    return np.sort(first)
+
+
+def _condition_name(factors: Factors, cell: int) -> str:
+    """Levels of a cell, joined."""
+    labels = []
+    for name, level in factors.level.items():
+        of_factor = factors.levels[name]
+        labels.append(of_factor[level[cell]])
+    return ", ".join(labels)
+
+
+def trend_rows(design: Design, priors: Priors) -> dict[str, Array]:
+    """Weights (2 P, f) of the f fixed coefficients in each condition's intercepts, then its slopes.
+
+    Coefficients stand over their prior SDs.
+    """
+    identity = np.eye(design.parameters)
+    # At the geometric mean of the references a location is the intercept.
+    centre = new_cells(design, np.zeros(design.parameters), priors)
+    slopes = []
+    for term in design.fixed:
+        weight = priors.gamma_sd if term.name == TREND else 0.0
+        slopes += [weight * identity] * len(term.columns)
+    rows = {}
+    for number, name in enumerate(centre.cells.names):
+        cell = centre.at(np.array([number]))
+        intercepts = [np.diag(column) for column in cell_columns(cell.fixed)]
+        rows[name] = np.block([intercepts, slopes])
+    return rows
+
+
+def cell_columns(terms: tuple[Term, ...]) -> list[Array]:
+    """Columns (P,) of the terms of a design with one cell."""
+    columns = []
+    for term in terms:
+        for column in term.columns:
+            columns.append(column[:, 0])
+    return columns
+
+
+def columns_by_quantity(
+    terms: tuple[Term, ...],
+    size: int,
+    cells: int,
+) -> Array:
+    """Columns of terms, each once for every quantity that it enters alone: (k P, P, C)."""
+    columns = []
+    for term in terms:
+        for column in term.columns:
+            for p in range(size):
+                alone = np.zeros_like(column)
+                alone[p] = column[p]
+                columns.append(alone)
+    if not columns:
+        return np.zeros((0, size, cells))
+    return np.stack(columns)

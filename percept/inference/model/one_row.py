@@ -1,0 +1,286 @@
+"""One row of data for all subjects: the density and locations of a study with one pattern.
+
+Where all N subjects have equal cells and trials, their cell means are one row, the mean over
+subjects, and N - 1 contrasts of subjects. Given the scales, with D the noise of a subject's cells
+and Z the columns of a subject's effects,
+
+    contrasts    N(0, D + ZZ')
+    mean         N(X c + Z b/√N, D/N + OT²O')
+
+A fixed term and subjects' effects of the same columns differ in their covariances over the
+quantities alone. The density has one term in place of both, with the sum of the covariances, unless
+levels differ in the size of effects.
+
+X are the columns of fixed terms, O those of the environments' own deviations with SDs T. c and b
+are standard normal. The own deviations count as noise of the mean: blocks by environment. Whitened
+by it, Z/√N, X and the mean itself are few columns A, and all that is asked follows from a small
+Cholesky factor of I + A'A. No large precisions are subtracted, so that no digits are lost where
+noise is small.
+
+An environment of one cell has a small `Block` of noise. With several cells, columns are whitened by
+D/N, own deviations U too, and the others are regressed on these: with B the coefficients of the
+regression, the rows of A are A - UB and B.
+
+Published limits are a row as well: without effects of subjects each cell has its own N.
+
+Arrays have P quantities, C cells, J environments with L cells at most, a own columns, W sets of
+scales, and K columns of effects and fixed terms.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.inference.model.blocks import Block
+from percept.inference.model.cell_scales import CellScales
+from percept.inference.model.design import Design, columns_by_quantity
+from percept.inference.model.elimination import OwnFirst
+from percept.inference.model.small_cholesky import (
+    log_diagonal,
+    lower_factor,
+    solve_lower,
+    solve_upper,
+    with_prior,
+)
+from percept.inference.model.statistics import Statistics
+from percept.inference.model.subject_covariance import SubjectCovariance
+
+__all__ = ["OneRow", "is_one_row"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+#: Numbers in the largest temporary of a pass, 2 MB of doubles: with a quarter of them 24 subjects
+#: in 20 environments take twice as long for calls, with four times as many for memory.
+_NUMBERS = 1 << 18
+#: Draws of a pass at the least and at the most.
+_FEWEST_DRAWS = 128
+_MOST_DRAWS = 2048
+
+
+def is_one_row(statistics: Statistics, design: Design) -> bool:
+    """Whether the cell means of all subjects are one row and contrasts."""
+    patterns = statistics.patterns
+    if design.subject or len(patterns) == 1:
+        return len(patterns) == 1
+    cells = np.concatenate([pattern.environments for pattern in patterns])
+    return len(np.unique(cells)) == len(cells)
+
+
+class OneRow:
+    """Cell means of a study whose subjects share one pattern, or whose cells share no subject.
+
+    Parameters
+    ----------
+    statistics : Statistics
+        Its environments are the design's cells.
+    design : Design
+        Whose cells these are.
+    own, fixed : ndarray
+        Columns of own deviations without their SDs, (a, P, C), and of fixed terms, (f, P, C).
+    """
+
+    def __init__(self, statistics: Statistics, design: Design, own: Array, fixed: Array) -> None:
+        size, cells = design.cells.x.shape
+        subjects = np.zeros(cells)
+        trials = np.ones(cells)
+        mean = np.zeros((size, cells))
+        most = max(pattern.rows.shape[1] for pattern in statistics.patterns)
+        rows = np.zeros((most, size, cells))
+        for pattern in statistics.patterns:
+            present = pattern.environments
+            subjects[present] = pattern.subjects
+            trials[present] = pattern.trials
+            mean[:, present] = pattern.mean
+            rows[: pattern.rows.shape[1], :, present] = pattern.rows.swapaxes(0, 1)
+        #: (C, 1) Subjects of each cell: all the same if they have effects.
+        self._subjects = subjects[:, None]
+        self._trials = trials[:, None]
+        #: (n, P, C, 1) Rows whose products sum to the scatter between subjects.
+        self._contrasts = rows[..., None]
+        self._own = own
+        #: (f + 1, P, C) Fixed columns, and the subjects' mean.
+        self._fixed_and_mean = np.concatenate([fixed, mean[None]])
+        #: Columns (k, P, C) of each term that fixed effects share with subjects', and the prior
+        #: variance of a coefficient.
+        self._shared: list[tuple[Array, Array]] = []
+        #: The others of `_fixed_and_mean`.
+        self._unshared_and_mean = self._fixed_and_mean
+        if not design.effect_size:
+            self._set_shared(design)
+        #: (L, J) Cells of each environment.
+        self._cells_of_environment = _cells_of_environment(design)
+
+    def log_density(self, scales: CellScales) -> Array:
+        """Log density of all cell means, (W,), without powers of 2 pi and `Statistics.constant`.
+
+        Numbers of subjects are in it.
+        """
+        noise = self._noise(scales)
+        minus_twice = self._of_contrasts(noise, scales)
+        varying = self._varying_columns(scales)
+        if len(self._cells_of_environment) == 1:
+            rows, log_determinant = self._rows_of_single_cells(noise, scales, varying)
+        else:
+            own = self._regressed(noise, scales, varying, self._unshared_and_mean)
+            rows = own.rows
+            of_noise = noise.scaled(1.0 / self._subjects).log_determinant().sum(axis=0)
+            log_determinant = of_noise + 2.0 * log_diagonal(own.factor).sum(axis=0)
+        joint = _products(rows)
+        latents = len(joint) - 1
+        factor = lower_factor(joint[:, :latents])
+        solution = solve_upper(factor[:latents], factor[latents])
+        residual = rows[-1] - np.einsum("kmw,kw->mw", rows[:-1], solution)
+        minus_twice += log_determinant + 2.0 * log_diagonal(factor[:latents])
+        minus_twice += np.einsum("mw,mw->w", residual, residual)
+        minus_twice += np.einsum("kw,kw->w", solution, solution)
+        return -0.5 * minus_twice
+
+    def solve(self, scales: CellScales) -> OwnFirst:
+        """Own deviations, effects and fixed columns' coefficients that fit best, and their law."""
+        effects = scales.effects / np.sqrt(self._subjects)
+        own = self._regressed(self._noise(scales), scales, effects, self._fixed_and_mean)
+        return OwnFirst(
+            deviation_sd=self._own_sd(scales),
+            factor=own.factor,
+            explained=own.explained,
+            joint=_products(own.rows),
+            effects=len(scales.effects),
+        )
+
+    def draws_per_pass(self, effects: int) -> int:
+        """Draws worked on at once, for so many columns of subjects' effects."""
+        most, environments = self._cells_of_environment.shape
+        own, size, _ = self._own.shape
+        rows = (size * most + own) * environments
+        numbers = max((effects + len(self._fixed_and_mean)) * rows, self._contrasts.size)
+        return min(max(_NUMBERS // numbers, _FEWEST_DRAWS), _MOST_DRAWS)
+
+    def _own_sd(self, scales: CellScales) -> Array:
+        """SDs of the own deviations of each column, (a, W)."""
+        return scales.tau.reshape(len(self._own), scales.tau.shape[-1])
+
+    def _noise(self, scales: CellScales) -> Block:
+        """D, entries (C, W)."""
+        if scales.trial is None:
+            return scales.between
+        return scales.between + scales.trial.scaled(1.0 / self._trials)
+
+    def _of_contrasts(self, noise: Block, scales: CellScales) -> Array:
+        """Log determinants and squares of the contrasts of subjects, summed: (W,)."""
+        others = self._subjects[:, 0] - 1.0
+        if not len(scales.effects):
+            squares = noise.distance(tuple(self._contrasts.swapaxes(0, 1))).sum(axis=0)
+            return np.asarray(squares + others @ noise.log_determinant())
+        covariance = SubjectCovariance(noise, scales.effects)
+        squares = covariance.scatter_distance(self._contrasts)
+        return np.asarray(squares + others[0] * covariance.log_determinant())
+
+    def _varying_columns(self, scales: CellScales) -> Array:
+        """Columns of the density that differ between draws, (k, P, C, W)."""
+        if not self._shared:
+            return scales.effects / np.sqrt(self._subjects)
+        columns = []
+        for covariance, (term, variance) in zip(scales.covariances, self._shared, strict=True):
+            of_mean = covariance.scaled(1.0 / self._subjects[0])
+            whole = of_mean.plus_diagonal((variance,) * self._own.shape[1])
+            for root in whole.factor_columns():
+                columns += [column[..., None] * np.stack(root)[:, None] for column in term]
+        return np.stack(columns)
+
+    def _set_shared(self, design: Design) -> None:
+        """Find the terms that fixed effects share with subjects'."""
+        fixed = {term.name: term.columns for term in design.fixed}
+        for term in design.subject:
+            # Fixed columns are the same times the prior SD.
+            square = np.einsum("kpc,kpc->", term.columns, term.columns)
+            prior_sd = np.einsum("kpc,kpc->", term.columns, fixed.pop(term.name)) / square
+            self._shared.append((term.columns, np.square(prior_sd)))
+        left = tuple(term for term in design.fixed if term.name in fixed)
+        size, cells = design.cells.x.shape
+        unshared = columns_by_quantity(left, size, cells)
+        self._unshared_and_mean = np.concatenate([unshared, self._fixed_and_mean[-1:]])
+
+    def _rows_of_single_cells(
+        self, noise: Block, scales: CellScales, varying: Array
+    ) -> tuple[Array, Array]:
+        """Whitened columns (K + 1, P C, W), and log det of their noise (W,): a cell is a block."""
+        variances = np.einsum("apc,aw->pcw", self._own**2, self._own_sd(scales) ** 2)
+        covariance = noise.scaled(1.0 / self._subjects).plus_diagonal(tuple(variances))
+        rows = _whitened(covariance, varying, self._unshared_and_mean)
+        return rows.reshape(len(rows), -1, rows.shape[-1]), covariance.log_determinant().sum(axis=0)
+
+    def _regressed(
+        self, noise: Block, scales: CellScales, varying: Array, constant: Array
+    ) -> _Regressed:
+        """Columns regressed on own deviations, environment by environment."""
+        of_mean = noise.scaled(1.0 / self._subjects)
+        columns = self._own[..., None] * self._own_sd(scales)[:, None, None]
+        nothing = np.zeros((0, *self._own.shape[1:]))
+        own = self._by_environment(_whitened(of_mean, columns, nothing))
+        others = self._by_environment(_whitened(of_mean, varying, constant))
+        return _Regressed(own, others)
+
+    def _by_environment(self, columns: Array) -> Array:
+        """Columns (k, P, C, W), the cells of each environment apart: (k, P L, J, W)."""
+        no_cell = np.zeros_like(columns[:, :, :1])
+        padded = np.concatenate([columns, no_cell], axis=2)
+        apart = padded[:, :, self._cells_of_environment]
+        count, size, most, environments, width = apart.shape
+        return apart.reshape(count, size * most, environments, width)
+
+
+class _Regressed:
+    """Columns (K + 1, P L, J, W) of unit noise, regressed on own columns (a, P L, J, W).
+
+    With U the own columns, LL' = I + U'U, T = L⁻¹U'A and B = L'⁻¹T.
+    """
+
+    def __init__(self, own: Array, columns: Array) -> None:
+        #: L, (a, a, J, W)
+        self.factor = lower_factor(with_prior(np.einsum("amjw,bmjw->abjw", own, own)))
+        for_columns = self.factor[:, :, None]
+        products = np.einsum("amjw,kmjw->akjw", own, columns)
+        #: T, (a, K + 1, J, W)
+        self.explained = solve_lower(for_columns, products)
+        coefficients = solve_upper(for_columns, self.explained)
+        unexplained = columns - np.einsum("amjw,akjw->kmjw", own, coefficients)
+        rows = np.concatenate([unexplained, coefficients.swapaxes(0, 1)], axis=1)
+        #: A - UB and B, (K + 1, (P L + a) J, W)
+        self.rows = rows.reshape(len(rows), -1, rows.shape[-1])
+
+
+def _whitened(covariance: Block, varying: Array, constant: Array) -> Array:
+    """Columns (k, P, C, W), then columns (m, P, C) that all draws share: over unit noise."""
+    count, size, cells, width = varying.shape
+    rows = np.empty((count + len(constant), size, cells, width))
+    # What is equal in all draws is not repeated for each.
+    for some, columns in ((rows[:count], varying), (rows[count:], constant[..., None])):
+        for p, part in enumerate(covariance.whiten(tuple(columns.swapaxes(0, 1)))):
+            some[:, p] = part
+    return rows
+
+
+def _products(rows: Array) -> Array:
+    """Lower triangle of I + A'A for columns (K + 1, M, W), the data last: (K + 1, K + 1, W)."""
+    count, _, width = rows.shape
+    joint = np.zeros((count, count, width))
+    for row in range(count):
+        end = row + 1
+        np.einsum("mw,kmw->kw", rows[row], rows[:end], out=joint[row, :end])
+    diagonal = np.arange(count)
+    joint[diagonal, diagonal] += 1.0
+    return joint
+
+
+def _cells_of_environment(design: Design) -> Indices:
+    """Cells of each environment, (L, J); C, which is no cell, where one has fewer than L."""
+    environment = design.cells.environment
+    number = len(design.cells.environments)
+    most = np.bincount(environment).max()
+    cells = np.full((most, number), len(environment))
+    for j in range(number):
+        of_environment = np.flatnonzero(environment == j)
+        cells[: len(of_environment), j] = of_environment
+    return cells

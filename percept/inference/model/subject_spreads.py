@@ -1,0 +1,258 @@
+"""Subjects' own trial SDs, in coordinates that follow the data.
+
+The log trial SD of subject i in cell c is log sigma_ec + phi_i, with phi_i ~ N(0, omega_s²) in
+each quantity. The scatter of a subject's trials gives phi_i a rough likelihood: its rough log SD
+l_i is N(a + phi_i, 1/w_i), with w_i = 2 df_i. The level a is common to all subjects and has a flat
+prior here: only the cells' SDs tell it. Given omega_s the ratios f = phi/omega_s are then normal:
+
+    precision    diag(s) - cc',  s = 1 + w omega_s²,  c = omega_s w / √(sum w)
+    covariance   s^(-1/2) (I + (g² - 1) dd') s^(-1/2),  g² = sum w / sum (w/s)
+    mean         covariance × omega_s w (l - l̄),  l̄ the mean of l weighted by w
+
+with d the unit vector along w s^(-1/2). The coordinates v are standard normal under this law:
+
+    f = mean + s^(-1/2) (I + (g - 1) dd') v
+
+The mean of all phi keeps its prior, and the cells' SDs follow it. The rough likelihood shapes the
+coordinates alone: their density under the prior is exact.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from percept.inference.model.trial_scatter import TrialScatter
+
+__all__ = ["SubjectSpreads", "chance_of_differences"]
+
+Array = NDArray[np.float64]
+
+_LOG_2PI = math.log(2.0 * math.pi)
+#: Turns of fitting subjects' and cells' SDs to one another, once per model. Coordinates need two
+#: digits. In 200 simulated tables of 3 to 19 subjects and 2 to 11 cells, a third of these empty,
+#: log SDs are then within 0.02 of the limit, and in half of the tables within 1e-7.
+_ROUGH_TURNS = 20
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Table:
+    """Scatter of each subject in each cell."""
+
+    squares: Array  # (P, N, C)
+    df: Array  # (P, N, C) Zero for a subject whose repeats are all equal, which has no log SD
+
+    @classmethod
+    def of(
+        cls,
+        scatter: TrialScatter,
+        subjects: int,
+        cells: int,
+    ) -> _Table:
+        """Spread groups of trials over subjects and cells."""
+        groups = scatter.squares()
+        size = len(groups)
+        squares = np.zeros((size, subjects, cells))
+        squares[:, scatter.subject, scatter.cell] = groups
+        df = np.zeros((subjects, cells))
+        df[scatter.subject, scatter.cell] = scatter.df
+        of_subject = squares.sum(axis=2, keepdims=True)
+        return cls(squares, np.where(of_subject > 0.0, df, 0.0))
+
+    def of_subjects(self) -> Array:
+        """Log SDs of subjects over those of the cells, (P, N)."""
+        size, subjects, _ = self.squares.shape
+        rough = np.zeros((size, subjects))
+        squares_by_cell = self.squares.swapaxes(1, 2)
+        df_by_cell = self.df.swapaxes(1, 2)
+        for _ in range(_ROUGH_TURNS):
+            of_cells = _log_sd(self.squares, self.df, rough)
+            rough = _log_sd(squares_by_cell, df_by_cell, of_cells)
+        return rough
+
+
+def _log_sd(
+    squares: Array,
+    df: Array,
+    log_other: Array,
+) -> Array:
+    """Log SDs along the last axis, once the others' log SDs are divided out.
+
+    Squares and df are (P, N, C) and give (P, C) from log SDs (P, N), or the other way round.
+    """
+    inverse_variance = np.exp(-2.0 * log_other)
+    scaled = squares * inverse_variance[..., None]
+    # Where there are no degrees of freedom there are no squares either.
+    total_df = np.maximum(df.sum(axis=-2), 1.0)
+    variance = scaled.sum(axis=-2) / total_df
+    # A log SD of zero stands where there is no scatter.
+    positive = np.where(variance > 0.0, variance, 1.0)
+    return 0.5 * np.log(positive)
+
+
+def chance_of_differences(
+    scatter: TrialScatter,
+    subjects: int,
+    cells: int,
+) -> Array:
+    """Probability that subjects of equal trial SD differ by chance as much as these subjects do.
+
+    The log of a sample SD of nu degrees of freedom has the variance psi'(nu/2)/4 about
+    log sigma + (psi(nu/2) - log(nu/2))/2, with psi the digamma function (Bartlett and Kendall,
+    1946). The weighted squares of log SDs about their mean then follow a chi-squared law roughly.
+
+    Parameters
+    ----------
+    scatter : TrialScatter
+        Of every subject by itself.
+    subjects, cells : int
+        Numbers of subjects N and of cells.
+
+    Returns
+    -------
+    ndarray
+        A probability for each quantity, (P,); one where fewer than two subjects repeat trials.
+        Subjects whose repeats are all equal do not count.
+    """
+    table = _Table.of(scatter, subjects, cells)
+    half_df = 0.5 * table.df.sum(axis=2)
+    log_sds = table.of_subjects()
+    chances = []
+    for p in range(len(log_sds)):
+        informed = half_df[p] > 0.0
+        chance = _chance_of(log_sds[p, informed], half_df[p, informed])
+        chances.append(chance)
+    return np.array(chances)
+
+
+def _chance_of(log_sd: Array, half_df: Array) -> float:
+    """Probability that log SDs (N,) of one quantity differ by chance as much as they do."""
+    if len(log_sd) < 2:
+        return 1.0
+    twice_bias = special.digamma(half_df) - np.log(half_df)
+    unbiased = log_sd - 0.5 * twice_bias
+    weight = 4.0 / special.polygamma(1, half_df)
+    mean = np.average(unbiased, weights=weight)
+    departure = unbiased - mean
+    squares = departure**2 @ weight
+    free = len(log_sd) - 1
+    return float(special.chdtrc(free, squares))
+
+
+class SubjectSpreads:
+    """Map from coordinates to log ratios phi of subjects' trial SDs, quantity by quantity.
+
+    The rough log SDs of two quantities are correlated. Given phi of the first quantity, those of
+    the second have the conditional mean l + correlation (phi_first - l_first), and their weight
+    is w / (1 - correlation²).
+
+    Parameters
+    ----------
+    scatter : TrialScatter
+        Of every subject by itself.
+    subjects, cells : int
+        Numbers of subjects N and of cells C.
+    correlation : float
+        Correlation of the rough log SDs of both quantities.
+    """
+
+    def __init__(
+        self,
+        scatter: TrialScatter,
+        subjects: int,
+        cells: int,
+        correlation: float,
+    ) -> None:
+        table = _Table.of(scatter, subjects, cells)
+        self._table = table
+        df = table.df.sum(axis=2)
+        self.weight = 2.0 * df  # (P, N) w
+        self.weight[1:] /= 1.0 - correlation * correlation
+        log_sds = table.of_subjects()
+        self._rough_log_sd = np.where(df > 0.0, log_sds, 0.0)  # (P, N) l
+        self._correlation = correlation
+
+    def __call__(self, coordinates: Array, omega: Array) -> tuple[Array, Array]:
+        """Map coordinates (P, N, W) given omega_s (P, W) to phi (P, N, W) and log density (W,)."""
+        phi: list[Array] = []
+        log_density = np.zeros(omega.shape[1])
+        for p, rough_log_sd in enumerate(self._rough_log_sd):
+            rough = rough_log_sd[:, None]
+            if phi:
+                first_rough = self._rough_log_sd[0, :, None]
+                departure = phi[0] - first_rough
+                rough = rough + self._correlation * departure
+            of_quantity, density = self._of_quantity(p, coordinates[p], omega[p], rough)
+            phi.append(of_quantity)
+            log_density += density
+        return np.stack(phi), log_density
+
+    def _of_quantity(
+        self,
+        quantity: int,
+        coordinates: Array,
+        omega: Array,
+        rough: Array,
+    ) -> tuple[Array, Array]:
+        """Log ratios phi (N, W) of one quantity by its rough log SDs, and log density (W,)."""
+        weight = self.weight[quantity][:, None]
+        total = weight.sum()
+        s = 1.0 + weight * omega**2
+        root = np.sqrt(s)
+        if total == 0.0:
+            ratios = coordinates
+            g = np.ones_like(omega)
+        else:
+            shares = weight / s
+            g = np.sqrt(total / shares.sum(axis=0))
+            weighted = weight * rough
+            mean = weighted.sum(axis=0) / total
+            pull = omega * weight * (rough - mean)
+            ratios = _ratios(coordinates, pull, weight, root, g)
+        squares = np.einsum("nw,nw->w", ratios, ratios)
+        # The prior of f = phi/omega_s times the Jacobian of the map, g prod(s^(-1/2)).
+        log_roots = np.log(root)
+        log_jacobian = np.log(g) - log_roots.sum(axis=0)
+        log_prior = -0.5 * (squares + _LOG_2PI * len(coordinates))
+        log_density = log_prior + log_jacobian
+        return omega * ratios, log_density
+
+    def cells_given(self, phi: Array) -> Array:
+        """How far phi (P, N, W) moves the rough log SDs of cells, (P, C, W)."""
+        moves = []
+        for squares, log_ratios in zip(self._table.squares, phi, strict=True):
+            inverse_ratios = np.exp(-2.0 * log_ratios)
+            adjusted = squares.T @ inverse_ratios  # (C, W)
+            unadjusted = squares.sum(axis=0)[:, None]
+            has_scatter = (adjusted > 0.0) & (unadjusted > 0.0)
+            unmoved = np.ones_like(adjusted)
+            ratio = np.divide(adjusted, unadjusted, out=unmoved, where=has_scatter)
+            moves.append(0.5 * np.log(ratio))
+        return np.stack(moves)
+
+
+def _ratios(
+    coordinates: Array,
+    pull: Array,
+    weight: Array,
+    root: Array,
+    g: Array,
+) -> Array:
+    """Ratios f = phi/omega_s, (N, W): their mean, and coordinates by a root of their covariance.
+
+    The pull (N, W) is omega_s w (l - l̄), which the covariance takes to the mean; the root is √s.
+    """
+    direction = weight / root
+    square = np.einsum("nw,nw->w", direction, direction)
+    direction = direction / np.sqrt(square)
+    scaled_pull = pull / root
+    pull_along = np.einsum("nw,nw->w", direction, scaled_pull)
+    coordinates_along = np.einsum("nw,nw->w", direction, coordinates)
+    mean = scaled_pull + (g**2 - 1.0) * direction * pull_along
+    departure = coordinates + (g - 1.0) * direction * coordinates_along
+    whitened = mean + departure
+    return np.asarray(whitened / root)

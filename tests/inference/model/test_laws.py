@@ -1,0 +1,173 @@
+"""Laws of cells, contrasts, pairs and untested environments against the twin."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+from percept.errors import RefusalError
+from percept.inference.model.product import Product
+from tests.inference.model.designs import DESIGNS, made
+from tests.inference.twin import Twin
+
+
+def weighed(twin, rows):
+    """Mean, SD and users' SD of combinations (L, R), each (W, L)."""
+    mean, covariance = twin.posterior()
+    of_cells = rows[:, : twin.users.shape[1]]
+    variance = np.einsum("lr,wrs,ls->wl", rows, covariance, rows)
+    own = np.einsum("lr,wrs,ls->wl", of_cells, twin.users, of_cells)
+    return mean @ rows.T, np.sqrt(variance), np.sqrt(own)
+
+
+def check(laws, expected):
+    mean, sd, population_sd = expected
+    np.testing.assert_allclose(laws.mean, mean, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(laws.sd, sd, rtol=1e-7)
+    np.testing.assert_allclose(laws.population_sd, population_sd, rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", DESIGNS)
+def test_cells_and_contrasts_have_their_conditional_law(name):
+    """Every cell, and combinations of cells and slopes."""
+    study = made(name)
+    points = study.points(3)
+    twin = study.twin(points)
+    model = study.model
+    check(model.laws(points), weighed(twin, model.cell_rows))
+    rows = np.random.default_rng(3).normal(size=(3, model.locations_count))
+    expected = weighed(twin, rows)
+    check(model.laws_of(rows, points), expected)
+    np.testing.assert_allclose(np.exp(model.log_user_sds(rows, points)), expected[2], rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["plain, trials", "plain, missing cells", "unequal trials"])
+def test_pairs_have_the_joint_law_of_their_quantities(name):
+    study = made(name)
+    points = study.points(3)
+    twin = study.twin(points)
+    pairs = study.model.pairs(points)
+    mean, covariance = twin.posterior()
+    for c in range(twin.cells):
+        at = np.array([c, twin.cells + c])
+        np.testing.assert_allclose(pairs.mean[:, c], mean[:, at], rtol=1e-8, atol=1e-10)
+        both = (slice(None), at[:, None], at)
+        np.testing.assert_allclose(pairs.location[:, c], covariance[both], rtol=1e-7, atol=1e-12)
+        np.testing.assert_allclose(pairs.users[:, c], twin.users[both], rtol=1e-10, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "name", ["plain, trials", "plain, missing cells", "two by two, spread", "covariates of trials"]
+)
+def test_draws_have_the_law_of_cells_and_users(name):
+    study = made(name)
+    point = study.points(1)
+    count = 20_000
+    rows = np.random.default_rng(3).normal(size=(4, study.model.locations_count))
+    rng = np.random.default_rng(4)
+    location, user = study.model.draw_of(rows, point, rng, repeats=count)
+    twin = study.twin(point)
+    of_cells = rows[:, : twin.users.shape[1]]
+    mean, covariance = twin.posterior()
+    of_location = rows @ covariance[0] @ rows.T
+    of_user = of_location + of_cells @ twin.users[0] @ of_cells.T
+    for drawn, expected in ((location, of_location), (user, of_user)):
+        variances = np.diag(expected)
+        centre = (drawn.mean(axis=0) - rows @ mean[0]) / np.sqrt(variances / count)
+        assert np.all(np.abs(centre) < 4.5)
+        # An entry of an empirical covariance has this standard error.
+        error = np.sqrt((np.outer(variances, variances) + expected**2) / count)
+        assert np.all(np.abs(np.cov(drawn.T) - expected) < 4.5 * error)
+
+
+def with_new_cells(study, x):
+    """Add an untested environment with one cell for each combination of levels."""
+    first = study.environment == 0
+    count = int(first.sum())
+    levels = {
+        name: (number, np.concatenate([level, level[first]]))
+        for name, (number, level) in study.levels.items()
+    }
+    added = np.full(count, study.environment.max() + 1)
+    return dataclasses.replace(
+        study,
+        environment=np.concatenate([study.environment, added]),
+        x=np.concatenate([study.x, np.repeat(x[:, None], count, axis=1)], axis=1),
+        levels=levels,
+    )
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["plain, trials", "plain, missing cells", "no subject effect", "two by two, spread",
+     "slopes over references", "subjects' trial SDs", "covariates of trials"],
+)  # fmt: skip
+def test_an_untested_environment_has_the_law_of_a_cell_without_trials(name):
+    study = made(name)
+    model = study.model
+    x = np.array([0.4, -0.2])
+    points = study.points(3)
+    scales = model.scales(points)
+    wider = with_new_cells(study.study, x)
+    tested = len(study.study.environment)
+    added = len(wider.environment) - tested
+    for sd in ("sigma", "sigma_e"):
+        if sd in scales:
+            dimensions, values = scales[sd]
+            scales[sd] = (dimensions, np.pad(values, ((0, 0), (0, 0), (0, added))))
+    twin = Twin(wider, model.priors, scales)
+    mean, covariance = twin.posterior()
+    new = model.new_environment(points, x, 2, np.random.default_rng(5))
+    trends = model.trends(points)
+    assert len(new) == added
+    for number, of_condition in enumerate(new.values()):
+        at = np.array([tested + number, twin.cells + tested + number])
+        both = (slice(None), at[:, None], at)
+        np.testing.assert_allclose(of_condition.mean[::2], mean[:, at], rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(of_condition.covariance[1::2], covariance[both], rtol=1e-6)
+        shared = of_condition.population - np.repeat(twin.users[both], 2, axis=0)
+        # What is left is the spread within the new environment: both SDs and their correlation.
+        sd = np.sqrt(np.diagonal(shared, axis1=1, axis2=2))
+        rho = shared[:, 0, 1] / sd.prod(axis=1)
+        np.testing.assert_allclose(rho, np.repeat(scales["rho_w"][1], 2), rtol=1e-7)
+    for number, (condition, line) in enumerate(trends.items()):
+        at = np.array([tested + number, twin.cells + tested + number])
+        np.testing.assert_allclose(
+            line.mean[..., 0] + x * line.mean[..., 1], mean[:, at], rtol=1e-7, atol=1e-9
+        )
+        assert condition in new
+
+
+@pytest.mark.parametrize("name", ["one cell", "one environment"])
+def test_one_environment_predicts_no_other(name):
+    study = made(name)
+    points = study.points(2)
+    for ask in (
+        lambda: study.model.trends(points),
+        lambda: study.model.new_environment(points, np.zeros(2), 1, np.random.default_rng(1)),
+    ):
+        with pytest.raises(RefusalError, match="no trend to predict others from"):
+            ask()
+
+
+def test_models_side_by_side_have_the_law_of_all_their_locations():
+    """A pair with covariates, and a quantity with a model of its own: contrasts over all three."""
+    studies = [made("covariates of trials"), made("one quantity, two levels", seed=1)]
+    models = [study.model for study in studies]
+    product = Product(models)
+    points = np.random.default_rng(2).normal(0.0, 0.7, (2, len(product.names)))
+    split = np.split(points, [len(models[0].names)], axis=1)
+    values = sum(model(part) for model, part in zip(models, split, strict=True))
+    np.testing.assert_allclose(product(points), values, rtol=1e-14)
+    count = sum(model.locations_count for model in models)
+    rows = np.random.default_rng(3).normal(size=(4, count))
+    parts = np.split(rows, [models[0].locations_count], axis=1)
+    found = []
+    for study, coordinates, own in zip(studies, split, parts, strict=True):
+        found.append(weighed(study.twin(coordinates), own))
+    means, sds, user_sds = zip(*found, strict=True)
+    expected = (sum(means), np.hypot(*sds), np.hypot(*user_sds))
+    check(product.laws_of(rows, points), expected)
+    np.testing.assert_allclose(np.exp(product.log_user_sds(rows, points)), expected[2], rtol=1e-9)
+    assert linalg.norm(expected[0]) > 0.0

@@ -1,0 +1,171 @@
+"""Sufficient statistics against direct formulas, and what they must not depend on."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from percept.errors import RefusalError
+from percept.inference.model.design import Options
+from percept.inference.model.linear_posterior import plain_model
+from percept.inference.model.statistics import from_summary, from_trials
+from tests.inference.model.designs import made
+
+#: Designs without factors.
+PLAIN = ("plain", "one quantity", "plain, unequal trials", "plain, missing cells", "two subjects",
+         "one cell, unequal trials")  # fmt: skip
+
+
+def reduce(built, order=slice(None), shift=0.0, relabel=None):
+    """Statistics of the trials in another order, moved, or of subjects numbered otherwise."""
+    study, statistics = built.study, built.model.statistics
+    subject = study.subject if relabel is None else relabel[study.subject]
+    return from_trials(
+        study.response[order] + shift,
+        subject[order],
+        study.cell[order],
+        study.x,
+        parameters=statistics.parameters,
+        environments=statistics.environments,
+        subjects=statistics.subjects,
+    )
+
+
+def cells(built):
+    study = built.study
+    for i in range(len(built.model.statistics.subjects)):
+        for j in range(len(built.model.statistics.environments)):
+            yield i, j, study.response[(study.subject == i) & (study.cell == j)]
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_statistics_equal_direct_formulas(name):
+    study = made(name, seed=6)
+    statistics = study.model.statistics
+    size, environments = study.study.x.shape
+    scatter, df = np.zeros((size, size, environments)), np.zeros(environments)
+    counts = np.zeros((len(statistics.subjects), environments), dtype=int)
+    for i, j, values in cells(study):
+        counts[i, j] = len(values)
+        if not len(values):
+            assert np.isnan(statistics.cell_means[i, :, j]).all()
+            continue
+        np.testing.assert_allclose(statistics.cell_means[i, :, j], values.mean(axis=0), rtol=1e-14)
+        apart = values - values.mean(axis=0)
+        scatter[..., j] += apart.T @ apart
+        df[j] += len(values) - 1
+    np.testing.assert_array_equal(statistics.trial_df, df)
+    assert statistics.repeats == bool(df.any())
+    rows = np.einsum("pkj,qkj->pqj", statistics.trial_rows, statistics.trial_rows)
+    np.testing.assert_allclose(rows, scatter, rtol=1e-12, atol=1e-16)
+    for j in range(environments):
+        means = statistics.cell_means[counts[:, j] > 0, :, j]
+        np.testing.assert_array_equal(statistics.df[:, j], len(means) - 1.0)
+        if len(means) > 1:
+            np.testing.assert_allclose(statistics.sd[:, j], means.std(axis=0, ddof=1), rtol=1e-12)
+    seen = []
+    for pattern in statistics.patterns:
+        seen += pattern.members.tolist()
+        for member in pattern.members:
+            assert np.flatnonzero(counts[member]).tolist() == pattern.environments.tolist()
+            np.testing.assert_array_equal(counts[member, pattern.environments], pattern.trials)
+        values = statistics.cell_means[pattern.members][:, :, pattern.environments]
+        np.testing.assert_allclose(pattern.mean, values.mean(axis=0), rtol=1e-13)
+        flat = (values - values.mean(axis=0)).reshape(pattern.subjects, -1)
+        own = pattern.rows.transpose(1, 0, 2).reshape(pattern.rows.shape[1], flat.shape[1])
+        np.testing.assert_allclose(own.T @ own, flat.T @ flat, rtol=1e-11, atol=1e-15)
+        assert pattern.rows.shape[1] <= min(max(pattern.subjects - 1, 0), flat.shape[1])
+    assert sorted(seen) == list(range(len(statistics.subjects)))
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.sampled_from(PLAIN), st.integers(0, 2**31))
+def test_order_of_rows_and_names_of_subjects_do_not_matter(name, seed):
+    rng = np.random.default_rng(seed)
+    study = made(name, seed)
+    order = rng.permutation(len(study.study.subject))
+    relabel = rng.permutation(len(study.model.statistics.subjects))
+    points = rng.normal(size=(4, len(study.model.names)))
+    values = study.model(points)
+    for statistics in (reduce(study, order), reduce(study, relabel=relabel)):
+        np.testing.assert_allclose(plain_model(statistics)(points), values, rtol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["plain, trials", "plain, missing cells"])
+def test_scatter_survives_a_common_offset(name):
+    study = made(name)
+    shift = 2.0**30  # exact in doubles beside values rounded to 2^-20
+    study.study.response[:] = np.round(study.study.response * 2.0**20) / 2.0**20
+    near, far = reduce(study), reduce(study, shift=shift)
+    # A mean of three such trials is itself rounded, by up to 2^-24.
+    atol = 0.0 if name == "plain, missing cells" else 2.0**-22
+    np.testing.assert_allclose(far.sd, near.sd, rtol=1e-11, atol=atol)
+    np.testing.assert_allclose(np.abs(far.trial_rows), np.abs(near.trial_rows), rtol=0, atol=atol)
+
+
+@pytest.mark.parametrize("value", [0.1, -0.3, 1.7, 1e9 / 3])
+@pytest.mark.parametrize("subjects", [3, 7, 10])
+def test_equal_values_have_no_scatter_at_all(value, subjects):
+    """The refusal of a cell without scatter rests on an exact zero."""
+    statistics = from_trials(
+        np.full((3 * subjects, 1), value),
+        np.repeat(np.arange(subjects), 3),
+        np.zeros(3 * subjects, dtype=int),
+        np.zeros((1, 1)),
+        parameters=("k",),
+        environments=("VE1",),
+        subjects=tuple(f"S{i}" for i in range(subjects)),
+    )
+    assert statistics.sd[0, 0] == 0.0
+    assert not statistics.trial_rows.any()
+
+
+def test_subjects_with_equal_counts_share_a_pattern():
+    assert len(made("plain").model.statistics.patterns) == 1
+    assert len(made("plain, trials").model.statistics.patterns) == 1
+    patterns = made("plain, missing cells").model.statistics.patterns
+    assert sum(pattern.subjects for pattern in patterns) == 6
+    assert 1 < len(patterns) <= 5
+
+
+def test_summary_is_the_likelihood_of_means_and_sds():
+    """y-bar ~ N(beta, sigma²/n) and nu s²/sigma² ~ chi-square: the density of trials less a
+    constant."""
+    rng = np.random.default_rng(9)
+    subjects, environments = 7, 4
+    response = 0.2 * rng.normal(size=(subjects, environments))
+    x = np.array([[-1.0, 0.0, 0.4, 0.6]])
+    labels = tuple("ABCD")
+    summary = from_summary(
+        response.mean(axis=0),
+        response.std(axis=0, ddof=1),
+        np.full(4, subjects),
+        x[0],
+        parameter="k",
+        environments=labels,
+    )
+    i, j = np.indices(response.shape).reshape(2, -1)
+    trials = from_trials(
+        response.reshape(-1, 1),
+        i,
+        j,
+        x,
+        parameters=("k",),
+        environments=labels,
+        subjects=tuple("1234567"),
+    )
+    assert summary.summary
+    assert not trials.summary
+    ours = plain_model(summary)
+    other = plain_model(trials, options=Options(subject_effect=False))
+    assert ours.names == other.names
+    points = rng.normal(size=(20, len(ours.names)))
+    difference = ours(points) - other(points)
+    np.testing.assert_allclose(difference, difference[0], rtol=1e-11, atol=1e-11)
+
+
+def test_refusals():
+    labels = {"parameters": ("k",), "environments": ("VE1",)}
+    x, code = np.zeros((1, 1)), np.zeros(2, dtype=int)
+    with pytest.raises(RefusalError, match=r"one subject \(S01\) shows no spread between subjects"):
+        from_trials(np.zeros((2, 1)), code, code, x, subjects=("S01",), **labels)
