@@ -10,7 +10,7 @@ from percept.results.fields import Family, Method
 
 __all__ = ["Equivalence", "EquivalenceRow", "Measure", "PseLineRow", "PsychophysicsRow"]
 
-#: `docs/psychophysics.md` defines each one.
+#: `docs/methods.md` defines each one.
 Measure: TypeAlias = Literal[
     "pse",
     "sd_subjects",

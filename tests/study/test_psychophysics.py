@@ -152,7 +152,7 @@ def test_posterior_rows_follow_from_the_draws_and_the_intervals(fitted):
 
 
 def test_the_page_of_measures_names_each():
-    text = (Path(__file__).parents[2] / "docs" / "psychophysics.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs" / "methods.md").read_text(encoding="utf-8")
     named = set(re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE))
     assert named == set(get_args(Measure))
 
