@@ -1,4 +1,4 @@
-"""Sphinx's settings: Markdown pages, names from docstrings, equations as MathML, all offline."""
+"""Sphinx's settings: Markdown pages, equations as MathML, all offline."""
 
 from typing import Any
 
@@ -13,14 +13,9 @@ project = "percept"
 author = "The percept developers"
 release = version = percept.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_parser"]
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
-napoleon_google_docstring = False
-autodoc_default_options = {"exclude-members": "model_config"}
-autodoc_member_order = "bysource"
-autodoc_typehints = "description"
-autodoc_typehints_description_target = "documented"
 
 html_theme = "furo"
 html_title = f"percept {release}"

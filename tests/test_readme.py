@@ -1,6 +1,7 @@
 """Every block of README and docs runs as it stands, page by page; what they name exists."""
 
 import argparse
+import importlib
 import re
 import shlex
 import subprocess
@@ -174,13 +175,11 @@ def test_the_readme_is_short():
     assert len(README.read_text(encoding="utf-8").splitlines()) <= 140
 
 
-def test_the_scene_reference_follows_the_schema(monkeypatch):
+@pytest.mark.parametrize("module", ["scene_reference", "api_reference"])
+def test_a_reference_follows_the_code(module, monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
-    import scene_reference
-
-    page = scene_reference.page()
-    assert scene_reference.PAGE.read_text(encoding="utf-8") == page, (
-        "run python docs/scene_reference.py"
-    )
+    reference = importlib.import_module(module)
+    page = reference.page()
+    assert reference.PAGE.read_text(encoding="utf-8") == page, f"run python docs/{module}.py"
     rows = [row.split(" | ") for row in re.findall(r"^\| `.*", page, re.MULTILINE)]
     assert [row[0] for row in rows if row[-1].strip(" |") == ""] == []
