@@ -75,7 +75,7 @@ SETTINGS = (
 STUDY = (
     SESSIONS,
     *SETTINGS,
-    flag("--no-cache", "sample again, and keep no posterior (see percept cache)"),
+    flag("--no-cache", "sample again, and keep no posterior (see percept doctor --cache)"),
 )
 #: As `open_mapper` takes them.
 WORKERS = (

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["CALIBRATE", "PLAN"]
 
-_KINDS = ("mean", "user", "share", "contrast", "equivalent")
+_KINDS = ("mean", "user", "share", "contrast", "equivalent", "verdicts")
 # Options that not every kind has.
 _OF_SOME_KINDS = (
     "half_width",
@@ -76,7 +76,8 @@ period of
 
 def _plan(arguments: argparse.Namespace) -> None:
     """Print the smallest number of subjects and what it promises."""
-    if arguments.decide:
+    kind = arguments.kind
+    if kind == "verdicts":
         _decide(arguments)
         return
     if arguments.by:
@@ -84,11 +85,10 @@ def _plan(arguments: argparse.Namespace) -> None:
         return
     if arguments.sessions:
         hint = "Add one of them, or leave the sessions out."
-        raise UsageError("sessions are for --decide and --by.", hint=hint)
+        raise UsageError("sessions are for --kind verdicts and for --by.", hint=hint)
     from percept import planning
     from percept.results.plain import plain
 
-    kind = "equivalent" if arguments.equivalent else arguments.kind
     planners: dict[str, Callable[..., Plan | ContrastPlan | EquivalencePlan]] = {
         "mean": planning.plan_mean,
         "user": planning.plan_user,
@@ -118,6 +118,8 @@ def _pilot(arguments: argparse.Namespace) -> None:
     from percept.planning import plan_from_pilot
     from percept.results.plain import plain
 
+    if arguments.kind != "contrast":
+        raise UsageError("--by is for --kind contrast.")
     if not arguments.sessions or arguments.difference is None:
         raise UsageError("--by needs the sessions of a pilot study and --difference.")
     column = arguments.by
@@ -165,7 +167,7 @@ def _pilot(arguments: argparse.Namespace) -> None:
 def _decide(arguments: argparse.Namespace) -> None:
     """Print how many more subjects would decide each verdict of a study."""
     if not arguments.sessions:
-        raise UsageError("--decide needs the sessions of a study.")
+        raise UsageError("kind verdicts needs the sessions of a study.")
     with Working("judging", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         verdicts = study.verdicts
@@ -321,7 +323,14 @@ PLAN = Command(
     "How many subjects the next study needs for an interval, a difference of levels, or verdicts.",
     "percept plan --kind mean --half-width 0.1 --sd 0.2 --family lognormal",
     (
-        argument("--kind", None, "what the interval covers (mean)", choices=_KINDS, default="mean"),
+        argument(
+            "--kind",
+            None,
+            "what to plan for (mean): an interval of the average user, the next user or a share of"
+            " users; a difference of levels; a bias smaller than one JND; undecided verdicts",
+            choices=_KINDS,
+            default="mean",
+        ),
         number("--half-width", "X", "kind mean: in the unit of --sd, or as a fraction"),
         number("--difference", "X", "kind contrast: in the unit of --sd, or as a fraction"),
         number(
@@ -347,14 +356,12 @@ PLAN = Command(
             "probability of the width, or of showing what is to be shown (0.8)",
             default=0.8,
         ),
-        flag("--equivalent", "short for --kind equivalent: show a bias to be smaller than one JND"),
         number("--jnd", "X", "kind equivalent: one JND, in the unit of --sd, or as a fraction"),
         number("--bias", "X", "kind equivalent: the true bias, in the terms of --jnd (0)"),
         number("--decision", "X", "kind equivalent: confidence that decides (0.95)"),
-        flag("--decide", "how many more subjects would decide what is undecided in the sessions"),
-        number("--studies", "N", "with --decide: check one number by so many Bayesian fits"),
-        argument("--by", "COLUMN", "take the SDs of a contrast from the sessions of a pilot study"),
-        argument("sessions", "PATH", "with --decide and --by: session files", nargs="*"),
+        number("--studies", "N", "kind verdicts: check one number by so many Bayesian fits"),
+        argument("--by", "COLUMN", "kind contrast: take the SDs from sessions of a pilot study"),
+        argument("sessions", "PATH", "kind verdicts, and --by: session files", nargs="*"),
         *(option for option in STUDY if option.name not in _OF_PLANS),
         JSON,
     ),

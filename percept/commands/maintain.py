@@ -1,4 +1,4 @@
-"""`percept doctor`, `cache` and `completion`: the installation, what it keeps, and the shell."""
+"""`percept doctor`: the installation, the posteriors that it keeps, and shell completion."""
 
 from __future__ import annotations
 
@@ -15,21 +15,32 @@ from percept.errors import UsageError, counted
 if TYPE_CHECKING:
     from packaging.requirements import Requirement
 
-__all__ = ["CACHE", "COMPLETION", "DOCTOR"]
+__all__ = ["DOCTOR"]
 
 #: The name that pip installs percept by.
 _DISTRIBUTION = "percept-haptics"
 #: The name that the package index gave to another project, with a package `percept` of its own.
 _STRANGER = "percept"
 
-_CACHE = """Show what posteriors are kept for next time, or clear them.
+_DOCTOR = """Say what percept runs on: Python, its dependencies and their versions, and the cache.
 
-PERCEPT_CACHE names another folder, or turns the cache off with the word "off". Beyond a gigabyte
-the posteriors not used for longest go.
+PERCEPT_CACHE names another folder for the cache, or turns it off with the word "off". Beyond a
+gigabyte the posteriors not used for longest go.
 """
 
 
-def _doctor(_: argparse.Namespace) -> int:
+def _doctor(arguments: argparse.Namespace) -> int:
+    """Look at the cache, print shell completion, or check the installation."""
+    if arguments.cache is not None:
+        _cache(arguments.cache)
+        return 0
+    if arguments.completion is not None:
+        _completion(arguments)
+        return 0
+    return _check_installation()
+
+
+def _check_installation() -> int:
     """Print the environment; 1 where a package is missing, of another version or a stranger's."""
     from packaging.requirements import Requirement
 
@@ -88,7 +99,7 @@ def _is_met(requirement: Requirement) -> bool:
     return requirement.specifier.contains(version, prereleases=True)
 
 
-def _cache(arguments: argparse.Namespace) -> None:
+def _cache(action: str) -> None:
     """Print the folder, how many posteriors it keeps and their size, or clear it."""
     from percept.cache import PosteriorCache, cache_folder
 
@@ -102,7 +113,7 @@ def _cache(arguments: argparse.Namespace) -> None:
             "a folder is needed here, and this is a file.", file=str(folder), hint=hint
         )
     cache = PosteriorCache(folder)
-    if arguments.action == "clear":
+    if action == "clear":
         print(f"{folder}: {counted(cache.clear(), 'posterior')} removed")
         return
     entries = cache.entries()
@@ -125,36 +136,30 @@ def _completion(arguments: argparse.Namespace) -> None:
         for action in command._actions:
             if action.metavar in offered:
                 action.complete = offered[action.metavar]
-    print(shtab.complete(parser, shell=arguments.shell))
+    print(shtab.complete(parser, shell=arguments.completion))
 
 
 DOCTOR = Command(
-    "Say what percept runs on: Python, its dependencies and their versions, and the cache.",
-    "percept doctor",
-    (),
-    _doctor,
-)
-CACHE = Command(
-    _CACHE,
-    "percept cache clear",
+    _DOCTOR,
+    """percept doctor
+  percept doctor --cache clear
+  eval "$(percept doctor --completion bash)"                # bash, in ~/.bashrc
+  eval "$(percept doctor --completion zsh)"                 # zsh, in ~/.zshrc after compinit
+  percept doctor --completion fish > ~/.config/fish/completions/percept.fish
+  percept doctor --completion tcsh > ~/.percept.csh         # tcsh, then source it in ~/.tcshrc""",
     (
         argument(
-            "action",
+            "--cache",
             None,
-            "what to do (show)",
-            nargs="?",
+            "show or clear the posteriors kept for next time",
             choices=("show", "clear"),
-            default="show",
+        ),
+        argument(
+            "--completion",
+            None,
+            "print a completion script for a shell",
+            choices=("bash", "zsh", "fish", "tcsh"),
         ),
     ),
-    _cache,
-)
-COMPLETION = Command(
-    "Print a completion script for a shell, to be evaluated or saved where the shell looks for it.",
-    """eval "$(percept completion bash)"                         # bash, in ~/.bashrc
-  eval "$(percept completion zsh)"                          # zsh, in ~/.zshrc after compinit
-  percept completion fish > ~/.config/fish/completions/percept.fish
-  percept completion tcsh > ~/.percept.csh                  # tcsh, then source it in ~/.tcshrc""",
-    (argument("shell", None, "for which shell", choices=("bash", "zsh", "fish", "tcsh")),),
-    _completion,
+    _doctor,
 )

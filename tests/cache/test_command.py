@@ -65,20 +65,20 @@ def test_show_and_clear(kept, tmp_path, monkeypatch, capsys):
     shutil.copytree(kept[1].folder, folder)
     monkeypatch.setenv("PERCEPT_CACHE", str(folder))
     (entry,) = folder.iterdir()
-    assert main(["cache"]) == 0
+    assert main(["doctor", "--cache", "show"]) == 0
     said = f"{folder}: 1 posterior, {entry.stat().st_size / 1e6:.1f} of 1000 MB\n"
     assert capsys.readouterr().out == said
-    assert main(["cache", "clear"]) == 0
+    assert main(["doctor", "--cache", "clear"]) == 0
     assert "1 posterior removed" in capsys.readouterr().out
     assert list(folder.iterdir()) == []
-    assert main(["cache", "clear"]) == 0
+    assert main(["doctor", "--cache", "clear"]) == 0
     assert "0 posteriors removed" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("action", ["show", "clear"])
 def test_a_cache_that_is_off_is_said(monkeypatch, capsys, action):
     monkeypatch.setenv("PERCEPT_CACHE", "off")
-    assert main(["cache", action]) == 2
+    assert main(["doctor", "--cache", action]) == 2
     assert "turned off. Unset it, or let it name a folder." in capsys.readouterr().err
 
 
@@ -87,6 +87,6 @@ def test_a_file_in_the_place_of_the_cache_is_said(tmp_path, monkeypatch, capsys,
     path = tmp_path / "notes.txt"
     path.write_text("mine")
     monkeypatch.setenv("PERCEPT_CACHE", str(path))
-    assert main(["cache", action]) == 2
+    assert main(["doctor", "--cache", action]) == 2
     assert f"{path}: a folder is needed here, and this is a file." in capsys.readouterr().err
     assert path.read_text() == "mine"

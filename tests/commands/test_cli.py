@@ -286,8 +286,8 @@ def test_help_shows_every_default(command):
             "there is no option --versoin. Did you mean --version? See percept --help.",
         ),
         (
-            ["cache", "clear", "it"],
-            "value 'it': there is one argument too many. See percept cache --help.",
+            ["doctor", "it"],
+            "value 'it': there is one argument too many. See percept doctor --help.",
         ),
     ],
     ids=["command", "nothing like it", "a file", "option", "option before a command", "argument"],

@@ -8,7 +8,7 @@ from percept.cli import COMMANDS, main
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish", "tcsh"])
 def test_the_script_knows_every_command(shell, capsys):
-    assert main(["completion", shell]) == 0
+    assert main(["doctor", "--completion", shell]) == 0
     script = capsys.readouterr().out
     for command in COMMANDS:
         assert command in script
@@ -20,7 +20,7 @@ def test_the_shell_accepts_the_script(shell, tmp_path, capsys):
     program = shutil.which(shell)
     if program is None:
         pytest.skip(f"there is no {shell} here")
-    main(["completion", shell])
+    main(["doctor", "--completion", shell])
     script = tmp_path / "completion"
     script.write_text(capsys.readouterr().out)
     run = subprocess.run([program, "-n", str(script)], capture_output=True, text=True, check=False)
@@ -42,7 +42,7 @@ def test_bash_completes(words, expected, tmp_path, capsys):
     bash = shutil.which("bash")
     if bash is None:
         pytest.skip("there is no bash here")
-    main(["completion", "bash"])
+    main(["doctor", "--completion", "bash"])
     (tmp_path / "completion").write_text(capsys.readouterr().out)
     (tmp_path / "my sessions.csv").write_text("")
     (tmp_path / "my_folder").mkdir()
@@ -62,6 +62,6 @@ def test_bash_completes(words, expected, tmp_path, capsys):
 
 def test_an_unknown_shell_is_refused(capsys):
     with pytest.raises(SystemExit) as stopped:
-        main(["completion", "elvish"])
+        main(["doctor", "--completion", "elvish"])
     assert stopped.value.code == 2
     assert "tcsh" in capsys.readouterr().err

@@ -38,18 +38,32 @@ def test_a_contrast_is_planned_by_stated_sds(capsys):
 
 
 def test_an_equivalence_is_planned_by_its_flag(capsys):
-    words = "plan --equivalent --jnd 0.2 --sd 0.2 --bias 0.05 --family lognormal --decision 0.9"
+    words = (
+        "plan --kind equivalent --jnd 0.2 --sd 0.2 --bias 0.05 --family lognormal --decision 0.9"
+    )
     assert main([*words.split(), "--assurance", "0.9"]) == 0
     plan = plan_equivalent(0.2, sd=0.2, bias=0.05, decision=0.9, power=0.9, family="lognormal")
     assert capsys.readouterr().out == f"{plan.covers}\n"
-    assert main(["plan", "--equivalent", "--sd", "0.2"]) == 2
+    assert main(["plan", "--kind", "equivalent", "--sd", "0.2"]) == 2
     assert "kind equivalent needs --jnd" in capsys.readouterr().err
 
 
 def test_a_contrast_is_planned_by_a_pilot_study(tmp_path, capsys):
     data = tmp_path / "pilot.csv"
     frame().to_csv(data, index=False)
-    words = ["plan", str(data), "--by", "hand", "--difference", "0.1", "--level", "0.95", "--quiet"]
+    words = [
+        "plan",
+        str(data),
+        "--kind",
+        "contrast",
+        "--by",
+        "hand",
+        "--difference",
+        "0.1",
+        "--level",
+        "0.95",
+        "--quiet",
+    ]
     assert main([*words, "--json"]) == 0
     (pilot,) = json.loads(capsys.readouterr().out)["plans"]
     assert main(words) == 0
@@ -71,7 +85,17 @@ def test_groups_of_a_pilot_study(tmp_path, capsys):
     data = tmp_path / "pilot.csv"
     table = crossed().query("hand == 'left' and load == 'low'")
     table.to_csv(data, index=False)
-    words = ["plan", str(data), "--by", "group", "--difference", "0.1", "--quiet"]
+    words = [
+        "plan",
+        str(data),
+        "--kind",
+        "contrast",
+        "--by",
+        "group",
+        "--difference",
+        "0.1",
+        "--quiet",
+    ]
     assert main(words) == 0
     assert "expert against novice: With" in capsys.readouterr().out
 
@@ -86,7 +110,7 @@ def undecided(tmp_path, method):
     scene = tmp_path / "scene.toml"
     device = "[device]\nmass = 0.5\ndamping = 5.0\nperiod = 0.001\n"
     scene.write_text(f"coupling = {{ stiffness = 3e3, damping = 20.0 }}\n{device}")
-    return ["plan", str(data), "--scene", str(scene), "--method", method, "--decide"]
+    return ["plan", str(data), "--scene", str(scene), "--method", method, "--kind", "verdicts"]
 
 
 def test_undecided_verdicts_come_with_the_subjects_that_decide_them(tmp_path, capsys):
@@ -130,11 +154,12 @@ def test_the_subjects_that_decide_are_checked_by_studies(tmp_path, capsys):
         ("--kind user --ratio 1.1 --sd 3", "kind user has no use for --sd."),
         ("--kind share --ratio 1.1 --level 0.9", "kind share has no use for --level."),
         ("--kind share --ratio 0.9", "ratio must be above 1"),
-        ("--decide", "--decide needs the sessions of a study."),
-        ("walls.csv --kind user --ratio 1.1", "sessions are for --decide and --by."),
+        ("--kind verdicts", "kind verdicts needs the sessions of a study."),
+        ("walls.csv --kind user --ratio 1.1", "sessions are for --kind verdicts and for --by."),
         ("--kind contrast --sd 1", "kind contrast needs --difference."),
         ("--kind mean --half-width 1 --sd 1 --other-sd 1", "kind mean has no use for --other-sd."),
-        ("--by hand --difference 0.1", "--by needs the sessions of a pilot study"),
+        ("--by hand --difference 0.1", "--by is for --kind contrast."),
+        ("--kind contrast --by hand --difference 0.1", "--by needs the sessions of a pilot study"),
     ],
 )
 def test_options_of_another_kind_are_refused(words, message, capsys):
