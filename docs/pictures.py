@@ -104,31 +104,19 @@ def subjects(figure: Figure) -> None:
     ax.legend(frameon=False)
 
 
-#: Figures of reports, by the study they are of: their names there, and their names here.
-_REPORTED = {
-    "hbfd_sessions": {
-        "overview_k": "overview_k",
-        "boundaries": "boundaries",
-        "boundaries_close": "boundaries_close",
-        "band": "band",
-        "stability": "stability",
-        "design": "design",
-        "zwidth": "zwidth",
-    },
-    "sleep": {"levels_gain_1": "levels"},
-}
+#: Figures of the published study's report that README shows.
+_REPORTED = ("overview_k", "boundaries")
 
 
-def _report(study: str, figures: dict[str, str]) -> None:
-    """Take figures from the report of a shipped study."""
+def _report() -> None:
+    """Take figures from the report of the shipped study."""
     data = ROOT / "datasets"
-    scene = data / f"{study.removesuffix('_sessions')}.toml"
     with TemporaryDirectory() as folder:
-        words = ["report", str(data / f"{study}.csv"), "--scene", str(scene), "--formats", "svg"]
+        words = ["report", str(data / "hbfd_sessions.csv"), "--scene", str(data / "hbfd.toml")]
         if main([*words, "--no-checks", "--quiet", "--seed", "1", "--out", folder]):
             raise SystemExit("the report failed")
-        for name, picture in figures.items():
-            shutil.copy(Path(folder) / "figures" / f"{name}.svg", PICTURES / f"{picture}.svg")
+        for name in _REPORTED:
+            shutil.copy(Path(folder) / "figures" / f"{name}.svg", PICTURES / f"{name}.svg")
 
 
 def draw() -> None:
@@ -141,8 +129,7 @@ def draw() -> None:
         figure = Figure(figsize=size, layout="constrained", facecolor="white")
         picture(figure)
         figure.savefig(PICTURES / f"{picture.__name__}.svg", metadata={"Date": None})
-    for study, figures in _REPORTED.items():
-        _report(study, figures)
+    _report()
     sys.stdout.write(f"{PICTURES}\n")
 
 
