@@ -138,7 +138,8 @@ class ReferenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee is untyped
         offered = self._by_ensemble(coords, self._draw).swapaxes(0, 1)
         steps = len(offered)
         points = np.concatenate(offered)
-        log_prob, _ = model.compute_log_prob_fn(points)
+        # The density itself: emcee's `compute_log_prob_fn` unpacks values one by one, for blobs.
+        log_prob = model.log_prob_fn(points)
         log_law = self._law.log_density(points)
         log_prob = log_prob.reshape(steps, -1)
         log_law = log_law.reshape(steps, -1)
