@@ -148,7 +148,7 @@ def test_a_worker_with_other_code_is_refused():
 def test_a_lost_scheduler_is_said(tmp_path):
     with (
         scheduler(tmp_path, workers=0) as (process, address),
-        connected(address) as client,
+        connected(address, patience=3.0) as client,
     ):
         threading.Timer(0.5, process.kill).start()  # no worker is there: the job waits
         with pytest.raises(RefusalError, match=r"the scheduler was lost.*What is finished is kept"):
