@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study, haptics, inference, read_sessions
+from percept.haptics import Device, Loop
 from percept.html import NotebookRecord, fields_html
 from percept.planning import plan_mean
 from tests import DATASETS
@@ -27,8 +28,8 @@ def study():
 @pytest.mark.parametrize(
     "made",
     [
-        lambda _: haptics.required_damping(COUPLING, 1e-3),
-        lambda _: haptics.absolute_stability(DEVICE, COUPLING, 1e-3),
+        lambda _: haptics.required_damping(Loop(Device(1.0, 5.0), 1e-3), COUPLING),
+        lambda _: haptics.absolute_stability(Loop(DEVICE, 1e-3), COUPLING),
         lambda _: inference.bias(X, 10.0),
         lambda _: inference.t_interval(X),
         lambda _: inference.Moments.from_values(X),

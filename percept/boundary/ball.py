@@ -22,10 +22,8 @@ from numpy.typing import NDArray
 from scipy import integrate, sparse
 
 from percept.boundary.law import BEYOND, Axis, PairLaw, between, cell_and_fraction
-from percept.haptics.axis import warp
-from percept.haptics.loop import AnyHold
-from percept.haptics.perceived import DistancePlane
-from percept.haptics.records import AnyDevice
+from percept.haptics.loop import Loop
+from percept.haptics.plane import DistancePlane, Point
 
 __all__ = ["Balls", "Content", "Term"]
 
@@ -67,11 +65,13 @@ class Term:
 
     def at(self, chosen: Indices | Flags | slice) -> Term:
         """Return the term at some of its frequencies."""
-        return Term(self.axis, self.gain[chosen], self.offset[chosen])
+        gain = self.gain[chosen]
+        return Term(self.axis, gain, self.offset[chosen])
 
     def by_row(self) -> Term:
         """Return the term with a row for each frequency, (M, 1)."""
-        return Term(self.axis, self.gain[:, None], self.offset[:, None])
+        gain = self.gain[:, None]
+        return Term(self.axis, gain, self.offset[:, None])
 
     def of_value(self, value: Array) -> Array:
         """Return the term of values of k or b, N·s/m."""
@@ -143,33 +143,18 @@ class _Slices:
 class Balls:
     """Balls of abs(Z_h) at frequencies (M,), rad/s, and what a law of (k, b) puts into them."""
 
-    def __init__(
-        self,
-        law: PairLaw,
-        device: AnyDevice,
-        period: float,
-        omega: Array,
-        *,
-        mass: float,
-        hold: AnyHold,
-    ) -> None:
-        grid = warp(omega, period)
-        plane = DistancePlane.of(grid, device, hold, mass)
-        k_gain, b_gain, k_offset, b_offset, _ = np.broadcast_arrays(
-            plane.per_rate,
-            plane.gain,
-            -plane.imaginary,
-            plane.real,
-            omega,
-        )
+    def __init__(self, law: PairLaw, loop: Loop, omega: Array, *, mass: float) -> None:
+        plane = DistancePlane.of(loop.at(omega), mass).flat()
         # At Nyquist a mass is infinite, whatever k and b are.
-        finite = np.isfinite(k_offset) & np.isfinite(b_offset)
-        finite &= (k_gain > 0) & (b_gain > 0)
+        finite = np.isfinite(plane.real) & np.isfinite(plane.imaginary)
+        finite &= plane.gain > 0
+        finite &= plane.per_rate > 0
         k_axis, b_axis = law.axes
         self.law = law
         self.finite = finite  # (M,) frequencies that have balls; all that follows is about them
-        self.k = Term(k_axis, k_gain[finite], k_offset[finite])
-        self.b = Term(b_axis, b_gain[finite], b_offset[finite])
+        self.plane = plane.select(finite)
+        self.k = Term(k_axis, self.plane.per_rate, -self.plane.imaginary)
+        self.b = Term(b_axis, self.plane.gain, self.plane.real)
         self.count = int(finite.sum())
 
     def log_range(self) -> tuple[Array, Array]:
@@ -182,9 +167,7 @@ class Balls:
 
     def squares(self, k: Array, b: Array) -> Array:
         """Return abs(Z_h)² (M, N) of N points."""
-        k_term = self.k.by_row().of_value(k)
-        b_term = self.b.by_row().of_value(b)
-        return k_term**2 + b_term**2
+        return self.plane.column().square(Point(k, b))
 
     def smoother_inner(self, frequency: Indices, radius: Array) -> Indices:
         """Return which of k (0) and b (1) makes the smoother integral as inner variable, (Q,)."""
@@ -199,7 +182,8 @@ class Balls:
         for inner in (0, 1):
             (rows,) = np.nonzero(inner_of == inner)
             if rows.size:
-                content[:, rows] = self.content_by(inner, frequency[rows], radius[rows])
+                found = self.content_by(inner, frequency[rows], radius[rows])
+                content[:, rows] = found
         return Content(*content)
 
     def content_by(self, inner: int, frequency: Indices, radius: Array) -> Content:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from percept.boundary.feels_real import FEWEST_FOR_MAGNITUDE, Feeling, feels_real
 from percept.boundary.users import Users
-from percept.haptics.records import Display
+from percept.haptics.perceived import Display
 from percept.haptics.shown import shown_limits
 from percept.html import NotebookRecord
 from percept.inference.classical.central_range import central_range_confidence

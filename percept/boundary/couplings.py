@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.boundary.users import MagnitudeRanges, Users, magnitude_ranges
-from percept.haptics.axis import warp
-from percept.haptics.containment import Range
-from percept.haptics.perceived import DistancePlane, Point, shown_element
-from percept.haptics.records import Coupling, Display
+from percept.haptics.perceived import Display, shown_element
+from percept.haptics.plane import DistancePlane, Point, Range
+from percept.haptics.records import Coupling
 
 __all__ = ["CouplingJudge"]
 
@@ -44,9 +43,8 @@ class CouplingJudge:
         self._omega = omega
         self._central = central
         self._boxes = users.central_ranges(central)
-        grid = warp(omega, display.period)
-        mass = display.environment.mass
-        self._plane = DistancePlane.of(grid, display.device, display.hold, mass).flat()
+        grid = display.loop.at(omega)
+        self._plane = DistancePlane.of(grid, display.environment.mass).flat()
         # Ranges of abs(Z_h), the most work, are for draws that k and b do not rule out.
         self._ranged = np.zeros(users.size, dtype=bool)
         lower = np.empty((users.size, omega.size))
@@ -66,7 +64,7 @@ class CouplingJudge:
         ndarray, shape (C,)
         """
         display = dataclasses.replace(self._display, coupling=couplings)
-        grid = warp(self._omega[:, None], display.period)
+        grid = display.loop.at(self._omega[:, None])
         shown = shown_element(grid, display)
         stiffness, damping = np.broadcast_arrays(shown.stiffness, shown.damping)
         inside = self._inside_plane(stiffness, damping)
@@ -76,10 +74,8 @@ class CouplingJudge:
         self._work_out(draws[~known])
         cells = np.ix_(rows, draws)
         kept = inside[cells]
-        columns = [field[:, None] for field in self._plane]
-        plane = DistancePlane(*columns)
         shown_points = Point(stiffness[:, rows], damping[:, rows])
-        displayed = plane.distance(shown_points)
+        displayed = self._plane.column().distance(shown_points)
         for index, radius in enumerate(displayed):
             lower = self._ranges.lower[draws, index]
             upper = self._ranges.upper[draws, index]

@@ -44,7 +44,8 @@ def drawing_grid(
     ndarray, shape (N,)
         rad/s, increasing.
     """
-    intervals = int(np.ceil(_PER_DECADE * np.log10(upper / lower)))
+    decades = np.log10(upper / lower)
+    intervals = int(np.ceil(_PER_DECADE * decades))
     count = max(_FEWEST, intervals + 1)
     even = np.geomspace(lower, upper, count)
     beside = np.multiply.outer(resonances, _BESIDE)
@@ -75,7 +76,8 @@ def _turns(x: Array, rows: Array) -> Array:
     """Return where parabolas through three neighbours of rows (C, M) turn."""
     step = np.diff(x)
     change = np.diff(rows, axis=1)
-    product = change[:, :-1] * change[:, 1:]
+    following = change[:, 1:]
+    product = change[:, :-1] * following
     curve, left = np.nonzero(product < 0.0)
     before = step[left]
     after = step[left + 1]
@@ -84,19 +86,25 @@ def _turns(x: Array, rows: Array) -> Array:
     # The slopes belong to the middles of both steps, and the parabola's slope is straight between.
     middle = 0.5 * (x[left] + x[left + 1])
     fraction = first_slope / (first_slope - second_slope)
-    return np.asarray(middle + fraction * 0.5 * (before + after))
+    length = before + after
+    distance = fraction * 0.5 * length
+    turns = middle + distance
+    return np.asarray(turns)
 
 
 def _crossings(x: Array, gaps: Array) -> Array:
     """Return where straight lines between neighbours of gaps (C, M) cross zero."""
     signs = np.sign(gaps)
-    product = signs[:, :-1] * signs[:, 1:]
+    following = signs[:, 1:]
+    product = signs[:, :-1] * following
     curve, left = np.nonzero(product < 0)
     first = gaps[curve, left]
     second = gaps[curve, left + 1]
     fraction = first / (first - second)
-    step = x[left + 1] - x[left]
-    return np.asarray(x[left] + fraction * step)
+    start = x[left]
+    step = x[left + 1] - start
+    places = start + fraction * step
+    return np.asarray(places)
 
 
 def _add_apart(omega: Array, more: Array) -> Array:
@@ -105,7 +113,8 @@ def _add_apart(omega: Array, more: Array) -> Array:
         index = np.searchsorted(omega, new)
         previous = max(index - 1, 0)
         neighbours = omega[previous : index + 1]
-        distances = np.abs(np.log(neighbours / new))
+        ratios = neighbours / new
+        distances = np.abs(np.log(ratios))
         if distances.min() > _APART:
             omega = np.insert(omega, index, new)
     return omega

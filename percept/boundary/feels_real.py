@@ -26,9 +26,8 @@ from percept.boundary.users import (
     choose_integral,
     share_within,
 )
-from percept.haptics.axis import warp
-from percept.haptics.perceived import DistancePlane, Point, shown_element
-from percept.haptics.records import Display
+from percept.haptics.perceived import Display, shown_element
+from percept.haptics.plane import DistancePlane, Point
 from percept.haptics.shown import shown_limits
 from percept.html import NotebookRecord
 
@@ -307,9 +306,8 @@ class _Discs:
     @classmethod
     def at(cls, display: Display, omega: Array) -> _Discs:
         """Take frequencies (n,) of one display, or one of each of n displays."""
-        grid = warp(omega, display.period)
-        mass = display.environment.mass
-        plane = DistancePlane.of(grid, display.device, display.hold, mass).flat()
+        grid = display.loop.at(omega)
+        plane = DistancePlane.of(grid, display.environment.mass).flat()
         shown = shown_element(grid, display)
         return cls(plane, plane.distance(Point(shown.stiffness, shown.damping)))
 

@@ -3,10 +3,9 @@
 Given the scales, (k, b) or their logarithms are normal: the posterior law mixes one normal per draw
 of the scales. Its batches have densities of their own, from which Monte Carlo errors come.
 
-Eq. 15 comes from a distribution: X̄ + t·SD/√n, t with ν = n − 1. For stiffness and damping of the
-same subjects it is the bivariate t_ν about the means with the sample covariance. Each margin is Eq.
-15's (or the prediction interval's) exactly, and k and b go together as the sample does. It is the
-posterior under the prior abs(Σ)^−2; jointly its coverage is only close to its level.
+Eq. 15 comes from a distribution: X̄ + t·SD/√n, t with ν = n − 1. For two quantities of the same
+subjects it is the bivariate t_ν about the means with the sample covariance, each margin Eq. 15's
+exactly. It is the posterior under the prior abs(Σ)^−2; jointly its coverage is close to its level.
 
 The grid is even in a coordinate c of each axis: k = centre + unit·sinh(c), or log k. A sinh is
 straight near the middle and exponential far out, so that few steps reach 1 - 2·10⁻⁶.
@@ -25,6 +24,7 @@ from scipy.interpolate import CubicSpline, RectBivariateSpline
 
 from percept.errors import RefusalError
 from percept.inference.classical.moments import sample
+from percept.inference.record import Family
 from percept.inference.regions import EllipseRegion
 from percept.inference.sampling.endpoints import mixture_quantile
 
@@ -40,7 +40,6 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-Family = Literal["normal", "lognormal"]
 
 #: N/m and N·s/m: what lies farther out counts as this, and what is below one over it as zero.
 BEYOND = 1e40
@@ -69,7 +68,7 @@ _LEAST_REMAINDER = 1e-6
 _LEAST_LOG_DENSITY = np.float32(-80.0)
 # Points that stand for a law where its ellipse is sized.
 _ELLIPSE_POINTS = 4096
-# Multiples of the powers of the plastic number fill a square evenly.
+# Multiples of powers of the plastic number fill a square evenly.
 _EVEN = 1.32471795724474602596 ** np.array([-1.0, -2.0])
 
 
@@ -182,7 +181,8 @@ class PairLaw:
         every = np.concatenate([self.density[None], self.batches])
         k_axis, b_axis = self.axes
         up_to = functools.partial(integrate.cumulative_trapezoid, every, initial=0)
-        of_k = up_to(dx=k_axis.step, axis=1).transpose(2, 1, 0)
+        up_to_k = up_to(dx=k_axis.step, axis=1)
+        of_k = up_to_k.transpose(2, 1, 0)
         of_b = up_to(dx=b_axis.step, axis=2).transpose(1, 2, 0)
         return np.ascontiguousarray(of_k), np.ascontiguousarray(of_b)
 
@@ -332,7 +332,8 @@ def _mixture_density(normals: _Normals, sizes: Indices, axes: tuple[Axis, Axis])
             terms += log_of_b.astype(np.float32)
             np.maximum(terms, _LEAST_LOG_DENSITY, out=terms)
             np.exp(terms, out=terms)
-            density[:, :, column] = np.add.reduceat(terms, starts, axis=1).T
+            sums = np.add.reduceat(terms, starts, axis=1)
+            density[:, :, column] = sums.T
     return density
 
 
@@ -352,7 +353,8 @@ def _axes(covariance: Array, bends: Array, ends: Array, family: Family) -> tuple
         low, high = np.arcsinh(units_off).tolist()
         blocks = np.ceil((high - low) / step / _BLOCK)
         size = _BLOCK * int(blocks) + 1
-        axes.append(Axis(float(centre), float(unit), low, high, size, log))
+        axis = Axis(float(centre), float(unit), low, high, size, log)
+        axes.append(axis)
     return axes[0], axes[1]
 
 
@@ -413,8 +415,7 @@ def confidence_law(
     covariance = np.cov(values)
     if not np.all(np.diagonal(covariance) > 0.0):
         raise RefusalError("there is no scatter: all subjects made the same adjustments.")
-    of_mean = 1.0 / n
-    covariance *= of_mean if kind == "mean" else 1.0 + of_mean
+    covariance *= 1.0 / n + (kind != "mean")
     sd = np.sqrt(np.diagonal(covariance))
     bend = -special.stdtrit(n - 1, _BEND_TAIL) * sd
     end = -special.stdtrit(n - 1, _END_TAIL) * sd
@@ -429,8 +430,7 @@ def confidence_law(
     # The bivariate t of n - 1 degrees of freedom, but for its constant.
     degrees = n - 1.0
     density = (1.0 + square / degrees) ** (-0.5 * (degrees + 2.0))
-    nothing_drawn = np.empty(0)
-    return _law(density[None], nothing_drawn, axes, mean, covariance, family)
+    return _law(density[None], np.empty(0), axes, mean, covariance, family)
 
 
 def cell_and_fraction(place: Array, points: int) -> tuple[Indices, Array]:

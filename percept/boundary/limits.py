@@ -24,9 +24,8 @@ from scipy import special
 from percept.boundary.ball import Balls
 from percept.boundary.law import BEYOND, PairLaw
 from percept.errors import RefusalError
-from percept.haptics.loop import AnyHold
-from percept.haptics.records import AnyDevice
-from percept.inference.sampling.roots import root
+from percept.haptics.loop import Loop
+from percept.roots import root
 
 __all__ = [
     "Magnitude",
@@ -108,30 +107,17 @@ class Magnitude:
     ----------
     law : PairLaw
         Law of stiffness and damping.
-    device : Device or TabulatedDevice
-        What the user holds.
-    period : float
-        Sampling period, s.
+    loop : Loop
+        With the device that the user holds.
     omega : ndarray, shape (M,)
         Frequencies, rad/s.
     mass : float, optional
         Mass of the environment, kg.
-    hold : {"average", "true"} or Hold, optional
-        "average" (Eq. 8) or "true".
     """
 
-    def __init__(
-        self,
-        law: PairLaw,
-        device: AnyDevice,
-        period: float,
-        omega: Array,
-        *,
-        mass: float = 0.0,
-        hold: AnyHold = "average",
-    ) -> None:
+    def __init__(self, law: PairLaw, loop: Loop, omega: Array, *, mass: float = 0.0) -> None:
         self.law = law
-        self.balls = Balls(law, device, period, omega, mass=mass, hold=hold)
+        self.balls = Balls(law, loop, omega, mass=mass)
         self._logs_at: dict[float, Array] = {}
         self._shifts_at: dict[float, Array] = {}
 
@@ -252,11 +238,13 @@ class Magnitude:
         below = np.cumsum(probability[order], axis=1)
         nearest = []
         for tail in (below, 1.0 - below):
-            ratio = np.maximum(tail, _LEAST_PROBABILITY) / _GUESSED_TAIL
+            likely = np.maximum(tail, _LEAST_PROBABILITY)
+            ratio = likely / _GUESSED_TAIL
             misfit = np.abs(np.log(ratio))
             nearest.append(misfit.argmin(axis=1))
         columns = np.stack(nearest, axis=1)
-        return np.take_along_axis(logs, columns, axis=1).T
+        guessed = np.take_along_axis(logs, columns, axis=1)
+        return guessed.T
 
     @functools.cached_property
     def _inner(self) -> Indices:

@@ -16,13 +16,19 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import elementwise
 
-from percept.haptics.containment import Boxes, Range
-from percept.haptics.perceived import DistancePlane
+from percept.haptics.plane import Boxes, DistancePlane, Range
 
 __all__ = [
-    "ACCURACY", "PASS", "DiscIntegral", "MagnitudeRanges", "Users", "by_integral",
-    "choose_integral", "magnitude_ranges", "share_within",
-]  # fmt: skip
+    "ACCURACY",
+    "PASS",
+    "DiscIntegral",
+    "MagnitudeRanges",
+    "Users",
+    "by_integral",
+    "choose_integral",
+    "magnitude_ranges",
+    "share_within",
+]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -235,7 +241,8 @@ def _ends(outer: _Axis, radius: Array, edge: float, *, log: bool) -> tuple[Array
 def _chord(users: Users, outer: _Axis, inner: _Axis, score: Array, radius: Array) -> Array:
     """Return the probability of the inner quantity's chord through the disc at each outer score."""
     across = outer.part_at(score, log=users.log)
-    square = (radius - across) * (radius + across)
+    rest = radius - across
+    square = rest * (radius + across)
     half_chord = np.sqrt(np.maximum(square, 0.0)) / inner.gain
     middle = -inner.offset / inner.gain
     correlation = users.correlation[..., None]
@@ -247,10 +254,12 @@ def _chord(users: Users, outer: _Axis, inner: _Axis, score: Array, radius: Array
         if users.log:
             positive = np.maximum(value, _LEAST)
             value = np.log(positive)
-        score_given_outer = (value - mean_given_outer) / sd_given_outer
+        off = value - mean_given_outer
+        score_given_outer = off / sd_given_outer
         share = special.ndtr(score_given_outer)
         shares.append(share)
-    return np.abs(shares[1] - shares[0])
+    below_first, below_second = shares
+    return np.abs(below_second - below_first)
 
 
 def choose_integral(

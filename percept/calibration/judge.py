@@ -12,7 +12,7 @@ from scipy import special
 
 from percept.checkpoint import plan_digest
 from percept.errors import RefusalError, UsageError
-from percept.haptics import Device
+from percept.haptics import Loop
 from percept.haptics.perceived import perceived_magnitude
 from percept.inference.model.priors import Priors
 from percept.scene import InferenceTable, Scene
@@ -289,7 +289,8 @@ def _boundary_claims(
     device = study.parts.device
     table = study.scene.device
     assert table is not None
-    assert isinstance(device, Device)
+    assert device is not None
+    loop = Loop(device, table.period)
     drawn = {name: population.users(_USERS, rng) for name, population in populations.items()}
     for boundary in study.boundaries:
         # No boundary of a share is about single users, and a corner curve states no level.
@@ -299,9 +300,7 @@ def _boundary_claims(
         if boundary.kind == "mean":
             users = populations[boundary.environment].average(boundary.family)[None]
         users = displayable(users)
-        curves = perceived_magnitude(
-            boundary.omega[:, None], device, users[:, 0], users[:, 1], table.period
-        )
+        curves = perceived_magnitude(loop, boundary.omega[:, None], users[:, 0], users[:, 1])
         inside = (boundary.lower[:, None] <= curves) & (curves <= boundary.upper[:, None])
         for claim, held in (
             ("boundary at an omega", inside),

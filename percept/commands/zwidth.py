@@ -46,8 +46,7 @@ def _width(path: str) -> ZWidth:
         raise UsageError(
             "there is no [device].", file=path, hint="Give its mass, damping and period."
         )
-    loop = loop_of(scene.device)
-    return z_width(device, scene.device.period, loop, {}, device_draws(scene))
+    return z_width(loop_of(scene.device, device), {}, device_draws(scene))
 
 
 def _print(width: ZWidth) -> None:

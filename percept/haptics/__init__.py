@@ -14,13 +14,13 @@ from percept.haptics.impedance import (
     environment_impedance,
     hold,
 )
-from percept.haptics.limits import max_coupling_stiffness
-from percept.haptics.loop import Hold
+from percept.haptics.loop import Loop, VelocityFilter
 from percept.haptics.perceived import effective_impedance, perceived_impedance
 from percept.haptics.records import Coupling, Device, Environment, Mode, TabulatedDevice
 from percept.haptics.rendering import can_render, needed_damping
 from percept.haptics.stability import (
     absolute_stability,
+    max_coupling_stiffness,
     required_damping,
     required_damping_at,
     stability_margin,
@@ -30,9 +30,10 @@ __all__ = [
     "Coupling",
     "Device",
     "Environment",
-    "Hold",
+    "Loop",
     "Mode",
     "TabulatedDevice",
+    "VelocityFilter",
     "absolute_stability",
     "can_render",
     "corner_curves",

@@ -1,20 +1,29 @@
 """What a device dissipates at all aliases of a frequency together.
 
-A sampled loop sees the device at ω_k = ω + 2πk/T. What counts is the sum over all k of
-1/(ω_k²·Re Z_d(jω_k)), and with a fraction f of a sample as delay the same sum with e^{−jω_k·fT}.
-Here Z_d is the device in continuous time: no Tustin's method.
+A sampled loop sees a device at θ_k = ωT + 2πk at once, k being any whole number. With r(θ) for
+Re Z_d in continuous time (no Tustin's method), and f for the part of a sample in the loop's delay,
+two sums over all k count:
+
+    plain = Σ 4/(θ_k²·r(θ_k))        late = Σ 4·e^{−jθ_k·f}/(θ_k²·r(θ_k))
+
+Next to DC they grow without bound, as they do for a constant r. With h = ωT/2 these are known:
+
+    Σ 4/θ_k² = 1/sin² h              Σ 4·e^{−jθ_k·f}/θ_k² = (1 − f + f·e^{−2jh})/sin² h
+
+So a part of each sum is taken with a constant r, and the rest stays finite.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import polynomial
+from numpy.polynomial import Polynomial
 
 from percept.haptics.arrays import LARGEST, ComplexArray, FloatArray, Scalars
-from percept.haptics.axis import Warp
-from percept.haptics.records import AnyDevice, Device, TabulatedDevice
+from percept.haptics.loop import Loop, Warp
+from percept.haptics.records import Device, TabulatedDevice
 
 __all__ = ["Aliases", "alias_features", "aliases"]
 
@@ -27,60 +36,60 @@ _OFFSETS = np.geomspace(1e-2, 1e2, 25)
 
 
 class Aliases(NamedTuple):
-    """The sums times 4/T², in two parts; late is with the delay, rest without.
+    """Both sums: plain = constant/sin² h + rest, late = constant·turn/sin² h + late_rest."""
 
-    They are own/sin² h + rest and own·turn/sin² h + late, with h = ωT/2.
-    """
-
-    own: Scalars  # m/(N·s); of a rigid device 1/b_d, and all there is
+    constant: Scalars  # 1/r that is taken as constant, m/(N·s)
     turn: ComplexArray  # 1 − f + f·e^{−2jh}
-    rest: FloatArray  # m/(N·s)
-    late: ComplexArray
+    rest: FloatArray  # m/(N·s); zero for a rigid device
+    late_rest: ComplexArray
 
 
-def aliases(grid: Warp, device: AnyDevice, fraction: float) -> Aliases:
+def aliases(grid: Warp) -> Aliases:
     """Return the sums over the aliases of each ω.
 
     Parameters
     ----------
     grid : Warp
-        Angles of ω.
-    device : Device or TabulatedDevice
-        Of single numbers; the damping of a rigid device may be an array. Above a table's end its
-        floor holds, and without a floor those aliases count for nothing.
-    fraction : float
-        f, of a sample, below 1.
+        Angles of ω in a loop. Its device has single numbers; the damping of a rigid device may be
+        an array. Above a table's end its floor holds, and without a floor those aliases count for
+        nothing.
 
     Returns
     -------
     Aliases
     """
-    turn = 1 - fraction + fraction * np.exp(-2j * grid.half)
+    device = grid.loop.device
+    fraction, _ = math.modf(grid.loop.delay)
     if isinstance(device, TabulatedDevice):
-        return _of_table(grid, device, fraction, turn)
+        return _of_table(grid, device, fraction)
     rest = np.zeros(grid.half.shape, dtype=np.complex128)
-    late = np.zeros(grid.half.shape, dtype=np.complex128)
-    for term in _terms(device, grid.period):
+    late_rest = np.zeros(grid.half.shape, dtype=np.complex128)
+    for term in _partial_fractions(device, grid.period):
         rest += term.sum_over_aliases(grid.half, 0.0)
-        late += term.sum_over_aliases(grid.half, fraction)
-    return Aliases(1 / _base(device), turn, rest.real, late)
+        late_rest += term.sum_over_aliases(grid.half, fraction)
+    return Aliases(1 / _damping_at_dc(device), _turn(grid.half, fraction), rest.real, late_rest)
 
 
-def _base(device: Device) -> Scalars:
-    """Return the damping at DC, N·s/m; where there is none, next to none."""
-    others = sum(float(mode.damping) for mode in device.modes)
-    least = max(_LEAST * others, 1 / LARGEST)
+def _turn(half: FloatArray, fraction: float) -> ComplexArray:
+    """Return how a delay turns a sum with a constant r."""
+    return 1 - fraction + fraction * np.exp(-2j * half)
+
+
+def _damping_at_dc(device: Device) -> Scalars:
+    """Return r at DC, N·s/m; where there is none, next to none."""
+    of_modes = sum(float(mode.damping) for mode in device.modes)
+    least = max(_LEAST * of_modes, 1 / LARGEST)
     return np.maximum(device.damping, least)[()]
 
 
-class _Term(NamedTuple):
-    """A partial fraction of 1/Re Z_d in x = (ωT)²: weight·p/(x − p), with p = root²."""
+class _PartialFraction(NamedTuple):
+    """A part of 1/r: weight·p/(θ² − p), with p = root²."""
 
     root: complex  # Its imaginary part is positive
     weight: complex  # m/(N·s)
 
     def sum_over_aliases(self, half: FloatArray, fraction: float) -> ComplexArray:
-        """Return 4·weight times the sum of e^{−jθ_k·f}/(θ_k² − root²) over θ_k = 2h + 2πk."""
+        """Return 4·weight times the sum of e^{−jθ_k·f}/(θ_k² − root²)."""
         back = np.exp(-2j * half)
         whole = np.exp(1j * self.root)
         first = np.exp(1j * self.root * (1 - fraction)) / (1 - back * whole)
@@ -88,92 +97,94 @@ class _Term(NamedTuple):
         return (2j * self.weight / self.root) * back * (first - second)
 
 
-def _terms(device: Device, period: float) -> list[_Term]:
-    """Split 1/Re Z_d = Π D_i/(b_d·Π D_i + Σ b_i·x²·Π D_j) into partial fractions.
+def _partial_fractions(device: Device, period: float) -> list[_PartialFraction]:
+    """Split 1/r, a ratio of polynomials in x = θ², but for its constant part.
 
-    D_i = x² + (β² − 2κ)·x + κ², with β = b_i·T/m_i and κ = k_i·T²/m_i.
+    A mode dissipates b·x²/D with D = x² + (β² − 2κ)·x + κ², β = b·T/m and κ = k·T²/m. Over the
+    product of all D,
+
+        1/r = Π D_i/(b_d·Π D_i + Σ_i b_i·x²·Π_{j≠i} D_j)
     """
     modes = [mode for mode in device.modes if mode.mass and mode.damping]
     if not modes:
         return []
-    factors = []
+    denominators = []
     for mode in modes:
         beta = float(mode.damping) * period / float(mode.mass)
         kappa = float(mode.stiffness) * period**2 / float(mode.mass)
-        factors.append(np.array([kappa**2, beta**2 - 2 * kappa, 1.0]))
-    top = _product(factors)
-    bottom = float(_base(device)) * top
+        denominators.append(Polynomial([kappa**2, beta**2 - 2 * kappa, 1.0]))
+    one = Polynomial([1.0])
+    top = math.prod(denominators, start=one)
+    bottom = float(_damping_at_dc(device)) * top
     for index, mode in enumerate(modes):
-        others = _product(factors[:index] + factors[index + 1 :])
-        own = np.convolve([0.0, 0.0, float(mode.damping)], others)
-        bottom = bottom + np.asarray(own)
-    slope = polynomial.polyder(bottom)
-    terms = []
-    for place in polynomial.polyroots(bottom):
-        weight = polynomial.polyval(place, top) / polynomial.polyval(place, slope)
-        if place and weight:
-            root = np.sqrt(complex(place))
-            terms.append(_Term(root if root.imag > 0 else -root, weight / place))
-    return terms
+        others = math.prod(denominators[:index] + denominators[index + 1 :], start=one)
+        bottom = bottom + Polynomial([0.0, 0.0, float(mode.damping)]) * others
+    slope = bottom.deriv()
+    parts = []
+    for pole in bottom.roots():
+        residue = top(pole) / slope(pole)
+        if pole and residue:
+            root = np.sqrt(complex(pole))
+            parts.append(_PartialFraction(root if root.imag > 0 else -root, residue / pole))
+    return parts
 
 
-def _product(factors: list[FloatArray]) -> FloatArray:
-    """Return the product of polynomials, lowest power first."""
-    product: FloatArray = np.ones(1)
-    for factor in factors:
-        product = np.asarray(np.convolve(product, factor))
-    return product
+def _of_table(grid: Warp, device: TabulatedDevice, fraction: float) -> Aliases:
+    """Sum a table alias by alias as far as it goes, and its floor beyond in closed form.
 
-
-def _of_table(grid: Warp, device: TabulatedDevice, fraction: float, turn: ComplexArray) -> Aliases:
-    """Sum a table alias by alias as far as it goes, and its floor beyond in closed form."""
+    The constant is 1/r of ω itself. The floor's 1/r holds at all other aliases; what the table adds
+    to it is summed.
+    """
     half = np.maximum(grid.half, _NEAR_DC)
     beyond = 0.0 if device.floor is None else 1 / device.floor
-    own = _admitted(device, 2 * grid.half / grid.period, beyond)
-    most = int(np.ceil(device.omega[-1] * grid.period / (2 * np.pi))) + 1
+    own = _inverse_dissipation(device, 2 * grid.half / grid.period, beyond)
+    last = int(np.ceil(device.omega[-1] * grid.period / (2 * np.pi))) + 1
     rest = np.zeros(half.shape)
-    late = np.zeros(half.shape, dtype=np.complex128)
-    for alias in range(-most, most + 1):
-        if alias:
-            angle = 2 * half + 2 * np.pi * alias
-            admitted = _admitted(device, np.abs(angle) / grid.period, beyond)
-            part = 4 * (admitted - beyond) / angle**2
-            rest += part
-            late += part * np.exp(-1j * fraction * angle)
+    late_rest = np.zeros(half.shape, dtype=np.complex128)
+    for k in range(-last, last + 1):
+        if k == 0:
+            continue
+        angle = 2 * half + 2 * np.pi * k
+        inverse = _inverse_dissipation(device, np.abs(angle) / grid.period, beyond)
+        part = 4 * (inverse - beyond) / angle**2
+        rest += part
+        late_rest += part * np.exp(-1j * fraction * angle)
+    # The floor at all aliases but ω itself, less the constant there.
+    turned = _turn(half, fraction)
     direct = np.exp(-2j * fraction * half)
-    turned = 1 - fraction + fraction * np.exp(-2j * half)
     rest += (beyond - own) * (1 / np.sin(half) ** 2 - 1 / half**2)
-    late += (beyond - own) * (turned / np.sin(half) ** 2 - direct / half**2)
-    return Aliases(own, turn, rest, late)
+    late_rest += (beyond - own) * (turned / np.sin(half) ** 2 - direct / half**2)
+    return Aliases(own, _turn(grid.half, fraction), rest, late_rest)
 
 
-def _admitted(device: TabulatedDevice, omega: FloatArray, beyond: float) -> FloatArray:
-    """Return 1/Re Z_d, m/(N·s), of a table; a device that dissipates nothing makes it huge."""
+def _inverse_dissipation(device: TabulatedDevice, omega: FloatArray, beyond: float) -> FloatArray:
+    """Return 1/r, m/(N·s), of a table; a device that dissipates nothing makes it huge."""
     real = np.interp(omega, device.omega, device.impedance.real)
     inverse = 1 / np.maximum(real, 1 / LARGEST)
     return np.where(omega > device.omega[-1], beyond, inverse)
 
 
-def alias_features(device: AnyDevice, period: float) -> FloatArray:
+def alias_features(loop: Loop) -> FloatArray:
     """Return the ω, rad/s, between DC and Nyquist, where the sums bend.
 
     Parameters
     ----------
-    device : Device or TabulatedDevice
-        Of single numbers.
-    period : float
-        Sampling period T, s.
+    loop : Loop
+        Its device has single numbers.
 
     Returns
     -------
     ndarray, shape (n,)
         Features above Nyquist where they appear by aliasing.
     """
+    device = loop.device
     if isinstance(device, TabulatedDevice):
-        angles = device.omega * period
+        angles = device.omega * loop.period
     else:
         offsets = np.concatenate([-_OFFSETS, [0.0], _OFFSETS])
-        parts = [term.root.real + term.root.imag * offsets for term in _terms(device, period)]
-        angles = np.concatenate([*parts, np.zeros(1)])
+        angles = np.zeros(1)
+        for part in _partial_fractions(device, loop.period):
+            around = part.root.real + part.root.imag * offsets
+            angles = np.concatenate([angles, around])
     folded = np.abs(np.remainder(angles + np.pi, 2 * np.pi) - np.pi)
-    return np.unique(folded) / period
+    return np.unique(folded) / loop.period

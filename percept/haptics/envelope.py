@@ -23,11 +23,11 @@ from percept.haptics.arrays import (
     real_array,
     times,
 )
-from percept.haptics.axis import omega_of_rate, warp
-from percept.haptics.loop import AnyHold
-from percept.haptics.perceived import DistancePlane, Point, perceived_magnitude
-from percept.haptics.records import AnyDevice, Device
-from percept.haptics.search import rising_root
+from percept.haptics.loop import Loop, omega_of_rate
+from percept.haptics.perceived import perceived_magnitude
+from percept.haptics.plane import DistancePlane, Point
+from percept.haptics.records import Device
+from percept.roots import rising_root
 
 __all__ = [
     "CornerCurves",
@@ -66,14 +66,12 @@ class Envelope(NamedTuple):
 
 
 def corner_curves(
+    loop: Loop,
     omega: ArrayLike,
-    device: AnyDevice,
     stiffness: Limits,
     damping: Limits,
-    period: float,
     *,
     mass: ArrayLike = 0.0,
-    hold: AnyHold = "average",
 ) -> CornerCurves:
     """Return abs(Z_h) at both lower and at both upper limits: the paper's boundary (Eqs 16, 17).
 
@@ -92,20 +90,18 @@ def corner_curves(
     """
     k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
     b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
-    at_low = perceived_magnitude(omega, device, k_low, b_low, period, mass=mass, hold=hold)
-    at_high = perceived_magnitude(omega, device, k_high, b_high, period, mass=mass, hold=hold)
+    at_low = perceived_magnitude(loop, omega, k_low, b_low, mass=mass)
+    at_high = perceived_magnitude(loop, omega, k_high, b_high, mass=mass)
     return CornerCurves(at_low, at_high)
 
 
 def magnitude_envelope(
+    loop: Loop,
     omega: ArrayLike,
-    device: AnyDevice,
     stiffness: Limits,
     damping: Limits,
-    period: float,
     *,
     mass: ArrayLike = 0.0,
-    hold: AnyHold = "average",
 ) -> Envelope:
     """Return the exact lowest and highest abs(Z_h) over a box of (k, b).
 
@@ -114,7 +110,7 @@ def magnitude_envelope(
 
     Parameters
     ----------
-    omega, device, period, hold
+    loop, omega
         As in `perceived_impedance`.
     mass : array_like, optional
         m_e of the environment, kg; may be negative.
@@ -131,10 +127,9 @@ def magnitude_envelope(
     UsageError
         As `perceived_impedance`, and for a lower limit above its upper one.
     """
-    grid = warp(omega, period)
     k_low, k_high = ordered_limits(stiffness, "stiffness", "N/m")
     b_low, b_high = ordered_limits(damping, "damping", "N·s/m")
-    plane = DistancePlane.of(grid, device, hold, real_array(mass, "mass", "kg"))
+    plane = DistancePlane.of(loop.at(omega), real_array(mass, "mass", "kg"))
     p_low = plane.gain * b_low + plane.real
     p_high = plane.gain * b_high + plane.real
     q_at_low = plane.imaginary - times(k_low, plane.per_rate)
@@ -155,7 +150,7 @@ def _gap(low: FloatArray, high: FloatArray) -> FloatArray:
 
 
 def corner_crossings(
-    device: Device, stiffness: tuple[float, float], damping: tuple[float, float], period: float
+    loop: Loop, stiffness: tuple[float, float], damping: tuple[float, float]
 ) -> FloatArray:
     """Return the ω at which the two corner curves of a rigid device cross: the band is empty.
 
@@ -163,18 +158,19 @@ def corner_crossings(
 
     Parameters
     ----------
-    device : Device
-        Its modes are not looked at.
+    loop : Loop
+        The modes of its device are not looked at.
     stiffness, damping : pair of float
         (low, high) of k, N/m, and b, N·s/m.
-    period : float
-        Sampling period T, s.
 
     Returns
     -------
     ndarray, shape (n,)
         rad/s, increasing; n from 0 to 2.
     """
+    device = loop.device
+    period = loop.period
+    assert isinstance(device, Device)
     k_low, k_high = stiffness
     b_low, b_high = damping
     k_width = k_high - k_low
@@ -204,19 +200,13 @@ class Ellipse(NamedTuple):
 
 
 def magnitude_envelope_ellipse(
-    omega: ArrayLike,
-    device: AnyDevice,
-    ellipse: Ellipse,
-    period: float,
-    *,
-    mass: float = 0.0,
-    hold: AnyHold = "average",
+    loop: Loop, omega: ArrayLike, ellipse: Ellipse, *, mass: float = 0.0
 ) -> Envelope:
     """Return the lowest and highest abs(Z_h) over an ellipse of (k, b), or of their logarithms.
 
     Parameters
     ----------
-    omega, device, period, hold
+    loop, omega
         As in `perceived_impedance`; ω above zero.
     ellipse : Ellipse
         The region of (k, b).
@@ -234,7 +224,7 @@ def magnitude_envelope_ellipse(
         As `perceived_impedance`.
     """
     curve = _Curve.around(ellipse)
-    plane = DistancePlane.of(warp(omega, period), device, hold, mass)
+    plane = DistancePlane.of(loop.at(omega), mass)
     result_shape = plane.real.shape
     plane = plane.flat()
     # A mass is infinite at Nyquist.

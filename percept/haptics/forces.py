@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from percept.haptics.arrays import ComplexArray, FloatArray, IntArray, Scalars, ratio
-from percept.haptics.axis import Warp
+from percept.haptics.arrays import FloatArray, IntArray, Scalars, ratio
+from percept.haptics.impedance import filter_response
+from percept.haptics.loop import VelocityFilter, Warp
 from percept.haptics.records import Coupling, Environment, Mode
-from percept.haptics.velocity import VelocityFilter, filter_response
 
-__all__ = ["Force", "Shown", "flat_parameters", "force_of"]
+__all__ = ["Force", "Joined", "force_of"]
 
 # Couplings whose resonances with an environment's mass are looked for.
 _RESONANCES = 16
@@ -29,7 +29,7 @@ def _element(
     grid: Warp, k: Scalars, b: Scalars, m: Scalars, velocity_filter: VelocityFilter | None
 ) -> Force:
     """Return k + b·F·δ + m·δ²."""
-    response: ComplexArray = np.ones(grid.half.shape, dtype=np.complex128)
+    response = np.ones(grid.half.shape, dtype=np.complex128)
     if velocity_filter is not None:
         response = filter_response(grid, velocity_filter)
     rate = 2 / grid.period
@@ -56,43 +56,60 @@ def _in_series(grid: Warp, first: Force, second: Force) -> Force:
 
 
 def force_of(grid: Warp, environment: Environment | None, coupling: Coupling | None) -> Force:
-    """Return H of an environment, of a coupling with a rigid wall behind it, or of both."""
+    """Return H of an environment, of a coupling with a rigid wall behind it, or of both.
+
+    The loop filters the velocity of what joins the device.
+    """
+    velocity_filter = grid.loop.velocity_filter
+    own_filter = velocity_filter if coupling is None else None
     shown = None
     if environment is not None:
         k, b, m = environment.stiffness, environment.damping, environment.mass
-        shown = _element(grid, k, b, m, environment.velocity_filter)
+        shown = _element(grid, k, b, m, own_filter)
     if coupling is None:
         assert shown is not None
         return shown
-    k_c, b_c = coupling.stiffness, coupling.damping
-    joined = _element(grid, k_c, b_c, 0.0, coupling.velocity_filter)
+    joined = _element(grid, coupling.stiffness, coupling.damping, 0.0, velocity_filter)
     return joined if shown is None else _in_series(grid, joined, shown)
 
 
-class Shown(NamedTuple):
-    """n environments, n couplings, or n of both; parameters of shape (n,)."""
+@dataclass(frozen=True)
+class Joined:
+    """What joins a device: n environments, n couplings, or n of both; parameters of shape (n,)."""
 
     environment: Environment | None
     coupling: Coupling | None
-    size: int
+    shape: tuple[int, ...]  # That n stands for
 
-    def select(self, which: IntArray) -> Shown:
+    @classmethod
+    def of(cls, environment: Environment | None, coupling: Coupling | None) -> Joined:
+        """Broadcast all parameters and take them flat."""
+        given: list[Scalars] = []
+        for record in (environment, coupling):
+            if record is not None:
+                given += record.parameters().values()
+        shape = np.broadcast_shapes(*(np.shape(value) for value in given))
+
+        def flat(record: Environment | Coupling) -> dict[str, FloatArray]:
+            parameters = record.parameters().items()
+            return {name: np.broadcast_to(value, shape).ravel() for name, value in parameters}
+
+        return cls(
+            environment and replace(environment, **flat(environment)),
+            coupling and replace(coupling, **flat(coupling)),
+            shape,
+        )
+
+    @property
+    def size(self) -> int:
+        """Number n."""
+        return int(np.prod(self.shape))
+
+    def select(self, which: IntArray) -> Joined:
         """Return some of them."""
-        environment = self.environment
-        if environment is not None:
-            environment = replace(
-                environment,
-                stiffness=np.asarray(environment.stiffness)[which],
-                damping=np.asarray(environment.damping)[which],
-                mass=np.asarray(environment.mass)[which],
-            )
-        coupling = self.coupling
-        if coupling is not None:
-            stiffness = np.asarray(coupling.stiffness)[which]
-            coupling = replace(
-                coupling, stiffness=stiffness, damping=np.asarray(coupling.damping)[which]
-            )
-        return Shown(environment, coupling, which.size)
+        environment = self.environment and self.environment.select(which)
+        coupling = self.coupling and self.coupling.select(which)
+        return Joined(environment, coupling, which.shape)
 
     def resonances(self) -> tuple[Mode, ...]:
         """Return modes that resonate where H does: an environment's mass on all springs."""
@@ -107,22 +124,3 @@ class Shown(NamedTuple):
         some = order[np.linspace(0, order.size - 1, min(_RESONANCES, order.size)).astype(int)]
         masses = np.asarray(self.environment.mass)
         return tuple(Mode(masses[one], stiffness[one], damping[one]) for one in some)
-
-
-def flat_parameters(
-    environment: Environment | None, coupling: Coupling | None
-) -> tuple[Shown, tuple[int, ...]]:
-    """Broadcast all parameters and return them flat, with their shape."""
-    given: list[Scalars] = []
-    if environment is not None:
-        given += [environment.stiffness, environment.damping, environment.mass]
-    if coupling is not None:
-        given += [coupling.stiffness, coupling.damping]
-    arrays = np.broadcast_arrays(*given)
-    flat = [array.ravel() for array in arrays]
-    if environment is not None:
-        k, b, m = flat[:3]
-        environment = replace(environment, stiffness=k, damping=b, mass=m)
-    if coupling is not None:
-        coupling = replace(coupling, stiffness=flat[-2], damping=flat[-1])
-    return Shown(environment, coupling, flat[0].size), arrays[0].shape

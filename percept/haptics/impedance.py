@@ -1,4 +1,4 @@
-"""Impedances of device, environment, coupling and hold (Eqs 5 to 8)."""
+"""Impedances of device, environment, coupling and hold (Eqs 5 to 8), and of filtered dampers."""
 
 from __future__ import annotations
 
@@ -16,10 +16,8 @@ from percept.haptics.arrays import (
     ratio,
     times,
 )
-from percept.haptics.axis import Warp, warp
-from percept.haptics.loop import AnyHold
-from percept.haptics.records import AnyDevice, Coupling, Device, Environment, TabulatedDevice
-from percept.haptics.velocity import VelocityFilter, filtered_damper
+from percept.haptics.loop import Loop, VelocityFilter, Warp
+from percept.haptics.records import Coupling, Device, Environment, TabulatedDevice
 
 __all__ = [
     "DISCRETIZATIONS",
@@ -31,6 +29,7 @@ __all__ = [
     "device_parts",
     "environment_element",
     "environment_impedance",
+    "filter_response",
     "hold",
     "rotated_device",
     "series",
@@ -145,17 +144,15 @@ def _weighted(first: Element, second: Element, z1: FloatArray, z2: FloatArray) -
     )
 
 
-def device_impedance(omega: ArrayLike, device: AnyDevice, period: float) -> ComplexArray:
-    """Return Z_d(jω) of a device (Eq. 5, a spring and flexible modes added).
+def device_impedance(loop: Loop, omega: ArrayLike) -> ComplexArray:
+    """Return Z_d(jω) of a loop's device (Eq. 5, a spring and flexible modes added).
 
     Parameters
     ----------
+    loop : Loop
+        A table is taken as measured: T only says where Nyquist is.
     omega : array_like
         rad/s, up to π/T in magnitude.
-    device : Device or TabulatedDevice
-        A table is taken as measured: T only says where Nyquist is.
-    period : float
-        Sampling period T, s.
 
     Returns
     -------
@@ -166,13 +163,14 @@ def device_impedance(omega: ArrayLike, device: AnyDevice, period: float) -> Comp
     Raises
     ------
     UsageError
-        ω above Nyquist or outside the table, T not positive, a value that is not finite.
+        ω above Nyquist or outside the table, or a value that is not finite.
     """
-    return complex_from(*device_parts(warp(omega, period), device))
+    return complex_from(*device_parts(loop.at(omega)))
 
 
-def device_parts(grid: Warp, device: AnyDevice) -> tuple[FloatArray, FloatArray]:
+def device_parts(grid: Warp) -> tuple[FloatArray, FloatArray]:
     """Return Re Z_d and Im Z_d, N·s/m."""
+    device = grid.loop.device
     if isinstance(device, TabulatedDevice):
         value = device.at(grid.omega)
         return value.real, value.imag
@@ -181,10 +179,11 @@ def device_parts(grid: Warp, device: AnyDevice) -> tuple[FloatArray, FloatArray]
     return np.add(device.damping, damping), rigid + flexible
 
 
-def rotated_device(grid: Warp, device: AnyDevice, hold: AnyHold) -> tuple[FloatArray, FloatArray]:
+def rotated_device(grid: Warp) -> tuple[FloatArray, FloatArray]:
     """Return the parts of Z_d·e^{j(h + ψ)}, the device from behind hold and delay, N·s/m."""
-    real, imaginary = _device_behind_hold(grid, device)
-    lag = grid.lag(hold)
+    device = grid.loop.device
+    real, imaginary = _device_behind_hold(grid)
+    lag = grid.lag()
     if lag is None:
         return real, imaginary
     turned_real = times(lag.cos, real) - times(lag.sin, imaginary)
@@ -196,8 +195,9 @@ def rotated_device(grid: Warp, device: AnyDevice, hold: AnyHold) -> tuple[FloatA
     return turned_real + np.where(grid.sin == 0, at_dc, 0.0), turned_imaginary
 
 
-def _device_behind_hold(grid: Warp, device: AnyDevice) -> tuple[FloatArray, FloatArray]:
+def _device_behind_hold(grid: Warp) -> tuple[FloatArray, FloatArray]:
     """Return the parts of Z_d·e^{jh}, N·s/m."""
+    device = grid.loop.device
     if isinstance(device, TabulatedDevice):
         value = device.at(grid.omega)
         rigid_real = rigid_imag = np.zeros_like(value.real)
@@ -229,10 +229,8 @@ def _modes(grid: Warp, device: Device) -> tuple[FloatArray, FloatArray]:
     return damping, flexible
 
 
-def environment_impedance(
-    omega: ArrayLike, environment: Environment, period: float
-) -> ComplexArray:
-    """Return Z_e(jω) by Tustin's method (Eq. 7).
+def environment_impedance(loop: Loop, omega: ArrayLike, environment: Environment) -> ComplexArray:
+    """Return Z_e(jω) of an environment that joins the device, by Tustin's method (Eq. 7).
 
     Parameters as in `device_impedance`; the environment's broadcast against ω.
 
@@ -246,44 +244,86 @@ def environment_impedance(
     UsageError
         As `device_impedance`.
     """
-    grid = warp(omega, period)
+    grid = loop.at(omega)
     element = environment_element(grid, environment)
     reactive = times(element.mass, grid.rate) + grid.spring(element.stiffness)
     return complex_from(np.asarray(element.damping), reactive)
 
 
 def environment_element(grid: Warp, environment: Environment) -> Element:
-    """Return an environment at each ω: a filter makes a part of its damper a spring."""
-    if environment.velocity_filter is None:
+    """Return an environment that joins the device: a filter makes a part of its damper a spring."""
+    if grid.loop.velocity_filter is None:
         return Element(environment.stiffness, environment.damping, environment.mass)
     undamped = Element(environment.stiffness, 0.0, environment.mass)
-    return _with_damper(grid, undamped, environment.damping, environment.velocity_filter)
+    return _with_damper(grid, undamped, environment.damping, grid.loop.velocity_filter)
 
 
 def coupling_element(grid: Warp, coupling: Coupling, discretization: str) -> Element:
     """Return a coupling at each ω in Tustin's form, its damper filtered likewise."""
     damping = tustin_damping(coupling, grid.period, discretization)
-    if coupling.velocity_filter is None:
+    if grid.loop.velocity_filter is None:
         return Element(coupling.stiffness, damping)
     spring = Coupling(coupling.stiffness, 0.0)
     undamped = Element(spring.stiffness, tustin_damping(spring, grid.period, discretization))
-    return _with_damper(grid, undamped, coupling.damping, coupling.velocity_filter)
+    return _with_damper(grid, undamped, coupling.damping, grid.loop.velocity_filter)
 
 
 def _with_damper(
     grid: Warp, element: Element, damping: Scalars, velocity_filter: VelocityFilter
 ) -> Element:
     """Add a damper that acts on the filtered velocity."""
-    shown = filtered_damper(grid, velocity_filter)
+    response = filter_response(grid, velocity_filter)
+    # At Nyquist Ω·Im F is the warped cutoff for the first order, and vanishes for the others.
+    end = 0.0
+    if velocity_filter.order == 1:
+        end = (2 / grid.period) * float(np.tan(velocity_filter.cutoff * grid.period / 2))
+    stiffness = ratio(-response.imag * (2 / grid.period) * grid.sin, grid.cos, empty=end)
+    stiffness = np.where(grid.cos == 0, end, stiffness)
     return Element(
-        stiffness=element.stiffness + np.multiply(damping, shown.stiffness),
-        damping=element.damping + np.multiply(damping, shown.damping),
+        stiffness=element.stiffness + np.multiply(damping, stiffness),
+        damping=element.damping + np.multiply(damping, response.real),
         mass=element.mass,
     )
 
 
+def filter_response(grid: Warp, velocity_filter: VelocityFilter) -> ComplexArray:
+    """Return F(jω), exact from DC, 1, to Nyquist, 0.
+
+    Parameters
+    ----------
+    grid : Warp
+        Angles of ω.
+    velocity_filter : VelocityFilter
+        Its cutoff lies below Nyquist.
+
+    Returns
+    -------
+    ndarray of complex
+        Dimensionless, of ω's shape.
+
+    Notes
+    -----
+    With x = tan h/tan h_c, h_c half the cutoff times T, a pair of poles of damping ratio ζ gives
+    1/(1 − x² + 2jζx), and the pole of an odd order 1/(1 + jx). Both are multiplied by powers of
+    u = cos h·sin h_c, so that nothing is infinite, with v = sin h·cos h_c in place of x. Then
+    u² − v² is sin(h_c − h)·sin(h_c + h).
+    """
+    half_cutoff = velocity_filter.cutoff * grid.period / 2
+    u = grid.cos * np.sin(half_cutoff)
+    v = grid.sin * np.cos(half_cutoff)
+    difference = np.sin(half_cutoff - grid.half) * np.sin(half_cutoff + grid.half)
+    order = velocity_filter.order
+    response = np.ones(grid.omega.shape, dtype=np.complex128)
+    if order % 2:
+        response = u / complex_from(u, v)
+    for pair in range(order // 2):
+        damping_ratio = np.sin((2 * pair + 1) * np.pi / (2 * order))
+        response = response * (u * u / complex_from(difference, 2 * damping_ratio * u * v))
+    return np.asarray(response)
+
+
 def coupling_impedance(
-    omega: ArrayLike, coupling: Coupling, period: float, *, discretization: str = "backward"
+    loop: Loop, omega: ArrayLike, coupling: Coupling, *, discretization: str = "backward"
 ) -> ComplexArray:
     """Return Z_c(jω) of a virtual coupling (Eq. 6, or Eq. 12's form).
 
@@ -300,13 +340,13 @@ def coupling_impedance(
     UsageError
         As `device_impedance`, and for an unknown discretization.
     """
-    grid = warp(omega, period)
+    grid = loop.at(omega)
     element = coupling_element(grid, coupling, discretization)
     return complex_from(element.damping, grid.spring(element.stiffness))
 
 
 def coupling_admittance(
-    omega: ArrayLike, coupling: Coupling, period: float, *, discretization: str = "backward"
+    loop: Loop, omega: ArrayLike, coupling: Coupling, *, discretization: str = "backward"
 ) -> ComplexArray:
     """Return 1/Z_c(jω), the p22 of Eq. 4.
 
@@ -322,7 +362,7 @@ def coupling_admittance(
     UsageError
         As `coupling_impedance`.
     """
-    z_c = coupling_impedance(omega, coupling, period, discretization=discretization)
+    z_c = coupling_impedance(loop, omega, coupling, discretization=discretization)
     size = np.hypot(z_c.real, z_c.imag)
     # Dividing twice by the modulus keeps its square from leaving the range of a double.
     cos = ratio(z_c.real, size, empty=0.0)
@@ -339,11 +379,11 @@ def tustin_damping(coupling: Coupling, period: float, discretization: str) -> Fl
     return np.add(coupling.damping, np.multiply(coupling.stiffness, period / 2))
 
 
-def hold(omega: ArrayLike, period: float, *, kind: AnyHold = "average") -> ComplexArray:
+def hold(loop: Loop, omega: ArrayLike) -> ComplexArray:
     """Return ZOH(jω): the averaging hold of Eq. 8 or the true zero-order hold.
 
-    ω and T as in `device_impedance`. With h = ωT/2 the hold is cos h·e^{−jh} for the kind "average"
-    (Eq. 8), and (sin h/h)·e^{−jh} for "true". A `Hold` may add a delay of d samples, e^{−2jdh}.
+    Parameters as in `device_impedance`. With h = ωT/2 the hold is cos h·e^{−jh} for "average"
+    (Eq. 8), and (sin h/h)·e^{−jh} for "true". A delay of d samples multiplies it by e^{−2jdh}.
 
     Returns
     -------
@@ -353,13 +393,13 @@ def hold(omega: ArrayLike, period: float, *, kind: AnyHold = "average") -> Compl
     Raises
     ------
     UsageError
-        As `device_impedance`, and for an unknown kind of hold.
+        As `device_impedance`.
     """
-    grid = warp(omega, period)
-    gain = grid.held(kind).gain
+    grid = loop.at(omega)
+    gain = grid.held().gain
     real = gain * grid.cos
     imaginary = -gain * grid.sin
-    lag = grid.lag(kind)
+    lag = grid.lag()
     if lag is None:
         return complex_from(real, imaginary)
     return complex_from(real * lag.cos + imaginary * lag.sin, imaginary * lag.cos - real * lag.sin)

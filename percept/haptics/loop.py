@@ -1,42 +1,109 @@
-"""The control loop between samples: its hold, and how late it is."""
+"""The control loop about a device: how it holds, delays and filters; angles along its axis.
+
+Tustin's frequency axis runs from DC to Nyquist, and every quantity on it has its limit at either
+end.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from percept.errors import UsageError
-from percept.haptics.arrays import one_of, real_array
+from percept.haptics.arrays import FloatArray, checked_period, one_of, ratio, real_array, times
+from percept.haptics.records import AnyDevice, Device
 
-__all__ = ["HOLDS", "AnyHold", "Hold", "hold_of"]
+__all__ = ["HOLDS", "Held", "Lag", "Loop", "VelocityFilter", "Warp", "omega_of_rate"]
 
 HOLDS = ("average", "true")
 
 # In samples. Searches over frequency then need 40,000 points; a loop so late renders nothing.
 _LONGEST_DELAY = 1000.0
+# Sections of a higher order differ less from an ideal low pass than sensors do.
+_HIGHEST_ORDER = 8
+# π is _PI + _PI_LOW to 107 bits, so that π − ωT keeps its digits next to Nyquist.
+_PI = float(np.pi)
+_PI_LOW = 1.2246467991473532e-16
+# A smaller ωT counts as zero: nothing below then overflows on its way to the limit.
+_DC_SLACK = 1e-100
+# ωT this near to π is Nyquist: as a product of two doubles it is not known better.
+_NYQUIST_SLACK = 4 * float(np.spacing(np.pi))
 
 
 @dataclass(frozen=True)
-class Hold:
-    """How the loop puts out a force: the kind of hold, and a delay before it.
+class VelocityFilter:
+    """A low pass that the velocity goes through before a damper acts on it.
+
+    It is Butterworth's, discretized by Tustin's method so that the cutoff stays where it is.
 
     Parameters
     ----------
-    kind : {"average", "true"}
-        Eq. 8, or the true zero-order hold.
+    cutoff : float
+        rad/s, where the gain is √½; above zero, and below π/T of the loop it is used in.
+    order : int, optional
+        1 to 8.
+
+    Raises
+    ------
+    UsageError
+        A cutoff or an order out of these ranges.
+    """
+
+    cutoff: float
+    order: int = 1
+
+    def __post_init__(self) -> None:
+        cutoff = real_array(self.cutoff, "cutoff of the velocity filter", "rad/s")
+        if cutoff.ndim or not cutoff > 0:
+            raise UsageError(
+                "cutoff of the velocity filter must be one number above zero, in rad/s.",
+                value=self.cutoff,
+                hint="A cutoff in Hz is multiplied by 2π.",
+            )
+        if self.order not in range(1, _HIGHEST_ORDER + 1):
+            raise UsageError(
+                f"order of the velocity filter must be 1 to {_HIGHEST_ORDER}.", value=self.order
+            )
+        object.__setattr__(self, "cutoff", float(cutoff))
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A device in the control loop that renders with it.
+
+    Parameters
+    ----------
+    device : Device or TabulatedDevice
+        Z_d.
+    period : float
+        Sampling period T, s.
+    hold : {"average", "true"}
+        Eq. 8 (default), or the true zero-order hold.
+    velocity_filter : VelocityFilter, optional
+        Of the velocity of the device. The damper that joins the device acts on it: that of the
+        coupling, or without a coupling that of the environment.
     delay : float
         d, samples, zero or more; fractions are allowed. The hold is multiplied by e^{−jdωT}.
 
     Raises
     ------
     UsageError
-        An unknown kind, or a delay that is negative, not finite or above 1,000 samples.
+        T not positive, an unknown hold, a delay that is negative, not finite or above 1,000
+        samples, a filter with its cutoff at Nyquist or above.
     """
 
-    kind: str = "average"
+    device: AnyDevice
+    period: float
+    hold: str = "average"
+    velocity_filter: VelocityFilter | None = None
     delay: float = 0.0
 
     def __post_init__(self) -> None:
-        one_of(self.kind, "hold", HOLDS)
+        period = checked_period(self.period)
+        one_of(self.hold, "hold", HOLDS)
         delay = real_array(self.delay, "delay", "samples")
         if delay.ndim or not 0 <= delay <= _LONGEST_DELAY:
             raise UsageError(
@@ -44,13 +111,142 @@ class Hold:
                 value=self.delay,
                 hint="A delay in seconds is divided by the sampling period.",
             )
+        if self.velocity_filter is not None and self.velocity_filter.cutoff * period >= np.pi:
+            raise UsageError(
+                "cutoff of the velocity filter does not lie below the Nyquist frequency,"
+                f" {np.pi / period:.6g} rad/s.",
+                value=self.velocity_filter.cutoff,
+                hint="Lower the cutoff (rad/s, not Hz), or shorten the period.",
+            )
+        object.__setattr__(self, "period", period)
         object.__setattr__(self, "delay", float(delay))
 
+    @property
+    def nyquist(self) -> float:
+        """π/T, rad/s."""
+        return _PI / self.period
 
-AnyHold = str | Hold
-"""What every argument called `hold` accepts: a record, or the kind of a hold without delay."""
+    @property
+    def is_rigid(self) -> bool:
+        """Whether the device is a mass, a damper and a spring alone."""
+        return isinstance(self.device, Device) and not self.device.modes
+
+    def at(self, omega: ArrayLike) -> Warp:
+        """Check ω and return its angles.
+
+        Parameters
+        ----------
+        omega : array_like
+            rad/s, up to π/T in magnitude.
+
+        Returns
+        -------
+        Warp
+            Of ω's shape; ωT within 4 ulp of π is Nyquist.
+
+        Raises
+        ------
+        UsageError
+            ω above Nyquist, or a value that is not finite.
+        """
+        omega = real_array(omega, "omega", "rad/s")
+        theta = omega * self.period
+        size = np.abs(theta)
+        above = size > _PI + _NYQUIST_SLACK
+        if above.any():
+            raise UsageError(
+                f"omega is above the Nyquist frequency, {self.nyquist:.17g} rad/s at a period of"
+                f" {self.period:g} s.",
+                value=float(omega[above][0]),
+                hint="Lower omega, or shorten the period.",
+            )
+        theta = np.where(size < _DC_SLACK, 0.0 * theta, theta)
+        half = theta / 2
+        # π − θ is exact where θ is near π, and its sine then keeps every digit that ωT has.
+        below_nyquist = (_PI - size) + _PI_LOW
+        cos = np.where(size > np.pi / 2, np.sin(below_nyquist / 2), np.cos(half))
+        at_nyquist = size >= _PI - _NYQUIST_SLACK
+        return Warp(
+            loop=self,
+            omega=omega,
+            half=half,
+            sin=np.where(at_nyquist, np.sign(theta), np.sin(half)),
+            cos=np.where(at_nyquist, 0.0, cos),
+        )
 
 
-def hold_of(hold: AnyHold) -> Hold:
-    """Return the record of a hold."""
-    return hold if isinstance(hold, Hold) else Hold(hold)
+class Held(NamedTuple):
+    """The hold's gain g and its products with Ω, each with its limit at DC and Nyquist."""
+
+    gain: FloatArray  # g = abs(ZOH), cos h for the averaging hold (Eq. 8)
+    rate: FloatArray  # g·Ω, rad/s
+    per_rate: FloatArray  # g/Ω, s/rad
+
+
+class Lag(NamedTuple):
+    """The angle ψ = dωT by which a delay of d samples turns what the hold puts out."""
+
+    sin: FloatArray  # sin ψ
+    cos: FloatArray  # cos ψ
+    sin_per_sin: FloatArray  # sin ψ/sin h, 2d at DC
+
+
+@dataclass(frozen=True)
+class Warp:
+    """Angles of a set of ω in a loop with period T, h = ωT/2, accurate from DC to Nyquist."""
+
+    loop: Loop
+    omega: FloatArray  # rad/s
+    half: FloatArray  # h, rad
+    sin: FloatArray  # sin h
+    cos: FloatArray  # cos h
+
+    @property
+    def period(self) -> float:
+        """T, s."""
+        return self.loop.period
+
+    @property
+    def rate(self) -> FloatArray:
+        """Ω = (2/T)·tan h, so that Tustin's s is jΩ; infinite at Nyquist."""
+        with np.errstate(divide="ignore"):
+            return (2 / self.period) * self.sin / self.cos
+
+    @property
+    def inverse_rate(self) -> FloatArray:
+        """1/Ω = (T/2)·cot h; infinite at DC."""
+        with np.errstate(divide="ignore"):
+            return (self.period / 2) * self.cos / self.sin
+
+    @property
+    def one_minus_cos(self) -> FloatArray:
+        """1 − cos h, without the cancellation."""
+        return 2 * np.sin(self.half / 2) ** 2
+
+    def spring(self, stiffness: ArrayLike) -> FloatArray:
+        """Return Im(k/s) = −k/Ω."""
+        return -times(stiffness, self.inverse_rate)
+
+    def held(self) -> Held:
+        """Return the gain of the loop's hold and its products with Ω."""
+        with np.errstate(divide="ignore"):
+            if self.loop.hold == "average":
+                per_rate = (self.period / 2) * self.cos**2 / self.sin
+                return Held(self.cos, (2 / self.period) * self.sin, per_rate)
+            gain = np.sinc(self.half / np.pi)
+            return Held(gain, gain * self.rate, gain * self.inverse_rate)
+
+    def lag(self) -> Lag | None:
+        """Return by how much the loop is delayed; None without a delay."""
+        delay = self.loop.delay
+        if not delay:
+            return None
+        turn = (2 * delay) * self.half
+        sin = np.sin(turn)
+        return Lag(sin, np.cos(turn), ratio(sin, self.sin, empty=2 * delay))
+
+
+def omega_of_rate(rate: ArrayLike, period: float) -> FloatArray:
+    """Return the ω, rad/s, at which Tustin's Ω is a given rate, rad/s."""
+    half = np.arctan(np.multiply(rate, period / 2))
+    return np.asarray((2 / period) * half)

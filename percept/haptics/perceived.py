@@ -2,38 +2,33 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.haptics.arrays import (
-    BoolArray,
     ComplexArray,
     FloatArray,
     IntArray,
     Scalars,
     complex_from,
-    ratio,
     real_array,
     times,
 )
-from percept.haptics.axis import Warp, warp
 from percept.haptics.impedance import (
     Element,
     coupling_element,
     device_parts,
     environment_element,
-    rotated_device,
     series,
 )
-from percept.haptics.loop import AnyHold
-from percept.haptics.records import AnyDevice, Coupling, Display, Environment
+from percept.haptics.loop import Loop, Warp
+from percept.haptics.plane import DistancePlane, Point
+from percept.haptics.records import Coupling, Device, Environment
 
 __all__ = [
-    "DistancePlane",
-    "Extremes",
-    "Point",
+    "Display",
     "effective_impedance",
     "perceived_impedance",
     "perceived_magnitude",
@@ -41,18 +36,53 @@ __all__ = [
 ]
 
 
-class Point(NamedTuple):
-    """Stiffness and damping, numbers or arrays of one shape; of either sign."""
+@dataclass(frozen=True)
+class Display:
+    """An environment displayed by the device of a loop, directly or through a coupling.
 
-    stiffness: Scalars  # N/m
-    damping: Scalars  # N·s/m
+    Mass and damping of the device and both parameters of the coupling may be arrays of shape (n,):
+    then these are n displays.
+
+    Parameters
+    ----------
+    loop : Loop
+        With the device.
+    environment : Environment
+        Z_e, of single numbers.
+    coupling : Coupling, optional
+        Z_c in Tustin's form (Eq. 12); None where environment and device are joined directly.
+    """
+
+    loop: Loop
+    environment: Environment
+    coupling: Coupling | None = None
+
+    @property
+    def count(self) -> int | None:
+        """Number of displays, n; None where no parameter is an array."""
+        parameters: list[Scalars] = []
+        for record in (self.loop.device, self.coupling):
+            if isinstance(record, Device | Coupling):
+                parameters += record.parameters().values()
+        lengths = [np.size(parameter) for parameter in parameters if np.ndim(parameter)]
+        return max(lengths, default=None)
+
+    def select(self, which: IntArray) -> Display:
+        """Return the displays of these indices, in this order."""
+        loop = self.loop
+        if isinstance(loop.device, Device):
+            loop = replace(loop, device=loop.device.select(which))
+        coupling = self.coupling
+        if coupling is not None:
+            coupling = coupling.select(which)
+        return replace(self, loop=loop, coupling=coupling)
 
 
 def effective_impedance(
+    loop: Loop,
     omega: ArrayLike,
     environment: Environment,
     coupling: Coupling,
-    period: float,
     *,
     discretization: str = "tustin",
 ) -> Point:
@@ -74,7 +104,7 @@ def effective_impedance(
     UsageError
         As `perceived_impedance`.
     """
-    grid = warp(omega, period)
+    grid = loop.at(omega)
     element = _coupled(grid, environment, coupling, discretization)
     stiffness, damping, _ = np.broadcast_arrays(element.stiffness, element.damping, grid.omega)
     return Point(stiffness[()], damping[()])
@@ -84,10 +114,10 @@ def _coupled(
     grid: Warp, environment: Environment, coupling: Coupling | None, discretization: str
 ) -> Element:
     """Return the environment, or environment and coupling in series, at each ω."""
-    element = environment_element(grid, environment)
     if coupling is None:
-        return element
-    return series(grid, element, coupling_element(grid, coupling, discretization))
+        return environment_element(grid, environment)
+    behind = Element(environment.stiffness, environment.damping, environment.mass)
+    return series(grid, behind, coupling_element(grid, coupling, discretization))
 
 
 def shown_element(grid: Warp, display: Display) -> Element:
@@ -113,31 +143,25 @@ def shown_element(grid: Warp, display: Display) -> Element:
 
 
 def perceived_impedance(
+    loop: Loop,
     omega: ArrayLike,
-    device: AnyDevice,
     environment: Environment,
-    period: float,
     *,
     coupling: Coupling | None = None,
-    hold: AnyHold = "average",
     discretization: str = "tustin",
 ) -> ComplexArray:
     """Return Z_h(jω), Eq. 13, or with a coupling Z_h_vc(jω), Eq. 11.
 
     Parameters
     ----------
+    loop : Loop
+        With the device, Z_d.
     omega : array_like
         rad/s, up to π/T in magnitude.
-    device : Device or TabulatedDevice
-        The device, Z_d.
     environment : Environment
         What is rendered, Z_e; its parameters broadcast against ω.
-    period : float
-        Sampling period T, s.
     coupling : Coupling, optional
         Z_c between device and environment; none means rigidly joined.
-    hold : {"average", "true"} or Hold
-        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
     discretization : {"tustin", "backward"}
         Of the coupling: Eq. 12's form (default) or Eq. 6's.
 
@@ -150,23 +174,23 @@ def perceived_impedance(
     Raises
     ------
     UsageError
-        ω above Nyquist or outside a device's table, T not positive, a value that is not finite, an
-        unknown hold or discretization.
+        ω above Nyquist or outside a device's table, a value that is not finite, an unknown
+        discretization.
     """
-    grid = warp(omega, period)
+    grid = loop.at(omega)
     element = _coupled(grid, environment, coupling, discretization)
-    real, imaginary = device_parts(grid, device)
-    held_real, held_imaginary = _held_parts(grid, hold, element)
+    real, imaginary = device_parts(grid)
+    held_real, held_imaginary = _held_parts(grid, element)
     return complex_from(real + held_real, imaginary + held_imaginary)
 
 
-def _held_parts(grid: Warp, hold: AnyHold, element: Element) -> tuple[FloatArray, FloatArray]:
+def _held_parts(grid: Warp, element: Element) -> tuple[FloatArray, FloatArray]:
     """Return the parts of ZOH·(m·s + b + k/s), N·s/m.
 
     Each product of gain, Ω^±1 and sin h or cos h is written out so that no factor overflows beside
     one that vanishes; only k at DC and m at Nyquist (true hold) are left with an infinite factor.
     """
-    held = grid.held(hold)
+    held = grid.held()
     gain_cos = held.gain * grid.cos
     gain_sin = held.gain * grid.sin
     real = (
@@ -178,7 +202,7 @@ def _held_parts(grid: Warp, hold: AnyHold, element: Element) -> tuple[FloatArray
         element.damping, gain_sin
     )
     imaginary = inertial_and_viscous - times(element.stiffness, held.per_rate * grid.cos)
-    lag = grid.lag(hold)
+    lag = grid.lag()
     if lag is None:
         return real, imaginary
     # The spring's own part of the imaginary one, times sin ψ, is finite at DC.
@@ -192,14 +216,12 @@ def _held_parts(grid: Warp, hold: AnyHold, element: Element) -> tuple[FloatArray
 
 
 def perceived_magnitude(
+    loop: Loop,
     omega: ArrayLike,
-    device: AnyDevice,
     stiffness: ArrayLike,
     damping: ArrayLike,
-    period: float,
     *,
     mass: ArrayLike = 0.0,
-    hold: AnyHold = "average",
 ) -> FloatArray:
     """Return abs(Z_h) as a distance (see `DistancePlane`), for any real k and b.
 
@@ -215,62 +237,8 @@ def perceived_magnitude(
     UsageError
         As `perceived_impedance`.
     """
-    grid = warp(omega, period)
+    grid = loop.at(omega)
     k = real_array(stiffness, "stiffness", "N/m")
     b = real_array(damping, "damping", "N·s/m")
     m = real_array(mass, "mass", "kg")
-    return DistancePlane.of(grid, device, hold, m).distance(Point(k, b))
-
-
-class Extremes(NamedTuple):
-    """The (k, b) of a region with the smallest and the largest abs(Z_h)."""
-
-    nearest: Point
-    farthest: Point
-
-
-class DistancePlane(NamedTuple):
-    """The plane of (g·b, g·k/Ω), in which abs(Z_h) is the distance from one point.
-
-    The device sets that point. With g the hold's gain, h = ωT/2 and a delay of d samples,
-    abs(Z_h) = abs(Z_d·e^{j(1 + 2d)h} + g·b + j·g·(m·Ω − k/Ω)).
-    """
-
-    gain: FloatArray  # g
-    per_rate: FloatArray  # g/Ω, s/rad
-    real: FloatArray  # Real part of Z_d·e^{j(1 + 2d)h} + j·g·m·Ω, N·s/m
-    imaginary: FloatArray  # Its imaginary part, N·s/m
-
-    @classmethod
-    def of(cls, grid: Warp, device: AnyDevice, hold: AnyHold, mass: Scalars = 0.0) -> DistancePlane:
-        """Take a device with the environment's mass, kg, at each ω."""
-        held = grid.held(hold)
-        real, imaginary = rotated_device(grid, device, hold)
-        return cls(held.gain, held.per_rate, real, imaginary + times(mass, held.rate))
-
-    def flat(self) -> DistancePlane:
-        """Return all fields in one shape (n,)."""
-        return DistancePlane(*(field.ravel() for field in np.broadcast_arrays(*self)))
-
-    def select(self, which: IntArray | BoolArray) -> DistancePlane:
-        """Return some of the n elements of a flat plane, or of the last axis of another."""
-        return DistancePlane(*(field[..., which] for field in self))
-
-    def offsets(self, point: Point) -> tuple[FloatArray, FloatArray]:
-        """Return real and imaginary part of Z_h·e^{j(1 + 2d)h}, N·s/m."""
-        k, b = point
-        return self.gain * b + self.real, self.imaginary - times(k, self.per_rate)
-
-    def distance(self, point: Point) -> FloatArray:
-        """Return abs(Z_h), N·s/m."""
-        return np.hypot(*self.offsets(point))
-
-    def square(self, point: Point) -> FloatArray:
-        """Return abs(Z_h)², of use where neither overflows nor vanishes."""
-        real, imaginary = self.offsets(point)
-        return np.asarray(real**2 + imaginary**2)
-
-    def origin(self) -> Point:
-        """Return the (k, b) at which Z_h vanishes; infinite where there is none."""
-        k = ratio(self.imaginary, self.per_rate, empty=np.inf)
-        return Point(k, ratio(-self.real, self.gain, empty=np.inf))
+    return DistancePlane.of(grid, m).distance(Point(k, b))

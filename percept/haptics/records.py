@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import TypeAlias
+from dataclasses import dataclass, replace
+from typing import Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,14 +19,11 @@ from percept.haptics.arrays import (
     nonnegative_array,
     stored,
 )
-from percept.haptics.loop import AnyHold
-from percept.haptics.velocity import VelocityFilter
 
 __all__ = [
     "AnyDevice",
     "Coupling",
     "Device",
-    "Display",
     "Environment",
     "Mode",
     "TabulatedDevice",
@@ -40,13 +37,20 @@ class _Parameters:
     """Checks the fields named in `_UNITS` when a record is made: real, finite, not negative."""
 
     def __post_init__(self) -> None:
-        owner = type(self).__name__
-        for field in fields(self):  # type: ignore[arg-type]  # every subclass is a dataclass
-            if field.name in _UNITS:
-                value = nonnegative_array(
-                    getattr(self, field.name), f"{owner} {field.name}", _UNITS[field.name]
-                )
-                object.__setattr__(self, field.name, stored(value))
+        for name, value in self.parameters().items():
+            checked = nonnegative_array(value, f"{type(self).__name__} {name}", _UNITS[name])
+            object.__setattr__(self, name, stored(checked))
+
+    def parameters(self) -> dict[str, Scalars]:
+        """Return the fields that are numbers or arrays, by name."""
+        return {name: getattr(self, name) for name in _UNITS if hasattr(self, name)}
+
+    def select(self, which: int | slice | IntArray) -> Self:
+        """Return one of several such records, or some; single numbers hold for all."""
+        some = {}
+        for name, value in self.parameters().items():
+            some[name] = np.asarray(value)[which] if np.ndim(value) else value
+        return replace(self, **some)  # type: ignore[type-var]  # every subclass is a dataclass
 
 
 @dataclass(frozen=True)
@@ -61,8 +65,6 @@ class Environment(_Parameters):
         b, N·s/m, zero or more.
     mass : float or array_like, optional
         m, kg, zero or more.
-    velocity_filter : VelocityFilter, optional
-        Of the velocity that b acts on; none by default.
 
     Raises
     ------
@@ -78,7 +80,6 @@ class Environment(_Parameters):
     stiffness: Scalars
     damping: Scalars
     mass: Scalars = 0.0
-    velocity_filter: VelocityFilter | None = None
 
 
 @dataclass(frozen=True)
@@ -91,8 +92,6 @@ class Coupling(_Parameters):
         k_c, N/m, zero or more.
     damping : float or array_like
         b_c, N·s/m, zero or more.
-    velocity_filter : VelocityFilter, optional
-        Of the velocity that b_c acts on; none by default.
 
     Raises
     ------
@@ -102,7 +101,6 @@ class Coupling(_Parameters):
 
     stiffness: Scalars
     damping: Scalars
-    velocity_filter: VelocityFilter | None = None
 
 
 @dataclass(frozen=True)
@@ -173,17 +171,8 @@ class Device(_Parameters):
 
     def select(self, which: int | slice | IntArray) -> Device:
         """Return one of several devices, or some; single numbers hold for all."""
-        modes = []
-        for mode in self.modes:
-            stiffness = _selected(mode.stiffness, which)
-            damping = _selected(mode.damping, which)
-            modes.append(Mode(_selected(mode.mass, which), stiffness, damping))
-        return Device(
-            mass=_selected(self.mass, which),
-            damping=_selected(self.damping, which),
-            modes=tuple(modes),
-            stiffness=_selected(self.stiffness, which),
-        )
+        some = super().select(which)
+        return replace(some, modes=tuple(mode.select(which) for mode in self.modes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,77 +257,16 @@ AnyDevice: TypeAlias = Device | TabulatedDevice
 """What every argument called `device` accepts."""
 
 
-@dataclass(frozen=True)
-class Display:
-    """An environment displayed by a device, directly or through a coupling.
-
-    Mass and damping of the device and both parameters of the coupling may be arrays of shape (n,):
-    then these are n displays.
-
-    Parameters
-    ----------
-    device : Device or TabulatedDevice
-        Z_d.
-    environment : Environment
-        Z_e, of single numbers.
-    period : float
-        Sampling period T, s.
-    coupling : Coupling, optional
-        Z_c in Tustin's form (Eq. 12); None where environment and device are joined directly.
-    hold : {"average", "true"} or Hold
-        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
-    """
-
-    device: AnyDevice
-    environment: Environment
-    period: float
-    coupling: Coupling | None = None
-    hold: AnyHold = "average"
-
-    @property
-    def count(self) -> int | None:
-        """Number of displays, n; None where no parameter is an array."""
-        parameters: list[Scalars] = []
-        if isinstance(self.device, Device):
-            parameters += [self.device.mass, self.device.damping]
-        if self.coupling is not None:
-            parameters += [self.coupling.stiffness, self.coupling.damping]
-        lengths = [np.size(parameter) for parameter in parameters if np.ndim(parameter)]
-        return max(lengths, default=None)
-
-    def select(self, which: IntArray) -> Display:
-        """Return the displays of these indices, in this order."""
-        device = self.device
-        if isinstance(device, Device):
-            device = device.select(which)
-        coupling = self.coupling
-        if coupling is not None:
-            stiffness = _selected(coupling.stiffness, which)
-            damping = _selected(coupling.damping, which)
-            coupling = replace(coupling, stiffness=stiffness, damping=damping)
-        return replace(self, device=device, coupling=coupling)
-
-
-def _selected(value: Scalars, which: int | slice | IntArray) -> Scalars:
-    """Return some of an array's values; a single number stays."""
-    return np.asarray(value)[which] if np.ndim(value) else value
-
-
 def refuse_arrays(
     device: AnyDevice, coupling: Coupling | None, environment: Environment | None = None
 ) -> None:
     """Refuse arrays where one verdict is asked for."""
-    parameters: list[Scalars] = []
-    if coupling is not None:
-        parameters += [coupling.stiffness, coupling.damping]
-    if environment is not None:
-        parameters += [environment.stiffness, environment.damping, environment.mass]
-    if isinstance(device, Device):
-        parameters += [device.mass, device.damping]
-        for mode in device.modes:
-            parameters += [mode.mass, mode.stiffness, mode.damping]
-    if any(np.ndim(parameter) for parameter in parameters):
-        raise UsageError(
-            "a verdict is for one device, one environment and one coupling.",
-            hint="For arrays use needed_damping, stability_margin or required_damping.",
-        )
+    records = [device, coupling, environment, *getattr(device, "modes", ())]
+    for record in records:
+        if not isinstance(record, _Parameters):
+            continue
+        if any(np.ndim(value) for value in record.parameters().values()):
+            raise UsageError(
+                "a verdict is for one device, one environment and one coupling.",
+                hint="For arrays use needed_damping, stability_margin or required_damping.",
+            )

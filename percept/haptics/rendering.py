@@ -19,35 +19,20 @@ here: its damper has a pole at z = −1, so no damping is enough for every hand.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from percept.haptics.aliases import Aliases, alias_features, aliases
-from percept.haptics.arrays import (
-    FloatArray,
-    IntArray,
-    Scalars,
-    checked_period,
-    ratio,
-    stored,
-)
-from percept.haptics.axis import Warp, warp
-from percept.haptics.forces import Force, Shown, flat_parameters, force_of
-from percept.haptics.loop import Hold
-from percept.haptics.records import (
-    AnyDevice,
-    Coupling,
-    Device,
-    Environment,
-    TabulatedDevice,
-    refuse_arrays,
-)
-from percept.haptics.search import lowest, search_grid
-from percept.haptics.velocity import VelocityFilter
+from percept.haptics.arrays import FloatArray, IntArray, Scalars, ratio, stored
+from percept.haptics.forces import Force, Joined, force_of
+from percept.haptics.frequencies import search_grid
+from percept.haptics.loop import Loop, Warp
+from percept.haptics.records import Coupling, Device, Environment, TabulatedDevice, refuse_arrays
 from percept.html import NotebookRecord
+from percept.minima import lowest
 
 __all__ = [
     "NeededDamping",
@@ -62,6 +47,7 @@ __all__ = [
 
 # Of 1 N·s/m: what it lacks is the damping needed.
 _UNIT = Device(0.0, 1.0)
+_NO_DEVICE = Device(0.0, 0.0)
 # How near to 1 a margin counts as short of it.
 _ROUNDING = 1e-12
 # Rows of a region's edge: enough to show its corners.
@@ -91,14 +77,13 @@ class Rendering(NotebookRecord):
     binding_omega: float  # Where the margin is least, rad/s
 
 
-def _load(grid: Warp, force: Force, dissipated: Aliases, delay: float) -> FloatArray:
+def _load(grid: Warp, force: Force, dissipated: Aliases) -> FloatArray:
     """Return what each ω asks for, as a fraction of what the device dissipates there.
 
     Without a fraction of delay this is Re W/b_eff. With one it is the largest μ at which the circle
     of centre μ·C and radius μ·abs(ρ) holds 1/W: C and ρ are half the sums over the aliases.
     """
-    whole = np.floor(delay)
-    fraction = delay - whole
+    fraction, whole = np.modf(grid.loop.delay)
     before = _real_part(grid, force, whole)
     mean = before
     if fraction:
@@ -126,30 +111,25 @@ def _real_part(grid: Warp, force: Force, samples: float) -> FloatArray:
 
 
 def rendering_load(
+    loop: Loop,
     omega: ArrayLike,
-    device: AnyDevice,
     environment: Environment | None,
-    period: float,
     *,
     coupling: Coupling | None = None,
-    delay: float = 0.0,
 ) -> FloatArray:
     """Return what each ω asks of a device, as a fraction of what it dissipates there.
 
     Parameters
     ----------
+    loop : Loop
+        Of single numbers; the damping of a rigid device may be an array. Its hold does not count:
+        a force is held for a sample.
     omega : array_like
         rad/s, up to π/T in magnitude.
-    device : Device or TabulatedDevice
-        Of single numbers; the damping of a rigid device may be an array.
     environment : Environment or None
         None for a rigid wall behind the coupling. Its parameters broadcast against ω.
-    period : float
-        Sampling period T, s.
     coupling : Coupling, optional
         None where the environment is rendered directly. Its parameters broadcast against ω.
-    delay : float
-        Of the loop, in samples.
 
     Returns
     -------
@@ -159,34 +139,24 @@ def rendering_load(
     Raises
     ------
     UsageError
-        ω above Nyquist, T not positive, a delay that `Hold` refuses.
+        ω above Nyquist.
     """
-    grid = warp(omega, period)
-    delay = Hold("true", delay).delay
-    dissipated = aliases(grid, device, delay - np.floor(delay))
-    return _load(grid, force_of(grid, environment, coupling), dissipated, delay)
+    grid = loop.at(omega)
+    return _load(grid, force_of(grid, environment, coupling), aliases(grid))
 
 
 def needed_damping(
-    environment: Environment | None,
-    period: float,
-    *,
-    coupling: Coupling | None = None,
-    delay: float = 0.0,
+    loop: Loop, environment: Environment | None, *, coupling: Coupling | None = None
 ) -> NeededDamping:
     """Return the damping above which a rigid device renders with every passive hand.
 
     Parameters as in `rendering_load`, those of environment and coupling of shapes that broadcast.
+    The device of the loop does not count.
 
     Returns
     -------
     NeededDamping
         Of the broadcast shape; inf where a pole of H lies outside the unit circle.
-
-    Raises
-    ------
-    UsageError
-        As `rendering_load`.
 
     Notes
     -----
@@ -194,33 +164,18 @@ def needed_damping(
     and, for an environment without mass, A_c·A_e/(A_c + A_e) through the coupling; all at Nyquist.
     Otherwise it is searched over ω.
     """
-    period = checked_period(period)
-    delay = Hold("true", delay).delay
-    if _is_closed(environment, coupling, delay):
-        damping = _damping_at_nyquist(environment, coupling, period)
-        return NeededDamping(stored(damping), stored(np.full(damping.shape, np.pi / period)))
-    flat, shape = flat_parameters(environment, coupling)
-    largest = _largest_load(_UNIT, flat, period, delay)
-    return NeededDamping(
-        stored(largest.damping.reshape(shape)), stored(largest.omega.reshape(shape))
-    )
-
-
-def _is_closed(environment: Environment | None, coupling: Coupling | None, delay: float) -> bool:
-    """Say whether what is needed has a closed form."""
-    if delay:
-        return False
-    if coupling is not None and coupling.velocity_filter is not None:
-        return False
-    if environment is None:
-        return True
-    if environment.velocity_filter is not None:
-        return False
-    return coupling is None or not np.any(environment.mass)
+    heavy = environment is not None and coupling is not None and np.any(environment.mass)
+    if not (loop.delay or loop.velocity_filter or heavy):
+        damping = _damping_at_nyquist(loop.period, environment, coupling)
+        return NeededDamping(stored(damping), stored(np.full(damping.shape, loop.nyquist)))
+    joined = Joined.of(environment, coupling)
+    largest = _largest_load(replace(loop, device=_UNIT), joined)
+    damping = largest.damping.reshape(joined.shape)
+    return NeededDamping(stored(damping), stored(largest.omega.reshape(joined.shape)))
 
 
 def _damping_at_nyquist(
-    environment: Environment | None, coupling: Coupling | None, period: float
+    period: float, environment: Environment | None, coupling: Coupling | None
 ) -> FloatArray:
     """Return what a rigid device needs without delay and filter, N·s/m."""
     half = period / 2
@@ -243,48 +198,42 @@ class _Largest(NamedTuple):
     omega: FloatArray  # Where it is, rad/s
 
 
-def _largest_load(device: AnyDevice, shown: Shown, period: float, delay: float) -> _Largest:
+def _largest_load(loop: Loop, joined: Joined) -> _Largest:
     """Search the largest load over ω; it is inf where a pole of H lies outside the circle."""
-    base = Device(0.0, 0.0, shown.resonances())
-    parts = [search_grid(base, period, Hold("true", delay)), alias_features(device, period)]
-    grid = np.unique(np.concatenate(parts))
+    even = search_grid(replace(loop, device=_NO_DEVICE), joined.resonances())
+    grid = np.unique(np.concatenate([even, alias_features(loop)]))
 
     def spare(omega: FloatArray, which: IntArray) -> FloatArray:
-        some = shown.select(which)
-        return -rendering_load(
-            omega, device, some.environment, period, coupling=some.coupling, delay=delay
-        )
+        some = joined.select(which)
+        return -rendering_load(loop, omega, some.environment, coupling=some.coupling)
 
-    least = lowest(spare, grid, shown.size)
-    outside = _has_pole_outside(grid, shown, period)
+    least = lowest(spare, grid, joined.size)
+    outside = _has_pole_outside(loop, grid, joined)
     return _Largest(np.where(outside, np.inf, -least.value), least.x)
 
 
-def _has_pole_outside(omega: FloatArray, shown: Shown, period: float) -> FloatArray:
+def _has_pole_outside(loop: Loop, omega: FloatArray, joined: Joined) -> FloatArray:
     """Say which H has a pole outside the unit circle, (n,), by the argument principle.
 
     The poles are the zeros of H_c + H_e. Without a filter they all lie inside: a backward
     difference maps the left half plane there.
     """
-    environment = shown.environment
-    coupling = shown.coupling
-    if environment is None or coupling is None or coupling.velocity_filter is None:
-        return np.zeros(shown.size, dtype=bool)
-    grid = warp(omega[:, None], period)
-    total = np.zeros((omega.size, shown.size), dtype=np.complex128)
-    for force in (force_of(grid, environment, None), force_of(grid, None, coupling)):
+    environment = joined.environment
+    coupling = joined.coupling
+    if environment is None or coupling is None or loop.velocity_filter is None:
+        return np.zeros(joined.size, dtype=bool)
+    total = np.zeros((omega.size, joined.size), dtype=np.complex128)
+    unfiltered = replace(loop, velocity_filter=None)
+    for one, behind, before in ((unfiltered, environment, None), (loop, None, coupling)):
+        grid = one.at(omega[:, None])
+        force = force_of(grid, behind, before)
         total += force.real + 1j * grid.sin * force.slope
     steps = np.angle(total[1:] * np.conj(total[:-1]))
     return np.asarray(steps.sum(axis=0) < -_TURNED)
 
 
 def rendering_margins(
-    device: AnyDevice,
-    environment: Environment | None,
-    period: float,
-    *,
-    coupling: Coupling | None = None,
-    delay: float = 0.0,
+    loop: Loop, environment: Environment | None, *, coupling: Coupling | None = None
 ) -> FloatArray:
     """Return what a device dissipates over what is asked for, at the ω where that is least.
 
@@ -294,24 +243,14 @@ def rendering_margins(
     -------
     ndarray
         Of the broadcast shape; above 1 the device renders with every passive hand.
-
-    Raises
-    ------
-    UsageError
-        As `rendering_load`.
     """
-    flat, shape = flat_parameters(environment, coupling)
-    largest = _largest_load(device, flat, checked_period(period), Hold("true", delay).delay)
-    return ratio(1.0, largest.damping, empty=np.inf).reshape(shape)
+    joined = Joined.of(environment, coupling)
+    largest = _largest_load(loop, joined)
+    return ratio(1.0, largest.damping, empty=np.inf).reshape(joined.shape)
 
 
 def can_render(
-    device: AnyDevice,
-    environment: Environment | None,
-    period: float,
-    *,
-    coupling: Coupling | None = None,
-    delay: float = 0.0,
+    loop: Loop, environment: Environment | None, *, coupling: Coupling | None = None
 ) -> Rendering:
     """Judge whether a device renders an environment with every passive hand, in time.
 
@@ -325,18 +264,16 @@ def can_render(
     Raises
     ------
     UsageError
-        As `rendering_load`, and arrays as parameters.
+        Arrays as parameters.
     """
-    period = checked_period(period)
-    delay = Hold("true", delay).delay
+    device = loop.device
     refuse_arrays(device, coupling, environment)
-    need = needed_damping(environment, period, coupling=coupling, delay=delay)
-    if isinstance(device, Device) and not device.modes:
+    need = needed_damping(loop, environment, coupling=coupling)
+    if isinstance(device, Device) and loop.is_rigid:
         margin = float(ratio(device.damping, need.damping, empty=np.inf))
         binding = float(need.omega)
     else:
-        flat, _ = flat_parameters(environment, coupling)
-        largest = _largest_load(device, flat, period, delay)
+        largest = _largest_load(loop, Joined.of(environment, coupling))
         margin = float(ratio(1.0, largest.damping[0], empty=np.inf))
         binding = float(largest.omega[0])
     verdict: Literal["can", "cannot", "undecided"] = "can"
@@ -347,7 +284,7 @@ def can_render(
     elif margin <= 1 + _ROUNDING:
         verdict = "cannot"
     elif isinstance(device, TabulatedDevice):
-        if device.omega[0] * period > _FIRST * np.pi:
+        if device.omega[0] * loop.period > _FIRST * np.pi:
             verdict = "undecided"
             reason = f"Below {device.omega[0]:.6g} rad/s the device's table says nothing."
         elif device.floor is None:
@@ -366,43 +303,24 @@ class RenderedRegion(NamedTuple):
     damping: FloatArray  # N·s/m, rising from zero
 
 
-def rendered_region(
-    device: AnyDevice,
-    period: float,
-    *,
-    delay: float = 0.0,
-    velocity_filter: VelocityFilter | None = None,
-) -> RenderedRegion:
+def rendered_region(loop: Loop) -> RenderedRegion:
     """Return the edge of all (k, b) that a device renders with every passive hand.
 
     Parameters
     ----------
-    device : Device or TabulatedDevice
+    loop : Loop
         Of single numbers. A table without a floor is taken to dissipate all above its end.
-    period : float
-        Sampling period T, s.
-    delay : float
-        Of the loop, in samples.
-    velocity_filter : VelocityFilter, optional
-        Of the velocity that b acts on.
 
     Returns
     -------
     RenderedRegion
         From b = 0 to k = 0. What lies nearer to the origin on the same ray is rendered as well:
         the load is proportional to the force.
-
-    Raises
-    ------
-    UsageError
-        As `rendering_load`.
     """
-    period = checked_period(period)
     slant = np.linspace(0.0, 1.0, _EDGE_POINTS)
-    wall = Environment((1 - slant) * 2 / period, slant, 0.0, velocity_filter)
-    if isinstance(device, Device) and not device.modes:
-        load = needed_damping(wall, period, delay=delay).damping
-        reach = ratio(device.damping, load, empty=np.inf)
+    wall = Environment((1 - slant) * 2 / loop.period, slant)
+    if isinstance(loop.device, Device) and loop.is_rigid:
+        reach = ratio(loop.device.damping, needed_damping(loop, wall).damping, empty=np.inf)
     else:
-        reach = rendering_margins(device, wall, period, delay=delay)
+        reach = rendering_margins(loop, wall)
     return RenderedRegion(reach * wall.stiffness, reach * wall.damping)

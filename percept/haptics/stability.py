@@ -8,28 +8,36 @@ loop renders is in `percept.haptics.rendering`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from percept.errors import UsageError
 from percept.haptics.arrays import (
     LARGEST,
     FloatArray,
     IntArray,
     Scalars,
-    checked_period,
+    nonnegative_array,
+    one_of,
     ratio,
     stored,
     times,
 )
-from percept.haptics.axis import Warp, warp
-from percept.haptics.impedance import coupling_element, device_parts, tustin_damping
-from percept.haptics.loop import AnyHold, Hold, hold_of
-from percept.haptics.records import AnyDevice, Coupling, Device, TabulatedDevice, refuse_arrays
-from percept.haptics.search import covers_range, lowest, search_grid
+from percept.haptics.frequencies import covers_range, search_grid
+from percept.haptics.impedance import (
+    DISCRETIZATIONS,
+    coupling_element,
+    device_parts,
+    tustin_damping,
+)
+from percept.haptics.loop import Loop, Warp
+from percept.haptics.records import Coupling, Device, TabulatedDevice, refuse_arrays
 from percept.html import NotebookRecord
+from percept.minima import lowest
+from percept.roots import rising_root
 
 __all__ = [
     "AbsoluteStability",
@@ -39,6 +47,7 @@ __all__ = [
     "absolute_stability",
     "coupling_bound",
     "demands",
+    "max_coupling_stiffness",
     "required_damping",
     "required_damping_at",
     "stability_margin",
@@ -48,6 +57,9 @@ __all__ = [
 _ROUNDING = 1e-12
 # κ = K/2β from which on the demand is largest at DC.
 _KAPPA_AT_DC = float(np.sqrt(0.8))
+# b_c/b up to which the largest stiffness is set at DC under the backward difference (β = 5b there).
+_DC_LIMIT = 5 - 2 * np.sqrt(5)
+_NO_DEVICE = Device(0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -60,12 +72,7 @@ class RequiredDamping(NotebookRecord):
 
 
 def required_damping_at(
-    omega: ArrayLike,
-    coupling: Coupling,
-    period: float,
-    *,
-    discretization: str = "backward",
-    hold: AnyHold = "average",
+    loop: Loop, omega: ArrayLike, coupling: Coupling, *, discretization: str = "backward"
 ) -> FloatArray:
     """Return the Re Z_d(jω) that Eq. 10 asks for at each ω.
 
@@ -76,16 +83,14 @@ def required_damping_at(
 
     Parameters
     ----------
+    loop : Loop
+        Its device does not count.
     omega : array_like
         rad/s, up to π/T in magnitude.
     coupling : Coupling
         Its parameters broadcast against ω.
-    period : float
-        Sampling period T, s.
     discretization : {"backward", "tustin"}
         Eq. 6 (default), or Eq. 12's form.
-    hold : {"average", "true"} or Hold
-        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
 
     Returns
     -------
@@ -95,17 +100,16 @@ def required_damping_at(
     Raises
     ------
     UsageError
-        ω above Nyquist, T not positive, a value that is not finite, an unknown discretization or
-        hold.
+        ω above Nyquist, a value that is not finite, an unknown discretization.
     """
-    grid = warp(omega, period)
-    viscous, elastic = demands(grid, hold)
+    grid = loop.at(omega)
+    viscous, elastic = demands(grid)
     element = coupling_element(grid, coupling, discretization)
     beta = element.damping
     stretch = np.multiply(element.stiffness, grid.period)
     # Only positive terms, and K²/β as K·(K/β): K² alone may leave the range of a double.
     load = stretch * ratio(stretch, beta, empty=0.0)
-    if coupling.velocity_filter is not None:
+    if loop.velocity_filter is not None:
         # A filter may make the coupling active: no device then suffices.
         load = np.where(np.less(beta, 0), np.inf, load)
     needed = np.multiply(beta, viscous) + times(elastic, load)
@@ -120,28 +124,10 @@ class Demands(NamedTuple):
     elastic: FloatArray
 
 
-def demands(grid: Warp, hold: AnyHold) -> Demands:
-    """Return what Eq. 10 asks for at each ω.
-
-    Parameters
-    ----------
-    grid : Warp
-        Angles of ω.
-    hold : {"average", "true"} or Hold
-        Eq. 8, or the true zero-order hold; with a delay, a `Hold`.
-
-    Returns
-    -------
-    Demands
-        Dimensionless, of ω's shape.
-
-    Raises
-    ------
-    UsageError
-        For an unknown hold.
-    """
-    gain = grid.held(hold).gain
-    delay = hold_of(hold).delay
+def demands(grid: Warp) -> Demands:
+    """Return what Eq. 10 asks for at each ω, of ω's shape."""
+    gain = grid.held().gain
+    delay = grid.loop.delay
     if delay:
         # 1 − cos((1 + 2d)h) is 2 sin²((½ + d)h); its ratio to sin² h is finite at DC.
         sine = np.sin((0.5 + delay) * grid.half)
@@ -154,16 +140,12 @@ def demands(grid: Warp, hold: AnyHold) -> Demands:
 
 
 def required_damping(
-    coupling: Coupling,
-    period: float,
-    *,
-    discretization: str = "backward",
-    hold: AnyHold = "average",
+    loop: Loop, coupling: Coupling, *, discretization: str = "backward"
 ) -> RequiredDamping:
     """Return the damping a rigid device needs for a coupling (Eq. 10 over all ω).
 
     It is a closed form without delay and filter, and searched over ω with one. Parameters as in
-    `stability_margin`; the coupling's may be arrays.
+    `required_damping_at`.
 
     Returns
     -------
@@ -182,15 +164,14 @@ def required_damping(
     β(2C − 1)/(4(C + 1)); from κ² = 0.8 on y stays at 1, that is ω = 0, with K²/16β. With the true
     hold the maximum is at one end: β/π at Nyquist, or K²/16β at DC.
     """
-    period = checked_period(period)
-    hold = hold_of(hold)
-    if hold.delay or coupling.velocity_filter is not None:
-        return _searched_damping(coupling, period, discretization, hold)
+    if loop.delay or loop.velocity_filter is not None:
+        return _searched_damping(loop, coupling, discretization)
+    period = loop.period
     beta = np.asarray(tustin_damping(coupling, period, discretization))
     stretch = np.multiply(coupling.stiffness, period)
     kappa = ratio(stretch, 2 * beta, empty=0.0)
     at_dc = np.where(kappa == 0, 0.0, stretch * (kappa / 8))
-    if hold.kind == "true":
+    if loop.hold == "true":
         at_nyquist = beta / np.pi
         damping = np.maximum(at_dc, at_nyquist)
         omega = np.where(at_dc > at_nyquist, 0.0, np.pi / period)
@@ -211,38 +192,29 @@ def required_damping(
     return RequiredDamping(stored(damping), stored(omega))
 
 
-def _searched_damping(
-    coupling: Coupling, period: float, discretization: str, hold: Hold
-) -> RequiredDamping:
+def _searched_damping(loop: Loop, coupling: Coupling, discretization: str) -> RequiredDamping:
     """Return what `required_damping` does, by a search over ω."""
     k_c, b_c = np.broadcast_arrays(coupling.stiffness, coupling.damping)
-    stiffness = k_c.ravel()
-    damping = b_c.ravel()
+    flat = Coupling(k_c.ravel(), b_c.ravel())
 
     def spare(omega: FloatArray, which: IntArray) -> FloatArray:
-        each = Coupling(stiffness[which], damping[which], coupling.velocity_filter)
-        needed = required_damping_at(omega, each, period, discretization=discretization, hold=hold)
+        each = flat.select(which)
+        needed = required_damping_at(loop, omega, each, discretization=discretization)
         # Differences of infinities would hide a dip from the search.
         return np.where(np.isinf(needed), -LARGEST, -needed)
 
-    grid = search_grid(Device(0.0, 0.0), period, hold)
-    least = lowest(spare, grid, stiffness.size)
+    grid = search_grid(replace(loop, device=_NO_DEVICE))
+    least = lowest(spare, grid, k_c.size)
     needed = np.where(least.value == -LARGEST, np.inf, -least.value)
     return RequiredDamping(stored(needed.reshape(k_c.shape)), stored(least.x.reshape(k_c.shape)))
 
 
 def stability_margin(
-    omega: ArrayLike,
-    device: AnyDevice,
-    coupling: Coupling,
-    period: float,
-    *,
-    discretization: str = "backward",
-    hold: AnyHold = "average",
+    loop: Loop, omega: ArrayLike, coupling: Coupling, *, discretization: str = "backward"
 ) -> FloatArray:
     """Return Re Z_d(jω) over what Eq. 10 asks for at each ω: at least 1 where it is met.
 
-    Parameters as in `required_damping_at`, with the device, Z_d.
+    Parameters as in `required_damping_at`; here the device, Z_d, counts.
 
     Returns
     -------
@@ -255,19 +227,15 @@ def stability_margin(
     UsageError
         As `required_damping_at`, and ω outside a device's table.
     """
-    required = required_damping_at(
-        omega, coupling, period, discretization=discretization, hold=hold
-    )
-    available, _ = device_parts(warp(omega, period), device)
+    required = required_damping_at(loop, omega, coupling, discretization=discretization)
+    available, _ = device_parts(loop.at(omega))
     # Where both vanish together (at an end, without damping) the device fell short all the way
     # there.
     joined = np.add(coupling.stiffness, coupling.damping) > 0
     return ratio(available, required, empty=np.where(joined, 0.0, np.inf))[()]
 
 
-def coupling_bound(
-    omega: ArrayLike, device: AnyDevice, period: float, *, hold: AnyHold = "average"
-) -> FloatArray:
+def coupling_bound(loop: Loop, omega: ArrayLike) -> FloatArray:
     """Return the lower bound of Re 1/Z_c in Eq. 10 and Fig. 4.
 
     Parameters as in `stability_margin`.
@@ -280,11 +248,11 @@ def coupling_bound(
     Raises
     ------
     UsageError
-        ω above Nyquist or outside a device's table, T not positive, an unknown hold.
+        ω above Nyquist or outside a device's table.
     """
-    grid = warp(omega, period)
-    available, _ = device_parts(grid, device)
-    return ratio(demands(grid, hold).viscous, available, empty=np.inf)[()]
+    grid = loop.at(omega)
+    available, _ = device_parts(grid)
+    return ratio(demands(grid).viscous, available, empty=np.inf)[()]
 
 
 Verdict = Literal["met", "on its limit", "not met", "undecided"]
@@ -305,12 +273,7 @@ class AbsoluteStability(NotebookRecord):
 
 
 def absolute_stability(
-    device: AnyDevice,
-    coupling: Coupling,
-    period: float,
-    *,
-    discretization: str = "backward",
-    hold: AnyHold = "average",
+    loop: Loop, coupling: Coupling, *, discretization: str = "backward"
 ) -> AbsoluteStability:
     """Judge a device with a coupling at every ω from DC to Nyquist (Eqs 9, 10).
 
@@ -328,8 +291,7 @@ def absolute_stability(
     Raises
     ------
     UsageError
-        T not positive, arrays as parameters, a table that begins above Nyquist, an unknown hold or
-        discretization.
+        Arrays as parameters, a table that begins above Nyquist, an unknown discretization.
 
     Notes
     -----
@@ -339,38 +301,132 @@ def absolute_stability(
     lies inside it too. A delay multiplies the hold: whole samples add poles at zero.
     With a fraction of a sample the loop is no polynomial. The tests count its poles instead.
     """
-    period = checked_period(period)
+    device = loop.device
     refuse_arrays(device, coupling)
-    if isinstance(device, Device) and not device.modes:
-        need = required_damping(coupling, period, discretization=discretization, hold=hold)
+    if isinstance(device, Device) and loop.is_rigid:
+        need = required_damping(loop, coupling, discretization=discretization)
         smallest = float(ratio(device.damping, need.damping, empty=np.inf))
         binding = float(need.omega)
     else:
 
         def margin(omega: FloatArray, _: IntArray) -> FloatArray:
-            return np.asarray(
-                stability_margin(
-                    omega, device, coupling, period, discretization=discretization, hold=hold
-                )
-            )
+            found = stability_margin(loop, omega, coupling, discretization=discretization)
+            return np.asarray(found)
 
-        least = lowest(margin, search_grid(device, period, hold), 1)
+        least = lowest(margin, search_grid(loop), 1)
         smallest = float(least.value[0])
         binding = float(least.x[0])
     verdict: Verdict = "met" if smallest > 1 + _ROUNDING else "on its limit"
     reason = f"The smallest margin is {smallest:.6g}, at {binding:.6g} rad/s."
     if smallest < 1 - _ROUNDING:
         verdict = "not met"
-        active = coupling_element(warp(binding, period), coupling, discretization).damping
+        active = coupling_element(loop.at(binding), coupling, discretization).damping
         if np.less(active, 0):
             reason = f"The velocity filter makes the coupling active at {binding:.6g} rad/s."
         elif smallest < 0:
             reason = f"A port is active: its real part is negative at {binding:.6g} rad/s."
-    elif isinstance(device, TabulatedDevice) and not covers_range(device, period):
+    elif isinstance(device, TabulatedDevice) and not covers_range(loop):
         verdict = "undecided"
         reason = (
             f"From {device.omega[0]:.6g} to {device.omega[-1]:.6g} rad/s the smallest margin is"
-            f" {smallest:.6g}; of the rest, up to {np.pi / period:.6g} rad/s, the device's table"
+            f" {smallest:.6g}; of the rest, up to {loop.nyquist:.6g} rad/s, the device's table"
             " says nothing."
         )
     return AbsoluteStability(verdict, reason, smallest, binding)
+
+
+def max_coupling_stiffness(
+    loop: Loop, coupling_damping: ArrayLike, *, discretization: str = "backward"
+) -> FloatArray:
+    """Return the largest k_c with which a rigid device meets Eq. 10.
+
+    Parameters
+    ----------
+    loop : Loop
+        Without a delay; of its device the damping alone counts, b, which may be an array.
+    coupling_damping : array_like
+        b_c, N·s/m, zero or more.
+    discretization : {"backward", "tustin"}
+        Eq. 6 (default), or Eq. 12's form.
+
+    Returns
+    -------
+    ndarray
+        N/m, of the broadcast shape; 0 where no positive stiffness does.
+
+    Raises
+    ------
+    UsageError
+        A negative damping, a value that is not finite, an unknown discretization; a loop with a
+        delay, a filter, modes or a table.
+
+    Notes
+    -----
+    With β the coupling's damping in Tustin's form, K = k_c·T and ρ = b/β, Eq. 10 over all ω reads
+    K ≤ 2βκ(ρ), where κ² = (8ρ − 1)(1 + ρ)²/(27ρ²) for 1/8 ≤ ρ ≤ 1/5 and κ² = 4ρ above; below 1/8
+    nothing meets it. Under the true hold it is K² ≤ 16bβ and β ≤ πb.
+    """
+    one_of(discretization, "discretization", DISCRETIZATIONS)
+    device = loop.device
+    if loop.delay or loop.velocity_filter or not (isinstance(device, Device) and loop.is_rigid):
+        raise UsageError(
+            "the largest stiffness is known for a rigid device without delay and filter.",
+            hint="Compare the device with required_damping of several couplings.",
+        )
+    b_c = nonnegative_array(coupling_damping, "coupling damping", "N·s/m")
+    b, b_c = np.broadcast_arrays(np.asarray(device.damping), b_c)
+    if discretization == "tustin":
+        return (_stretch(b, b_c, loop.hold) / loop.period)[()]
+    root_b = np.sqrt(b)
+    at_dc = 4 * root_b * (root_b + np.sqrt(b + b_c))
+    if loop.hold == "true":
+        at_nyquist = np.maximum(0.0, 2 * (np.pi * b - b_c))
+        stretch = np.minimum(at_dc, at_nyquist)
+    else:
+        c = ratio(b_c, b, empty=np.inf)
+        interior = (c > _DC_LIMIT) & (c < 8)
+        # Outside the interior any c and room serve: their root is not used.
+        room = np.where(interior, ratio(8 * b - b_c, b, empty=0.0), 1.0)
+        root = _interior_root(np.where(interior, c, 7.0), room)
+        stretch = np.where(c > _DC_LIMIT, 0.0, at_dc)
+        stretch = np.where(interior, 2 * b * root, stretch)
+    return (stretch / loop.period)[()]
+
+
+def _stretch(b: FloatArray, beta: FloatArray, hold: str) -> FloatArray:
+    """Return the largest K = k_c·T, N·s/m, at a damping β in Tustin's form; 0 where none is."""
+    at_dc = 4 * np.sqrt(b) * np.sqrt(beta)
+    if hold == "true":
+        return np.where(beta <= np.pi * b, at_dc, 0.0)
+    rho = ratio(b, beta, empty=0.0)
+    inner = np.clip(rho, 0.125, 0.2)
+    # 8ρ − 1 as (8b − β)/β, which keeps its digits next to the limit.
+    above_limit = np.maximum(0.0, ratio(8 * b - beta, beta, empty=0.0))
+    # Where ρ > 0.2 any value serves: the limit at DC holds.
+    above_limit = np.where(rho > 0.2, 0.6, above_limit)
+    kappa = np.sqrt(above_limit / 27) * (1 + inner) / inner
+    return np.where(rho > 0.2, at_dc, 2 * beta * kappa)
+
+
+def _interior_root(c: FloatArray, room: FloatArray) -> FloatArray:
+    """Return δ = K/2b of the backward difference, between 0 and `room`.
+
+    With e = 8 − c, the room, it solves 27δ² = (c + δ)(e − δ)(1 + c + δ)².
+    The difference of the two sides is convex between the root and e: Newton from e falls onto the
+    root without overshooting.
+    """
+    c, room = np.broadcast_arrays(c, room)
+    shape = c.shape
+    c = c.ravel()
+    room = room.ravel()
+
+    def excess(which: IntArray, delta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return left minus right side, and its slope."""
+        beta = c[which] + delta
+        rest = room[which] - delta
+        square = (1 + beta) ** 2
+        value = 27 * delta**2 - beta * rest * square
+        slope = 54 * delta - square * (rest - beta) - 2 * beta * rest * (1 + beta)
+        return value, slope
+
+    return rising_root(excess, room, np.zeros_like(room), room).reshape(shape)

@@ -18,7 +18,7 @@ from percept.boundary.band import (
     determines_laws,
     size_name,
 )
-from percept.haptics import Device, magnitude_envelope
+from percept.haptics import Device, Loop, magnitude_envelope
 from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.classical.moments import Moments
 from percept.inference.record import Family, Method
@@ -86,9 +86,8 @@ class Banded:
                 ranges[environment] = sides[0]
                 continue
             k, b = sides
-            no_device = Device(0.0, 0.0)
-            period = _SAMPLED / self.omega
-            ranges[environment] = magnitude_envelope(self.omega, no_device, k, b, period)
+            loop = Loop(Device(0.0, 0.0), _SAMPLED / self.omega)
+            ranges[environment] = magnitude_envelope(loop, self.omega, k, b)
         return ranges
 
 

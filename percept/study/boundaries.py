@@ -290,9 +290,8 @@ class BoundaryDrawing:
         return self._new_magnitude(law, omega)
 
     def _new_magnitude(self, law: Law, omega: Array) -> Magnitude:
-        setup = self._setup
-        mass = float(setup.references[law.environment].mass)
-        return Magnitude(law.pair, setup.device, setup.period, omega, mass=mass, hold=setup.hold)
+        mass = float(self._setup.references[law.environment].mass)
+        return Magnitude(law.pair, self._setup.loop, omega, mass=mass)
 
 
 def _boundary(

@@ -66,12 +66,13 @@ def no_coupling_map(setup: Setup, users: Mapping[str, Users]) -> Skipped | None:
     what = "admissible couplings"
     if not users:
         return Skipped(what, "they need a joint law of stiffness and damping")
-    if isinstance(setup.device, TabulatedDevice):
+    if isinstance(setup.loop.device, TabulatedDevice):
         # Of nothing to render only the table can leave something open.
-        unknown = can_render(setup.device, Environment(0.0, 0.0), setup.period)
+        unknown = can_render(setup.loop, Environment(0.0, 0.0))
         if unknown.verdict == "undecided":
             return Skipped(what, unknown.reason)
-    if setup.velocity_filter is not None and setup.velocity_filter.order > 1:
+    velocity_filter = setup.loop.velocity_filter
+    if velocity_filter is not None and velocity_filter.order > 1:
         why = "from order 2 of the velocity filter on stiffness has a lower limit too"
         return Skipped(what, why)
     if not StableCouplings.of(setup, list(users)).largest_damping():
@@ -219,7 +220,7 @@ class _Search:
         for environment in self.environments:
             maybe = np.flatnonzero(least > 0.0)
             if maybe.size:
-                couplings = environment.setup.coupling_of(stiffness[maybe], damping[maybe])
+                couplings = Coupling(stiffness[maybe], damping[maybe])
                 found = environment.judge.probabilities(couplings)
                 least[maybe] = np.minimum(least[maybe], found)
         return (stable * least).reshape(grid.stiffness.shape)
@@ -265,7 +266,7 @@ def _map_of(name: str | None, environments: Sequence[_Environment]) -> Environme
 
 def _rigid(stable: StableCouplings) -> float:
     """Return the stiffness from which on a coupling without damping counts as rigid, N/m."""
-    return stable.rigid * 2.0 / stable.setup.period
+    return stable.rigid * 2.0 / stable.setup.loop.period
 
 
 def _confirmed_end(
@@ -293,7 +294,9 @@ def _confirmed(search: _Search, coupling: Coupling) -> ConfirmedCoupling:
     stable = search.stable.chance(coupling)
     bound: Literal["stability", "magnitude", "plane", "map"] = "magnitude"
     limit = float(search.stable.limit(np.atleast_1d(coupling.damping))[0])
-    asked = 0.5 * float(coupling.stiffness) * search.stable.setup.period + float(coupling.damping)
+    asked = 0.5 * float(coupling.stiffness) * search.stable.setup.loop.period + float(
+        coupling.damping
+    )
     if asked >= _INSIDE_MAP * search.stable.rigid:
         bound = "map"
     elif coupling.stiffness >= _INSIDE_MAP * limit or stable.probability < least.probability:
@@ -314,14 +317,13 @@ def _refined_end(
     search: _Search, grid: _Grid, probability: Array, wanted: float, end: End
 ) -> Coupling | None:
     """Return the end of what is as probable as wanted, on the lines of a map and between them."""
-    setup = search.stable.setup
     best = None
     for refinement in range(_REFINEMENTS + 1):
         ends = _ends_on_lines(search, grid, probability, wanted, end)
         if not np.isfinite(ends).any():
             break
         line = int(np.nanargmin(ends) if end == "softest" else np.nanargmax(ends))
-        best = setup.coupling_of(float(ends[line]), float(grid.damping[line]))
+        best = Coupling(float(ends[line]), float(grid.damping[line]))
         if refinement < _REFINEMENTS:
             neighbours = grid.damping[max(line - 1, 0) : line + 2]
             between = np.linspace(neighbours[0], neighbours[-1], _LINES_BETWEEN)

@@ -11,15 +11,21 @@ import numpy as np
 from percept import haptics
 from percept.boundary.users import Users
 from percept.errors import UsageError
-from percept.haptics import Coupling, Device, Environment, TabulatedDevice
-from percept.haptics.arrays import Scalars
-from percept.haptics.containment import Boxes, departures, plane_departures
+from percept.haptics import (
+    Coupling,
+    Device,
+    Environment,
+    Loop,
+    TabulatedDevice,
+    VelocityFilter,
+)
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.haptics.impedance import coupling_admittance
-from percept.haptics.loop import Hold
-from percept.haptics.records import AnyDevice, Display
+from percept.haptics.paper_rule import departure, plane_departure
+from percept.haptics.perceived import Display
+from percept.haptics.plane import Boxes
+from percept.haptics.records import AnyDevice
 from percept.haptics.stability import coupling_bound
-from percept.haptics.velocity import VelocityFilter
 from percept.results import Coupling as JudgedCoupling
 from percept.results import Membership, Shape
 from percept.scene import DeviceTable, Scene
@@ -32,7 +38,6 @@ from percept.study.regions import Region
 
 __all__ = [
     "BOXES",
-    "Loop",
     "Setup",
     "StiffnessSpan",
     "device_of",
@@ -64,44 +69,29 @@ _LOWEST_OMEGA = 1.0
 _LOWEST_FRACTION = 1e-3
 
 
-class Loop(NamedTuple):
-    """How the scene's control loop holds its forces and filters velocities."""
-
-    hold: Hold
-    velocity_filter: VelocityFilter | None
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class Setup:
     """Device, coupling and the references that curves are drawn for."""
 
-    device: AnyDevice
-    period: float  # Sampling period, s
-    hold: Hold  # Its kind, and the delay of the loop
+    loop: Loop  # With the device
     references: Mapping[str, Environment]  # By environment
     coupling: Coupling | None = None
     draws: DeviceDraws | None = None  # Where the scene's device has a posterior
-    velocity_filter: VelocityFilter | None = None  # Of the velocity that dampers act on
+
+    def with_device(self, device: AnyDevice) -> Setup:
+        """Return the same with another device."""
+        return dataclasses.replace(self, loop=dataclasses.replace(self.loop, device=device))
 
     def display(self, environment: str, *, coupled: bool) -> Display:
         """Return a reference as it is displayed, without or through the coupling."""
         coupling = self.coupling if coupled else None
-        shown = self.references[environment]
-        if not coupled:
-            # The loop filters the velocity of the device: only what joins it is a filtered damper.
-            shown = dataclasses.replace(shown, velocity_filter=self.velocity_filter)
-        return Display(self.device, shown, self.period, coupling, self.hold)
+        return Display(self.loop, self.references[environment], coupling)
 
     def curve(self, environment: str, omega: Array, *, coupled: bool) -> Array:
         """abs(Z_h), N·s/m, of a reference at (M,) rad/s, directly or through the coupling."""
         display = self.display(environment, coupled=coupled)
         impedance = haptics.perceived_impedance(
-            omega,
-            self.device,
-            display.environment,
-            self.period,
-            coupling=display.coupling,
-            hold=self.hold,
+            self.loop, omega, display.environment, coupling=display.coupling
         )
         return np.abs(impedance)
 
@@ -110,22 +100,18 @@ class Setup:
         mass = float(self.references[region.environment].mass)
         if region.ellipse is None:
             assert region.limits is not None
-            return BOXES[shape](
-                omega, self.device, *region.limits, self.period, mass=mass, hold=self.hold
-            )
+            return BOXES[shape](self.loop, omega, *region.limits, mass=mass)
         ellipse = region.ellipse
         log = ellipse.family == "lognormal"
         around = Ellipse(ellipse.centre, ellipse.shape, ellipse.radius, log)
-        return magnitude_envelope_ellipse(
-            omega, self.device, around, self.period, mass=mass, hold=self.hold
-        )
+        return magnitude_envelope_ellipse(self.loop, omega, around, mass=mass)
 
     def resonances(self, environment: str) -> Array:
         """Frequencies, rad/s, where curves bend most: device mass on the reference, modes.
 
         Shape (R,), or (N, R) of N devices.
         """
-        device = self.device
+        device = self.loop.device
         if not isinstance(device, Device):
             return device.omega[:: max(1, device.omega.size // _MOST_ROWS)]
         pairs = [(mode.stiffness, mode.mass) for mode in device.modes]
@@ -134,10 +120,6 @@ class Setup:
         pairs.append((joint_stiffness, device.mass + reference.mass))
         rates = [np.sqrt(np.divide(k, m)) for k, m in pairs if np.all(m)]
         return np.stack(np.broadcast_arrays(*rates), axis=-1) if rates else np.array([])
-
-    def coupling_of(self, stiffness: Scalars, damping: Scalars) -> Coupling:
-        """Return couplings whose damper acts on the velocity as the loop filters it."""
-        return Coupling(stiffness, damping, self.velocity_filter)
 
 
 class StiffnessSpan(NamedTuple):
@@ -166,7 +148,7 @@ def map_frequencies(
     """
     count = max(3, int(np.ceil(_PER_DECADE * np.log10(within[1] / within[0]))) + 1)
     resonances = setup.resonances(environment)
-    if not isinstance(setup.device, TabulatedDevice):
+    if not isinstance(setup.loop.device, TabulatedDevice):
         # A table's rows are all there is to see; a mass resonates by the root of the stiffness.
         stiffness = float(setup.references[environment].stiffness)
         lowest, highest = np.sqrt(np.array(span) / stiffness).tolist()
@@ -185,15 +167,11 @@ def setup_of(
             yield Skipped("device and coupling", "the quantities make no impedance")
         return
     table = scene.coupling
-    loop = None if scene.device is None else loop_of(scene.device)
-    velocity_filter = None if loop is None else loop.velocity_filter
     coupling = None
     if table is not None:
-        coupling = Coupling(table.stiffness, table.damping, velocity_filter)
-    if scene.device is not None and device is not None and loop is not None:
-        draws = device_draws(scene)
-        period = scene.device.period
-        yield Setup(device, period, loop.hold, references, coupling, draws, velocity_filter)
+        coupling = Coupling(table.stiffness, table.damping)
+    if scene.device is not None and device is not None:
+        yield Setup(loop_of(scene.device, device), references, coupling, device_draws(scene))
     elif references:
         yield Skipped("boundaries of Z_h", _NO_DEVICE)
     if coupling is None:
@@ -204,13 +182,13 @@ def setup_of(
         yield Skipped("coupling: Z_h_vc and Eq. 10", _NO_DEVICE)
 
 
-def loop_of(table: DeviceTable) -> Loop:
-    """Return the loop that a scene's device has."""
+def loop_of(table: DeviceTable, device: AnyDevice) -> Loop:
+    """Return the loop that a scene's device is in."""
     velocity_filter = None
     if table.velocity_filter is not None:
         wanted = table.velocity_filter
         velocity_filter = VelocityFilter(wanted.cutoff, wanted.order)
-    return Loop(Hold(table.hold, table.delay_in_samples), velocity_filter)
+    return Loop(device, table.period, table.hold, velocity_filter, table.delay_in_samples)
 
 
 def device_of(scene: Scene) -> AnyDevice | None:
@@ -269,19 +247,18 @@ def study_coupling(
     read_at: float,
 ) -> JudgedCoupling:
     """Judge a coupling by the paper: Eq. 10, and its rule over a range, rad/s."""
-    device = setup.device
+    loop = setup.loop
+    device = loop.device
     coupling = setup.coupling
-    period = setup.period
-    hold = setup.hold
     assert coupling is not None
-    criterion = haptics.absolute_stability(device, coupling, period, hold=hold)
+    criterion = haptics.absolute_stability(loop, coupling)
     need = None
     if isinstance(device, haptics.Device):
-        need = haptics.required_damping(coupling, period, hold=hold)
+        need = haptics.required_damping(loop, coupling)
     memberships = []
     for region in _best_regions(setup, regions, family):
         memberships.append(_membership(setup, region, within, read_at))
-    nyquist = np.pi / period
+    nyquist = loop.nyquist
     if isinstance(device, TabulatedDevice):
         omega = device.omega[device.omega <= nyquist]
     else:
@@ -297,8 +274,8 @@ def study_coupling(
         required_damping=float(need.damping) if need else None,
         required_omega=float(need.omega) if need else None,
         omega=omega,
-        bound=coupling_bound(omega, device, period, hold=hold),
-        admittance=coupling_admittance(omega, coupling, period).real,
+        bound=coupling_bound(loop, omega),
+        admittance=coupling_admittance(loop, omega, coupling).real,
         memberships=tuple(memberships),
         read_at=read_at,
     )
@@ -311,27 +288,25 @@ def _membership(
     assert region.limits is not None
     assert setup.coupling is not None
     reference = setup.references[region.environment]
-    shown = haptics.effective_impedance(read_at, reference, setup.coupling, setup.period)
-    boxes = Boxes.of(*region.limits)
+    shown = haptics.effective_impedance(setup.loop, read_at, reference, setup.coupling)
+    box = Boxes.of(*region.limits)
     direct = setup.display(region.environment, coupled=False)
     coupled = setup.display(region.environment, coupled=True)
-    uncoupled_departures = departures(direct, boxes, *within)
-    coupled_departures = departures(coupled, boxes, *within)
-    uncoupled_plane = plane_departures(direct, boxes, *within)
-    coupled_plane = plane_departures(coupled, boxes, *within)
+    of_direct = departure(direct, box, *within)
+    of_coupled = departure(coupled, box, *within)
     return Membership(
         environment=region.environment,
         method=region.method,
         kind=region.kind,
         family=region.family,
-        verdict_uncoupled=uncoupled_departures.verdict(),
-        departure_uncoupled=float(np.expm1(uncoupled_departures.largest[0])),
-        departure_omega_uncoupled=float(uncoupled_departures.omega[0]),
-        plane_departure_uncoupled=float(uncoupled_plane.largest[0]),
-        verdict_coupled=coupled_departures.verdict(),
-        departure_coupled=float(np.expm1(coupled_departures.largest[0])),
-        departure_omega_coupled=float(coupled_departures.omega[0]),
-        plane_departure_coupled=float(coupled_plane.largest[0]),
+        verdict_uncoupled=of_direct.verdict,
+        departure_uncoupled=float(np.expm1(of_direct.largest)),
+        departure_omega_uncoupled=of_direct.omega,
+        plane_departure_uncoupled=plane_departure(direct, box, *within).largest,
+        verdict_coupled=of_coupled.verdict,
+        departure_coupled=float(np.expm1(of_coupled.largest)),
+        departure_omega_coupled=of_coupled.omega,
+        plane_departure_coupled=plane_departure(coupled, box, *within).largest,
         effective_stiffness=float(shown.stiffness),
         effective_damping=float(shown.damping),
     )

@@ -90,12 +90,11 @@ class DeviceCurves:
         mass = float(setup.references[law.environment].mass)
 
         def logs(held: AnyDevice) -> Array:
-            magnitude = perceived_magnitude(
-                omega[:, None], held, k, b, setup.period, mass=mass, hold=setup.hold
-            )
+            loop = dataclasses.replace(setup.loop, device=held)
+            magnitude = perceived_magnitude(loop, omega[:, None], k, b, mass=mass)
             return np.log(np.maximum(magnitude, _SMALLEST))
 
-        at_point = logs(setup.device)
+        at_point = logs(setup.loop.device)
         on_devices = logs(setup.draws.stacked.select(device))
 
         def pair(chosen: slice) -> _Pair:

@@ -14,10 +14,10 @@ import pandas as pd
 from scipy import special
 
 from percept.errors import UsageError
-from percept.haptics import Coupling, Device, Environment, Hold, Mode
+from percept.haptics import Coupling, Device, Environment, Loop, Mode
 from percept.haptics.aliases import alias_features
+from percept.haptics.frequencies import search_grid
 from percept.haptics.rendering import needed_damping, rendering_load
-from percept.haptics.search import search_grid
 from percept.results import DeviceStability
 from percept.scene import Scene
 from percept.sessions.options import FileLimits
@@ -132,11 +132,7 @@ def _read_draws(file: str, parameters: tuple[str, ...], limits: FileLimits) -> A
 
 
 def margins_of_draws(
-    draws: DeviceDraws,
-    environment: Environment | None,
-    coupling: Coupling | None,
-    period: float,
-    delay: float,
+    draws: DeviceDraws, loop: Loop, environment: Environment | None, coupling: Coupling | None
 ) -> Array:
     """Return what each device dissipates over what is asked for, at its least.
 
@@ -144,14 +140,12 @@ def margins_of_draws(
     ----------
     draws : DeviceDraws
         N devices.
+    loop : Loop
+        That they are in; its own device does not count.
     environment : Environment or None
         None for a rigid wall behind the coupling.
     coupling : Coupling or None
         None where the environment is rendered directly.
-    period : float
-        s.
-    delay : float
-        Of the loop, in samples.
 
     Returns
     -------
@@ -159,7 +153,7 @@ def margins_of_draws(
         Ratios: above 1 the device renders with every passive hand. All rigid devices are judged,
         exactly. Of devices with modes the first 256 are, each on frequencies of its own.
     """
-    needed = needed_damping(environment, period, coupling=coupling, delay=delay).damping
+    needed = needed_damping(loop, environment, coupling=coupling).damping
     damping = np.asarray(draws.stacked.damping)
     with np.errstate(divide="ignore"):
         margins = np.asarray(damping / np.float64(needed))
@@ -167,22 +161,18 @@ def margins_of_draws(
         return margins
     searched = draws.first(_SEARCHED)
     margins = margins[: searched.count]
-    even = search_grid(Device(0.0, 0.0), period, Hold("true", delay))
+    even = search_grid(dataclasses.replace(loop, device=Device(0.0, 0.0)))
     for index in range(searched.count):
-        device = searched.device(index)
-        omega = np.union1d(even, alias_features(device, period))
-        load = rendering_load(omega, device, environment, period, coupling=coupling, delay=delay)
+        own = dataclasses.replace(loop, device=searched.device(index))
+        omega = np.union1d(even, alias_features(own))
+        load = rendering_load(own, omega, environment, coupling=coupling)
         # Modes only add to what the damping dissipates.
         margins[index] = max(margins[index], 1.0 / max(float(load.max()), np.finfo(float).tiny))
     return margins
 
 
 def device_stability(
-    draws: DeviceDraws,
-    environment: Environment | None,
-    coupling: Coupling | None,
-    period: float,
-    delay: float,
+    draws: DeviceDraws, loop: Loop, environment: Environment | None, coupling: Coupling | None
 ) -> DeviceStability:
     """Say how probably a device renders, given what is known of it.
 
@@ -193,7 +183,7 @@ def device_stability(
     DeviceStability
         Its probability and the range of the margin.
     """
-    margins = margins_of_draws(draws, environment, coupling, period, delay)
+    margins = margins_of_draws(draws, loop, environment, coupling)
     tail = 0.5 * (1.0 - _LEVEL)
     lower, upper = np.quantile(margins, [tail, 1.0 - tail])
     stable = int(np.count_nonzero(margins > 1.0))

@@ -26,7 +26,7 @@ _MORE = 1.5
 def no_other_devices(setup: Setup, users: Mapping[str, Users]) -> Skipped | None:
     """Say why mass and damping are not varied; None where they are."""
     what = "verdicts with other mass and damping of the device"
-    if not isinstance(setup.device, Device):
+    if not isinstance(setup.loop.device, Device):
         return Skipped(what, "a measured response has neither")
     if not users:
         return Skipped(what, "they need a joint law of stiffness and damping")
@@ -63,7 +63,7 @@ def other_devices(
     if no_other_devices(setup, users) is not None:
         return None
     setups = list(_setups(setup))
-    devices = [varied.device for varied in setups if isinstance(varied.device, Device)]
+    devices = [varied.loop.device for varied in setups if isinstance(varied.loop.device, Device)]
     central = scene.verdict.central
     decision = scene.inference.decision
     verdicts = []
@@ -94,7 +94,7 @@ def other_devices(
 
 def _setups(setup: Setup) -> Iterator[Setup]:
     """Yield the scene's own device, then less and more mass, then less and more damping."""
-    device = setup.device
+    device = setup.loop.device
     assert isinstance(device, Device)
     devices = [device]
     for factor in (_LESS, _MORE):
@@ -102,20 +102,13 @@ def _setups(setup: Setup) -> Iterator[Setup]:
     for factor in (_LESS, _MORE):
         devices.append(dataclasses.replace(device, damping=factor * device.damping))
     for other in devices:
-        yield dataclasses.replace(setup, device=other)
+        yield setup.with_device(other)
 
 
 def _renders(setup: Setup, environment: str, *, coupled: bool) -> bool:
     """Whether the device renders an environment with every passive hand, in time."""
     shown = setup.display(environment, coupled=coupled)
-    found = can_render(
-        setup.device,
-        shown.environment,
-        setup.period,
-        coupling=shown.coupling,
-        delay=setup.hold.delay,
-    )
-    return found.verdict == "can"
+    return can_render(setup.loop, shown.environment, coupling=shown.coupling).verdict == "can"
 
 
 def _probability(

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
 
-from percept.haptics import Coupling, Device, Environment
-from percept.haptics.records import AnyDevice
+from percept.haptics import Coupling, Device, Environment, Loop
 from percept.haptics.rendering import can_render, rendered_region
 from percept.results import Rendered, RenderedEdge, RenderedWall, ZWidth
-from percept.study.device import Loop, Setup
+from percept.study.device import Setup
 from percept.study.device_draws import DeviceDraws, device_stability
 
 __all__ = ["study_rendering", "study_zwidth", "z_width"]
@@ -35,11 +35,10 @@ def _rendered(setup: Setup, name: str | None, *, coupled: bool) -> Rendered:
         display = setup.display(name, coupled=coupled)
         environment = display.environment
         coupling = display.coupling
-    delay = setup.hold.delay
-    found = can_render(setup.device, environment, setup.period, coupling=coupling, delay=delay)
+    found = can_render(setup.loop, environment, coupling=coupling)
     by_device = None
     if setup.draws is not None:
-        by_device = device_stability(setup.draws, environment, coupling, setup.period, delay)
+        by_device = device_stability(setup.draws, setup.loop, environment, coupling)
     return Rendered(
         environment=name,
         coupled=coupled,
@@ -56,27 +55,19 @@ def study_zwidth(setup: Setup | None) -> ZWidth | None:
     """Return what the device of a study renders; None without a device."""
     if setup is None:
         return None
-    loop = Loop(setup.hold, setup.velocity_filter)
-    return z_width(setup.device, setup.period, loop, setup.references, setup.draws)
+    return z_width(setup.loop, setup.references, setup.draws)
 
 
 def z_width(
-    device: AnyDevice,
-    period: float,
-    loop: Loop,
-    references: Mapping[str, Environment],
-    draws: DeviceDraws | None = None,
+    loop: Loop, references: Mapping[str, Environment], draws: DeviceDraws | None = None
 ) -> ZWidth:
     """Return the edge of what a device renders with every passive hand.
 
     Parameters
     ----------
-    device : Device or TabulatedDevice
-        A table tells nothing where it begins late, or states no floor above its end.
-    period : float
-        Sampling period T, s.
     loop : Loop
-        Its delay and its filter count; the kind of its hold does not.
+        A table tells nothing where it begins late, or states no floor above its end. Delay and
+        filter count; the kind of hold does not.
     references : mapping
         Environments to show beside the edge, by name.
     draws : DeviceDraws, optional
@@ -94,20 +85,18 @@ def z_width(
     if draws is not None:
         # The edge widens with the damping: what it reaches in 95 % of devices tells all.
         damping = float(np.quantile(draws.stacked.damping, 1.0 - _LIKELY))
-        likely = _edge(Device(0.0, damping), period, loop)
+        likely = _edge(dataclasses.replace(loop, device=Device(0.0, damping)))
     # Of nothing to render only a table can leave something open.
-    known = can_render(device, Environment(0.0, 0.0), period).verdict == "can"
+    known = can_render(loop, Environment(0.0, 0.0)).verdict == "can"
     return ZWidth(
-        edge=_edge(device, period, loop) if known else None,
+        edge=_edge(loop) if known else None,
         references=tuple(walls),
         likely=likely,
     )
 
 
-def _edge(device: AnyDevice, period: float, loop: Loop) -> RenderedEdge:
-    region = rendered_region(
-        device, period, delay=loop.hold.delay, velocity_filter=loop.velocity_filter
-    )
+def _edge(loop: Loop) -> RenderedEdge:
+    region = rendered_region(loop)
     stiffest = int(region.stiffness.argmax())
     return RenderedEdge(
         stiffness=region.stiffness,

@@ -57,9 +57,9 @@ class StableCouplings:
 
         Of a posterior's devices with modes the damping alone counts: that is on the safe side.
         """
-        couplings = self.setup.coupling_of(stiffness, damping)
+        couplings = Coupling(stiffness, damping)
         likely = np.ones(stiffness.shape)
-        device = self.setup.device
+        device = self.setup.loop.device
         if self.setup.draws is None and (not isinstance(device, Device) or device.modes):
             for margins in self._of_each(couplings, self._margins):
                 likely = np.minimum(likely, margins > 1.0)
@@ -90,7 +90,7 @@ class StableCouplings:
 
         It ends where couplings count as rigid.
         """
-        top = np.maximum(self.rigid - damping, 0.0) * (2.0 / self.setup.period)
+        top = np.maximum(self.rigid - damping, 0.0) * (2.0 / self.setup.loop.period)
         return top * _limit(lambda part: self.probability(part * top, damping))
 
     def _of_each(self, couplings: Coupling, judge: Callable[[str, Coupling], Array]) -> list[Array]:
@@ -98,22 +98,17 @@ class StableCouplings:
 
     def _needed(self, environment: str, couplings: Coupling) -> Array:
         """Return the damping that a rigid device needs, N·s/m."""
-        setup = self.setup
-        shown = setup.display(environment, coupled=True).environment
-        delay = setup.hold.delay
-        needed = needed_damping(shown, setup.period, coupling=couplings, delay=delay)
-        return np.asarray(needed.damping)
+        shown = self.setup.references[environment]
+        return np.asarray(needed_damping(self.setup.loop, shown, coupling=couplings).damping)
 
     def _margins(self, environment: str, couplings: Coupling) -> Array:
-        setup = self.setup
-        shown = setup.display(environment, coupled=True).environment
-        delay = setup.hold.delay
-        return rendering_margins(setup.device, shown, setup.period, coupling=couplings, delay=delay)
+        shown = self.setup.references[environment]
+        return rendering_margins(self.setup.loop, shown, coupling=couplings)
 
 
 def _at_nyquist(setup: Setup, shown: Environment | Coupling) -> float:
     """Return what a spring and a damper ask for at Nyquist, N·s/m."""
-    return float(0.5 * shown.stiffness * setup.period + shown.damping)
+    return float(0.5 * shown.stiffness * setup.loop.period + shown.damping)
 
 
 def _limit(probability: Callable[[Array], Array]) -> Array:

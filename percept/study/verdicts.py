@@ -20,7 +20,7 @@ from percept.boundary.feels_real import CENTRALS, Evidence, feels_real, search_g
 from percept.boundary.users import Users
 from percept.errors import RefusalError
 from percept.haptics import TabulatedDevice
-from percept.haptics.records import Display
+from percept.haptics.perceived import Display
 from percept.inference.classical.fiducial import fiducial_draws
 from percept.inference.classical.moments import Moments
 from percept.inference.model.product import pooled_parts
@@ -218,7 +218,7 @@ def frequencies(
     if resonances.ndim == 1:
         resonances = resonances[np.isfinite(resonances) & (resonances > 0.0)]
     half_width = max(_HALF_SD * relative_sd, _LEAST_HALF_WIDTH)
-    if isinstance(setup.device, TabulatedDevice):
+    if isinstance(setup.loop.device, TabulatedDevice):
         # A table's rows are all there is to see.
         half_width = 0.0
     half_widths = np.full(resonances.shape[-1], min(half_width, 1.0))
@@ -361,7 +361,7 @@ def _by_posterior(
     """Judge draws of the users, each on a draw of the device; return the devices too."""
     if setup.draws is not None:
         which = np.arange(users.size) % setup.draws.count
-        setup = dataclasses.replace(setup, device=setup.draws.stacked.select(which))
+        setup = setup.with_device(setup.draws.stacked.select(which))
     within = scene.frequency.lower, scene.frequency.upper
     found = feels_real(
         setup.display(environment, coupled=coupled),
@@ -398,8 +398,7 @@ def _stable_and_real(
     """
     if setup.draws is None:
         return None if stable is None else found.probability * stable
-    rendered = shown.environment, shown.coupling
-    margins = margins_of_draws(setup.draws, *rendered, setup.period, setup.hold.delay)
+    margins = margins_of_draws(setup.draws, setup.loop, shown.environment, shown.coupling)
     # Of devices with modes fewer have a margin than there are draws.
     judged = min(margins.size, found.draws)
     both = found.real[:judged] & (margins[:judged] > 1.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -12,6 +12,7 @@ from percept.haptics import (
     Coupling,
     Device,
     Environment,
+    Loop,
     Mode,
     coupling_impedance,
     device_impedance,
@@ -26,9 +27,7 @@ from percept.haptics import (
     stability_margin,
 )
 from percept.haptics.arrays import complex_from
-from percept.haptics.axis import warp
 from percept.haptics.impedance import coupling_admittance
-from percept.haptics.loop import Hold
 from percept.haptics.perceived import perceived_magnitude
 from reports.benchmark import twins as twin
 from reports.benchmark.digits import Digits, digits_row
@@ -62,25 +61,16 @@ class Inputs:
     delay: float = 0.0  # Samples
     k_d: float = 0.0  # Of the device's spring
 
-    @property
-    def late(self) -> Hold:
-        """The averaging hold, delayed."""
-        return Hold("average", self.delay)
+    def loop(self, hold: str = "average", *, late: bool = False) -> Loop:
+        """Return a rigid device in a loop, delayed or not."""
+        delay = self.delay if late else 0.0
+        return Loop(Device(self.m, self.b_d), self.period, hold, delay=delay)
 
-    @property
-    def late_true(self) -> Hold:
-        """The true hold, delayed."""
-        return Hold("true", self.delay)
-
-    @property
-    def device(self) -> Device:
-        """A rigid device."""
-        return Device(self.m, self.b_d)
-
-    @property
-    def flexible(self) -> Device:
-        """The same with one mode and a spring."""
-        return Device(self.m, self.b_d, (Mode(self.m_i, self.k_i, self.b_i),), self.k_d)
+    def flexible(self, hold: str = "average", *, late: bool = False) -> Loop:
+        """Return the same device with one mode and a spring."""
+        mode = Mode(self.m_i, self.k_i, self.b_i)
+        device = Device(self.m, self.b_d, (mode,), self.k_d)
+        return replace(self.loop(hold, late=late), device=device)
 
     @property
     def environment(self) -> Environment:
@@ -164,34 +154,37 @@ def _cases(count: int, rng: np.random.Generator, delays: np.random.Generator) ->
         yield Inputs(max(omega, _SLOWEST), period, **values, delay=delay, k_d=k_d)
 
 
-def _coupled(v: Inputs, discretization: str) -> Any:
+def _z_h(v: Inputs, loop: Loop) -> Any:
+    return perceived_impedance(loop, v.omega, v.environment)
+
+
+def _coupled(v: Inputs, loop: Loop, discretization: str = "tustin") -> Any:
     return perceived_impedance(
-        v.omega,
-        v.device,
-        v.environment,
-        v.period,
-        coupling=v.coupling,
-        discretization=discretization,
+        loop, v.omega, v.environment, coupling=v.coupling, discretization=discretization
     )
 
 
 def _effective(v: Inputs) -> Any:
-    stiffness, damping = effective_impedance(v.omega, v.environment, v.coupling, v.period)
-    return complex_from(damping, warp(v.omega, v.period).spring(stiffness))
+    stiffness, damping = effective_impedance(v.loop(), v.omega, v.environment, v.coupling)
+    return complex_from(damping, v.loop().at(v.omega).spring(stiffness))
+
+
+def _magnitude(v: Inputs, loop: Loop) -> Any:
+    return perceived_magnitude(loop, v.omega, -v.k_e, -v.b_e, mass=v.m_e)
 
 
 def _box(v: Inputs) -> tuple[Any, Any]:
     k = (-v.k_e, v.k_c)
     b = (-v.b_e, v.b_c)
-    return magnitude_envelope(v.omega, v.device, k, b, v.period, mass=v.m_e)
+    return magnitude_envelope(v.loop(), v.omega, k, b, mass=v.m_e)
 
 
-def _required_at_true(v: Inputs) -> Any:
-    return required_damping_at(v.omega, v.coupling, v.period, discretization="tustin", hold="true")
+def _required_at(v: Inputs, loop: Loop, discretization: str = "backward") -> Any:
+    return required_damping_at(loop, v.omega, v.coupling, discretization=discretization)
 
 
 def _stiffness_limit(v: Inputs) -> float:
-    limit = max_coupling_stiffness(v.b_d, v.b_c, v.period)
+    limit = max_coupling_stiffness(v.loop(), v.b_c)
     return twin.limit_error_over_condition(float(limit), v.b_d, v.b_c, v.period)
 
 
@@ -199,75 +192,68 @@ Computed: TypeAlias = Callable[[Inputs], Any]
 
 _LIMIT = "largest stiffness"
 _PAIRS: dict[str, tuple[Computed, twin.Formula]] = {
-    "Z_d": (lambda v: device_impedance(v.omega, v.device, v.period), twin.rigid),
-    "Z_d, flexible": (lambda v: device_impedance(v.omega, v.flexible, v.period), twin.flexible),
-    "Z_e": (lambda v: environment_impedance(v.omega, v.environment, v.period), twin.environment),
+    "Z_d": (lambda v: device_impedance(v.loop(), v.omega), twin.rigid),
+    "Z_d, flexible": (lambda v: device_impedance(v.flexible(), v.omega), twin.flexible),
+    "Z_e": (lambda v: environment_impedance(v.loop(), v.omega, v.environment), twin.environment),
     "Z_c, Eq. 6": (
-        lambda v: coupling_impedance(v.omega, v.coupling, v.period),
+        lambda v: coupling_impedance(v.loop(), v.omega, v.coupling),
         twin.coupling_backward,
     ),
     "1/Z_c, Eq. 6": (
-        lambda v: coupling_admittance(v.omega, v.coupling, v.period),
+        lambda v: coupling_admittance(v.loop(), v.omega, v.coupling),
         twin.admittance_backward,
     ),
-    "ZOH, Eq. 8": (lambda v: hold(v.omega, v.period), twin.hold_average),
-    "ZOH, true": (lambda v: hold(v.omega, v.period, kind="true"), twin.hold_true),
+    "ZOH, Eq. 8": (lambda v: hold(v.loop(), v.omega), twin.hold_average),
+    "ZOH, true": (lambda v: hold(v.loop("true"), v.omega), twin.hold_true),
     "Z_eff": (_effective, twin.effective),
     "Re Z_eff": (
-        lambda v: effective_impedance(v.omega, v.environment, v.coupling, v.period)[1],
+        lambda v: effective_impedance(v.loop(), v.omega, v.environment, v.coupling).damping,
         twin.effective_damping,
     ),
-    "Z_h": (lambda v: perceived_impedance(v.omega, v.device, v.environment, v.period), twin.direct),
+    "Z_h": (lambda v: _z_h(v, v.loop()), twin.direct),
     "Z_h, flexible, true hold": (
-        lambda v: perceived_impedance(v.omega, v.flexible, v.environment, v.period, hold="true"),
+        lambda v: _z_h(v, v.flexible("true")),
         twin.direct_flexible_true,
     ),
-    "Z_h_vc, Eq. 12": (lambda v: _coupled(v, "tustin"), twin.coupled),
-    "Z_h_vc, Eq. 6": (lambda v: _coupled(v, "backward"), twin.coupled_backward),
-    "abs(Z_h), k and b negative": (
-        lambda v: perceived_magnitude(v.omega, v.device, -v.k_e, -v.b_e, v.period, mass=v.m_e),
-        twin.magnitude,
-    ),
-    "ZOH, delayed": (lambda v: hold(v.omega, v.period, kind=v.late), twin.late(twin.hold_average)),
-    "Z_h, flexible, delayed": (
-        lambda v: perceived_impedance(v.omega, v.flexible, v.environment, v.period, hold=v.late),
-        twin.direct_late,
-    ),
+    "Z_h_vc, Eq. 12": (lambda v: _coupled(v, v.loop()), twin.coupled),
+    "Z_h_vc, Eq. 6": (lambda v: _coupled(v, v.loop(), "backward"), twin.coupled_backward),
+    "abs(Z_h), k and b negative": (lambda v: _magnitude(v, v.loop()), twin.magnitude),
+    "ZOH, delayed": (lambda v: hold(v.loop(late=True), v.omega), twin.late(twin.hold_average)),
+    "Z_h, flexible, delayed": (lambda v: _z_h(v, v.flexible(late=True)), twin.direct_late),
     "Z_h_vc, true hold, delayed": (
-        lambda v: perceived_impedance(
-            v.omega, v.device, v.environment, v.period, coupling=v.coupling, hold=v.late_true
-        ),
+        lambda v: _coupled(v, v.loop("true", late=True)),
         twin.coupled_late_true,
     ),
     "abs(Z_h), k and b negative, delayed": (
-        lambda v: perceived_magnitude(
-            v.omega, v.device, -v.k_e, -v.b_e, v.period, mass=v.m_e, hold=v.late
-        ),
+        lambda v: _magnitude(v, v.loop(late=True)),
         twin.magnitude_late,
     ),
     "box, upper": (lambda v: _box(v)[1], twin.box_upper),
     "box, lower": (lambda v: _box(v)[0], twin.box_lower),
     "required damping at ω": (
-        lambda v: required_damping_at(v.omega, v.coupling, v.period),
+        lambda v: _required_at(v, v.loop()),
         twin.required_at(twin.coupling_backward, twin.hold_average),
     ),
     "required damping at ω, true hold": (
-        _required_at_true,
+        lambda v: _required_at(v, v.loop("true"), "tustin"),
         twin.required_at(twin.coupling_tustin, twin.hold_true),
     ),
     "required damping at ω, delayed": (
-        lambda v: required_damping_at(v.omega, v.coupling, v.period, hold=v.late),
+        lambda v: _required_at(v, v.loop(late=True)),
         twin.required_at(twin.coupling_backward, twin.late(twin.hold_average)),
     ),
     "required damping at ω, true hold, delayed": (
-        lambda v: required_damping_at(v.omega, v.coupling, v.period, hold=v.late_true),
+        lambda v: _required_at(v, v.loop("true", late=True)),
         twin.required_at(twin.coupling_backward, twin.late(twin.hold_true)),
     ),
     "stability margin": (
-        lambda v: stability_margin(v.omega, v.flexible, v.coupling, v.period),
+        lambda v: stability_margin(v.flexible(), v.omega, v.coupling),
         twin.margin,
     ),
-    "required damping": (lambda v: required_damping(v.coupling, v.period).damping, twin.required),
+    "required damping": (
+        lambda v: required_damping(v.loop(), v.coupling).damping,
+        twin.required,
+    ),
 }
 #: What is compared.
 QUANTITIES = (*_PAIRS, _LIMIT)

@@ -25,8 +25,8 @@ from percept.boundary.feels_real import search_grid, search_scores
 from percept.boundary.users import Users
 from percept.checkpoint import Checkpoint, Line
 from percept.errors import UsageError
-from percept.haptics import Device, Environment
-from percept.haptics.records import Display
+from percept.haptics import Device, Environment, Loop
+from percept.haptics.perceived import Display
 from percept.inference.classical.central_range import central_range_confidence
 from percept.inference.classical.moments import Moments
 from percept.inference.model.priors import Priors
@@ -123,7 +123,7 @@ def display_of(score: float) -> Display:
     """Display a stiffness `score` SDs above the users' mean, and their typical damping."""
     stiffness = float(np.exp(CENTRE[0] + SDS[0] * score))
     environment = Environment(stiffness, float(np.exp(CENTRE[1])))
-    return Display(DEVICE, environment, PERIOD)
+    return Display(Loop(DEVICE, PERIOD), environment)
 
 
 def searched(display: Display) -> Array:

@@ -16,10 +16,17 @@ from scipy.linalg import expm
 from scipy.optimize import nnls
 from scipy.signal import butter, tf2ss
 
-from percept.haptics import Coupling, Device, Environment, Mode, required_damping
-from percept.haptics.loop import Hold
-from percept.haptics.rendering import Rendering, can_render
-from percept.haptics.velocity import VelocityFilter
+from percept.haptics import (
+    Coupling,
+    Device,
+    Environment,
+    Loop,
+    Mode,
+    VelocityFilter,
+    can_render,
+    required_damping,
+)
+from percept.haptics.rendering import Rendering
 
 Array: TypeAlias = NDArray[np.float64]
 #: Numerator and denominator in powers of z⁻¹.
@@ -70,17 +77,17 @@ class Hand:
     carried: tuple[Mode, ...] = ()
 
 
-def transfer(loop: Loop) -> Fraction:
+def transfer(motion: Motion) -> Fraction:
     """Return numerator and denominator of H in powers of z⁻¹, N/m."""
-    e = loop.environment
-    c = loop.coupling
+    e = motion.environment
+    c = motion.coupling
+    velocity_filter = motion.loop.velocity_filter
     parts = []
     if e is not None:
-        parts.append(
-            _element(float(e.stiffness), float(e.damping), float(e.mass), e.velocity_filter)
-        )
+        own_filter = velocity_filter if c is None else None
+        parts.append(_element(float(e.stiffness), float(e.damping), float(e.mass), own_filter))
     if c is not None:
-        parts.append(_element(float(c.stiffness), float(c.damping), 0.0, c.velocity_filter))
+        parts.append(_element(float(c.stiffness), float(c.damping), 0.0, velocity_filter))
     if len(parts) == 1:
         return parts[0]
     top_e, bottom_e = parts[0]
@@ -107,23 +114,26 @@ def _added(first: Array, second: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Loop:
-    """A device that renders an environment directly, or through a coupling (None: rigid wall)."""
+class Motion:
+    """A loop that renders an environment directly, or through a coupling (None: rigid wall)."""
 
-    device: Device
+    loop: Loop
     environment: Environment | None
     coupling: Coupling | None = None
-    delay: float = 0.0
+
+    @property
+    def device(self) -> Device:
+        """The device, rigid or with modes."""
+        assert isinstance(self.loop.device, Device)
+        return self.loop.device
 
     @property
     def judged(self) -> Rendering:
         """Return what percept says of it."""
-        return can_render(
-            self.device, self.environment, PERIOD, coupling=self.coupling, delay=self.delay
-        )
+        return can_render(self.loop, self.environment, coupling=self.coupling)
 
-    def at(self, load: float) -> Loop:
-        """Return the loop with its force scaled: at a load of 1 it is at its limit."""
+    def at(self, load: float) -> Motion:
+        """Return the same with its force scaled: at a load of 1 it is at its limit."""
         times = load * self.judged.margin
         environment = self.environment
         if environment is not None:
@@ -148,8 +158,8 @@ class Loop:
         """Say what a sample makes of positions, velocities, and all that the computer remembers."""
         moving = self._moving(hand)
         size = len(moving) - 1
-        whole = int(np.floor(self.delay))
-        fraction = self.delay - whole
+        whole = int(np.floor(self.loop.delay))
+        fraction = self.loop.delay - whole
         first = expm(moving * fraction * PERIOD)
         last = expm(moving * (1 - fraction) * PERIOD)
         free = (last @ first)[:size, :size]
@@ -209,24 +219,24 @@ def device_impedance_in_time(device: Device, omega: Array) -> NDArray[np.complex
     return np.asarray(total)
 
 
-def worst_hands(loop: Loop) -> list[Hand]:
+def worst_hands(motion: Motion) -> list[Hand]:
     """Return hands whose reactance makes the loop swing at the ω that binds.
 
     At every alias hand and device together have an impedance in proportion to what the device
     dissipates there, with the phase of what the loop asks for.
     """
-    theta = loop.judged.binding_omega * PERIOD
+    theta = motion.judged.binding_omega * PERIOD
     # Next to Nyquist aliases come in pairs that no hand tells apart.
     theta = np.pi if theta > 3.1 else max(theta, 0.02)
     z = np.exp(1j * theta)
-    top, bottom = transfer(loop)
+    top, bottom = transfer(motion)
     back = z ** -np.arange(max(len(top), len(bottom)))
     h = top @ back[: len(top)] / (bottom @ back[: len(bottom)])
-    asked = PERIOD * (1 - 1 / z) * h * z**-loop.delay / (4 * np.sin(theta / 2) ** 2)
+    asked = PERIOD * (1 - 1 / z) * h * z**-motion.loop.delay / (4 * np.sin(theta / 2) ** 2)
     turns = np.arange(-ALIASES, ALIASES + 1)
     signed = (theta + 2 * np.pi * turns) / PERIOD
     omega = np.abs(signed)
-    shown = device_impedance_in_time(loop.device, omega)
+    shown = device_impedance_in_time(motion.device, omega)
     tilt = np.tan(np.clip(np.angle(asked), -1.5, 1.5))
     wanted = np.sign(signed) * shown.real * tilt - shown.imag
     # At Nyquist aliases fall together in pairs.
@@ -291,7 +301,7 @@ def random_hand(rng: np.random.Generator) -> Hand:
     return Hand(mass, stiffness, damping, tuple(carried))
 
 
-def random_loop(rng: np.random.Generator) -> Loop:
+def random_motion(rng: np.random.Generator) -> Motion:
     """Draw a device, with modes or without, and what it renders, in any loop."""
     modes = []
     for _ in range(rng.integers(0, 3)):
@@ -305,24 +315,23 @@ def random_loop(rng: np.random.Generator) -> Loop:
     k, b = 10 ** rng.uniform([2, -1], [5, 2])
     mass = float(10 ** rng.uniform(-3, 0)) if rng.random() < 0.3 else 0.0
     k_c, b_c = 10 ** rng.uniform([2, -1], [5, 2])
-    coupling = Coupling(k_c, b_c, velocity_filter)
+    coupling = Coupling(k_c, b_c)
+    loop = Loop(device, PERIOD, "true", velocity_filter, delay)
     way = rng.integers(0, 3)
     if way == 0:
-        return Loop(device, Environment(k, b, mass, velocity_filter), None, delay)
+        return Motion(loop, Environment(k, b, mass))
     if way == 1:
-        return Loop(device, None, coupling, delay)
-    return Loop(device, Environment(k, b, mass), coupling, delay)
+        return Motion(loop, None, coupling)
+    return Motion(loop, Environment(k, b, mass), coupling)
 
 
-def plain(loop: Loop) -> Loop:
-    """Return a loop without modes, environment's mass, filter and delay: its limit is closed."""
-    environment = loop.environment
+def plain(motion: Motion) -> Motion:
+    """Return it without modes, environment's mass, filter and delay: its limit is closed."""
+    environment = motion.environment
     if environment is not None:
-        environment = Environment(environment.stiffness, environment.damping)
-    coupling = loop.coupling
-    if coupling is not None:
-        coupling = Coupling(coupling.stiffness, coupling.damping)
-    return Loop(Device(loop.device.mass, loop.device.damping), environment, coupling)
+        environment = replace(environment, mass=0.0)
+    rigid = Device(motion.device.mass, motion.device.damping)
+    return Motion(Loop(rigid, PERIOD), environment, motion.coupling)
 
 
 @dataclass(frozen=True)
@@ -336,7 +345,7 @@ class Outcome:
 
 def outcome(rng: np.random.Generator, hands: int) -> Outcome:
     """Draw a loop, and look for hands that make its motion grow."""
-    drawn = random_loop(rng)
+    drawn = random_motion(rng)
     inside = drawn.at(BELOW)
     tried = [random_hand(rng) for _ in range(hands)]
     below = max(inside.growth(hand) for hand in tried + worst_hands(inside)) > GROWS
@@ -344,14 +353,14 @@ def outcome(rng: np.random.Generator, hands: int) -> Outcome:
     above = max(beyond.growth(hand) for hand in worst_hands(beyond)) > GROWS
     eq10_met = False
     if beyond.coupling is not None:
-        needed = required_damping(beyond.coupling, PERIOD, hold=Hold("average", beyond.delay))
+        needed = required_damping(replace(beyond.loop, hold="average"), beyond.coupling)
         eq10_met = bool(beyond.device.damping >= needed.damping)
     return Outcome(below, above, eq10_met)
 
 
 def not_tight(rng: np.random.Generator) -> tuple[bool, bool]:
     """Draw a plain loop; say whether a tuned spring, and a resonant hand, leave it at rest."""
-    drawn = plain(random_loop(rng))
+    drawn = plain(random_motion(rng))
     spring = drawn.at(WITH_SPRING).growth(tuned_spring(drawn.device)) <= 1
     beyond = drawn.at(ABOVE)
     hands = [resonant_hand(drawn.device, count) for count in ZEROS]

@@ -17,10 +17,9 @@ from scipy import special
 
 from percept.boundary.feels_real import search_grid, search_scores
 from percept.boundary.users import DiscIntegral, Users, choose_integral, share_within
-from percept.haptics import Coupling, Device, Environment
-from percept.haptics.axis import warp
-from percept.haptics.perceived import DistancePlane, Point, shown_element
-from percept.haptics.records import Display
+from percept.haptics import Coupling, Device, Environment, Loop
+from percept.haptics.perceived import Display, shown_element
+from percept.haptics.plane import DistancePlane, Point
 from reports.command import say
 
 Array: TypeAlias = NDArray[np.float64]
@@ -75,13 +74,13 @@ def random_scene(seed: int, *, draws: int) -> Scene:
     users = Users(True, mean, spread, rng.uniform(-0.9, 0.9, draws))
     resonance = np.sqrt(environment.stiffness / device.mass)
     omega = search_grid(0.1, 100.0, np.array([resonance]), np.array([0.5 * sd[0]]))
-    return Scene(Display(device, environment, 1e-3, coupling), users, omega)
+    return Scene(Display(Loop(device, 1e-3), environment, coupling), users, omega)
 
 
 def shown_at(display: Display, omega: Array) -> tuple[DistancePlane, Array]:
     """Return the plane of abs(Z_h) at frequencies, and the abs(Z_h) that is displayed there."""
-    grid = warp(omega, display.period)
-    plane = DistancePlane.of(grid, display.device, display.hold, display.environment.mass).flat()
+    grid = display.loop.at(omega)
+    plane = DistancePlane.of(grid, display.environment.mass).flat()
     shown = shown_element(grid, display)
     return plane, plane.distance(Point(shown.stiffness, shown.damping))
 

@@ -10,6 +10,7 @@ import numpy as np
 from percept.haptics import (
     Coupling,
     Device,
+    Loop,
     absolute_stability,
     environment_impedance,
     hold,
@@ -57,11 +58,11 @@ def hold_low_pass(published: Published) -> Evidence:
     period = published.period
     _, top = published.span
     # Both gains fall with ω, the averaging hold's faster: they differ most at the top of the range.
-    average_gain = float(np.abs(hold(top, period)))
-    held_gain = float(np.abs(hold(top, period, kind="true")))
+    average_gain = float(np.abs(hold(published.loop, top)))
+    held_gain = float(np.abs(hold(Loop(published.device, period, "true"), top)))
     gain = 1 - average_gain / held_gain
     narrowest = min(relative_width(wall, period) for wall in published.walls)
-    held = float(required_damping(THEORETICAL, period, hold="true").damping)
+    held = float(required_damping(Loop(published.device, period, "true"), THEORETICAL).damping)
     average = published.needed()
     cases = [gain < narrowest, held <= average]
     return evidence(cases, gain=gain, held=held, average=average, ratio=held / average)
@@ -93,7 +94,7 @@ def poles_unseen(published: Published) -> Evidence:
 
 def _rigid_wall(published: Published, coupling: Coupling) -> float:
     """Return the device damping that a coupling needs in time, a rigid wall behind it, N·s/m."""
-    return float(needed_damping(None, published.period, coupling=coupling).damping)
+    return float(needed_damping(published.loop, None, coupling=coupling).damping)
 
 
 def one_coupling(published: Published) -> Evidence:
@@ -102,8 +103,8 @@ def one_coupling(published: Published) -> Evidence:
     k = THEORETICAL.stiffness
     converted = Coupling(k, THEORETICAL.damping + k * period / 2)
     backward = published.needed()
-    tustin = float(required_damping(THEORETICAL, period, discretization="tustin").damping)
-    again = float(required_damping(converted, period, discretization="tustin").damping)
+    tustin = float(required_damping(published.loop, THEORETICAL, discretization="tustin").damping)
+    again = float(required_damping(published.loop, converted, discretization="tustin").damping)
     same = [abs(needed - backward) <= _SAME * backward for needed in (tustin, again)]
     return evidence(
         same,
@@ -126,7 +127,7 @@ def fig_4_tuned(published: Published) -> Evidence:
 
 
 def _stable_with(published: Published, coupling: Coupling) -> Evidence:
-    required = required_damping(coupling, published.period)
+    required = required_damping(published.loop, coupling)
     needed = float(required.damping)
     omega = float(required.omega)
     best, least = cheapest_damping(float(coupling.stiffness) * published.period)
@@ -153,7 +154,7 @@ def cheapest_damping(stretch: float) -> tuple[float, float]:
 
 def worst_case(published: Published) -> Evidence:
     """Say why nobody can judge that a worst-case design made the system unstable."""
-    criterion = absolute_stability(published.device, THEORETICAL, published.period)
+    criterion = absolute_stability(published.loop, THEORETICAL)
     in_time = published.rendered(THEORETICAL)
     return undecided(
         margin=criterion.smallest_margin,
@@ -169,9 +170,7 @@ def friction_ignored(published: Published) -> Evidence:
     """Say what friction and an operator could do to a loop."""
     grows = []
     for wall in published.walls:
-        found = can_render(
-            published.device, wall.environment, published.period, coupling=THEORETICAL
-        )
+        found = can_render(published.loop, wall.environment, coupling=THEORETICAL)
         if found.verdict == "cannot":
             grows.append(wall.name)
     return undecided(grows=grows, most=max(published.rendered(THEORETICAL).values()))
@@ -238,8 +237,10 @@ def _largest_gap(published: Published, times: float) -> float:
     coupling = Coupling(tuned.stiffness * times, tuned.damping * times)
     largest = 0.0
     for wall in published.walls:
-        direct = perceived_impedance(omega, device, wall.environment, period)
-        coupled = perceived_impedance(omega, device, wall.environment, period, coupling=coupling)
+        direct = perceived_impedance(Loop(device, period), omega, wall.environment)
+        coupled = perceived_impedance(
+            Loop(device, period), omega, wall.environment, coupling=coupling
+        )
         gaps = np.abs(coupled / direct - 1)
         largest = max(largest, float(gaps.max()))
     return largest
@@ -346,7 +347,7 @@ def always_smaller(published: Published) -> Evidence:
         cases += [fraction > 0, fraction == 1.0]
     least = min(published.walls, key=lambda wall: shares[wall.name])
     with_it = published.felt(LOOKED_AT, least.environment, coupling=published.tuned)
-    alone = np.abs(environment_impedance(LOOKED_AT, least.environment, published.period))
+    alone = np.abs(environment_impedance(published.loop, LOOKED_AT, least.environment))
     always = [name for name, fraction in shares.items() if fraction == 1.0]
     others = dict(shares)
     del others[least.name]
@@ -369,7 +370,7 @@ def _share_below(published: Published, wall: Wall) -> float:
     felt_curve = felt_square(published.device, wall.environment, period, coupling=coupling)
     rendered_curve = rendered_square(wall.environment, period)
     edges, middles = cells([felt_curve, rendered_curve], *published.span, period)
-    rendered = np.abs(environment_impedance(middles, wall.environment, period))
+    rendered = np.abs(environment_impedance(published.loop, middles, wall.environment))
     felt = published.felt(middles, wall.environment, coupling=coupling)
     return share(edges, felt < rendered)
 
@@ -422,7 +423,7 @@ def _inside(
         cuts, _ = cells([curve, piece], *published.span, period)
         edges = np.union1d(edges, cuts)
     middles = np.sqrt(edges[1:] * edges[:-1])
-    lower, upper = magnitude_envelope(middles, device, box[0], box[1], period)
+    lower, upper = magnitude_envelope(Loop(device, period), middles, box[0], box[1])
     felt = published.felt(middles, wall.environment, coupling=coupling, device=device)
     inside = (lower <= felt) & (felt <= upper)
     return bool(inside.all())

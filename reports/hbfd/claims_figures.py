@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 from percept.haptics import (
     Device,
     Environment,
+    Loop,
     corner_curves,
     magnitude_envelope,
     required_damping_at,
@@ -73,7 +74,7 @@ def one_device(published: Published) -> Evidence:
     panel, _, _ = panels(published)
     _, allowed = _extent(published, panel)
     needed = published.needed()
-    at_ten = float(required_damping_at(LOOKED_AT, THEORETICAL, published.period))
+    at_ten = float(required_damping_at(published.loop, LOOKED_AT, THEORETICAL))
     return undecided(ratio=needed / allowed, needed=needed, allowed=allowed, at_ten=at_ten)
 
 
@@ -144,8 +145,8 @@ def upper_above(published: Published) -> Evidence:
     cases = []
     first = {}
     for wall in published.walls:
-        crossings = corner_crossings(device, wall.stiffness, wall.damping, period)
-        at_low, at_high = corner_curves(bottom, device, wall.stiffness, wall.damping, period)
+        crossings = corner_crossings(Loop(device, period), wall.stiffness, wall.damping)
+        at_low, at_high = corner_curves(Loop(device, period), bottom, wall.stiffness, wall.damping)
         inside = (crossings > bottom) & (crossings < top)
         cases.append(bool(at_high >= at_low) and not inside.any())
         if crossings.size:
@@ -200,7 +201,7 @@ def _ends(published: Published, wall: Wall, mass: float) -> _Ends:
     at_low = corner(wall.lower)
     at_high = corner(wall.upper)
     lower, upper = magnitude_envelope(
-        LOOKED_AT, _NO_DEVICE, wall.stiffness, wall.damping, published.period, mass=mass
+        Loop(_NO_DEVICE, published.period), LOOKED_AT, wall.stiffness, wall.damping, mass=mass
     )
     return _Ends(wall.name, mass, at_low, at_high, float(lower), float(upper))
 

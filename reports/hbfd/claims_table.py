@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import special
 
-from percept.haptics import Coupling, Device, Environment
+from percept.haptics import Coupling, Device, Environment, Loop
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.inference import Moments, bias, t_interval, tolerance_factor
 from reports.hbfd.devices import direct_inside, share_true
@@ -193,7 +193,7 @@ def _upper_of_ellipse(published: Published, k: Moments, b: Moments, correlation:
     centre = (float(k.mean), float(b.mean))
     device = Device(0.0, 0.0)
     _, upper = magnitude_envelope_ellipse(
-        LOOKED_AT, device, Ellipse(centre, covariance, radius), published.period
+        Loop(device, published.period), LOOKED_AT, Ellipse(centre, covariance, radius)
     )
     return float(upper)
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from percept.haptics import (
     Device,
     Environment,
+    Loop,
     corner_curves,
     environment_impedance,
     magnitude_envelope,
@@ -74,7 +75,9 @@ def curves(published: Published, wall: Wall, omega: Array, device: Device | None
     mass = np.asarray(device.mass)[..., None]
     damping = np.asarray(device.damping)[..., None]
     each = Device(mass, damping)
-    at_low, at_high = corner_curves(omega, each, wall.stiffness, wall.damping, published.period)
+    at_low, at_high = corner_curves(
+        Loop(each, published.period), omega, wall.stiffness, wall.damping
+    )
     direct = published.felt(omega, wall.environment, device=each)
     coupled = published.felt(omega, wall.environment, device=each, coupling=published.tuned)
     lower = np.minimum(at_low, at_high)
@@ -204,7 +207,7 @@ def _mass_of_crossing(published: Published, wall: Wall, omega: float, damping: f
     def gap(mass: float) -> float:
         device = Device(mass, damping)
         at_low, at_high = corner_curves(
-            omega, device, wall.stiffness, wall.damping, published.period
+            Loop(device, published.period), omega, wall.stiffness, wall.damping
         )
         return float(at_high**2 - at_low**2)
 
@@ -226,7 +229,7 @@ def absolute_width(wall: Wall, period: float) -> float:
 
 
 def _magnitude(environment: Environment, period: float) -> float:
-    z_e = environment_impedance(LOOKED_AT, environment, period)
+    z_e = environment_impedance(Loop(Device(0.0, 0.0), period), LOOKED_AT, environment)
     return float(np.abs(z_e))
 
 
@@ -283,7 +286,7 @@ def environments_inside(published: Published, mass: Array, damping: Array) -> ND
     shape = np.broadcast_shapes(mass.shape, damping.shape)
     count = np.zeros(shape, dtype=np.int64)
     for wall, (k, b) in zip(published.walls, published.next_user, strict=True):
-        lower, upper = magnitude_envelope(omega, device, k, b, published.period)
+        lower, upper = magnitude_envelope(Loop(device, published.period), omega, k, b)
         felt = published.felt(omega, wall.environment, device=device, coupling=published.tuned)
         inside = (lower <= felt) & (felt <= upper)
         count += inside.all(axis=-1)

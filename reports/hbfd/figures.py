@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from percept.haptics import Coupling, Device, corner_curves, required_damping
+from percept.haptics import Coupling, Device, Loop, corner_curves, required_damping
 from percept.haptics.impedance import coupling_admittance
 from percept.haptics.stability import coupling_bound
 from percept.report.figures.canvas import COLOURS, Drawing, Frame, legend, log_scale, panels
@@ -46,11 +46,13 @@ def _fig4(published: Published) -> Drawing:
         (ax,) = panels(figure, frame=Frame(left=18, top=3))
         nyquist = np.pi / period
         omega = np.geomspace(10.0, nyquist * 0.9999, 401)
-        bound = coupling_bound(omega, Device(published.device.mass, needed), period)
+        bound = coupling_bound(Loop(Device(published.device.mass, needed), period), omega)
         lines = {}
         for coupling in (THEORETICAL, published.tuned):
-            admittance = coupling_admittance(omega, coupling, period, discretization="backward")
-            binds = float(required_damping(coupling, period).omega)
+            admittance = coupling_admittance(
+                published.loop, omega, coupling, discretization="backward"
+            )
+            binds = float(required_damping(published.loop, coupling).omega)
             lines[_stiffness(coupling)] = np.asarray(admittance).real, binds
         draw_stability(ax, omega, bound, lines)
 
@@ -129,7 +131,7 @@ def _curves(
 
     def draw(figure: Figure) -> None:
         (ax,) = panels(figure, frame=Frame(left=18, bottom=24, right=5))
-        ends = corner_curves(omega, device, wall.stiffness, wall.damping, published.period)
+        ends = corner_curves(Loop(device, published.period), omega, wall.stiffness, wall.damping)
         direct = published.felt(omega, wall.environment, device=device)
         coupled = None
         if coupling is not None:

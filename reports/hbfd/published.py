@@ -16,6 +16,7 @@ from percept.haptics import (
     Coupling,
     Device,
     Environment,
+    Loop,
     effective_impedance,
     perceived_impedance,
     required_damping,
@@ -122,6 +123,11 @@ class Published:
         return self.scene.device.period
 
     @property
+    def loop(self) -> Loop:
+        """The scene's device in the paper's loop."""
+        return Loop(self.device, self.period)
+
+    @property
     def tuned(self) -> Coupling:
         """The coupling found by tuning."""
         assert self.scene.coupling is not None
@@ -140,13 +146,13 @@ class Published:
         """Return the device damping that each environment needs in time, N·s/m."""
         needed = {}
         for wall in self.walls:
-            rendering = needed_damping(wall.environment, self.period, coupling=coupling)
+            rendering = needed_damping(self.loop, wall.environment, coupling=coupling)
             needed[wall.name] = float(rendering.damping)
         return needed
 
     def needed(self, coupling: Coupling = THEORETICAL) -> float:
         """Return the damping a rigid device needs to carry a coupling (Eq. 10), N·s/m."""
-        return float(required_damping(coupling, self.period).damping)
+        return float(required_damping(self.loop, coupling).damping)
 
     def felt(
         self,
@@ -157,15 +163,14 @@ class Published:
         device: Device | None = None,
     ) -> Array:
         """Return |Z_h|, N·s/m, with the scene's device where no other is given."""
-        if device is None:
-            device = self.device
-        z_h = perceived_impedance(omega, device, environment, self.period, coupling=coupling)
+        loop = self.loop if device is None else Loop(device, self.period)
+        z_h = perceived_impedance(loop, omega, environment, coupling=coupling)
         return np.abs(z_h)
 
     def through_coupling(self, wall: Wall, coupling: Coupling | None = None) -> tuple[float, float]:
         """Return k and b of a reference through a coupling, the tuned one, at `LOOKED_AT`."""
         joined = coupling or self.tuned
-        k, b = effective_impedance(LOOKED_AT, wall.environment, joined, self.period)
+        k, b = effective_impedance(self.loop, LOOKED_AT, wall.environment, joined)
         return float(k), float(b)
 
     @property

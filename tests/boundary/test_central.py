@@ -8,14 +8,13 @@ import pytest
 from percept.boundary.couplings import CouplingJudge
 from percept.boundary.feels_real import feels_real, search_grid
 from percept.boundary.users import Users, magnitude_ranges
-from percept.haptics import Coupling, Device, Environment
-from percept.haptics.axis import warp
-from percept.haptics.perceived import DistancePlane, Point
-from percept.haptics.records import Display
+from percept.haptics import Coupling, Device, Environment, Loop
+from percept.haptics.perceived import Display
+from percept.haptics.plane import DistancePlane, Point
 from tests import LONG
 
 WALL = Environment(stiffness=500.0, damping=2.0)
-DISPLAY = Display(Device(mass=0.5, damping=5.0), WALL, 1e-3)
+DISPLAY = Display(Loop(Device(mass=0.5, damping=5.0), 1e-3), WALL)
 
 
 def populations(*, log, count=12, seed=2):
@@ -32,7 +31,7 @@ def populations(*, log, count=12, seed=2):
 def test_ranges_hold_their_share_of_drawn_users(log):
     users = populations(log=log)
     omega = np.array([0.1, 10.0, np.sqrt(1000.0), 60.0])
-    plane = DistancePlane.of(warp(omega, 1e-3), DISPLAY.device, "average").flat()
+    plane = DistancePlane.of(DISPLAY.loop.at(omega)).flat()
     ranges = magnitude_ranges(users, plane, 0.9)
     rng = np.random.default_rng(3)
     scores = rng.standard_normal((2, 40_000))
@@ -64,7 +63,7 @@ def test_couplings_are_judged_as_one_by_one():
     some = slice(None, None, 1 if LONG else 3)
     alone = []
     for k, b in zip(stiffness[some], damping[some], strict=True):
-        display = Display(DISPLAY.device, WALL, 1e-3, Coupling(float(k), float(b)))
+        display = Display(DISPLAY.loop, WALL, Coupling(float(k), float(b)))
         evidence = feels_real(display, users, omega, central=0.99, decision=0.95)
         alone.append(evidence.probability)
     np.testing.assert_allclose(together[some], alone, atol=0.02)

@@ -14,8 +14,8 @@ from percept.boundary.confidence import (
 )
 from percept.boundary.feels_real import search_grid
 from percept.errors import RefusalError
-from percept.haptics import Coupling, Device, Environment
-from percept.haptics.records import Display
+from percept.haptics import Coupling, Device, Environment, Loop
+from percept.haptics.perceived import Display
 from percept.haptics.shown import shown_limits
 from percept.inference.classical.central_range import central_range_confidence
 from percept.inference.classical.moments import Moments
@@ -23,7 +23,7 @@ from percept.inference.classical.moments import Moments
 LEVEL, DECISION = 0.99, 0.95
 EDGE = stats.norm.isf(0.5 * (1.0 - LEVEL))
 WALL = Environment(stiffness=500.0, damping=2.0)
-DISPLAY = Display(Device(mass=0.5, damping=5.0), WALL, 1e-3)
+DISPLAY = Display(Loop(Device(mass=0.5, damping=5.0), 1e-3), WALL)
 OMEGA = search_grid(0.1, 100.0, np.array([np.sqrt(500.0 / 0.5)]), np.array([0.05]))
 SDS = np.array([0.15, 0.3])
 

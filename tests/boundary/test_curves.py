@@ -8,6 +8,7 @@ from percept.boundary.curves import drawing_grid
 from percept.haptics import (
     Device,
     Environment,
+    Loop,
     corner_curves,
     magnitude_envelope,
     perceived_impedance,
@@ -17,10 +18,10 @@ from percept.haptics import (
 def drawn(omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """One own curve with a dip at 31.6 rad/s, and an envelope and a pair of corners about it."""
     device, limits = Device(1.0, 5.0), ((800.0, 1200.0), (2.0, 8.0))
-    own = np.abs(perceived_impedance(omega, device, Environment(1000.0, 4.0), 1e-3))[None]
+    own = np.abs(perceived_impedance(Loop(device, 1e-3), omega, Environment(1000.0, 4.0)))[None]
     outlines = [
-        magnitude_envelope(omega, device, *limits, 1e-3),
-        corner_curves(omega, device, *limits, 1e-3),
+        magnitude_envelope(Loop(device, 1e-3), omega, *limits),
+        corner_curves(Loop(device, 1e-3), omega, *limits),
     ]
     return own, np.array(outlines)
 

@@ -17,13 +17,13 @@ from percept.boundary.feels_real import (
     share_error,
 )
 from percept.boundary.users import Users
-from percept.haptics import Coupling, Device, Environment
-from percept.haptics.records import Display
+from percept.haptics import Coupling, Device, Environment, Loop
+from percept.haptics.perceived import Display
 from reports.evidence.throughout import brute_force, random_scene
 
 LEVEL, DECISION = 0.99, 0.95
 WALL = Environment(stiffness=500.0, damping=2.0)
-DISPLAY = Display(Device(mass=0.5, damping=5.0), WALL, 1e-3)
+DISPLAY = Display(Loop(Device(mass=0.5, damping=5.0), 1e-3), WALL)
 OMEGA = search_grid(0.1, 100.0, np.array([np.sqrt(500.0 / 0.5)]), np.array([0.02]))
 
 
@@ -78,7 +78,7 @@ def test_a_wider_boundary_is_no_evidence():
 
 
 def test_a_soft_coupling_shows_another_wall():
-    soft = Display(DISPLAY.device, WALL, 1e-3, Coupling(stiffness=250.0, damping=2.0))
+    soft = Display(DISPLAY.loop, WALL, Coupling(stiffness=250.0, damping=2.0))
     evidence = feels_real(soft, populations(0.0, 0.1), OMEGA, central=LEVEL, decision=DECISION)
     assert judge(evidence.probability, DECISION) == "does not"
 

@@ -14,7 +14,7 @@ from percept.boundary.law import PairLaw, confidence_law, mixture_law
 from percept.boundary.limits import Magnitude
 from percept.boundary.simultaneous import simultaneous_level
 from percept.errors import RefusalError
-from percept.haptics import Device, Environment, perceived_impedance
+from percept.haptics import Device, Environment, Loop, perceived_impedance
 from percept.haptics.perceived import perceived_magnitude
 from percept.inference.sampling.endpoints import mixture_quantile
 from tests import LONG
@@ -64,7 +64,7 @@ def laws() -> list[tuple[PairLaw, np.ndarray]]:
 @pytest.mark.parametrize("device", [DEVICE, Device(0.0, 0.5), Device(20.0, 300.0)], ids=str)
 def test_limits_leave_out_as_many_draws_as_they_say(which: int, device: Device) -> None:
     law, (k, b) = laws()[which]
-    magnitude = Magnitude(law, device, PERIOD, OMEGA)
+    magnitude = Magnitude(law, Loop(device, PERIOD), OMEGA)
     limits = magnitude.limits(0.99)
     # A law that is not drawn is not calibrated.
     together = simultaneous_level(magnitude, 0.99) if law.shares.size else None
@@ -73,7 +73,7 @@ def test_limits_leave_out_as_many_draws_as_they_say(which: int, device: Device) 
     assert (limits.upper <= wide.upper).all()
     error, inside = np.sqrt(0.005 * 0.995 / DRAWS), np.ones(DRAWS, dtype=bool)
     for m, omega in enumerate(OMEGA):
-        curve = perceived_magnitude(omega, device, k, b, PERIOD)
+        curve = perceived_magnitude(Loop(device, PERIOD), omega, k, b)
         assert abs((curve < limits.lower[m]).mean() - 0.005) < 4.5 * error + 1e-4
         assert abs((curve > limits.upper[m]).mean() - 0.005) < 4.5 * error + 1e-4
         inside &= (wide.lower[m] <= curve) & (curve <= wide.upper[m])
@@ -89,11 +89,11 @@ def test_probability_of_a_distance_is_that_of_a_double_integral() -> None:
     mean, sd = np.array([1000.0, 20.0]), np.array([150.0, 4.0])
     law = mixture_law(np.array([mean] * 4), np.array([np.diag(sd**2)] * 4), np.arange(4), "normal")
     omega = np.array([np.sqrt(1000.0), 5.0, 90.0])
-    magnitude = Magnitude(law, DEVICE, PERIOD, omega)
+    magnitude = Magnitude(law, Loop(DEVICE, PERIOD), omega)
     for m, size in ((0, 27.0), (1, 150.0), (2, 80.0)):
         zero = np.array(
             [
-                perceived_impedance(omega[m], DEVICE, Environment(k, b), PERIOD)
+                perceived_impedance(Loop(DEVICE, PERIOD), omega[m], Environment(k, b))
                 for k, b in ((0, 0), (1, 0), (0, 1))
             ]
         )
@@ -138,7 +138,7 @@ def test_stated_error_is_the_scatter_between_sets_of_draws(draw: Callable[..., A
     spread = 1.0 / np.sqrt(2.0 * (sets - 1))
     for seed in range(sets):
         law = mixture_law(*draw(320, seed), np.arange(320) % 16, "lognormal")
-        magnitude = Magnitude(law, DEVICE, PERIOD, omega)
+        magnitude = Magnitude(law, Loop(DEVICE, PERIOD), omega)
         together = simultaneous_level(magnitude, 0.99)
         found.append(
             (magnitude.limits(0.99), magnitude.limits(together.level, together.shifts), together)
@@ -185,7 +185,7 @@ def test_stated_error_of_a_band_is_its_scatter_where_few_draws_are_wide() -> Non
     omega, logs, stated, count = np.array([0.1, 1.0, 3.0, 10.0, 100.0]), [], [], 10
     for seed in range(count):
         law = mixture_law(*wide_draws(4000, seed), np.arange(4000) % 32, "lognormal")
-        magnitude = Magnitude(law, DEVICE, PERIOD, omega)
+        magnitude = Magnitude(law, Loop(DEVICE, PERIOD), omega)
         together = simultaneous_level(magnitude, 0.99)
         limits = magnitude.limits(together.level, together.shifts)
         assert limits.errors is not None
@@ -201,18 +201,18 @@ def test_limits_that_a_law_does_not_determine_are_refused() -> None:
     mean, covariance = mixture()
     far = mixture_law(mean, covariance * 4e4, np.arange(400) % 16, "lognormal")
     with pytest.raises(RefusalError, match=r"a limit may lie beyond 1e\+40 N·s/m"):
-        Magnitude(far, DEVICE, PERIOD, OMEGA).limits(0.99)
+        Magnitude(far, Loop(DEVICE, PERIOD), OMEGA).limits(0.99)
     with pytest.raises(RefusalError, match="no limits at single frequencies hold whole curves"):
-        simultaneous_level(Magnitude(far, DEVICE, PERIOD, OMEGA), 0.99)
+        simultaneous_level(Magnitude(far, Loop(DEVICE, PERIOD), OMEGA), 0.99)
     law = mixture_law(mean, covariance, np.arange(400) % 16, "lognormal")
     with pytest.raises(RefusalError, match=r"determines limits up to the level 0\.99998 only"):
-        Magnitude(law, DEVICE, PERIOD, OMEGA).limits(1.0 - 1e-6)
+        Magnitude(law, Loop(DEVICE, PERIOD), OMEGA).limits(1.0 - 1e-6)
 
 
 def test_the_mass_of_an_environment_moves_its_resonance() -> None:
     law = laws()[0][0]
     found, same = (
-        Magnitude(law, device, PERIOD, OMEGA, mass=mass).limits(0.9)
+        Magnitude(law, Loop(device, PERIOD), OMEGA, mass=mass).limits(0.9)
         for device, mass in ((DEVICE, 0.5), (Device(1.5, 5.0), 0.0))
     )
     # Rigidly joined, half a kilogram is the device's or the environment's.

@@ -6,9 +6,9 @@ import pytest
 from scipy import special
 
 from percept.boundary.users import DiscIntegral, Users, share_within
-from percept.haptics import Device
-from percept.haptics.axis import warp
-from percept.haptics.perceived import DistancePlane, perceived_magnitude
+from percept.haptics import Device, Loop
+from percept.haptics.perceived import perceived_magnitude
+from percept.haptics.plane import DistancePlane
 
 PERIOD = 1e-3
 DEVICE = Device(mass=0.5, damping=5.0)
@@ -33,12 +33,12 @@ def drawn_magnitudes(population, draw, omega, rng):
     k, b = population.mean[:, draw, None] + population.sd[:, draw, None] * scores
     if population.log:
         k, b = np.exp(k), np.exp(b)
-    return perceived_magnitude(omega, DEVICE, k[:, None], b[:, None], PERIOD)
+    return perceived_magnitude(Loop(DEVICE, PERIOD), omega, k[:, None], b[:, None])
 
 
 def disc(k, b, omega=OMEGA):
-    plane = DistancePlane.of(warp(omega, PERIOD), DEVICE, "average").flat()
-    return plane, perceived_magnitude(omega, DEVICE, k, b, PERIOD)
+    plane = DistancePlane.of(Loop(DEVICE, PERIOD).at(omega)).flat()
+    return plane, perceived_magnitude(Loop(DEVICE, PERIOD), omega, k, b)
 
 
 @pytest.mark.parametrize("log", [True, False])

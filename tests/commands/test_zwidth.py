@@ -5,9 +5,7 @@ import numpy as np
 import pytest
 
 from percept.cli import main
-from percept.haptics import Coupling, Device, Environment, needed_damping
-from percept.haptics.loop import Hold
-from percept.study.device import Loop
+from percept.haptics import Coupling, Device, Environment, Loop, needed_damping
 from percept.study.device_draws import DeviceDraws
 from percept.study.rendering import z_width
 
@@ -29,11 +27,11 @@ def test_the_edge_is_printed_and_needs_the_damping_of_the_device(scene, capsys):
     assert main(["zwidth", scene("delay = 1.0"), "--json"]) == 0
     edge = json.loads(capsys.readouterr().out)["edge"]
     walls = Environment(edge["stiffness"], edge["damping"])
-    needed = needed_damping(walls, T, delay=1.0).damping
+    needed = needed_damping(Loop(Device(1.0, 5.0), T, delay=1.0), walls).damping
     assert needed == pytest.approx(np.full(len(edge["stiffness"]), 5.0), rel=1e-8)
     # A coupling with a rigid wall behind it is a wall.
     couplings = Coupling(edge["stiffness"], edge["damping"])
-    rigid = needed_damping(None, T, coupling=couplings, delay=1.0).damping
+    rigid = needed_damping(Loop(Device(1.0, 5.0), T, delay=1.0), None, coupling=couplings).damping
     assert rigid == pytest.approx(needed, rel=1e-12)
     stiffest = edge["stiffness"].index(max(edge["stiffness"]))
     assert edge["stiffest"] == edge["stiffness"][stiffest]
@@ -85,7 +83,7 @@ def test_a_scene_without_a_device_is_refused(tmp_path, capsys):
 
 
 def test_a_device_without_damping_renders_nothing():
-    width = z_width(Device(1.0, 0.0), T, Loop(Hold(delay=1.0), None), {})
+    width = z_width(Loop(Device(1.0, 0.0), T, delay=1.0), {})
     assert width.edge.stiffest == width.edge.most_damping == 0
 
 
@@ -93,10 +91,10 @@ def test_of_a_posterior_95_per_cent_of_devices_render_the_likely_edge():
     rng = np.random.default_rng(4)
     damping = np.exp(rng.normal(np.log(8.0), 0.2, 512))
     draws = DeviceDraws(Device(np.full(512, 1.0), damping))
-    loop = Loop(Hold(delay=0.7), None)
-    width = z_width(Device(1.0, 8.0), T, loop, {}, draws)
+    loop = Loop(Device(1.0, 8.0), T, delay=0.7)
+    width = z_width(loop, {}, draws)
     inner = slice(3, -3, 25)
     walls = Environment(width.likely.stiffness[inner], width.likely.damping[inner])
-    for needed in needed_damping(walls, T, delay=0.7).damping:
+    for needed in needed_damping(loop, walls).damping:
         assert np.mean(damping >= needed * (1 - 1e-9)) == pytest.approx(0.95, abs=0.002)
-    assert z_width(Device(1.0, 8.0), T, loop, {}).likely is None
+    assert z_width(loop, {}).likely is None

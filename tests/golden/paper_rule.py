@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from percept import Study, haptics
-from percept.haptics.containment import ON_LIMIT, Boxes, departures, plane_departures
+from percept.haptics.paper_rule import ON_LIMIT, departure, plane_departure
+from percept.haptics.plane import Boxes
 from percept.study.device import Setup
 
 __all__ = ["by_the_paper_s_rule"]
@@ -25,7 +26,7 @@ def by_the_paper_s_rule(study: Study) -> dict[str, Any]:
     found = {}
     if setup.coupling is not None:
         found |= _memberships(study, setup)
-    if isinstance(setup.device, haptics.Device):
+    if isinstance(setup.loop.device, haptics.Device):
         found |= _devices(study, setup)
     return found
 
@@ -40,20 +41,18 @@ def _memberships(study: Study, setup: Setup) -> dict[str, Any]:
             continue
         labels = region.environment, region.kind, region.family, region.joint
         reference = setup.references[region.environment]
-        shown = haptics.effective_impedance(read_at, reference, setup.coupling, setup.period)
-        for shape in ("corner", "envelope"):
-            boxes = Boxes.of(*region.limits, corners=shape == "corner")
-            verdicts, planes = [], []
-            for coupled in (False, True):
-                display = setup.display(region.environment, coupled=coupled)
-                verdicts.append(departures(display, boxes, *study.parts.within).verdict())
-                plane = plane_departures(display, boxes, *study.parts.within)
-                planes.append(float(plane.largest[0]))
-            name = " ".join(("realism", *labels, shape))
-            found[f"{name} verdict"] = verdicts
-            # Held to 1: a departure near zero keeps its absolute digits only.
-            found[f"{name} plane_departure"] = [*planes, 1.0]
-            found[f"{name} effective"] = [[float(shown.stiffness)], [float(shown.damping)]]
+        shown = haptics.effective_impedance(setup.loop, read_at, reference, setup.coupling)
+        box = Boxes.of(*region.limits)
+        verdicts, planes = [], []
+        for coupled in (False, True):
+            display = setup.display(region.environment, coupled=coupled)
+            verdicts.append(departure(display, box, *study.parts.within).verdict)
+            planes.append(plane_departure(display, box, *study.parts.within).largest)
+        name = " ".join(("realism", *labels, "envelope"))
+        found[f"{name} verdict"] = verdicts
+        # Held to 1: a departure near zero keeps its absolute digits only.
+        found[f"{name} plane_departure"] = [*planes, 1.0]
+        found[f"{name} effective"] = [[float(shown.stiffness)], [float(shown.damping)]]
     return found
 
 
@@ -73,7 +72,7 @@ def _devices(study: Study, setup: Setup) -> dict[str, Any]:
     """Judge 49 devices about the scene's."""
     masses, dampings = (
         [value * times for times in _TIMES] if value else [0.0, *_TIMES[1:]]
-        for value in (float(setup.device.mass), float(setup.device.damping))
+        for value in (float(setup.loop.device.mass), float(setup.loop.device.damping))
     )
     inside = {}
     for kind in study.scene.inference.kinds:
@@ -82,21 +81,17 @@ def _devices(study: Study, setup: Setup) -> dict[str, Any]:
             for place in np.ndindex(counts.shape):
                 device = _varied(setup, masses[place[1]], dampings[place[0]])
                 display = device.display(environment, coupled=setup.coupling is not None)
-                departed = departures(
-                    display, Boxes.of(*limits), *study.parts.within, throughout=True
-                )
-                counts[place] += bool(departed.largest[0] <= ON_LIMIT)
+                departed = departure(display, Boxes.of(*limits), *study.parts.within)
+                counts[place] += departed.largest <= ON_LIMIT
         inside[str(kind)] = counts.tolist()
     needed = None
     verdicts: list[list[str | None]] = [[None] * len(masses) for _ in dampings]
     if setup.coupling is not None:
-        need = haptics.required_damping(setup.coupling, setup.period, hold=setup.hold)
+        need = haptics.required_damping(setup.loop, setup.coupling)
         needed = float(need.damping)
         for i, j in np.ndindex(len(dampings), len(masses)):
-            device = _varied(setup, masses[j], dampings[i]).device
-            stability = haptics.absolute_stability(
-                device, setup.coupling, setup.period, hold=setup.hold
-            )
+            loop = _varied(setup, masses[j], dampings[i]).loop
+            stability = haptics.absolute_stability(loop, setup.coupling)
             verdicts[i][j] = stability.verdict
     return {
         "sensitivity required_damping": needed,
@@ -106,5 +101,4 @@ def _devices(study: Study, setup: Setup) -> dict[str, Any]:
 
 
 def _varied(setup: Setup, mass: float, damping: float) -> Setup:
-    device = dataclasses.replace(setup.device, mass=mass, damping=damping)
-    return dataclasses.replace(setup, device=device)
+    return setup.with_device(dataclasses.replace(setup.loop.device, mass=mass, damping=damping))

@@ -60,7 +60,7 @@ def test_what_was_renamed_is_found_under_its_old_name(monkeypatch):
     [
         ("exact", "intervals[VE1 k mean classical normal marginal]", EXACT),
         ("exact", "coupling.eq10_margin", EXACT),
-        ("exact", "rule realism VE1 mean normal marginal corner effective", EXACT),
+        ("exact", "rule realism VE1 mean normal marginal envelope effective", EXACT),
         ("exact", "sensitivity.verdicts[VE1 2]", POINTWISE),
         ("curves", "envelope VE1 user lognormal hotelling", EXACT),
         ("curves", "pointwise VE1 user lognormal joint", POINTWISE),

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from percept.haptics import Coupling, required_damping_at
+from percept.haptics import Coupling, Device, Loop, required_damping_at
 from reports.benchmark import twins as twin
 from reports.benchmark.digits_haptics import PROMISE, QUANTITIES, Inputs, error_of, haptics_digits
 from tests import LONG
@@ -64,7 +64,9 @@ def test_plain_complex_arithmetic_would_be_caught():
     naive = (1 - np.cos(np.angle(zoh))) * abs(zoh) / (2 * (1 / z_c).real)
     exact = twin.required_at(twin.coupling_backward, twin.hold_average)
     assert twin.error_over_condition(naive, exact, values) > 0.1
-    ours = required_damping_at(values["omega"], Coupling(110e3, 100.0), 1e-3)
+    ours = required_damping_at(
+        Loop(Device(0.0, 0.0), 1e-3), values["omega"], Coupling(110e3, 100.0)
+    )
     assert twin.error_over_condition(float(ours), exact, values) < 1e-15
     assert f"{float(ours):.15g}" == "4.87903225806452"
     assert float(ours) == pytest.approx(4.879032258064516, rel=1e-15)

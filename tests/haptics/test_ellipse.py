@@ -7,6 +7,7 @@ import pytest
 from percept.haptics import (
     Device,
     Environment,
+    Loop,
     corner_curves,
     perceived_impedance,
 )
@@ -104,7 +105,7 @@ def test_ends_are_the_stationary_points_on_the_edge():
     inside = 0
     for omega, device, centre, shape, radius, period in random_ellipses(60, 11):
         lower, upper = magnitude_envelope_ellipse(
-            omega, device, Ellipse(centre, shape, radius), period
+            Loop(device, period), omega, Ellipse(centre, shape, radius)
         )
         nearest, farthest, holds_origin, size = quartic(
             omega, device, centre, shape, radius, period
@@ -136,8 +137,10 @@ def test_flat_ellipses_are_segments_and_points(shape):
     u = np.linspace(-1, 1, 200_001)
     # A correlation that is one in decimals is off by √eps in the square root of 1 − ρ².
     k, b = 15.0 + 2 * np.sqrt(shape[0][0]) * u, 0.7 + 2 * np.sqrt(shape[1][1]) * u
-    seen = perceived_magnitude(omega[:, None], DEVICE, k, b, T)
-    lower, upper = magnitude_envelope_ellipse(omega, DEVICE, Ellipse((15.0, 0.7), shape, 2.0), T)
+    seen = perceived_magnitude(Loop(DEVICE, T), omega[:, None], k, b)
+    lower, upper = magnitude_envelope_ellipse(
+        Loop(DEVICE, T), omega, Ellipse((15.0, 0.7), shape, 2.0)
+    )
     np.testing.assert_allclose(upper, seen.max(axis=1), rtol=1e-7)
     np.testing.assert_allclose(lower, seen.min(axis=1), rtol=1e-6)
 
@@ -162,9 +165,11 @@ def test_log_ellipse_against_its_curve_and_its_inside(ellipse_edge):
         cross = rng.uniform(-0.95, 0.95) * sd[0] * sd[1]
         shape = np.array([[sd[0] ** 2, cross], [cross, sd[1] ** 2]])
         lower, upper = magnitude_envelope_ellipse(
-            omega, device, Ellipse(centre, shape, 1.5, log=True), T
+            Loop(device, T), omega, Ellipse(centre, shape, 1.5, log=True)
         )
-        edge = perceived_magnitude(omega, device, *np.exp(ellipse_edge(centre, shape, 1.5)), T)
+        edge = perceived_magnitude(
+            Loop(device, T), omega, *np.exp(ellipse_edge(centre, shape, 1.5))
+        )
         assert upper >= edge.max() * (1 - 1e-13)
         assert upper == pytest.approx(edge.max(), rel=1e-6)
         radii = np.sqrt(rng.uniform(0, 1, 20_000))
@@ -172,7 +177,7 @@ def test_log_ellipse_against_its_curve_and_its_inside(ellipse_edge):
             np.array(centre)[:, None]
             + (ellipse_edge(centre, shape, 1.5, 20_000) - centre[:, None]) * radii
         )
-        filled = perceived_magnitude(omega, device, *np.exp(within), T)
+        filled = perceived_magnitude(Loop(device, T), omega, *np.exp(within))
         assert lower <= min(edge.min(), filled.min()) * (1 + 1e-12)
         if lower == 0:
             held += 1
@@ -193,10 +198,10 @@ def test_log_ellipse_is_not_beaten_anywhere_on_its_edge(ellipse_edge):
         cross = (rng.uniform(-0.99, 0.99) if index % 5 else 1 - 1e-10) * sd.prod()
         shape = np.array([[sd[0] ** 2, cross], [cross, sd[1] ** 2]])
         lower, upper = magnitude_envelope_ellipse(
-            omega, device, Ellipse(centre, shape, 2.0, log=True), T
+            Loop(device, T), omega, Ellipse(centre, shape, 2.0, log=True)
         )
         edge = perceived_magnitude(
-            omega, device, *np.exp(ellipse_edge(centre, shape, 2.0, 20_000)), T
+            Loop(device, T), omega, *np.exp(ellipse_edge(centre, shape, 2.0, 20_000))
         )
         assert np.all(lower[:, 0] <= edge.min(axis=1) * (1 + 1e-11))
         assert np.all(upper[:, 0] >= edge.max(axis=1) * (1 - 1e-13))
@@ -205,10 +210,9 @@ def test_log_ellipse_is_not_beaten_anywhere_on_its_edge(ellipse_edge):
 
 def test_log_ellipse_at_the_ends_and_by_broadcasting():
     lower, upper = magnitude_envelope_ellipse(
+        Loop(Device([[0.0], [1.0]], 5.0), T),
         [0.0, np.pi / T],
-        Device([[0.0], [1.0]], 5.0),
         Ellipse((1.0, 1.0), np.eye(2), 1.0, log=True),
-        T,
     )
     np.testing.assert_array_equal(lower, [[np.inf, 5.0], [np.inf, np.inf]])
     np.testing.assert_array_equal(upper, [[np.inf, 5.0], [np.inf, np.inf]])
@@ -224,9 +228,9 @@ def test_a_mass_of_the_environment_moves_every_curve(hold, ellipse_edge):
     )
     edge = ellipse_edge(centre, shape, 1.5)
     around = Environment(edge[0], edge[1], mass)
-    felt = np.abs(perceived_impedance(omega[:, None], DEVICE, around, T, hold=hold))
+    felt = np.abs(perceived_impedance(Loop(DEVICE, T, hold), omega[:, None], around))
     lower, upper = magnitude_envelope_ellipse(
-        omega, DEVICE, Ellipse(centre, shape, 1.5), T, mass=mass, hold=hold
+        Loop(DEVICE, T, hold), omega, Ellipse(centre, shape, 1.5), mass=mass
     )
     np.testing.assert_allclose(upper, felt.max(axis=1), rtol=1e-6)
     np.testing.assert_allclose(lower, felt.min(axis=1), rtol=1e-4)
@@ -234,15 +238,15 @@ def test_a_mass_of_the_environment_moves_every_curve(hold, ellipse_edge):
     edge = np.exp(ellipse_edge(np.log(centre), small, 1.5))
     felt = np.abs(
         perceived_impedance(
-            omega[:, None], DEVICE, Environment(edge[0], edge[1], mass), T, hold=hold
+            Loop(DEVICE, T, hold), omega[:, None], Environment(edge[0], edge[1], mass)
         )
     )
     lower, upper = magnitude_envelope_ellipse(
-        omega, DEVICE, Ellipse(np.log(centre), small, 1.5, log=True), T, mass=mass, hold=hold
+        Loop(DEVICE, T, hold), omega, Ellipse(np.log(centre), small, 1.5, log=True), mass=mass
     )
     np.testing.assert_allclose(upper, felt.max(axis=1), rtol=1e-6)
     np.testing.assert_allclose(lower, felt.min(axis=1), rtol=1e-4)
-    ends = corner_curves(omega, DEVICE, (800, 1000), (2, 4), T, mass=mass, hold=hold)
+    ends = corner_curves(Loop(DEVICE, T, hold), omega, (800, 1000), (2, 4), mass=mass)
     for curve, k, b in zip(ends, (800, 1000), (2, 4), strict=True):
-        felt = np.abs(perceived_impedance(omega, DEVICE, Environment(k, b, mass), T, hold=hold))
+        felt = np.abs(perceived_impedance(Loop(DEVICE, T, hold), omega, Environment(k, b, mass)))
         np.testing.assert_allclose(curve, felt, rtol=1e-12)

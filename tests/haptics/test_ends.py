@@ -11,6 +11,7 @@ from percept.haptics import (
     Coupling,
     Device,
     Environment,
+    Loop,
     Mode,
     absolute_stability,
     coupling_impedance,
@@ -26,14 +27,13 @@ from percept.haptics import (
     stability_margin,
 )
 from percept.haptics.arrays import complex_from
-from percept.haptics.axis import warp
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.haptics.impedance import coupling_admittance
-from percept.haptics.limits import stiffness_limits
 from percept.haptics.perceived import perceived_magnitude
 from reports.benchmark import twins as twin
 
 NYQUIST = np.pi / 1e-3
+LOOP = Loop(Device(0.0, 0.0), 1e-3)
 
 
 def near(values, theta):
@@ -56,8 +56,10 @@ def near(values, theta):
 
 def in_series(omega, environment, coupling, period):
     """Z_eff of the stiffness and damping shown."""
-    stiffness, damping = effective_impedance(omega, environment, coupling, period)
-    return complex_from(damping, warp(omega, period).spring(stiffness))
+    stiffness, damping = effective_impedance(
+        Loop(Device(0.0, 0.0), period), omega, environment, coupling
+    )
+    return complex_from(damping, Loop(Device(0.0, 0.0), period).at(omega).spring(stiffness))
 
 
 ZERO_PATTERNS = [
@@ -96,8 +98,8 @@ def test_coupled_forms_have_their_limits_whatever_is_absent(zeros, end):
     device = Device(values["m"], values["b_d"])
     ours = {
         "eff": in_series(omega, environment, coupling, 1e-3),
-        "vc": perceived_impedance(omega, device, environment, 1e-3, coupling=coupling),
-        "h": perceived_impedance(omega, device, environment, 1e-3),
+        "vc": perceived_impedance(Loop(device, 1e-3), omega, environment, coupling=coupling),
+        "h": perceived_impedance(Loop(device, 1e-3), omega, environment),
     }
     for name, value in ours.items():
         for part, expected in ((value.real, limit[name].real), (value.imag, limit[name].imag)):
@@ -110,7 +112,7 @@ def test_coupled_forms_have_their_limits_whatever_is_absent(zeros, end):
 def test_effective_stiffness_has_its_limits():
     environment, coupling = Environment(1000.0, 2.0, 0.3), Coupling(5e4, 80.0)
     omega = [0.0, 1e-5, NYQUIST * (1 - 1e-9), NYQUIST]
-    stiffness, _ = effective_impedance(omega, environment, coupling, 1e-3)
+    stiffness, _ = effective_impedance(LOOP, omega, environment, coupling)
     assert stiffness[0] == pytest.approx(1000 * 5e4 / 51000, rel=1e-14)
     assert stiffness[1] == pytest.approx(stiffness[0], rel=1e-12)
     # Next to Nyquist the environment's mass is immovable and takes b_c²/m off the coupling's
@@ -125,7 +127,7 @@ def test_hold_keeps_its_digits_next_to_nyquist():
         half = [mpmath.mpf(float(angle)) / 2 for angle in theta]
         exact = [mpmath.cos(h) * mpmath.expj(-h) for h in half]
         parts = np.array([[float(value.real), float(value.imag)] for value in exact])
-    found = hold(theta, 1.0)
+    found = hold(Loop(Device(0.0, 0.0), 1.0), theta)
     np.testing.assert_allclose(
         np.transpose([found.real, found.imag]), parts, rtol=1e-15
     )  # a few roundings
@@ -137,7 +139,7 @@ def test_beside_an_undamped_resonance_the_stiffness_is_that_of_springs_in_series
     environment, coupling = Environment(1000.0, 0.0, mass=0.5), Coupling(5000.0, 0.0)
     pole = 2 / period * np.arctan(np.sqrt(6000 / 0.5) * period / 2)
     omega = pole + np.arange(-2000, 2001) * np.spacing(pole)
-    found, _ = effective_impedance(omega, environment, coupling, period)
+    found, _ = effective_impedance(Loop(Device(0.0, 0.0), period), omega, environment, coupling)
     rate = 2 / period * np.tan(omega * period / 2)
     own = 1000.0 - 0.5 * rate**2
     with np.errstate(divide="ignore"):
@@ -152,60 +154,63 @@ def test_an_undamped_resonance_of_mass_and_coupling_is_infinite():
     omega = np.linspace(0.1, 3.0, 4001)
     # Z_c is -Z_e to the last digits, and at hundreds of these omega to the very last.
     mass, spring = Environment(0.0, 0.0, 1.0), Coupling((2 * np.tan(omega / 2)) ** 2, 0.0)
-    stiffness, _ = effective_impedance(omega, mass, spring, 1.0)
+    stiffness, _ = effective_impedance(Loop(Device(0.0, 0.0), 1.0), omega, mass, spring)
     assert np.isinf(stiffness).sum() > 100
     assert not np.isnan(in_series(omega, mass, spring, 1.0)).any()
 
 
 def test_stiffness_and_mass_are_infinite_where_they_should_be():
-    value = environment_impedance([0.0, NYQUIST], Environment(10.0, 1.0, 0.1), 1e-3)
+    value = environment_impedance(LOOP, [0.0, NYQUIST], Environment(10.0, 1.0, 0.1))
     np.testing.assert_array_equal(value.real, [1.0, 1.0])
     np.testing.assert_array_equal(value.imag, [-np.inf, np.inf])
-    assert coupling_impedance(0.0, Coupling(10.0, 1.0), 1e-3).imag == -np.inf
-    assert coupling_admittance(0.0, Coupling(10.0, 1.0), 1e-3) == 0
-    assert coupling_admittance(1.0, Coupling(0.0, 0.0), 1e-3).real == np.inf
+    assert coupling_impedance(LOOP, 0.0, Coupling(10.0, 1.0)).imag == -np.inf
+    assert coupling_admittance(LOOP, 0.0, Coupling(10.0, 1.0)) == 0
+    assert coupling_admittance(LOOP, 1.0, Coupling(0.0, 0.0)).real == np.inf
 
 
 def test_nyquist_is_a_few_ulp_wide_and_a_hard_wall():
     device = Device(1.0, 5.0)
     for ulps in (-4, -1, 0, 1):
         omega = np.pi + ulps * np.spacing(np.pi)
-        assert device_impedance(omega, device, 1.0).imag == np.inf
+        assert device_impedance(Loop(device, 1.0), omega).imag == np.inf
     below = np.pi - 6 * np.spacing(np.pi)
-    assert np.isfinite(device_impedance(below, device, 1.0))
+    assert np.isfinite(device_impedance(Loop(device, 1.0), below))
     for beyond in (np.pi + 6 * np.spacing(np.pi), -4.0):
         with pytest.raises(
             UsageError,
             match=r"omega is above the Nyquist frequency, 3\.14.* rad/s at a period of 1 s",
         ):
-            device_impedance(beyond, device, 1.0)
+            device_impedance(Loop(device, 1.0), beyond)
 
 
 @pytest.mark.parametrize("period", [0.0, -1e-3, np.nan, np.inf, [1e-3, 2e-3], "1 ms"])
 def test_period_is_one_positive_number(period):
     with pytest.raises(UsageError, match="period must be"):
-        device_impedance(1.0, Device(1.0, 5.0), period)
+        device_impedance(Loop(Device(1.0, 5.0), period), 1.0)
 
 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: hold(np.nan, 1e-3), "omega must be finite"),
-        (lambda: hold(1.0, 1e-3, kind="zoh"), "hold must be one of 'average', 'true'"),
+        (lambda: hold(LOOP, np.nan), "omega must be finite"),
         (
-            lambda: coupling_impedance(1.0, Coupling(1, 1), 1e-3, discretization="euler"),
+            lambda: hold(Loop(Device(0.0, 0.0), 1e-3, "zoh"), 1.0),
+            "hold must be one of 'average', 'true'",
+        ),
+        (
+            lambda: coupling_impedance(LOOP, 1.0, Coupling(1, 1), discretization="euler"),
             "discretization must be one of 'tustin', 'backward'",
         ),
         (
-            lambda: perceived_magnitude(1.0, Device(1, 1), np.nan, 0.0, 1e-3),
+            lambda: perceived_magnitude(Loop(Device(1, 1), 1e-3), 1.0, np.nan, 0.0),
             "stiffness must be finite",
         ),
         (
-            lambda: perceived_magnitude(1.0, Device(1, 1), -np.inf, 0.0, 1e-3),
+            lambda: perceived_magnitude(Loop(Device(1, 1), 1e-3), 1.0, -np.inf, 0.0),
             r"stiffness must be finite and at most 1e\+100",
         ),
         (
-            lambda: perceived_magnitude(1.0, Device(1, 1), -1e101, 0.0, 1e-3),
+            lambda: perceived_magnitude(Loop(Device(1, 1), 1e-3), 1.0, -1e101, 0.0),
             r"stiffness must be finite and at most 1e\+100",
         ),
     ],
@@ -231,26 +236,18 @@ parameter = st.one_of(st.just(0.0), st.floats(1e-15, 1e15))
 def test_never_nan_and_negative_omega_is_the_conjugate(log_period, place, p, kind, discretization):
     period = 10**log_period
     omega = np.pi / period * place
-    device = Device(p[0], p[1], (Mode(p[2], p[3], p[4]),))
+    loop = Loop(Device(p[0], p[1], (Mode(p[2], p[3], p[4]),)), period, kind)
     environment, coupling = Environment(p[5], p[6], p[7]), Coupling(p[8], p[9])
-    options = {"hold": kind}
+    options = {"discretization": discretization}
 
     def complex_values(omega):
         return [
-            device_impedance(omega, device, period),
-            environment_impedance(omega, environment, period),
-            coupling_impedance(omega, coupling, period, discretization=discretization),
-            coupling_admittance(omega, coupling, period, discretization=discretization),
-            perceived_impedance(omega, device, environment, period, **options),
-            perceived_impedance(
-                omega,
-                device,
-                environment,
-                period,
-                coupling=coupling,
-                discretization=discretization,
-                **options,
-            ),
+            device_impedance(loop, omega),
+            environment_impedance(loop, omega, environment),
+            coupling_impedance(loop, omega, coupling, **options),
+            coupling_admittance(loop, omega, coupling, **options),
+            perceived_impedance(loop, omega, environment),
+            perceived_impedance(loop, omega, environment, coupling=coupling, **options),
         ]
 
     values = complex_values(omega)
@@ -259,20 +256,17 @@ def test_never_nan_and_negative_omega_is_the_conjugate(log_period, place, p, kin
         np.testing.assert_array_equal(complex_values(-omega), np.conj(values))
     box = (-p[5], p[8]), (-p[6], p[9])
     shape = [[p[5] ** 2, 0.0], [0.0, p[6] ** 2]]
+    need = required_damping(loop, coupling, **options)
+    rigid = Loop(Device(0.0, p[1]), period, kind)
     numbers = [
-        perceived_magnitude(omega, device, -p[5], p[6], period, mass=p[7], **options),
-        *magnitude_envelope(omega, device, *box, period, mass=p[7], **options),
-        *magnitude_envelope_ellipse(
-            omega, device, Ellipse((p[8], p[9]), shape, 1.5), period, **options
-        ),
-        required_damping_at(omega, coupling, period, discretization=discretization, **options),
-        stability_margin(omega, device, coupling, period, discretization=discretization, **options),
-        required_damping(coupling, period, discretization=discretization, **options).damping,
-        required_damping(coupling, period, discretization=discretization, **options).omega,
-        max_coupling_stiffness(p[1], p[9], period, discretization=discretization, **options),
-        stiffness_limits(omega, device, np.float64(p[9]), period, options["hold"]),
-        absolute_stability(
-            device, coupling, period, discretization=discretization, **options
-        ).smallest_margin,
+        perceived_magnitude(loop, omega, -p[5], p[6], mass=p[7]),
+        *magnitude_envelope(loop, omega, *box, mass=p[7]),
+        *magnitude_envelope_ellipse(loop, omega, Ellipse((p[8], p[9]), shape, 1.5)),
+        required_damping_at(loop, omega, coupling, **options),
+        stability_margin(loop, omega, coupling, **options),
+        need.damping,
+        need.omega,
+        max_coupling_stiffness(rigid, p[9], **options),
+        absolute_stability(loop, coupling, **options).smallest_margin,
     ]
     assert not np.isnan(numbers).any()

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from percept.haptics import Device, Mode, corner_curves, magnitude_envelope
+from percept.haptics import Device, Loop, Mode, corner_curves, magnitude_envelope
 from percept.haptics.envelope import corner_crossings
 from percept.haptics.perceived import perceived_magnitude
 
@@ -30,7 +30,7 @@ def test_against_a_million_points_of_the_box(limits, mass, plain_impedance):
     b = np.linspace(b_low, b_high, 1000)
     for omega in (0.1, 11.4, 31.7, 99.8, 700.0, 3000.0):
         seen = np.abs(plain_impedance(omega, device, k, b, mass))
-        lower, upper = magnitude_envelope(omega, device, *limits, T, mass=mass)
+        lower, upper = magnitude_envelope(Loop(device, T), omega, *limits, mass=mass)
         assert lower <= seen.min() * (1 + 1e-12)
         assert upper >= seen.max() * (1 - 1e-12)
         # One cell of the grid away at most.
@@ -53,12 +53,12 @@ interval = st.tuples(st.floats(-1e4, 1e4), st.floats(0, 1e4)).map(lambda p: (p[0
 )
 def test_no_point_and_no_corner_lies_outside(k, b, omega, mass, share, kind):
     device = Device(mass, 5.0, (Mode(0.05, 2e4, 0.3),))
-    lower, upper = magnitude_envelope(omega, device, k, b, T, hold=kind)
+    lower, upper = magnitude_envelope(Loop(device, T, kind), omega, k, b)
     inside = [low + part * (high - low) for (low, high), part in zip((k, b), share, strict=True)]
     inside = [min(value, high) for value, (_, high) in zip(inside, (k, b), strict=True)]
     values = [
-        perceived_magnitude(omega, device, *inside, T, hold=kind),
-        *corner_curves(omega, device, k, b, T, hold=kind),
+        perceived_magnitude(Loop(device, T, kind), omega, *inside),
+        *corner_curves(Loop(device, T, kind), omega, k, b),
     ]
     size = upper * 1e-14
     assert all(lower - size <= value <= upper + size for value in values)
@@ -69,13 +69,15 @@ def test_no_point_and_no_corner_lies_outside(k, b, omega, mass, share, kind):
 )
 def test_published_corner_curves_cross(limits, omega):
     device = Device(1.0, 5.0)
-    (crossing,) = corner_crossings(device, *limits, T)
+    (crossing,) = corner_crossings(Loop(device, T), *limits)
     assert f"{crossing:.3g}" in (omega, "99.8")
-    at_low, at_high = corner_curves(crossing * np.array([0.99, 1.0, 1.01]), device, *limits, T)
+    at_low, at_high = corner_curves(
+        Loop(device, T), crossing * np.array([0.99, 1.0, 1.01]), *limits
+    )
     assert at_low[0] < at_high[0]
     assert at_low[1] == pytest.approx(at_high[1], rel=1e-12)
     assert at_low[2] > at_high[2]
-    lower, upper = magnitude_envelope(crossing, device, *limits, T)
+    lower, upper = magnitude_envelope(Loop(device, T), crossing, *limits)
     assert lower < at_low[1] < upper
 
 
@@ -86,14 +88,14 @@ def test_crossings_are_all_there_are():
         device = Device(*10 ** rng.uniform(-2, 1, 2))
         k_low, b_low = rng.normal(0, [3e3, 3.0])
         k, b = (k_low, k_low + 10 ** rng.uniform(0, 4)), (b_low, b_low + 10 ** rng.uniform(-1, 1))
-        found = corner_crossings(device, k, b, T)
-        low, high = corner_curves(omega, device, k, b, T)
+        found = corner_crossings(Loop(device, T), k, b)
+        low, high = corner_curves(Loop(device, T), omega, k, b)
         seen = omega[:-1][np.diff(np.sign(high - low)) != 0]
         expected = found[(found > omega[0]) & (found < omega[-1])]
         np.testing.assert_allclose(seen, expected, atol=2 * (omega[1] - omega[0]))
 
 
 def test_no_crossing_without_mass_or_width():
-    assert corner_crossings(Device(0.0, 5.0), *TABLE_1[0], T).size == 0
-    assert corner_crossings(Device(1.0, 5.0), (5.0, 5.0), (1.0, 1.0), T).size == 0
-    assert corner_crossings(Device(0.0, 0.0), (1.0, 1.0), (1.0, 2.0), T).size == 0
+    assert corner_crossings(Loop(Device(0.0, 5.0), T), *TABLE_1[0]).size == 0
+    assert corner_crossings(Loop(Device(1.0, 5.0), T), (5.0, 5.0), (1.0, 1.0)).size == 0
+    assert corner_crossings(Loop(Device(0.0, 0.0), T), (1.0, 1.0), (1.0, 2.0)).size == 0

@@ -11,6 +11,7 @@ from percept.haptics import (
     Coupling,
     Device,
     Environment,
+    Loop,
     Mode,
     TabulatedDevice,
     device_impedance,
@@ -86,14 +87,14 @@ def test_tables_refuse(omega, impedance, message):
 
 def test_table_is_linear_between_rows_and_conjugate_for_negative_omega():
     table = TabulatedDevice([10.0, 20.0], [2 + 4j, 4 + 10j])
-    np.testing.assert_allclose(device_impedance([15.0, -15.0], table, 1e-3), [3 + 7j, 3 - 7j])
+    np.testing.assert_allclose(device_impedance(Loop(table, 1e-3), [15.0, -15.0]), [3 + 7j, 3 - 7j])
 
 
 @pytest.mark.parametrize("omega", [9.99, 20.01, -25.0, 0.0])
 def test_table_is_never_extrapolated(omega):
     table = TabulatedDevice([10.0, 20.0], [2 + 4j, 4 + 10j])
     with pytest.raises(UsageError, match=r"covers 10 to 20 rad/s only.*nothing is extrapolated"):
-        perceived_magnitude(omega, table, 100.0, 1.0, 1e-3)
+        perceived_magnitude(Loop(table, 1e-3), omega, 100.0, 1.0)
 
 
 def test_records_keep_their_own_copies():
@@ -106,7 +107,7 @@ def test_records_keep_their_own_copies():
     impedance = np.ones(2, dtype=complex)
     table = TabulatedDevice([1.0, 2.0], impedance)
     impedance[0] = 7.0
-    assert device_impedance(1.0, table, 1e-3) == 1.0
+    assert device_impedance(Loop(table, 1e-3), 1.0) == 1.0
 
 
 def test_numbers_compare_as_numbers():
@@ -115,21 +116,21 @@ def test_numbers_compare_as_numbers():
 
 
 def test_limits_may_be_negative_but_not_reversed():
-    magnitude_envelope(1.0, Device(1, 5), (-10.0, 5.0), (-1.0, 1.0), 1e-3)
+    magnitude_envelope(Loop(Device(1, 5), 1e-3), 1.0, (-10.0, 5.0), (-1.0, 1.0))
     with pytest.raises(UsageError, match="lower limit of stiffness is above its upper"):
-        magnitude_envelope(1.0, Device(1, 5), (5.0, -10.0), (-1.0, 1.0), 1e-3)
+        magnitude_envelope(Loop(Device(1, 5), 1e-3), 1.0, (5.0, -10.0), (-1.0, 1.0))
     with pytest.raises(UsageError, match=r"limits of damping must be a pair"):
-        magnitude_envelope(1.0, Device(1, 5), (-10.0, 5.0), 1.0, 1e-3)
+        magnitude_envelope(Loop(Device(1, 5), 1e-3), 1.0, (-10.0, 5.0), 1.0)
 
 
-@pytest.mark.parametrize("choice", ["hold", "discretization"])
-def test_who_takes_a_choice_says_that_an_unknown_one_is_refused(choice):
+def test_who_takes_a_discretization_says_that_an_unknown_one_is_refused():
     takes = [
         function
         for function in (getattr(haptics, name) for name in haptics.__all__)
-        if inspect.isfunction(function) and choice in inspect.signature(function).parameters
+        if inspect.isfunction(function)
+        and "discretization" in inspect.signature(function).parameters
     ]
     assert len(takes) >= 8
     for function in takes:
         raises = function.__doc__.partition("Raises")[2]
-        assert choice in raises or "As `" in raises, function.__name__
+        assert "discretization" in raises or "As `" in raises, function.__name__

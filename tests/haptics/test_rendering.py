@@ -1,5 +1,7 @@
 """What a sampled loop renders with every passive hand: closed forms, motion in time, any device."""
 
+import dataclasses
+
 import mpmath as mp
 import numpy as np
 import pytest
@@ -11,15 +13,17 @@ from percept.haptics import (
     Coupling,
     Device,
     Environment,
+    Loop,
     Mode,
     TabulatedDevice,
+    VelocityFilter,
     coupling_impedance,
+    effective_impedance,
     environment_impedance,
     perceived_impedance,
 )
 from percept.haptics.aliases import aliases
-from percept.haptics.axis import warp
-from percept.haptics.loop import Hold
+from percept.haptics.impedance import filter_response
 from percept.haptics.rendering import (
     can_render,
     needed_damping,
@@ -27,33 +31,32 @@ from percept.haptics.rendering import (
     rendering_load,
     rendering_margins,
 )
-from percept.haptics.velocity import VelocityFilter, filter_response, filtered_damper
 from reports.evidence.loop import (
     PERIOD,
     Hand,
-    Loop,
+    Motion,
     device_impedance_in_time,
     not_tight,
     outcome,
-    random_loop,
+    random_motion,
     transfer,
 )
 from tests import LONG
 
 T = PERIOD
+LOOP = Loop(Device(1.0, 1.0), T)
 SOFT = Environment(1e3, 1.0)
 STIFFNESS = np.array([10.0, 1e3, 1e4, 25e3, 50e3])
 DAMPING = np.array([0.1, 1.0, 10.0, 25.0, 50.0])
 ANGLES = np.concatenate([np.geomspace(1e-3, 0.1, 60), np.linspace(0.1, np.pi, 900)])
 
 
-def asked(loop, angles=ANGLES):
+def asked(motion, angles=ANGLES):
     """Damping that each angle ωT asks of a rigid device, from H(z) as a fraction in z⁻¹."""
     z = np.exp(1j * angles)
-    top, bottom = transfer(loop)
+    top, bottom = transfer(motion)
     force = np.polyval(top[::-1], 1 / z) / np.polyval(bottom[::-1], 1 / z)
-    whole = np.floor(loop.delay)
-    fraction = loop.delay - whole
+    fraction, whole = np.modf(motion.loop.delay)
     sine = np.sin(angles / 2)
     one = T * (1 - 1 / z) * force * z**-whole / (4 * sine**2)
     turn = (1 - fraction) + fraction / z
@@ -65,8 +68,8 @@ def asked(loop, angles=ANGLES):
 
 def test_published_environments_directly_and_through_the_coupling():
     walls = Environment(STIFFNESS, DAMPING)
-    directly = needed_damping(walls, T)
-    coupled = needed_damping(walls, T, coupling=Coupling(50e3, 100.0))
+    directly = needed_damping(LOOP, walls)
+    coupled = needed_damping(LOOP, walls, coupling=Coupling(50e3, 100.0))
     assert [f"{value:.4g}" for value in directly.damping] == ["0.105", "1.5", "15", "37.5", "75"]
     assert [f"{value:.3g}" for value in coupled.damping] == [
         "0.105",
@@ -76,17 +79,19 @@ def test_published_environments_directly_and_through_the_coupling():
         "46.9",
     ]
     assert coupled.omega == pytest.approx(np.full(5, np.pi / T))
-    rigid = needed_damping(None, T, coupling=Coupling([160e3, 50e3, 110e3], [24.0, 100.0, 100.0]))
+    rigid = needed_damping(
+        LOOP, None, coupling=Coupling([160e3, 50e3, 110e3], [24.0, 100.0, 100.0])
+    )
     assert rigid.damping == pytest.approx([104.0, 125.0, 155.0], rel=1e-15)
 
 
 def test_a_coupling_that_meets_eq_10_diverges_against_a_rigid_wall():
     device = Device(1.0, 20.3)
     coupling = Coupling(160e3, 24.0)
-    assert Loop(device, None, coupling).growth(Hand()) == pytest.approx(1.0185, abs=5e-5)
-    found = can_render(device, None, T, coupling=coupling)
+    assert Motion(Loop(device, T), None, coupling).growth(Hand()) == pytest.approx(1.0185, abs=5e-5)
+    found = can_render(Loop(device, T), None, coupling=coupling)
     assert (found.verdict, found.needed_damping) == ("cannot", pytest.approx(104.0))
-    assert rendered_region(device, T).stiffness[0] == pytest.approx(40_600.0, rel=1e-14)
+    assert rendered_region(Loop(device, T)).stiffness[0] == pytest.approx(40_600.0, rel=1e-14)
 
 
 def test_closed_forms_are_the_most_that_any_angle_asks_for():
@@ -97,8 +102,8 @@ def test_closed_forms_are_the_most_that_any_angle_asks_for():
         mass = float(10 ** rng.uniform(-4, 0))
         ways = [(Environment(wall.stiffness, wall.damping, mass), None), (None, coupling)]
         environment, joined = (*ways, (wall, coupling))[case % 3]
-        seen = asked(Loop(Device(1.0, 1.0), environment, joined))
-        needed = needed_damping(environment, T, coupling=joined).damping
+        seen = asked(Motion(LOOP, environment, joined))
+        needed = needed_damping(LOOP, environment, coupling=joined).damping
         assert needed == pytest.approx(seen[-1], rel=1e-12)
         assert (seen[:-1] <= needed * (1 + 1e-9)).all()
 
@@ -106,12 +111,9 @@ def test_closed_forms_are_the_most_that_any_angle_asks_for():
 def test_searches_find_the_most_that_any_angle_asks_for():
     rng = np.random.default_rng(8)
     for _ in range(24):
-        drawn = random_loop(rng)
-        loop = Loop(Device(1.0, 1.0), drawn.environment, drawn.coupling, drawn.delay)
-        needed = needed_damping(
-            loop.environment, T, coupling=loop.coupling, delay=loop.delay
-        ).damping
-        seen = asked(loop).max()
+        drawn = random_motion(rng)
+        needed = needed_damping(drawn.loop, drawn.environment, coupling=drawn.coupling).damping
+        seen = asked(drawn).max()
         assert needed >= seen * (1 - 1e-6)
         assert needed == pytest.approx(seen, rel=2e-2)
 
@@ -170,19 +172,21 @@ def test_what_a_flexible_device_dissipates_at_all_aliases(fraction):
         modes = [Mode(*(10 ** rng.uniform([-2, 1, -2], [0.5, 9, 2]))) for _ in range(count)]
         device = Device(1.0, 3.0, tuple(modes))
         omega = np.array([0.1, 12.0, 900.0, 3100.0])
-        found = aliases(warp(omega, T), device, fraction)
+        found = aliases(Loop(device, T, delay=fraction).at(omega))
         square = np.sin(omega * T / 2) ** 2
         rest, late = brute_sums(device, omega, fraction)
-        assert found.own / square + found.rest == pytest.approx(rest, rel=1e-9)
-        assert found.own * found.turn / square + found.late == pytest.approx(late, rel=1e-9)
+        assert found.constant / square + found.rest == pytest.approx(rest, rel=1e-9)
+        assert found.constant * found.turn / square + found.late_rest == pytest.approx(
+            late, rel=1e-9
+        )
 
 
 def test_a_mode_without_damping_changes_nothing():
     wall = Environment(8e3, 3.0)
-    rigid = can_render(Device(1.0, 5.0), wall, T)
-    free = can_render(Device(1.0, 5.0, (Mode(0.1, 1e4, 0.0),)), wall, T)
+    rigid = can_render(Loop(Device(1.0, 5.0), T), wall)
+    free = can_render(Loop(Device(1.0, 5.0, (Mode(0.1, 1e4, 0.0),)), T), wall)
     assert free.margin == pytest.approx(rigid.margin, rel=1e-12)
-    damped = can_render(Device(1.0, 5.0, (Mode(0.1, 1e4, 10.0),)), wall, T)
+    damped = can_render(Loop(Device(1.0, 5.0, (Mode(0.1, 1e4, 10.0),)), T), wall)
     assert damped.margin > rigid.margin
 
 
@@ -196,28 +200,30 @@ def table(device, last, floor):
 def test_a_table_is_judged_like_the_device_that_it_was_made_from(delay):
     device = Device(0.3, 5.0, (Mode(0.05, 2e4, 4.0),))
     coupling = Coupling(2e4, 10.0)
-    whole = can_render(device, SOFT, T, coupling=coupling, delay=delay)
+    whole = can_render(Loop(device, T, delay=delay), SOFT, coupling=coupling)
     # Above 20 times Nyquist the device dissipates what its dampers do together.
     measured = table(device, 20 * np.pi / T, 9.0)
-    found = can_render(measured, SOFT, T, coupling=coupling, delay=delay)
+    found = can_render(Loop(measured, T, delay=delay), SOFT, coupling=coupling)
     assert found.verdict == whole.verdict == "can"
     assert found.margin == pytest.approx(whole.margin, rel=1e-3)
-    lower = can_render(table(device, 3e3, 5.0), SOFT, T, coupling=coupling, delay=delay)
+    lower = can_render(Loop(table(device, 3e3, 5.0), T, delay=delay), SOFT, coupling=coupling)
     assert lower.margin < whole.margin
 
 
 def test_a_table_certifies_only_with_a_floor():
     device = Device(0.3, 5.0)
-    found = can_render(table(device, 3e3, None), SOFT, T)
+    found = can_render(Loop(table(device, 3e3, None), T), SOFT)
     assert (found.verdict, found.reason) == (
         "undecided",
         "Above 3000 rad/s the device's table says nothing, and it states no floor of Re Z_d there.",
     )
-    assert can_render(table(device, 3e3, 4.0), SOFT, T).verdict == "can"
+    assert can_render(Loop(table(device, 3e3, 4.0), T), SOFT).verdict == "can"
     # Even if it dissipated all that is asked for above its end.
-    assert can_render(table(device, 3e3, None), Environment(5e4, 50.0), T).verdict == "cannot"
+    assert can_render(Loop(table(device, 3e3, None), T), Environment(5e4, 50.0)).verdict == "cannot"
     late = TabulatedDevice([50.0, 4e3], [5.0, 5.0], 5.0)
-    assert can_render(late, SOFT, T).reason == "Below 50 rad/s the device's table says nothing."
+    assert (
+        can_render(Loop(late, T), SOFT).reason == "Below 50 rad/s the device's table says nothing."
+    )
 
 
 def test_poles_of_a_filtered_coupling_are_those_of_its_polynomial():
@@ -225,18 +231,20 @@ def test_poles_of_a_filtered_coupling_are_those_of_its_polynomial():
     counts = {True: 0, False: 0}
     for _ in range(60):
         velocity_filter = VelocityFilter(10 ** rng.uniform(1.5, 3.2), int(rng.integers(1, 4)))
-        coupling = Coupling(*(10 ** rng.uniform([1, -1], [4, 2.5])), velocity_filter)
+        loop = Loop(Device(1.0, 1.0), T, velocity_filter=velocity_filter)
+        coupling = Coupling(*(10 ** rng.uniform([1, -1], [4, 2.5])))
         wall = Environment(*(10 ** rng.uniform([1, -1], [4, 0])), 10 ** rng.uniform(-2, 0))
-        _, bottom = transfer(Loop(Device(1.0, 1.0), wall, coupling))
+        _, bottom = transfer(Motion(loop, wall, coupling))
         largest = np.abs(np.roots(bottom)).max()
         if abs(largest - 1) < 1e-3:
             continue
-        needed = needed_damping(wall, T, coupling=coupling).damping
+        needed = needed_damping(loop, wall, coupling=coupling).damping
         assert np.isinf(needed) == (largest > 1)
         counts[bool(largest > 1)] += 1
     assert min(counts.values()) > 5
-    unstable = Coupling(10.0, 100.0, VelocityFilter(60.0, 3))
-    found = can_render(Device(1.0, 1e6), Environment(10.0, 0.1, 0.5), T, coupling=unstable)
+    loop = Loop(Device(1.0, 1e6), T, velocity_filter=VelocityFilter(60.0, 3))
+    unstable = Coupling(10.0, 100.0)
+    found = can_render(loop, Environment(10.0, 0.1, 0.5), coupling=unstable)
     assert found.verdict == "cannot"
     assert found.reason == "The velocity filter makes the virtual environment itself unstable."
 
@@ -244,7 +252,7 @@ def test_poles_of_a_filtered_coupling_are_those_of_its_polynomial():
 @pytest.mark.parametrize("delay", [1.0, 2.0, 5.0])
 def test_a_delayed_spring_needs_half_a_sample_and_its_delay(delay):
     """For whole samples U_2d(cos h)/2 is largest at DC: b > kT(d + ½)."""
-    needed = needed_damping(Environment([1e3, 2e4], 0.0), T, delay=delay)
+    needed = needed_damping(Loop(Device(1.0, 1.0), T, delay=delay), Environment([1e3, 2e4], 0.0))
     assert needed.damping == pytest.approx(np.array([1e3, 2e4]) * T * (delay + 0.5), rel=1e-12)
 
 
@@ -303,7 +311,10 @@ def test_a_heavy_mass_swings_from_the_stiffness_that_half_a_sample_and_the_delay
         errors.append(abs(found / limit - 1))
     assert errors[1] < 1e-4
     assert errors[1] < errors[0] / 20
-    passive = float(damping / needed_damping(Environment(1.0, 0.0), T, delay=delay).damping)
+    passive = float(
+        damping
+        / needed_damping(Loop(Device(1.0, 1.0), T, delay=delay), Environment(1.0, 0.0)).damping
+    )
     if delay % 1:
         assert passive < limit
     else:
@@ -312,16 +323,18 @@ def test_a_heavy_mass_swings_from_the_stiffness_that_half_a_sample_and_the_delay
 
 def test_a_delayed_damper_or_mass_needs_as_much_as_without_delay():
     """abs(cos) is 1 somewhere; a mass asks for 2m/T at Nyquist by whole samples."""
-    damper = needed_damping(Environment(0.0, [1.0, 3.0]), T, delay=2.0).damping
+    damper = needed_damping(
+        Loop(Device(1.0, 1.0), T, delay=2.0), Environment(0.0, [1.0, 3.0])
+    ).damping
     assert damper == pytest.approx([1.0, 3.0], rel=1e-9)
-    mass = needed_damping(Environment(0.0, 0.0, 0.01), T, delay=2.0).damping
+    mass = needed_damping(Loop(Device(1.0, 1.0), T, delay=2.0), Environment(0.0, 0.0, 0.01)).damping
     assert mass == pytest.approx(2 * 0.01 / T, rel=1e-9)
 
 
 def test_half_a_sample_needs_more_than_its_phase_says():
     """At DC b² − b·kT(d + ½) = f(1 − f)(kT/2)²: its aliases turn by other angles."""
     k, f = 1e3, 0.5
-    needed = needed_damping(Environment(k, 0.0), T, delay=f).damping
+    needed = needed_damping(Loop(Device(1.0, 1.0), T, delay=f), Environment(k, 0.0)).damping
     assert needed == pytest.approx(k * T / 2 * (1 + np.sqrt(1 + f * (1 - f))), rel=1e-12)
     assert needed > k * T * (f + 0.5)
 
@@ -332,7 +345,7 @@ def test_heavy_hands_bind_at_dc():
     k_eff = k_c * k_e / (k_c + k_e)
     b_eff = (b_e * k_c**2 + b_c * k_e**2) / (k_c + k_e) ** 2
     load = rendering_load(
-        0.0, Device(1.0, 1.0), Environment(k_e, b_e), T, coupling=Coupling(k_c, b_c)
+        Loop(Device(1.0, 1.0), T), 0.0, Environment(k_e, b_e), coupling=Coupling(k_c, b_c)
     )
     assert load == pytest.approx(k_eff * T / 2 - b_eff, rel=1e-12)
 
@@ -341,11 +354,11 @@ def test_margins_of_many_couplings_are_those_of_each():
     device = Device(0.3, 5.0, (Mode(0.05, 2e4, 4.0),))
     couplings = Coupling(np.array([[1e3], [1e5]]), np.array([1.0, 30.0, 200.0]))
     wall = Environment(5e3, 3.0, 0.01)
-    found = rendering_margins(device, wall, T, coupling=couplings, delay=0.5)
+    found = rendering_margins(Loop(device, T, delay=0.5), wall, coupling=couplings)
     assert found.shape == (2, 3)
     for place in np.ndindex(2, 3):
         one = Coupling(couplings.stiffness[place[0], 0], couplings.damping[place[1]])
-        alone = can_render(device, wall, T, coupling=one, delay=0.5)
+        alone = can_render(Loop(device, T, delay=0.5), wall, coupling=one)
         assert found[place] == pytest.approx(alone.margin, rel=1e-7)
 
 
@@ -354,11 +367,12 @@ def test_margins_of_many_couplings_are_those_of_each():
 @pytest.mark.parametrize("modes", [(), (Mode(0.05, 2e4, 4.0),)])
 def test_walls_on_the_edge_are_at_their_limit(delay, velocity_filter, modes):
     device = Device(1.0, 10.0, modes)
-    edge = rendered_region(device, T, delay=delay, velocity_filter=velocity_filter)
+    loop = Loop(device, T, velocity_filter=velocity_filter, delay=delay)
+    edge = rendered_region(loop)
     assert (edge.damping[0], edge.stiffness[-1]) == (0.0, 0.0)
     for point in (0, 40, 128):
-        wall = Environment(edge.stiffness[point], edge.damping[point], 0.0, velocity_filter)
-        assert can_render(device, wall, T, delay=delay).margin == pytest.approx(1.0, rel=1e-8)
+        wall = Environment(edge.stiffness[point], edge.damping[point])
+        assert can_render(loop, wall).margin == pytest.approx(1.0, rel=1e-8)
     if not (delay or velocity_filter or modes):
         assert edge.stiffness == pytest.approx(2 * (10.0 - edge.damping) / T, abs=1e-9)
 
@@ -369,52 +383,40 @@ def test_the_filter_is_scipys_butterworth(order):
     top, bottom = signal.butter(order, cutoff, fs=2 * np.pi / T)
     omega = np.array([0.0, 1e-3, 30.0, 699.0, 700.0, 1500.0, 3100.0])
     _, expected = signal.freqz(top, bottom, worN=omega * T)
-    grid = warp(omega, T)
+    grid = LOOP.at(omega)
     found = filter_response(grid, VelocityFilter(cutoff, order))
     assert found == pytest.approx(expected, rel=1e-7, abs=1e-9)
     assert abs(found[4]) == pytest.approx(np.sqrt(0.5), rel=1e-14)
-    shown = filtered_damper(grid, VelocityFilter(cutoff, order))
-    rate = grid.rate
-    assert shown.damping == pytest.approx(expected.real, rel=1e-7, abs=1e-9)
-    assert shown.stiffness == pytest.approx(-rate * expected.imag, rel=1e-6, abs=1e-6)
 
 
 def test_a_filter_ends_at_zero_and_keeps_its_limits():
     nyquist = np.array([np.pi / T * (1 - 1e-12), np.pi / T])
     for order in (1, 2, 3):
-        velocity_filter = VelocityFilter(500.0, order)
-        response = filter_response(warp(nyquist, T), velocity_filter)
-        assert response[1] == 0
-        shown = filtered_damper(warp(nyquist, T), velocity_filter)
+        loop = Loop(Device(0.0, 0.0), T, velocity_filter=VelocityFilter(500.0, order))
+        assert filter_response(loop.at(nyquist), loop.velocity_filter)[1] == 0
+        # A rigid coupling shows the damper as it is: from the first order a spring is left of it.
+        shown = effective_impedance(loop, nyquist, Environment(1e30, 0.0), Coupling(0.0, 1.0))
         warped = 2 / T * np.tan(0.25) if order == 1 else 0.0
         assert shown.stiffness == pytest.approx([warped, warped], rel=1e-9, abs=1e-6)
 
 
-def test_a_filter_multiplies_the_damper_alone():
+def test_a_filter_multiplies_the_damper_that_joins_the_device_alone():
     omega = np.array([5.0, 300.0, 2500.0])
-    velocity_filter = VelocityFilter(400.0, 2)
-    response = filter_response(warp(omega, T), velocity_filter)
+    plain = Loop(Device(1.0, 5.0), T, delay=1.0)
+    loop = dataclasses.replace(plain, velocity_filter=VelocityFilter(400.0, 2))
+    response = filter_response(loop.at(omega), loop.velocity_filter)
     h = omega * T / 2
     s = 2j / T * np.tan(h)
-    wall = Environment(1e3, 20.0, 0.1, velocity_filter)
-    assert environment_impedance(omega, wall, T) == pytest.approx(
+    wall, coupling = Environment(1e3, 20.0, 0.1), Coupling(5e4, 100.0)
+    assert environment_impedance(loop, omega, wall) == pytest.approx(
         0.1 * s + 20.0 * response + 1e3 / s, rel=1e-12
     )
-    coupling = Coupling(5e4, 100.0, velocity_filter)
     z = np.exp(1j * omega * T)
     z_c = 100.0 * response + 5e4 * T * z / (z - 1)
-    assert coupling_impedance(omega, coupling, T) == pytest.approx(z_c, rel=1e-11)
-    z_e = environment_impedance(omega, Environment(1e3, 20.0, 0.1), T)
+    assert coupling_impedance(loop, omega, coupling) == pytest.approx(z_c, rel=1e-11)
+    z_e = environment_impedance(plain, omega, wall)
     late = np.cos(h) * np.exp(-3j * h)
-    felt = perceived_impedance(
-        omega,
-        Device(1.0, 5.0),
-        Environment(1e3, 20.0, 0.1),
-        T,
-        coupling=coupling,
-        discretization="backward",
-        hold=Hold(delay=1.0),
-    )
+    felt = perceived_impedance(loop, omega, wall, coupling=coupling, discretization="backward")
     assert felt == pytest.approx(s + 5.0 + late * z_e * z_c / (z_e + z_c), rel=1e-11)
 
 
@@ -425,13 +427,16 @@ def test_a_filter_multiplies_the_damper_alone():
         (lambda: VelocityFilter([1.0, 2.0]), "cutoff in Hz is multiplied by 2π"),
         (lambda: VelocityFilter(100.0, 9), "order of the velocity filter must be 1 to 8"),
         (
-            lambda: filter_response(warp(1.0, T), VelocityFilter(4000.0)),
+            lambda: Loop(Device(1.0, 1.0), T, velocity_filter=VelocityFilter(4000.0)),
             "does not lie below the Nyquist frequency, 3141.59 rad/s",
         ),
-        (lambda: needed_damping(SOFT, T, delay=-1.0), "one number of samples"),
-        (lambda: needed_damping(SOFT, 0.0), "period must be one positive"),
         (
-            lambda: can_render(Device(1.0, 5.0), Environment([1.0, 2.0], 1.0), T),
+            lambda: needed_damping(Loop(Device(1.0, 1.0), T, delay=-1.0), SOFT),
+            "one number of samples",
+        ),
+        (lambda: needed_damping(Loop(Device(1.0, 1.0), 0.0), SOFT), "period must be one positive"),
+        (
+            lambda: can_render(Loop(Device(1.0, 5.0), T), Environment([1.0, 2.0], 1.0)),
             "a verdict is for one device, one environment and one coupling",
         ),
         (lambda: TabulatedDevice([1.0, 2.0], [1.0, 1.0], 0.0), "floor of a TabulatedDevice"),

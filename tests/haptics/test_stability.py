@@ -9,11 +9,13 @@ from percept.errors import UsageError
 from percept.haptics import (
     Coupling,
     Device,
+    Loop,
     Mode,
     TabulatedDevice,
     absolute_stability,
     coupling_impedance,
     device_impedance,
+    max_coupling_stiffness,
     required_damping,
     required_damping_at,
     stability_margin,
@@ -22,6 +24,8 @@ from percept.haptics.impedance import coupling_admittance
 from percept.haptics.stability import coupling_bound
 
 T = 1e-3
+NO_DEVICE = Device(0.0, 0.0)
+LOOP = Loop(NO_DEVICE, T)
 COUPLING = Coupling(110e3, 100.0)
 MODES = (Mode(0.05, 2e4, 0.3), Mode(0.02, 5e4, 0.2))
 
@@ -36,20 +40,20 @@ MODES = (Mode(0.05, 2e4, 0.3), Mode(0.02, 5e4, 0.2))
     ],
 )
 def test_published_couplings(stiffness, discretization, damping, omega):
-    need = required_damping(Coupling(stiffness, 100.0), T, discretization=discretization)
+    need = required_damping(LOOP, Coupling(stiffness, 100.0), discretization=discretization)
     assert f"{need.damping:.6g}" == damping
     if omega:
         assert f"{need.omega:.6g}" == omega
 
 
 def test_true_hold_asks_most_at_nyquist():
-    need = required_damping(Coupling(110e3, 100.0), T, hold="true")
+    need = required_damping(Loop(NO_DEVICE, T, "true"), Coupling(110e3, 100.0))
     assert f"{need.damping:.2f}" == "49.34"
     assert need.omega == np.pi / T
 
 
 def test_low_frequency_keeps_fifteen_digits():
-    value = float(required_damping_at(1e-6, Coupling(110e3, 100.0), T))
+    value = float(required_damping_at(LOOP, 1e-6, Coupling(110e3, 100.0)))
     assert abs(value - 4.879032258064516) <= 1e-15 * value
 
 
@@ -67,9 +71,10 @@ OMEGA = np.concatenate(
 )
 def test_closed_form_is_the_maximum_over_omega(stretch, damping, discretization, kind):
     coupling = Coupling(stretch / T, damping)
-    options = {"discretization": discretization, "hold": kind}
-    need = required_damping(coupling, T, **options)
-    seen = required_damping_at(OMEGA, coupling, T, **options).max()
+    loop = Loop(NO_DEVICE, T, kind)
+    options = {"discretization": discretization}
+    need = required_damping(loop, coupling, **options)
+    seen = required_damping_at(loop, OMEGA, coupling, **options).max()
     if np.isinf(need.damping):
         assert discretization == "tustin"
         assert damping == 0
@@ -78,7 +83,7 @@ def test_closed_form_is_the_maximum_over_omega(stretch, damping, discretization,
     assert seen <= need.damping * (1 + 1e-14)
     # The densest part of the grid has 40 000 points: a parabola's top is missed by less than 1e-8.
     assert seen >= need.damping * (1 - 1e-7)
-    at_binding = required_damping_at(need.omega, coupling, T, **options)
+    at_binding = required_damping_at(loop, need.omega, coupling, **options)
     assert at_binding == pytest.approx(need.damping, rel=1e-13)
 
 
@@ -87,34 +92,42 @@ def test_binding_frequency_slides_into_dc():
     beta = 100.0
     for excess in (1e-3, 1e-6, 1e-9, 1e-12):
         coupling = Coupling(np.sqrt(3.2 * (1 - excess)) * beta / T, beta)
-        need = required_damping(coupling, T, discretization="tustin")
+        need = required_damping(LOOP, coupling, discretization="tustin")
         assert need.omega > 0
         value = required_damping_at(
-            need.omega * np.array([0.5, 1.0, 1.5]), coupling, T, discretization="tustin"
+            LOOP,
+            need.omega * np.array([0.5, 1.0, 1.5]),
+            coupling,
+            discretization="tustin",
         )
         assert value[1] >= value.max() * (1 - 4e-16)
     past = required_damping(
-        Coupling(np.sqrt(3.2 * (1 + 1e-9)) * beta / T, beta), T, discretization="tustin"
+        LOOP,
+        Coupling(np.sqrt(3.2 * (1 + 1e-9)) * beta / T, beta),
+        discretization="tustin",
     )
     assert past.omega == 0
     assert past.damping == pytest.approx(3.2 * beta / 16, rel=1e-8)
 
 
 def test_tustin_without_damping_is_never_stable():
-    need = required_damping(Coupling([0.0, 1e3], 0.0), T, discretization="tustin")
+    need = required_damping(LOOP, Coupling([0.0, 1e3], 0.0), discretization="tustin")
     np.testing.assert_array_equal(need.damping, [0.0, np.inf])
     for kind in ("average", "true"):
         at = required_damping_at(
-            [0.0, 1.0, np.pi / T], Coupling(1e3, 0.0), T, discretization="tustin", hold=kind
+            Loop(NO_DEVICE, T, kind),
+            [0.0, 1.0, np.pi / T],
+            Coupling(1e3, 0.0),
+            discretization="tustin",
         )
         np.testing.assert_array_equal(at, np.inf)
 
 
 def test_backward_difference_is_tustin_with_more_damping():
     omega = np.array([1e-3, 1.0, 500.0, 3000.0])
-    backward = coupling_impedance(omega, Coupling(110e3, 100.0), T)
+    backward = coupling_impedance(LOOP, omega, Coupling(110e3, 100.0))
     tustin = coupling_impedance(
-        omega, Coupling(110e3, 100.0 + 110e3 * T / 2), T, discretization="tustin"
+        LOOP, omega, Coupling(110e3, 100.0 + 110e3 * T / 2), discretization="tustin"
     )
     np.testing.assert_array_equal(backward, tustin)
 
@@ -123,31 +136,32 @@ def test_margin_is_the_ratio_of_both_sides_of_equation_10():
     omega = np.geomspace(1.0, 3100.0, 50)
     device = Device(1.0, 20.0, (Mode(0.05, 2e4, 0.3),))
     coupling = Coupling(50e3, 100.0)
-    bound = coupling_bound(omega, device, T)
-    reached = coupling_admittance(omega, coupling, T).real
+    bound = coupling_bound(Loop(device, T), omega)
+    reached = coupling_admittance(LOOP, omega, coupling).real
     np.testing.assert_allclose(
-        stability_margin(omega, device, coupling, T), reached / bound, rtol=1e-13
+        stability_margin(Loop(device, T), omega, coupling), reached / bound, rtol=1e-13
     )
 
 
 def test_margin_where_nothing_is_asked_or_given():
     omega = np.array([100.0, np.pi / T])
     np.testing.assert_array_equal(
-        stability_margin(omega, Device(1.0, 0.0), Coupling(1e3, 1.0), T), 0.0
+        stability_margin(Loop(Device(1.0, 0.0), T), omega, Coupling(1e3, 1.0)), 0.0
     )
-    np.testing.assert_array_equal(coupling_bound(omega, Device(1.0, 0.0), T), np.inf)
+    np.testing.assert_array_equal(coupling_bound(Loop(Device(1.0, 0.0), T), omega), np.inf)
     np.testing.assert_array_equal(
-        stability_margin(omega, Device(1.0, 1.0), Coupling(0.0, 0.0), T), np.inf
+        stability_margin(Loop(Device(1.0, 1.0), T), omega, Coupling(0.0, 0.0)), np.inf
     )
 
 
 @pytest.mark.parametrize("discretization", ["backward", "tustin"])
 @pytest.mark.parametrize("kind", ["average", "true"])
 def test_verdict_turns_at_the_required_damping(discretization, kind):
-    options = {"discretization": discretization, "hold": kind}
-    need = required_damping(COUPLING, T, **options)
+    loop = Loop(NO_DEVICE, T, kind)
+    options = {"discretization": discretization}
+    need = required_damping(loop, COUPLING, **options)
     verdicts = [
-        absolute_stability(Device(1.0, need.damping * factor), COUPLING, T, **options)
+        absolute_stability(Loop(Device(1.0, need.damping * factor), T, kind), COUPLING, **options)
         for factor in (1 - 1e-10, 1 - 1e-13, 1.0, 1 + 1e-13, 1 + 1e-10)
     ]
     assert [verdict.verdict for verdict in verdicts] == ["not met", *["on its limit"] * 3, "met"]
@@ -156,7 +170,7 @@ def test_verdict_turns_at_the_required_damping(discretization, kind):
 
 
 def test_binding_frequency_of_the_published_coupling():
-    verdict = absolute_stability(Device(1.0, 20.0), COUPLING, T)
+    verdict = absolute_stability(Loop(Device(1.0, 20.0), T), COUPLING)
     assert verdict.verdict == "not met"
     assert f"{verdict.binding_omega:.6g}" == "2022.65"
     assert verdict.smallest_margin == pytest.approx(20 / 20.25479906887036, rel=1e-14)
@@ -167,19 +181,19 @@ def llewellyn(omega, device):
     """2·Re p11·Re p22/(Re p12p21 + |p12p21|) of Eq. 4 as it is written, in complex arithmetic."""
     z = np.exp(1j * omega * T)
     p12, p22 = (z + 1) / (2 * z), 1 / (100 + 110e3 * T * z / (z - 1))
-    return 2 * device_impedance(omega, device, T).real * p22.real / (np.abs(p12) - p12.real)
+    return 2 * device_impedance(Loop(device, T), omega).real * p22.real / (np.abs(p12) - p12.real)
 
 
 @pytest.mark.parametrize(
     "device", [Device(1.0, 20.0), Device(1.0, 20.0, MODES)], ids=["rigid", "flexible"]
 )
 def test_general_criterion_gives_the_same_margins(device):
-    verdict = absolute_stability(device, COUPLING, T)
+    verdict = absolute_stability(Loop(device, T), COUPLING)
     omega = np.geomspace(100.0, 3141.0, 2000)
     np.testing.assert_allclose(
-        llewellyn(omega, device), stability_margin(omega, device, COUPLING, T), rtol=1e-9
+        llewellyn(omega, device), stability_margin(Loop(device, T), omega, COUPLING), rtol=1e-9
     )
-    dense = stability_margin(np.linspace(0, np.pi / T, 500_001), device, COUPLING, T)
+    dense = stability_margin(Loop(device, T), np.linspace(0, np.pi / T, 500_001), COUPLING)
     assert verdict.smallest_margin <= dense.min() * (1 + 1e-14)
     assert verdict.smallest_margin == pytest.approx(dense.min(), rel=1e-8)
 
@@ -203,10 +217,12 @@ def test_no_pole_of_parts_that_are_not_negative_lies_outside_the_unit_circle(mod
 
 def test_table_is_judged_over_its_range_and_may_be_active():
     whole = np.linspace(1, np.pi / T, 50)
-    passive = absolute_stability(TabulatedDevice(whole, 30 + 1j * whole), COUPLING, T)
+    passive = absolute_stability(Loop(TabulatedDevice(whole, 30 + 1j * whole), T), COUPLING)
     assert passive.verdict == "met"
     omega = np.linspace(1, 3000, 50)
-    active = absolute_stability(TabulatedDevice(omega, np.where(omega > 2000, -1, 30)), COUPLING, T)
+    active = absolute_stability(
+        Loop(TabulatedDevice(omega, np.where(omega > 2000, -1, 30)), T), COUPLING
+    )
     assert active.verdict == "not met"
     assert "active" in active.reason
 
@@ -214,12 +230,12 @@ def test_table_is_judged_over_its_range_and_may_be_active():
 def test_a_table_of_a_part_of_the_range_shows_no_stability():
     """The rigid device behind it is unstable, at a frequency the table leaves out."""
     device, coupling = Device(1.0, 5.0), Coupling(50e3, 100.0)
-    whole = absolute_stability(device, coupling, T)
+    whole = absolute_stability(Loop(device, T), coupling)
     assert whole.verdict == "not met"
     for first, last in ((0.05, 120.0), (0.05, 0.99 * np.pi / T), (10.0, 0.9995 * np.pi / T)):
         omega = np.geomspace(first, last, 300)
-        table = TabulatedDevice(omega, device_impedance(omega, device, T))
-        found = absolute_stability(table, coupling, T)
+        table = TabulatedDevice(omega, device_impedance(Loop(device, T), omega))
+        found = absolute_stability(Loop(table, T), coupling)
         if first < whole.binding_omega < last and found.smallest_margin < 1:
             assert found.verdict == "not met"
             continue
@@ -230,36 +246,81 @@ def test_a_table_of_a_part_of_the_range_shows_no_stability():
         )
     omega = np.geomspace(0.05, 120.0, 300)
     assert (
-        absolute_stability(TabulatedDevice(omega, 5.0 + 1j * omega), coupling, T).verdict
+        absolute_stability(Loop(TabulatedDevice(omega, 5.0 + 1j * omega), T), coupling).verdict
         == "undecided"
     )
     omega = np.linspace(500.0, np.pi / T, 50)
-    found = absolute_stability(TabulatedDevice(omega, np.full(50, 5.0)), Coupling(100.0, 1.0), T)
+    found = absolute_stability(
+        Loop(TabulatedDevice(omega, np.full(50, 5.0)), T), Coupling(100.0, 1.0)
+    )
     assert found.smallest_margin > 1
     assert found.verdict == "undecided"
 
 
 def test_without_coupling_nothing_is_asked():
     for damping in (0.0, 5.0):
-        found = absolute_stability(Device(1.0, damping), Coupling(0.0, 0.0), T)
+        found = absolute_stability(Loop(Device(1.0, damping), T), Coupling(0.0, 0.0))
         assert (found.verdict, found.smallest_margin) == ("met", np.inf)
+
+
+@pytest.mark.parametrize(
+    ("device_damping", "limit"),
+    [(15, 37_951), (16, 52_292), (18, 79_991), (20, 106_664), (25, 170_099)],
+)
+def test_largest_stiffness_at_100(device_damping, limit):
+    loop = Loop(Device(0.0, device_damping), T)
+    assert round(float(max_coupling_stiffness(loop, 100.0))) == limit
+
+
+def test_no_stiffness_below_an_eighth():
+    loop = Loop(Device(0.0, [0.0, 5.0, 12.5, 12.5 * (1 + 1e-12)]), T)
+    assert (max_coupling_stiffness(loop, 100.0) > 0).tolist() == [False, False, False, True]
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    damping=st.floats(1e-6, 1e6),
+    ratio=st.one_of(st.just(0.0), st.floats(1e-9, 20.0)),
+    discretization=st.sampled_from(["backward", "tustin"]),
+    hold=st.sampled_from(["average", "true"]),
+)
+def test_largest_stiffness_needs_exactly_the_damping_there_is(damping, ratio, discretization, hold):
+    loop = Loop(Device(0.0, damping), T, hold)
+    b_c = ratio * damping
+    limit = float(max_coupling_stiffness(loop, b_c, discretization=discretization))
+    # Where it is 0 even a negligible stiffness asks too much, or Tustin's coupling has no damping.
+    coupling = Coupling(limit or 1e-9 * damping / T, b_c)
+    need = required_damping(loop, coupling, discretization=discretization).damping
+    if limit == 0:
+        assert need >= damping * (1 - 1e-12)
+    else:
+        # At the edge of the region K is a square root of what is left, so the forward problem is
+        # the milder.
+        assert need == pytest.approx(damping, rel=1e-12)
 
 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
         (
-            lambda: absolute_stability(Device(1.0, [5.0, 6.0]), COUPLING, T),
+            lambda: absolute_stability(Loop(Device(1.0, [5.0, 6.0]), T), COUPLING),
             "one device, one environment and one coupling",
         ),
         (
-            lambda: absolute_stability(Device(1.0, 5.0), Coupling([1.0, 2.0], 1.0), T),
+            lambda: absolute_stability(Loop(Device(1.0, 5.0), T), Coupling([1.0, 2.0], 1.0)),
             "one device, one environment and one coupling",
         ),
         (
-            lambda: absolute_stability(TabulatedDevice([4000.0, 5000.0], [1.0, 1.0]), COUPLING, T),
+            lambda: absolute_stability(
+                Loop(TabulatedDevice([4000.0, 5000.0], [1.0, 1.0]), T), COUPLING
+            ),
             "begins above the Nyquist frequency.*not Hz",
         ),
+        (
+            lambda: max_coupling_stiffness(Loop(Device(0.0, 1.0), T, delay=1.0), 1.0),
+            "a rigid device without delay and filter",
+        ),
+        (lambda: max_coupling_stiffness(LOOP, np.nan), "coupling damping must be finite"),
     ],
 )
 def test_wrong_arguments_are_refused(call, message):

@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from percept import Scene, Study, haptics, read_sessions
+from percept.haptics import Loop
 from percept.results import SCHEMA, dumps
 from percept.sessions import Sessions
 from tests.documents import build_document
@@ -105,7 +106,7 @@ def test_close_views_are_evaluated_where_the_scene_asks(classical):
     curves = classical["close_impedances"]["VE1"]
     omega = np.array(curves["omega"])
     assert (omega[0], omega[-1]) == (9.89, 10.11)
-    exact = abs(haptics.perceived_impedance(omega, device, ve1, period, coupling=coupling))
+    exact = abs(haptics.perceived_impedance(Loop(device, period), omega, ve1, coupling=coupling))
     # Coupled and plain reference are 1e-5 apart in the paper's Fig. 7b: nothing is interpolated
     # there.
     assert curves["coupled"] == pytest.approx(exact, rel=1e-12)

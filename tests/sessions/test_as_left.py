@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from percept.errors import UsageError
-from percept.haptics import Device, Environment, perceived_impedance
+from percept.haptics import Device, Environment, Loop, perceived_impedance
 from percept.sessions import ReadOptions, Sessions, read_sessions
 from percept.study import Study
 from percept.study.regions import Region
@@ -135,7 +135,7 @@ def test_a_mass_from_the_scene_reaches_the_curves(tmp_path):
     assert study.parts.setup.references["a"].mass == 0.3
     omega = np.array([2.0, 30.0])
     heavy = Environment(900.0, 2.0, 0.3)
-    felt = np.abs(perceived_impedance(omega, Device(mass=1.0, damping=5.0), heavy, 0.001))
+    felt = np.abs(perceived_impedance(Loop(Device(mass=1.0, damping=5.0), 0.001), omega, heavy))
     # A box as small as a point feels as its environment does, mass and all.
     labels = {
         "kind": "mean",

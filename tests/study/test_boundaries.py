@@ -103,9 +103,7 @@ def test_every_curve_of_an_environment_knows_its_mass(hold: str) -> None:
 
     def displayed(k: float, b: float) -> np.ndarray:
         environment = Environment(k, b, 0.7)
-        return perceived_impedance(omega, setup.device, environment, setup.period, hold=hold)[
-            :, None
-        ]
+        return perceived_impedance(setup.loop, omega, environment)[:, None]
 
     none, of_k, of_b = displayed(0.0, 0.0), displayed(1.0, 0.0), displayed(0.0, 1.0)
 
@@ -174,7 +172,10 @@ def test_posterior_draws_lie_inside_pointwise_and_simultaneous_limits_at_their_l
             key = (environment, kind, "bayesian", "lognormal")
             point, together = (bands(fitted, shape)[key] for shape in ("pointwise", "simultaneous"))
             curves = perceived_magnitude(
-                point.omega[:, None], fitted.parts.setup.device, k, b, fitted.parts.setup.period
+                fitted.parts.setup.loop,
+                point.omega[:, None],
+                k,
+                b,
             )
             below, above = curves < point.lower[:, None], curves > point.upper[:, None]
             inside = (together.lower[:, None] <= curves) & (curves <= together.upper[:, None])

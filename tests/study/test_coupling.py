@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from percept import Study, haptics
-from percept.haptics import magnitude_envelope
+from percept.haptics import Loop, magnitude_envelope
 from percept.study.device import Setup, study_coupling
 from percept.study.rendering import study_rendering
 
@@ -19,7 +19,7 @@ def test_displays_are_judged_in_time_directly_and_through_the_coupling(part: flo
     period, reference = 0.001, haptics.Environment(50e3, 50.0)
     coupling = haptics.Coupling(1e5, 25.0)
     device = haptics.Device(1.0, part * 37.5)
-    setup = Setup(device, period, haptics.Hold(), {"E": reference}, coupling)
+    setup = Setup(haptics.Loop(device, period), {"E": reference}, coupling)
     direct, coupled, rigid = study_rendering(setup)
     assert (direct.environment, direct.coupled, direct.needed_damping) == ("E", False, 75.0)
     assert (coupled.environment, coupled.coupled, coupled.needed_damping) == ("E", True, 37.5)
@@ -33,9 +33,9 @@ def test_displays_are_judged_in_time_directly_and_through_the_coupling(part: flo
 def measured(last: float, damping: float) -> Setup:
     """A device of 1 kg as a table up to a part of the Nyquist frequency."""
     omega = np.geomspace(1e-3, last * np.pi / 1e-3, 400)
-    impedance = haptics.device_impedance(omega, haptics.Device(1.0, damping), 1e-3)
+    impedance = haptics.device_impedance(Loop(haptics.Device(1.0, damping), 1e-3), omega)
     device = haptics.TabulatedDevice(omega, impedance)
-    return Setup(device, 1e-3, haptics.Hold(), {}, haptics.Coupling(50e3, 100.0))
+    return Setup(haptics.Loop(device, 1e-3), {}, haptics.Coupling(50e3, 100.0))
 
 
 def test_eq_10_is_undecided_beyond_a_measured_device_s_table() -> None:
@@ -59,7 +59,7 @@ def test_verdicts_of_envelopes_are_those_of_a_fine_grid(fitted: Study) -> None:
         assert _of_user(regions[row.environment])
         limits = regions[row.environment].limits
         assert limits is not None
-        lower, upper = magnitude_envelope(omega, setup.device, *limits, setup.period)
+        lower, upper = magnitude_envelope(setup.loop, omega, *limits)
         for coupled, name in ((False, "uncoupled"), (True, "coupled")):
             shown = setup.curve(row.environment, omega, coupled=coupled)
             seen = float(np.maximum(shown / upper, lower / shown).max()) - 1.0

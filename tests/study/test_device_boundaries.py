@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from percept import Scene, Study
-from percept.haptics import Device
+from percept.haptics import Device, Loop
 from percept.haptics.perceived import perceived_magnitude
 from percept.results import Boundary
 from percept.scene import FrequencyTable
@@ -52,7 +52,7 @@ def independent(study: Study, boundary: Boundary, count: int) -> tuple[np.ndarra
     k, b, weights = law.pair.even(count)
     logs = np.random.default_rng(4).standard_normal((2, count)) * np.array(SDS)[:, None]
     device = Device(np.exp(logs[0]), 5.0 * np.exp(logs[1]))
-    magnitude = perceived_magnitude(boundary.omega[:, None], device, k, b, 1e-3)
+    magnitude = perceived_magnitude(Loop(device, 1e-3), boundary.omega[:, None], k, b)
     return magnitude, weights / weights.sum()
 
 

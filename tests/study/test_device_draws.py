@@ -1,5 +1,7 @@
 """Devices drawn from a scene's posterior, and what they render with every passive hand."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy import special
@@ -8,6 +10,7 @@ from percept import Scene, UsageError, haptics
 from percept.study.device_draws import device_draws, device_stability, margins_of_draws
 
 # Through the coupling this needs 15.0 N·s/m.
+LOOP = haptics.Loop(haptics.Device(1.0, 5.0), 1e-3)
 WALL = haptics.Environment(12e3, 11.0)
 COUPLING = haptics.Coupling(50e3, 100.0)
 MODE = {"mass": 0.2, "stiffness": 8e3, "damping": 2.0}
@@ -31,8 +34,8 @@ def test_draws_have_the_posteriors_moments():
 def test_stability_of_a_rigid_device_is_a_normal_distribution_function():
     sd = 0.05
     draws = device_draws(scene({"parameters": ["damping"], "covariance": [[sd**2]]}))
-    needed = haptics.needed_damping(WALL, 1e-3, coupling=COUPLING).damping
-    found = device_stability(draws, WALL, COUPLING, 1e-3, 0.0)
+    needed = haptics.needed_damping(LOOP, WALL, coupling=COUPLING).damping
+    found = device_stability(draws, LOOP, WALL, COUPLING)
     exact = special.ndtr((np.log(16.0) - np.log(needed)) / sd)
     assert found.probability == pytest.approx(exact, abs=found.error)
     edges = 16.0 / needed * np.exp(sd * special.ndtri([0.025, 0.975]))
@@ -46,10 +49,12 @@ def test_margins_of_modal_devices_are_those_of_each_alone(delay):
         "covariance": np.diag([0.04, 0.01, 0.25]).tolist(),
     }
     draws = device_draws(scene(posterior, modes=[MODE]))
-    found = margins_of_draws(draws, WALL, COUPLING, 1e-3, delay)
+    found = margins_of_draws(draws, dataclasses.replace(LOOP, delay=delay), WALL, COUPLING)
     assert found.size == 256
     for index in range(0, found.size, 64):
-        alone = haptics.can_render(draws.device(index), WALL, 1e-3, coupling=COUPLING, delay=delay)
+        alone = haptics.can_render(
+            haptics.Loop(draws.device(index), 1e-3, delay=delay), WALL, coupling=COUPLING
+        )
         # The frequencies are not refined: they miss a minimum by less than this.
         assert found[index] == pytest.approx(alone.margin, rel=2e-3)
 
@@ -58,7 +63,7 @@ def test_few_draws_of_a_modal_device_are_all_judged(tmp_path):
     file = tmp_path / "draws.csv"
     file.write_text("mass,damping\n1,1\n1,40\n", encoding="utf-8")
     draws = device_draws(scene({"draws": str(file)}, modes=[MODE]))
-    assert sorted(margins_of_draws(draws, WALL, COUPLING, 1e-3, 0.0) > 1.0) == [False, True]
+    assert sorted(margins_of_draws(draws, LOOP, WALL, COUPLING) > 1.0) == [False, True]
 
 
 def test_draws_of_a_file(tmp_path):
@@ -66,7 +71,7 @@ def test_draws_of_a_file(tmp_path):
     file.write_text("mass,damping\n1,10\n1,20\n1,30\n1,40\n", encoding="utf-8")
     draws = device_draws(scene({"draws": str(file)}))
     assert sorted(draws.stacked.damping) == [10.0, 20.0, 30.0, 40.0]
-    assert device_stability(draws, WALL, COUPLING, 1e-3, 0.0).probability == 0.75
+    assert device_stability(draws, LOOP, WALL, COUPLING).probability == 0.75
     for text, message in (
         ("mass\n1\n", "There is no column 'damping'; there are mass"),
         (

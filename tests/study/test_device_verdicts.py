@@ -29,8 +29,8 @@ def known(study: Study, covariance: list[list[float]]):
     )
     setup = study.parts.setup
     assert setup is not None
-    own = dataclasses.replace(setup.device, damping=DAMPING)
-    changed = dataclasses.replace(setup, device=own, draws=device_draws(scene), coupling=COUPLING)
+    setup = setup.with_device(dataclasses.replace(setup.loop.device, damping=DAMPING))
+    changed = dataclasses.replace(setup, draws=device_draws(scene), coupling=COUPLING)
     return changed, scene
 
 
@@ -46,7 +46,7 @@ def test_each_device_is_judged_at_its_own_frequencies(fitted: Study, coupled: bo
     spread = relative_sd(users)
     inside = []
     for index in range(evidence.draws):
-        one = dataclasses.replace(setup, device=setup.draws.device(index))
+        one = setup.with_device(setup.draws.device(index))
         display = one.display("VE2", coupled=coupled)
         user = users.select(slice(index, index + 1))
         omega = frequencies(one, "VE2", spread, fitted.parts.within)
@@ -65,7 +65,7 @@ def test_a_coupling_is_stable_and_real_on_the_same_devices(fitted: Study) -> Non
     evidence = verdict.bayesian
     assert evidence is not None
     shown = setup.references["VE1"], COUPLING
-    margins = margins_of_draws(setup.draws, *shown, setup.period, setup.hold.delay)
+    margins = margins_of_draws(setup.draws, setup.loop, *shown)
     share = float(np.mean(margins[: evidence.draws] > 1.0))
     assert 0.8 < share < 0.95
     # Nothing ties what can be rendered to how it feels.

@@ -9,7 +9,7 @@ import pytest
 
 from percept import Scene, Study, haptics, read_sessions
 from percept.boundary.feels_real import feels_real, share_error
-from percept.haptics import Coupling, can_render
+from percept.haptics import Coupling, Loop, can_render
 from percept.sessions import Sessions
 from percept.study.verdicts import frequencies, relative_sd
 from tests import DATASETS, LONG
@@ -22,7 +22,7 @@ def evidence(study, environment, coupling, *, draws, device=None):
     """What `feels_real` says of an environment through a coupling."""
     setup = dataclasses.replace(study.parts.setup, coupling=coupling)
     if device is not None:
-        setup = dataclasses.replace(setup, device=device)
+        setup = setup.with_device(device)
     users = study.parts.map_users[environment]
     omega = frequencies(setup, environment, relative_sd(users), RANGE)
     display = setup.display(environment, coupled=coupling is not None)
@@ -53,10 +53,7 @@ def renders(study, environment, coupling):
     """Whether the device renders an environment, or every one, with every passive hand."""
     setup = study.parts.setup
     names = setup.references if environment is None else [environment]
-    found = [
-        can_render(setup.device, setup.references[name], PERIOD, coupling=coupling)
-        for name in names
-    ]
+    found = [can_render(setup.loop, setup.references[name], coupling=coupling) for name in names]
     return all(one.verdict == "can" for one in found)
 
 
@@ -238,7 +235,7 @@ def test_modes_count_and_a_measured_device_is_left_alone(sessions, tmp_path) -> 
     np.testing.assert_allclose(mine.stiffness[:, -1], other.stiffness[:, -1], rtol=0.02)
     response = tmp_path / "zd.csv"
     omega = np.geomspace(0.05, 1000.0, 50)
-    impedance = haptics.device_impedance(omega, haptics.Device(1.0, 5.0), PERIOD)
+    impedance = haptics.device_impedance(Loop(haptics.Device(1.0, 5.0), PERIOD), omega)
     rows = zip(omega.tolist(), impedance.tolist(), strict=True)
     lines = [f"{w!r},{z.real!r},{z.imag!r}" for w, z in rows]
     response.write_text("omega,real,imaginary\n" + "\n".join(lines) + "\n")

@@ -26,7 +26,7 @@ def setup_of(study: Study, modes=(), damping=5.0) -> Setup:
     setup = study.parts.setup
     assert setup is not None
     at_point = haptics.Device(1.0, damping, tuple(haptics.Mode(**mode) for mode in modes))
-    return dataclasses.replace(setup, device=at_point, draws=device_draws(scene))
+    return dataclasses.replace(setup.with_device(at_point), draws=device_draws(scene))
 
 
 @pytest.mark.parametrize("modes", [[], [MODE]])
@@ -41,7 +41,7 @@ def test_probabilities_are_shares_of_devices_that_render(fitted: Study, modes) -
     for index in range(damping.size):
         coupling = Coupling(stiffness[index], damping[index])
         needed = [
-            haptics.needed_damping(setup.references[name], 1e-3, coupling=coupling).damping
+            haptics.needed_damping(setup.loop, setup.references[name], coupling=coupling).damping
             for name in ("VE3", "VE4")
         ]
         assert found[index] == np.mean(dampings > max(needed))

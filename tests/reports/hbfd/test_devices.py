@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from percept.haptics import Device, magnitude_envelope
+from percept.haptics import Device, Loop, magnitude_envelope
 from reports.hbfd import devices
 from reports.hbfd.devices import environments_inside
 
@@ -87,7 +87,7 @@ def test_environments_inside_are_the_same_one_device_at_a_time(published):
         inside = 0
         for limits, wall in zip(published.next_user, published.walls, strict=True):
             lower, upper = magnitude_envelope(
-                omega, Device(mass, damping), *limits, published.period
+                Loop(Device(mass, damping), published.period), omega, *limits
             )
             seen = [
                 felt(one, hold, (mass, damping), wall.k, wall.b, (50e3, 100.0))
@@ -104,7 +104,7 @@ def test_boundaries_are_of_the_next_user(published):
     # prediction's.
     omega = np.array([1e-3])
     limits = published.next_user[1]
-    seen = magnitude_envelope(omega, Device(0.0, 0.0), *limits, published.period)
+    seen = magnitude_envelope(Loop(Device(0.0, 0.0), published.period), omega, *limits)
     mean, sd = 981.03, 35.200
     spread = np.sqrt(np.log1p((sd / mean) ** 2))
     centre = np.log(mean) - spread**2 / 2

@@ -13,14 +13,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["root"]
+__all__ = ["rising_root", "root"]
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 #: Calls before the search ends with what it has: so many halvings of a bracket use up a double.
 _MOST_STEPS = 60
 #: Largest ratio of the last two values at which the cubic is trusted: the value must shrink.
 _MOST_REMAINING = 0.5
+#: Newton's error is squared by the next step: after one so short the root is exact.
+_LAST_STEP = 1e-9
+#: Bisection alone would need as many to settle a double.
+_STEPS = 80
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,3 +108,47 @@ def _inverse_cubic(first: _Evaluation, second: _Evaluation) -> Array:
     x = second.x + back * (chord + bend)
     nearer = np.abs(second.value) < _MOST_REMAINING * np.abs(first.value)
     return np.where(nearer, x, np.nan)
+
+
+def rising_root(
+    function: Callable[[Indices, Array], tuple[Array, Array]],
+    start: Array,
+    low: Array,
+    high: Array,
+) -> Array:
+    """Return where each of n functions rises through zero, by Newton's method kept inside brackets.
+
+    Parameters
+    ----------
+    function : callable
+        Takes which of the functions to evaluate, shape (m,), and x of each; returns values and
+        slopes.
+    start, low, high : ndarray, shape (n,)
+        First x, and the bracket it is kept in.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    x = start.copy()
+    low = low.copy()
+    high = high.copy()
+    open_roots = np.arange(x.size)
+    for _ in range(_STEPS):
+        before = x[open_roots]
+        value, slope = function(open_roots, before)
+        low[open_roots] = np.where(value < 0, before, low[open_roots])
+        high[open_roots] = np.where(value > 0, before, high[open_roots])
+        bottom = low[open_roots]
+        top = high[open_roots]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            newton = before - value / slope
+        inside = (slope > 0) & (newton >= bottom) & (newton <= top)
+        after = np.where(inside, newton, (bottom + top) / 2)
+        after = np.where(value == 0, before, after)
+        x[open_roots] = after
+        moved = np.abs(after - before) > _LAST_STEP * np.abs(after)
+        open_roots = open_roots[moved]
+        if not open_roots.size:
+            break
+    return x
