@@ -18,7 +18,6 @@ from percept.errors import RefusalError, UsageError
 from percept.report import rewrite_report
 from percept.sessions import ReadOptions
 from percept.sessions.formula import terms_of
-from percept.sessions.stores import r_rows
 
 FILES = {"size": 100_000}
 
@@ -77,7 +76,7 @@ def test_a_text_many_times_and_a_frame_are_held_to_the_bytes(tmp_path):
         Sessions.from_frame(frame, scene=ReadOptions(files={"rows": 4}))
 
 
-def test_sequences_of_r_count_together():
+def test_sequences_of_r_count_together(tmp_path):
     """Each of three is within the limit of cells."""
     three = rdata.parser.DEFAULT_ALTREP_MAP
     assert b"compact_intseq" in three
@@ -89,8 +88,9 @@ def test_sequences_of_r_count_together():
     sequence = b"\0\0\0\xee" + info + state + b"\0\0\0\xfe"
     data = b"X\n\0\0\0\3\0\4\2\0\0\3\5\0\0\0\0\5UTF-8"
     data += b"\0\0\0\x13\0\0\0\3" + 3 * sequence
+    (tmp_path / "t.rds").write_bytes(data)
     with pytest.raises(UsageError, match="more than 2,000 cells"):
-        r_rows(data, "t.rds", None, ReadOptions(files={"cells": 2000}).files)
+        read_sessions(tmp_path / "t.rds", scene=ReadOptions(files={"cells": 2000}))
 
 
 def test_draws_of_a_device_are_held_to_the_bytes(tmp_path):

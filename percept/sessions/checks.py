@@ -13,7 +13,7 @@ import pandas as pd
 
 from percept.sessions.quantities import Quantity
 from percept.sessions.records import IDS, MASS, Notice, Problems, shown
-from percept.sessions.table import Log
+from percept.sessions.tables import Log
 
 #: What tells a trial from others.
 TRIAL = [*IDS, "trial"]

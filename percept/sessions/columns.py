@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 
 from percept.errors import UsageError, did_you_mean
@@ -31,6 +31,9 @@ _WORDS = {
 #: Beside or before the name or the label of a quantity.
 _NUMBER_WORDS = {"ref": ("ref", "reference"), "adj": ("adj", "adjusted", "final")}
 _Rules = Mapping[str, ColumnRule]
+#: An id that the names of a wide table's columns hold, and the same in an escaped pattern.
+_IN_NAMES = re.compile(r"\{(subject|session|environment|trial)\}")
+_ID = re.compile(r"\\\{(subject|session|environment|trial)\\\}")
 
 
 @dataclass(frozen=True)
@@ -71,8 +74,7 @@ class Slot:
     """One set of adjustments in a row: all of a long table, one environment of a wide one."""
 
     columns: Mapping[str, int]  # From canonical name to a position in the header
-    environment: str | None = None  # Read from the column names of a wide table
-    trial: str | None = None  # Read from the column names of a wide table
+    ids: Mapping[str, str] = field(default_factory=dict)  # Read from the names of columns
 
 
 @dataclass(frozen=True)
@@ -85,9 +87,14 @@ class Resolution:
     announced: tuple[str, ...]  # Choices that rest on an alias
 
     @property
-    def wide(self) -> bool:
-        """Whether the names of columns hold environments."""
-        return any(slot.environment is not None for slot in self.slots)
+    def ids(self) -> set[str]:
+        """Ids that the names of columns hold."""
+        return {name for slot in self.slots for name in slot.ids}
+
+    @property
+    def is_numbered(self) -> bool:
+        """Whether a column, or the names of columns, number the trials."""
+        return "trial" in {*self.rules, *self.ids}
 
 
 def resolve(header: Header, options: ReadOptions) -> Resolution:
@@ -98,19 +105,46 @@ def resolve(header: Header, options: ReadOptions) -> Resolution:
     wanted = SUMMARY if summary else canonical_columns(options.quantities)
     if options.sessions.trial == "order":
         wanted = tuple(column for column in wanted if column != "trial")
-    found: dict[str, ColumnRule] = {}
-    wide: dict[str, ColumnRule] = {}
+    found, wide = _by_scene(header, wanted, options)
+    announced = _by_name(header, wanted, found, wide, options)
+    if not (summary or "environment" in found or _is_in_names("environment", wide)):
+        announced += _named_by_reference(found, options)
+    slots = tuple(_slots(header, found, wide, options))
+    form = "summary" if summary else "trials"
+    return Resolution(form, slots, {**found, **wide}, tuple(announced))
+
+
+def _by_scene(
+    header: Header, wanted: Sequence[str], options: ReadOptions
+) -> tuple[dict[str, ColumnRule], dict[str, ColumnRule]]:
+    """Give the rules of the scene for single columns, and those for several with ids in names."""
+    found = {}
+    wide = {}
     kind = _kind_of_error(header, options)
     for column, rule in options.columns.items():
         if column not in wanted:
             continue
-        if "{environment}" in rule.name:
+        if _IN_NAMES.search(rule.name):
             wide[column] = rule
         else:
             found[column] = _declared(column, rule, header, kind)
+    if options.sessions.layout == "subjects in columns":
+        first = f"{next(iter(options.quantities))}_adj"
+        wide.setdefault(first, ColumnRule(name="{subject}"))
+    return found, wide
+
+
+def _by_name(
+    header: Header,
+    wanted: Sequence[str],
+    found: dict[str, ColumnRule],
+    wide: _Rules,
+    options: ReadOptions,
+) -> list[str]:
+    """Find the columns that no rule names by percept's names, or aliases; announce the latter."""
     claimed = {rule.name for rule in found.values()}
     known_names = aliases(options.quantities)
-    announced: list[str] = []
+    announced = []
     for column in wanted:
         if column in found or column in wide:
             continue
@@ -121,11 +155,7 @@ def resolve(header: Header, options: ReadOptions) -> Resolution:
         if alias is not None:
             announced.append(f"column {alias!r} is taken as {column}")
             found[column] = ColumnRule(name=alias)
-    if not summary and not {*found, *wide} & {"environment"}:
-        announced += _named_by_reference(found, options)
-    slots = tuple(_slots(header, found, wide, options))
-    form = "summary" if summary else "trials"
-    return Resolution(form, slots, {**found, **wide}, tuple(announced))
+    return announced
 
 
 def _declared(
@@ -196,29 +226,39 @@ def plain(name: str) -> str:
 def _slots(header: Header, found: _Rules, wide: _Rules, options: ReadOptions) -> Iterator[Slot]:
     """Give the one slot of a long table, or those that the names of a wide one hold."""
     common = {canonical: header.position(rule.name) for canonical, rule in found.items()}
-    declared = options.environments
+    has_environment = "environment" in found or _is_in_names("environment", wide)
+    alone = None if has_environment else _alone(found, options)
+    alone_ids = {} if alone is None else {"environment": alone}
     if not wide:
-        yield Slot(common, None if "environment" in found else _alone(found, options))
+        yield Slot(common, alone_ids)
         return
-    places: dict[tuple[str, str | None], dict[str, int]] = {}
-    taken = {rule.name for rule in found.values()}
+    taken = {rule.name for rule in found.values()} | _named_apart(found, options)
+    free = [name for name in header.names if name not in taken]
+    places: dict[tuple[tuple[str, str], ...], dict[str, int]] = {}
     for canonical, rule in wide.items():
-        text = re.escape(rule.name).replace(r"\{environment\}", "(?P<environment>.+)", 1)
-        pattern = re.compile(text.replace(r"\{trial\}", "(?P<trial>[0-9]+)", 1), re.DOTALL)
-        names = [name for name in header.names if name not in taken]
+        pattern = re.compile(_ID.sub(_group, re.escape(rule.name)), re.DOTALL)
         # "{environment}" alone fits every column: those are meant that the scene declares.
-        if rule.name == "{environment}" and declared:
-            names = [name for name in names if name in declared]
-        for name in names:
-            if match := pattern.fullmatch(name):
-                key = (match["environment"], match.groupdict().get("trial"))
-                places.setdefault(key, {})[canonical] = header.position(name)
+        bare = rule.name == "{environment}" and options.environments
+        for name in free:
+            if (match := pattern.fullmatch(name)) and (not bare or name in options.environments):
+                ids = tuple(match.groupdict().items())
+                places.setdefault(ids, {})[canonical] = header.position(name)
     if not places:
         first = next(iter(wide.values()))
         message = "no column fits the pattern in [columns]."
         raise header.error(message, first.name, header.listed)
-    for (environment, trial), own in places.items():
-        yield Slot({**common, **own}, environment, trial)
+    for ids, own in places.items():
+        yield Slot({**common, **own}, {**alone_ids, **dict(ids)})
+
+
+def _is_in_names(canonical: str, wide: _Rules) -> bool:
+    """Whether the names of a wide table's columns hold an id."""
+    return any(f"{{{canonical}}}" in rule.name for rule in wide.values())
+
+
+def _group(match: re.Match[str]) -> str:
+    """Turn an id in an escaped pattern into a group; numbers count trials."""
+    return f"(?P<{match[1]}>{'[0-9]+' if match[1] == 'trial' else '.+'})"
 
 
 def _alone(found: _Rules, options: ReadOptions) -> str | None:
@@ -237,9 +277,7 @@ def check_columns(
     header: Header, found: Resolution, options: ReadOptions, ids: Collection[str]
 ) -> None:
     """Hold a header to what an analysis of trials needs; `ids` come from the file's name."""
-    present = {*found.rules, *ids}
-    if found.wide:
-        present.add("environment")
+    present = {*found.rules, *found.ids, *ids}
     if options.sessions.subject == "row":
         present.add("subject")
     missing = [column for column in ("subject", "environment") if column not in present]
@@ -286,10 +324,16 @@ def _missing_numbers(present: Collection[str], options: ReadOptions) -> list[str
 def unused_columns(header: Header, found: Resolution, options: ReadOptions) -> list[str]:
     """Name the columns of a header that nothing is read from."""
     read = {position for slot in found.slots for position in slot.columns.values()}
-    selection = options.sessions
-    named = {*selection.groups, *selection.only, *KEPT_COLUMNS}
-    named |= {rule.column for rule in selection.exclude}
-    for rule in found.rules.values():
-        named |= set(rule.also)
+    read_by_name = _named_apart(found.rules, options)
     unread = [name for position, name in enumerate(header.names) if position not in read]
-    return [name for name in unread if name not in named]
+    return [name for name in unread if name not in read_by_name]
+
+
+def _named_apart(rules: _Rules, options: ReadOptions) -> set[str]:
+    """Name the columns that select rows, keep groups, or are further parts of ids."""
+    selection = options.sessions
+    named = {*KEPT_COLUMNS, *selection.groups, *selection.only}
+    named |= {rule.column for rule in selection.exclude}
+    for rule in rules.values():
+        named |= set(rule.also)
+    return named

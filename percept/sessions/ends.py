@@ -15,7 +15,7 @@ import pandas as pd
 from percept.errors import UsageError, counted
 from percept.sessions.quantities import Quantity
 from percept.sessions.records import Exclusion, Notice, Places, clip
-from percept.sessions.table import Log
+from percept.sessions.tables import Log
 
 #: Environments that a sentence lists.
 _LISTED = 8

@@ -5,7 +5,6 @@ from __future__ import annotations
 import bz2
 import codecs
 import gzip
-import hashlib
 import io
 import lzma
 import os
@@ -17,7 +16,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePath
-from typing import Any, BinaryIO, TextIO
+from typing import Any
 
 from percept.errors import UsageError
 from percept.sessions.options import FileLimits
@@ -35,27 +34,24 @@ _BROKEN = (
     RuntimeError,
     ValueError,
 )
-#: Files are read in blocks of about this many characters; from a sixteenth of it on by pandas'
-#: parser.
-BLOCK = 8 << 20
+#: Bytes that are unpacked at a time.
+_BLOCK = 8 << 20
 #: Files of experiment software show early what they are; the bound keeps the search short.
 _EARLY = 20_000
-_GZIP = b"\x1f\x8b"
-_BZIP2 = b"BZh"
-_XZ = b"\xfd7zXZ\0"
 #: What opens a compressed file, by how it begins.
-_OPENERS: dict[bytes, Callable[..., Any]] = {_GZIP: gzip.open, _BZIP2: bz2.open, _XZ: lzma.open}
-#: Bytes that tell whether a file is packed.
-_SIGNATURE = 6
+_OPENERS: dict[bytes, Callable[..., Any]] = {
+    b"\x1f\x8b": gzip.open,
+    b"BZh": bz2.open,
+    b"\xfd7zXZ\0": lzma.open,
+}
 _ZIP = b"PK\x03\x04"
 #: What a zip archive holds that is an Excel workbook.
 _WORKBOOK = "xl/workbook.xml"
-
-_MARKS = (
-    (codecs.BOM_UTF8, "utf-8"),
-    (codecs.BOM_UTF16_LE, "utf-16-le"),
-    (codecs.BOM_UTF16_BE, "utf-16-be"),
-)
+_MARKS = {
+    codecs.BOM_UTF8: "utf-8",
+    codecs.BOM_UTF16_LE: "utf-16-le",
+    codecs.BOM_UTF16_BE: "utf-16-be",
+}
 _TWO_ENCODINGS = (
     "Other letters are UTF-8: two programs wrote this file. Write it again in UTF-8, or declare"
     ' [sessions] encoding = "cp1252".'
@@ -95,28 +91,12 @@ _NO_TABLES = (
 
 @dataclass(frozen=True)
 class Input:
-    """One table to read: its name for messages, and the path of the file or archive member."""
+    """One file to read: its name for messages, its path on disk or in an archive, its bytes."""
 
     name: str
     path: str
-    data: bytes | None = None  # None: a large file, read from `path` in blocks
+    data: bytes
     part: str | None = None  # The sheet, table or variable that is named behind "::"
-
-    def read(self, limits: FileLimits) -> bytes:
-        """Give all its bytes, which are no more than the limit."""
-        with self.open() as stream:
-            data = stream.read(limits.size + 1)
-        limits.hold_size(len(data), self.name)
-        return data
-
-    def open(self) -> io.BufferedReader | io.BytesIO:
-        """Give its bytes from the start."""
-        return Path(self.path).open("rb") if self.data is None else io.BytesIO(self.data)
-
-    def sha256(self) -> str:
-        """Hexadecimal SHA-256 of the bytes."""
-        with self.open() as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def load(name: str, limits: FileLimits) -> Iterator[Input]:
@@ -127,30 +107,22 @@ def load(name: str, limits: FileLimits) -> Iterator[Input]:
             status = os.fstat(stream.fileno())
             if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):
                 raise UsageError("this is a device, not a file.", file=name, hint="Check the path.")
-            data = stream.read(_SIGNATURE)
-            packed = data.startswith((*_OPENERS, _ZIP, b"PAR1"))
-            if not packed and status.st_size > BLOCK // 16:
-                yield Input(name, place, part=part)
-                return
             limits.hold_size(status.st_size, name)
-            data += stream.read(limits.size)
-            limits.hold_size(len(data), name)
+            data = stream.read(limits.size + 1)
     except OSError as error:
         raise UsageError(f"cannot be read: {error.strerror}.", file=name) from None
-    for signature, unpack in _OPENERS.items():
-        if data.startswith(signature):
-            content = _unpacked(partial(unpack, io.BytesIO(data)), name, limits)
-            yield Input(name, place, content, part)
-            return
+    limits.hold_size(len(data), name)
     if data.startswith(_ZIP):
         with _archive(data, name) as archive:
             limits.hold_size(sum(member.file_size for member in archive.infolist()), name)
-            if _WORKBOOK in archive.namelist():
-                yield Input(name, place, data, part)
-            else:
+            if _WORKBOOK not in archive.namelist():
                 yield from _members(archive, name, limits)
-    else:
-        yield Input(name, place, data, part)
+                return
+    for signature, unpack in _OPENERS.items():
+        if data.startswith(signature):
+            data = _unpacked(partial(unpack, io.BytesIO(data)), name, limits)
+            break
+    yield Input(name, place, data, part)
 
 
 def is_workbook(data: bytes, name: str) -> bool:
@@ -187,7 +159,7 @@ def _unpacked(packed: Callable[[], Any], name: str, limits: FileLimits) -> bytes
     content = io.BytesIO()
     try:
         with packed() as stream:
-            while (size := content.tell()) <= limits.size and (part := stream.read(BLOCK)):
+            while (size := content.tell()) <= limits.size and (part := stream.read(_BLOCK)):
                 content.write(part)
     except _BROKEN as error:
         hint = "Pack it again, without a password, or unpack it first."
@@ -196,85 +168,67 @@ def _unpacked(packed: Callable[[], Any], name: str, limits: FileLimits) -> bytes
     return content.getvalue()
 
 
-def open_text(entry: Input, declared: str | None) -> tuple[TextIO, str]:
-    """Open an input as text, and name its encoding.
+def decode(entry: Input, declared: str | None) -> tuple[str, str]:
+    """Decode an input, and name its encoding.
 
     A byte-order mark says it, then the scene; else it is strict UTF-8, then Windows-1252.
     """
-    with entry.open() as stream:
-        head = stream.read(_EARLY)
-        if not head:
-            raise NoDataError(
-                "the file is empty.", file=entry.name, hint="Leave it out, or export it again."
-            )
-        _refuse(head.decode("latin-1"), entry.name)
-        mark, marked = next(
-            ((m, name) for m, name in _MARKS if head.startswith(m)), (b"", declared)
-        )
-        *others, encoding = [marked] if marked else ["cp1252", "utf-8"]
-        while problem := _undecodable(stream, encoding, entry.name, start=len(mark)):
-            if others and _is_part_utf8(stream):
-                problem.hint = _TWO_ENCODINGS
-                raise problem
-            if not others:
-                raise problem
-            encoding = others.pop()
-    with _text_from(entry, encoding, len(mark)) as early:
-        _refuse(early.read(_EARLY), entry.name)
-    return _text_from(entry, encoding, len(mark)), encoding
+    data = entry.data
+    if not data:
+        hint = "Leave it out, or export it again."
+        raise NoDataError("the file is empty.", file=entry.name, hint=hint)
+    _refuse_no_table(data[:_EARLY].decode("latin-1"), entry.name)
+    for mark, marked in _MARKS.items():
+        if data.startswith(mark):
+            data = data[len(mark) :]
+            declared = marked
+            break
+    encoding = declared or "utf-8"
+    try:
+        text = _decoded(data, encoding, entry.name)
+    except UsageError as problem:
+        if declared:
+            raise
+        if re.search(rb"[\xc3-\xf4][\x80-\xbf]", data):
+            problem.hint = _TWO_ENCODINGS
+            raise
+        encoding = "cp1252"
+        text = _decoded(data, encoding, entry.name)
+    before, nul, _ = text.partition("\0")
+    if nul:
+        message = "a NUL character: this is a binary file, or UTF-16 without a byte-order mark."
+        hint = 'Export it as CSV in UTF-8, or declare [sessions] encoding = "utf-16-le".'
+        raise UsageError(message, file=entry.name, row=_row_below(before), hint=hint)
+    _refuse_no_table(text[:_EARLY], entry.name)
+    return text, encoding
 
 
-def _is_part_utf8(stream: BinaryIO) -> bool:
-    """Whether a text that is not UTF-8 has characters that are: two programs wrote it."""
-    stream.seek(0)
-    blocks = iter(partial(stream.read, BLOCK), b"")
-    return any(re.search(rb"[\xc3-\xf4][\x80-\xbf]", block) for block in blocks)
-
-
-def _text_from(entry: Input, encoding: str, start: int) -> TextIO:
-    stream = entry.open()
-    stream.seek(start)
-    return io.TextIOWrapper(stream, encoding=encoding, newline="")
-
-
-def _undecodable(stream: BinaryIO, encoding: str, file: str, *, start: int) -> UsageError | None:
-    """Decode all bytes; return what is wrong with the first that are no text, or raise on NUL."""
+def _decoded(data: bytes, encoding: str, file: str) -> str:
+    """Decode bytes, or say which of them is no text."""
     try:
         # Refuses what codecs knows beside encodings of text, too.
         io.TextIOWrapper(io.BytesIO(), encoding=encoding)
-        decoder = codecs.getincrementaldecoder(encoding)()
+        return codecs.getincrementaldecoder(encoding)().decode(data, final=True)
     except LookupError:
         hint = 'Use a name such as "utf-8".'
         raise UsageError(f"unknown encoding {encoding!r}.", hint=hint) from None
-    stream.seek(start)
-    row, data = 1, b"-"
-    while data:
-        data = stream.read(BLOCK)
-        try:
-            text = decoder.decode(data, final=not data)
-        except UnicodeError as error:
-            # A missing byte-order mark is an error of decoding since Python 3.13 only.
-            if not isinstance(error, UnicodeDecodeError) or "BOM" in error.reason:
-                message = f"not text in {encoding}: {error}."
-                hint = 'Declare the byte order, [sessions] encoding = "utf-16-le", or another name.'
-                return UsageError(message, file=file, hint=hint)
-            row += error.object.count(b"\n", 0, error.start)
-            message = f"byte 0x{error.object[error.start]:02x} is not text in {encoding}."
-            return UsageError(message, file=file, row=row, hint=_CSV)
-        row += line_ends(text.partition("\0")[0])
-        if "\0" in text:
-            message = "a NUL character: this is a binary file, or UTF-16 without a byte-order mark."
-            hint = 'Export it as CSV in UTF-8, or declare [sessions] encoding = "utf-16-le".'
-            raise UsageError(message, file=file, row=row, hint=hint)
-    return None
+    except UnicodeError as error:
+        # A missing byte-order mark is an error of decoding since Python 3.13 only.
+        if not isinstance(error, UnicodeDecodeError) or "BOM" in error.reason:
+            message = f"not text in {encoding}: {error}."
+            hint = 'Declare the byte order, [sessions] encoding = "utf-16-le", or another name.'
+            raise UsageError(message, file=file, hint=hint) from None
+        row = _row_below(data[: error.start].decode(encoding, "replace"))
+        message = f"byte 0x{data[error.start]:02x} is not text in {encoding}."
+        raise UsageError(message, file=file, row=row, hint=_CSV) from None
 
 
-def line_ends(text: str) -> int:
-    """How many lines end in a text; CR LF, LF and CR each end a line."""
-    return text.count("\n") + (text.count("\r") - text.count("\r\n") if "\r" in text else 0)
+def _row_below(text: str) -> int:
+    """Line that a text ends on; CR LF, LF and CR each end one."""
+    return 1 + text.count("\n") + text.count("\r") - text.count("\r\n")
 
 
-def _refuse(text: str, file: str) -> None:
+def _refuse_no_table(text: str, file: str) -> None:
     """Refuse what begins as no table does."""
     for pattern, what, hint in _NO_TABLES:
         if re.match(pattern, text, re.IGNORECASE):

@@ -1,20 +1,17 @@
-"""What stands around a table or in place of its header: each kind is named, with what to remove.
-
-Each check looks at the first rows of a file as they stand, and gives what is wrong with them.
-"""
+"""What stands around a table or in place of its header: each kind is named, with what to remove."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from itertools import islice
+from collections.abc import Callable, Sequence
 
 from percept.errors import UsageError
-from percept.sessions.records import Place, shown
+from percept.sessions.records import shown
 from percept.sessions.values import is_missing
 
-#: Rows that are looked at.
+#: Physical line and cells of a row.
+_Row = tuple[int, list[str]]
+#: Lines of a text that are looked at.
 _MOST_ROWS = 50
 _NUMBER = re.compile(r"[+-]?([0-9]+[.,]?[0-9]*|[.,][0-9]+)([eE][+-]?[0-9]+)?")
 _COMMENT = ("#", "%", "//")
@@ -24,122 +21,100 @@ class LayoutError(UsageError):
     """Text around a table, or a header that is none."""
 
 
-@dataclass(frozen=True)
-class FirstRows:
-    """The first rows of a file, each with its physical line; blank rows are left out."""
-
-    file: str
-    lines: list[int]
-    cells: list[list[str]]
-
-    @classmethod
-    def of(cls, file: str, rows: Sequence[Sequence[str]], lines: Sequence[int]) -> FirstRows:
-        """Take the first rows that have a cell."""
-        filled = ((line, row) for line, row in zip(lines, rows, strict=True) if any(_filled(row)))
-        kept = [(line, [cell.strip() for cell in row]) for line, row in islice(filled, _MOST_ROWS)]
-        return cls(file, [line for line, _ in kept], [row for _, row in kept])
-
-    def place(self, index: int) -> Place:
-        """Where a row stands."""
-        return Place(file=self.file, row=self.lines[index])
+def refuse_layout(rows: Sequence[tuple[int, Sequence[str]]], file: str) -> None:
+    """Refuse text around a table, by its first rows as they stand."""
+    stripped = [(line, [cell.strip() for cell in cells]) for line, cells in rows]
+    filled = [(line, cells) for line, cells in stripped if any(cells)]
+    for check in _CHECKS if filled else ():
+        if problem := check(filled[:_MOST_ROWS]):
+            problem.file = file
+            raise problem
 
 
-def _filled(row: Sequence[str]) -> list[str]:
-    return [cell for cell in row if cell.strip()]
-
-
-def _title(rows: FirstRows) -> Iterator[LayoutError]:
+def _title(rows: list[_Row]) -> LayoutError | None:
     """Find text above the header: one cell at the left, where rows below have several."""
-    title = rows.cells[0]
+    line, title = rows[0]
     if not title[0] or (len(_filled(title)) > 1 and not title[0].startswith(_COMMENT)):
-        return
+        return None
     # Under a delimiter that is none, a row with one in a cell would look like a header.
-    table = [i for i, row in enumerate(rows.cells) if _is_table([row, *rows.cells[i + 1 :]])]
-    header = next(iter(table), 0)
-    if header == 0:
-        return
-    line = rows.lines[header]
-    message = (
-        f"line {rows.lines[0]} is a title or a comment: the header seems to be in line {line}."
-    )
-    hint = f"Remove the lines above line {line}."
-    yield LayoutError(message, value=rows.cells[0][0], hint=hint, **rows.place(0))
+    tables = [index for index in range(len(rows)) if _is_table(rows[index:])]
+    if not tables or tables[0] == 0:
+        return None
+    header, _ = rows[tables[0]]
+    message = f"line {line} is a title or a comment: the header seems to be in line {header}."
+    hint = f"Remove the lines above line {header}."
+    return LayoutError(message, row=line, value=title[0], hint=hint)
 
 
-def _is_table(rows: Sequence[Sequence[str]]) -> bool:
+def _is_table(rows: list[_Row]) -> bool:
     """Whether rows have a header of several names, and as many cells below each."""
-    widths = {len(row) for row in rows}
-    return len(rows) > 1 and len(widths) == 1 and len(_filled(rows[0])) > 1
+    widths = {len(cells) for _, cells in rows}
+    return len(rows) > 1 and len(widths) == 1 and len(_filled(rows[0][1])) > 1
 
 
-def _two_headers(rows: FirstRows) -> Iterator[LayoutError]:
+def _two_headers(rows: list[_Row]) -> LayoutError | None:
     """Find a header with gaps above another one: environments above names of columns."""
-    if len(rows.cells) < 3:
-        return
-    upper, lower, data = rows.cells[:3]
+    if len(rows) < 3:
+        return None
+    (line, upper), (below, lower), (_, data) = rows[:3]
     gaps = len(_filled(upper)) < len(_filled(lower)) and len(_filled(upper)) > 1
-    if not gaps or _numbers(lower) or not _numbers(data):
-        return
+    if not gaps or _has_number(lower) or not _has_number(data):
+        return None
     names = []
     above = ""
     for index, name in enumerate(lower):
         above = (upper[index] if index < len(upper) else "") or above
         names.append(f"{name}_{above}" if above else name)
-    message = f"lines {rows.lines[0]} and {rows.lines[1]} are both headers."
+    message = f"lines {line} and {below} are both headers."
     hint = (
         f"Write one line in their place: {','.join(names)}. Then name the columns in the scene,"
         ' such as k_adj = "adj_{environment}" below [columns].'
     )
-    yield LayoutError(message, value=", ".join(_filled(upper)), hint=hint, **rows.place(0))
+    return LayoutError(message, row=line, value=", ".join(_filled(upper)), hint=hint)
 
 
-def _units(rows: FirstRows) -> Iterator[LayoutError]:
+def _units(rows: list[_Row]) -> LayoutError | None:
     """Find a row of words below the header, where the rows below it hold numbers."""
-    if len(rows.cells) < 3 or _numbers(rows.cells[1]):
-        return
-    header, second, *data = rows.cells
+    if len(rows) < 3 or _has_number(rows[1][1]) or rows[0][1] == rows[1][1]:
+        return None
+    (_, header), (line, second), *data = rows
     words = {}
-    for name, word, *cells in zip(header, second, *data, strict=False):
+    for name, word, *cells in zip(header, second, *(own for _, own in data), strict=False):
         known = [cell for cell in cells if not is_missing(cell)]
         if not is_missing(word) and known and all(map(_NUMBER.fullmatch, known)):
             words[name] = word
-    if not words or second == header:
-        return
+    if not words:
+        return None
     name, word = next(iter(words.items()))
-    message = (
-        f"line {rows.lines[1]} is a row of units or a second header: {shown([*words.values()])}."
-    )
+    message = f"line {line} is a row of units or a second header: {shown([*words.values()])}."
     rule = f'{name} = {{ name = "{name}", unit = "{word}" }}'
     hint = f"Remove it. Units stand in the scene, below [columns], such as {rule}."
-    yield LayoutError(message, column=name, value=word, hint=hint, **rows.place(1))
+    return LayoutError(message, row=line, column=name, value=word, hint=hint)
 
 
-def _comments(rows: FirstRows) -> Iterator[LayoutError]:
+def _comment(rows: list[_Row]) -> LayoutError | None:
     """Find a comment among the data."""
-    for index, row in enumerate(rows.cells):
-        if index and row[0].startswith(_COMMENT) and len(_filled(row)) == 1:
-            message = f"line {rows.lines[index]} is a comment."
-            yield LayoutError(message, value=row[0], hint="Remove it.", **rows.place(index))
+    for line, cells in rows[1:]:
+        if cells[0].startswith(_COMMENT) and len(_filled(cells)) == 1:
+            message = f"line {line} is a comment."
+            return LayoutError(message, row=line, value=cells[0], hint="Remove it.")
+    return None
 
 
-def _numbers(row: Sequence[str]) -> list[str]:
-    return [cell for cell in row if _NUMBER.fullmatch(cell)]
+def _filled(cells: Sequence[str]) -> list[str]:
+    return [cell for cell in cells if cell]
 
 
-#: From the first rows of a file to what is wrong with them.
-_CHECKS: tuple[Callable[[FirstRows], Iterator[LayoutError]], ...] = (
+def _has_number(cells: Sequence[str]) -> bool:
+    return any(map(_NUMBER.fullmatch, cells))
+
+
+_CHECKS: tuple[Callable[[list[_Row]], LayoutError | None], ...] = (
     _title,
     _two_headers,
     _units,
-    _comments,
+    _comment,
 )
-
-
-def refuse_layout(rows: FirstRows) -> None:
-    """Refuse text around a table, by the first check that finds some."""
-    for check in _CHECKS if rows.cells else ():
-        for problem in check(rows):
-            raise problem
 
 
 def refuse_aligned(text: str, file: str, row: int) -> None:
@@ -155,22 +130,12 @@ def refuse_aligned(text: str, file: str, row: int) -> None:
         raise LayoutError(message, file=file, row=row, hint=hint)
 
 
-def refuse_headless(header: Sequence[str], cells: Sequence[Sequence[str]], file: str) -> None:
-    """Refuse a header that looks like a row of data.
-
-    Parameters
-    ----------
-    header : sequence of str
-        Names of the columns.
-    cells : sequence of sequences of str
-        By column.
-    file : str
-        The file's name for messages.
-    """
+def refuse_headless(header: Sequence[str], rows: Sequence[Sequence[str]], file: str) -> None:
+    """Refuse a header that looks like a row of data, by the rows below it."""
     names = [name for name in header if _NUMBER.fullmatch(name)]
     numbers = 0
     again = 0
-    for name, column in zip(header, cells, strict=True):
+    for name, *column in zip(header, *rows, strict=False):
         if name in names:
             numbers += any(map(_NUMBER.fullmatch, column))
         else:

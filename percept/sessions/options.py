@@ -23,7 +23,7 @@ from percept.sessions.quantities import (
     with_mass,
 )
 from percept.sessions.records import IDS
-from percept.sessions.values import LARGEST, LEAST
+from percept.sessions.values import LARGEST, LEAST, MISSING
 
 #: Columns kept as text wherever they stand: groups of subjects, and whether data are simulated.
 KEPT_COLUMNS = ("group", "source")
@@ -135,6 +135,8 @@ class ColumnRule(Table):
             raise ValueError(f'numbers of response = "{self.response}" have no unit')
         if self.scale == 0:
             raise ValueError("scale must not be zero")
+        if any(self.name.count(f"{{{name}}}") > 1 for name in (*IDS, "trial")):
+            raise ValueError("names an id twice")
         return self
 
 
@@ -222,11 +224,11 @@ class FileLimits(Table):
     Attributes
     ----------
     rows : int
-        Most rows of a Parquet file or an Excel sheet.
+        Most rows of a file.
     cells : int
-        Most cells of one.
+        Most cells of one; of a text those that are read.
     size : int
-        Most bytes that one archive, workbook or stream unpacks to.
+        Most bytes of a file, and that one archive, workbook or stream unpacks to.
     """
 
     rows: Count = 2_000_000
@@ -259,12 +261,19 @@ class SessionsTable(Table):
     keep: Literal["last"] | None = None
     trial: Literal["order"] | None = None
     subject: Literal["row"] | None = None
+    layout: Literal["subjects in columns"] | None = None
     filename: Annotated[str, AfterValidator(_pattern)] | None = None
     groups: Texts = ()
     only: dict[str, Texts] = Field(default_factory=dict)
     exclude: tuple[ExcludeRule, ...] = ()
     sheet: Text | None = None
+    missing: Texts = ()
     files: FilesTable = FilesTable()
+
+    @property
+    def marks(self) -> frozenset[str]:
+        """Texts that stand for a missing value, in lower case."""
+        return MISSING | {text.strip().lower() for text in self.missing}
 
     @model_validator(mode="after")
     def _trials_or_events(self) -> Self:

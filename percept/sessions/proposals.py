@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
@@ -24,8 +23,8 @@ from percept.sessions.layout import refuse_headless
 from percept.sessions.options import ReadOptions
 from percept.sessions.paths import expand
 from percept.sessions.quantities import IMPEDANCE, TO_FILL_IN, quantity_of
-from percept.sessions.reading import open_blocks
 from percept.sessions.records import Problems, shown
+from percept.sessions.tables import read_grid
 from percept.sessions.values import CellError, is_missing, pick
 
 #: Files of a folder, and members of an archive, that are looked at.
@@ -189,11 +188,12 @@ def propose_columns(*paths: str | Path) -> Proposal:
     for file in islice(expand(paths)[0], _FILES):
         with problems.collecting():
             for entry in islice(load(file, options.files), _FILES):
-                with problems.collecting(), closing(open_blocks(entry, options, [])) as blocks:
-                    grid = next(blocks).grid()
-                    columns = [column.tolist() for _, column in grid.cells.items()]
-                    refuse_headless(grid.header, columns, entry.name)
-                    kinds.setdefault(tuple(grid.header), []).append((entry.name, grid.cells))
+                with problems.collecting():
+                    grid = read_grid(entry, options, [])
+                    rows = [cells for _, cells in grid.sample]
+                    refuse_headless(grid.header, rows, entry.name)
+                    cells = pd.DataFrame(rows, dtype=object)
+                    kinds.setdefault(tuple(grid.header), []).append((entry.name, cells))
     if not kinds:
         problems.raise_if_any()
     tables = [_together(header, parts) for header, parts in kinds.items()]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
@@ -19,7 +19,6 @@ from percept.sessions import checks, doubts
 from percept.sessions.ends import without_ends
 from percept.sessions.options import DataTables, ReadOptions
 from percept.sessions.quantities import Quantities, trial_columns
-from percept.sessions.reading import open_files, open_frame
 from percept.sessions.records import (
     IDS,
     MASS,
@@ -34,11 +33,11 @@ from percept.sessions.records import (
 from percept.sessions.responses import complete_responses
 from percept.sessions.slips import Slip, slips
 from percept.sessions.summary import read_summary
-from percept.sessions.table import Log, OpenFile
+from percept.sessions.tables import Log, OpenFile, open_files, open_frame
 from percept.sessions.trials import read_trials
 
 #: Opens the input, once for each reading.
-_Opened = Callable[[Log], Generator[OpenFile]]
+_Opened = Callable[[Log], Iterator[OpenFile]]
 #: A column of more values than this counts or times trials, and names no condition.
 _MOST_LEVELS = 12
 
@@ -260,13 +259,12 @@ def _merged(options: ReadOptions, opened: _Opened, paths: Sequence[str] = ()) ->
     log = Log(options, paths)
     frames: list[pd.DataFrame] = []
     first_of_form: dict[str, str] = {}
-    with closing(opened(log)) as files:
-        for file in files:
-            with log.problems.collecting():
-                form = file.found.form
-                first_of_form.setdefault(form, file.name)
-                frame = read_summary(file) if form == "summary" else read_trials(file)
-                frames.append(frame.assign(file=len(log.sources)))
+    for file in opened(log):
+        with log.problems.collecting():
+            form = file.found.form
+            first_of_form.setdefault(form, file.name)
+            frame = read_summary(file) if form == "summary" else read_trials(file)
+            frames.append(frame.assign(file=len(log.sources)))
     if len(first_of_form) > 1:
         message = "trials and a published summary cannot be read together."
         name = list(first_of_form.values())[1]
@@ -365,7 +363,8 @@ def _telling_columns(log: Log, opened: _Opened) -> list[str]:
     """Name unused columns of which each tells all trials apart, the fewest levels first."""
     telling: dict[str, int] = {}
     # What is wrong with the files is told by the first reading.
-    with suppress(UsageError), closing(opened(Log(log.options.with_groups(log.unused)))) as files:
+    with suppress(UsageError):
+        files = opened(Log(log.options.with_groups(log.unused)))
         merged = pd.concat([read_trials(file) for file in files])
         for name in merged.columns.intersection(log.unused):
             levels = merged[name].nunique()

@@ -9,7 +9,7 @@ import pandas as pd
 
 from percept.sessions.quantities import Quantity
 from percept.sessions.records import Problems
-from percept.sessions.table import Log
+from percept.sessions.tables import Log
 
 #: A whole turn in units of angles.
 _TURNS = {"deg": 360.0, "°": 360.0, "degree": 360.0, "degrees": 360.0}

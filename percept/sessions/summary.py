@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions.records import shown
-from percept.sessions.table import OpenFile
-from percept.sessions.values import decimal_mark, is_missing, parse_numbers
+from percept.sessions.tables import OpenFile
 
 #: Limits at any level give back the mean and SD they were made of.
 _LEVEL = 0.95
@@ -29,12 +27,17 @@ def read_summary(file: OpenFile) -> pd.DataFrame:
         file.notice("mean and sd are not used: lower and upper are there")
     if "level" not in columns:
         file.notice(f"means and SDs without a level are kept as their limits at {_LEVEL}")
-    cells = pd.concat([file.cells(block) for block in file.blocks])
-    texts = {column: cells[at].tolist() for column, at in columns.items()}
-    rows = cells.index.to_numpy()
-    numbers = _converted(file, {name: texts[name] for name in names}, rows)
-    kept = {name: texts[name] for name in ("environment", "parameter")}
-    frame = pd.DataFrame({**kept, "level": _LEVEL, **numbers, "row": rows})
+    positions = list(columns.values())
+    cells = file.cells(positions)[positions].set_axis(list(columns), axis=1)
+    numbers = file.numbers(cells, names, "Correct the cell.")
+    for name in names:
+        for row in cells.index[file.is_missing(cells[name])].tolist():
+            message = "a published table has no empty cells."
+            file.log.problems.add(message, hint="Fill it in.", **file.place(name, row))
+    frame = cells[["environment", "parameter"]].assign(level=_LEVEL, row=cells.index)
+    for name, column in numbers.items():
+        frame[name] = column
+    frame = frame.reset_index(drop=True)
     return frame if has_limits else _with_limits(file, frame)
 
 
@@ -50,24 +53,6 @@ def _require(file: OpenFile, names: Sequence[str]) -> None:
         units = " and ".join(quantity.unit for quantity in file.options.quantities.values())
         message = f"a published table is in {units}."
         raise UsageError(message, file=file.name, key="columns", hint="Convert the table.")
-
-
-def _converted(
-    file: OpenFile, texts: dict[str, list[str]], rows: npt.NDArray[np.int64]
-) -> dict[str, npt.NDArray[np.float64]]:
-    """Convert columns of numbers, which have no empty cell."""
-    problems = file.log.problems
-    mark = file.options.sessions.decimal
-    if mark is None:
-        mark = decimal_mark(list(texts.items()), rows, file=file.name, problems=problems)
-    converted = {}
-    for name, cells in texts.items():
-        converted[name] = parse_numbers(cells, rows, mark, problems, file.place(name))
-        empty = [is_missing(cell) for cell in cells]
-        for row in rows[empty].tolist():
-            message = "a published table has no empty cells."
-            problems.add(message, hint="Fill it in.", **file.place(name, row))
-    return converted
 
 
 def _with_limits(file: OpenFile, frame: pd.DataFrame) -> pd.DataFrame:

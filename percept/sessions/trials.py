@@ -1,6 +1,6 @@
-"""A file's trials as one table: rows selected, ids and numbers taken out of cells, units converted.
+"""A file's trials as one table, step by step: melted, selected, its ids and numbers converted.
 
-Its columns have percept's names or are `Own`; its index is the physical line.
+The table's columns have percept's names or are `Own`; its index is the physical line.
 """
 
 from __future__ import annotations
@@ -16,12 +16,10 @@ import pandas as pd
 
 from percept.errors import UsageError
 from percept.sessions import values
-from percept.sessions.columns import Slot
-from percept.sessions.grids import Block
 from percept.sessions.options import KEPT_COLUMNS, canonical_columns
 from percept.sessions.quantities import convert, numbers_of, quantity_of, with_mass
 from percept.sessions.records import IDS, MASS, Exclusion, shown
-from percept.sessions.table import OpenFile
+from percept.sessions.tables import OpenFile
 
 _CORRECT = "Correct the cell, or leave it empty if there was no adjustment."
 #: Share of rows without an id from which on its cells seem to be merged.
@@ -42,20 +40,14 @@ class Own:
 
 def read_trials(file: OpenFile) -> pd.DataFrame:
     """Give the observations of a file: canonical columns, groups, physical `row`."""
-    selection = file.options.sessions
-    data = _cells(file)
+    data = _melted(file)
     data = _with_ids(file, data)
     data = _selected(file, data)
-    for canonical, rule in file.found.rules.items():
-        if rule.path is not None:
-            data[canonical] = _picks(file, data[canonical], canonical, rule.path)
-    adjusted = [name for name in data if isinstance(name, str) and name.endswith("_adj")]
-    blank = np.logical_and.reduce([_missing(data[column]) for column in adjusted])
-    data = _exclude(file, data, blank, "no adjustment", of_trials=True)
+    data = _picked(file, data)
+    data = _with_adjustments(file, data)
     _check_ids(file, data)
     data = _converted(file, data)
-    if selection.keep == "last":
-        data = _last_events(file, data)
+    data = _last_events(file, data)
     data = _within_limits(file, data)
     return _laid_out(file, data)
 
@@ -79,54 +71,21 @@ def _own_columns(file: OpenFile) -> dict[Any, int]:
     return {own: file.header.position(own.name) for own in names}
 
 
-def _cells(file: OpenFile) -> pd.DataFrame:
-    """Give the cells of all blocks by canonical or own column, a row for each observation."""
+def _melted(file: OpenFile) -> pd.DataFrame:
+    """Give a row for each observation: one set of columns, or several below one another."""
     own = _own_columns(file)
+    slots = file.found.slots
+    cells = file.cells({at for slot in slots for at in (*own.values(), *slot.columns.values())})
     parts = []
-    for block in file.blocks:
-        if file.found.wide:
-            cells = file.cells(block)
-            slots = [_slot(cells, slot, own) for slot in file.found.slots]
-            # Columns of other slots are blank in this one.
-            parts.append(pd.concat(slots).fillna("").sort_index(kind="stable"))
-        else:
-            parts.append(_long(file, block, {**own, **file.found.slots[0].columns}))
-    return pd.concat(parts).assign(**file.ids)
-
-
-def _slot(cells: pd.DataFrame, slot: Slot, own: dict[Any, int]) -> pd.DataFrame:
-    """Give the observations that one slot of a wide table holds."""
-    columns: dict[Any, int] = {**own, **slot.columns}
-    data = cells[list(columns.values())].set_axis(list(columns), axis=1)
-    if slot.environment is not None:
-        data["environment"] = slot.environment
-    if slot.trial is not None:
-        data["trial"] = slot.trial
-    return data
-
-
-def _long(file: OpenFile, block: Block, columns: dict[Any, int]) -> pd.DataFrame:
-    """Give the cells of a block; one of plain numbers is split at the speed of pandas' parser."""
-    rules = file.found.rules.values()
-    selection = file.options.sessions
-    numeric = set(_numbers(file, columns))
-    numbers = {columns[name] for name in numeric}
-    texts = {columns[name] for name in columns.keys() - numeric}
-    comma_may_be_decimal = selection.decimal is None and block.dialect.delimiter != ","
-    needs_text = (
-        bool(texts & numbers)
-        or any(rule.path is not None for rule in rules)
-        or any(rule.equals and rule.column in numeric for rule in selection.exclude)
-        or (comma_may_be_decimal and "," in block.text)
-    )
-    cells = None
-    if not needs_text:
-        cells = block.read_plain(sorted(texts), sorted(numbers), selection.decimal or ".")
-    if cells is None:
-        cells = file.cells(block)
-    else:
-        file.log.counts["rows read"] += len(cells)
-    return cells[list(columns.values())].set_axis(list(columns), axis=1)
+    for slot in slots:
+        columns = {**own, **slot.columns}
+        part = cells[list(columns.values())].set_axis(list(columns), axis=1)
+        parts.append(part.assign(**slot.ids))
+    data = parts[0]
+    if len(parts) > 1:
+        # Columns of other slots are blank in this one.
+        data = pd.concat(parts).fillna("").sort_index(kind="stable")
+    return data.assign(**file.ids)
 
 
 def _numbers(file: OpenFile, names: Iterable[Any]) -> list[Any]:
@@ -154,17 +113,14 @@ def _joined(file: OpenFile, data: pd.DataFrame, canonical: str, also: tuple[str,
     """Join ids of several columns; one that lacks a part is blank, and so missing."""
     columns = [data[canonical], *(data[Own(name)] for name in also)]
     records = list(zip(*columns, strict=True))
-    ids: dict[tuple[str, ...], str] = {}
     parts_of: dict[str, tuple[str, ...]] = {}
     for parts in dict.fromkeys(records):
-        complete = all(part.strip() for part in parts)
-        joined = "-".join(parts) if complete else ""
-        ids[parts] = joined
-        if joined and parts_of.setdefault(joined, parts) != parts:
+        joined = "-".join(parts)
+        if all(map(str.strip, parts)) and parts_of.setdefault(joined, parts) != parts:
             message = f"{shown(parts)} and {shown(parts_of[joined])} both join to {joined!r}."
             hint = "Take the hyphens out of one of these columns."
             raise UsageError(message, hint=hint, **file.place(canonical))
-    return [ids[parts] for parts in records]
+    return ["-".join(parts) if all(map(str.strip, parts)) else "" for parts in records]
 
 
 def _selected(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
@@ -211,8 +167,16 @@ def _exclude(
     return _keep(file, data, ~excluded, f"excluded: {why}")
 
 
+def _picked(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
+    """Take values out of JSON cells; records of other kinds of trial may lack them."""
+    for canonical, rule in file.found.rules.items():
+        if rule.path is not None:
+            data[canonical] = _picks(file, data[canonical], canonical, rule.path)
+    return data
+
+
 def _picks(file: OpenFile, cells: pd.Series[str], canonical: str, path: str) -> list[str]:
-    """Values inside the JSON cells of a column; records of other kinds of trial may lack them."""
+    """Values at a path inside the cells of a column."""
     lacking = []
     picked = []
     found = False
@@ -243,18 +207,25 @@ def _picks(file: OpenFile, cells: pd.Series[str], canonical: str, path: str) -> 
     return picked
 
 
+def _with_adjustments(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
+    """Leave out rows without any adjustment."""
+    adjusted = [name for name in data if isinstance(name, str) and name.endswith("_adj")]
+    blank = np.logical_and.reduce([file.is_missing(data[column]) for column in adjusted])
+    return _exclude(file, data, blank, "no adjustment", of_trials=True)
+
+
+def _blank(ids: pd.Series[str]) -> _Mask:
+    """Which ids are blank; they are few, so that each is looked at once."""
+    return ids.isin([name for name in ids.unique() if not name.strip()]).to_numpy()
+
+
 def _check_ids(file: OpenFile, data: pd.DataFrame) -> None:
     """Refuse observations without an id, or without a number in a column of trials."""
     problems = file.log.problems
     for column in (*IDS, "trial"):
         if column not in data:
             continue
-        if column == "trial":
-            missing = _missing(data[column])
-        else:
-            # Ids are few, so that each is looked at once.
-            empty = [name for name in data[column].unique() if not name.strip()]
-            missing = data[column].isin(empty).to_numpy()
+        missing = file.is_missing(data[column]) if column == "trial" else _blank(data[column])
         if missing.sum() > 1 and missing.mean() >= _MERGED and not missing[0]:
             place = file.place(column, data.index[missing][0])
             message = f"{missing.sum()} of {len(data)} rows have no {column}: cells merged down?"
@@ -268,37 +239,20 @@ def _check_ids(file: OpenFile, data: pd.DataFrame) -> None:
 
 def _converted(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
     """Convert columns of numbers to percept's units, by the file's one decimal mark."""
-    problems = file.log.problems
     rows = data.index.to_numpy()
     quantities = with_mass(file.options.quantities)
-    names = _numbers(file, data)
-    texts = {name: data[name].tolist() for name in names if data[name].dtype != np.float64}
-    places = {name: file.place(name.name if isinstance(name, Own) else name) for name in names}
-    mark = file.options.sessions.decimal
-    if mark is None and texts:
-        columns = [(places[name]["column"], cells) for name, cells in texts.items()]
-        mark = values.decimal_mark(columns, rows, file=file.name, problems=problems)
-    for name in names:
-        numbers = data[name].to_numpy()
-        if name in texts:
-            numbers = values.parse_numbers(
-                texts[name],
-                rows,
-                mark,
-                problems,
-                places[name],
-                correct=_CORRECT,
-                canonical=str(getattr(name, "name", name)),
-            )
+    for name, numbers in file.numbers(data, _numbers(file, data), _CORRECT).items():
         rule = file.found.rules.get(name)
         if name == "trial":
-            numbers = _whole(file, numbers, rows)
-        elif rule is not None:
-            numbers = (numbers + rule.offset) * rule.scale
+            data[name] = _whole(file, numbers, rows)
+            continue
+        converted = numbers
+        if rule is not None:
+            converted = (numbers + rule.offset) * rule.scale
             if rule.response == "log":
-                numbers = np.power(10.0, numbers)
-            numbers = convert(numbers, rule.unit, quantities[quantity_of(name)])
-        data[name] = numbers
+                converted = np.power(10.0, converted)
+            converted = convert(converted, rule.unit, quantities[quantity_of(name)])
+        data[name] = converted
     return data
 
 
@@ -318,7 +272,9 @@ def _whole(
 
 
 def _last_events(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
-    """Reduce each trial to its last event, with the last value of each number."""
+    """Reduce each trial to its last event, with the last value of each number, if declared."""
+    if file.options.sessions.keep != "last":
+        return data
     ids = [column for column in (*IDS, "trial") if column in data]
     numbers = [column for column in _numbers(file, data) if column != "trial"]
     filled = data.groupby(ids, sort=False, dropna=False)[numbers].ffill()
@@ -332,7 +288,7 @@ def _last_events(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
         f'keep = "last" leaves out {earlier:,} of {rows:,} rows ({earlier / max(rows, 1):.1%})'
         " as earlier events of a trial"
     )
-    if not file.is_numbered:
+    if not file.found.is_numbered:
         text += "; no column numbers the trials, so one row stays per subject and environment"
     file.notice(text)
     return last
@@ -347,13 +303,10 @@ def _within_limits(file: OpenFile, data: pd.DataFrame) -> pd.DataFrame:
         if column not in data or not pd.api.types.is_numeric_dtype(data[column]):
             key = f"sessions.exclude {rule.column}"
             raise UsageError("limits need a column of numbers.", key=key)
+        lowest = -np.inf if rule.below is None else rule.below
+        highest = np.inf if rule.above is None else rule.above
         numbers = data[column].to_numpy()
-        outside = np.zeros(len(numbers), dtype=bool)
-        if rule.below is not None:
-            outside |= numbers < rule.below
-        if rule.above is not None:
-            outside |= numbers > rule.above
-        data = _exclude(file, data, outside, rule.why)
+        data = _exclude(file, data, (numbers < lowest) | (numbers > highest), rule.why)
     return data
 
 
@@ -378,9 +331,3 @@ def _among(cells: pd.Series[Any], texts: Sequence[str]) -> _Mask:
     wanted = {values.fold(text) for text in texts}
     spelled = [cell for cell in cells.unique() if values.fold(str(cell)) in wanted]
     return cells.isin(spelled).to_numpy()
-
-
-def _missing(cells: pd.Series[Any]) -> _Mask:
-    """Which cells say that there is no value."""
-    blank = cells.isna() if cells.dtype == np.float64 else cells.map(values.is_missing)
-    return blank.to_numpy(dtype=bool)

@@ -1,53 +1,69 @@
-"""Files of typed values to cells of text, within limits; Parquet and Excel are read here."""
+"""Tables of typed values to rows of text: Parquet, Excel, JSON, SQLite, MATLAB and R.
+
+Nothing in the files is run. Each reader holds what a file says of its size to the limits before it
+makes the rows.
+"""
 
 from __future__ import annotations
 
 import io
+import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import pandas as pd
 
 from percept.errors import UsageError
+from percept.sessions import matlab
 from percept.sessions.files import Input, is_workbook, load
-from percept.sessions.grids import Block, Dialect, Grid, Records
-from percept.sessions.layout import FirstRows, refuse_layout
+from percept.sessions.layout import refuse_layout
 from percept.sessions.options import FileLimits
-from percept.sessions.records import NoDataError
-from percept.sessions.stores import chosen, database_rows, json_rows, matlab_rows, r_rows
+from percept.sessions.records import NoDataError, shown
+from percept.sessions.text import Grid
+from percept.sessions.values import unique_keys
 
-_Reader = Callable[[bytes, str, str | None, FileLimits], list[Sequence[Any]]]
+#: The header, then the rows.
+_Table = list[Sequence[Any]]
+_Reader = Callable[[Input, FileLimits], _Table]
 #: How JSON begins that holds records or lists.
 _JSON = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:\{\s*[\"}]|\[\s*[\[{])")
 #: Rows of a sheet in which text around the table is looked for.
 _FIRST_ROWS = 60
 #: Bytes that tell a format.
 _BEGINNING = 256
-
-
-def _reader(beginning: bytes) -> _Reader | None:
-    """Return what reads a file that begins so; None for plain text."""
-    for signature, reader in _READERS.items():
-        if beginning.startswith(signature):
-            return reader
-    return json_rows if _JSON.match(beginning) else None
+#: Bytes of one cell of a database: more than any mouse track has.
+_LONGEST_CELL = 16 << 20
+_MAKE_FRAME = 'In R: write.csv(as.data.frame(OBJECT), "data.csv"), then read data.csv.'
 
 
 def is_typed(entry: Input) -> bool:
     """Whether a file holds typed values instead of delimited text."""
-    with entry.open() as stream:
-        beginning = stream.read(_BEGINNING)
-    if _reader(beginning) is None and _is_unread_matlab(beginning, entry.name):
+    reader = _reader(entry)
+    beginning = entry.data[:_BEGINNING]
+    # MATLAB 4 has no header, and Octave has formats of its own.
+    unread = beginning.startswith((b"Octave-1-", b"# Created by Octave"))
+    unread |= entry.name.casefold().endswith(".mat") and b"\0" in beginning
+    if reader is None and unread:
         message = "not a MATLAB file that percept reads (versions 5, 7 and 7.3)."
         raise UsageError(message, file=entry.name, hint="In Octave, save with -v7.")
-    return _reader(beginning) is not None or is_workbook(entry.data or b"", entry.name)
+    return reader is not None
 
 
-def _is_unread_matlab(beginning: bytes, name: str) -> bool:
-    """Whether a file is of MATLAB 4, which has no header, or of Octave's formats."""
-    is_octave = beginning.startswith((b"Octave-1-", b"# Created by Octave"))
-    return is_octave or (name.casefold().endswith(".mat") and b"\0" in beginning)
+def _reader(entry: Input) -> _Reader | None:
+    """Return what reads a file; None for plain text."""
+    beginning = entry.data[:_BEGINNING]
+    for signature, reader in _READERS.items():
+        if beginning.startswith(signature):
+            return reader
+    if is_workbook(entry.data, entry.name):
+        return _sheet
+    return _json if _JSON.match(beginning) else None
 
 
 def csv_frame(path: str, limits: FileLimits) -> pd.DataFrame:
@@ -71,94 +87,173 @@ def csv_frame(path: str, limits: FileLimits) -> pd.DataFrame:
     """
     entry, *_ = load(path, limits)
     try:
-        table = pd.read_csv(io.BytesIO(entry.read(limits)))
+        table = pd.read_csv(io.BytesIO(entry.data))
     except (OSError, ValueError) as error:
         raise UsageError(f"cannot be read: {error}.", file=path) from error
     limits.hold_table(len(table), len(table.columns), path)
     return table
 
 
-def typed_rows(data: bytes, file: str, part: str | None, limits: FileLimits) -> list[Sequence[Any]]:
-    """Give the header and rows of a table, with the values that the file stores.
-
-    Parameters
-    ----------
-    data : bytes
-        The file: Parquet, Excel, JSON, SQLite, MATLAB or R.
-    file : str
-        Its name for messages.
-    part : str or None
-        The sheet, table or variable; None for the first sheet or the only table.
-    limits : FileLimits
-        Most rows and cells.
+def typed_grid(entry: Input, limits: FileLimits) -> Grid:
+    """Read the header and rows of a table, and write their values as text.
 
     Raises
     ------
     UsageError
         The file is broken, lacks the part, passes a limit, or needs a package that is missing.
     """
-    reader = _reader(data[:_BEGINNING]) or _sheet_rows
+    reader = _reader(entry) or _sheet
     try:
-        rows = reader(data, file, part, limits)
+        rows = reader(entry, limits)
     except UsageError:
         raise
     except ImportError as error:
         message = f"this file needs {error.name}."
         hint = f"Install it: pip install {error.name}."
-        raise UsageError(message, file=file, hint=hint) from None
+        raise UsageError(message, file=entry.name, hint=hint) from None
     # What the readers meet in a broken file escapes: KeyError, zlib.error and others.
     except Exception as error:  # noqa: BLE001
         message = f"a broken file: {str(error).rstrip('.')}."
-        raise UsageError(message, file=file, hint="Write it again, or as CSV.") from None
-    if not rows or not rows[0]:
+        raise UsageError(message, file=entry.name, hint="Write it again, or as CSV.") from None
+    return grid_of(rows, entry.name, limits)
+
+
+def grid_of(rows: Iterable[Sequence[Any]], file: str, limits: FileLimits) -> Grid:
+    """Write a header and rows of values as text, within the limits.
+
+    Raises
+    ------
+    NoDataError
+        There is a header alone, or nothing.
+    UsageError
+        The texts pass the limit, or one is no text that can be written.
+    """
+    texts = _texts(rows, file, limits)
+    names = next(texts, [])
+    if not names:
         raise NoDataError("the table is empty.", file=file, hint="Leave it out, or name another.")
-    return rows
+    # A last column without a name is no mark of a delimiter here.
+    names = [name.strip() or f"column {number}" for number, name in enumerate(names, 1)]
+    grid = Grid(file, names, enumerate(texts, 2))
+    if not grid.sample:
+        raise NoDataError("there are no data below the header.", file=file, hint="Leave it out.")
+    return grid
 
 
-def _parquet_rows(
-    data: bytes, file: str, part: str | None, limits: FileLimits
-) -> list[Sequence[Any]]:
+def _texts(rows: Iterable[Sequence[Any]], file: str, limits: FileLimits) -> Iterator[list[str]]:
+    """Write the cells of each row; a file may hold one long text many times."""
+    size = 0
+    for row in rows:
+        texts = [_text(value) for value in row]
+        size += sum(map(len, texts))
+        limits.hold_size(size, file)
+        yield texts
+
+
+def _text(value: Any) -> str:
+    """Write a typed cell as text; `repr` of a float reads back as the same double."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, float):
+        return "" if value != value else repr(float(value))
+    return "" if value is None or value is pd.NA or value is pd.NaT else str(value)
+
+
+def _chosen(names: Sequence[str], entry: Input, also: str = "", *, first: str = "") -> str:
+    """Choose the part of a file that is named, or its only one; a hint shows the first."""
+    wanted = [name for name in names if entry.part in (None, name)]
+    if len(wanted) == 1:
+        return wanted[0]
+    if not names:
+        raise NoDataError("the file holds no table.", file=entry.name, hint="Leave it out.")
+    what = "several tables" if entry.part is None else "no such table"
+    message = f"the file holds {what}; there are {shown(names)}."
+    place = entry.name.partition("::")[0]
+    hint = f"Name one behind two colons: {place}::{first or names[0]}. {also}"
+    raise UsageError(message, file=entry.name, hint=hint.strip())
+
+
+def _side_by_side(
+    columns: Mapping[str, Sequence[object]], entry: Input, limits: FileLimits
+) -> _Table:
+    """Put columns side by side; columns of another length than most are no part of the table."""
+    lengths = Counter(len(column) for column in columns.values())
+    if not lengths:
+        return []
+    length = lengths.most_common(1)[0][0]
+    table = {name: column for name, column in columns.items() if len(column) == length}
+    limits.hold_table(length, len(table), entry.name)
+    return [list(table), *zip(*table.values(), strict=True)]
+
+
+def _parquet(entry: Input, limits: FileLimits) -> _Table:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    buffer = pa.BufferReader(data)
+    buffer = pa.BufferReader(entry.data)
     size = pq.read_metadata(buffer)
-    limits.hold_table(size.num_rows, size.num_columns, file)
-    table = pq.read_table(pa.BufferReader(data))
+    limits.hold_table(size.num_rows, size.num_columns, entry.name)
+    table = pq.read_table(pa.BufferReader(entry.data))
     columns = [column.to_pylist() for column in table.columns]
     return [table.column_names, *zip(*columns, strict=True)]
 
 
-def _sheet_rows(
-    data: bytes, file: str, part: str | None, limits: FileLimits
-) -> list[Sequence[Any]]:
-    """Give the rows of a sheet, each as wide as its header."""
-    rows = list(_ragged_rows(data, file, part, limits))
+def sheets(entry: Input) -> list[Input]:
+    """Give each sheet of a workbook that has a cell with a value as an input of its own."""
+    book = _workbook(entry)
+    found = []
+    for page in book:
+        if any(value is not None for row in page.iter_rows(values_only=True) for value in row):
+            name = page.title
+            path = f"{entry.path}/{name}"
+            found.append(replace(entry, name=f"{entry.name}::{name}", path=path, part=name))
+    return found
+
+
+def _workbook(entry: Input, *, values: bool = True) -> Any:
+    import openpyxl
+
+    return openpyxl.load_workbook(io.BytesIO(entry.data), read_only=True, data_only=values)
+
+
+def _sheet(entry: Input, limits: FileLimits) -> _Table:
+    """Read a sheet, each row as wide as its header."""
+    book = _workbook(entry)
+    names = book.sheetnames
+    first = ""
+    also = ""
+    if entry.part is None:
+        names = [sheet.part for sheet in sheets(entry)] or names[:1]
+        tables = [name for name in names if _looks_like_data(book[name])]
+        if tables and tables != names:
+            first = tables[0]
+            also = f"{shown(tables)} {'looks' if len(tables) == 1 else 'look'} like data. "
+    also += 'Or read all that are alike: [sessions] sheet = "*".'
+    name = _chosen(names, entry, also, first=first)
+    rows = list(_ragged(book[name], _workbook(entry, values=False)[name], entry.name, limits))
     if not rows:
         hint = "Name another with [sessions] sheet."
-        raise UsageError("the sheet is empty.", file=file, hint=hint)
+        raise UsageError("the sheet is empty.", file=entry.name, hint=hint)
     widest = max(map(len, rows))
     padded = [row + [""] * (widest - len(row)) for row in rows[:_FIRST_ROWS]]
     texts = [[_text(value) for value in row] for row in padded]
-    refuse_layout(FirstRows.of(file, texts, range(1, len(texts) + 1)))
+    refuse_layout(list(enumerate(texts, 1)), entry.name)
     # Cells right of the last column name hold notes.
     width = len(rows[0])
     return [row[:width] + [""] * (width - len(row)) for row in rows]
 
 
-def _ragged_rows(
-    data: bytes, file: str, sheet: str | None, limits: FileLimits
-) -> Iterator[list[Any]]:
-    """Give the rows of a sheet without their trailing blank cells."""
-    import openpyxl
+def _looks_like_data(page: Any) -> bool:
+    """Whether a number stands below several names in a sheet's first rows."""
+    rows = [row for row in islice(page.iter_rows(values_only=True), _FIRST_ROWS) if any(row)]
+    names = [value for value in rows[0] if isinstance(value, str)] if rows else []
+    return len(names) > 1 and any(
+        isinstance(value, int | float) for row in rows[1:] for value in row
+    )
 
-    book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
-    names = book.sheetnames
-    if sheet is None:
-        names = sheets(data) or names[:1]
-    name = chosen(names, sheet, file, 'Or read all that are alike: [sessions] sheet = "*".')
-    page = book[name]
-    written = openpyxl.load_workbook(io.BytesIO(data), read_only=True)[name]
+
+def _ragged(page: Any, written: Any, file: str, limits: FileLimits) -> Iterator[list[Any]]:
+    """Give the rows of a sheet without their trailing blank cells."""
     # The size that a sheet states may be wrong.
     page.reset_dimensions()
     written.reset_dimensions()
@@ -178,32 +273,6 @@ def _ragged_rows(
         yield values
 
 
-def sheets(data: bytes) -> list[str]:
-    """Name the sheets of a workbook that have a cell with a value."""
-    import openpyxl
-
-    book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
-    return [name for name in book.sheetnames if _is_filled(book[name])]
-
-
-def _is_filled(page: Any) -> bool:
-    """Whether a sheet has a cell with a value."""
-    rows = page.iter_rows(values_only=True)
-    return any(value is not None for row in rows for value in row)
-
-
-#: How files begin, and what reads them.
-_READERS: dict[bytes, _Reader] = {
-    b"PAR1": _parquet_rows,
-    b"SQLite format 3": database_rows,
-    b"MATLAB 5": matlab_rows,
-    b"MATLAB 7": matlab_rows,
-    b"RDX2\n": r_rows,
-    b"RDX3\n": r_rows,
-    b"X\n\0\0\0": r_rows,
-}
-
-
 def _sheet_value(cell: Any, written: Any) -> Any:
     """Value of a cell, or its formula if no program has worked that out; errors are blank.
 
@@ -217,58 +286,146 @@ def _sheet_value(cell: Any, written: Any) -> Any:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-def typed_block(rows: Iterable[Sequence[Any]], file: str, limits: FileLimits) -> Block:
-    """Write the typed cells of a header and rows as text.
-
-    Parameters
-    ----------
-    rows : iterable of sequences
-        The header, then the rows.
-    file : str
-        The file's name for messages.
-    limits : FileLimits
-        Most bytes of all texts together: a file may hold one text many times.
-
-    Raises
-    ------
-    NoDataError
-        There is a header alone, or nothing.
-    UsageError
-        The texts pass the limit, or one is no text that can be written.
-    """
-    header, *records = _texts(rows, file, limits)
-    if not header:
-        raise NoDataError("the table is empty.", file=file, hint="Leave it out, or name another.")
-    # A last column without a name is no mark of a delimiter here.
-    names = tuple(name.strip() or f"column {number}" for number, name in enumerate(header, 1))
-    dialect = Dialect(file, names=names)
-    lines = list(range(2, len(records) + 2))
-    grid = Grid.of(dialect, Records(records, lines), last=False)
-    if grid.cells.empty:
-        raise NoDataError("there are no data below the header.", file=file, hint="Leave it out.")
-    return Block(dialect, grid)
+def _json(entry: Input, limits: FileLimits) -> _Table:
+    """Read records: a list of objects, one behind each key, columns as lists, or JSON Lines."""
+    text = entry.data.decode("utf-8-sig")
+    try:
+        values = [_loaded(text)]
+    except ValueError:
+        values = [_loaded(line) for line in text.splitlines() if line.strip()]
+    if len(values) == 1 and isinstance(values[0], dict):
+        lists = {key: value for key, value in values[0].items() if isinstance(value, list)}
+        if any(value and not isinstance(value[0], dict) for value in lists.values()):
+            return _side_by_side(lists, entry, limits)
+        if lists:
+            values = [lists[_chosen(list(lists), entry)]]
+    records = list(_flat(values))
+    if not all(isinstance(record, dict) for record in records):
+        message = "this JSON is not a list of records."
+        raise UsageError(message, file=entry.name, hint="Export the table as CSV.")
+    keys: dict[str, None] = {}
+    for record in records:
+        keys.update(dict.fromkeys(record))
+    limits.hold_table(len(records), len(keys), entry.name)
+    rows = [[_json_cell(record.get(key)) for key in keys] for record in records]
+    return [list(keys), *rows]
 
 
-def _texts(rows: Iterable[Sequence[Any]], file: str, limits: FileLimits) -> Iterator[list[str]]:
-    """Write the cells of each row as text, and hold all together to the limit."""
-    size = 0
-    for number, row in enumerate(rows, 1):
-        texts = [_text(value) for value in row]
-        for text in texts:
-            size += len(text)
-            # Half of a character, which JSON and Python can write, is in no file.
-            if not text.isascii() and any("\ud800" <= letter <= "\udfff" for letter in text):
-                message = "half of a character (a lone surrogate)."
-                hint = "Write the text again."
-                raise UsageError(message, file=file, row=number, value=text, hint=hint)
-        limits.hold_size(size, file)
-        yield texts
+def _flat(values: Sequence[Any]) -> Iterator[Any]:
+    """Give the records of lists in lists: a file may hold a list for each subject."""
+    for value in values:
+        if isinstance(value, list):
+            yield from _flat(value)
+        else:
+            yield value
 
 
-def _text(value: Any) -> str:
-    """Write a typed cell as text; `repr` of a float reads back as the same double."""
-    if isinstance(value, str):
-        return value
-    if isinstance(value, float):
-        return "" if value != value else repr(float(value))
-    return "" if value is None or value is pd.NA or value is pd.NaT else str(value)
+def _loaded(text: str) -> Any:
+    """Read JSON; numbers stay as they are written."""
+    return json.loads(
+        text,
+        parse_float=str,
+        parse_int=str,
+        parse_constant=str,
+        object_pairs_hook=unique_keys,
+    )
+
+
+def _json_cell(value: Any) -> str:
+    """Write a value of a record as the text of a cell; what is nested stays JSON."""
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def _database(entry: Input, limits: FileLimits) -> _Table:
+    """Read a table of an SQLite database; its views and triggers are not used."""
+    import sqlite3
+
+    with closing(sqlite3.connect(":memory:")) as connection:
+        connection.deserialize(entry.data)
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST_CELL)
+        connection.execute("PRAGMA trusted_schema = OFF")
+        listing = "SELECT name FROM sqlite_schema WHERE type = 'table' AND name NOT LIKE 'sqlite_%'"
+        names = [name for (name,) in connection.execute(listing)]
+        table = _chosen(names, entry).replace('"', '""')
+        cursor = connection.execute(f'SELECT * FROM "{table}"')
+        rows: _Table = [[column[0] for column in cursor.description]]
+        size = 0
+        for row in cursor:
+            limits.hold_table(len(rows), len(row), entry.name)
+            # A generated column is worked out here: it takes no room in the file.
+            size += sum(len(value) for value in row if isinstance(value, str | bytes))
+            limits.hold_size(size, entry.name)
+            rows.append(row)
+    return rows
+
+
+def _matlab(entry: Input, limits: FileLimits) -> _Table:
+    """Read a struct of columns, an array of structs, a matrix, or vectors of one length."""
+    found = matlab.variables(entry.data, entry.name, limits)
+    tables = matlab.tables(found)
+    if entry.part is None and not tables:
+        table = matlab.vectors(found)
+    else:
+        name = _chosen(tables if entry.part is None else list(found), entry)
+        table = matlab.columns(found[name])
+    return _side_by_side(table, entry, limits)
+
+
+def _r(entry: Input, limits: FileLimits) -> _Table:
+    """Read a data frame of an .rds, .rda or .RData file."""
+    import rdata
+
+    constructors = dict(rdata.parser.DEFAULT_ALTREP_MAP)
+    sequences = 0
+
+    def bounded(construct: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        """Hold sequences, which R writes as their lengths alone, before they are made."""
+
+        def within_limits(state: Any) -> Any:
+            nonlocal sequences
+            length = int(state.value[0])
+            sequences += length
+            limits.hold_table(length, 1, entry.name)
+            limits.hold_table(1, sequences, entry.name)
+            return construct(state)
+
+        return within_limits
+
+    for name in (b"compact_intseq", b"compact_realseq"):
+        constructors[name] = bounded(constructors[name])
+    parsed = rdata.parser.parse_data(
+        entry.data,
+        altrep_constructor_dict=constructors,
+        extension=".rda" if entry.data.startswith(b"RD") else ".rds",
+    )
+    with warnings.catch_warnings():
+        # Classes that it does not know, such as nlme's, lie around a data frame or beside.
+        warnings.simplefilter("ignore", UserWarning)
+        frame = rdata.conversion.convert(parsed)
+    if isinstance(frame, dict):
+        frames = [name for name, value in frame.items() if hasattr(value, "columns")]
+        if not frames:
+            message = (
+                f"this R file holds {shown([str(name) for name in frame])}, and no data frame."
+            )
+            raise NoDataError(message, file=entry.name, hint=_MAKE_FRAME)
+        frame = frame[_chosen(frames, entry)]
+    if not hasattr(frame, "columns"):
+        raise UsageError("this R object is no data frame.", file=entry.name, hint=_MAKE_FRAME)
+    limits.hold_table(len(frame), len(frame.columns), entry.name)
+    columns = {str(name): [matlab.plain(item) for item in frame[name]] for name in frame}
+    return _side_by_side(columns, entry, limits)
+
+
+#: How files begin, and what reads them.
+_READERS: dict[bytes, _Reader] = {
+    b"PAR1": _parquet,
+    b"SQLite format 3": _database,
+    b"MATLAB 5": _matlab,
+    b"MATLAB 7": _matlab,
+    b"RDX2\n": _r,
+    b"RDX3\n": _r,
+    b"X\n\0\0\0": _r,
+}

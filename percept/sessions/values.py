@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import re
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Container, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -20,8 +21,9 @@ Mark = Literal[".", ","]
 LEAST = 1e-100
 LARGEST = 1e100
 
-_MISSING = frozenset({"", "nan", "na", "null", "none", "-"})
-_SPACE = " \t\xa0"
+#: Texts that say there is no value, in any case; a scene may add some.
+MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "."})
+SPACE = " \t\xa0"
 _NUMBER = {
     ".": re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"),
     ",": re.compile(r"[+-]?(?:[0-9]+(?:,[0-9]*)?|,[0-9]+)(?:[eE][+-]?[0-9]+)?"),
@@ -30,6 +32,9 @@ _NUMBER = {
 # are not.
 _TWO_READINGS = re.compile(r"[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}")
 _WORDS = {".": "point", ",": "comma"}
+_OTHER: dict[Mark, Mark] = {".": ",", ",": "."}
+#: Signs of numbers without an odd one, all cells in one.
+_PLAIN = {".": re.compile("[0-9.eE+-]*"), ",": re.compile("[0-9,eE+-]*")}
 _NUMPY = re.compile(r"np\.(?:float|int)\d+\(([^()]*)\)")
 #: What else stands in cells of numbers: a pattern, what is wrong, and what to do beside correcting
 #: it.
@@ -56,10 +61,9 @@ _NO_NUMBERS = (
         "Replace it by a hyphen in the whole file.",
     ),
     (
-        r"(?i:#?n/?a\.?|#n/?a!?|\.+|\?+|--+|missing)",
+        r"(?i:n\.?/?a\.?|#n/a!?|\.+|\?+|--+|missing)",
         "a word for a missing value, not a number.",
-        'Leave the cell empty, or leave such rows out: [sessions] exclude = [{ column = "COLUMN",'
-        ' equals = "CELL", why = "missing" }].',
+        'Leave the cell empty, or say so in the scene: [sessions] missing = ["CELL"].',
     ),
     (
         r"[+-]?[0-9.,]+ ?[A-Za-z°µΩ].*",
@@ -73,56 +77,65 @@ _NO_NUMBERS = (
 _ZERO_WIDTH = re.compile("[\u200b-\u200f\u2060\ufeff\u00ad]")
 
 
-def is_missing(cell: str | float) -> bool:
+def is_missing(cell: str, marks: Container[str] = MISSING) -> bool:
     """Whether a value cell says there is no value."""
-    return str(cell).strip(_SPACE).lower() in _MISSING
+    return cell.strip(SPACE).lower() in marks
 
 
-def decimal_mark(
-    columns: Sequence[tuple[str, Sequence[str | float]]],
-    rows: npt.NDArray[np.int64],
-    *,
-    file: str,
-    problems: Problems,
-) -> Mark:
-    """Find the decimal mark from all the number cells that are used."""
-    commas = _with_mark(",", columns, rows)
-    if not commas:
-        return "."
-    points = _with_mark(".", columns, rows)
-    sure_commas = _with_one_reading(commas)
-    if points:
+@dataclass(frozen=True)
+class Column:
+    """Cells that hold numbers, by physical line, and where they stand."""
+
+    canonical: str
+    cells: pd.Series[str]
+    place: CellPlace
+
+    def at(self, index: int) -> CellPlace:
+        """Where a cell stands."""
+        return CellPlace(**{**self.place, "row": int(self.cells.index[index])})
+
+
+def decimal_mark(columns: Sequence[Column], delimiter: str, problems: Problems) -> Mark:
+    """Find the decimal mark of a file from all its cells of numbers that are used.
+
+    Where every cell has two readings the scene has to say. So it has where semicolons separate the
+    cells, which a country with decimal commas has, and points may separate thousands.
+    """
+    mark: Mark = "."
+    marked = list(_marked(",", columns))
+    if marked:
+        points = list(_marked(".", columns))
         # Cells with one reading go before more numerous ones with two.
-        for_comma = (sure_commas, len(commas))
-        return "," if for_comma > (_with_one_reading(points), len(points)) else "."
-    if not sure_commas:
-        hint = (
-            'Declare [sessions] decimal = ",". If the comma separates thousands, write them without'
-            ' it and declare decimal = ".".'
-        )
-        for row, name, cell in commas:
-            message = f"{_readings(cell)}."
-            problems.add(message, file=file, row=row, column=name, value=cell, hint=hint)
-    return ","
+        for_comma = (_with_one_reading(marked), len(marked))
+        if for_comma > (_with_one_reading(points), len(points)):
+            mark = ","
+        if points or for_comma[0]:
+            return mark
+    elif delimiter == ";":
+        marked = list(_marked(".", columns))
+        if _with_one_reading(marked):
+            return mark
+    hint = (
+        f'Declare [sessions] decimal = "{mark}". If the {_WORDS[mark]} separates thousands, write'
+        f' them without it and declare decimal = "{_OTHER[mark]}".'
+    )
+    for column, index, cell in marked:
+        problems.add(f"{_readings(cell)}.", value=cell, hint=hint, **column.at(index))
+    return mark
 
 
-def _with_one_reading(cells: Sequence[tuple[int, str, str]]) -> int:
+def _marked(sign: Mark, columns: Sequence[Column]) -> Iterator[tuple[Column, int, str]]:
+    """Give the place and text of each number that has a mark."""
+    for column in columns:
+        for index in np.flatnonzero(column.cells.str.contains(sign, regex=False)).tolist():
+            text = column.cells.iloc[index].strip(SPACE)
+            if _NUMBER[sign].fullmatch(text):
+                yield column, index, text
+
+
+def _with_one_reading(cells: Sequence[tuple[Column, int, str]]) -> int:
     """How many cells hold a mark that cannot separate thousands."""
     return sum(_TWO_READINGS.fullmatch(cell) is None for _, _, cell in cells)
-
-
-def _with_mark(
-    sign: Mark, columns: Sequence[tuple[str, Sequence[str | float]]], rows: npt.NDArray[np.int64]
-) -> list[tuple[int, str, str]]:
-    """Row, column and text of each number that has a mark."""
-    return [
-        (int(row), name, text)
-        for name, cells in columns
-        for row, cell in zip(rows, cells, strict=True)
-        if isinstance(cell, str)
-        and sign in cell
-        and _NUMBER[sign].fullmatch(text := cell.strip(_SPACE))
-    ]
 
 
 def _readings(cell: str) -> str:
@@ -130,46 +143,54 @@ def _readings(cell: str) -> str:
 
 
 def parse_numbers(
-    cells: Sequence[str | float],
-    rows: npt.NDArray[np.int64],
-    mark: Mark | None,
-    problems: Problems,
-    place: CellPlace,
-    *,
-    correct: str = "Correct the cell.",
-    canonical: str = "",
+    column: Column, mark: Mark, marks: Container[str], problems: Problems, correct: str
 ) -> npt.NDArray[np.float64]:
-    """Convert cells to the nearest doubles."""
-    mark = mark or "."
+    """Convert cells to numbers, NaN where there is no value; what is neither is a problem.
+
+    `correct` says what to do about one that has no better remedy.
+    """
+    cells = column.cells.tolist()
+    plain = _plain_numbers(cells, mark)
+    if plain is not None:
+        return plain
     numbers = np.full(len(cells), np.nan)
-    is_number = _NUMBER[mark].fullmatch
-    for at, cell in enumerate(cells):
-        if isinstance(cell, float):
-            # Of a block that pandas' parser read.
-            numbers[at] = cell
-            continue
-        text = cell.strip(_SPACE)
-        if is_number(text):
-            numbers[at] = number = float(text.replace(",", "."))
-            if LEAST <= abs(number) <= LARGEST:
-                continue
+    for index, cell in enumerate(cells):
+        text = cell.strip(SPACE)
+        if _NUMBER[mark].fullmatch(text):
+            numbers[index] = number = float(text.replace(",", "."))
             mantissa = re.split("[eE]", text)[0]
-            if not re.search("[1-9]", mantissa):
+            if LEAST <= abs(number) <= LARGEST or not re.search("[1-9]", mantissa):
                 continue
             message = f"not between {LEAST:g} and {LARGEST:g} in size."
             hint = ""
-        elif text.lower() in _MISSING:
+        elif text.lower() in marks:
             continue
         else:
-            message, hint = _diagnosis(text, mark, place.get("column", ""), canonical)
-        located: CellPlace = {**place, "row": int(rows[at])}
-        problems.add(message, value=cell, hint=hint or correct, **located)
+            own = column.place.get("column", "")
+            message, hint = _diagnosis(text, mark, own, column.canonical)
+        problems.add(message, value=cell, hint=hint or correct, **column.at(index))
     return numbers
+
+
+def _plain_numbers(cells: Sequence[str], mark: Mark) -> npt.NDArray[np.float64] | None:
+    """Convert cells that hold plain numbers in range, or nothing; None where one is odd."""
+    signs = "".join(cells)
+    if not _PLAIN[mark].fullmatch(signs):
+        return None
+    texts = cells if mark == "." else [cell.replace(",", ".") for cell in cells]
+    try:
+        numbers = np.array([float(text) if text else np.nan for text in texts])
+    except ValueError:
+        return None
+    sizes = np.abs(numbers)
+    # A zero with an exponent may have been a number below the least double.
+    tiny = (sizes < LEAST) & ((sizes > 0) | ("e" in signs.lower()))
+    return None if (tiny | (sizes > LARGEST)).any() else numbers
 
 
 def _diagnosis(text: str, mark: Mark, column: str, canonical: str) -> tuple[str, str]:
     """Say what is wrong with a cell that is no number, and what to do about it."""
-    other: Mark = "," if mark == "." else "."
+    other = _OTHER[mark]
     if _NUMBER[other].fullmatch(text):
         what = _readings(text) if _TWO_READINGS.fullmatch(text) else f"a decimal {_WORDS[other]}"
         hint = (

@@ -122,16 +122,10 @@ IN_TEXT = {
         'such as [columns] k_adj = { name = "k_adj", unit = "N/mm" }.',
     ),
     "a word for a missing value": (
-        lines(at_7="P2,soft,2,500,n/a"),
-        (7, "k_adj", "n/a"),
+        lines(at_7="P2,soft,2,500,?"),
+        (7, "k_adj", "?"),
         "a word for a missing value, not a number.",
-        '[sessions] exclude = [{ column = "k_adj", equals = "n/a", why = "missing" }].',
-    ),
-    "a point for a missing value": (
-        lines(at_7="P2,soft,2,500,."),
-        (7, "k_adj", "."),
-        "a word for a missing value, not a number.",
-        'equals = ".", why = "missing" }].',
+        'Leave the cell empty, or say so in the scene: [sessions] missing = ["?"].',
     ),
     "merged cells": (
         [HEAD, *(",".join(map(str, row if row[2] == 1 else ["", *row[1:]])) for row in rows())],
@@ -238,6 +232,9 @@ def test_a_sheet_of_several_is_named_behind_two_colons(tmp_path):
         f"Name one behind two colons: {path}::trials. Or read all that are alike: [sessions] sheet"
         ' = "*".'
     )
+    path = workbook(tmp_path, notes=[["what I did", "when"], ["all"]], data=[NAMES, *rows()])
+    assert f"colons: {path}::data. 'data' looks like data. Or read all" in refusal(path).hint
+    path = workbook(tmp_path, trials=[HEAD.split(","), *rows()], notes=[["a", "b"], [1, 2]])
     assert len(read_sessions(f"{path}::trials").table) == 24
     scene = ReadOptions(sessions={"sheet": "trials"})
     assert len(read_sessions(path, scene=scene).table) == 24
@@ -276,9 +273,12 @@ def test_a_number_of_nines_among_others_is_no_code(tmp_path):
     assert not any("code" in own.text for own in found)
 
 
-def test_a_word_for_a_missing_value_is_left_out_by_the_rule_that_is_named(tmp_path):
-    path = csv_file(tmp_path, lines(at_7="P2,soft,2,500,n/a"))
-    assert len(under_its_rule(tmp_path, type("N", (), {"text": refusal(path).hint}))) == 23
+@pytest.mark.parametrize("word", ["n/a", "#N/A", ".", "?", "missing"])
+def test_a_word_for_a_missing_value_is_none(tmp_path, word):
+    path = csv_file(tmp_path, lines(at_7=f"P2,soft,2,500,{word}"))
+    scene = ReadOptions(sessions={"missing": ["?", "Missing"]})
+    found = read_sessions(path, scene=scene)
+    assert (len(found.table), found.exclusions[0].row) == (23, 7)
 
 
 def test_a_stray_negative_value_may_be_left_out(tmp_path):

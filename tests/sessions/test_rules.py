@@ -131,6 +131,25 @@ def test_cells_that_disagree_are_blamed_and_no_others(tmp_path, cells, blamed):
         assert problem.message.startswith(f"can be read as {point} or as {plain}; the file is")
 
 
+def test_points_between_semicolons_may_separate_thousands(tmp_path):
+    head = "subject;environment;k_ref;k_adj\n"
+    rows = "1;a;2.000;1.286\n2;a;2.000;1.301\n"
+    error = refusal(tmp_path, head + rows)
+    assert [(p.row, p.column) for p in error.problems] == [
+        (row, column) for column in ("k_ref", "k_adj") for row in (2, 3)
+    ]
+    assert error.problems[2].message == "can be read as 1.286 or as 1286."
+    assert error.hint == (
+        'Declare [sessions] decimal = ".". If the point separates thousands, write them without it'
+        ' and declare decimal = ",".'
+    )
+    declared = read(tmp_path, head + rows, {"sessions": {"decimal": "."}})
+    assert declared.table["k_adj"].tolist() == [1.286, 1.301]
+    # One number that is no thousand settles it, and so does a comma between cells.
+    assert read(tmp_path, head + rows + "3;a;2;0.5\n").table["k_adj"].tolist()[0] == 1.286
+    assert len(read(tmp_path, (head + rows).replace(";", ",")).table) == 2
+
+
 @pytest.mark.parametrize("quote", ["", '"'])
 def test_numbers_are_correctly_rounded(tmp_path, quote):
     """A file without quotes is read by another parser."""
@@ -391,6 +410,30 @@ def test_wide_tables_by_a_pattern_of_their_names(tmp_path):
     ]
     wide = {"columns": {c: c + "_{environment}_{trial}" for c in ("k_adj", "k_ref")}}
     assert "no column fits the pattern" in str(refusal(tmp_path, "subject,k_adj_A\n1,2\n", wide))
+
+
+def test_subjects_in_columns_are_melted(tmp_path):
+    text = "wall,note,target,p1,p2,p3\nsoft,x,10,11,9,\nhard,x,20,21,19,22\n"
+    tables = {
+        "columns": {"environment": "wall", "k_ref": "target"},
+        "sessions": {"layout": "subjects in columns", "groups": ["note"]},
+    }
+    sessions = read(tmp_path, text, tables)
+    columns = ["subject", "environment", "k_ref", "k_adj", "note"]
+    assert sessions.table[columns].to_numpy().tolist() == [
+        ["p1", "soft", 10.0, 11.0, "x"],
+        ["p2", "soft", 10.0, 9.0, "x"],
+        ["p1", "hard", 20.0, 21.0, "x"],
+        ["p2", "hard", 20.0, 19.0, "x"],
+        ["p3", "hard", 20.0, 22.0, "x"],
+    ]
+    # Without a column of environments the references name them; a pattern picks the subjects.
+    columns = {"k_ref": "target", "k_adj": "p{subject}"}
+    sessions = read(tmp_path, text.replace("wall", "who"), {"columns": columns})
+    assert sessions.subjects == ("1", "2", "3")
+    assert sessions.environments == ("10", "20")
+    error = refusal(tmp_path, text, {"columns": {"k_ref": "target", "k_adj": "q{subject}"}})
+    assert "no column fits the pattern in [columns]." in str(error)
 
 
 def test_a_bare_environment_takes_the_environments_the_scene_names(tmp_path):
@@ -779,6 +822,7 @@ def test_trials_and_summary_do_not_mix(tmp_path):
                 " and path."
             ),
         ),
+        ({"columns": {"k_adj": "{trial}{trial}"}}, "columns.k_adj: names an id twice."),
         ({"columns": {"k_adj": ""}}, "columns.k_adj.name = '': must not be empty."),
         (
             {"environments": {"a": {"k_ref": "3"}}},

@@ -20,7 +20,6 @@ from scipy.io import savemat
 
 from percept.errors import UsageError
 from percept.sessions import ReadOptions, Sessions, propose_columns, read_sessions
-from percept.sessions.stores import r_rows
 
 NAMES = ["subject", "environment", "k_ref", "k_adj"]
 ROWS = [
@@ -462,8 +461,8 @@ def test_a_sequence_that_r_writes_as_its_length_is_held_to_the_limit(tmp_path):
     info += pairlist + symbol + b"\0\0\0\4base" + pairlist + b"\0\0\0\x0d\0\0\0\1\0\0\0\x0d"
     info += b"\0\0\0\xfe"
     data = b"X\n\0\0\0\3\0\4\2\0\0\3\5\0\0\0\0\5UTF-8\0\0\0\xee" + info + state + b"\0\0\0\xfe"
-    with pytest.raises(UsageError, match=r"more than 2,000,000 rows"):
-        r_rows(data, "t.rds", None, ReadOptions().files)
+    (tmp_path / "t.rds").write_bytes(data)
+    assert "more than 2,000,000 rows" in refusal(tmp_path / "t.rds")
 
 
 def test_files_of_all_formats_merge_in_a_folder(tmp_path):

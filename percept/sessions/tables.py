@@ -1,0 +1,250 @@
+"""Files to tables whose header is known, one after the other, and what is said of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from percept.errors import UsageError
+from percept.sessions.columns import Header, Resolution, check_columns, resolve, unused_columns
+from percept.sessions.files import Input, decode, is_workbook, load
+from percept.sessions.layout import refuse_headless
+from percept.sessions.options import ExcludeRule, ReadOptions
+from percept.sessions.paths import expand, ids_from_name
+from percept.sessions.records import (
+    CellPlace,
+    Exclusion,
+    NoDataError,
+    Notice,
+    Place,
+    Places,
+    Problems,
+    Source,
+    shown,
+)
+from percept.sessions.text import Grid, text_grid
+from percept.sessions.typed import grid_of, is_typed, sheets, typed_grid
+from percept.sessions.values import SPACE, Column, Names, decimal_mark, parse_numbers
+
+#: Rows that are taken from a file at a time.
+_ROWS = 2_000
+
+
+class Log:
+    """What is said of a study while it is read: each step adds to it."""
+
+    def __init__(self, options: ReadOptions, paths: Sequence[str] = ()) -> None:
+        self.options = options
+        self.paths = paths  # As they were given
+        self.problems = Problems()
+        self.sources: list[Source] = []
+        self.notices: list[Notice] = []
+        self.exclusions: list[Exclusion] = []
+        self.without_trials: list[NoDataError] = []
+        self.unused: list[str] = []  # Columns of the first file that nothing is read from
+        self.at_limits: list[pd.DataFrame] = []  # Adjustments left out at limits of controls
+        self.counts: Counter[str] = Counter()  # Rows by what became of them
+        self.parameters: set[str] = set()  # Quantities with a column of adjustments
+        self.numbered = False  # Whether a column of any file numbers the trials
+        self.applied: set[ExcludeRule] = set()  # Rules on texts that some row met
+        self.declared_units = {name for own in options.environments.values() for name in own}
+        self.names = Names()
+        for environment in options.environments:
+            self.names.add("environment", environment)
+
+    def places(self, table: pd.DataFrame) -> Places:
+        """Return where a row of the table, by its position, stands."""
+        files = table["file"].to_numpy()
+        rows = table["row"].to_numpy()
+        return lambda at: Place(file=self.sources[int(files[at])].name, row=int(rows[at]))
+
+
+@dataclass(frozen=True)
+class OpenFile:
+    """A file whose header is known."""
+
+    grid: Grid
+    header: Header
+    found: Resolution
+    ids: Mapping[str, str]  # Of the file's name
+    log: Log
+
+    @property
+    def name(self) -> str:
+        """The file's name, for messages."""
+        return self.grid.file
+
+    @property
+    def options(self) -> ReadOptions:
+        """How the study is read."""
+        return self.log.options
+
+    def notice(self, text: str) -> None:
+        """Say something about the whole file."""
+        self.log.notices.append(Notice(text, self.name))
+
+    def cells(self, positions: Collection[int]) -> pd.DataFrame:
+        """Give the texts of columns by position; the index is the physical line."""
+        limits = self.options.files
+        rows = self.grid.rows()
+        parts = []
+        count = 0
+        # Texts of pandas take a quarter of the memory that Python's take.
+        while part := list(islice(rows, _ROWS)):
+            count += len(part)
+            limits.hold_table(count, len(positions), self.name)
+            texts = list(zip(*(cells for _, cells in part), strict=True))
+            lines = pd.Index([line for line, _ in part], dtype="int64")
+            own = {position: texts[position] for position in positions}
+            parts.append(pd.DataFrame(own, index=lines, dtype="str"))
+        self.log.counts["rows read"] += count
+        self.log.counts.update(self.grid.dropped)
+        return pd.concat(parts)
+
+    def is_missing(self, cells: pd.Series[str]) -> npt.NDArray[np.bool_]:
+        """Which cells say that there is no value."""
+        marks = self.options.sessions.marks
+        return cells.str.strip(SPACE).str.lower().isin(marks).to_numpy(dtype=bool)
+
+    def numbers(
+        self, data: pd.DataFrame, names: Iterable[Any], correct: str
+    ) -> dict[Any, npt.NDArray[np.float64]]:
+        """Convert columns of text to numbers, by the one decimal mark of the file."""
+        selection = self.options.sessions
+        problems = self.log.problems
+        columns = {}
+        for name in names:
+            canonical = str(getattr(name, "name", name))
+            columns[name] = Column(canonical, data[name], self.place(canonical))
+        mark = selection.decimal
+        if mark is None:
+            mark = decimal_mark([*columns.values()], self.grid.delimiter, problems)
+        return {
+            name: parse_numbers(column, mark, selection.marks, problems, correct)
+            for name, column in columns.items()
+        }
+
+    def place(self, column: str, row: int | None = None) -> CellPlace:
+        """Where a column stands, by its canonical name or its own."""
+        rule = self.found.rules.get(column)
+        place = CellPlace(file=self.name, column=column if rule is None else rule.name)
+        if row is not None:
+            place["row"] = int(row)
+        return place
+
+
+def open_files(paths: Sequence[str | Path], log: Log) -> Iterator[OpenFile]:
+    """Open files; an error of one becomes a problem, so that the next is read too.
+
+    A file is added to the sources once all of it is read.
+    """
+    wants = log.options.sessions.files.wants
+    files, notices = expand(paths, wants)
+    log.notices += notices
+    for file, named in files.items():
+        with log.problems.collecting():
+            for entry in load(file, log.options.files):
+                is_file = entry.name == file
+                if is_file or wants(entry.path):
+                    with log.problems.collecting():
+                        for part in _parts(entry, log.options):
+                            yield from _open_input(part, log, named=named and is_file)
+
+
+def _parts(entry: Input, options: ReadOptions) -> list[Input]:
+    """Give an input, or each sheet of a workbook if the scene wants all; its path ends in it."""
+    sheet = options.sessions.sheet
+    if sheet == "*" and entry.part is None and is_workbook(entry.data, entry.name):
+        return sheets(entry)
+    return [replace(entry, part=entry.part or sheet)]
+
+
+def _open_input(entry: Input, log: Log, *, named: bool) -> Iterator[OpenFile]:
+    """Open one input; nothing comes of a file without trials."""
+    try:
+        grid = read_grid(entry, log.options, log.notices)
+        ids = ids_from_name(entry.path, log.options.sessions.filename, file=entry.name)
+        table = _open(grid, ids, log)
+    except NoDataError as error:
+        # A file that somebody named has to hold trials; one of a folder may be a companion.
+        if error.column and named:
+            raise
+        log.without_trials.append(error)
+        return
+    digest = sha256(entry.data).hexdigest()
+    for source in log.sources:
+        if source.sha256 == digest and "::" not in entry.name:
+            message = f"byte for byte the same file as {source.name}."
+            raise UsageError(message, file=entry.name, hint="Leave one of them out.")
+    yield from _read(table, digest)
+
+
+def open_frame(frame: pd.DataFrame, log: Log) -> Iterator[OpenFile]:
+    """Take a DataFrame as a file; a row's number is its position plus 2, as below a header."""
+    limits = log.options.files
+    limits.hold_table(len(frame), len(frame.columns), "<frame>")
+    rows = [list(frame.columns), *frame.itertuples(index=False, name=None)]
+    yield from _read(_open(grid_of(rows, "<frame>", limits), {}, log), "")
+
+
+def _read(table: OpenFile, digest: str) -> Iterator[OpenFile]:
+    """Have a file read, and add it to the sources."""
+    counts = table.log.counts
+    before = counts["rows read"]
+    yield table
+    table.log.sources.append(Source(table.name, digest, counts["rows read"] - before))
+
+
+def _open(grid: Grid, ids: Mapping[str, str], log: Log) -> OpenFile:
+    """Find out from the header what kind of table a file is."""
+    header = Header(grid.header, grid.file, log.paths)
+    found = resolve(header, log.options)
+    file = OpenFile(grid, header, found, ids, log)
+    if found.form == "trials":
+        try:
+            check_columns(header, found, log.options, ids)
+        except UsageError:
+            refuse_headless(grid.header, [cells for _, cells in grid.sample], grid.file)
+            raise
+        log.numbered |= found.is_numbered
+        log.parameters |= {p for p in log.options.quantities if f"{p}_adj" in found.rules}
+        log.declared_units |= {c for c, rule in found.rules.items() if rule.unit is not None}
+    for text in found.announced:
+        file.notice(text)
+    for column in sorted(ids.keys() & found.rules.keys()):
+        own = found.rules[column].name
+        file.notice(f"{column} is taken from the file's name; column {own!r} is not used")
+    if unused := unused_columns(header, found, log.options):
+        file.notice(f"columns not used: {shown(unused)}")
+        log.unused = log.unused or [own for own in unused if header.names.count(own) == 1]
+    return file
+
+
+def read_grid(entry: Input, options: ReadOptions, notices: list[Notice]) -> Grid:
+    """Give the cells of one input, whatever its format."""
+    if is_typed(entry):
+        return typed_grid(entry, options.files)
+    text, encoding = decode(entry, options.sessions.encoding)
+    if encoding == "cp1252" and options.sessions.encoding is None:
+        notices.append(Notice("not UTF-8; read as Windows-1252", entry.name))
+
+    def resolves(names: list[str]) -> bool:
+        """Whether a header, split by some delimiter, has columns that are read."""
+        try:
+            found = resolve(Header(names, entry.name), options)
+        except UsageError:
+            return False
+        adjusted = any(f"{p}_adj" in found.rules for p in options.quantities)
+        return adjusted or found.form == "summary"
+
+    delimiter = options.sessions.delimiter
+    return text_grid(text, file=entry.name, delimiter=delimiter, resolves=resolves)

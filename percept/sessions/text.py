@@ -1,0 +1,296 @@
+"""Texts to rows of cells, under the one dialect that gives every line the same number of cells.
+
+A dialect is a delimiter and a way of quoting. Those that a text may have are tried on its first
+records. One fits if the first line that is not blank has several cells, and all records below have
+as many as the first of them; it may have one more cell than the header where that is empty. Of
+several that fit, those are taken whose header has columns that are read. Nothing is guessed: if
+none or several are left, that is an error.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from bisect import bisect
+from collections import Counter
+from collections.abc import Callable, Iterator
+from itertools import chain, islice
+from typing import Literal
+
+from percept.errors import UsageError
+from percept.sessions.layout import LayoutError, refuse_aligned, refuse_layout
+from percept.sessions.records import NoDataError, clip
+
+#: Physical line (the header's is 1) and cells.
+Rows = Iterator[tuple[int, list[str]]]
+Quoting = Literal["doubled", "backslash", "wrapped"]
+
+_DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
+_SEP_LINE = re.compile(r'"?sep=(.)"?[ ]*(?:\r\n|\n|\r)', re.IGNORECASE)
+_LINE = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
+_HALF = re.compile("[\ud800-\udfff]")
+_BYTE_ORDER_MARK = "\ufeff"
+#: A header of more cells is no session table's; the bound keeps hostile lines cheap.
+_MOST_CELLS = 20_000
+#: Characters of a header, and of a line below it, which may hold mouse tracks.
+_LONGEST_HEADER = 1 << 19
+_LONGEST_LINE = 1 << 23
+#: A dialect is tried on so many rows; text around a table is looked for in the first of them.
+_SAMPLE = 2_000
+_FIRST = 60
+_QUOTES_HINT = "Write the table again as CSV with quotes doubled."
+# A cell may span lines; csv's own limit of 128 kB is below what mouse tracks take.
+csv.field_size_limit(max(csv.field_size_limit(), 8 * _LONGEST_LINE))
+
+
+class Grid:
+    """A table of texts: its header, and its rows one after the other.
+
+    Parameters
+    ----------
+    file : str
+        The file's name for messages.
+    names : list of str
+        Cells of the header as they stand.
+    records : iterator
+        Line and cells of each record below it.
+    delimiter : str
+        What stands between the cells in the file.
+
+    Raises
+    ------
+    UsageError
+        No row, or one of another width.
+    """
+
+    def __init__(self, file: str, names: list[str], records: Rows, delimiter: str = ",") -> None:
+        self.file = file
+        self.delimiter = delimiter
+        self.dropped = Counter[str]()  # Records that are no data, by reason
+        self._refuse_half("".join(names), 1)
+        # A delimiter may end the header; a column without a name is called by its position.
+        named = names if names[-1].strip() else names[:-1]
+        self.header = [name.strip() or f"column {number}" for number, name in enumerate(named, 1)]
+        self._rows = self._data(names, records)
+        self.sample = list(islice(self._rows, _SAMPLE))
+
+    def rows(self) -> Rows:
+        """Give the rows of data, once."""
+        return chain(self.sample, self._rows)
+
+    def _data(self, names: list[str], records: Rows) -> Rows:
+        """Leave out what is no data, and hold the rest to one width."""
+        columns = len(self.header)
+        width = 0
+        for line, cells in records:
+            text = "".join(cells)
+            self._refuse_half(text, line)
+            if cells == names:
+                self.dropped["repeated header"] += 1
+            elif not text or text.isspace():
+                self.dropped["blank line"] += 1
+            elif text.strip() == "END OF FILE":
+                self.dropped["end-of-file mark"] += 1
+            else:
+                width = width or len(cells)
+                # A writer may end every line with a delimiter, whether or not it ends the header
+                # so.
+                fits = columns <= width <= columns + 1 and len(cells) == width
+                if not fits or (width > columns and cells[-1]):
+                    raise self._ragged(names, line, cells, width)
+                yield line, cells
+
+    def _refuse_half(self, text: str, line: int) -> None:
+        """Refuse half of a character, which JSON and escapes can write, and no file can hold."""
+        if not text.isascii() and _HALF.search(text):
+            message = "half of a character (a lone surrogate)."
+            hint = "Write the text again."
+            raise UsageError(message, file=self.file, row=line, value=clip(text), hint=hint)
+
+    def _ragged(self, names: list[str], line: int, cells: list[str], width: int) -> UsageError:
+        """Say that a record has not as many cells as the first, or fits no header."""
+        message = f"{len(cells)} cells where the header has {len(names)}"
+        message += f" and the lines above have {width}." if len(cells) != width else "."
+        hint = "Fix this line or its quotes."
+        if len(cells) == len(names) + 1:
+            hint += " Decimal commas need quotes; R's write.table needs col.names = NA."
+        value = clip(self.delimiter.join(cells))
+        return UsageError(message, file=self.file, row=line, value=value, hint=hint)
+
+
+def text_grid(
+    text: str, *, file: str, delimiter: str | None, resolves: Callable[[list[str]], bool]
+) -> Grid:
+    """Find the dialect of a text, and split it.
+
+    Parameters
+    ----------
+    text : str
+        The whole file, decoded.
+    file : str
+        Its name for messages.
+    delimiter : str or None
+        The one declared; None finds it.
+    resolves : callable
+        Whether a header has columns that are read; it decides between delimiters that fit.
+
+    Returns
+    -------
+    Grid
+
+    Raises
+    ------
+    UsageError
+        No dialect fits, or several fit equally well.
+    """
+    text = text.replace("\r\r\n", "\r\n")  # So some programs end a line
+    first_row = 1
+    if sep := _SEP_LINE.match(text):
+        delimiter = delimiter or sep[1]
+        text = text[sep.end() :]
+        first_row = 2
+    text = text.lstrip(_BYTE_ORDER_MARK)
+    if _BYTE_ORDER_MARK in text:
+        # An appending writer puts one before each repeated header.
+        head = re.escape(re.split("[\r\n]", text, maxsplit=1)[0])
+        text = re.sub(f"(^|[\r\n]){_BYTE_ORDER_MARK}(?={head})", r"\1", text)
+    beginning = text[:_LONGEST_HEADER]
+    header = next((line for line in beginning.splitlines() if line.strip()), "")
+    fits: list[Grid] = []
+    misfits: list[tuple[bool, int, int, UsageError]] = []
+    for sign in [delimiter] if delimiter else _delimiters(header, beginning):
+        for quoting in _quotings(beginning):
+            try:
+                fits.append(
+                    _with_header(_records(text, sign, quoting, file, first_row), file, sign)
+                )
+                break
+            except UsageError as misfit:
+                # The delimiter meant splits the header most, and the quoting meant gets farthest.
+                named = isinstance(misfit, LayoutError)
+                misfits.append((named, header.count(sign), misfit.row or 0, misfit))
+    if len(fits) > 1:
+        fits = [grid for grid in fits if resolves(grid.header)] or fits
+    if len(fits) == 1:
+        return fits[0]
+    if fits:
+        names = " and ".join(_DELIMITERS[grid.delimiter] for grid in fits)
+        hint = 'Declare [sessions] delimiter = ";" (or the one that is right).'
+        raise UsageError(f"{names} can each split the lines.", file=file, hint=hint)
+    refuse_aligned(beginning, file, first_row)
+    if misfits:
+        raise max(misfits, key=lambda misfit: misfit[:3])[3]
+    message = "this is not a table: no comma, semicolon, tab, bar or space separates its columns."
+    hint = "Export it as CSV, or declare [sessions] delimiter."
+    raise UsageError(message, file=file, row=first_row, hint=hint)
+
+
+def _delimiters(header: str, text: str) -> list[str]:
+    """List delimiters to try: spaces only where the header has no other, for names have spaces."""
+    *others, space = _DELIMITERS
+    spaces = space in header and not any(sign in header for sign in others)
+    return [space] * spaces + [sign for sign in others if sign in text]
+
+
+def _quotings(text: str) -> tuple[Quoting, ...]:
+    """List conventions to try, in order; PsychoPy's own only on a file of PsychoPy."""
+    if '"' not in text:
+        return ("doubled",)
+    head = text[: text.find("\n") + 1 or len(text)]
+    if "psychopyVersion" in head or "expName" in head:
+        return ("wrapped", "doubled")
+    return ("doubled", "backslash")
+
+
+def _with_header(records: Rows, file: str, delimiter: str) -> Grid:
+    """Make a table of records. The first line that is not blank is the header."""
+    first = list(islice(records, _FIRST))
+    refuse_layout(first, file)
+    filled = [at for at, (_, cells) in enumerate(first) if any(map(str.strip, cells))]
+    if not filled:
+        hint = "Leave it out, or export it again."
+        raise UsageError("the file has no header.", file=file, hint=hint)
+    line, names = first[filled[0]]
+    if not 2 <= len(names) <= _MOST_CELLS:
+        hint = "Correct the header, or declare [sessions] delimiter."
+        raise UsageError(f"a header of {len(names)} cells.", file=file, row=line, hint=hint)
+    grid = Grid(file, names, chain(first[filled[0] + 1 :], records), delimiter)
+    if not grid.sample:
+        message = "there are no data below the header."
+        raise NoDataError(message, file=file, row=line, hint="Leave the file out.")
+    return grid
+
+
+def _records(text: str, delimiter: str, quoting: Quoting, file: str, first_row: int) -> Rows:
+    """Split a text into records."""
+    if quoting == "backslash":
+        # A NUL is refused before, so that it can stand for an escaped quote.
+        text = text.replace('\\"', "\0")
+    lines = _Lines(text, file)
+    records: Iterator[list[str]] = csv.reader(lines, delimiter=delimiter, strict=True)
+    if quoting == "wrapped":
+        records = (_join(line.rstrip("\r\n").split(delimiter), delimiter) for line in lines)
+    alone = 0  # The first record that ends in a lone carriage return
+    others = False
+    while True:
+        row = first_row + lines.taken
+        try:
+            cells = next(records, None)
+        except csv.Error:
+            message = "a quoted cell is not closed, or text follows its closing quote."
+            raise UsageError(message, file=file, row=row, hint=_QUOTES_HINT) from None
+        if cells is None:
+            return
+        alone = alone or row * (lines.closing == "\r")
+        others |= lines.closing == "\n"
+        if alone and others:
+            message = "a line ends in a lone carriage return, and other lines do not."
+            raise UsageError(message, file=file, row=alone, hint=_QUOTES_HINT)
+        if quoting == "backslash":
+            cells = [cell.replace("\0", '"') for cell in cells]
+        yield row, cells or [""]
+
+
+class _Lines:
+    """The lines of a text with their ends, none longer than a line may be."""
+
+    def __init__(self, text: str, file: str) -> None:
+        self.taken = 0  # Lines so far
+        self.closing = ""  # The last sign of the last one
+        self._found = _LINE.finditer(text)
+        self._file = file
+
+    def __iter__(self) -> Iterator[str]:
+        return self
+
+    def __next__(self) -> str:
+        line = next(self._found)[0]
+        longest = _LONGEST_LINE if self.taken else _LONGEST_HEADER
+        if len(line) > longest:
+            hint = "This is no session table, or its line ends are lost."
+            message = f"a line of more than {longest} characters."
+            raise UsageError(message, file=self._file, hint=hint)
+        self.taken += 1
+        self.closing = line[-1]
+        return line
+
+
+def _join(pieces: list[str], delimiter: str) -> list[str]:
+    """Join the pieces of a line where PsychoPy's quotes wrap a cell with the delimiter."""
+    closing = [index for index, piece in enumerate(pieces) if piece.endswith('"')]
+    cells: list[str] = []
+    index = 0
+    while index < len(pieces):
+        piece = pieces[index]
+        last = index
+        following = bisect(closing, index)
+        # A cell quoted at both ends without a delimiter inside was not quoted by the writer: it
+        # stays.
+        whole = len(piece) > 1 and piece.endswith('"')
+        if piece.startswith('"') and not whole and following < len(closing):
+            last = closing[following]
+        if last > index:
+            piece = delimiter.join(pieces[index : last + 1])[1:-1]
+        cells.append(piece)
+        index = last + 1
+    return cells
