@@ -190,7 +190,7 @@ def analyse(job: Job) -> Outcome:
     study = job.study
     try:
         intervals = study.intervals
-        fit = study.parts.fit
+        fit = study.fit
     except PerceptError as error:
         return encode(job.name, job.key, "refused", str(error))
     except Exception as error:  # noqa: BLE001 - it is this study's, and goes into its row

@@ -36,7 +36,7 @@ def study():
         lambda _: plan_mean(0.1, sd=0.2),
         lambda study: study.band,
         lambda study: study.coupling,
-        lambda study: study.parts.other_devices,
+        lambda study: study.other_devices,
         lambda study: study.scene,
     ],
 )

@@ -13,11 +13,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import elementwise
 
-from percept.html import NotebookRecord
 from percept.inference.record import Family, Method
 from percept.results import BandLaw, BandStatement, Estimate
 
@@ -26,7 +24,6 @@ Array = NDArray[np.float64]
 __all__ = [
     "LAWS",
     "BandOwner",
-    "BandStudy",
     "band_laws",
     "band_statements",
     "determines_laws",
@@ -68,17 +65,6 @@ class BandOwner:
     method: Method
     family: Family
     parameter: str | None = None  # Whose bands lie against its own reference; None for abs(Z_e)
-
-
-@dataclass(frozen=True, eq=False)
-class BandStudy(NotebookRecord):
-    """Bands of the device-free environment impedance, or of other quantities, and their laws."""
-
-    omega: float | None  # rad/s; None where the quantities make no impedance
-    rows: pd.DataFrame
-    laws: tuple[BandLaw, ...]  # Three per method and family, with at least three environments
-    statements: tuple[BandStatement, ...] = ()
-    kappa: pd.DataFrame | None = None
 
 
 def band_laws(

@@ -16,7 +16,6 @@ from percept.errors import RefusalError
 from percept.sessions.quantities import Quantities
 from percept.simulate.model import Hyperparameters, TrueValues
 from percept.study import Study
-from percept.study.intervals import cell_moments, known_moments
 from percept.workers import Mapper, in_process
 
 #: Studies needed of each method, under either truth, before any is recommended. Classical ones cost
@@ -59,14 +58,12 @@ def own_values(study: Study, fitted: TrueValues) -> TrueValues:
     RefusalError
         A cell has no mean and SD.
     """
-    moments = known_moments(
-        cell_moments(study.sessions, study.parts.parameters, "normal"), "normal"
-    )
+    moments = study.data.moments("normal")
     mean = np.empty_like(fitted.beta)
     sd = np.empty_like(fitted.beta)
-    for j, environment in enumerate(study.parts.environments):
-        for p, parameter in enumerate(study.parts.parameters):
-            reference = study.parts.reference[parameter, environment]
+    for j, environment in enumerate(study.data.environments):
+        for p, parameter in enumerate(study.data.parameters):
+            reference = study.data.reference[parameter, environment]
             cell = moments.get((parameter, environment))
             if cell is None:
                 label = study.sessions.quantities[parameter].label
@@ -83,7 +80,7 @@ def own_values(study: Study, fitted: TrueValues) -> TrueValues:
     trial_variance = np.square(fitted.sigma_e) * np.exp(2.0 * np.square(omega_s))
     between = sd**2 - trial_share * trial_variance
     beta = mean - 1.0
-    alone = Hyperparameters.zero(len(study.parts.parameters))
+    alone = Hyperparameters.zero(len(study.data.parameters))
     return TrueValues(
         hyper=replace(alone, omega_s=omega_s),
         delta=beta,

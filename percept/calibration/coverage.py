@@ -48,13 +48,13 @@ def refuse_unfit(study: Study) -> None:
     RefusalError
         More than two quantities, or a reference that no response is a ratio to.
     """
-    if len(study.parts.parameters) > 2:
+    if len(study.data.parameters) > 2:
         raise RefusalError(
             "calibration simulates one quantity or two together.",
             hint="Name them in [inference] parameters.",
         )
     refuse_no_ratio(
-        study.parts.reference,
+        study.data.reference,
         study.sessions.quantities,
         why="and simulated responses are ratios to it",
     )
@@ -81,7 +81,7 @@ def fitted_values(study: Study, rng: np.random.Generator | None = None) -> TrueV
         There is no such fit, or its like cannot be simulated.
     """
     refuse_unfit(study)
-    fit = study.parts.fit
+    fit = study.fit
     if fit is None or not fit.passed or fit.trials is None:
         raise RefusalError(
             "calibration needs a passed Bayesian fit of the sessions.",
@@ -95,12 +95,12 @@ def fitted_values(study: Study, rng: np.random.Generator | None = None) -> TrueV
         points = points[[rng.integers(len(points))]]
         cells = model.draw(points, rng)[0][0]
     means = {name: values.mean(axis=0) for name, (_, values) in model.scales(points).items()}
-    beta = cells.reshape(len(study.parts.parameters), -1).T
+    beta = cells.reshape(len(study.data.parameters), -1).T
     shared: dict[str, Any] = {name: means[name] for name in _HYPER_SCALES if name in means}
     for name in _CORRELATIONS:
         if name in means:
             shared[name] = float(means[name].mean())
-    zero = Hyperparameters.zero(len(study.parts.parameters))
+    zero = Hyperparameters.zero(len(study.data.parameters))
     hyper = replace(zero, alpha=beta.mean(axis=0), **shared)
     return TrueValues(
         hyper=hyper,
@@ -252,15 +252,15 @@ def plan_like(
 
 def _design_of(study: Study) -> Design:
     """Return who adjusted what in a study, and how often."""
-    parts = study.parts
+    data = study.data
     references = [
-        [parts.reference[parameter, environment] for parameter in parts.parameters]
-        for environment in parts.environments
+        [data.reference[parameter, environment] for parameter in data.parameters]
+        for environment in data.environments
     ]
     table = study.sessions.table
     counts = pd.crosstab(table["subject"], table["environment"])
-    counts = counts.loc[list(study.sessions.subjects), list(parts.environments)]
-    return Design(np.array(references), counts.to_numpy(), parts.parameters, parts.environments)
+    counts = counts.loc[list(study.sessions.subjects), list(data.environments)]
+    return Design(np.array(references), counts.to_numpy(), data.parameters, data.environments)
 
 
 def coverage(

@@ -206,7 +206,7 @@ def _simulated_study(
 def _why_no_bayesian(study: Study) -> str:
     """Say whether Bayesian intervals are "refused" or "withheld"; nothing where they are given."""
     try:
-        fit = study.parts.fit
+        fit = study.fit
     except RefusalError:
         return "refused"
     if fit is None:
@@ -286,7 +286,7 @@ def _boundary_claims(
     study: Study, populations: dict[str, Population], rng: np.random.Generator
 ) -> Iterator[tuple[Labels, float]]:
     """Judge each boundary by the curves of its users, at single frequencies and throughout."""
-    device = study.parts.device
+    device = study.device
     table = study.scene.device
     assert table is not None
     assert device is not None

@@ -34,6 +34,7 @@ __all__ = [
     "open_mapper",
     "open_study",
     "print_json",
+    "print_table",
     "read_scene",
     "settings",
     "show",
@@ -131,19 +132,17 @@ def open_study(
     study = Study(sessions, scene, progress=progress, store=_store(arguments, scene))
     _require_zoomed(scene, study.sessions.environments)
     if scene.device is not None and scene.device.response:
-        _ = study.parts.device  # a table that cannot be read is refused before anything is sampled
+        _ = study.device  # a table that cannot be read is refused before anything is sampled
     return study
 
 
 def with_factor(study: Study, column: str) -> Study:
     """Return a study whose model has a column, beside what its scene names."""
-    from percept.study import Study
-
     if any(column in term for term in study.scene.terms):
         return study
     words = study.scene.study.model_dump(exclude_none=True)
     scene = study.scene.with_tables(study=words | {"factor": column})
-    return Study(study.sessions, scene, progress=study.parts.progress, store=study.parts.store)
+    return study.over(study.sessions, scene)
 
 
 def _require_zoomed(scene: Scene, environments: Collection[str]) -> None:
@@ -172,6 +171,19 @@ def show(text: str) -> None:
     print("\n".join(printable(line) for line in text.split("\n")))
 
 
+def print_table(
+    rows: Any, columns: Sequence[str] | None = None, *, head: str = "", digits: int = 4
+) -> None:
+    """Print a table or records: columns that hold something, of those that are wanted."""
+    import pandas as pd
+
+    table = pd.DataFrame(rows)
+    table = table[[*(columns or table.columns)]].dropna(axis=1, how="all")
+    number = f"{{:.{digits}g}}".format
+    text = table.to_string(index=False, float_format=number, na_rep="–")
+    show(f"\n{head}\n{text}" if head else text)
+
+
 def notice(text: str) -> None:
     """Print a notice on standard error."""
     print(f"notice: {printable(text)}", file=sys.stderr)
@@ -198,11 +210,9 @@ def open_mapper(arguments: argparse.Namespace) -> Iterator[Mapper]:
 
 def verdict(study: Study) -> int:
     """Tell what the gate withholds, or the error it lets pass; return the exit code."""
-    fit = study.parts.fit
+    fit = study.fit
     if fit is None and study.scene.inference.method != "classical":
-        why = {part.what: part.why for part in study.parts.skipped_before_curves}.get(
-            "Bayesian intervals", ""
-        )
+        why = "; ".join(part.why for part in study.skipped_of("fit"))
         lacking = f"there are no Bayesian intervals: {why}"
     elif fit is not None and not fit.run.gate.passed:
         lacking = f"Bayesian intervals are withheld: {fit.withheld}"
@@ -216,7 +226,7 @@ def verdict(study: Study) -> int:
 def tell_error(*studies: Study) -> None:
     """Say on standard error that Bayesian numbers are less accurate than asked."""
     for study in studies:
-        gate = study.parts.fit.run.gate if study.parts.fit is not None else None
+        gate = study.fit.run.gate if study.fit is not None else None
         if gate is not None and gate.passed and not gate.tolerance_met:
             print(f"percept: {printable(gate.error_reached)}", file=sys.stderr)
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import math
 import shlex
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from percept.commands import JSON, Command, argument
@@ -13,6 +14,7 @@ from percept.commands.analysis import (
     Working,
     open_study,
     print_json,
+    print_table,
     settings,
     show,
     tell_error,
@@ -21,16 +23,14 @@ from percept.commands.analysis import (
 from percept.errors import RefusalError, UsageError, capitalised, printable
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from percept.sessions import Sessions
+    from percept.results import ContrastRow
     from percept.study import Study
 
 __all__ = ["COMPARE"]
 
 _PAIRS = [
-    "environment", "parameter", "kind", "lower_classical", "upper_classical", "lower_bayesian",
-    "upper_bayesian", "width_ratio", "shift",
+    "environment", "parameter", "kind", "classical_lower", "classical_upper", "bayesian_lower",
+    "bayesian_upper", "width_ratio", "shift",
 ]  # fmt: skip
 _STEPS = ["environment", "parameter", "cause", "width", "log_width_error", "centre", "centre_error"]
 _CONTRAST = [
@@ -69,7 +69,7 @@ _BANDS_LEGEND = """Exact envelopes, where they differ most over omega (rad/s), a
 place: Bayesian middle over the classical one, less one; width: logarithm of the ratio."""
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class _NamedStudy:
     """A study and what it is called here."""
 
@@ -108,17 +108,9 @@ def _by_column(arguments: argparse.Namespace, progress: Working) -> None:
             hint=f"Keep two in the scene: [sessions] only.{column}.",
         )
     first, second = (
-        _NamedStudy(f"{column} {group}", _over(study, sessions))
-        for group, sessions in groups.items()
+        _NamedStudy(f"{column} {group}", study.over(sessions)) for group, sessions in groups.items()
     )
     _differences(first, second, arguments, progress)
-
-
-def _over(study: Study, sessions: Sessions) -> Study:
-    """Analyse other sessions under the same scene with the same progress and store."""
-    from percept import Study
-
-    return Study(sessions, study.scene, progress=study.parts.progress, store=study.parts.store)
 
 
 def _two_studies(arguments: argparse.Namespace, progress: Working) -> None:
@@ -163,62 +155,58 @@ def _differences(
     if len(comparison.differences):
         unit = "ratio B/A" if a.scene.inference.family == "lognormal" else "difference B - A"
         head = f"Average users, {unit}; spread between users, ratio B/A:"
-        _print(head, comparison.differences)
+        print_table(comparison.differences, head=head)
     elif not len(comparison.curves):
-        _print("Intervals of A and B; width ratio B/A:", comparison.intervals)
+        print_table(comparison.intervals, head="Intervals of A and B; width ratio B/A:")
     if len(comparison.curves):
         areas = comparison.curves[["area_lower", "area_upper"]].max(axis=1)
         farthest = areas.sort_values(ascending=False, kind="stable").index[:_MOST_CURVES]
         count = len(comparison.curves)
         head = f"The {len(farthest)} of {count} boundaries farthest apart. {_CURVES_LEGEND}"
-        _print(head, comparison.curves.loc[farthest])
+        print_table(comparison.curves.loc[farthest], head=head)
 
 
 def _contrasts(study: Study, column: str, arguments: argparse.Namespace, progress: Working) -> None:
     """Print the contrasts of a column of the model."""
-    import pandas as pd
-
-    from percept.study.basics import Skipped, results
-
-    table = study.parts.contrasts
-    rows = study.parts.contrast_rows
-    tests = results(study.parts.by_level.tests)
-    tests = [row for row in tests if column in row.factor.split(":")]
-    not_computed = [*rows, *study.parts.by_level.tests]
-    notes = [f"{row.what}: {row.why}" for row in not_computed if isinstance(row, Skipped)]
+    rows = [row for row in study.contrast_rows if column in row.factor.split(":")]
+    tests = [row for row in study.anova if column in row.factor.split(":")]
+    skipped = study.skipped_of("contrast_rows", "anova")
+    notes = [f"{part.what}: {part.why}" for part in skipped]
     progress.stop()
-    if not table.empty:
-        table = table[[column in factor.split(":") for factor in table["factor"]]]
-    if table.empty:
+    if not rows:
         raise RefusalError("no contrast can be worked out.", column=column, hint="; ".join(notes))
     factors = study.sessions.factors
     levels = factors.levels.get(column, ()) if factors else ()
     if arguments.json:
         stated = {"factor": column, "levels": levels, **_stated(study), "notes": notes}
-        print_json({**stated, "contrast": table, "anova": tests})
+        print_json({**stated, "contrast": rows, "anova": tests})
         return
     if levels:
-        who = "the same subjects" if table["within"].all() else "different subjects"
+        within = all(row.within for row in rows if row.factor == column)
+        who = "the same subjects" if within else "different subjects"
         notes.insert(0, f"{column}: {who} at {', '.join(levels)}.")
     show("\n".join(notes))
     claim = _claim(study)
     show(f"{capitalised(claim)}.")
-    table = table.assign(environment=table["environment"].fillna("overall"))
-    for names, comparison in table.groupby(["first", "second", "of", "unit"], sort=False):
-        first, second, of, unit = map(str, names)
-        measure = "ratio of SDs between users" if of == "spread" else "ratio"
-        if unit:
-            measure = f"difference, in {unit}"
-        _print(f"{of.capitalize()}, {second} against {first}, {measure}:", comparison[_CONTRAST])
+    alike: dict[str, list[ContrastRow]] = {}
+    for row in rows:
+        measure = "ratio of SDs between users" if row.of == "spread" else "ratio"
+        if row.unit:
+            measure = f"difference, in {row.unit}"
+        head = f"{row.of.capitalize()}, {row.second} against {row.first}, {measure}:"
+        own = dataclasses.replace(row, environment=row.environment or "overall")
+        alike.setdefault(head, []).append(own)
+    for head, of_comparison in alike.items():
+        print_table(of_comparison, _CONTRAST, head=head)
     if tests:
-        _print(f"Analysis of variance. {_ANOVA_LEGEND}", pd.DataFrame(tests)[_ANOVA])
+        print_table(tests, _ANOVA, head=f"Analysis of variance. {_ANOVA_LEGEND}")
         assumptions = dict.fromkeys(row.assumes for row in tests)
         show("\n".join(["It assumes:", *assumptions]))
 
 
 def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> None:
     """Print the comparison of the two methods on one study."""
-    import numpy as np
+    import pandas as pd
 
     from percept.calibration.advice import recommend
 
@@ -228,13 +216,14 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
         raise RefusalError(
             f"only the {method} method was asked for, and nothing to compare it with.", hint=hint
         )
-    table = study.parts.comparison
-    ladder = study.parts.ladder
-    if table is None or table.empty or ladder is None:
-        why = {part.what: part.why for part in study.parts.skipped_before_curves}.get(
-            "Bayesian intervals", "percept fit prints what intervals there are."
-        )
-        raise RefusalError("no interval of one method has a counterpart in the other.", hint=why)
+    pairs = study.comparison
+    ladder = study.ladder
+    if not pairs or ladder is None:
+        skipped = study.skipped_of("fit", "interval_rows")
+        whys = [part.why for part in skipped if part.what == "Bayesian intervals"]
+        hint = "; ".join(whys) or "percept fit prints what intervals there are."
+        raise RefusalError("no interval of one method has a counterpart in the other.", hint=hint)
+    table = pd.DataFrame(pairs).merge(study.summary(None))
     progress.stop()
     tell_error(study)
     advice = recommend(study, arguments.coverage, _calibrate_command(arguments))
@@ -243,29 +232,30 @@ def _methods(study: Study, arguments: argparse.Namespace, progress: Working) -> 
             "comparison": table,
             "verdicts": study.verdicts,
             "ladder": ladder,
-            "band_pairs": study.parts.band_pairs,
+            "band_pairs": study.band_pairs,
         }
         results |= {"advice": advice}
         print_json({**_stated(study), **results})
         return
-    _print(f"Intervals in pairs, {_claim(study)}:", table[_PAIRS])
+    print_table(table, _PAIRS, head=f"Intervals in pairs, {_claim(study)}:")
     show("\n".join(["", *_feelings(study)]))
     _bands(study)
     show("\nWhy they differ, step by step from the classical interval of the normal family:")
     sentences = [*ladder.sentences, *ladder.notes, "", *advice]
     show("\n".join(map(printable, sentences)))
     kind = study.scene.inference.kinds[0]
-    effects = ladder.effects.assign(width=np.exp(ladder.effects["log_width"]))
-    _print(f"The steps of kind {kind}. {_STEPS_LEGEND}", effects[effects["kind"] == kind][_STEPS])
+    effects = []
+    for effect in ladder.effects:
+        if effect.kind == kind:
+            effects.append({**vars(effect), "width": math.exp(effect.log_width)})
+    print_table(effects, _STEPS, head=f"The steps of kind {kind}. {_STEPS_LEGEND}")
 
 
 def _bands(study: Study) -> None:
     """Print how the methods' boundaries differ; nothing without boundaries."""
-    import pandas as pd
-
     from percept.report.basis import bands_sentences
 
-    pairs = study.parts.band_pairs
+    pairs = study.band_pairs
     if not pairs:
         return
     rows = []
@@ -273,11 +263,10 @@ def _bands(study: Study) -> None:
         row: dict[str, object] = {"environment": pair.environment, "kind": pair.kind}
         for name, difference in (("place", pair.place), ("width", pair.width)):
             row[name] = difference.largest
-            row[f"{name}_error"] = difference.error
             row[f"{name}_omega"] = difference.omega
             row[f"{name}_median"] = difference.median
         rows.append(row)
-    _print(f"Boundaries in pairs, {_claim(study)}. {_BANDS_LEGEND}", pd.DataFrame(rows))
+    print_table(rows, head=f"Boundaries in pairs, {_claim(study)}. {_BANDS_LEGEND}")
     show("\n".join(bands_sentences(pairs)))
 
 
@@ -311,11 +300,6 @@ def _claim(study: Study) -> str:
     from percept.inference.record import percent
 
     return f"{study.scene.inference.family} family, level {percent(study.scene.inference.level)}"
-
-
-def _print(head: str, table: pd.DataFrame) -> None:
-    shown = table.dropna(axis=1, how="all")
-    show(f"\n{head}\n{shown.to_string(index=False, float_format='{:.4g}'.format, na_rep='-')}")
 
 
 COMPARE = Command(

@@ -126,11 +126,7 @@ def _pilot(arguments: argparse.Namespace) -> None:
     arguments.method = "classical"
     with Working("reading", shown=not arguments.quiet) as progress:
         study = with_factor(open_study(arguments, progress, groups=[column]), column)
-        levels = [
-            row
-            for row in study.parts.by_level.levels
-            if row.factor == column and row.environment is None
-        ]
+        levels = [row for row in study.levels if row.factor == column and row.environment is None]
     inference = study.scene.inference
     subjects = study.scene.study.subject[1]
     planned: list[dict[str, object]] = []

@@ -19,9 +19,9 @@ from percept.commands.analysis import (
     open_mapper,
     open_study,
     print_json,
+    print_table,
     read_scene,
     settings,
-    show,
     tell_error,
     verdict,
 )
@@ -64,7 +64,7 @@ def _fit(arguments: argparse.Namespace) -> int:
         study = open_study(arguments, progress)
         with fit_folder(arguments.out, force=arguments.force) as into:
             results = study.results(curves=False, progress=progress.stage)
-            fill_fit(into, results, posterior=study.parts.posterior)
+            fill_fit(into, results, posterior=study.posterior)
         path = Path(arguments.out) / "fit.json"
     if arguments.json:
         print(path.read_text(encoding="utf-8"))
@@ -88,7 +88,7 @@ def _print_intervals(study: Study, *, every: bool) -> None:
     if table.empty:
         return
     table = table.rename(columns={"environment": study.scene.environment_noun[0]})
-    show(table.to_string(index=False, float_format="{:.6g}".format, na_rep="–"))
+    print_table(table, digits=6)
     if not every:
         print(
             f"--all prints all {len(study.intervals)} intervals: both families, and those that hold"
@@ -98,7 +98,7 @@ def _print_intervals(study: Study, *, every: bool) -> None:
 
 def _print_checks(study: Study, say: Callable[[str], str]) -> None:
     """Print what the checks say in words, where they were asked for."""
-    checks = study.parts.checks if study.scene.checks is not None else None
+    checks = study.checks if study.scene.checks is not None else None
     if checks is None or checks.loo is None:
         return
     loo = checks.loo
@@ -185,7 +185,7 @@ def _predict(arguments: argparse.Namespace) -> None:
     columns = list(_PREDICTED)
     if prediction.intervals["environment"].nunique() > 1:
         columns.insert(0, "environment")
-    show(prediction.intervals[columns].to_string(index=False, float_format="{:.6g}".format))
+    print_table(prediction.intervals, columns, digits=6)
     for row in prediction.intervals.drop_duplicates("kind").to_dict("records"):
         print(say(f"{row['kind']}: {row['covers'].replace(', in ' + row['unit'], '')}"))
     worst = float(prediction.intervals["monte_carlo"].max())

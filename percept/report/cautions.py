@@ -165,12 +165,9 @@ def overruled(results: Results, words: Words) -> list[str]:
 def _shift(row: IntervalRow, classical: IntervalRow) -> float:
     """Distance of two estimates in half-widths of the classical interval."""
     ends = [row.estimate, classical.estimate, classical.lower, classical.upper]
-    known = [value for value in ends if value is not None]
-    if len(known) < len(ends):
-        return 0.0
     if row.family == "lognormal":
-        known = [math.log(value) for value in known]
-    estimate, plain, lower, upper = known
+        ends = [math.log(value) for value in ends]
+    estimate, plain, lower, upper = ends
     return 2.0 * abs(estimate - plain) / (upper - lower) if upper > lower else 0.0
 
 
@@ -208,7 +205,7 @@ def _below_zero(intervals: Sequence[IntervalRow], data: Data) -> Iterator[str]:
     signed = {cell.parameter for cell in data.cells if min(cell.values, default=0.0) < 0}
     signed |= {name for name, quantity in data.quantities.items() if not quantity.is_matched}
     for row in matching(intervals, family="normal", joint="marginal"):
-        if row.lower is None or row.parameter in signed:
+        if row.parameter in signed:
             continue
         if row.lower < 0 <= (row.reference or 0.0):
             cells.setdefault(row.kind, {})[f"{row.parameter} of {row.environment}"] = None

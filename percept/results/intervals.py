@@ -33,9 +33,9 @@ class IntervalRow(NotebookRecord):
     level: float  # Confidence or credibility
     share: float | None  # Of all users, for kind "share"
     confidence: float | None  # For kind "share"
-    lower: float | None  # In `unit`, as `upper`, `estimate` and `reference`
-    upper: float | None
-    estimate: float | None  # Mean (normal) or geometric mean (lognormal) of the users
+    lower: float  # In `unit`, as `upper`, `estimate` and `reference`
+    upper: float
+    estimate: float  # Mean (normal) or geometric mean (lognormal) of the users
     n: int  # Subjects
     unit: str
     reference: float | None
@@ -124,15 +124,13 @@ class MethodPair(NotebookRecord):
     shift: float | None  # Bayesian estimate over the classical one, less one; else less the other
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True)
 class BandDifference:
-    """One measure of how two bands of abs(Z_h) differ over omega, with Monte Carlo errors."""
+    """One measure of how two bands of abs(Z_h) differ over omega."""
 
     largest: float  # In size
     omega: float  # Where it is largest, rad/s
-    error: float  # Standard error of `largest`
     median: float  # Over log omega
-    median_error: float
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from dataclasses import field
 from functools import cache
 from pathlib import Path
+from typing import Literal
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -60,6 +62,22 @@ class Skipped:
     why: str
 
 
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """Where a field of `Results` comes from: an attribute of the study."""
+
+    step: str  # What a command shows while it is worked out; empty of what takes no time
+    of: str  # The attribute; empty where it has the field's name
+    needs: Literal["", "curves", "why"]  # What must be asked for
+
+
+def _part(
+    step: str = "", *, of: str = "", needs: Literal["", "curves", "why"] = ""
+) -> dict[str, Part]:
+    """Describe where a field comes from."""
+    return {"part": Part(step, of, needs)}
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Results:
     """What a study gives, computed once; None or empty where it was not asked for.
@@ -68,31 +86,64 @@ class Results:
     times and no folders in it: the same input and seed give the same results.
     """
 
-    provenance: Provenance
-    data: Data
-    intervals: tuple[IntervalRow, ...]
-    contrast: tuple[ContrastRow, ...]
-    boundaries: tuple[Boundary, ...]
-    zoom: dict[str, tuple[float, float]]  # Window of omega of each environment's close view, rad/s
-    close: tuple[Boundary, ...]  # The boundaries drawn in those windows
-    verdicts: tuple[Verdict, ...]  # Empty without a device
-    rendering: tuple[Rendered, ...] | None  # In time; None without curves
-    zwidth: ZWidth | None = None  # None without a device
-    coupling: Coupling | None
-    band: Band | None
-    design: AdmissibleCouplings | None
-    sensitivity: OtherDevices | None
-    comparison: tuple[MethodPair, ...] | None
-    band_pairs: tuple[BandPair, ...] | None  # The methods' boundaries against each other
-    ladder: Ladder | None
-    diagnostics: Diagnostics | None
-    checks: Checks | None
-    skipped: tuple[Skipped, ...]
-    anova: tuple[AnovaRow, ...] = ()  # Tests of the terms of `contrast`; empty without factors
-    levels: tuple[LevelValues, ...] = ()  # Subjects' means at the levels of every factor
-    psychophysics: tuple[PsychophysicsRow, ...] = ()
-    pse_lines: tuple[PseLineRow, ...] = ()  # Empty without three references, and without the model
-    equivalence: tuple[EquivalenceRow, ...] = ()  # Empty without `[study] jnd`
+    provenance: Provenance = field(metadata=_part())
+    data: Data = field(metadata=_part(of="read"))
+    intervals: tuple[IntervalRow, ...] = field(
+        metadata=_part("working out intervals", of="interval_rows")
+    )
+    contrast: tuple[ContrastRow, ...] = field(
+        metadata=_part("contrasting levels", of="contrast_rows")
+    )
+    boundaries: tuple[Boundary, ...] = field(
+        metadata=_part("working out boundaries", needs="curves"), default=()
+    )
+    #: Window of omega of each environment's close view, rad/s
+    zoom: dict[str, tuple[float, float]] = field(
+        metadata=_part(needs="curves"), default_factory=dict
+    )
+    close: tuple[Boundary, ...] = field(
+        metadata=_part(needs="curves"), default=()
+    )  # Drawn in those windows
+    #: Empty without a device
+    verdicts: tuple[Verdict, ...] = field(
+        metadata=_part("judging what feels real", needs="curves"), default=()
+    )
+    #: In time; None without curves
+    rendering: tuple[Rendered, ...] | None = field(metadata=_part(needs="curves"), default=None)
+    zwidth: ZWidth | None = field(
+        metadata=_part(needs="curves"), default=None
+    )  # None without a device
+    coupling: Coupling | None = field(
+        metadata=_part("judging what can be rendered", needs="curves"), default=None
+    )
+    band: Band | None = field(metadata=_part("fitting the band law", needs="curves"), default=None)
+    design: AdmissibleCouplings | None = field(
+        metadata=_part("mapping couplings", needs="curves"), default=None
+    )
+    sensitivity: OtherDevices | None = field(
+        metadata=_part("trying other devices", of="other_devices", needs="curves"), default=None
+    )
+    comparison: tuple[MethodPair, ...] | None = field(metadata=_part("comparing the methods"))
+    #: The methods' boundaries against each other
+    band_pairs: tuple[BandPair, ...] | None = field(metadata=_part(needs="curves"), default=None)
+    ladder: Ladder | None = field(metadata=_part(needs="why"), default=None)
+    diagnostics: Diagnostics | None = field(metadata=_part())
+    checks: Checks | None = field(metadata=_part("checking the model", of="all_checks"))
+    skipped: tuple[Skipped, ...] = field(metadata=_part())
+    #: Tests of the terms of `contrast`; empty without factors
+    anova: tuple[AnovaRow, ...] = field(metadata=_part(), default=())
+    levels: tuple[LevelValues, ...] = field(
+        metadata=_part(), default=()
+    )  # Subjects' means at levels of factors
+    psychophysics: tuple[PsychophysicsRow, ...] = field(
+        metadata=_part(of="psychophysics_rows"), default=()
+    )
+    #: Empty without three references, and without the model
+    pse_lines: tuple[PseLineRow, ...] = field(metadata=_part(), default=())
+    #: Empty without `[study] jnd`
+    equivalence: tuple[EquivalenceRow, ...] = field(
+        metadata=_part(of="equivalence_rows"), default=()
+    )
 
     def to_json(self, summary: Findings | None = None) -> str:
         """Write the results as report.json holds them.
@@ -109,8 +160,8 @@ class Results:
             all boundaries of an environment share stand once, under "impedances".
         """
         document: JsonObject = {"schema": SCHEMA}
-        for field in dataclasses.fields(self):
-            document[field.name] = plain(getattr(self, field.name))
+        for one in dataclasses.fields(self):
+            document[one.name] = plain(getattr(self, one.name))
         for boundaries, shared in _CURVES.items():
             document[shared] = share_curves(document[boundaries])
         if summary is not None:

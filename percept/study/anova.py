@@ -7,7 +7,6 @@ At most one factor may be between subjects: it puts each subject into a group.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import json
 from collections.abc import Iterator, Sequence
@@ -18,82 +17,67 @@ import pandas as pd
 from percept.errors import RefusalError
 from percept.inference.classical.anova import Effect, anova
 from percept.results import AnovaRow, LevelValues, Skipped
-from percept.scene import Scene
-from percept.sessions import Sessions
 from percept.sessions.records import Factors
-from percept.study.basics import Array
-from percept.study.conditions import Conditions, conditions_of, level_means
-from percept.study.responses import Trials, by_difference, trials
-from percept.study.subject_cells import SubjectCells, subject_cells
+from percept.study.basics import Array, known
+from percept.study.conditions import Conditions, level_means
+from percept.study.data import Data
+from percept.study.responses import Trials
+from percept.study.subject_cells import SubjectCells
 
-__all__ = ["ENVIRONMENT", "ByLevel", "by_level"]
+__all__ = ["ENVIRONMENT", "anova_rows", "level_values"]
 
 #: What the references are called as a factor: the column of the sessions.
 ENVIRONMENT = "environment"
 
 
-@dataclasses.dataclass(frozen=True)
-class ByLevel:
-    """What the subjects set at every level of the factors, and the tests of these."""
+def level_values(data: Data) -> Iterator[LevelValues]:
+    """Yield subjects' means at every level of the factors, over all references and at each one.
 
-    levels: tuple[LevelValues, ...]
-    tests: tuple[AnovaRow | Skipped, ...]  # Skipped with the reason and what to do
-
-
-def by_level(sessions: Sessions, scene: Scene, parameters: Sequence[str]) -> ByLevel:
-    """Average subjects at every level; test the model's terms, unless the method is Bayesian alone.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        With the levels of the scene's factors.
-    scene : Scene
-        Its terms, family and method.
-    parameters : sequence of str
-        Quantities, each by itself.
-
-    Returns
-    -------
-    ByLevel
-        Empty without factors, and for a quantity whose values have no logarithm in the lognormal
-        family.
+    There are none of a quantity whose values have no logarithm in the lognormal family: the
+    contrasts say why.
     """
-    levels: list[LevelValues] = []
-    tests: list[AnovaRow | Skipped] = []
-    factors = sessions.factors
-    if factors is None or not scene.terms:
-        return ByLevel((), ())
-    conditions = conditions_of(sessions, scene)
+    factors = data.sessions.factors
+    if factors is None or not data.scene.terms:
+        return
     cells_of_all = list(factors.cells.values())
-    overall = list(level_means(conditions, factors, cells_of_all))
-    each = list(level_means(conditions, factors, cells_of_all, each=True))
-    for parameter in parameters:
+    overall = list(level_means(data.conditions, factors, cells_of_all))
+    each = list(level_means(data.conditions, factors, cells_of_all, each=True))
+    for parameter in data.parameters:
         try:
-            data = trials(sessions, scene, (parameter,))
+            cells = data.subject_cells(parameter)
+        except RefusalError:
+            continue
+        log = data.trials(parameter).scale.log
+        # A response is a log ratio, a difference over the reference, or a difference over `scale`.
+        scale = 1.0
+        if data.by_difference(parameter):
+            scale = data.scene.model.scale.get(parameter, 1.0)
+        for comparison in [*overall, *each]:
+            responses = cells.at_level(comparison)
+            settings = np.exp(responses) if log else scale * responses
+            yield LevelValues(
+                factor=comparison.factor,
+                level=comparison.second,
+                parameter=parameter,
+                environment=comparison.environment if comparison in each else None,
+                within=comparison.within,
+                values=tuple(known(value) for value in settings.tolist()),
+            )
+
+
+def anova_rows(data: Data) -> Iterator[AnovaRow | Skipped]:
+    """Yield the tests of the model's terms, unless the method is Bayesian alone."""
+    factors = data.sessions.factors
+    if factors is None or not data.conditions.factors or data.asked.method == "bayesian":
+        return
+    for parameter in data.parameters:
+        try:
+            cells = data.subject_cells(parameter)
         except RefusalError:
             # The contrasts say why.
             continue
-        cells = subject_cells(data, factors, conditions.between)
-        # A response is a log ratio, a difference over the reference, or a difference over `scale`.
-        scale = scene.model.scale.get(parameter, 1.0) if by_difference(sessions, parameter) else 1.0
-        for comparison in [*overall, *each]:
-            responses = cells.at_level(comparison)
-            settings = np.exp(responses) if data.scale.log else scale * responses
-            values = [None if np.isnan(value) else value for value in settings.tolist()]
-            levels.append(
-                LevelValues(
-                    factor=comparison.factor,
-                    level=comparison.second,
-                    parameter=parameter,
-                    environment=comparison.environment if comparison in each else None,
-                    within=comparison.within,
-                    values=tuple(values),
-                )
-            )
-        if scene.inference.method != "bayesian" and conditions.factors:
-            what = f"analysis of variance of {sessions.quantities[parameter].label}"
-            tests += _tests(cells, data, factors, conditions, what)
-    return ByLevel(tuple(levels), tuple(tests))
+        what = f"analysis of variance of {data.quantities[parameter].label}"
+        yield from _tests(cells, data.trials(parameter), factors, data.conditions, what)
 
 
 def _tests(

@@ -7,12 +7,10 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from scipy import special
 
 from percept.boundary.band import (
     BandOwner,
-    BandStudy,
     band_laws,
     band_statements,
     determines_laws,
@@ -22,11 +20,10 @@ from percept.haptics import Device, Loop, magnitude_envelope
 from percept.inference.classical.intervals import Claim, interval_of
 from percept.inference.classical.moments import Moments
 from percept.inference.record import Family, Method
-from percept.results import BandLaw, BandStatement
+from percept.results import Band, BandLaw, BandRow, BandStatement, IntervalRow, WeberTrend
 from percept.scene import InferenceTable
-from percept.sessions.quantities import is_impedance
-from percept.study.basics import Array, References, Skipped, Stream, claim_of, generator
-from percept.study.intervals import Cell, known_moments
+from percept.study.basics import FAMILIES, Array, Skipped, Stream, claim_of, generator
+from percept.study.data import Data
 from percept.study.regions import displayable
 
 if TYPE_CHECKING:
@@ -50,7 +47,6 @@ _BOOTSTRAP = 1000
 _DRAWS = 2000
 # Radians between samples at which abs(Z_h) of no device is abs(Z_e), to a double's digits.
 _SAMPLED = 1e-8
-_LABELS = ["method", "family"]
 
 #: Lower and upper limits, scalars or one per replicate, by parameter and environment.
 CellLimits = Mapping[tuple[str, str], tuple[Array, Array]]
@@ -91,14 +87,16 @@ class Banded:
         return ranges
 
 
-def with_band(
-    reference: References,
-    parameters: Sequence[str],
-    environments: Sequence[str],
-    omega: float,
-) -> Iterator[Banded | Skipped]:
-    """Yield what bands are set against: the impedance at `omega`, or each parameter's reference."""
-    if is_impedance(parameters):
+def with_band(data: Data, environments: Sequence[str]) -> Iterator[Banded | Skipped]:
+    """Yield what bands are set against: the impedance, or each parameter's reference.
+
+    A band is of users; without their intervals there is none.
+    """
+    if "user" not in data.asked.kinds:
+        return
+    reference = data.reference
+    if data.is_impedance:
+        omega = data.scene.frequency.read_at
         size = {}
         for environment in environments:
             k = reference["k", environment]
@@ -106,9 +104,9 @@ def with_band(
             size[environment] = float(np.hypot(b, k / omega))
         yield from _band_of(Banded(None, size, omega), "")
         return
-    for parameter in parameters:
+    for parameter in data.parameters:
         size = {environment: reference[parameter, environment] for environment in environments}
-        of_parameter = "" if len(parameters) == 1 else f" of {parameter}"
+        of_parameter = "" if len(data.parameters) == 1 else f" of {parameter}"
         yield from _band_of(Banded(parameter, size), of_parameter)
 
 
@@ -133,21 +131,20 @@ def _band_of(banded: Banded, of_parameter: str) -> Iterator[Banded | Skipped]:
         yield Skipped(law, f"without one environment all {name}s lie within 5 % of each other")
 
 
-def classical_replicates(
-    cells: Mapping[Family, Sequence[Cell]], asked: InferenceTable, banded: Sequence[Banded]
-) -> Replicates:
+def classical_replicates(data: Data, banded: Sequence[Banded]) -> Replicates:
     """Simulate the means and SDs that other studies of these users would find, and their limits."""
-    rng = generator(asked.seed, Stream.CLASSICAL_BANDS)
+    rng = generator(data.asked.seed, Stream.CLASSICAL_BANDS)
     replicates: Replicates = {}
-    for family, of_family in cells.items():
-        moments = known_moments(of_family, family)
+    for family in FAMILIES:
+        moments = data.moments(family)
         needed: set[tuple[str, str]] = set()
         for one_band in banded:
             for of_environment in one_band.cells(moments).values():
                 needed.update(of_environment)
         redrawn = {cell: _redrawn(moments[cell], rng) for cell in moments if cell in needed}
         replicates["classical", family] = {
-            cell: _limits(moments[cell], *drawn, family, asked) for cell, drawn in redrawn.items()
+            cell: _limits(moments[cell], *drawn, family, data.asked)
+            for cell, drawn in redrawn.items()
         }
     return replicates
 
@@ -194,90 +191,85 @@ def _limits(
 
 
 def band_study(
-    intervals: pd.DataFrame,
-    banded: Sequence[Banded],
-    cells: Mapping[Family, Sequence[Cell]],
-    fit: Fit | None,
-    asked: InferenceTable,
-) -> BandStudy:
+    intervals: Sequence[IntervalRow], banded: Sequence[Banded], data: Data, fit: Fit | None
+) -> Band:
     """Band of every size over each environment's intervals, and the laws bands follow."""
+    asked = data.asked
     replicates: Replicates = {}
     if asked.method != "bayesian":
-        replicates |= classical_replicates(cells, asked, banded)
+        replicates |= classical_replicates(data, banded)
     if fit is not None:
         replicates |= posterior_replicates(fit, asked)
-    tables = []
+    every: list[BandRow] = []
     laws: list[BandLaw] = []
     statements: list[BandStatement] = []
     for one_band in banded:
-        table = pd.DataFrame(_rows(intervals, one_band))
-        tables.append(table)
-        if table.empty:
-            continue
-        by_labels = dict(iter(table.groupby(_LABELS, sort=False)))
+        of_band = list(_rows(intervals, one_band))
+        every += of_band
         for (method, family), limits in replicates.items():
-            rows = by_labels.get((method, family))
-            if rows is None:  # no environment has an interval of this family
-                continue
+            rows = [row for row in of_band if (row.method, row.family) == (method, family)]
             drawn = one_band.ends(limits)
-            size = rows[size_name(one_band.parameter)].to_numpy()
-            environments = tuple(rows["environment"])
-            if environments != tuple(drawn) or not determines_laws(size):
+            environments = tuple(row.environment for row in rows)
+            size = np.array([one_band.size[name] for name in environments])
+            # Of a family that no environment has an interval of, there is nothing to fit.
+            if not rows or environments != tuple(drawn) or not determines_laws(size):
                 continue
             widths = [upper - lower for lower, upper in drawn.values()]
             redrawn = np.stack(widths, axis=1)
             # Draws of a posterior have laws of their own; a bootstrap's scatter about the study's
             # bands.
-            bands = None if method == "bayesian" else rows["band"].to_numpy()
+            bands = None if method == "bayesian" else np.array([row.band for row in rows])
             whose = BandOwner(method=method, family=family, parameter=one_band.parameter)
             laws += band_laws(environments, size, bands, redrawn, whose, level=asked.level)
             statements += band_statements(size, redrawn, whose)
-    every = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
     kappa = None if fit is None else weber_trend(fit, level=asked.level)
-    return BandStudy(banded[0].omega, every, tuple(laws), tuple(statements), kappa)
+    return Band(banded[0].omega, tuple(every), tuple(laws), tuple(statements), kappa)
 
 
-def _rows(intervals: pd.DataFrame, banded: Banded) -> Iterator[dict[str, object]]:
+def _rows(intervals: Sequence[IntervalRow], banded: Banded) -> Iterator[BandRow]:
     """Yield the band of users of each environment, method and family that has all its limits."""
-    of_users = intervals[(intervals["joint"] == "marginal") & (intervals["kind"] == "user")]
-    for labels, rows in of_users.groupby(["environment", *_LABELS], sort=False):
-        _, method, family = labels
-        limits: dict[tuple[str, str], tuple[Array, Array]] = {}
-        for interval in rows.to_dict("records"):
-            cell = interval["parameter"], interval["environment"]
-            limits[cell] = np.asarray(interval["lower"]), np.asarray(interval["upper"])
-        for environment, (lower, upper) in banded.ends(limits).items():
+    users: dict[tuple[str, Method, Family], dict[tuple[str, str], tuple[Array, Array]]] = {}
+    for row in intervals:
+        if row.joint == "marginal" and row.kind == "user":
+            limits = users.setdefault((row.environment, row.method, row.family), {})
+            cell = row.parameter, row.environment
+            limits[cell] = np.asarray(row.lower), np.asarray(row.upper)
+    for (_, method, family), of_users in users.items():
+        for environment, (lower, upper) in banded.ends(of_users).items():
             size = banded.size[environment]
             band = float(upper) - float(lower)
-            row: dict[str, object] = {
-                "environment": environment,
-                "method": method,
-                "family": family,
-            }
-            if banded.parameter is not None:
-                row["parameter"] = banded.parameter
-            row[size_name(banded.parameter)] = size
-            row["lower"] = float(lower)
-            row["upper"] = float(upper)
-            row["band"] = band
-            row["relative"] = band / size
-            yield row
+            yield BandRow(
+                environment=environment,
+                method=method,
+                family=family,
+                parameter=banded.parameter,
+                impedance=size if banded.parameter is None else None,
+                reference=None if banded.parameter is None else size,
+                lower=float(lower),
+                upper=float(upper),
+                band=band,
+                relative=band / size,
+            )
 
 
-def weber_trend(fit: Fit, *, level: float) -> pd.DataFrame | None:
+def weber_trend(fit: Fit, *, level: float) -> tuple[WeberTrend, ...] | None:
     """Give the trend of log spread per decade of the reference, which Weber's law sets to zero."""
     named = fit.model.scales(fit.points)
     if "kappa" not in named:
         return None
     _, drawn = named["kappa"]
     tail = 0.5 * (1.0 - level)
-    lower, upper = np.quantile(drawn, [tail, 0.5 * (1.0 + level)], axis=0)
-    return pd.DataFrame(
-        {
-            "parameter": fit.parameters,
-            "lower": lower,
-            "value": drawn.mean(axis=0),
-            "upper": upper,
-            "below_zero": (drawn < 0).mean(axis=0),
-        }
-    )
+    lower, upper = np.quantile(drawn, [tail, 0.5 * (1.0 + level)], axis=0).tolist()
+    trends = []
+    for p, parameter in enumerate(fit.parameters):
+        own = drawn[:, p]
+        trends.append(
+            WeberTrend(
+                parameter=parameter,
+                lower=lower[p],
+                value=float(own.mean()),
+                upper=upper[p],
+                below_zero=float((own < 0).mean()),
+            )
+        )
+    return tuple(trends)

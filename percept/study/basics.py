@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+import math
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +29,12 @@ __all__ = [
     "analysed_parameters",
     "claim_of",
     "generator",
+    "known",
     "priors_of",
-    "referenced",
-    "results",
     "select",
 ]
 
 Array = NDArray[np.float64]
-T = TypeVar("T")
 #: A setting lies near its reference, but a mean may lie anywhere: priors of locations, in which
 #: means differ, are so many times as wide.
 _WIDER_FOR_MEANS = 10.0
@@ -50,9 +49,9 @@ FAMILIES: tuple[Family, ...] = ("normal", "lognormal")
 IF_BY_TRIAL = 'If references differ by trial, set [model] bias = "reference".'
 
 
-def results(items: Iterable[T | Skipped]) -> list[T]:
-    """Return what was computed, without what was skipped."""
-    return [item for item in items if not isinstance(item, Skipped)]
+def known(value: float) -> float | None:
+    """Return a number, None in place of NaN."""
+    return None if math.isnan(value) else float(value)
 
 
 def claim_of(asked: InferenceTable) -> dict[str, Any]:
@@ -97,27 +96,6 @@ def priors_of(scene: Scene, parameters: Collection[str]) -> Priors:
         for name in _LOCATIONS:
             in_force.setdefault(name, _WIDER_FOR_MEANS * getattr(Priors, name))
     return Priors(**in_force)
-
-
-def referenced(
-    reference: References,
-    parameters: Sequence[str],
-    environments: Sequence[str],
-    quantities: Quantities,
-) -> Iterator[str | Skipped]:
-    """Yield the environments with a reference of stiffness and damping, which curves need."""
-    for environment in environments:
-        names = [
-            quantities[p].label for p in parameters if not np.isfinite(reference[p, environment])
-        ]
-        yield (
-            Skipped(
-                f"boundaries and band of {environment}",
-                f"it has no reference {' and '.join(names)}",
-            )
-            if names
-            else environment
-        )
 
 
 @enum.unique

@@ -18,14 +18,14 @@ from percept.boundary.limits import (
 )
 from percept.boundary.simultaneous import SimultaneousLevel, simultaneous_level
 from percept.errors import RefusalError, UsageError
-from percept.results import Boundary, Shape
+from percept.results import BandDifference, BandPair, Boundary, Shape
 from percept.scene import FrequencyTable, Scene
 from percept.study.basics import Array, Skipped
 from percept.study.device import Setup
 from percept.study.device_boundaries import DeviceCurves
 from percept.study.regions import Law, Region
 
-__all__ = ["JOINTS", "BoundaryDrawing", "increasing", "zoom_windows"]
+__all__ = ["JOINTS", "BoundaryDrawing", "band_pairs", "increasing", "zoom_windows"]
 
 #: How k and b can be taken together: each by itself, both widened, one region, curves of their law.
 JOINTS = ("marginal", "bonferroni", "hotelling", "joint")
@@ -49,7 +49,7 @@ def increasing(omega: ArrayLike) -> Array:
 
 def zoom_windows(
     scene: Scene, environments: Sequence[str]
-) -> Iterator[tuple[str, list[float]] | Skipped]:
+) -> Iterator[tuple[str, tuple[float, float]] | Skipped]:
     """Yield the windows of omega, rad/s, that the scene asks to look at closely."""
     table = scene.frequency
     for name, (low, high) in scene.report.zoom.items():
@@ -59,7 +59,7 @@ def zoom_windows(
         if name not in environments:
             yield Skipped(what, "no environment has this name")
         elif low < high:
-            yield name, [float(low), float(high)]
+            yield name, (float(low), float(high))
         else:
             yield Skipped(what, f"it lies outside {table.lower:g} to {table.upper:g} rad/s")
 
@@ -142,11 +142,6 @@ class BoundaryDrawing:
         if environment not in self._grids:
             self._grids[environment] = self._new_grid(environment)
         return self._grids[environment]
-
-    def envelope(self, region: Region) -> Array:
-        """Return the lower and upper curve (2, M) around a region, N·s/m, on its grid."""
-        omega = self.grid(region.environment)
-        return np.array(self._setup.outline(region, "envelope", omega))
 
     def _new_grid(self, environment: str) -> Array:
         lower = self._table.lower
@@ -327,3 +322,43 @@ def _name(law: Law, shape: Shape) -> str:
 def _shapes(region: Region) -> tuple[Shape, ...]:
     """Return the curves that go around a region: an ellipse has no corners."""
     return ("corner", "envelope") if region.ellipse is None else ("envelope",)
+
+
+def band_pairs(boundaries: Collection[Boundary]) -> Iterator[BandPair]:
+    """Yield how the Bayesian envelopes differ from the classical ones.
+
+    Bands without width, and infinite ones, are left out.
+    """
+    classical: dict[tuple[str, str, str], Boundary] = {}
+    for boundary in boundaries:
+        if boundary.shape != "envelope" or boundary.joint != "marginal":
+            continue
+        key = boundary.environment, boundary.kind, boundary.family
+        if boundary.method == "classical":
+            classical[key] = boundary
+        elif key in classical and _has_width(boundary) and _has_width(classical[key]):
+            other = classical[key]
+            middles = (boundary.lower + boundary.upper) / (other.lower + other.upper)
+            yield BandPair(
+                environment=boundary.environment,
+                kind=boundary.kind,
+                family=boundary.family,
+                place=_difference(boundary.omega, middles - 1.0),
+                width=_difference(boundary.omega, np.log(boundary.band / other.band)),
+            )
+
+
+def _has_width(boundary: Boundary) -> bool:
+    limits = np.array([boundary.lower, boundary.upper])
+    return bool(np.isfinite(limits).all() and np.all(limits[1] > limits[0]))
+
+
+def _difference(omega: Array, values: Array) -> BandDifference:
+    """Read how a measure of two bands goes over omega."""
+    index = int(np.argmax(np.abs(values)))
+    # The median is over log omega: grids are dense where curves bend.
+    order = np.argsort(values)
+    lengths = np.gradient(np.log(omega))[order]
+    below = np.cumsum(lengths) - 0.5 * lengths
+    median = float(np.interp(0.5 * lengths.sum(), below, values[order]))
+    return BandDifference(float(values[index]), float(omega[index]), median)

@@ -49,14 +49,11 @@ _PRIOR_DRAWS = 40_000
 _PRIOR_QUANTILES = (0.005, 0.05, 0.25, 0.5, 0.75, 0.95, 0.995)
 
 
-def model_checks(
-    fit: Fit,
-    subjects: SubjectDensity,
-    *,
-    level: float,
-    seed: int,
-) -> Checks | Skipped:
+def model_checks(fit: Fit, *, level: float, seed: int) -> Checks | Skipped:
     """Check a fit against its data and priors; or say why not: its intervals stand all the same."""
+    subjects = fit.subjects
+    if isinstance(subjects, Skipped):
+        return subjects
     try:
         loo = leave_one_out(subjects, fit.points, chains=len(fit.run.points))
         predicted = predict_left_out(subjects, loo.points, loo.weights)

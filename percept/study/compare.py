@@ -14,15 +14,12 @@ from scipy import special
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import NotebookRecord
 from percept.inference.classical.contrasts import group_contrast, group_spread_ratio
-from percept.inference.classical.moments import Moments
-from percept.inference.record import Family
 from percept.results import Boundary
 from percept.sessions import Sessions
 from percept.sessions.quantities import trial_columns
 from percept.sessions.read import refuse_gaps
 from percept.sessions.records import SUMMARY_COLUMNS
 from percept.study.basics import Array, Stream, generator
-from percept.study.intervals import cell_moments, known_moments
 
 if TYPE_CHECKING:
     from percept.study.fit import Fit
@@ -118,7 +115,7 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
                 f"the two studies are analysed with a {name} of {a} and {b}.",
                 key=f"inference.{name}",
             )
-    if not set(first.parts.environments) & set(second.parts.environments):
+    if not set(first.data.environments) & set(second.data.environments):
         raise RefusalError("the two studies have no environment in common, by name.")
     same = _same_sessions(first.sessions, second.sessions)
     if same and first.scene == second.scene:
@@ -127,8 +124,8 @@ def compare_studies(first: Study, second: Study) -> PairComparison:
             hint="Give the sessions of other people, or another scene.",
         )
     notes = [_SAME] if same else list(_in_common(first.sessions, second.sessions))
-    notes += _left_out(first.parts.environments, second.parts.environments)
-    notes += _left_out(first.parts.parameters, second.parts.parameters)
+    notes += _left_out(first.data.environments, second.data.environments)
+    notes += _left_out(first.data.parameters, second.data.parameters)
     keys = ["environment", "parameter", "kind", "method", "family", "joint"]
     columns = [*keys, "lower", "upper"]
     intervals = first.intervals[columns].merge(
@@ -155,8 +152,8 @@ def _without_difference(
     first: Study, second: Study, differences: Sequence[dict[str, object]]
 ) -> Iterator[str]:
     """Name the environments that both studies have and of which a method gives no difference."""
-    environments = [name for name in first.parts.environments if name in second.parts.environments]
-    parameters = [name for name in first.parts.parameters if name in second.parts.parameters]
+    environments = [name for name in first.data.environments if name in second.data.environments]
+    parameters = [name for name in first.data.parameters if name in second.data.parameters]
     for method in dict.fromkeys(row["method"] for row in differences):
         known = {
             (row["parameter"], row["environment"]) for row in differences if row["method"] == method
@@ -173,8 +170,8 @@ def _without_difference(
 
 def _gaps(first: Study, second: Study) -> Iterator[dict[str, object]]:
     """How far the exact envelopes of B lie from A's, over the frequencies that both study."""
-    a_low, a_high = first.parts.within
-    b_low, b_high = second.parts.within
+    a_low, a_high = first.data.within
+    b_low, b_high = second.data.within
     lower = max(a_low, b_low)
     upper = min(a_high, b_high)
     if not lower < upper:
@@ -202,7 +199,7 @@ def _gaps(first: Study, second: Study) -> Iterator[dict[str, object]]:
 def _envelopes(study: Study, omega: Array) -> dict[tuple[str, ...], Boundary]:
     """Return a study's exact envelopes at frequencies (M,), rad/s, by what tells curves apart."""
     envelopes = {}
-    for boundary in study.parts.boundaries_at(omega, joints=("marginal",)):
+    for boundary in study.boundaries_at(omega, joints=("marginal",)):
         if boundary.shape == "envelope":
             key = tuple(getattr(boundary, name) for name in _CURVE_LABELS)
             envelopes[key] = boundary
@@ -250,8 +247,8 @@ def _classical(first: Study, second: Study) -> Iterator[dict[str, object]]:
     asked = first.scene.inference
     if "bayesian" in (asked.method, second.scene.inference.method):
         return
-    moments_a = _moments(first, asked.family)
-    moments_b = _moments(second, asked.family)
+    moments_a = first.data.moments(asked.family)
+    moments_b = second.data.moments(asked.family)
     for cell, a in moments_a.items():
         if cell in moments_b:
             b = moments_b[cell]
@@ -262,15 +259,10 @@ def _classical(first: Study, second: Study) -> Iterator[dict[str, object]]:
             yield _row(cell, "classical", asked.family, ends, None, ratios)
 
 
-def _moments(study: Study, family: Family) -> dict[tuple[str, str], Moments]:
-    cells = cell_moments(study.sessions, study.parts.parameters, family)
-    return known_moments(cells, family)
-
-
 def _bayesian(first: Study, second: Study) -> Iterator[dict[str, object]]:
     """Root of the mixture of differences of conditional normals."""
-    fit_a = first.parts.fit
-    fit_b = second.parts.fit
+    fit_a = first.fit
+    fit_b = second.fit
     if fit_a is None or fit_b is None or not (fit_a.passed and fit_b.passed):
         return
     from percept.inference.sampling.endpoints import mixture_quantile

@@ -6,30 +6,48 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-import pandas as pd
 
 from percept.errors import UsageError, counted
-from percept.inference.record import percent
+from percept.inference.record import Kind, Method, percent
+from percept.results import ContrastRow
 from percept.scene import InferenceTable
 from percept.sessions.quantities import Quantity
 from percept.study.basics import Array
 from percept.study.conditions import Comparison
-from percept.study.intervals import Row
+from percept.study.data import Data
 
 __all__ = ["ContrastTable", "chosen_contrasts"]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class ContrastTable:
     """How the contrasts of one quantity become rows."""
 
-    quantity: Quantity
-    inference: InferenceTable
-    alone: bool  # Whether it is the only quantity analysed
-    scale: float | None  # Of differences in the quantity's unit; None for ratios and for references
-    subjects: int  # In the study
-    references: int  # That the factors have
-    users: tuple[str, str]  # What the study calls one user and several
+    data: Data
+    parameter: str
+
+    @property
+    def quantity(self) -> Quantity:
+        """The quantity."""
+        return self.data.quantities[self.parameter]
+
+    @property
+    def inference(self) -> InferenceTable:
+        """What the scene asks of all intervals."""
+        return self.data.asked
+
+    @property
+    def scale(self) -> float | None:
+        """Scale of differences in the quantity's unit; None for ratios and for references."""
+        if not self.data.by_difference(self.parameter):
+            return None
+        return self.data.scene.model.scale.get(self.parameter)
+
+    @property
+    def references(self) -> int:
+        """Number of references that the factors have."""
+        factors = self.data.sessions.factors
+        return len(factors.environments if factors else self.data.environments)
 
     def row(
         self,
@@ -37,44 +55,44 @@ class ContrastTable:
         ends: Sequence[float] | Array,
         n: int,
         *,
-        method: str,
-        kind: str | None = None,
+        method: Method,
+        kind: Kind | None = None,
         p_value: float | None = None,
         together: Sequence[float] | None = None,
-    ) -> Row:
+    ) -> ContrastRow:
         """Make a row of lower, upper and estimate on the response scale; without kind: spread."""
-        inference = self.inference
+        asked = self.inference
         share = kind == "share"
-        log = inference.family == "lognormal"
+        log = asked.family == "lognormal"
         lower, upper, estimate = self._native(ends) if kind else np.asarray(ends).tolist()
         lower_together, upper_together = self._native(together) if together else (None, None)
-        return {
-            "factor": comparison.factor,
-            "first": comparison.first,
-            "second": comparison.second,
-            "environment": comparison.environment,
-            "references": list(comparison.references),
-            "parameter": self.quantity.name,
-            "of": comparison.of if kind else "spread",
-            "kind": kind,
-            "method": method,
-            "family": inference.family,
-            "level": inference.level,
-            "share": inference.share if share else None,
-            "confidence": inference.confidence if share else None,
-            "lower": lower,
-            "upper": upper,
-            "estimate": estimate,
-            "lower_together": lower_together,
-            "upper_together": upper_together,
-            "unit": "" if log or not kind else self.unit,
-            "p_value": p_value,
-            "within": comparison.within,
-            "n": n,
-            "of_subjects": self.subjects,
-            "of_references": self.references,
-            "covers": self._covers(comparison, kind, method, n),
-        }
+        return ContrastRow(
+            factor=comparison.factor,
+            first=comparison.first,
+            second=comparison.second,
+            environment=comparison.environment,
+            references=comparison.references,
+            parameter=self.parameter,
+            of=comparison.of if kind else "spread",
+            kind=kind,
+            method=method,
+            family=asked.family,
+            level=asked.level,
+            share=asked.share if share else None,
+            confidence=asked.confidence if share else None,
+            lower=lower,
+            upper=upper,
+            estimate=estimate,
+            lower_together=lower_together,
+            upper_together=upper_together,
+            unit="" if log or not kind else self.unit,
+            p_value=p_value,
+            within=comparison.within,
+            n=n,
+            of_subjects=len(self.data.sessions.subjects),
+            of_references=self.references,
+            covers=self._covers(comparison, kind, method, n),
+        )
 
     def _native(self, responses: Sequence[float] | Array) -> list[float]:
         """Differences on the response scale as ratios, or in the quantity's unit."""
@@ -93,7 +111,8 @@ class ContrastTable:
 
     def _basis(self, comparison: Comparison, n: int) -> str:
         """Say which subjects and references a contrast rests on."""
-        users = f"from {n} of {counted(self.subjects, *self.users)}"
+        subjects = len(self.data.sessions.subjects)
+        users = f"from {n} of {counted(subjects, *self.data.scene.user_noun)}"
         if comparison.within:
             basis = {"interaction": ", with all levels", "bias": ", with both levels"}
             users += basis.get(comparison.of, "")
@@ -113,7 +132,7 @@ class ContrastTable:
         first = comparison.first
         second = comparison.second
         log = self.inference.family == "lognormal"
-        user, users = self.users
+        user, users = self.data.scene.user_noun
         how = f"{second} over {first}"
         if not log and kind:
             how = f"{second} less {first}, in {self.unit}"
@@ -134,55 +153,51 @@ class ContrastTable:
             start = f"The {who} {user}'s {what}"
         basis = self._basis(comparison, n)
         covers = f"{start} lies between the limits, with {sure} ({basis})."
-        if method == "classical" and not self.alone:
+        if method == "classical" and len(self.data.parameters) > 1:
             covers += " Each quantity is compared by itself, without correlations."
         return covers
 
 
-def chosen_contrasts(contrasts: pd.DataFrame, asked: str) -> pd.DataFrame:
+def chosen_contrasts(contrasts: Sequence[ContrastRow], asked: str) -> list[ContrastRow]:
     """Choose the contrasts of a factor, or of two of its levels: "hand: left - right"."""
     factor, _, levels = (part.strip() for part in asked.partition(": "))
-    factors = [] if contrasts.empty else list(contrasts["factor"].unique())
-    if factor not in factors:
-        hint = f"There are {', '.join(factors)}." if factors else "Name factors in [model] bias."
+    rows = [row for row in contrasts if row.factor == factor]
+    if not rows:
+        factors = ", ".join(dict.fromkeys(row.factor for row in contrasts))
+        hint = f"There are {factors}." if factors else "Name factors in [model] bias."
         raise UsageError("the model has no such term.", value=factor, hint=hint)
-    rows = contrasts[contrasts["factor"] == factor]
     if not levels:
-        return rows.reset_index(drop=True)
+        return rows
     second, _, first = (part.strip() for part in levels.partition(" - "))
-    straight = rows[(rows["second"] == second) & (rows["first"] == first)]
-    if len(straight):
-        return straight.reset_index(drop=True)
-    turned = rows[(rows["second"] == first) & (rows["first"] == second)]
-    if turned.empty:
-        pairs = rows.drop_duplicates(["second", "first"])
-        there = " and ".join(pairs["second"] + " - " + pairs["first"])
+    straight = [row for row in rows if (row.second, row.first) == (second, first)]
+    turned = [_turned(row) for row in rows if (row.first, row.second) == (second, first)]
+    if not straight and not turned:
+        there = " and ".join(dict.fromkeys(f"{row.second} - {row.first}" for row in rows))
         hint = f"The model compares {there}."
         raise UsageError(f"{factor} has no such contrast of two levels.", value=levels, hint=hint)
-    return _turned(turned).reset_index(drop=True)
+    return straight or turned
 
 
-def _turned(rows: pd.DataFrame) -> pd.DataFrame:
-    """Contrasts of the first level against the second."""
-    ratio = rows["unit"] == ""
-    changed = rows.assign(first=rows["second"], second=rows["first"])
-    ends = (
-        ("lower", "upper"),
-        ("estimate", "estimate"),
-        ("upper", "lower"),
-        ("lower_together", "upper_together"),
-        ("upper_together", "lower_together"),
+def _turned(row: ContrastRow) -> ContrastRow:
+    """Contrast the first level against the second."""
+    ratio = not row.unit
+
+    def turn(value: float) -> float:
+        return 1.0 / value if ratio else -value
+
+    covers = row.covers
+    for word in ("over", "less"):
+        covers = covers.replace(
+            f"{row.second} {word} {row.first}", f"{row.first} {word} {row.second}"
+        )
+    return dataclasses.replace(
+        row,
+        first=row.second,
+        second=row.first,
+        lower=turn(row.upper),
+        estimate=turn(row.estimate),
+        upper=turn(row.lower),
+        lower_together=None if row.upper_together is None else turn(row.upper_together),
+        upper_together=None if row.lower_together is None else turn(row.lower_together),
+        covers=covers,
     )
-    for name, other in ends:
-        # Where there are no limits together, the column holds None or NaN.
-        values = rows[other].astype(float)
-        changed[name] = np.where(ratio, 1.0 / values, -values)
-    covers = []
-    for row in rows.itertuples():
-        said = str(row.covers)
-        for word in ("over", "less"):
-            said = said.replace(
-                f"{row.second} {word} {row.first}", f"{row.first} {word} {row.second}"
-            )
-        covers.append(said)
-    return changed.assign(covers=covers)

@@ -18,8 +18,7 @@ from percept.inference.classical.contrasts import (
     spread_ratio,
 )
 from percept.inference.classical.moments import Moments
-from percept.scene import Scene
-from percept.sessions import Sessions
+from percept.results import ContrastRow
 from percept.sessions.records import Factors
 from percept.study.basics import Skipped, claim_of
 from percept.study.conditions import (
@@ -27,14 +26,12 @@ from percept.study.conditions import (
     Comparison,
     Conditions,
     comparisons,
-    conditions_of,
     level_means,
     without_data,
 )
 from percept.study.contrast_table import ContrastTable
-from percept.study.intervals import Row
-from percept.study.responses import by_difference, trials
-from percept.study.subject_cells import SubjectCells, subject_cells
+from percept.study.data import Data
+from percept.study.subject_cells import SubjectCells
 
 # The classical contrasts do without the model.
 if TYPE_CHECKING:
@@ -43,37 +40,23 @@ if TYPE_CHECKING:
 __all__ = ["contrast_rows"]
 
 
-def contrast_rows(
-    sessions: Sessions, parameters: tuple[str, ...], scene: Scene, fit: Fit | None
-) -> Iterator[Row | Skipped]:
+def contrast_rows(data: Data, fit: Fit | None) -> Iterator[ContrastRow | Skipped]:
     """Yield the contrasts of every method that was asked for; of the Bayesian one from its fit."""
-    inference = scene.inference
-    conditions = conditions_of(sessions, scene)
-    factors = sessions.factors
-    tables: dict[str, ContrastTable] = {}
-    for p in parameters:
-        tables[p] = ContrastTable(
-            quantity=sessions.quantities[p],
-            inference=inference,
-            alone=len(parameters) == 1,
-            scale=scene.model.scale.get(p) if by_difference(sessions, p) else None,
-            subjects=len(sessions.subjects),
-            references=len(factors.environments if factors else sessions.environments),
-            users=scene.user_noun,
-        )
-    if inference.method != "bayesian":
-        for p, column in itertools.product(parameters, conditions.covariates):
-            what = f"classical slope of {sessions.quantities[p].label} on {column}"
+    conditions = data.conditions
+    factors = data.sessions.factors
+    tables = {parameter: ContrastTable(data, parameter) for parameter in data.parameters}
+    if data.asked.method != "bayesian":
+        for table, column in itertools.product(tables.values(), conditions.covariates):
+            what = f"classical slope of {table.quantity.label} on {column}"
             yield Skipped(what, "only the hierarchical model estimates slopes")
-    if inference.method != "bayesian" and factors is not None:
-        for p in parameters:
+    if data.asked.method != "bayesian" and factors is not None:
+        for parameter, table in tables.items():
             try:
-                data = trials(sessions, scene, (p,))
+                own = data.subject_cells(parameter)
             except RefusalError as refused:
-                yield Skipped(f"contrasts of {sessions.quantities[p].label}", str(refused))
+                yield Skipped(f"contrasts of {table.quantity.label}", str(refused))
                 continue
-            own = subject_cells(data, factors, conditions.between)
-            yield from _classical(own, conditions, factors, tables[p])
+            yield from _classical(own, conditions, factors, table)
     if fit is not None:
         # The classical method does without the model.
         from percept.study.posterior_contrasts import posterior_contrasts
@@ -87,7 +70,7 @@ def contrast_rows(
 
 def _classical(
     own: SubjectCells, conditions: Conditions, factors: Factors, table: ContrastTable
-) -> Iterator[Row | Skipped]:
+) -> Iterator[ContrastRow | Skipped]:
     """Yield intervals of subjects' own contrasts, and of groups of subjects."""
     within = [factor for factor in conditions.factors if factor not in conditions.between]
     reduced = dataclasses.replace(
@@ -126,7 +109,7 @@ def _told_together(comparison: Comparison) -> tuple[str, str, str]:
 
 def _of_subjects(
     cells: SubjectCells, family: Sequence[Comparison], table: ContrastTable
-) -> Iterator[Row | Skipped]:
+) -> Iterator[ContrastRow | Skipped]:
     """Yield paired intervals and ratios of SDs, of each reference and of subjects' averages."""
     values = cells.values
     label = f"{table.quantity.label}, {family[0].second} against {family[0].first}"
@@ -170,7 +153,7 @@ def _of_subjects(
 
 def _paired(
     values: pd.DataFrame, comparison: Comparison, table: ContrastTable, what: str
-) -> Iterator[Row | Skipped]:
+) -> Iterator[ContrastRow | Skipped]:
     """Yield the rows of subjects who have every cell of a contrast."""
     inference = table.inference
     n = len(values)
@@ -206,7 +189,7 @@ def _paired(
 
 def _of_level(
     cells: SubjectCells, comparison: Comparison, table: ContrastTable
-) -> Iterator[Row | Skipped]:
+) -> Iterator[ContrastRow | Skipped]:
     """Yield intervals of subjects' means at one level, over all references."""
     subject_values = cells.values[cells.at_level(comparison).notna()]
     own = dataclasses.replace(comparison, weights=cells.weights(comparison.weights))
@@ -216,7 +199,7 @@ def _of_level(
 
 def _of_groups(
     cells: SubjectCells, factors: Factors, comparison: Comparison, table: ContrastTable
-) -> Iterator[Row | Skipped]:
+) -> Iterator[ContrastRow | Skipped]:
     """Yield Welch's interval and the F interval of subjects' values in two groups."""
     (column,) = map(str, cells.groups)
     place = list(factors.levels).index(column)

@@ -85,7 +85,6 @@ def coupling_map(
     users: Mapping[str, Users],
     method: Method,
     scene: Scene,
-    within: tuple[float, float],
 ) -> AdmissibleCouplings | None:
     """Map the probability that stable couplings feel real, per environment and for all together.
 
@@ -98,9 +97,7 @@ def coupling_map(
     method : {"bayesian", "classical"}
         Whose draws these are.
     scene : Scene
-        With the central share and the decision.
-    within : tuple of float
-        Ends of the frequencies that couplings are judged over, rad/s.
+        With the central share, the decision and the frequencies that couplings are judged over.
 
     Returns
     -------
@@ -111,7 +108,7 @@ def coupling_map(
         return None
     judges = []
     for environment, population in users.items():
-        judges.append(_Environment.of(setup, environment, population, scene, within))
+        judges.append(_Environment.of(setup, environment, population, scene))
     maps = [_map_of(judge.name, [judge]) for judge in judges]
     if len(judges) > 1:
         maps.append(_map_of(None, judges))
@@ -146,9 +143,9 @@ class _Environment:
         name: str,
         users: Users,
         scene: Scene,
-        within: tuple[float, float],
     ) -> _Environment:
         """Prepare an environment."""
+        within = scene.frequency.lower, scene.frequency.upper
         some = users.select(slice(0, _MAP_DRAWS))
         central = scene.verdict.central
         span = stiffness_span(setup, name, some, central)

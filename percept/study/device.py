@@ -28,11 +28,13 @@ from percept.haptics.records import AnyDevice
 from percept.haptics.stability import coupling_bound
 from percept.results import Coupling as JudgedCoupling
 from percept.results import Membership, Shape
-from percept.scene import DeviceTable, Scene
+from percept.results.fields import Family
+from percept.scene import DeviceTable, FrequencyTable, Scene
 from percept.sessions.options import FileLimits
 from percept.sessions.quantities import is_impedance
 from percept.sessions.typed import csv_frame
 from percept.study.basics import Array, Skipped
+from percept.study.data import Data
 from percept.study.device_draws import DeviceDraws, device_draws
 from percept.study.regions import Region
 
@@ -44,6 +46,7 @@ __all__ = [
     "loop_of",
     "map_frequencies",
     "read_response",
+    "referenced",
     "setup_of",
     "stiffness_span",
     "study_coupling",
@@ -158,6 +161,25 @@ def map_frequencies(
     return np.unique(omega[(omega >= within[0]) & (omega <= within[1])])
 
 
+def referenced(data: Data) -> Iterator[str | Skipped]:
+    """Yield the environments with a reference of stiffness and damping, which curves need."""
+    if not data.is_impedance:
+        if data.scene.device is not None and is_impedance(data.quantities):
+            why = f"only {data.quantities[data.parameters[0]].label} was adjusted"
+            yield Skipped("boundaries", why)
+        return
+    for environment in data.environments:
+        lacking = []
+        for parameter in data.parameters:
+            if not np.isfinite(data.reference[parameter, environment]):
+                lacking.append(data.quantities[parameter].label)
+        if lacking:
+            what = f"boundaries and band of {environment}"
+            yield Skipped(what, f"it has no reference {' and '.join(lacking)}")
+        else:
+            yield environment
+
+
 def setup_of(
     scene: Scene, device: AnyDevice | None, references: Mapping[str, Environment]
 ) -> Iterator[Setup | Skipped]:
@@ -239,14 +261,11 @@ def read_response(path: str, limits: FileLimits) -> TabulatedDevice:
 
 
 def study_coupling(
-    setup: Setup,
-    regions: Sequence[Region],
-    within: tuple[float, float],
-    *,
-    family: str,
-    read_at: float,
+    setup: Setup, regions: Sequence[Region], family: Family, table: FrequencyTable
 ) -> JudgedCoupling:
-    """Judge a coupling by the paper: Eq. 10, and its rule over a range, rad/s."""
+    """Judge a coupling by the paper: Eq. 10, and its rule over the range of a table."""
+    within = table.lower, table.upper
+    read_at = table.read_at
     loop = setup.loop
     device = loop.device
     coupling = setup.coupling

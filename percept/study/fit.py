@@ -17,7 +17,8 @@ from percept.inference.model.product import pooled_parts
 from percept.inference.sampling.gate import Estimands, Progress, Run, Settings
 from percept.results import IntervalRow
 from percept.scene import InferenceTable
-from percept.study.basics import Array, References, Skipped, claim_of
+from percept.study.basics import Array, Skipped, claim_of
+from percept.study.data import Data
 from percept.study.intervals import bayesian_row
 from percept.study.prepare import Prepared
 
@@ -214,24 +215,26 @@ def sampled(
     return dataclasses.replace(run, points=points, components=components)
 
 
-def bayesian_rows(
-    fit: Fit, asked: InferenceTable, reference: References, users: tuple[str, str]
-) -> Iterator[IntervalRow | Skipped]:
+def bayesian_rows(fit: Fit, data: Data) -> Iterator[IntervalRow | Skipped]:
     """Yield a row of the interval table for every interval of a fit that passed."""
     yield from fit.skipped
     if not fit.passed:
         yield Skipped("Bayesian intervals", fit.withheld)
         return
-    for kind in asked.kinds:
+    for kind in data.asked.kinds:
         lower, upper = fit.limits[kind]
         for cell, c in fit.column.items():
-            limits = (lower[c], upper[c], fit.estimate[c])
-            n = int(fit.counts[c])
-            rest: Any = {
-                "n": n,
-                "repeats": fit.repeats,
-                "approximate": fit.approximate,
-                "users": users,
-            }
-            unit = fit.quantities[cell[0]].unit
-            yield bayesian_row(asked, kind, cell, limits, reference[cell], unit, **rest)
+            parameter, environment = cell
+            yield bayesian_row(
+                data.asked,
+                kind,
+                cell,
+                (lower[c], upper[c], fit.estimate[c]),
+                data.reference[cell],
+                users=data.scene.user_noun,
+                left_out=data.sessions.left_out(environment, parameter),
+                unit=fit.quantities[parameter].unit,
+                n=int(fit.counts[c]),
+                repeats=fit.repeats,
+                approximate=fit.approximate,
+            )

@@ -20,7 +20,7 @@ from percept.inference.model.model import Resolution
 from percept.inference.model.product import Product, linear_parts
 from percept.inference.model.statistics import Statistics, apart_by_subject
 from percept.inference.model.trial_scatter import TrialScatter, trial_scatter
-from percept.scene import InferenceTable, ModelTable, Scene
+from percept.scene import InferenceTable, ModelTable
 from percept.sessions import Sessions
 from percept.sessions.formula import TRIAL_REFERENCE
 from percept.study.basics import Array, claim_of, priors_of
@@ -29,10 +29,10 @@ from percept.study.conditions import (
     Comparison,
     Conditions,
     comparisons,
-    conditions_of,
     covariate_values,
     level_means,
 )
+from percept.study.data import Data
 from percept.study.responses import Trials
 
 __all__ = ["Compared", "ContrastPlan", "linear_study", "side_by_side"]
@@ -133,18 +133,16 @@ def side_by_side(plans: Sequence[ContrastPlan]) -> ContrastPlan:
 
 
 def linear_study(
-    data: Trials, sessions: Sessions, scene: Scene, resolution: Resolution, *, own_trial_sds: bool
+    trials: Trials, data: Data, resolution: Resolution, *, own_trial_sds: bool
 ) -> ContrastPlan:
     """Build the model of one or two quantities over all cells.
 
     Parameters
     ----------
-    data : Trials
+    trials : Trials
         Of these quantities.
-    sessions : Sessions
-        Whose environments are told apart by the factors' levels.
-    scene : Scene
-        With terms, priors and options.
+    data : Data
+        Of the study, with its conditions, and the scene's priors and options.
     resolution : Resolution
         Variance that the adjustment's resolution adds.
     own_trial_sds : bool
@@ -161,11 +159,13 @@ def linear_study(
     RefusalError
         A factor with one level left.
     """
+    scene = data.scene
+    sessions = data.sessions
+    conditions = data.conditions
     _refuse_options(scene.model)
-    conditions = conditions_of(sessions, scene)
-    statistics, covariates, scatter, sizes = _reduced(data, sessions, conditions, own_trial_sds)
-    keys = tuple(_key(sessions, cell) for cell in data.environments)
-    priors = priors_of(scene, data.statistics.parameters)
+    statistics, covariates, scatter, sizes = _reduced(trials, sessions, conditions, own_trial_sds)
+    keys = tuple(_key(sessions, cell) for cell in trials.environments)
+    priors = priors_of(scene, trials.statistics.parameters)
     own_slopes = scene.model.subjects_slope
     cells, factors = _design(keys, statistics, sessions, conditions, own_slopes)
     design = design_of(cells, factors, priors, Options(weber=scene.model.weber))

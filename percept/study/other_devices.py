@@ -38,7 +38,6 @@ def other_devices(
     users: Mapping[str, Users],
     method: Method,
     scene: Scene,
-    within: tuple[float, float],
 ) -> OtherDevices | None:
     """Judge every environment again with other mass and damping of the device.
 
@@ -51,9 +50,7 @@ def other_devices(
     method : {"bayesian", "classical"}
         Whose draws these are.
     scene : Scene
-        With the central share and the decision.
-    within : tuple of float
-        Ends of the frequencies that displays are judged over, rad/s.
+        With the central share, the decision and the frequencies that displays are judged over.
 
     Returns
     -------
@@ -63,6 +60,7 @@ def other_devices(
     if no_other_devices(setup, users) is not None:
         return None
     setups = list(_setups(setup))
+    within = scene.frequency.lower, scene.frequency.upper
     devices = [varied.loop.device for varied in setups if isinstance(varied.loop.device, Device)]
     central = scene.verdict.central
     decision = scene.inference.decision

@@ -27,11 +27,11 @@ from percept.inference.model.interval_estimands import IntervalEstimands
 from percept.inference.model.laws import ConditionalMoments
 from percept.inference.record import Kind
 from percept.inference.sampling.lines import line_limits
+from percept.results import ContrastRow
 from percept.scene import InferenceTable
 from percept.study.basics import Array, Skipped, Stream, generator
 from percept.study.contrast_table import ContrastTable
 from percept.study.fit import Fit
-from percept.study.intervals import Row
 from percept.study.linear import Compared, ContrastPlan
 
 __all__ = ["posterior_contrasts"]
@@ -58,7 +58,9 @@ class _Ends:
     together: tuple[float, float] | None  # Limits that hold with its family; None without one
 
 
-def posterior_contrasts(fit: Fit, tables: Mapping[str, ContrastTable]) -> Iterator[Row | Skipped]:
+def posterior_contrasts(
+    fit: Fit, tables: Mapping[str, ContrastTable]
+) -> Iterator[ContrastRow | Skipped]:
     """Yield every contrast of a fit that passed, by the table of each quantity."""
     if fit.contrasts is None:
         what = " and ".join(fit.quantities[p].label for p in fit.parameters)
@@ -180,7 +182,7 @@ def _families(compared: Sequence[Compared]) -> list[list[int]]:
 
 def _spreads(
     fit: Fit, plan: ContrastPlan, tables: Mapping[str, ContrastTable]
-) -> Iterator[Row | Skipped]:
+) -> Iterator[ContrastRow | Skipped]:
     """Yield ratios of the SDs between users, and where their limits miss the tolerance."""
     for compared in plan.spreads:
         table = tables[compared.parameter]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import pandas as pd
@@ -15,7 +15,7 @@ from percept.html import NotebookRecord
 from percept.inference.model.laws import NewEnvironment
 from percept.inference.model.new_environment import NewEstimands, new_environment, new_name
 from percept.inference.record import Kind
-from percept.results import Boundary
+from percept.results import Boundary, IntervalRow
 from percept.scene import InferenceTable
 from percept.sessions.quantities import IMPEDANCE, Quantities, Quantity, is_impedance
 from percept.study.basics import Array, Skipped, Stream, generator
@@ -104,20 +104,21 @@ def predict(
         No passed Bayesian fit, a tested reference of zero, or one environment.
     """
     asked = study.scene.inference
-    parts = study.parts
     references = _references(study, stiffness=stiffness, damping=damping, at=at)
-    refuse_no_ratio(parts.reference, study.sessions.quantities, why=_NO_LOGARITHM)
+    refuse_no_ratio(study.data.reference, study.sessions.quantities, why=_NO_LOGARITHM)
     fit = _passed_fit(study)
     place = _Place.of(study, fit, references.values)
     expected, fit, limits = _expect(study, fit, place.decades)
     scale = ResponseScale.of(references.values, asked.family)
-    rows: list[dict[str, object]] = []
+    rows: list[IntervalRow] = []
+    errors: list[float] = []
     for name, of_condition in expected.items():
         rows += _rows(fit, of_condition, name, scale, asked, limits[name])
-    intervals = pd.DataFrame(rows)
+        for of_kind in limits[name].values():
+            errors += of_kind.errors.tolist()
     boundaries: tuple[Boundary, ...] = ()
     skipped: tuple[Skipped, ...] = ()
-    if parts.setup is not None and is_impedance(parts.parameters):
+    if study.setup is not None and is_impedance(study.data.parameters):
         laws: list[Law] = []
         if study.sessions.form != "summary":
             for name, of_condition in expected.items():
@@ -128,18 +129,18 @@ def predict(
             mass=references.mass,
         )
         shown = dict.fromkeys(expected, environment)
-        setup = dataclasses.replace(parts.setup, references=shown)
-        regions = regions_of(intervals, laws, None, asked)
+        setup = dataclasses.replace(study.setup, references=shown)
+        regions = regions_of(rows, laws, None, asked)
         drawing = BoundaryDrawing(setup, regions, laws, study.scene.frequency, asked.tolerance)
         boundaries = drawing.at(None, list(expected), asked.kinds)
         skipped = tuple(drawing.skipped)
     return Prediction(
         environment=new_name(""),
-        decades=dict(zip(parts.parameters, place.decades.tolist(), strict=True)),
-        beyond=dict(zip(parts.parameters, place.beyond.tolist(), strict=True)),
+        decades=dict(zip(study.data.parameters, place.decades.tolist(), strict=True)),
+        beyond=dict(zip(study.data.parameters, place.beyond.tolist(), strict=True)),
         nearest=place.nearest,
         distance=place.distance,
-        intervals=intervals,
+        intervals=pd.DataFrame(rows).assign(monte_carlo=errors),
         boundaries=boundaries,
         skipped=skipped,
         quantities=study.sessions.quantities,
@@ -165,15 +166,15 @@ def _references(
     if damping is not None:
         given.setdefault("b", damping)
     mass = 0.0
-    if is_impedance(study.parts.parameters) and "m" not in quantities:
+    if is_impedance(study.data.parameters) and "m" not in quantities:
         mass = _mass(study, given.pop("m", None))
     for name, value in given.items():
-        if name not in study.parts.parameters:
+        if name not in study.data.parameters:
             known = {**IMPEDANCE, **quantities}.get(name)
             label = known.label if known else name
             message = f"the study does not analyse {label}."
             raise UsageError(message, key=name, value=value, hint="Leave it out.")
-    values = [_positive(quantities[name], given.get(name)) for name in study.parts.parameters]
+    values = [_positive(quantities[name], given.get(name)) for name in study.data.parameters]
     return _References(np.array(values), mass)
 
 
@@ -189,9 +190,9 @@ class _Place:
     @classmethod
     def of(cls, study: Study, fit: Fit, values: Array) -> Self:
         """Compare references (P,) with the references of the fit's environments."""
-        reference = study.parts.reference
+        reference = study.data.reference
         rows = []
-        for parameter in study.parts.parameters:
+        for parameter in study.data.parameters:
             rows.append([reference[parameter, environment] for environment in fit.environments])
         tested = np.log10(rows)
         log = np.log10(values)
@@ -243,7 +244,7 @@ def _expect(
         return expected, fit, limits
     claims = estimands_of(fit.model, asked)
     target = NewEstimands(claims, decades, _REPEATS, asked.seed, list(expected))
-    run = sampled(fit.model, asked, target, progress=study.parts.progress, store=study.parts.store)
+    run = sampled(fit.model, asked, target, progress=study.progress, store=study.store)
     if not run.gate.passed:
         return expected, fit, limits
     fit = dataclasses.replace(fit, run=run)
@@ -267,7 +268,7 @@ def expected_users(fit: Fit, x: Array, asked: InferenceTable) -> dict[str, NewEn
 
 def _passed_fit(study: Study) -> Fit:
     """Return the study's fit; RefusalError without one that passed."""
-    fit = study.parts.fit
+    fit = study.fit
     if fit is None:
         raise RefusalError(
             "the classical method has no model of environments nobody tested.",
@@ -324,7 +325,7 @@ def _rows(
     scale: ResponseScale,
     asked: InferenceTable,
     limits: Mapping[Kind, _NewLimits],
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[IntervalRow]:
     """Yield a row for every kind and parameter."""
     n = int(fit.counts.max())
     centre = expected.laws.mean.mean(axis=0)
@@ -333,18 +334,17 @@ def _rows(
             values = scale.native(np.stack([of_kind.lower, of_kind.upper, centre]))
         for index, parameter in enumerate(fit.parameters):
             lower, upper, estimate = values[:, index].tolist()
-            row = bayesian_row(
+            yield bayesian_row(
                 asked,
                 kind,
                 (parameter, name),
                 (lower, upper, estimate),
                 float(scale.origin[index]),
-                fit.quantities[parameter].unit,
+                unit=fit.quantities[parameter].unit,
                 n=n,
                 repeats=fit.repeats,
                 approximate=fit.approximate,
             )
-            yield {**vars(row), "monte_carlo": float(of_kind.errors[index])}
 
 
 def _laws(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,22 +15,17 @@ from percept.inference.model.model import Model, Resolution
 from percept.inference.model.product import Product
 from percept.inference.model.statistics import Statistics, from_summary
 from percept.inference.model.unpooled import Unpooled
-from percept.inference.record import Family
 from percept.scene import Scene
-from percept.sessions import Sessions
 from percept.sessions.quantities import IMPEDANCE, Quantities
 from percept.study.basics import Array, Skipped, priors_of
-from percept.study.intervals import Cell, cell_moments, known_moments
+from percept.study.data import Data
 from percept.study.linear import ContrastPlan, linear_study, side_by_side
 from percept.study.responses import (
     ResponseScale,
     Trials,
-    by_difference,
     decades,
-    references,
     refuse_no_ratio,
     resolution_of,
-    trials,
 )
 from percept.study.subject_trials import subject_trials
 
@@ -61,54 +55,50 @@ class Prepared:
         return cells + len(self.contrasts.users)
 
 
-def prepare(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
-    """Build the model that the data and the scene ask for."""
-    if scene.model.pooling == "none":
-        return _unpooled(sessions, scene, parameters)
-    if sessions.form == "summary":
-        return _from_limits(sessions, scene, parameters)
-    groups = modelled_together(parameters, scene.inference.together)
-    models = [_of_group(sessions, scene, group) for group in groups]
+def prepare(data: Data, parameters: tuple[str, ...] | None = None) -> Prepared:
+    """Build the model that the data and the scene ask for, of some parameters or of all."""
+    parameters = parameters or data.parameters
+    if data.scene.model.pooling == "none":
+        return _unpooled(data, parameters)
+    if data.sessions.form == "summary":
+        return _from_limits(data, parameters)
+    groups = modelled_together(parameters, data.asked.together)
+    models = [_of_group(data, group) for group in groups]
     return models[0] if len(models) == 1 else _side_by_side(models)
 
 
-def prepared_beside(
-    cells: Mapping[Family, Sequence[Cell]],
-    sessions: Sessions,
-    scene: Scene,
-    parameters: tuple[str, ...],
-) -> Prepared | Skipped:
+def prepared_beside(data: Data) -> Prepared | Skipped:
     """Build the model; skip a refused one where classical intervals of some cell stand without."""
     try:
-        return prepare(sessions, scene, parameters)
+        return prepare(data)
     except RefusalError as refused:
-        known = any(cell.moments for of_family in cells.values() for cell in of_family)
-        if scene.inference.method != "both" or not known:
+        known = any(cell.moments for of_family in data.cells.values() for cell in of_family)
+        if data.asked.method != "both" or not known:
             raise
         return Skipped("Bayesian intervals", str(refused))
 
 
-def _of_group(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+def _of_group(data: Data, parameters: tuple[str, ...]) -> Prepared:
     """Model the trials of quantities that share a model."""
+    scene = data.scene
     compares = bool(scene.terms) or scene.model.subjects_slope
-    scaled = [p for p in parameters if by_difference(sessions, p)] if compares else []
-    partial = scene.inference.method == "both"
-    data = trials(sessions, scene, parameters, partial=partial, scaled=scaled)
-    trial_sds = subject_trials(data, scene)
+    scaled = tuple(p for p in parameters if data.by_difference(p)) if compares else ()
+    trials = data.trials(*parameters, partial=data.asked.method == "both", scaled=scaled)
+    trial_sds = subject_trials(trials, scene)
     if not (compares or trial_sds.own):
-        prepared = pooled(data.statistics, scene, data.reference, data.scale, data)
+        prepared = pooled(trials.statistics, scene, trials.reference, trials.scale, trials)
     else:
-        resolution = resolution_of(data.statistics, scene, data.reference, data.scale)
-        plan = linear_study(data, sessions, scene, resolution, own_trial_sds=trial_sds.own)
-        prepared = _of_trials(plan.model, data.statistics, data.scale, scene, data)
+        resolution = resolution_of(trials.statistics, scene, trials.reference, trials.scale)
+        plan = linear_study(trials, data, resolution, own_trial_sds=trial_sds.own)
+        prepared = _of_trials(plan.model, trials.statistics, trials.scale, scene, trials)
         if compares:
             prepared = dataclasses.replace(prepared, contrasts=plan)
     return dataclasses.replace(prepared, skipped=(*prepared.skipped, *trial_sds.skipped))
 
 
-def prepare_apart(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+def prepare_apart(data: Data) -> Prepared:
     """Build a model in which no parameter learns from another."""
-    return _side_by_side([prepare(sessions, scene, (parameter,)) for parameter in parameters])
+    return _side_by_side([prepare(data, (parameter,)) for parameter in data.parameters])
 
 
 def modelled_together(
@@ -184,13 +174,14 @@ def _model(
     return plain_model(statistics, priors, options, resolution)
 
 
-def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+def _from_limits(data: Data, parameters: tuple[str, ...]) -> Prepared:
     """Model each parameter of published limits by itself: limits hold no correlation."""
-    environments = sessions.environments
-    family = scene.inference.family
-    reference = references(sessions, parameters, environments)
-    quantities = sessions.quantities
-    moments = _all_moments(sessions, parameters, family)
+    scene = data.scene
+    environments = data.environments
+    family = data.asked.family
+    reference = np.array([[data.reference[p, e] for e in environments] for p in parameters])
+    quantities = data.quantities
+    moments = _all_moments(data, parameters)
     flat = reference.ravel().tolist()
     by_cell = dict(zip(moments.cells, flat, strict=True))
     refuse_no_ratio(by_cell, quantities)
@@ -217,15 +208,14 @@ def _from_limits(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) 
     )
 
 
-def _unpooled(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Prepared:
+def _unpooled(data: Data, parameters: tuple[str, ...]) -> Prepared:
     """Each cell by itself, standardised by its own exact mean and SD."""
-    moments = _all_moments(sessions, parameters, scene.inference.family)
-    log = scene.inference.family == "lognormal"
+    moments = _all_moments(data, parameters)
+    log = data.asked.family == "lognormal"
     origin = np.exp(moments.mean) if log else moments.mean
     scale = ResponseScale(log, origin, moments.sd)
     model = Unpooled(moments.cells, moments.counts)
-    quantities = sessions.quantities
-    return Prepared(model, scale, moments.counts, moments.repeats, quantities=quantities)
+    return Prepared(model, scale, moments.counts, moments.repeats, quantities=data.quantities)
 
 
 class _CellMoments(NamedTuple):
@@ -238,20 +228,20 @@ class _CellMoments(NamedTuple):
     repeats: bool  # Whether any cell holds more than one trial of a subject
 
 
-def _all_moments(sessions: Sessions, parameters: tuple[str, ...], family: Family) -> _CellMoments:
+def _all_moments(data: Data, parameters: tuple[str, ...]) -> _CellMoments:
     """Work out the moments of every cell, or refuse a cell that has none."""
-    cells = cell_moments(sessions, parameters, family)
-    for cell in cells:
-        if cell.moments is None:
+    family = data.asked.family
+    for cell in data.cells[family]:
+        if cell.parameter in parameters and cell.moments is None:
             message = f"there is no posterior of {cell.where}: {cell.why}."
             hint = 'Set family = "normal", or leave the parameter or environment out in the scene.'
             raise RefusalError(message, hint=hint)
-    known = known_moments(cells, family)
-    moments = list(known.values())
+    of_all = data.moments(family)
+    moments = {cell: found for cell, found in of_all.items() if cell[0] in parameters}
     return _CellMoments(
-        tuple(known),
-        np.array([m.mean for m in moments]),
-        np.array([m.sd for m in moments]),
-        np.array([m.n for m in moments]),
-        any(m.repeats for m in moments),
+        tuple(moments),
+        np.array([m.mean for m in moments.values()]),
+        np.array([m.sd for m in moments.values()]),
+        np.array([m.n for m in moments.values()]),
+        any(m.repeats for m in moments.values()),
     )

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from percept.boundary.law import BEYOND, PairLaw, confidence_law, mixture_law
 from percept.errors import RefusalError
-from percept.inference.classical.trials import subject_means
 from percept.inference.model.product import pooled_parts
 from percept.inference.record import Family, Kind, Method
 from percept.inference.regions import EllipseRegion, ellipse_region
-from percept.scene import InferenceTable, Scene
-from percept.sessions import Sessions
+from percept.results import IntervalRow
+from percept.scene import InferenceTable
 from percept.sessions.quantities import is_impedance
 from percept.study.basics import FAMILIES, Array, Skipped
+from percept.study.data import Data
 
 if TYPE_CHECKING:
     from percept.study.fit import Fit
@@ -125,7 +125,7 @@ def displayable(values: Array) -> Array:
 
 
 def regions_of(
-    intervals: pd.DataFrame, laws: Sequence[Law], fit: Fit | None, asked: InferenceTable
+    intervals: Sequence[IntervalRow], laws: Sequence[Law], fit: Fit | None, asked: InferenceTable
 ) -> tuple[Region, ...]:
     """Put together the rectangles of every method, and the ellipses of its laws."""
     regions = list(rectangles(intervals))
@@ -138,25 +138,26 @@ def regions_of(
     return tuple(regions)
 
 
-def rectangles(intervals: pd.DataFrame) -> Iterator[Region]:
+def rectangles(intervals: Sequence[IntervalRow]) -> Iterator[Region]:
     """Pair the intervals of stiffness and damping."""
-    names = ["environment", "kind", "method", "family", "joint", "level"]
-    columns = [*names, "lower", "upper"]
-    of_k = intervals.loc[intervals["parameter"] == "k", columns]
-    of_b = intervals.loc[intervals["parameter"] == "b", columns]
-    both = of_k.merge(of_b, on=names, suffixes=("_k", "_b"))
-    for row in both.to_dict("records"):
-        stiffness = _side(row["lower_k"], row["upper_k"])
-        damping = _side(row["lower_b"], row["upper_b"])
+    of_b = {_paired_by(row): row for row in intervals if row.parameter == "b"}
+    for row in intervals:
+        other = of_b.get(_paired_by(row))
+        if row.parameter != "k" or other is None:
+            continue
         yield Region(
-            environment=row["environment"],
-            kind=row["kind"],
-            method=row["method"],
-            family=row["family"],
-            level=row["level"],
-            joint=row["joint"],
-            limits=(stiffness, damping),
+            environment=row.environment,
+            kind=row.kind,
+            method=row.method,
+            family=row.family,
+            level=row.level,
+            joint=row.joint,
+            limits=(_side(row.lower, row.upper), _side(other.lower, other.upper)),
         )
+
+
+def _paired_by(row: IntervalRow) -> tuple[object, ...]:
+    return row.environment, row.kind, row.method, row.family, row.joint, row.level
 
 
 def _side(lower: float, upper: float) -> _Side:
@@ -196,46 +197,32 @@ def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
             )
 
 
-def subject_pairs(
-    sessions: Sessions, scene: Scene, parameters: Sequence[str]
-) -> Iterator[SubjectPairs | Skipped]:
+def subject_pairs(data: Data) -> Iterator[SubjectPairs | Skipped]:
     """Yield what classical ellipses and laws come from, and those there are none of."""
-    asked = scene.inference
-    published = sessions.form == "summary"
+    published = data.sessions.form == "summary"
     if published:
         yield Skipped("subject effects and k-b correlation", "published limits do not hold them")
-    if not is_impedance(parameters):
+    if not data.is_impedance:
         return
     if published:
         why = "published limits hold no correlation of k and b"
         yield Skipped("ellipses and curves through draws", why)
         return
-    if asked.method != "classical" and scene.model.pooling == "none":
+    if data.asked.method != "classical" and data.scene.model.pooling == "none":
         why = "cells without pooling hold no correlation of k and b"
         yield Skipped("Bayesian ellipses and curves through draws", why)
-    if asked.method != "bayesian":
-        for family in FAMILIES:
-            yield from _pairs_of_subjects(sessions, family)
-
-
-def _pairs_of_subjects(sessions: Sessions, family: Family) -> Iterator[SubjectPairs | Skipped]:
-    """Yield subjects' values of environments with both parameters of enough subjects."""
-    for environment, table in sessions.by_environment():
-        columns = ["k_adj", "b_adj"]
-        rows = table.dropna(subset=columns)
-        adjusted = rows[columns].to_numpy(dtype=float)
-        count = rows["subject"].nunique()
+    if data.asked.method == "bayesian":
+        return
+    for family, environment in itertools.product(FAMILIES, data.environments):
+        values = data.values(environment, "k", "b")
+        if values.count == 0 or (family == "lognormal" and not (values.adjusted > 0).all()):
+            continue
         what = f"classical ellipses and curves through draws of {environment}"
-        if count == 0 or (family == "lognormal" and not (adjusted > 0).all()):
-            continue
-        if count < _FEWEST_SUBJECTS:
+        if values.count < _FEWEST_SUBJECTS:
             needed = f"they need {_FEWEST_SUBJECTS} subjects with both parameters"
-            yield Skipped(what, f"{needed}; there are {count}")
+            yield Skipped(what, f"{needed}; there are {values.count}")
             continue
-        subjects = rows["subject"].to_numpy()
-        means = [subject_means(values, subjects, family=family) for values in adjusted.T]
-        k = means[0].values
-        b = means[1].values
+        k, b = values.means(family).T
         if np.ptp(k) == 0.0 or np.ptp(b) == 0.0:
             yield Skipped(what, "all subjects made the same adjustments of one parameter")
             continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import html
 from collections.abc import Callable, Collection
 from pathlib import Path
@@ -9,24 +10,19 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from percept.boundary.band import BandStudy
+from percept import results
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import fields_html
-from percept.results import Band, Boundary, Coupling, IntervalRow, Rendered, Results, Verdict
+from percept.results import Checks, Diagnostics, Provenance, Results
 from percept.scene import Scene
 from percept.sessions import Sessions
-from percept.study.basics import Skipped, results, select
+from percept.study import records
+from percept.study.basics import Skipped, select
 from percept.study.conditions import told_apart
-from percept.study.contrast_table import chosen_contrasts
-from percept.study.intervals import KEYS
-from percept.study.parts import Parts
-from percept.study.results import compute, data_of, record, rows
+from percept.study.data import Data
+from percept.study.displayed import Displayed
 
-# What imports the hierarchical model is imported where it is needed: the classical method does
-# without.
 if TYPE_CHECKING:
-    from xarray import DataTree
-
     from percept.inference.sampling.gate import Progress
     from percept.study.fit import RunStore
 
@@ -34,17 +30,20 @@ __all__ = ["Study"]
 
 #: More environments than anybody tests: their contrasts and page would take hours.
 _MOST_ENVIRONMENTS = 1_000
+#: Parts that may skip something, in the order in which `Study.skipped` lists it.
+_SKIPPING = (
+    "interval_rows", "fit", "with_reference", "setup", "zoom_windows", "contrast_rows", "anova",
+    "banded", "pairs", "psychophysics_rows", "pse_lines", "equivalence_rows", "without_maps",
+)  # fmt: skip
 _CELL = ["environment", "parameter", "kind"]
 _LIMITS = ["estimate", "lower", "upper"]
-_LABELS = ("environment", "kind", "method", "family", "joint", "shape", "level")
-_CURVES = ("omega", "lower", "upper", "reference", "coupled")
 #: Parts that the card in a notebook names once they are computed.
 _KEPT = {
     "interval_rows": "intervals",
-    "_fit": "fit",
+    "fit": "fit",
     "contrast_rows": "contrasts",
     "posterior": "posterior",
-    "_checked": "checks",
+    "checks": "checks",
     "regions": "regions",
     "boundaries": "boundaries",
     "band": "band",
@@ -61,7 +60,7 @@ _CALLS = {
 }
 
 
-class Study:
+class Study(Displayed):
     """An analysis of sessions under a scene.
 
     Nothing is computed before it is asked for; what the scene does not need is never computed, and
@@ -102,8 +101,8 @@ class Study:
             )
         if isinstance(scene, str | Path):
             scene = Scene.load(scene)
-        self.scene = scene or Scene()
-        sessions.options.require(self.scene)
+        scene = scene or Scene()
+        sessions.options.require(scene)
         if len(sessions.environments) > _MOST_ENVIRONMENTS:
             raise RefusalError(
                 f"{len(sessions.environments):,} environments are more than the"
@@ -111,54 +110,23 @@ class Study:
                 key="columns.environment",
                 hint="See whether this column differs in every row; name another.",
             )
-        self.sessions = told_apart(sessions, self.scene)
-        #: What the study computes, part by part: also the fit, contrasts, checks and boundaries at
-        #: other frequencies.
-        self.parts = Parts(self.sessions, self.scene, progress, store)
+        super().__init__(Data(told_apart(sessions, scene), scene), progress, store)
+
+    def over(self, sessions: Sessions, scene: Scene | None = None) -> Study:
+        """Analyse other sessions, or under another scene, with the same progress and store."""
+        return Study(sessions, scene or self.scene, progress=self.progress, store=self.store)
 
     @property
-    def intervals(self) -> pd.DataFrame:
-        """Intervals of every method, kind and family, one row each, in their units; a copy."""
-        return self.parts.intervals
+    def skipped(self) -> tuple[Skipped, ...]:
+        """What was not computed, and why."""
+        curves = self._drawing.skipped if self._drawing is not None else []
+        return (*self.skipped_before_curves, *curves)
 
     @property
-    def interpretation(self) -> pd.DataFrame:
-        """What each row of `intervals` covers, in a sentence."""
-        return pd.DataFrame(results(self.parts.interval_rows), columns=[*KEYS, "covers"])
-
-    @property
-    def psychophysics(self) -> pd.DataFrame:
-        """Points of equality, thresholds, spreads and reliability, one row each."""
-        return pd.DataFrame(self.parts.psychophysics.rows)
-
-    @property
-    def equivalence(self) -> pd.DataFrame:
-        """Whether each bias is smaller than the JND of `[study] jnd`; empty without one."""
-        return pd.DataFrame(results(self.parts.psychophysics.equivalence))
-
-    def contrast(self, asked: str) -> pd.DataFrame:
-        """Contrasts of one factor, covariate or interaction, of every method.
-
-        Parameters
-        ----------
-        asked : str
-            A factor with two levels, such as "hand: left - right", or the name of a factor, a
-            covariate or an interaction, such as "hand:load", for all that there is of it.
-
-        Returns
-        -------
-        DataFrame
-            A row per pair of levels (`second` against `first`), reference, parameter, `of` (bias,
-            spread, interaction or slope), kind and method. Limits are ratios under the lognormal
-            family; of bias under the normal one they are differences in `unit`. `environment` is
-            None for the average over `references`.
-
-        Raises
-        ------
-        UsageError
-            A factor or a level that the model does not have.
-        """
-        return chosen_contrasts(self.parts.contrasts, asked)
+    def skipped_before_curves(self) -> tuple[Skipped, ...]:
+        """What was not computed, and why, curves of laws not counted: they take time to draw."""
+        parts = _SKIPPING if self.scene.checks is None else (*_SKIPPING, "checks")
+        return self.skipped_of(*parts)
 
     def summary(self, kind: str | None = "user") -> pd.DataFrame:
         """Lay the intervals out wide: a row per environment, parameter and kind.
@@ -176,10 +144,9 @@ class Study:
             interval. Limits hold for each parameter by itself.
         """
         intervals = self.intervals
-        asked = self.scene.inference
-        kinds = select("kind", kind, asked.kinds)
+        kinds = select("kind", kind, self.data.asked.kinds)
         rows = intervals[(intervals["joint"] == "marginal") & intervals["kind"].isin(kinds)]
-        own = rows["family"] == asked.family
+        own = rows["family"] == self.data.asked.family
         # Where the scene's family has no interval at all, the other one stands in.
         known = pd.MultiIndex.from_frame(rows[own][_CELL])
         rows = rows[own | ~pd.MultiIndex.from_frame(rows[_CELL]).isin(known)]
@@ -191,59 +158,27 @@ class Study:
             table = table.merge(named, on=_CELL, how="left")
         return table.reset_index(drop=True)
 
-    @property
-    def posterior(self) -> DataTree | None:
-        """Posterior as an ArviZ DataTree, thinned to the effective size; None unless it passed."""
-        return self.parts.posterior
+    # All of it, as a report takes it.
 
     @property
-    def boundaries(self) -> tuple[Boundary, ...]:
-        """Boundaries of abs(Z_h) over the scene's frequencies; empty without device, k or b."""
-        return self.parts.boundaries
+    def read(self) -> results.Data:
+        """What was read: subjects, quantities, notices, and every cell's values."""
+        return records.what_was_read(self.data)
 
     @property
-    def curves(self) -> pd.DataFrame:
-        """The boundaries as one tidy table: a row per curve and frequency, rad/s and N·s/m."""
-        names = (*_LABELS, *_CURVES)
-        tables = [
-            pd.DataFrame({name: getattr(one, name) for name in names}) for one in self.boundaries
-        ]
-        if not tables:
-            return pd.DataFrame(columns=names)
-        # Without a coupling its column is empty, and still of numbers.
-        return pd.concat(tables, ignore_index=True).astype({"coupled": float})
+    def provenance(self) -> Provenance:
+        """What the results are made from: versions, seed, files and scene."""
+        return records.provenance_of(self.sessions, self.scene)
 
     @property
-    def band(self) -> BandStudy | None:
-        """Band of the environments' size and its law; None with one environment, or no size."""
-        return self.parts.band
+    def diagnostics(self) -> Diagnostics | None:
+        """How the fit was sampled; None without one."""
+        return records.diagnostics_of(self.fit)
 
     @property
-    def coupling(self) -> Coupling:
-        """The coupling by the paper, Eq. 10 and its rule; RefusalError without a coupling."""
-        if self.parts.coupling is None:
-            skipped = self.parts.skipped_before_curves
-            why = next((part.why for part in skipped if part.what.startswith("coupling")), "")
-            raise RefusalError(
-                f"there is no coupling: {why or 'the scene has no [device]'}.",
-                hint="Give the scene a [device] and a [coupling].",
-            )
-        return self.parts.coupling
-
-    @property
-    def rendering(self) -> tuple[Rendered, ...]:
-        """What the device renders with every passive hand, in time; empty without a device."""
-        return self.parts.rendering
-
-    @property
-    def verdicts(self) -> tuple[Verdict, ...]:
-        """Whether each environment feels real, directly and coupled; empty without a device."""
-        return self.parts.verdicts
-
-    @property
-    def skipped(self) -> tuple[Skipped, ...]:
-        """What was not computed, and why."""
-        return self.parts.skipped
+    def all_checks(self) -> Checks | None:
+        """Tests of normality and checks of the model, where the scene asks for checks."""
+        return None if self.scene.checks is None else records.checks_of(self.data, self.checks)
 
     def results(
         self,
@@ -274,7 +209,19 @@ class Study:
         PerceptError
             What the study refuses.
         """
-        return compute(self.parts, curves=curves, why=why, progress=progress)
+        given = {"": True, "curves": curves, "why": why}
+        found: dict[str, Any] = {}
+        for field in dataclasses.fields(Results):
+            part = field.metadata["part"]
+            if not given[part.needs]:
+                continue
+            if progress and part.step:
+                progress(part.step)
+            found[field.name] = getattr(self, part.of or field.name)
+        if not curves and self.interval_rows:
+            absent = Skipped("boundaries, coupling and band law", "run percept report")
+            found["skipped"] = (*self.skipped_before_curves, absent)
+        return Results(**found)
 
     def report(self, directory: str | Path, **options: Any) -> Path:
         """Write page, JSON, tables, figures and posterior into a folder; return the page's path.
@@ -292,8 +239,8 @@ class Study:
         why = options.pop("why", False)
         progress = options.get("progress")
         with report_folder(directory, formats=formats, force=force) as folder:
-            results = self.results(why=why, progress=progress)
-            fill_report(folder, results, posterior=self.parts.posterior, formats=formats, **options)
+            made = self.results(why=why, progress=progress)
+            fill_report(folder, made, posterior=self.posterior, formats=formats, **options)
         return Path(directory) / "report.html"
 
     # Every plot draws on the matplotlib axes `ax`, or on a new figure without them, and returns the
@@ -311,9 +258,9 @@ class Study:
         from percept.plots import plot_intervals
 
         return plot_intervals(
-            rows(IntervalRow, results(self.parts.interval_rows)),
-            data_of(self.sessions, self.scene),
-            parameters=select("parameter", parameter, self.parts.parameters),
+            self.interval_rows,
+            self.read,
+            parameters=select("parameter", parameter, self.data.parameters),
             kinds=select("kind", kinds, self.scene.inference.kinds),
             family=self.scene.inference.family,
             ax=ax,
@@ -323,11 +270,10 @@ class Study:
         """Plot boundaries of abs(Z_h), N·s/m, over rad/s, of one kind, by default the next user."""
         from percept.plots import plot_boundary
 
-        kinds = self.scene.inference.kinds
-        (kind,) = select("kind", kind or ("user" if "user" in kinds else kinds[0]), kinds)
+        (kind,) = select("kind", kind or self.main_kind, self.scene.inference.kinds)
         boundaries = self.boundaries
         if boundaries:
-            (environment,) = select("environment", environment, self.parts.with_reference)
+            (environment,) = select("environment", environment, self.with_reference)
         return plot_boundary(
             boundaries, environment, kind, family=self.scene.inference.family, ax=ax
         )
@@ -336,14 +282,20 @@ class Study:
         """Plot bands and their laws against environments' impedance, or a parameter's reference."""
         from percept.plots import plot_band
 
-        band = record(Band, self.band)
-        data = data_of(self.sessions, self.scene)
-        return plot_band(band, data, parameter, family=self.scene.inference.family, ax=ax)
+        family = self.scene.inference.family
+        return plot_band(self.band, self.read, parameter, family=family, ax=ax)
 
     def plot_coupling(self, *, ax: Any = None) -> Any:
         """Plot the paper's criterion for the coupling (Eq. 10) over omega, rad/s."""
         from percept.plots import plot_coupling
 
+        if self.coupling is None:
+            skipped = self.skipped_before_curves
+            why = next((part.why for part in skipped if part.what.startswith("coupling")), "")
+            raise RefusalError(
+                f"there is no coupling: {why or 'the scene has no [device]'}.",
+                hint="Give the scene a [device] and a [coupling].",
+            )
         return plot_coupling(self.coupling, ax=ax)
 
     def plot_check(self, *, ax: Any = None) -> Any:
@@ -354,8 +306,7 @@ class Study:
         """
         from percept.plots import plot_check
 
-        checks = self.parts.checks
-        loo = None if checks is None else checks.loo
+        loo = None if self.checks is None else self.checks.loo
         return plot_check(None if loo is None else loo.subjects, ax=ax)
 
     def __repr__(self) -> str:
@@ -367,7 +318,7 @@ class Study:
         """Return a card: what the study is, has computed, and what to call; computes nothing."""
         sessions = self.sessions
         asked = self.scene.inference
-        computed = [word for name, word in _KEPT.items() if name in vars(self.parts)]
+        computed = [word for name, word in _KEPT.items() if name in vars(self)]
         about = {
             "quantities": ", ".join(
                 sessions.quantities[name].words for name in sessions.parameters

@@ -8,7 +8,7 @@ method a confidence part by part; `decision` turns either into one of three outc
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
@@ -36,10 +36,10 @@ from percept.results import (
 from percept.scene import InferenceTable, Scene
 from percept.sessions import Sessions
 from percept.study.basics import Array, Stream, generator
+from percept.study.data import Data
 from percept.study.deciding import more_subjects
 from percept.study.device import Setup
 from percept.study.device_draws import margins_of_draws
-from percept.study.intervals import Cell
 from percept.study.regions import SubjectPairs
 
 if TYPE_CHECKING:
@@ -98,21 +98,14 @@ class Subjects:
             return None
 
 
-def subjects_of(
-    cells: Mapping[Family, Sequence[Cell]], pairs: Sequence[SubjectPairs], asked: InferenceTable
-) -> dict[str, Subjects]:
+def subjects_of(data: Data, pairs: Sequence[SubjectPairs]) -> dict[str, Subjects]:
     """Return what the classical method knows, by environment: in the scene's family if it can."""
     found: dict[str, Subjects] = {}
-    for family in ("normal", "lognormal", asked.family):
-        moments = {
-            (cell.parameter, cell.environment): cell.moments.on_scale(family)
-            for cell in cells.get(family, ())
-            if cell.moments is not None
-        }
+    for family in ("normal", "lognormal", data.asked.family):
+        moments = data.moments(family)
         values = {pair.environment: pair for pair in pairs if pair.family == family}
-        for environment in dict.fromkeys(name for _, name in moments):
-            own = [moments.get((parameter, environment)) for parameter in _NAMES]
-            stiffness, damping = own
+        for environment in data.environments:
+            stiffness, damping = (moments.get((name, environment)) for name in _NAMES)
             if stiffness is None or damping is None:
                 continue
             pair = _subject_pairs(values.get(environment))
@@ -314,21 +307,10 @@ def _verdict(
 
 
 def leaning_on_slips(
-    verdicts: Iterable[Verdict],
-    sessions: Sessions,
-    verdicts_over: Callable[[Sessions], Sequence[Verdict]],
+    verdicts: Iterable[Verdict], sessions: Sessions, without: Iterable[Verdict]
 ) -> Iterator[Verdict]:
-    """Add what verdicts become without the rows that look mistyped.
-
-    `verdicts_over` judges other sessions of the same scene.
-    """
-    doubted = {slip.index for slip in sessions.slips}
-    kept = sessions.table.drop(index=list(doubted))
-    try:
-        others = verdicts_over(dataclasses.replace(sessions, table=kept))
-    except RefusalError:
-        others = ()
-    without = {(verdict.environment, verdict.coupled): verdict for verdict in others}
+    """Add what verdicts become without the rows that look mistyped; `without` are those."""
+    others = {(verdict.environment, verdict.coupled): verdict for verdict in without}
     for verdict in verdicts:
         rows = []
         for slip in sessions.slips:
@@ -338,7 +320,7 @@ def leaning_on_slips(
                 rows.append(Note(slip.text, file, place.get("row")))
         leaning = None
         if rows:
-            other = without.get((verdict.environment, verdict.coupled))
+            other = others.get((verdict.environment, verdict.coupled))
             leaning = Leaning(rows=tuple(rows), without=other)
         yield dataclasses.replace(verdict, leaning=leaning)
 

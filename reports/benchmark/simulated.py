@@ -72,6 +72,7 @@ def simulated(design: StudyDesign, seed: int) -> Prepared:
     from percept.scene import Scene
     from percept.sessions import Sessions
     from percept.simulate.model import Design, Hyperparameters, draw_environments, simulate
+    from percept.study.data import Data
     from percept.study.prepare import prepare
 
     shape = design.subjects, design.environments
@@ -113,7 +114,7 @@ def simulated(design: StudyDesign, seed: int) -> Prepared:
         # These studies are fitted by the model in which subjects share one trial SD.
         model={"subjects_trial_sd": False},
     )
-    return prepare(Sessions.from_frame(table), scene, design.parameters)
+    return prepare(Data(Sessions.from_frame(table), scene))
 
 
 def statistics_of(study: Prepared) -> Statistics:

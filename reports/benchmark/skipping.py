@@ -118,10 +118,10 @@ def _main(task: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         if scene == "page and figures":
             with fit_folder(Path(folder) / "out") as into:
-                fill_fit(into, study.results(curves=False), posterior=study.parts.posterior)
+                fill_fit(into, study.results(curves=False), posterior=study.posterior)
         else:
             study.report(Path(folder) / "out")
-    fit = study.parts.fit
+    fit = study.fit
     work = {
         "seconds": time.process_time(),
         "imports": [name for name in _PACKAGES if name in sys.modules],
@@ -133,10 +133,9 @@ def _main(task: str) -> None:
 
 def stages_of(study: Study) -> list[str]:
     """Name what a study worked out and what is not empty."""
-    parts = vars(study.parts)
+    parts = vars(study)
     results = {name: parts.get(name) for name in STAGES}
     results["intervals"] = parts.get("interval_rows")
-    results["fit"] = study.parts.fit if "_fit" in parts else None
     return [name for name, result in results.items() if not _empty(result)]
 
 

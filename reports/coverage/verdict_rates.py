@@ -201,8 +201,8 @@ def bayesian_study(n: int, index: int) -> Line:
 
 def truly_inside(study: Study, environment: str, users: Users) -> bool:
     """Say whether an environment lies in the central range of known users at every omega."""
-    display = study.parts.setup.display(environment, coupled=False)
-    omega = frequencies(study.parts.setup, environment, float(users.sd[0, 0]), study.parts.within)
+    display = study.setup.display(environment, coupled=False)
+    omega = frequencies(study.setup, environment, float(users.sd[0, 0]), study.data.within)
     shown = np.log([display.environment.stiffness, display.environment.damping])
     in_plane = np.all(np.abs(shown - users.mean[:, 0]) <= EDGE * users.sd[:, 0])
     return bool(in_plane and search_scores(display, users, omega, LEVEL).largest[0] <= EDGE)

@@ -32,8 +32,8 @@ def test_rows_are_the_study_s_own_intervals_in_every_digit(tmp_path):
         np.testing.assert_array_equal(found[column], study.intervals[column])
     for column in ("environment", "parameter", "kind", "method", "family", "joint", "unit"):
         assert list(found[column]) == list(study.intervals[column])
-    assert set(found["steps"]) == {study.parts.fit.run.steps}
-    assert set(found["rhat"]) == {study.parts.fit.run.gate.rhat}
+    assert set(found["steps"]) == {study.fit.run.steps}
+    assert set(found["rhat"]) == {study.fit.run.gate.rhat}
     assert set(found["subjects"]) == {3}
     assert set(found["study"]) == {str(path)}
     assert found["share"].isna().sum() == (found["kind"] != "share").sum()

@@ -62,7 +62,7 @@ def curves_of(subjects: tuple[str, ...], environments: int = len(_PLACES)) -> St
     refused = [part.what for part in study.skipped if " curves of " in part.what]
     shapes = [b for b in boundaries if b.shape in ("pointwise", "simultaneous")]
     # Every curve of a law is either drawn or said to be missing.
-    assert len(shapes) + len(refused) >= 2 * len(study.parts.curve_laws)
+    assert len(shapes) + len(refused) >= 2 * len(study.curve_laws)
     return study
 
 

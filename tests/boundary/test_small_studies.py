@@ -16,7 +16,7 @@ SUBSETS = [*subsets(3), *subsets(4)] if LONG else [("S01", "S02", "S03")]
 @pytest.mark.parametrize("subjects", SUBSETS, ids="-".join)
 def test_curves_of_few_subjects_are_drawn_or_said_to_be_missing(subjects: tuple[str, ...]) -> None:
     study = curves_of(subjects, environments=5 if LONG else 2)
-    assert {boundary.environment for boundary in study.boundaries} == set(study.parts.environments)
+    assert {boundary.environment for boundary in study.boundaries} == set(study.data.environments)
 
 
 @pytest.mark.evidence(reduced=True)

@@ -45,7 +45,7 @@ def question(path, **model):
     inference = model.pop("inference", {})
     scene = Scene(inference={"tolerance": 0.2, **inference}, model=model)
     with pytest.raises(StopIteration):
-        _ = Study(read_sessions(path), scene, store=Listening()).parts.fit
+        _ = Study(read_sessions(path), scene, store=Listening()).fit
     return asked[0]
 
 

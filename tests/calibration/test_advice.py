@@ -50,13 +50,13 @@ def test_normal_users_have_the_mean_and_sd_of_their_cell(study: Study) -> None:
     assert own is not None
     assert not own.cov_u.any()
     assert own.sigma_e.min() > 0.0
-    for j, environment in enumerate(study.parts.environments):
+    for j, environment in enumerate(study.data.environments):
         rows = study.sessions.table[study.sessions.table["environment"] == environment]
         trials = rows.groupby("subject").size()
         for i, parameter in enumerate(("k", "b")):
             values = (
                 rows.groupby("subject")[f"{parameter}_adj"].mean()
-                / study.parts.reference[parameter, environment]
+                / study.data.reference[parameter, environment]
             )
             assert own.beta[j, i] == pytest.approx(values.mean() - 1.0)
             noise = own.sigma_e[j, i] ** 2 * (1.0 / trials).mean()
@@ -193,7 +193,7 @@ def test_calibrate_writes_what_compare_recommends_by(
             family = "lognormal" if method == "bayesian" else "normal"
             judged = [
                 [f"{p} in {e}", "user", method, family, "marginal", "", 0.99]
-                for p in ("k", "b") for e in plain.parts.environments
+                for p in ("k", "b") for e in plain.data.environments
             ]  # fmt: skip
             lines += [json.dumps({"plan": key, "index": i, "judged": judged}) for i in range(count)]
     (out / "judged.jsonl").write_text("\n".join(lines) + "\n")

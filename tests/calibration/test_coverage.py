@@ -191,16 +191,16 @@ def test_fitted_values_are_those_of_the_fit() -> None:
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(tolerance=0.2, method="bayesian")
     study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene)
     truth = fitted_values(study)
-    assert study.parts.fit is not None
-    model = study.parts.fit.model
-    named = {name: values for name, (_, values) in model.scales(study.parts.fit.points).items()}
+    assert study.fit is not None
+    model = study.fit.model
+    named = {name: values for name, (_, values) in model.scales(study.fit.points).items()}
     for name in ("rho_u", "rho_w"):
         assert getattr(truth.hyper, name) == pytest.approx(named[name].mean())
     np.testing.assert_allclose(truth.hyper.alpha + truth.delta, truth.beta, atol=1e-12)
     np.testing.assert_allclose(truth.sigma.T, named["sigma"].mean(axis=0), rtol=1e-12)
-    reference = np.array([study.parts.reference[cell] for cell in model.cells])
+    reference = np.array([study.data.reference[cell] for cell in model.cells])
     # Estimates are of all kept draws, and good to 0.2 of half-widths of some tenths.
-    centre = np.log(study.parts.fit.estimate / reference).reshape(2, -1)
+    centre = np.log(study.fit.estimate / reference).reshape(2, -1)
     np.testing.assert_allclose(truth.beta.T, centre, atol=0.02)
 
 

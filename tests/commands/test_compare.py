@@ -129,7 +129,7 @@ def test_conditions_of_the_same_subjects_are_paired(tmp_path, capsys):
     ]
     found = json.loads(printed([*words, "--json"], capsys))
     assert (found["factor"], found["levels"]) == ("hand", ["left", "right"])
-    made = study(frame()).parts.contrasts
+    made = study(frame()).contrasts
     assert [row["lower"] for row in found["contrast"]] == made["lower"].tolist()
     text = printed(words, capsys)
     assert "Bias, right against left, ratio:" in text

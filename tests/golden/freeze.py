@@ -31,7 +31,7 @@ def freeze(golden: Golden) -> None:
 
 def _errors(golden: Golden) -> dict[str, list[float]]:
     """Monte Carlo error of each endpoint, as a fraction of its half-width on the model's scale."""
-    run = golden.study(seed=SEED, tolerance=TOLERANCE).parts.fit.run
+    run = golden.study(seed=SEED, tolerance=TOLERANCE).fit.run
     relative = dict(zip(run.estimates.names, run.errors / run.estimates.scale, strict=True))
     found: dict[str, list[float]] = {}
     for name, error in relative.items():

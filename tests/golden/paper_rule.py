@@ -20,7 +20,7 @@ _TIMES = (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 
 def by_the_paper_s_rule(study: Study) -> dict[str, Any]:
     """Take what is frozen of the rule "curve between curves"."""
-    setup = study.parts.setup
+    setup = study.setup
     if setup is None:
         return {}
     found = {}
@@ -34,7 +34,7 @@ def by_the_paper_s_rule(study: Study) -> dict[str, Any]:
 def _memberships(study: Study, setup: Setup) -> dict[str, Any]:
     found: dict[str, Any] = {}
     read_at = study.scene.frequency.read_at
-    for region in study.parts.regions:
+    for region in study.regions:
         if region.method != "classical" or region.limits is None:
             continue
         if region.environment not in setup.references:
@@ -46,8 +46,8 @@ def _memberships(study: Study, setup: Setup) -> dict[str, Any]:
         verdicts, planes = [], []
         for coupled in (False, True):
             display = setup.display(region.environment, coupled=coupled)
-            verdicts.append(departure(display, box, *study.parts.within).verdict)
-            planes.append(plane_departure(display, box, *study.parts.within).largest)
+            verdicts.append(departure(display, box, *study.data.within).verdict)
+            planes.append(plane_departure(display, box, *study.data.within).largest)
         name = " ".join(("realism", *labels, "envelope"))
         found[f"{name} verdict"] = verdicts
         # Held to 1: a departure near zero keeps its absolute digits only.
@@ -62,7 +62,7 @@ def _limits(study: Study, kind: str) -> dict[str, Any]:
     wanted = ("classical", kind, "marginal", family)
     return {
         region.environment: region.limits
-        for region in study.parts.regions
+        for region in study.regions
         if (region.method, region.kind, region.joint, region.family) == wanted
         and region.limits is not None
     }
@@ -81,7 +81,7 @@ def _devices(study: Study, setup: Setup) -> dict[str, Any]:
             for place in np.ndindex(counts.shape):
                 device = _varied(setup, masses[place[1]], dampings[place[0]])
                 display = device.display(environment, coupled=setup.coupling is not None)
-                departed = departure(display, Boxes.of(*limits), *study.parts.within)
+                departed = departure(display, Boxes.of(*limits), *study.data.within)
                 counts[place] += departed.largest <= ON_LIMIT
         inside[str(kind)] = counts.tolist()
     needed = None

@@ -178,7 +178,7 @@ def contrast_name(row: Mapping[str, Any]) -> str:
 
 def _curves(golden: Golden) -> dict[str, dict[str, list[float]]]:
     found: dict[str, dict[str, list[float]]] = {}
-    for curve in golden.study(method="classical").parts.boundaries_at(OMEGA):
+    for curve in golden.study(method="classical").boundaries_at(OMEGA):
         if curve.shape == "simultaneous":
             continue
         name = " ".join((curve.shape, curve.environment, curve.kind, curve.family, curve.joint))

@@ -40,7 +40,7 @@ def test_intervals_are_drawn_over_their_references(both_study, ax):
     assert len(kept) >= 4
     assert kept <= bars(ax)
     assert [label.get_text() for label in ax.get_yticklabels()] == list(
-        both_study.parts.environments
+        both_study.data.environments
     )
     assert ax.get_xlabel() == "adjusted stiffness k / reference"
 
@@ -88,7 +88,7 @@ def test_the_band_is_drawn_at_its_impedances(both_study, ax):
 def test_a_check_is_drawn_with_the_band_of_uniform_order_statistics(both_study, ax):
     assert both_study.plot_check(ax=ax) is ax
     points = next(line for line in ax.lines if line.get_label() == "subjects")
-    far = [check.farther for check in both_study.parts.checks.loo.subjects]
+    far = [check.farther for check in both_study.checks.loo.subjects]
     np.testing.assert_array_equal(points.get_ydata(), np.sort(far))
     (band,) = ax.collections
     (path,) = band.get_paths()
@@ -164,7 +164,7 @@ def test_quantities_of_two_scales_are_drawn_one_at_a_time(ax):
 def test_what_is_drawn_shows_in_the_reader_s_style(both_study, style):
     with plt.style.context(style):
         ground = np.array(to_rgb(plt.rcParams["axes.facecolor"]))
-        environment = both_study.parts.environments[0]
+        environment = both_study.data.environments[0]
         for plot, words in (
             (both_study.plot_intervals, ()),
             (both_study.plot_boundary, (environment,)),

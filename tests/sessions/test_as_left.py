@@ -132,7 +132,7 @@ def test_a_mass_from_the_scene_reaches_the_curves(tmp_path):
     device = {"mass": 1.0, "damping": 5.0, "period": 0.001}
     found = read(tmp_path, text, environments={"a": {"m_ref": 0.3}})
     study = Study(found, Scene(device=device, inference={"method": "classical"}))
-    assert study.parts.setup.references["a"].mass == 0.3
+    assert study.setup.references["a"].mass == 0.3
     omega = np.array([2.0, 30.0])
     heavy = Environment(900.0, 2.0, 0.3)
     felt = np.abs(perceived_impedance(Loop(Device(mass=1.0, damping=5.0), 0.001), omega, heavy))
@@ -146,7 +146,7 @@ def test_a_mass_from_the_scene_reaches_the_curves(tmp_path):
     }
     point = Region(environment="a", limits=((900.0, 900.0), (2.0, 2.0)), **labels)
     for shape in ("corner", "envelope"):
-        for curve in study.parts.setup.outline(point, shape, omega):
+        for curve in study.setup.outline(point, shape, omega):
             np.testing.assert_allclose(curve, felt, rtol=1e-13)
     assert found.environments == ("a",)
     assert "m_ref" in found.table

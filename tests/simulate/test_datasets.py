@@ -101,7 +101,7 @@ def test_measured_offsets_have_scipys_limits_and_a_page_of_their_own_words() -> 
     study = Study(read_sessions(DATASETS / "illusions.csv", scene=options), scene)
     table = pd.read_csv(DATASETS / "illusions.csv").set_index("Part_ID")
     assert table.loc[20, "FD"] == 0.0
-    assert study.parts.environments == ("FLE", "Froh", "FD", "FG", "MIPS", "TG", "FJ")
+    assert study.data.environments == ("FLE", "Froh", "FD", "FG", "MIPS", "TG", "FJ")
     for row in study.intervals.query("family == 'normal' and joint == 'marginal'").itertuples():
         values = table[row.environment].dropna()
         scale = {"mean": stats.sem(values), "user": values.std() * (1 + 1 / len(values)) ** 0.5}

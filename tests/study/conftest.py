@@ -13,6 +13,6 @@ def fitted() -> Study:
     """The published study of tests/golden, fitted once for all tests that only look at it."""
     scene = Scene.load(DATASETS / "hbfd.toml").with_inference(tolerance=TOLERANCE, seed=SEED)
     study = Study(read_sessions(DATASETS / "hbfd_sessions.csv"), scene, store=SHARED)
-    assert study.parts.fit is not None
-    assert study.parts.fit.run.gate.passed
+    assert study.fit is not None
+    assert study.fit.run.gate.passed
     return study

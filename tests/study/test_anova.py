@@ -10,7 +10,7 @@ from scipy import stats
 from percept import Scene, Study
 from percept.inference.classical.anova import anova
 from percept.report.tables import csv_tables
-from percept.results import AnovaRow, Skipped
+from percept.results import AnovaRow
 from percept.sessions import ReadOptions, Sessions
 from tests.documents import as_results, build_document, page_of
 from tests.study.within import crossed, frame, study
@@ -23,7 +23,7 @@ def modelled(table, bias, family="lognormal"):
 
 
 def effects_of(made):
-    return {row.factor: row for row in made.parts.by_level.tests if isinstance(row, AnovaRow)}
+    return {row.factor: row for row in made.anova if isinstance(row, AnovaRow)}
 
 
 @pytest.mark.parametrize("family", ["lognormal", "normal"])
@@ -75,7 +75,7 @@ def test_one_reference_and_groups_alone_are_a_t_test_of_subjects_means():
 
 
 def skipped_of(made):
-    return [row.why for row in made.parts.by_level.tests if isinstance(row, Skipped)]
+    return [row.why for row in made.skipped_of("anova")]
 
 
 def test_incomplete_subjects_are_named_with_what_to_do():
@@ -114,7 +114,7 @@ def test_few_subjects(subjects):
 def test_levels_hold_every_subject_on_the_scale_of_the_contrasts():
     table = crossed()
     made = modelled(table, "hand * load + group")
-    overall = [row for row in made.parts.by_level.levels if row.environment is None]
+    overall = [row for row in made.levels if row.environment is None]
     levels = {(row.factor, row.level): row.values for row in overall}
     y = np.log(table["k_adj"] / table["k_ref"])
     keys = [table[name] for name in ("subject", "hand", "environment", "load")]
@@ -130,7 +130,7 @@ def test_levels_hold_every_subject_on_the_scale_of_the_contrasts():
 def test_differences_are_in_the_unit_of_the_contrasts():
     table = frame().assign(k_ref=0.0)
     made = study(table, "normal", model={"scale": {"k": 5.0}})
-    over_all = [row for row in made.parts.by_level.levels if row.environment is None]
+    over_all = [row for row in made.levels if row.environment is None]
     levels = {row.level: np.mean(row.values) for row in over_all}
     rows = made.contrast("hand: right - left")
     overall = rows[rows["environment"].isna() & (rows["kind"] == "mean")]

@@ -15,16 +15,15 @@ from percept.study.band import (
     Replicates,
     classical_replicates,
 )
-from percept.study.basics import FAMILIES
-from percept.study.intervals import Cell, cell_moments
+from percept.study.data import Data
 from tests import LONG
 
 
 def test_bands_are_relative_to_the_impedance_of_the_reference(fitted: Study) -> None:
     band = fitted.band
     assert band is not None
-    for row in band.rows.itertuples():
-        k, b = (fitted.parts.reference[p, row.environment] for p in ("k", "b"))
+    for row in band.rows:
+        k, b = (fitted.data.reference[p, row.environment] for p in ("k", "b"))
         assert row.impedance == pytest.approx(abs(b + k / (1j * band.omega)), rel=1e-12)
         assert row.relative == pytest.approx(row.band / row.impedance, rel=1e-12)
 
@@ -39,7 +38,7 @@ def test_only_the_lowest_environment_speaks_for_the_offset(fitted: Study) -> Non
     assert max(relative) < 0.05
     assert min(absolute) > 0.95
     assert band.kappa is not None
-    assert (band.kappa["below_zero"] > 0.7).all()
+    assert all(trend.below_zero > 0.7 for trend in band.kappa)
 
 
 LEVEL, OMEGA, SUBJECTS = 0.9, 10.0, 16
@@ -101,10 +100,6 @@ def simulated(law: str, seed: int) -> Sessions:
     )
 
 
-def cells_of(sessions: Sessions) -> dict[str, list[Cell]]:
-    return {family: cell_moments(sessions, ("k", "b"), family) for family in FAMILIES}
-
-
 def widened(law: str, width: float) -> np.ndarray:
     """Parameters of the law of a band of `width` SDs: an exponent stays."""
     return np.array(
@@ -127,8 +122,8 @@ def test_classical_laws_hold_the_true_parameters_as_often_as_stated(law: str) ->
     true = widened(law, width)
     inside, centres = [], []
     for seed in range(STUDIES):
-        cells, asked = cells_of(simulated(law, seed)), scene_of("classical").inference
-        bands = bands_of(classical_replicates(cells, asked, [BANDED]), "classical")
+        data = Data(simulated(law, seed), scene_of("classical"))
+        bands = bands_of(classical_replicates(data, [BANDED]), "classical")
         lower, centre, upper = np.quantile(
             fit_law(law, IMPEDANCE, np.stack(list(bands.values()), axis=1)),
             [0.05, 0.5, 0.95],

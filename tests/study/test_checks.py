@@ -32,7 +32,7 @@ def planted():
 
 
 def test_subjects_who_fit_are_not_named(clean):
-    found = clean.parts.checks.loo
+    found = clean.checks.loo
     assert not any(check.outlier for check in found.subjects)
     assert not any(cell.outlier for cell in found.cells)
     for check in found.subjects:
@@ -44,11 +44,11 @@ def test_subjects_who_fit_are_not_named(clean):
     below = [cell.below for cell in found.cells]
     assert stats.kstest(farther, stats.uniform.cdf).pvalue > 1e-3
     assert stats.kstest(below, stats.uniform.cdf).pvalue > 1e-4
-    assert not any(check.unusual for check in clean.parts.checks.statistics)
+    assert not any(check.unusual for check in clean.checks.statistics)
 
 
 def test_planted_subjects_are_named_with_what_to_do(planted):
-    found = planted.parts.checks.loo
+    found = planted.checks.loo
     outliers = [check.subject for check in found.subjects if check.outlier]
     assert outliers == ["S04", "S07"]
     # Without S04 the draws say little: what rests on them is withheld.
@@ -57,7 +57,7 @@ def test_planted_subjects_are_named_with_what_to_do(planted):
     assert [check.subject for check in found.subjects if check.elpd is None] == unreliable
     assert (found.elpd, found.se) == (None, None)
     names = [check.subject for check in found.subjects]
-    for row in planted.parts.checks.without:
+    for row in planted.checks.without:
         withheld = [name for name, value in zip(names, row.estimate, strict=True) if value is None]
         assert withheld == unreliable
     cells = {(cell.subject, cell.environment) for cell in found.cells if cell.outlier}
@@ -69,7 +69,7 @@ def test_planted_subjects_are_named_with_what_to_do(planted):
     assert "far above what the others predict" in text
     # As a statistic of the cell, too: S04 is farther from the mean than the farthest of 12 users
     # should be.
-    unusual = [check for check in planted.parts.checks.statistics if check.unusual]
+    unusual = [check for check in planted.checks.statistics if check.unusual]
     assert "VE3" in {check.environment for check in unusual if check.statistic == "farthest"}
 
 
@@ -78,7 +78,7 @@ def test_false_alarms_are_shared_among_the_subjects(clean):
     farther = np.array([0.0049, 0.0051, *[0.5] * 8])
     loo = Loo(np.zeros(10), np.zeros(10), 0.7, np.zeros((1, 1)), np.ones((1, 10)))
     predicted = Predicted(np.full((10, 2, 3), 0.5), farther)
-    fit = clean.parts.fit
+    fit = clean.fit
     found = subject_tables(fit, fit.subjects, loo, predicted)
     assert [check.outlier for check in found.subjects] == [True] + [False] * 9
 
@@ -88,7 +88,7 @@ def test_intervals_without_a_subject_are_those_of_a_fit_without_it():
     table = table_of(subjects=12, seed=3)
     off = (table["subject"] == "S07") & (table["environment"] == "VE2")
     table.loc[off, "k_adj"] *= np.exp(0.5)
-    checks = study_of(table, checks={}, tolerance=0.05).parts.checks
+    checks = study_of(table, checks={}, tolerance=0.05).checks
     subject = [check.subject for check in checks.loo.subjects].index("S07")
     others = table[table["subject"] != "S07"]
     refit = study_of(others, tolerance=0.05).intervals.query("method == 'bayesian'")
@@ -102,7 +102,7 @@ def test_intervals_without_a_subject_are_those_of_a_fit_without_it():
 
 
 def test_statistics_above_their_range_are_hardly_ever_larger(planted):
-    found = planted.parts.checks.statistics
+    found = planted.checks.statistics
     high = [check for check in found if check.observed > check.upper]
     assert high
     # Half of one per cent lies above a limit, which is a quantile of the same draws.
@@ -143,8 +143,7 @@ def test_a_new_user_differs_from_the_mean_by_the_spread_between_users(clean):
 
 def test_prior_quantiles_are_in_native_units(clean):
     prior = {
-        (row.environment, row.parameter, row.kind): row.quantiles
-        for row in clean.parts.checks.prior
+        (row.environment, row.parameter, row.kind): row.quantiles for row in clean.checks.prior
     }
     for (environment, parameter), reference in {("VE1", "k"): 100.0, ("VE3", "b"): 25.0}.items():
         mean = prior[environment, parameter, "mean"]
@@ -173,5 +172,5 @@ def test_published_limits_have_no_subjects_to_leave_out():
         inference={"tolerance": 0.3, "method": "bayesian", "parameters": ["k"]}, checks={}
     )
     study = Study(read_sessions(DATASETS / "hbfd_table1.csv"), scene)
-    assert isinstance(study.parts.fit.subjects, Skipped)
-    assert study.parts.checks is None
+    assert isinstance(study.fit.subjects, Skipped)
+    assert study.checks is None

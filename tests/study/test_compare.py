@@ -88,11 +88,11 @@ def test_a_study_against_a_shifted_copy_of_itself(fitted: Study) -> None:
         "environment"
     )
     assert bayes.loc["VE4", "probability_above"] > 0.999
-    assert other.parts.fit is not None
+    assert other.fit is not None
     for (parameter, environment), row in found.set_index(["parameter", "environment"]).iterrows():
         if row["method"] == "bayesian":
             first, second = (
-                log_spreads(study.parts.fit, (parameter, environment)) for study in (fitted, other)
+                log_spreads(study.fit, (parameter, environment)) for study in (fitted, other)
             )
             for side, tail in (("lower", 0.005), ("upper", 0.995)):
                 # Over all pairs of draws. Sixteen times 8192 pairs scatter by 0.0002, once 8192 by

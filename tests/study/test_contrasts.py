@@ -1,6 +1,7 @@
 """Conditions within subjects: contrasts against SciPy on subjects' means, and what is left out
 of them."""
 
+import dataclasses
 import re
 
 import numpy as np
@@ -11,11 +12,11 @@ from scipy import stats
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
 from percept.report.contrast import contrast_sentences
 from percept.report.tables import csv_tables
+from percept.results import ContrastRow
 from percept.sessions import ReadError, ReadOptions, Sessions
 from percept.sessions.read import by_level
 from percept.study.compare import within_subjects
 from percept.study.contrast_table import chosen_contrasts
-from percept.study.results import diagnostics_of
 from tests import DATASETS
 from tests.documents import as_results, build_document, page_of
 from tests.study.within import crossed, frame, study
@@ -43,7 +44,7 @@ def test_contrasts_are_those_of_subjects_means(family):
     table = frame()
     ratio = table["k_adj"] / table["k_ref"]
     wide = means(table, np.log(ratio) if family == "lognormal" else ratio - 1.0)
-    found = study(table, family).parts.contrasts
+    found = study(table, family).contrasts
     for environment in ("VE1", "VE2", "VE3", None):
         left, right = (
             wide[level].mean(axis=1) if environment is None else wide[level, environment]
@@ -68,11 +69,11 @@ def test_contrasts_are_those_of_subjects_means(family):
         assert spread["p_value"] == pytest.approx(
             stats.pearsonr(left + right, right - left).pvalue, rel=1e-9
         )
-    assert row_of(found, None)["references"] == ["VE1", "VE2", "VE3"]
+    assert row_of(found, None)["references"] == ("VE1", "VE2", "VE3")
 
 
 def test_contrasts_say_what_they_cover():
-    found = study(frame()).parts.contrasts
+    found = study(frame()).contrasts
     assert (
         row_of(found, "VE1")["covers"]
         == "The typical user's ratio of stiffness (right over left) lies between the limits, with"
@@ -82,15 +83,15 @@ def test_contrasts_say_what_they_cover():
         "For at least 99 % of all users the ratio of stiffness (right over left) lies between the"
         " limits"
     )
-    assert row_of(study(frame(), "normal").parts.contrasts, "VE1", kind="user")[
-        "covers"
-    ].startswith("The next user's difference of stiffness (right less left, in references) lies")
+    assert row_of(study(frame(), "normal").contrasts, "VE1", kind="user")["covers"].startswith(
+        "The next user's difference of stiffness (right less left, in references) lies"
+    )
 
 
 def test_two_quantities_say_that_each_stands_by_itself():
     table = frame().assign(b_ref=2.0)
     table["b_adj"] = 2.0 * (table["k_adj"] / table["k_ref"]) ** 0.5
-    found = study(table).parts.contrasts
+    found = study(table).contrasts
     assert set(found["parameter"]) == {"k", "b"}
     assert (
         found["covers"]
@@ -102,7 +103,7 @@ def test_two_quantities_say_that_each_stands_by_itself():
 def test_priors_of_the_contrast_are_the_scene_s():
     made = study(frame(trials=1), model={"priors": {"lambda_sd": 0.3}})
     scene = made.scene.with_inference(method="bayesian", tolerance=0.3)
-    priors = diagnostics_of(Study(made.sessions, scene).parts).priors
+    priors = Study(made.sessions, scene).diagnostics.priors
     told = {prior.prior: prior.value for prior in priors}
     assert (told["lambda_sd"], told["psi_sd"]) == (0.3, 0.5)
 
@@ -115,8 +116,8 @@ def test_overall_contrasts_average_over_what_all_subjects_share():
     made = study(kept)
     wide = means(kept, np.log(kept["k_adj"] / kept["k_ref"])).drop("S5")
     right, left = (wide[level][["VE1", "VE2"]].mean(axis=1) for level in ("right", "left"))
-    row = row_of(made.parts.contrasts, None)
-    assert row["references"] == ["VE1", "VE2"]
+    row = row_of(made.contrasts, None)
+    assert row["references"] == ("VE1", "VE2")
     assert row["n"] == 7
     assert (row["of_subjects"], row["of_references"]) == (8, 3)
     assert "from 7 of 8 users, with both levels, over 2 of 3 references: VE1, VE2" in row["covers"]
@@ -130,7 +131,7 @@ def test_overall_contrasts_average_over_what_all_subjects_share():
     assert "and 2 of <data" in page
     assert "references: VE1 and VE2." in page
     assert row["p_value"] == pytest.approx(stats.ttest_rel(right, left).pvalue, rel=1e-9)
-    assert row_of(made.parts.contrasts, "VE3")["n"] == 6
+    assert row_of(made.contrasts, "VE3")["n"] == 6
     assert {part.what: part.why for part in made.skipped} | {
         "1 subject in contrasts of stiffness, right against left": "no reference has both levels",
         "VE3 in the overall contrast of stiffness, right against left": (
@@ -148,7 +149,7 @@ def test_contrasts_without_a_ratio_are_in_the_quantity_s_unit(reference):
     wide = means(table, table["k_adj"])
     for scale in (1.0, 10.0):
         made = study(table, "normal", model={"scale": {"k": scale}})
-        row = row_of(made.parts.contrasts, None)
+        row = row_of(made.contrasts, None)
         right, left = (wide[level].mean(axis=1) for level in ("right", "left"))
         assert row["estimate"] == pytest.approx((right - left).mean(), rel=1e-9)
         interval = stats.ttest_rel(right, left).confidence_interval(0.95)
@@ -180,10 +181,8 @@ def test_what_has_no_contrast_is_named():
         "[model] scale.k"
         in {part.what: part.why for part in study(zero, "normal").skipped}["contrasts of stiffness"]
     )
-    scaled = study(
-        frame().assign(k_ref=0.0), "normal", model={"scale": {"k": 10.0}}
-    ).parts.contrasts
-    unscaled = study(frame().query("environment == 'VE1'"), "normal").parts.contrasts
+    scaled = study(frame().assign(k_ref=0.0), "normal", model={"scale": {"k": 10.0}}).contrasts
+    unscaled = study(frame().query("environment == 'VE1'"), "normal").contrasts
     # In N/m, and in references of 10 N/m.
     assert row_of(scaled, "VE1")["lower"] == pytest.approx(
         10.0 * row_of(unscaled, "VE1")["lower"], rel=1e-12
@@ -388,20 +387,14 @@ def test_a_contrast_can_be_asked_for_either_way_round(family):
     ("unit", "turned_together"), [("mm", (-3.0, -1.0)), ("", (1.0 / 3.0, 1.0))]
 )
 def test_limits_that_hold_together_turn_with_a_contrast(unit, turned_together):
-    row = {
-        "factor": "hand",
-        "first": "left",
-        "second": "right",
-        "unit": unit,
-        "lower": 1.2,
-        "estimate": 2.0,
-        "upper": 2.8,
-        "lower_together": 1.0,
-        "upper_together": 3.0,
-        "covers": "right over left",
-    }
-    alone = row | {"lower_together": None, "upper_together": None}
-    turned = chosen_contrasts(pd.DataFrame([row, alone]), "hand: left - right")
-    limits = turned[["lower_together", "upper_together"]].to_numpy(dtype=float)
-    assert tuple(limits[0]) == turned_together
-    assert np.isnan(limits[1]).all()
+    row = ContrastRow(
+        factor="hand", first="left", second="right", environment=None, references=("VE1",),
+        parameter="k", of="bias", kind="mean", method="bayesian", family="normal", level=0.9,
+        share=None, confidence=None, lower=1.2, estimate=2.0, upper=2.8, lower_together=1.0,
+        upper_together=3.0, unit=unit, p_value=None, within=True, n=4, of_subjects=4,
+        of_references=1, covers="right over left",
+    )  # fmt: skip
+    alone = dataclasses.replace(row, lower_together=None, upper_together=None)
+    turned = chosen_contrasts([row, alone], "hand: left - right")
+    limits = [(one.lower_together, one.upper_together) for one in turned]
+    assert limits == [turned_together, (None, None)]

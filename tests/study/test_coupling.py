@@ -7,6 +7,7 @@ import pytest
 
 from percept import Study, haptics
 from percept.haptics import Loop, magnitude_envelope
+from percept.scene import FrequencyTable
 from percept.study.device import Setup, study_coupling
 from percept.study.rendering import study_rendering
 
@@ -45,15 +46,15 @@ def test_eq_10_is_undecided_beyond_a_measured_device_s_table() -> None:
         (measured(0.9999, 5.0), "not met"),
         (measured(0.5, 16.0), "undecided"),
     ):
-        found = study_coupling(setup, [], RANGE, family="lognormal", read_at=10.0)
+        found = study_coupling(setup, [], "lognormal", FrequencyTable())
         assert found.eq10 == said
 
 
 def test_verdicts_of_envelopes_are_those_of_a_fine_grid(fitted: Study) -> None:
-    assert fitted.parts.setup is not None
+    assert fitted.setup is not None
     assert fitted.coupling is not None
-    setup, omega = fitted.parts.setup, np.geomspace(0.1, 100.0, 20_000)
-    regions = {r.environment: r for r in fitted.parts.regions if _of_user(r)}
+    setup, omega = fitted.setup, np.geomspace(0.1, 100.0, 20_000)
+    regions = {r.environment: r for r in fitted.regions if _of_user(r)}
     verdicts = set()
     for row in fitted.coupling.memberships:
         assert _of_user(regions[row.environment])

@@ -21,7 +21,7 @@ RANGE = FrequencyTable(lower=0.1, upper=100.0, points=40)
 
 def drawing(study: Study, covariance: list[list[float]] | None) -> BoundaryDrawing:
     """Boundaries of the study's laws, with a posterior of the device where one is given."""
-    setup = study.parts.setup
+    setup = study.setup
     assert setup is not None
     draws = None
     if covariance is not None:
@@ -29,8 +29,7 @@ def drawing(study: Study, covariance: list[list[float]] | None) -> BoundaryDrawi
         device = {"mass": 1.0, "damping": 5.0, "period": 1e-3, "posterior": posterior}
         draws = device_draws(Scene(device=device))
     setup = dataclasses.replace(setup, draws=draws)
-    parts = study.parts
-    return BoundaryDrawing(setup, parts.regions, parts.curve_laws, RANGE, 0.03)
+    return BoundaryDrawing(setup, study.regions, study.curve_laws, RANGE, 0.03)
 
 
 def curves(drawn: BoundaryDrawing) -> dict[tuple[str, ...], Boundary]:
@@ -45,7 +44,7 @@ def independent(study: Study, boundary: Boundary, count: int) -> tuple[np.ndarra
     """Curves (M, count) on devices of another generator, and their weights."""
     (law,) = [
         law
-        for law in study.parts.curve_laws
+        for law in study.curve_laws
         if (law.environment, law.kind, law.method)
         == (boundary.environment, boundary.kind, "bayesian")
     ]

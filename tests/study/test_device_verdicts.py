@@ -27,7 +27,7 @@ def known(study: Study, covariance: list[list[float]]):
         verdict={"central": CENTRAL},
         inference={"method": "bayesian"},
     )
-    setup = study.parts.setup
+    setup = study.setup
     assert setup is not None
     setup = setup.with_device(dataclasses.replace(setup.loop.device, damping=DAMPING))
     changed = dataclasses.replace(setup, draws=device_draws(scene), coupling=COUPLING)
@@ -38,18 +38,18 @@ def known(study: Study, covariance: list[list[float]]):
 def test_each_device_is_judged_at_its_own_frequencies(fitted: Study, coupled: bool) -> None:
     """At the point device's frequencies the probability was .02 too large, and nothing decided."""
     setup, scene = known(fitted, [[0.25, 0.0], [0.0, 0.25]])
-    verdicts = study_verdicts(setup, fitted.parts.users, fitted.parts.subjects, scene, stable={})
+    verdicts = study_verdicts(setup, fitted.users, fitted.subjects, scene, stable={})
     (verdict,) = [row for row in verdicts if row.environment == "VE2" and row.coupled is coupled]
     evidence = verdict.bayesian
     assert evidence is not None
-    users = fitted.parts.users["VE2"]
+    users = fitted.users["VE2"]
     spread = relative_sd(users)
     inside = []
     for index in range(evidence.draws):
         one = setup.with_device(setup.draws.device(index))
         display = one.display("VE2", coupled=coupled)
         user = users.select(slice(index, index + 1))
-        omega = frequencies(one, "VE2", spread, fitted.parts.within)
+        omega = frequencies(one, "VE2", spread, fitted.data.within)
         dense = np.union1d(omega, omega[[0]] * (omega[-1] / omega[0]) ** np.linspace(0, 1, 300))
         score = search_scores(display, user, dense, CENTRAL).largest[0]
         plane = plane_scores(display, user, dense[0], dense[-1])[0]
@@ -60,7 +60,7 @@ def test_each_device_is_judged_at_its_own_frequencies(fitted: Study, coupled: bo
 
 def test_a_coupling_is_stable_and_real_on_the_same_devices(fitted: Study) -> None:
     setup, scene = known(fitted, [[0.25, 0.0], [0.0, 16.0]])
-    verdicts = study_verdicts(setup, fitted.parts.users, fitted.parts.subjects, scene, stable={})
+    verdicts = study_verdicts(setup, fitted.users, fitted.subjects, scene, stable={})
     (verdict,) = [row for row in verdicts if row.environment == "VE1" and row.coupled]
     evidence = verdict.bayesian
     assert evidence is not None

@@ -91,7 +91,7 @@ def test_the_posterior_probability_is_the_share_of_draws_within():
         found = fixed.loc[name]
         assert abs(found["probability"] - inside.mean()) < 5.0 * (error + found["error"])
     by_trials = judged(table, "trials", method="both", family="lognormal")
-    fit = by_trials.parts.fit
+    fit = by_trials.fit
     named = {name: values for name, (_, values) in fit.model.scales(fit.points).items()}
     rng = np.random.default_rng(1)
     means, _ = fit.model.draw(fit.points, rng)

@@ -15,6 +15,7 @@ from percept.errors import RefusalError
 from percept.inference.model.statistics import from_trials
 from percept.sessions import Sessions
 from percept.sessions.quantities import IMPEDANCE
+from percept.study.data import Data
 from percept.study.prepare import prepare
 from percept.study.responses import lacking_scatter
 from tests import DATASETS
@@ -26,7 +27,7 @@ def test_a_step_counts_relative_to_where_the_subjects_adjusted() -> None:
     table = table_of(("k", "b"), subjects=4)
     table.loc[table["environment"] == "VE2", "k_adj"] = 2000.0
     scene = Scene(model={"resolution": {"k": 10.0, "b": 0.1}})
-    found = prepare(Sessions.from_frame(table), scene, ("k", "b")).model.resolution
+    found = prepare(Data(Sessions.from_frame(table), scene)).model.resolution
     np.testing.assert_allclose(
         found.between, [[0, (10 / 2000) ** 2 / 12, 0], [0, 0, 0]], rtol=1e-12
     )
@@ -37,7 +38,7 @@ def test_published_limits_are_taken_back_to_means_and_sds(family: str) -> None:
     """Relative to the reference, or moments of the logarithm: t limits at 99 %, ten subjects."""
     sessions = read_sessions(DATASETS / "hbfd_table1.csv")
     scene = Scene(inference={"family": family})
-    models = prepare(sessions, scene, ("k", "b")).model.models
+    models = prepare(Data(sessions, scene)).model.models
     for model, parameter in zip(models, "kb", strict=True):
         rows = sessions.table[sessions.table["parameter"] == parameter]
         lower, upper, reference = (

@@ -7,10 +7,11 @@ from fractions import Fraction
 import pandas as pd
 import pytest
 
-from percept import read_sessions
-from percept.results import CellValues
+from percept import Scene, read_sessions
+from percept.results import CellValues, IntervalRow
 from percept.sessions import Sessions
-from percept.study.intervals import adjustments, compare_intervals
+from percept.study.data import Data
+from percept.study.intervals import method_pairs
 from tests import DATASETS
 
 
@@ -18,6 +19,10 @@ def sessions_of(rows):
     columns = ["subject", "environment", "k_ref", "b_ref", "trial", "k_adj", "b_adj"]
     table = pd.DataFrame(rows, columns=columns)
     return Sessions.from_frame(table)
+
+
+def values_of(sessions):
+    return Data(sessions, Scene()).values_by_cell
 
 
 def test_subjects_count_once_by_the_mean_of_their_trials():
@@ -29,7 +34,7 @@ def test_subjects_count_once_by_the_mean_of_their_trials():
         ("3", "A", offset, 1.0, 1, offset + 6, None),
         ("3", "B", 20.0, 2.0, 1, 7.0, None),
     ]
-    found = {(one.environment, one.parameter): one for one in adjustments(sessions_of(rows))}
+    found = {(one.environment, one.parameter): one for one in values_of(sessions_of(rows))}
     assert list(found) == [("B", "k"), ("B", "b"), ("A", "k"), ("A", "b")]
     stiff = found["A", "k"]
     assert stiff.values == (offset + 2.5, offset + 2, offset + 6)
@@ -49,26 +54,25 @@ def test_subjects_count_once_by_the_mean_of_their_trials():
 
 
 def test_a_published_summary_has_none():
-    assert list(adjustments(read_sessions(DATASETS / "hbfd_table1.csv"))) == []
+    assert list(values_of(read_sessions(DATASETS / "hbfd_table1.csv"))) == []
 
 
 def test_equal_values_have_no_scatter_and_are_described():
     found = list(
-        adjustments(sessions_of([(s, "A", 10.0, 1.0, 1, 9.0, 1.5) for s in ("1", "2", "3")]))
+        values_of(sessions_of([(s, "A", 10.0, 1.0, 1, 9.0, 1.5) for s in ("1", "2", "3")]))
     )
     assert [(one.mean, one.sd) for one in found] == [(9.0, 0.0), (1.5, 0.0)]
 
 
 def test_estimates_about_a_negative_reference_shift_in_their_unit():
     rows = [
-        {
-            "environment": "A", "parameter": p, "kind": "mean", "family": "normal",
-            "joint": "marginal", "method": method, "reference": reference,
-            "lower": estimate - 1.0, "upper": estimate + 1.0, "estimate": estimate,
-        }
+        IntervalRow(
+            environment="A", parameter=p, kind="mean", family="normal", joint="marginal",
+            method=method, reference=reference, lower=estimate - 1.0, upper=estimate + 1.0,
+            estimate=estimate, level=0.9, share=None, confidence=None, n=4, unit="", covers="",
+        )
         for p, reference in (("k", -6.0), ("b", 6.0))
         for method, estimate in (("classical", -0.5), ("bayesian", 0.5))
     ]  # fmt: skip
-    found = compare_intervals(pd.DataFrame(rows)).set_index("parameter")
-    assert found["relative"].to_dict() == {"k": False, "b": True}
-    assert found["shift"].to_dict() == {"k": 1.0, "b": -2.0}
+    found = {pair.parameter: (pair.relative, pair.shift) for pair in method_pairs(rows)}
+    assert found == {"k": (False, 1.0), "b": (True, -2.0)}

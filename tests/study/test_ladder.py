@@ -7,20 +7,22 @@ import pandas as pd
 import pytest
 
 from percept import Scene, Study, read_sessions
-from percept.sessions.quantities import IMPEDANCE
-from percept.study.ladder import Ladder, sentence
+from percept.results import Ladder, LadderEffect
+from percept.study.ladder import sentence
 from tests import DATASETS
 from tests.study.checked import study_of, table_of
 
 REFERENCE = {"pooling": "none", "prior": "reference"}
 
-WORDS = {"user": "user", "users": "users", "environments": "environments"}
-
 
 def ladder_of(study: Study) -> Ladder:
-    ladder = study.parts.ladder
+    ladder = study.ladder
     assert ladder is not None
     return ladder
+
+
+def effects_of(ladder: Ladder) -> pd.DataFrame:
+    return pd.DataFrame(ladder.effects)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +49,7 @@ def test_the_same_method_twice_makes_no_difference_beyond_its_error() -> None:
         table_of(("k", "b"), subjects=6), model=REFERENCE, method="both", family="normal"
     )
     ladder = ladder_of(study)
-    effects = ladder.effects
+    effects = pd.DataFrame(ladder.effects)
     assert list(effects["cause"].unique()) == ["all", "sampling"]
     assert len(effects) == 2 * 6 * 3
     apart = effects["log_width"] / effects["log_width_error"]
@@ -67,8 +69,8 @@ def test_a_tight_prior_is_named_and_no_other_environment_where_there_is_one() ->
     table = table_of(subjects=8, references=[[1e3]], alpha=0.5)
     study = study_of(table, model={"priors": {"alpha_sd": 0.05}}, method="both", family="normal")
     ladder = ladder_of(study)
-    assert list(ladder.effects["cause"].unique()) == ["all", "prior"]
-    assert (ladder.effects.query("kind == 'mean'")["centre"] < -1.0).all()
+    assert list(effects_of(ladder)["cause"].unique()) == ["all", "prior"]
+    assert (effects_of(ladder).query("kind == 'mean'")["centre"] < -1.0).all()
     (text,) = ladder.sentences
     assert "as the classical one, because the priors say how users usually adjust (×" in text
     assert "half-width lower, because the priors" in text
@@ -78,7 +80,7 @@ def test_a_tight_prior_is_named_and_no_other_environment_where_there_is_one() ->
 
 def test_an_outlying_environment_is_explained_by_pooling(outlying: Study) -> None:
     ladder = ladder_of(outlying)
-    assert list(ladder.effects["cause"].unique()) == ["all", "prior", "pooling"]
+    assert list(effects_of(ladder)["cause"].unique()) == ["all", "prior", "pooling"]
     (text,) = (text for text in ladder.sentences if text.startswith("VE2, stiffness: "))
     assert "because the model also learns from the other environments (×" in text
     assert text.index("the model also learns") < text.find("the priors") % len(text)
@@ -91,11 +93,11 @@ def test_an_environment_that_cannot_stand_alone_has_a_note_and_no_ladder(outlyin
     assert note.startswith(
         "VE5: the step of the prior is missing: at least two subjects are needed"
     )
-    assert set(ladder_of(outlying).effects["environment"]) == {"VE1", "VE2", "VE3", "VE4"}
+    assert set(effects_of(ladder_of(outlying))["environment"]) == {"VE1", "VE2", "VE3", "VE4"}
 
 
 def test_steps_lead_from_the_classical_interval_to_the_bayesian(outlying: Study) -> None:
-    effects, intervals = ladder_of(outlying).effects, outlying.intervals
+    effects, intervals = effects_of(ladder_of(outlying)), outlying.intervals
     rows = intervals.query("joint == 'marginal' and family == 'normal'").set_index(
         ["method", "environment", "parameter", "kind"]
     )
@@ -113,7 +115,7 @@ def test_steps_lead_from_the_classical_interval_to_the_bayesian(outlying: Study)
 
 def test_skewed_data_are_explained_by_the_log_scale() -> None:
     ladder = ladder_of(study_of(table_of(subjects=40, references=[[1e3]], s=0.8), method="both"))
-    assert list(ladder.effects["cause"].unique()) == ["all", "prior", "scale"]
+    assert list(effects_of(ladder)["cause"].unique()) == ["all", "prior", "scale"]
     (text,) = ladder.sentences
     assert "because the log scale makes the typical user the geometric mean (×" in text
     assert (
@@ -141,8 +143,8 @@ def study_of_noise(scatter: float, noise: float) -> Study:
 
 def test_trial_noise_is_named_where_users_scatter_by_nothing_else() -> None:
     ladder = ladder_of(study_of_noise(scatter=0.0, noise=0.2))
-    assert list(ladder.effects["cause"].unique()) == ["all", "prior", "trials"]
-    widths = ladder.effects.query("kind == 'user'").set_index("cause")["log_width"]
+    assert list(effects_of(ladder)["cause"].unique()) == ["all", "prior", "trials"]
+    widths = effects_of(ladder).query("kind == 'user'").set_index("cause")["log_width"]
     assert widths["trials"] < np.log(0.7)
     assert abs(widths["prior"]) < 0.1
     _, of_user = ladder.sentences
@@ -152,7 +154,7 @@ def test_trial_noise_is_named_where_users_scatter_by_nothing_else() -> None:
 def test_trial_sds_of_each_user_are_a_step_of_their_own() -> None:
     scene = Scene(inference={"family": "normal", "tolerance": 0.3})
     sessions = read_sessions("tests/golden/data/own_trials.csv", scene=scene)
-    causes = ladder_of(Study(sessions, scene)).effects["cause"].unique()
+    causes = effects_of(ladder_of(Study(sessions, scene)))["cause"].unique()
     assert list(causes) == ["all", "prior", "trials", "pooling", "own_trials"]
 
 
@@ -184,10 +186,10 @@ def test_correlation_is_named_where_nothing_else_moves_an_interval(
 ) -> None:
     """Only what damping's prior does, through the correlation, can move stiffness."""
     ladder = ladder_of(study_of_pair(correlation))
-    assert list(ladder.effects["cause"].unique()) == ["all", "prior", "correlation"]
-    centres = ladder.effects.query("kind == 'mean' and parameter == 'k'").set_index("cause")[
-        "centre"
-    ]
+    assert list(effects_of(ladder)["cause"].unique()) == ["all", "prior", "correlation"]
+    centres = (
+        effects_of(ladder).query("kind == 'mean' and parameter == 'k'").set_index("cause")["centre"]
+    )
     assert abs(centres["prior"]) < 0.05
     assert (centres["correlation"] < -0.2) == named
     (of_stiffness, _) = ladder.sentences
@@ -195,21 +197,23 @@ def test_correlation_is_named_where_nothing_else_moves_an_interval(
     assert (f"half-width lower{because}" in of_stiffness) == named
 
 
-def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame:
+def steps_of(kind: str = "user", **steps: tuple[float, float]) -> list[LadderEffect]:
     """Effects on log width and centre, with errors of .01 each."""
-    rows = {"all": tuple(np.sum(list(steps.values()), axis=0)), **steps}
-    return pd.DataFrame(
-        {"environment": "VE1", "parameter": "b", "kind": kind, "cause": cause,
-         "log_width": width, "log_width_error": 0.01, "centre": centre, "centre_error": 0.01}
+    rows = {"all": tuple(np.sum(list(steps.values()), axis=0).tolist()), **steps}
+    return [
+        LadderEffect(
+            environment="VE1", parameter="b", kind=kind, cause=cause, log_width=width,
+            log_width_error=0.01, centre=centre, centre_error=0.01,
+        )
         for cause, (width, centre) in rows.items()
-    )  # fmt: skip
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("effects", "text"),
     [
         (
-            effects_of("share", prior=(-0.3, 0.0), pooling=(0.2, 0.0), scale=(0.1, 0.0)),
+            steps_of("share", prior=(-0.3, 0.0), pooling=(0.2, 0.0), scale=(0.1, 0.0)),
             "VE1, damping: the Bayesian interval of most users is as wide as the classical one: "
             "the priors "
             "say how users usually adjust (×0.74); the model also learns from the other "
@@ -217,7 +221,7 @@ def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame
             "(×1.22); users scatter by ratios on the log scale (×1.11).",
         ),
         (
-            effects_of(
+            steps_of(
                 "mean", prior=(0.01, 0.0), pooling=(np.log(1.1), 0.0), scale=(np.log(1.3), 0.0)
             ),
             "VE1, damping: the Bayesian interval of the average user is 1.44 times as wide as "
@@ -227,7 +231,7 @@ def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame
             "learns from the other environments (×1.10).",
         ),
         (
-            effects_of("share", prior=(np.log(0.8), 0.3), pooling=(np.log(1.251), 0.0)),
+            steps_of("share", prior=(np.log(0.8), 0.3), pooling=(np.log(1.251), 0.0)),
             "VE1, damping: the Bayesian interval of most users is as wide as the classical one: "
             "the model "
             "also learns from the other environments (×1.25); the priors say how users usually "
@@ -237,50 +241,50 @@ def effects_of(kind: str = "user", **steps: tuple[float, float]) -> pd.DataFrame
             "users usually adjust (+30 %).",
         ),
         (
-            effects_of("mean", sampling=(np.log(1.03), 0.0)),
+            steps_of("mean", sampling=(np.log(1.03), 0.0)),
             "VE1, damping: the Bayesian interval of the average user is 1.03 times as wide as "
             "the classical "
             "one, because draws are random (×1.03).",
         ),
         (
-            effects_of("mean", prior=(0.005, 0.01), pooling=(0.005, 0.01)),
+            steps_of("mean", prior=(0.005, 0.01), pooling=(0.005, 0.01)),
             "VE1, damping: both intervals of the average user have the same width and centre, to "
             "within 2 %.",
         ),
     ],
 )
-def test_a_difference_in_words(effects: pd.DataFrame, text: str) -> None:
-    assert sentence(effects, IMPEDANCE, WORDS) == text
+def test_a_difference_in_words(effects: list[LadderEffect], text: str) -> None:
+    study = study_of(table_of(("k", "b"), subjects=2), method="classical")
+    assert sentence(effects, study.data) == text
 
 
 def test_pairs_by_hand(fitted: Study) -> None:
-    table = fitted.parts.comparison
-    assert table is not None
-    assert len(table) == 30
-    row = table.query("environment == 'VE3' and parameter == 'b' and kind == 'user'").iloc[0]
-    widths = [
-        row[f"upper_{method}"] - row[f"lower_{method}"] for method in ("classical", "bayesian")
-    ]
-    assert row["width_ratio"] == pytest.approx(widths[1] / widths[0])
-    assert row["shift"] == pytest.approx(row["estimate_bayesian"] / row["estimate_classical"] - 1.0)
+    pairs = fitted.comparison
+    assert pairs is not None
+    assert len(pairs) == 30
+    where = {"environment": "VE3", "parameter": "b", "kind": "user", "family": "lognormal"}
+    (pair,) = [one for one in pairs if where.items() <= vars(one).items()]
+    rows = [one for one in fitted.interval_rows if where.items() <= vars(one).items()]
+    old, new = [one for one in rows if one.joint == "marginal"]
+    assert pair.width_ratio == pytest.approx((new.upper - new.lower) / (old.upper - old.lower))
+    assert pair.shift == pytest.approx(new.estimate / old.estimate - 1.0)
 
 
 def test_tables_are_the_caller_s_own(fitted: Study) -> None:
     """What is changed in a table asked for changes nothing of the study."""
-    for name in ("intervals", "comparison"):
-        before = getattr(fitted.parts, name)
-        changed = getattr(fitted.parts, name)
-        changed.iloc[:, 0] = "changed"
-        pd.testing.assert_frame_equal(getattr(fitted.parts, name), before)
+    before = fitted.intervals
+    changed = fitted.intervals
+    changed.iloc[:, 0] = "changed"
+    pd.testing.assert_frame_equal(fitted.intervals, before)
 
 
 def test_levels_of_a_factor_have_a_ladder_each() -> None:
     """An environment by itself has one level: its step leaves the factor out."""
     scene = Scene.load(DATASETS / "sleep.toml").with_inference(tolerance=0.2, kinds=["mean"])
     study = Study(read_sessions(DATASETS / "sleep.csv", scene=scene), scene)
-    ladder = study.parts.ladder
+    ladder = study.ladder
     assert ladder is not None
     assert ladder.notes == ()
-    causes = ladder.effects.groupby("environment")["cause"].agg(list).to_dict()
+    causes = effects_of(ladder).groupby("environment")["cause"].agg(list).to_dict()
     steps = ["all", "prior", "pooling"]
     assert causes == {"nights (first)": steps, "nights (second)": steps}

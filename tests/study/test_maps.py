@@ -20,10 +20,10 @@ RANGE = (0.1, 100.0)  # rad/s
 
 def evidence(study, environment, coupling, *, draws, device=None):
     """What `feels_real` says of an environment through a coupling."""
-    setup = dataclasses.replace(study.parts.setup, coupling=coupling)
+    setup = dataclasses.replace(study.setup, coupling=coupling)
     if device is not None:
         setup = setup.with_device(device)
-    users = study.parts.map_users[environment]
+    users = study.map_users[environment]
     omega = frequencies(setup, environment, relative_sd(users), RANGE)
     display = setup.display(environment, coupled=coupling is not None)
     return feels_real(display, users.select(slice(0, draws)), omega, central=0.99, decision=0.95)
@@ -31,7 +31,7 @@ def evidence(study, environment, coupling, *, draws, device=None):
 
 @pytest.mark.evidence
 def test_the_map_is_that_of_a_search_at_every_coupling(fitted: Study) -> None:
-    design = fitted.parts.coupling_map
+    design = fitted.coupling_map
     assert design is not None
     rng = np.random.default_rng(5)
     compared = []
@@ -51,14 +51,14 @@ def test_the_map_is_that_of_a_search_at_every_coupling(fitted: Study) -> None:
 
 def renders(study, environment, coupling):
     """Whether the device renders an environment, or every one, with every passive hand."""
-    setup = study.parts.setup
+    setup = study.setup
     names = setup.references if environment is None else [environment]
     found = [can_render(setup.loop, setup.references[name], coupling=coupling) for name in names]
     return all(one.verdict == "can" for one in found)
 
 
 def test_no_coupling_of_the_map_is_unstable_in_time(fitted: Study) -> None:
-    design = fitted.parts.coupling_map
+    design = fitted.coupling_map
     assert design is not None
     limited = {environment.name: environment.limited for environment in design.environments}
     # Of 5 N·s/m; directly they need .105, 1.5, 15, 37.5 and 75.
@@ -82,7 +82,7 @@ def test_no_coupling_of_the_map_is_unstable_in_time(fitted: Study) -> None:
 
 
 def test_what_is_admissible_is_none_or_undecided_by_two_errors(fitted: Study) -> None:
-    design = fitted.parts.coupling_map
+    design = fitted.coupling_map
     assert design is not None
     outcomes = set()
     for environment in design.environments:
@@ -101,7 +101,7 @@ def test_what_is_admissible_is_none_or_undecided_by_two_errors(fitted: Study) ->
 
 
 def test_ends_are_confirmed_and_nothing_beyond_is_as_probable(fitted: Study) -> None:
-    design = fitted.parts.coupling_map
+    design = fitted.coupling_map
     assert design is not None
     ends = 0
     for environment in design.environments[:-1]:
@@ -126,7 +126,7 @@ def test_ends_are_confirmed_and_nothing_beyond_is_as_probable(fitted: Study) -> 
 
 
 def test_all_together_is_the_least_probable(fitted: Study) -> None:
-    design = fitted.parts.coupling_map
+    design = fitted.coupling_map
     assert design is not None
     together = design.environments[-1]
     assert together.name is None
@@ -179,7 +179,7 @@ def test_published_limits_have_no_joint_law_for_classical_maps() -> None:
 
 
 def test_other_devices_are_judged_as_a_scene_with_that_device_is(fitted: Study) -> None:
-    found = fitted.parts.other_devices
+    found = fitted.other_devices
     assert found is not None
     assert found.mass == (1.0, 0.5, 1.5, 1.0, 1.0)
     assert found.damping == (5.0, 5.0, 5.0, 2.5, 7.5)
@@ -187,7 +187,7 @@ def test_other_devices_are_judged_as_a_scene_with_that_device_is(fitted: Study) 
     for row in found.verdicts:
         assert row.rendered == ((row.environment in ("VE1", "VE2")),) * 5
     for row in found.verdicts:
-        coupling = fitted.parts.setup.coupling if row.coupled else None
+        coupling = fitted.setup.coupling if row.coupled else None
         for number in (0, 2, 3):
             device = haptics.Device(found.mass[number], found.damping[number])
             searched = evidence(fitted, row.environment, coupling, draws=found.draws, device=device)
@@ -198,7 +198,7 @@ def test_other_devices_are_judged_as_a_scene_with_that_device_is(fitted: Study) 
 
 def test_more_damping_may_render_an_environment(sessions) -> None:
     device = {"mass": 1.0, "damping": 12.0, "period": PERIOD}
-    found = Study(sessions, scene_of(device=device)).parts.other_devices
+    found = Study(sessions, scene_of(device=device)).other_devices
     assert found is not None
     # VE3 through 50 kN/m and 100 N·s/m at 1 ms: 13.39 N·s/m; directly 15.
     rendered = {(row.environment, row.coupled): row.rendered for row in found.verdicts}
@@ -209,7 +209,7 @@ def test_more_damping_may_render_an_environment(sessions) -> None:
 
 def test_a_device_without_damping_keeps_none_and_carries_no_coupling(sessions) -> None:
     study = Study(sessions, scene_of(device={"mass": 1.0, "damping": 0.0, "period": PERIOD}))
-    found = study.parts.other_devices
+    found = study.other_devices
     assert found is not None
     assert found.damping == (0.0,) * 5
     said = {row.what: row.why for row in study.skipped}
@@ -225,12 +225,10 @@ def test_modes_count_and_a_measured_device_is_left_alone(sessions, tmp_path) -> 
     modal = Study(
         alone, scene_of(device={"mass": 1.0, "damping": 5.0, "period": PERIOD, "modes": [mode]})
     )
-    for mine, other in zip(
-        modal.parts.other_devices.verdicts, rigid.parts.other_devices.verdicts, strict=True
-    ):
+    for mine, other in zip(modal.other_devices.verdicts, rigid.other_devices.verdicts, strict=True):
         np.testing.assert_allclose(mine.probability, other.probability, atol=0.03)
-    (mine,) = modal.parts.coupling_map.environments
-    (other,) = rigid.parts.coupling_map.environments
+    (mine,) = modal.coupling_map.environments
+    (other,) = rigid.coupling_map.environments
     np.testing.assert_allclose(mine.probability, other.probability, atol=0.05)
     np.testing.assert_allclose(mine.stiffness[:, -1], other.stiffness[:, -1], rtol=0.02)
     response = tmp_path / "zd.csv"
@@ -240,11 +238,11 @@ def test_modes_count_and_a_measured_device_is_left_alone(sessions, tmp_path) -> 
     lines = [f"{w!r},{z.real!r},{z.imag!r}" for w, z in rows]
     response.write_text("omega,real,imaginary\n" + "\n".join(lines) + "\n")
     measured = Study(alone, scene_of(device={"response": str(response), "period": PERIOD}))
-    assert measured.parts.other_devices is measured.parts.coupling_map is None
+    assert measured.other_devices is measured.coupling_map is None
     said = {row.what: row.why for row in measured.skipped}
     assert said["admissible couplings"].startswith("Above 1000 rad/s the device's table says")
 
 
 def test_nothing_to_map_without_a_device(sessions) -> None:
     study = Study(sessions, scene_of(device=None, coupling=None))
-    assert study.parts.other_devices is study.parts.coupling_map is None
+    assert study.other_devices is study.coupling_map is None

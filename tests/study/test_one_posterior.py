@@ -25,7 +25,7 @@ def opened(table, **model):
 def parts():
     """Three levels, one trial each."""
     made = study(frame(trials=1, levels=("left", "right", "both"), subjects=5))
-    return Study(made.sessions, made.scene.with_inference(**ASKED), store=SHARED).parts
+    return Study(made.sessions, made.scene.with_inference(**ASKED), store=SHARED)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def pair():
     noise = np.random.default_rng(1).normal(0.0, 0.1, len(table))
     b = 2.0 * (table["k_adj"] / table["k_ref"]) ** 0.5 * np.exp(noise)
     made = opened(table.assign(b_ref=2.0, b_adj=b), bias="hand")
-    plan = prepare(made.sessions, made.scene, ("k", "b")).contrasts
+    plan = prepare(made.data).contrasts
     point = np.random.default_rng(2).normal(0.0, 0.3, (1, len(plan.model.names)))
     return plan, point
 
@@ -105,7 +105,7 @@ def test_simpler_models_without_factors_are_refused_by_name(option, why):
     (key,) = option
     made = opened(frame(trials=1, subjects=3), bias="hand", **option)
     with pytest.raises(UsageError, match=rf"{key}.*{why}"):
-        prepare(made.sessions, made.scene, ("k",))
+        prepare(made.data)
 
 
 def test_three_factors_have_an_interaction_of_their_own():
@@ -113,7 +113,7 @@ def test_three_factors_have_an_interaction_of_their_own():
     table = crossed(subjects=4)
     block = np.where(table["trial"] == 1, "early", "late")
     made = opened(table.assign(block=block), bias="hand * load * block")
-    plan = prepare(made.sessions, made.scene, ("k",)).contrasts
+    plan = prepare(made.data).contrasts
     of_term = [own for own in plan.users if own.comparison.factor == "hand:load:block"]
     assert [own.comparison.environment for own in of_term] == ["VE1", "VE2", "VE3", None]
     second = of_term[1]

@@ -10,7 +10,7 @@ import pytest
 from percept import Scene, Sessions, read_sessions
 from percept.report.people import named_subjects, people
 from percept.results import CellOutlier, LeftOut, SubjectCheck
-from percept.study.people import subject_rows
+from percept.study.data import Data
 from tests import DATASETS
 from tests.documents import EMPTY
 
@@ -61,7 +61,7 @@ def test_rows_are_those_of_plain_loops(subjects, family):
     }[family]
     scene = Scene(inference={"family": family})
     for parameter in ("k", "b"):
-        rows = [row for row in subject_rows(sessions, scene) if row.parameter == parameter]
+        rows = [row for row in Data(sessions, scene).people if row.parameter == parameter]
         slow = list(slow_rows(sessions, parameter, deviation))
         assert [row.subject for row in rows] == [subject for subject, *_ in slow]
         for row, (_, mean, sd, distance) in zip(rows, slow, strict=True):
@@ -74,11 +74,11 @@ def test_rows_are_those_of_plain_loops(subjects, family):
 
 
 def test_published_limits_have_no_rows():
-    assert list(subject_rows(read_sessions(DATASETS / "hbfd_table1.csv"), Scene())) == []
+    assert list(Data(read_sessions(DATASETS / "hbfd_table1.csv"), Scene()).people) == []
 
 
 def test_warnings_lead_to_the_rows_of_those_they_name():
-    rows = tuple(subject_rows(kept(4), Scene()))
+    rows = Data(kept(4), Scene()).people
     results = dataclasses.replace(EMPTY, data=dataclasses.replace(EMPTY.data, people=rows))
     assert named_subjects(results) == []
     checked = [

@@ -45,7 +45,7 @@ def slopes():
         )
         options = ReadOptions.from_mapping(dict(scene))
         study = Study(Sessions.from_frame(settings(seed), scene=options), scene)
-        rows = study.parts.contrasts
+        rows = study.contrasts
         rows = rows[(rows["of"] == "slope") & (rows["method"] == "bayesian")].copy()
         rows[["lower", "upper"]] = np.log(rows[["lower", "upper"]])
         found.append(rows)

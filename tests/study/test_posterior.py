@@ -24,7 +24,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 @pytest.fixture(scope="module")
 def opened(fitted, tmp_path_factory):
     path = tmp_path_factory.mktemp("posterior") / "posterior.nc"
-    write_posterior(fitted.parts.posterior, path)
+    write_posterior(fitted.posterior, path)
     with xarray.open_datatree(path, engine="h5netcdf") as tree:
         yield tree
 
@@ -41,7 +41,7 @@ def arviz_plots():
 
 def test_the_file_holds_what_was_written(opened, fitted):
     assert opened.identical(fitted.posterior)
-    trials = fitted.parts.fit.trials
+    trials = fitted.fit.trials
     observed = opened["observed_data/response"]
     means = trials.statistics.cell_means
     one = observed.sel(parameter="b").to_numpy()[observed["observed_subject"].to_numpy() == "S04"]
@@ -57,7 +57,7 @@ def test_loo_is_percepts_own(opened, fitted):
         found = arviz_stats.loo(opened, pointwise=True)
     pointwise = found.elpd_i.to_series()
     assert list(pointwise.index) == list(fitted.sessions.subjects)
-    trusted = [row for row in fitted.parts.checks.loo.subjects if row.elpd is not None]
+    trusted = [row for row in fitted.checks.loo.subjects if row.elpd is not None]
     assert len(trusted) >= len(pointwise) // 2
     for row in trusted:
         # Both are importance sampling of heavy-tailed weights, over other draws.
@@ -115,7 +115,7 @@ def test_a_slash_in_a_factors_name_is_no_path(tmp_path):
     )
     options = ReadOptions.from_mapping(dict(scene))
     path = tmp_path / "posterior.nc"
-    write_posterior(Study(Sessions.from_frame(table, scene=options), scene).parts.posterior, path)
+    write_posterior(Study(Sessions.from_frame(table, scene=options), scene).posterior, path)
     with xarray.open_datatree(path, engine="h5netcdf") as tree:
         variable = tree["posterior"].data_vars["psi:left\N{DIVISION SLASH}right"]
         assert variable.attrs["long_name"] == "differences of levels in log sigma, left/right"

@@ -89,9 +89,9 @@ def published() -> Study:
 
 
 def test_published_limits_are_predicted_parameter_by_parameter(published: Study) -> None:
-    assert published.parts.fit is not None
-    model = published.parts.fit.model
-    points = published.parts.fit.points[:40]
+    assert published.fit is not None
+    model = published.fit.model
+    points = published.fit.points[:40]
     x = np.array([0.7, -1.3])
     found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))[""]
     np.testing.assert_array_equal(found.covariance[:, 0, 1], 0.0)

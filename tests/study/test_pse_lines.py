@@ -13,7 +13,7 @@ from percept.study.basics import Skipped
 
 
 def rows_of(study):
-    found = study.parts.psychophysics.lines
+    found = study.pse_lines
     assert not [row for row in found if isinstance(row, Skipped)]
     return pd.DataFrame(found)
 
@@ -25,10 +25,9 @@ def lines(fitted):
 
 def moments(fitted, parameter, reference):
     """Mean and SD of the line at one reference, given each draw of the scales."""
-    fit = fitted.parts.fit
-    parts = fitted.parts
+    fit = fitted.fit
     p = fit.parameters.index(parameter)
-    tested = np.array([parts.reference[parameter, name] for name in fit.environments])
+    tested = np.array([fitted.data.reference[parameter, name] for name in fit.environments])
     x = np.zeros(len(fit.parameters))
     x[p] = np.log10(reference) - np.log10(tested).mean()
     rng = np.random.default_rng(0)
@@ -63,14 +62,14 @@ def test_a_line_is_straight_and_has_the_slope_of_the_table(fitted, lines):
         slopes = np.diff(bias) / np.diff(np.log10(rows["reference"]))
         # The table's estimate takes the same draws.
         np.testing.assert_allclose(slopes, gammas[parameter], rtol=1e-6)
-    tested = [fitted.parts.reference["k", name] for name in fitted.parts.environments]
+    tested = [fitted.data.reference["k", name] for name in fitted.data.environments]
     assert lines["reference"].iloc[0] == pytest.approx(min(tested))
     assert lines["reference"].iloc[24] == pytest.approx(max(tested))
 
 
 def test_results_hold_the_lines(fitted):
     results = fitted.results(curves=False)
-    assert results.pse_lines == tuple(fitted.parts.psychophysics.lines)
+    assert results.pse_lines == tuple(fitted.pse_lines)
     assert isinstance(results.pse_lines[0], PseLineRow)
 
 
@@ -126,5 +125,5 @@ def test_each_condition_has_a_line():
 )
 def test_a_study_without_a_line_says_why(references, options, why):
     study = study_of(references, **options)
-    assert study.parts.psychophysics.lines == [Skipped("line of stiffness over the reference", why)]
+    assert study.skipped_of("pse_lines") == (Skipped("line of stiffness over the reference", why),)
     assert Skipped("line of stiffness over the reference", why) in study.skipped

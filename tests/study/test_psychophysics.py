@@ -126,7 +126,7 @@ def test_posterior_rows_follow_from_the_draws_and_the_intervals(fitted):
     pse = bayesian[bayesian["measure"] == "pse"]
     for name in ("estimate", "lower", "upper"):
         assert pse[name].to_numpy() == pytest.approx(of_mean[name].to_numpy(), rel=1e-9)
-    fit = fitted.parts.fit
+    fit = fitted.fit
     draws = {name: values for name, (_, values) in fit.model.scales(fit.points).items()}
     shared = draws["sigma_u"][:, 0]
     (row,) = bayesian[

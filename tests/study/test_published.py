@@ -15,7 +15,7 @@ def analysed(name):
 
 
 def effect(made, factor):
-    (row,) = [row for row in made.parts.by_level.tests if row.factor == factor]
+    (row,) = [row for row in made.anova if row.factor == factor]
     return row
 
 

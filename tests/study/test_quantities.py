@@ -52,7 +52,7 @@ def test_classical_numbers_are_scipys_in_the_unit_declared():
 
 def test_the_band_law_is_against_the_reference_itself():
     study = study_of(frame(), DURATION | CLASSICAL)
-    rows = study.band.rows
+    rows = pd.DataFrame(study.band.rows)
     np.testing.assert_allclose(rows["relative"], rows["band"] / rows["reference"], rtol=1e-15)
     assert {law.parameter for law in study.band.laws} == {"duration"}
 
@@ -168,7 +168,7 @@ def prepared(tables):
     study = study_of(
         three_quantities(), {"quantities": {"force": {}, "length": {}, "weight": {}}} | tables
     )
-    return prepare(study.sessions, study.scene, study.parts.parameters)
+    return prepare(study.data)
 
 
 def test_of_three_quantities_the_two_named_together_share_a_model():
@@ -184,7 +184,7 @@ def test_rows_that_lack_one_of_a_pair_are_a_caution():
     table.loc[[1, 4, 7], "length_adj"] = np.nan
     both = {"quantities": {"force": {}, "length": {}}, "inference": {"method": "classical"}}
     study = study_of(table, both)
-    (left,) = prepare(study.sessions, study.scene, study.parts.parameters).skipped
+    (left,) = prepare(study.data).skipped
     document = build_document(study) | {"skipped": [dataclasses.asdict(left)]}
     (caution,) = [text for text in findings(as_results(document)).cautions if "leaves out" in text]
     assert caution == "The hierarchical model leaves out 3 trials: they lack force or length."

@@ -45,8 +45,8 @@ def test_a_scene_says_how_its_files_are_read(walls):
     study = Study(read_sessions(walls, scene=given), given)
     assert study.sessions.subjects == ("Ann", "Ben", "Cem")
     assert study.sessions.table["k_adj"].max() == 1010.0
-    assert study.parts.environments == ("VE2", "VE1")
-    assert study.parts.setup.references["VE2"].mass == 0.25
+    assert study.data.environments == ("VE2", "VE1")
+    assert study.setup.references["VE2"].mass == 0.25
     frame = study.sessions.table.rename(columns={"subject": "participant", "environment": "wall"})
     frame["stiffness"] = frame.pop("k_adj") / 1000.0
     again = Sessions.from_frame(frame, scene=scene(environments={"VE2": {"m_ref": 0.25}}))
@@ -115,7 +115,7 @@ def test_masses_reach_published_limits_and_predictions(tmp_path):
     given = Scene(device=DEVICE, environments=walls, inference=inference)
     study = Study(read_sessions(path, scene=given), given)
     assert study.sessions.masses == {"VE1": 0.5, "VE2": 0.5}
-    assert study.parts.setup.references["VE1"].mass == 0.5
+    assert study.setup.references["VE1"].mass == 0.5
     one = predict(study, stiffness=700.0, damping=2.5).boundaries
     other = predict(study, stiffness=700.0, damping=2.5, at={"m": 0.0}).boundaries
     assert one[0].reference != pytest.approx(other[0].reference)

@@ -13,13 +13,13 @@ from tests.study.checked import table_of
 def test_two_shares_of_users_together_leave_out_half_as_much_each(fitted: Study) -> None:
     """At 99 % of users with confidence 95 %, each side holds 99.5 % of them with confidence 97.5
     %."""
-    assert fitted.parts.fit is not None
-    model, rng = fitted.parts.fit.model, np.random.default_rng(1)
-    laws = model.laws(np.repeat(fitted.parts.fit.points, 8, axis=0))
+    assert fitted.fit is not None
+    model, rng = fitted.fit.model, np.random.default_rng(1)
+    laws = model.laws(np.repeat(fitted.fit.points, 8, axis=0))
     centre = laws.mean + laws.sd * rng.standard_normal(laws.mean.shape)
     found = [
         r
-        for r in fitted.parts.regions
+        for r in fitted.regions
         if (r.method, r.joint, r.kind) == ("bayesian", "bonferroni", "share")
     ]
     assert len(found) == 5
@@ -28,7 +28,7 @@ def test_two_shares_of_users_together_leave_out_half_as_much_each(fitted: Study)
         for parameter, ends in zip("kb", region.limits, strict=True):
             cell = model.cells.index((parameter, region.environment))
             low, high = np.log(
-                np.array(ends) / fitted.parts.reference[parameter, region.environment]
+                np.array(ends) / fitted.data.reference[parameter, region.environment]
             )
             users = stats.norm(centre[:, cell], laws.population_sd[:, cell])
             held = users.cdf(high) - users.cdf(low) >= 0.995
@@ -47,12 +47,12 @@ def test_ellipses_whose_ends_no_double_holds_are_left_out() -> None:
     table = table_of(("k", "b"), subjects=3, s=1.5)
     ellipses = [
         r
-        for r in Study(Sessions.from_frame(table), Scene(**scene)).parts.regions
+        for r in Study(Sessions.from_frame(table), Scene(**scene)).regions
         if r.ellipse is not None
     ]
     assert {(r.kind, r.family) for r in ellipses} == {("mean", "normal"), ("user", "normal")}
     near = Study(
         Sessions.from_frame(table_of(("k", "b"), subjects=3, s=0.01, sigma_u=0.01)), Scene(**scene)
     )
-    ellipses = [r for r in near.parts.regions if r.ellipse is not None and r.family == "lognormal"]
+    ellipses = [r for r in near.regions if r.ellipse is not None and r.family == "lognormal"]
     assert {r.kind for r in ellipses} == {"mean", "user"}

@@ -61,7 +61,7 @@ def test_free_space_has_boundaries_and_no_band():
         "band of free"
     ] == "the impedance of its reference is zero"
     assert found.band is not None
-    assert "free" not in set(found.band.rows["environment"])
+    assert "free" not in {row.environment for row in found.band.rows}
     # The law is that of the study without it.
     without = study(data[data["environment"] != "free"], **scene).band
     assert without is not None
@@ -83,13 +83,11 @@ def test_an_environment_without_one_reference():
     assert {part.what: part.why for part in found.skipped}[
         "boundaries and band of VE2"
     ] == "it has no reference damping"
-    assert found.parts.with_reference == ("VE1", "VE3", "VE4")
-    assert {boundary.environment for boundary in found.boundaries} == set(
-        found.parts.with_reference
-    )
+    assert found.with_reference == ("VE1", "VE3", "VE4")
+    assert {boundary.environment for boundary in found.boundaries} == set(found.with_reference)
     assert found.coupling is not None
     shown = {row.environment for row in found.rendering if not row.coupled}
-    assert shown == set(found.parts.with_reference)
+    assert shown == set(found.with_reference)
 
 
 def test_a_cell_without_an_interval_costs_the_law_no_other_environment():
@@ -183,7 +181,7 @@ def test_a_table_of_a_part_of_the_range(tmp_path):
     assert found.coupling is not None
     assert found.coupling.eq10 == "undecided"
     assert {row.verdict for row in found.rendering} <= {"cannot", "undecided"}
-    assert found.parts.coupling_map is None
+    assert found.coupling_map is None
     said = {part.what: part.why for part in found.skipped}
     assert said["admissible couplings"].startswith(
         "Above 120 rad/s the device's table says nothing"

@@ -23,7 +23,7 @@ def setup_of(study: Study, modes=(), damping=5.0) -> Setup:
     device = {"mass": 1.0, "damping": damping, "period": 1e-3, "modes": modes}
     device["posterior"] = posterior
     scene = Scene(device=device)
-    setup = study.parts.setup
+    setup = study.setup
     assert setup is not None
     at_point = haptics.Device(1.0, damping, tuple(haptics.Mode(**mode) for mode in modes))
     return dataclasses.replace(setup.with_device(at_point), draws=device_draws(scene))
@@ -69,12 +69,12 @@ def test_one_device_is_certain(fitted: Study, modes) -> None:
 
 def test_an_admissible_coupling_is_stable_and_real_with_the_decision(fitted: Study) -> None:
     # With 13 of the 15 N·s/m that VE3 needs directly stability bounds its couplings.
-    users = {"VE3": fitted.parts.users["VE3"]}
+    users = {"VE3": fitted.users["VE3"]}
     scene = fitted.scene.with_inference(decision=0.6)
     setup = setup_of(fitted, damping=13.0)
-    with_draws = coupling_map(setup, users, "bayesian", scene, fitted.parts.within)
+    with_draws = coupling_map(setup, users, "bayesian", scene)
     setup_at_point = dataclasses.replace(setup, draws=None)
-    at_point = coupling_map(setup_at_point, users, "bayesian", scene, fitted.parts.within)
+    at_point = coupling_map(setup_at_point, users, "bayesian", scene)
     assert with_draws is not None
     assert at_point is not None
     assert with_draws.devices == setup.draws.count

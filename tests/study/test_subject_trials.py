@@ -77,14 +77,14 @@ def test_a_single_trial_sd_is_told_on():
 
 def prepared(made, **model):
     opened = study(made, **model)
-    return prepare(opened.sessions, opened.scene, ("k",))
+    return prepare(opened.data)
 
 
 def plain(made, **model):
     """Prepare a study without factors."""
     numbered = made.assign(trial=made.groupby(["subject", "environment"]).cumcount() + 1)
     opened = study(numbered.drop(columns="hand"), bias=None, **model)
-    return prepare(opened.sessions, opened.scene, ("k",))
+    return prepare(opened.data)
 
 
 def has_own(found):

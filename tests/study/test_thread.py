@@ -10,7 +10,6 @@ import pytest
 from percept import RefusalError, Scene, Study, read_sessions
 from percept.results import Skipped
 from percept.sessions import Sessions
-from percept.study.results import diagnostics_of
 from tests import DATASETS
 from tests.fits import SHARED
 from tests.unmixed import UNMIXED, unmixed_sessions
@@ -69,7 +68,7 @@ def test_same_seed_same_bits_and_another_within_monte_carlo_error():
         Study(sessions, hbfd_scene(tolerance=0.1, seed=seed)) for seed in (1, 1, 2)
     )
     pd.testing.assert_frame_equal(again.intervals, one.intervals, check_exact=True)
-    first, second = one.parts.fit.run, other.parts.fit.run
+    first, second = one.fit.run, other.fit.run
     difference = first.estimates.value - second.estimates.value
     error = np.hypot(first.errors, second.errors)
     assert np.abs(difference / error).max() < 5.0
@@ -77,7 +76,7 @@ def test_same_seed_same_bits_and_another_within_monte_carlo_error():
 
 
 def test_boundaries_hold_what_they_say(fitted):
-    boundaries = fitted.parts.boundaries_at(np.geomspace(0.1, 100.0, 61))
+    boundaries = fitted.boundaries_at(np.geomspace(0.1, 100.0, 61))
     shapes = {(b.method, b.shape) for b in boundaries}
     assert {("classical", "corner"), ("classical", "envelope"), ("bayesian", "pointwise")} <= shapes
     named = {(b.environment, b.kind, b.method, b.family, b.joint, b.shape): b for b in boundaries}
@@ -114,7 +113,7 @@ def test_nothing_is_computed_for_what_the_scene_leaves_out():
         read_sessions(DATASETS / "hbfd_sessions.csv"), Scene().with_inference(method="classical")
     )
     assert bare.boundaries == ()
-    assert bare.parts.coupling is None
+    assert bare.coupling is None
     assert bare.posterior is None
     what = {part.what: part.why for part in bare.skipped}
     assert what["boundaries of Z_h"] == "the scene has no [device]"
@@ -147,7 +146,7 @@ def test_a_run_that_mixes_and_misses_its_tolerance_gives_its_numbers():
     assert set(study.intervals["method"]) == {"classical", "bayesian"}
     assert study.posterior is not None
     assert "Bayesian intervals" not in {part.what: part.why for part in study.skipped}
-    gate = diagnostics_of(study.parts).gate
+    gate = study.diagnostics.gate
     assert gate.passed
     assert not gate.tolerance_met
     assert f"{100 * gate.worst_error:.3g} % of a half-width" in gate.error_reached
@@ -164,7 +163,7 @@ def test_one_subject_is_refused():
     table = frame()
     study = Study(Sessions.from_frame(table[table.subject == "S01"]), hbfd_scene())
     with pytest.raises(RefusalError, match=r"at least two subjects .* only one, 'S01'"):
-        _ = study.parts.fit
+        _ = study.fit
 
 
 def test_negative_value_under_lognormal_is_refused_with_its_place():
@@ -172,7 +171,7 @@ def test_negative_value_under_lognormal_is_refused_with_its_place():
     table.loc[7, "b_adj"] = -0.5
     study = Study(Sessions.from_frame(table), hbfd_scene(method="bayesian"))
     with pytest.raises(RefusalError, match="has no logarithm") as caught:
-        _ = study.parts.fit
+        _ = study.fit
     assert (caught.value.row, caught.value.column, caught.value.value) == (9, "b_adj", -0.5)
     assert 'family = "normal"' in str(caught.value)
 
@@ -182,7 +181,7 @@ def test_zero_reference_is_refused_without_a_scale():
     table.loc[table.environment == "VE1", "b_ref"] = 0.0
     scene = hbfd_scene(family="normal", method="bayesian")
     with pytest.raises(RefusalError, match="reference damping of VE1 is 0, which has no ratio"):
-        _ = Study(Sessions.from_frame(table), scene).parts.fit
+        _ = Study(Sessions.from_frame(table), scene).fit
 
 
 def test_no_scatter_is_refused_and_resolution_answers():
@@ -193,17 +192,17 @@ def test_no_scatter_is_refused_and_resolution_answers():
     with pytest.raises(
         RefusalError, match="all subjects made the same adjustments in stiffness of VE2"
     ) as caught:
-        _ = Study(sessions, hbfd_scene(method="bayesian")).parts.fit
+        _ = Study(sessions, hbfd_scene(method="bayesian")).fit
     assert "resolution.k" in str(caught.value)
     steps = {"k": 10.0, "b": 0.1}
     scene = Scene(model={"resolution": steps}, inference={"tolerance": 0.1})
     study = Study(sessions, scene)
     # Only where nothing scatters, about what was adjusted: rounding is part of any other cell's
     # scatter.
-    resolution = study.parts.fit.model.resolution
+    resolution = study.fit.model.resolution
     np.testing.assert_allclose(resolution.between, [[0.0, 0.01**2 / 12], [0.0, 0.0]], rtol=1e-14)
     assert not resolution.trial.any()
-    assert study.parts.fit.run.gate.passed
+    assert study.fit.run.gate.passed
     cell = study.intervals.query(
         "environment == 'VE2' and parameter == 'k' and method == 'bayesian'"
     )
@@ -214,21 +213,21 @@ def test_what_no_session_has_is_refused():
     table = frame().drop(columns=["b_ref", "b_adj"])
     scene = Scene(inference={"parameters": ["k", "b"]})
     with pytest.raises(RefusalError, match="the scene asks for damping, which no session has"):
-        _ = Study(Sessions.from_frame(table), scene).parts.parameters
+        _ = Study(Sessions.from_frame(table), scene).data.parameters
     sessions = read_sessions(DATASETS / "hbfd_sessions.csv")
     nothing = dataclasses.replace(sessions, table=sessions.table.assign(k_adj=np.nan, b_adj=np.nan))
     with pytest.raises(RefusalError, match="no adjusted value is left in the data"):
-        _ = Study(nothing, Scene()).parts.parameters
+        _ = Study(nothing, Scene()).data.parameters
 
 
 def test_posterior_keeps_named_dimensions(fitted):
     posterior = fitted.posterior["posterior"]
     assert posterior["population_mean"].dims == ("chain", "draw", "parameter", "environment")
-    assert list(posterior["environment"].values) == list(fitted.parts.environments)
-    assert posterior.sizes["chain"] == fitted.parts.fit.run.settings.ensembles
+    assert list(posterior["environment"].values) == list(fitted.data.environments)
+    assert posterior.sizes["chain"] == fitted.fit.run.settings.ensembles
     # Draws and the smooth mixture must describe one posterior: compare medians on the log scale.
     draws = np.log(posterior["population_mean"].values)
-    laws_mean = np.log(fitted.parts.fit.estimate).reshape(draws.shape[2:])
+    laws_mean = np.log(fitted.fit.estimate).reshape(draws.shape[2:])
     spread = draws.std(axis=(0, 1))
     error = spread / np.sqrt(draws.shape[0] * draws.shape[1] / 4)
     assert np.all(np.abs(draws.mean(axis=(0, 1)) - laws_mean) < 5 * error)

@@ -79,7 +79,7 @@ def test_references_without_environments_fall_into_ranges_of_equal_size():
 @pytest.fixture(scope="module")
 def fitted_trials():
     study = Study(read(frame()), scene_of())
-    assert study.parts.passed is not None
+    assert study.passed is not None
     return study
 
 
@@ -100,7 +100,7 @@ def test_a_planted_slope_is_found_over_ranges_and_within(fitted_trials):
     error = 0.08 / np.sqrt(own @ own)
     # Differences between subjects' levels within a range tell of the slope too.
     assert np.log(row["estimate"]) == pytest.approx(within, abs=2.0 * error)
-    lines = fitted_trials.parts.psychophysics.lines
+    lines = fitted_trials.pse_lines
     middle = lines[12]
     truth = middle.reference * np.exp(0.1 + SLOPE * np.log10(middle.reference / 100.0))
     assert middle.lower < truth < middle.upper
@@ -175,4 +175,4 @@ def test_one_quantity_has_references_by_trial():
     with pytest.raises(UsageError, match="k_ref and b_ref vary by trial"):
         Study(read(made), scene_of())
     study = Study(read(made), scene_of(parameters=["k"]))
-    assert study.parts.parameters == ("k",)
+    assert study.data.parameters == ("k",)

@@ -59,7 +59,7 @@ def test_sentences_stand_beside_the_intervals():
 def test_the_summary_lays_methods_side_by_side(fitted, kind):
     table, intervals = fitted.summary(kind), fitted.intervals
     kinds = [kind] if kind else list(fitted.scene.inference.kinds)
-    assert len(table) == len(fitted.parts.environments) * 2 * len(kinds)
+    assert len(table) == len(fitted.data.environments) * 2 * len(kinds)
     assert set(table["kind"]) == set(kinds)
     for row in table.to_dict("records"):
         for method in ("classical", "bayesian"):
@@ -83,7 +83,8 @@ def test_a_kind_that_was_not_asked_for_is_named():
 
 def test_curves_are_the_boundaries_row_by_row():
     study = classical(kinds=("user",))
-    study.scene = study.scene.with_tables(frequency={"lower": 1.0, "upper": 50.0, "points": 7})
+    scene = study.scene.with_tables(frequency={"lower": 1.0, "upper": 50.0, "points": 7})
+    study = study.over(study.sessions, scene)
     table, start = study.curves, 0
     for boundary in study.boundaries:
         part = table.iloc[start : start + boundary.omega.size]

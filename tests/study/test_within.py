@@ -5,7 +5,6 @@ import pytest
 
 from percept import Scene, Study, UsageError
 from percept.sessions import ReadOptions, Sessions
-from percept.study.basics import results
 from tests import LONG
 from tests.documents import build_document, page_of
 from tests.study.within import crossed, frame, study
@@ -14,7 +13,7 @@ from tests.study.within import crossed, frame, study
 def bayesian(made, **inference):
     asked = {"tolerance": 0.05, "method": "bayesian"} | inference
     scene = made.scene.with_inference(**asked)
-    return Study(made.sessions, scene).parts.contrast_rows
+    return Study(made.sessions, scene)
 
 
 @pytest.fixture(scope="module")
@@ -30,12 +29,12 @@ def rows(made):
 
 @pytest.fixture(scope="module")
 def computed(rows):
-    return results(rows)
+    return [vars(row) for row in rows.contrast_rows]
 
 
 def test_many_subjects_leave_little_to_the_priors(made, computed):
     """Limits of both methods' average user lie within a fifth of the classical half-width."""
-    classical = made.parts.contrasts.query("of == 'bias' and kind == 'mean'").to_dict("records")
+    classical = made.contrasts.query("of == 'bias' and kind == 'mean'").to_dict("records")
     bayesian = [row for row in computed if row["kind"] == "mean" and row["of"] == "bias"]
     assert [row["environment"] for row in bayesian] == ["VE1", "VE2", "VE3", None]
     assert [row["n"] for row in bayesian] == [30, 29, 30, 30]
@@ -66,7 +65,7 @@ def test_the_page_says_what_the_bayesian_contrasts_are(made, computed):
 def skipped(table, **tables):
     made = study(table, **tables)
     both = Study(made.sessions, made.scene.with_inference(method="both", tolerance=0.3))
-    return {part.what: part.why for part in both.parts.skipped_before_curves}
+    return {part.what: part.why for part in both.skipped_before_curves}
 
 
 def test_what_the_model_cannot_carry_is_said():
@@ -120,7 +119,7 @@ def planted():
 @pytest.mark.evidence
 def test_planted_effects_are_recovered(planted):
     """Every planted value lies within its limits, which are not wide."""
-    found = planted.parts.contrasts
+    found = planted.contrasts
     overall = found[found["environment"].isna() & (found["kind"] == "mean")]
     overall = overall[overall["of"] != "level"]
     effects = {"hand": 0.3, "load": -0.2, "hand:load": 0.4, "group": 0.5, "dose": 0.1}
@@ -141,7 +140,7 @@ def test_planted_effects_are_recovered(planted):
 
 @pytest.mark.evidence
 def test_both_methods_have_the_contrasts_of_factors(planted):
-    found = planted.parts.contrasts
+    found = planted.contrasts
     keys = ["factor", "first", "second", "environment", "kind", "of"]
     by_method = {
         method: set(map(tuple, rows[keys].astype(str).to_numpy()))
@@ -169,7 +168,7 @@ def test_limits_of_spread_meet_the_tolerance(made):
     """Seeds differ by no more than the tolerance says."""
     ends = []
     for seed in range(1, 9 if LONG else 4):
-        found = results(bayesian(made, seed=seed))
+        found = [vars(row) for row in bayesian(made, seed=seed).contrast_rows]
         rows = [row for row in found if row["of"] == "spread"]
         ends.append([[np.log(row["lower"]), np.log(row["upper"])] for row in rows])
     half_width = np.diff(ends, axis=2)[..., 0].mean(axis=0) / 2.0

@@ -263,7 +263,7 @@ def bars_of(
 
 def _bar(row: IntervalRow, *, relative: bool) -> Bar | None:
     """Return a row's bar; None without reference or limits."""
-    if row.reference is None or row.lower is None or row.upper is None or row.estimate is None:
+    if row.reference is None:
         return None
     ends = np.array([row.lower, row.upper, row.estimate])
     lower, upper, estimate = ends / row.reference if relative else ends - row.reference

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -23,120 +22,80 @@ from percept.inference.classical.variability import (
     trial_mean_squares,
 )
 from percept.results import PsychophysicsRow
-from percept.scene import Scene
-from percept.sessions import Sessions
-from percept.study.basics import Array, References, Skipped
-from percept.study.intervals import Cell
+from percept.study.basics import Array, Skipped
+from percept.study.data import Cell, Data
 from percept.study.psychophysics.site import Site
-from percept.study.responses import Trials, by_difference, trials
+from percept.study.responses import Trials
 
 __all__ = ["absent_jnds", "classical_psychophysics"]
 
 
-def classical_psychophysics(
-    sessions: Sessions, scene: Scene, cells: Sequence[Cell], reference: References
-) -> Iterator[PsychophysicsRow]:
-    """Yield the classical rows.
-
-    Parameters
-    ----------
-    sessions : Sessions
-        Trials, or published limits, which give rows of means and SDs only.
-    scene : Scene
-        Level, family and scales.
-    cells : sequence of Cell
-        Of the scene's family, parameter by parameter.
-    reference : mapping
-        By parameter and environment, in the parameter's unit.
-
-    Yields
-    ------
-    PsychophysicsRow
-    """
-    by_parameter: dict[str, list[Cell]] = {}
-    for cell in cells:
-        by_parameter.setdefault(cell.parameter, []).append(cell)
-    for parameter, of_parameter in by_parameter.items():
-        data = _responses_if_any(sessions, scene, (parameter,))
+def classical_psychophysics(data: Data) -> Iterator[PsychophysicsRow]:
+    """Yield the classical rows; of published limits those of means and SDs only."""
+    for parameter in data.parameters:
+        trials = _trials_if_any(data, parameter)
         sites = {}
-        for cell in of_parameter:
-            site = _site(cell, sessions, scene, reference, data)
+        for cell in data.cells[data.asked.family]:
+            if cell.parameter != parameter:
+                continue
+            site = _site(cell, data, trials)
             sites[cell.environment] = site
             if cell.moments is not None:
                 yield from _moments_rows(site, cell.moments)
-        if data is not None:
-            yield from _trial_rows(data, sites)
-            yield from _overall_rows(data, sites)
-    if len(by_parameter) == 2:
-        yield from _correlations(sessions, scene, tuple(by_parameter))
+        if trials is not None:
+            yield from _trial_rows(trials, sites)
+            yield from _overall_rows(trials, sites)
+    if len(data.parameters) == 2:
+        yield from _correlations(data)
 
 
-def absent_jnds(sessions: Sessions, scene: Scene, parameters: Sequence[str]) -> Iterator[Skipped]:
+def absent_jnds(data: Data) -> Iterator[Skipped]:
     """Name the quantities and environments without a JND, and say why."""
-    for parameter in parameters:
-        what = f"JND of {sessions.quantities[parameter].label}"
+    for parameter in data.parameters:
+        what = f"JND of {data.quantities[parameter].label}"
         try:
-            data = _responses(sessions, scene, (parameter,))
+            trials = data.trials_as_they_are(parameter)
         except RefusalError as refused:
             yield Skipped(what, str(refused))
             continue
         once = []
-        for j, environment in enumerate(data.environments):
-            if data.statistics.trial_df[j] == 0.0:
+        for j, environment in enumerate(trials.environments):
+            if trials.statistics.trial_df[j] == 0.0:
                 once.append(environment)
         if not once:
             continue
-        if len(once) < len(data.environments):
+        if len(once) < len(trials.environments):
             what += f" in {', '.join(once)}"
         yield Skipped(what, "it needs repeated trials")
 
 
-def _responses_if_any(
-    sessions: Sessions, scene: Scene, parameters: tuple[str, ...]
-) -> Trials | None:
+def _trials_if_any(data: Data, *parameters: str) -> Trials | None:
     """Return trials of parameters as responses; None where they have none."""
     try:
-        return _responses(sessions, scene, parameters)
+        return data.trials_as_they_are(*parameters)
     except RefusalError:
         return None
 
 
-def _responses(sessions: Sessions, scene: Scene, parameters: tuple[str, ...]) -> Trials:
-    """Return trials of parameters as responses."""
-    if sessions.form == "summary":
-        raise RefusalError("published limits hold no trials")
-    # Differences without a scale of the scene's are in the quantity's own unit.
-    scales = {name: 1.0 for name in parameters if by_difference(sessions, name)}
-    scales |= scene.model.scale
-    model = scene.model.model_copy(update={"scale": scales})
-    scaled = scene.model_copy(update={"model": model})
-    return trials(sessions, scaled, parameters, partial=True)
-
-
-def _site(
-    cell: Cell, sessions: Sessions, scene: Scene, reference: References, data: Trials | None
-) -> Site:
+def _site(cell: Cell, data: Data, trials: Trials | None) -> Site:
     """Return the place of a cell's rows."""
     unit = 1.0
-    if data is not None and cell.environment in data.environments:
-        j = data.environments.index(cell.environment)
-        unit = float(data.scale.unit[j])
-    n = 0 if cell.moments is None else int(np.asarray(cell.moments.n))
+    if trials is not None and cell.environment in trials.environments:
+        j = trials.environments.index(cell.environment)
+        unit = float(trials.scale.unit[j])
     return Site(
-        quantity=cell.quantity,
+        data=data,
+        parameter=cell.parameter,
         environment=cell.environment,
-        reference=reference[cell.parameter, cell.environment],
-        scene=scene,
         method="classical",
-        n=n,
+        n=0 if cell.moments is None else int(np.asarray(cell.moments.n)),
         response_unit=unit,
-        by_difference=sessions.form == "trials" and by_difference(sessions, cell.parameter),
     )
 
 
 def _moments_rows(site: Site, moments: Moments) -> Iterator[PsychophysicsRow]:
     """Yield rows of subjects' mean and SD."""
-    asked = site.scene.inference
+    asked = site.data.asked
     claim = Claim(level=asked.level, family=asked.family)
     mean = interval_of("mean", moments, claim)
     pse = Bounded(float(mean.estimate), float(mean.lower), float(mean.upper))
@@ -155,7 +114,7 @@ def _trial_rows(data: Trials, sites: Mapping[str, Site]) -> Iterator[Psychophysi
         df = float(statistics.trial_df[j])
         if df == 0.0:
             continue
-        level = site.scene.inference.level
+        level = site.data.asked.level
         root_square = abs(float(statistics.trial_rows[0, 0, j]))
         trial_sd = root_square / math.sqrt(df)
         bounded = sd_interval(trial_sd, df, level=level)
@@ -177,7 +136,7 @@ def _overall_rows(data: Trials, sites: Mapping[str, Site]) -> Iterator[Psychophy
     table = data.statistics.cell_means[:, 0]
     complete = np.isfinite(table).all(axis=1)
     first = sites[data.environments[0]]
-    level = first.scene.inference.level
+    level = first.data.asked.level
     overall = first.over_all(int(complete.sum()))
     try:
         squares = mean_squares(table[complete])
@@ -227,31 +186,26 @@ def _trial_counts(data: Trials) -> Array:
     return counts
 
 
-def _correlations(
-    sessions: Sessions, scene: Scene, parameters: tuple[str, ...]
-) -> Iterator[PsychophysicsRow]:
+def _correlations(data: Data) -> Iterator[PsychophysicsRow]:
     """Yield the correlation of both quantities between subjects, environment by environment."""
-    data = _responses_if_any(sessions, scene, parameters)
-    if data is None:
+    trials = _trials_if_any(data, *data.parameters)
+    if trials is None:
         return
-    cell_means = data.statistics.cell_means
-    for j, environment in enumerate(data.environments):
+    cell_means = trials.statistics.cell_means
+    for j, environment in enumerate(trials.environments):
         pairs = cell_means[:, :, j]
         complete = np.isfinite(pairs).all(axis=1)
         pairs = pairs[complete]
         try:
-            bounded = correlation(pairs, level=scene.inference.level)
+            bounded = correlation(pairs, level=data.asked.level)
         except RefusalError:
             continue
         site = Site(
-            quantity=sessions.quantities[parameters[0]],
+            data=data,
+            parameter=", ".join(data.parameters),
             environment=environment,
-            reference=math.nan,
-            scene=scene,
             method="classical",
             n=len(pairs),
             response_unit=1.0,
-            by_difference=False,
         )
-        row = site.row("correlation", bounded, approximate=True)
-        yield dataclasses.replace(row, parameter=", ".join(parameters))
+        yield site.row("correlation", bounded, approximate=True)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from percept.inference.classical.equivalence import tost
 from percept.results import EquivalenceRow
 from percept.results.psychophysics import Equivalence
-from percept.scene import Scene
 from percept.sessions.quantities import Quantity, amount_in
-from percept.study.basics import References, Skipped
-from percept.study.intervals import Cell
+from percept.study.basics import Skipped
+from percept.study.data import Data
 
 __all__ = ["Limits", "classical_equivalence", "limits_of", "outcome_of"]
 
@@ -64,13 +63,11 @@ def outcome_of(*, within: bool, beyond: bool) -> Equivalence:
     return "beyond" if beyond else "too little data"
 
 
-def classical_equivalence(
-    scene: Scene, cells: Sequence[Cell], reference: References
-) -> Iterator[EquivalenceRow | Skipped]:
+def classical_equivalence(data: Data) -> Iterator[EquivalenceRow | Skipped]:
     """Yield two one-sided tests of size 1 - decision, environment by environment."""
-    asked = scene.inference
-    for cell in cells:
-        jnd = scene.study.jnd.get(cell.parameter)
+    asked = data.asked
+    for cell in data.cells[asked.family]:
+        jnd = data.scene.study.jnd.get(cell.parameter)
         if jnd is None:
             continue
         what = f"classical verdict whether {cell.quantity.label} is within one JND"
@@ -80,7 +77,7 @@ def classical_equivalence(
         if cell.moments is None:
             yield Skipped(f"{what} in {cell.environment}", cell.why)
             continue
-        reference_here = reference[cell.parameter, cell.environment]
+        reference_here = data.reference[cell.parameter, cell.environment]
         limits = limits_of(cell.quantity, cell.environment, jnd, reference_here)
         if isinstance(limits, Skipped):
             yield limits

@@ -16,8 +16,9 @@ from percept.inference.model.laws import ConditionalMoments
 from percept.inference.model.linear_posterior import LinearPosterior
 from percept.inference.model.product import pooled_parts
 from percept.results import PseLineRow
-from percept.scene import Scene
-from percept.study.basics import Array, References, Skipped
+from percept.scene import InferenceTable
+from percept.study.basics import Array, Skipped
+from percept.study.data import Data
 from percept.study.fit import Fit
 from percept.study.psychophysics.limits import bounded_means
 from percept.study.psychophysics.site import exp, mapped
@@ -32,35 +33,19 @@ _FEWEST_REFERENCES = 3
 _MOST_TOLERANCES = 10.0
 
 
-def posterior_lines(
-    fit: Fit, scene: Scene, reference: References
-) -> Iterator[PseLineRow | Skipped]:
-    """Yield the line of each quantity in each condition, reference by reference.
-
-    Parameters
-    ----------
-    fit : Fit
-        A fit that passed.
-    scene : Scene
-        Level, family and tolerance.
-    reference : mapping
-        By parameter and environment, in the parameter's unit.
-
-    Yields
-    ------
-    PseLineRow or Skipped
-    """
+def posterior_lines(fit: Fit, data: Data) -> Iterator[PseLineRow | Skipped]:
+    """Yield the line of each quantity in each condition, reference by reference."""
     for density, points in pooled_parts(fit.model, fit.points):
         lines = []
         for p, parameter in enumerate(density.statistics.parameters):
             names = density.statistics.environments
-            tested = np.array([reference[parameter, name] for name in names])
+            tested = np.array([data.reference[parameter, name] for name in names])
             why = _why_not(np.unique(tested))
             if why:
                 what = f"line of {fit.quantities[parameter].label} over the reference"
                 yield Skipped(what, why)
             else:
-                lines.append(_Line(fit, density, scene, p, tested))
+                lines.append(_Line(fit, density, data.asked, p, tested))
         if lines:
             for condition, trend in density.trends(points).items():
                 for line in lines:
@@ -85,7 +70,7 @@ class _Line:
 
     fit: Fit
     density: LinearPosterior
-    scene: Scene
+    asked: InferenceTable
     number: int  # Of the quantity, in its model
     tested: Array  # (J,) References of the environments
 
@@ -93,7 +78,7 @@ class _Line:
         self, condition: str, mean: Array, covariance: Array
     ) -> Iterator[PseLineRow | Skipped]:
         """Yield a row for each reference; intercepts and slopes have means (S, 2)."""
-        asked = self.scene.inference
+        asked = self.asked
         quantity = self.fit.quantities[self.density.statistics.parameters[self.number]]
         references = np.geomspace(self.tested.min(), self.tested.max(), _POINTS)
         decades = np.log10(references) - np.log10(self.tested).mean()

@@ -26,38 +26,19 @@ from percept.inference.model.laws import ConditionalMoments
 from percept.inference.model.linear_posterior import LinearPosterior
 from percept.inference.model.product import pooled_parts
 from percept.results import PsychophysicsRow
-from percept.scene import Scene
-from percept.sessions import Sessions
-from percept.study.basics import Array, References, Stream, generator
+from percept.study.basics import Array, Stream, generator
+from percept.study.data import Data
 from percept.study.fit import Fit
 from percept.study.psychophysics.limits import DrawLimits, bounded_means
 from percept.study.psychophysics.site import Site, exp, mapped
-from percept.study.responses import by_difference
 
 __all__ = ["posterior_psychophysics"]
 
 
-def posterior_psychophysics(
-    fit: Fit, sessions: Sessions, scene: Scene, reference: References
-) -> Iterator[PsychophysicsRow]:
-    """Yield the Bayesian rows.
-
-    Parameters
-    ----------
-    fit : Fit
-        A fit that passed.
-    sessions : Sessions
-        What it was fitted to.
-    scene : Scene
-        Level and family.
-    reference : mapping
-        By parameter and environment, in the parameter's unit.
-
-    Yields
-    ------
-    PsychophysicsRow
-    """
-    sites = _sites(fit, sessions, scene, reference)
+def posterior_psychophysics(fit: Fit, data: Data) -> Iterator[PsychophysicsRow]:
+    """Yield the Bayesian rows of a fit that passed."""
+    scene = data.scene
+    sites = _sites(fit, data)
     level = scene.inference.level
     independent = fit.points
     limits = DrawLimits(level, effective=len(independent))
@@ -90,22 +71,18 @@ def posterior_psychophysics(
         yield from posterior.rows()
 
 
-def _sites(
-    fit: Fit, sessions: Sessions, scene: Scene, reference: References
-) -> dict[tuple[str, str], Site]:
+def _sites(fit: Fit, data: Data) -> dict[tuple[str, str], Site]:
     """Return where the rows of each parameter and environment belong."""
     sites = {}
     for cell, c in fit.column.items():
         parameter, environment = cell
         sites[cell] = Site(
-            quantity=fit.quantities[parameter],
+            data=data,
+            parameter=parameter,
             environment=environment,
-            reference=reference[cell],
-            scene=scene,
             method="bayesian",
             n=int(fit.counts[c]),
             response_unit=float(fit.scale.unit[c]),
-            by_difference=sessions.form == "trials" and by_difference(sessions, parameter),
         )
     return sites
 

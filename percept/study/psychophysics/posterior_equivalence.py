@@ -10,8 +10,8 @@ from scipy import special
 
 from percept.inference.model.product import pooled_parts
 from percept.results import EquivalenceRow
-from percept.scene import Scene
-from percept.study.basics import Array, References, Skipped
+from percept.study.basics import Array, Skipped
+from percept.study.data import Data
 from percept.study.fit import Fit
 from percept.study.psychophysics.equivalence import Limits, limits_of, outcome_of
 
@@ -21,35 +21,19 @@ __all__ = ["posterior_equivalence"]
 _SURE = 2.0
 
 
-def posterior_equivalence(
-    fit: Fit, scene: Scene, reference: References
-) -> Iterator[EquivalenceRow | Skipped]:
-    """Yield the verdict on every cell of a fit that passed.
-
-    Parameters
-    ----------
-    fit : Fit
-        The fit.
-    scene : Scene
-        JNDs, family and decision.
-    reference : mapping
-        By parameter and environment, in the parameter's unit.
-
-    Yields
-    ------
-    EquivalenceRow or Skipped
-    """
-    asked = scene.inference
+def posterior_equivalence(fit: Fit, data: Data) -> Iterator[EquivalenceRow | Skipped]:
+    """Yield the verdict on every cell of a fit that passed."""
+    asked = data.asked
     trial_sds = _trial_sds(fit)
     for cell, c in fit.column.items():
         parameter, environment = cell
         quantity = fit.quantities[parameter]
-        jnd = scene.study.jnd.get(parameter)
+        jnd = data.scene.study.jnd.get(parameter)
         if jnd is None:
             continue
         limits: Limits | Skipped | None = None
         if jnd != "trials":
-            limits = limits_of(quantity, environment, jnd, reference[cell])
+            limits = limits_of(quantity, environment, jnd, data.reference[cell])
         elif cell not in trial_sds:
             what = f"whether {quantity.label} of {environment} is within one JND from trials"
             limits = Skipped(what, "without repeated trials there is none")
@@ -76,7 +60,7 @@ def posterior_equivalence(
             ),
             jnd=None if limits is None else limits.jnd,
             unit=quantity.unit,
-            reference=reference[cell],
+            reference=data.reference[cell],
             decision=asked.decision,
             probability=probability,
             error=error,

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 from percept.inference.classical.variability import Bounded
 from percept.inference.record import Method
 from percept.results.psychophysics import Measure, PsychophysicsRow
-from percept.scene import Scene
 from percept.sessions.quantities import Quantity
+from percept.study.data import Data
 
 __all__ = ["Site", "exp", "expm1", "mapped"]
 
@@ -31,24 +31,38 @@ def expm1(response: float) -> float:
     return math.expm1(response) if response < _OVERFLOW else math.inf
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Site:
     """Where rows belong: a quantity in an environment, or over all, by one method."""
 
-    quantity: Quantity
-    environment: str | None
-    reference: float  # In the quantity's unit; NaN over all environments
-    scene: Scene
+    data: Data
+    parameter: str  # Of a correlation both, as "k, b"
+    environment: str | None  # None over all environments
     method: Method
     n: int  # Subjects
     #: Of the quantity, or of its logarithm, per unit of response.
     response_unit: float
-    by_difference: bool  # Whether the quantity has a reference that is not positive
     subject: str | None = None  # None of all subjects together
+
+    @property
+    def quantity(self) -> Quantity:
+        """The quantity."""
+        return self.data.quantities[self.parameter]
+
+    @property
+    def reference(self) -> float:
+        """Reference in the quantity's unit; NaN over all environments."""
+        return self.data.reference.get((self.parameter, self.environment or ""), math.nan)
+
+    @property
+    def by_difference(self) -> bool:
+        """Whether the quantity has a reference that is not positive."""
+        trials = self.data.sessions.form == "trials"
+        return trials and self.data.by_difference(self.parameter)
 
     def over_all(self, n: int) -> Site:
         """Return the place of the quantity's rows over all environments, of n subjects."""
-        return dataclasses.replace(self, environment=None, reference=math.nan, n=n)
+        return dataclasses.replace(self, environment=None, n=n)
 
     def of_subject(self, subject: str) -> Site:
         """Return the place of the rows of one subject, over all environments."""
@@ -57,7 +71,7 @@ class Site:
     def step(self, sd: float, multiple: float = 1.0) -> float:
         """Return how far some SDs of the family's scale lead from the reference."""
         size = multiple * sd * self.response_unit
-        if self.scene.inference.family == "lognormal":
+        if self.data.asked.family == "lognormal":
             return self.reference * expm1(size)
         return size
 
@@ -65,11 +79,11 @@ class Site:
         self, measure: Measure, bounded: Bounded, unit: str = "", *, approximate: bool = False
     ) -> PsychophysicsRow:
         """Make a row of a measure."""
-        asked = self.scene.inference
+        asked = self.data.asked
         return PsychophysicsRow(
             environment=self.environment,
             subject=self.subject,
-            parameter=self.quantity.name,
+            parameter=self.parameter,
             measure=measure,
             method=self.method,
             family=asked.family,
@@ -106,7 +120,7 @@ class Site:
         yield self.sigma("sigma_e", sd)
         if self.by_difference:
             return
-        log = self.scene.inference.family == "lognormal"
+        log = self.data.asked.family == "lognormal"
         yield self.row("weber", mapped(sd, expm1) if log else sd)
 
     def sigma(

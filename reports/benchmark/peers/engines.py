@@ -86,12 +86,13 @@ def study_of(name: str) -> Prepared:
         return simulated(DESIGNS[name], 1)
     from percept.scene import Scene
     from percept.sessions import read_sessions
+    from percept.study.data import Data
     from percept.study.prepare import prepare
     from reports import dataset
 
     parameters = ("k",) if name == "published-k" else ("k", "b")
     sessions = read_sessions(dataset("hbfd_sessions.csv"))
-    return prepare(sessions, Scene(), parameters)
+    return prepare(Data(sessions, Scene()), parameters)
 
 
 def _percept_model(statistics: Statistics) -> tuple[Model, IntervalEstimands]:

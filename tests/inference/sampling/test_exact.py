@@ -24,7 +24,7 @@ def test_reference_prior_gives_the_classical_intervals_of_the_published_study():
     study = percept.Study(
         percept.read_sessions(SESSIONS), percept.Scene(inference=inference, model=REFERENCE)
     )
-    fit = study.parts.fit
+    fit = study.fit
     assert fit.run.gate.passed, fit.run.gate.reasons
     errors = dict(zip(fit.run.estimates.names, fit.run.errors, strict=True))
     table = study.sessions.table
@@ -60,23 +60,19 @@ def test_nist_markov_chain_case(offset, tmp_path):
     study = percept.Study(
         percept.read_sessions(path), percept.Scene(inference=inference, model=REFERENCE)
     )
-    run = study.parts.fit.run
+    run = study.fit.run
     assert run.gate.passed, run.gate.reasons
     with mp.workdps(40):
         mean = mp.fsum(mp.mpf(v) for v in values) / 11
         sd = mp.sqrt(mp.fsum((mp.mpf(v) - mean) ** 2 for v in values) / 10)
     half = stats.t.isf(0.025, 10) * float(sd) / np.sqrt(11)
-    for (limit,), error, sign in zip(
-        study.parts.fit.limits["mean"], run.errors, (-1, 1), strict=True
-    ):
+    for (limit,), error, sign in zip(study.fit.limits["mean"], run.errors, (-1, 1), strict=True):
         wanted = float(mean + sign * half)
         # The limit is a double near the offset; its spacing adds to the Monte Carlo error.
         assert abs(limit - wanted) <= 4 * error * float(sd) + np.spacing(abs(wanted))
     if offset == 0.0:
         certified = np.array([0.132819085883166, 0.267180914116834])
-        assert np.all(
-            np.abs(np.ravel(study.parts.fit.limits["mean"]) - certified) < 4 * run.errors * 0.1
-        )
+        assert np.all(np.abs(np.ravel(study.fit.limits["mean"]) - certified) < 4 * run.errors * 0.1)
         laws = ConditionalMoments.unpack(run.components.reshape(-1, 3))
         spread = laws.population_sd.reshape(*run.components.shape[:3], 1)
         influence = spread - spread.mean()

@@ -53,7 +53,7 @@ def study_of(table, *, model=None, **inference):
 
 def answered(study):
     """The fit, once the gate has passed and its limits are finite, in order and nested."""
-    fit = study.parts.fit
+    fit = study.fit
     assert fit.run.gate.passed, fit.run.gate.reasons
     for lower, upper in fit.limits.values():
         assert np.isfinite(lower).all()
@@ -124,7 +124,7 @@ def test_a_wild_subject_widens_its_environment_and_is_named():
     assert with_it[1] > 5.0 * without[1]
     assert np.all(with_it[[0, 2]] < 2.0 * without[[0, 2]])
     study = studies[1]
-    found = study.parts.checks.loo
+    found = study.checks.loo
     assert [check.subject for check in found.subjects if check.outlier] == ["S0004"]
     assert any("S0004 set stiffness in VE2 to" in message for message in found.messages)
 
@@ -191,7 +191,7 @@ def test_a_correlation_of_nearly_one_is_refused_with_what_to_do(environments):
     response = responses(10, environments, seed=6, shared=0.0)
     response[..., 1] = (1 - 1e-9) * response[..., 0] + np.sqrt(2e-9) * response[..., 1]
     with pytest.raises(RefusalError, match=r"stiffness and damping .* in proportion") as caught:
-        _ = study_of(table_of(response)).parts.fit
+        _ = study_of(table_of(response)).fit
     assert "Analyse one of them" in str(caught.value)
     fit = answered(study_of(table_of(response), parameters=("k",)))
     assert {parameter for parameter, _ in fit.model.cells} == {"k"}

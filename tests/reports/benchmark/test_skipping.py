@@ -64,7 +64,7 @@ def coordinates_of(table, **inference):
     tables = Scene.load(dataset("hbfd.toml")).to_dict()
     tables["inference"] |= inference
     study = Study(Sessions.from_frame(table), Scene(**tables))
-    return len(prepare(study.sessions, study.scene, study.parts.parameters).model.names)
+    return len(prepare(study.data).model.names)
 
 
 def test_the_model_has_no_level_that_the_data_or_the_scene_leave_out():

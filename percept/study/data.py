@@ -1,0 +1,356 @@
+"""What a study's subjects set, and what is asked of it: each part is worked out once."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from percept.errors import PerceptError, RefusalError
+from percept.inference.classical.moments import Moments
+from percept.inference.classical.trials import check_normality, subject_means
+from percept.inference.record import Family
+from percept.results import CellValues, DesignCounts, NormalityTest, SubjectRow
+from percept.scene import InferenceTable, Scene
+from percept.sessions import Sessions
+from percept.sessions.doubts import empty_cells
+from percept.sessions.quantities import Quantities, Quantity, is_impedance
+from percept.study.basics import FAMILIES, Array, References, analysed_parameters
+from percept.study.conditions import Conditions, conditions_of
+from percept.study.responses import Trials, references, trials
+from percept.study.subject_cells import SubjectCells, subject_cells
+
+__all__ = ["TOO_FEW", "Cell", "Data", "ValuesOfSubjects"]
+
+TOO_FEW = "it has fewer than two subjects"
+#: Others whose scatter a distance is measured in: one alone has none.
+_FEWEST_OTHERS = 2
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell:
+    """One parameter in one environment, one value per subject."""
+
+    quantity: Quantity
+    environment: str
+    #: Of the subjects' values, the mean of their trials on the family's scale.
+    moments: Moments | None
+    why: str = ""  # Why there are none
+
+    @classmethod
+    def of(cls, quantity: Quantity, environment: str, found: Moments | str) -> Self:
+        """Make a cell of its moments, or of why there are none, such as no scatter."""
+        if isinstance(found, str):
+            return cls(quantity, environment, None, found)
+        if np.all(found.sd == 0):
+            return cls(quantity, environment, None, "all subjects made the same adjustments")
+        return cls(quantity, environment, found)
+
+    @property
+    def parameter(self) -> str:
+        """Name of the quantity."""
+        return self.quantity.name
+
+    @property
+    def where(self) -> str:
+        """The cell in words."""
+        return f"{self.quantity.label} in {self.environment}"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ValuesOfSubjects:
+    """Trials of one environment that have all of P parameters."""
+
+    adjusted: Array  # (M, P) In the parameters' units
+    subjects: NDArray[np.object_]  # (M,) Whose they are
+
+    @property
+    def count(self) -> int:
+        """Number of subjects, N."""
+        return len(set(self.subjects.tolist()))
+
+    def means(self, family: Family) -> Array:
+        """Mean of each subject on a family's scale, (N, P), in the parameters' units."""
+        columns = [
+            subject_means(values, self.subjects, family=family).values for values in self.adjusted.T
+        ]
+        return np.stack(columns, axis=1)
+
+    def moments(self, family: Family) -> Moments | str:
+        """Moments of the subjects' means of the one parameter, or why there are none."""
+        if self.count < 2:
+            return TOO_FEW
+        if family == "lognormal" and np.any(self.adjusted <= 0):
+            return "a value is zero or negative"
+        return subject_means(self.adjusted[:, 0], self.subjects, family=family).moments()
+
+
+class Data:
+    """Sessions under a scene, as every analysis takes them.
+
+    Parameters
+    ----------
+    sessions : Sessions
+        Whose environments are told apart by the levels of the scene's factors.
+    scene : Scene
+        What to analyse.
+    """
+
+    def __init__(self, sessions: Sessions, scene: Scene) -> None:
+        self.sessions = sessions
+        self.scene = scene
+        self._trials: dict[tuple[object, ...], Trials] = {}
+        self._subject_cells: dict[str, SubjectCells] = {}
+
+    @property
+    def asked(self) -> InferenceTable:
+        """What the scene asks of all intervals."""
+        return self.scene.inference
+
+    @property
+    def quantities(self) -> Quantities:
+        """All quantities of the sessions, by name."""
+        return self.sessions.quantities
+
+    @cached_property
+    def parameters(self) -> tuple[str, ...]:
+        """Parameters analysed: those the scene names, or all that were adjusted."""
+        asked = self.asked.parameters
+        return analysed_parameters(self.sessions.parameters, asked, self.quantities)
+
+    @property
+    def environments(self) -> tuple[str, ...]:
+        """Environments as the scene lists them, then by their references."""
+        return self.sessions.environments
+
+    @property
+    def within(self) -> tuple[float, float]:
+        """Ends of the frequencies that everything is judged over, rad/s."""
+        return self.scene.frequency.lower, self.scene.frequency.upper
+
+    @property
+    def is_impedance(self) -> bool:
+        """Whether stiffness and damping are analysed, so that there are curves."""
+        return is_impedance(self.parameters)
+
+    @cached_property
+    def reference(self) -> References:
+        """Reference per (parameter, environment), in the parameter's unit; NaN where none is."""
+        table = references(self.sessions, self.parameters, self.environments)
+        by_cell = {}
+        for parameter, row in zip(self.parameters, table.tolist(), strict=True):
+            for environment, value in zip(self.environments, row, strict=True):
+                by_cell[parameter, environment] = value
+        return by_cell
+
+    def by_difference(self, parameter: str) -> bool:
+        """Whether a reference is zero or negative, so that settings are compared by differences."""
+        return any(self.reference[parameter, name] <= 0.0 for name in self.environments)
+
+    @cached_property
+    def conditions(self) -> Conditions:
+        """Factors and covariates of the scene's terms."""
+        return conditions_of(self.sessions, self.scene)
+
+    def trials(
+        self, *parameters: str, partial: bool = False, scaled: tuple[str, ...] = ()
+    ) -> Trials:
+        """Trials of parameters as responses; arguments and errors as of `responses.trials`."""
+        key = (parameters, partial, scaled)
+        if key not in self._trials:
+            self._trials[key] = trials(
+                self.sessions, self.scene, parameters, partial=partial, scaled=scaled
+            )
+        return self._trials[key]
+
+    def trials_as_they_are(self, *parameters: str) -> Trials:
+        """Trials of parameters, differences without a scale of the scene's in their own unit.
+
+        RefusalError of published limits too.
+        """
+        if self.sessions.form == "summary":
+            raise RefusalError("published limits hold no trials")
+        scales = {name: 1.0 for name in parameters if self.by_difference(name)}
+        scales |= self.scene.model.scale
+        model = self.scene.model.model_copy(update={"scale": scales})
+        scene = self.scene.model_copy(update={"model": model})
+        key = ("as they are", *parameters)
+        if key not in self._trials:
+            self._trials[key] = trials(self.sessions, scene, parameters, partial=True)
+        return self._trials[key]
+
+    def subject_cells(self, parameter: str) -> SubjectCells:
+        """Subjects' means of a parameter in the cells of all factors, as responses."""
+        if parameter not in self._subject_cells:
+            assert self.sessions.factors is not None
+            self._subject_cells[parameter] = subject_cells(
+                self.trials(parameter), self.sessions.factors, self.conditions.between
+            )
+        return self._subject_cells[parameter]
+
+    @cached_property
+    def _tables(self) -> dict[str, pd.DataFrame]:
+        return dict(self.sessions.by_environment())
+
+    def values(self, environment: str, *parameters: str) -> ValuesOfSubjects:
+        """Trials of an environment that have all of some parameters."""
+        columns = [f"{parameter}_adj" for parameter in parameters]
+        known = self._tables[environment].dropna(subset=columns)
+        return ValuesOfSubjects(
+            known[columns].to_numpy(dtype=float), known["subject"].to_numpy(dtype=object)
+        )
+
+    @cached_property
+    def cells(self) -> dict[Family, list[Cell]]:
+        """Cells on the scale of each family, parameter by parameter."""
+        found: dict[Family, list[Cell]] = {}
+        for family in FAMILIES:
+            found[family] = [
+                Cell.of(self.quantities[parameter], name, self._moments(name, parameter, family))
+                for parameter in self.parameters
+                for name in self.environments
+            ]
+        return found
+
+    def moments(self, family: Family) -> dict[tuple[str, str], Moments]:
+        """Moments on a family's scale, of the cells that have some, by (parameter, environment)."""
+        return {
+            (cell.parameter, cell.environment): cell.moments.on_scale(family)
+            for cell in self.cells[family]
+            if cell.moments is not None
+        }
+
+    def _moments(self, environment: str, parameter: str, family: Family) -> Moments | str:
+        if self.sessions.form == "summary":
+            return _published(self._tables[environment], parameter, family)
+        return self.values(environment, parameter).moments(family)
+
+    @cached_property
+    def normality(self) -> tuple[NormalityTest, ...]:
+        """Tests of subjects' values and of their logarithms, of cells that these are for."""
+        tests = []
+        names = self.environments if self.sessions.form == "trials" else ()
+        for environment in names:
+            for parameter in self.parameters:
+                for family in FAMILIES:
+                    with suppress(PerceptError):
+                        means = self.values(environment, parameter).means(family)
+                        test = check_normality(means[:, 0], family=family)
+                        tests.append(NormalityTest(environment, parameter, **vars(test)))
+        return tuple(tests)
+
+    @cached_property
+    def values_by_cell(self) -> tuple[CellValues, ...]:
+        """What was adjusted in each cell, on no scale: values, mean and SD."""
+        if self.sessions.form != "trials":
+            return ()
+        return tuple(
+            self._values_of_cell(environment, parameter)
+            for environment in self.environments
+            for parameter in self.sessions.parameters
+        )
+
+    def _values_of_cell(self, environment: str, parameter: str) -> CellValues:
+        found = self.values(environment, parameter)
+        values = found.means("normal")[:, 0].tolist() if found.count else []
+        moments = Moments.from_values(values) if len(values) > 1 else None
+        return CellValues(
+            environment=environment,
+            parameter=parameter,
+            reference=float(self._tables[environment][f"{parameter}_ref"].iloc[0]),
+            n=len(values),
+            mean=float(moments.mean) if moments else next(iter(values), None),
+            sd=float(moments.sd) if moments else None,
+            values=tuple(values),
+            unit=self.quantities[parameter].unit,
+        )
+
+    @cached_property
+    def design_counts(self) -> DesignCounts | None:
+        """Numbers of trials, sessions and cells; None for published limits."""
+        if self.sessions.form != "trials":
+            return None
+        table = self.sessions.table
+        trials_of_cell = table.groupby(["subject", "environment"], sort=False).size()
+        visits = table.groupby("subject", sort=False)["session"].nunique()
+        missing = sum(1 for _ in empty_cells(table, self.sessions.factors))
+        return DesignCounts(
+            cells=len(trials_of_cell) + missing,
+            missing=missing,
+            trials=(int(trials_of_cell.min()), int(trials_of_cell.max())),
+            sessions=(int(visits.min()), int(visits.max())),
+        )
+
+    @cached_property
+    def people(self) -> tuple[SubjectRow, ...]:
+        """What every subject adjusted, by quantity; empty for published limits.
+
+        Deviations from references are logarithms of ratios (lognormal), relative (normal, and where
+        a value has no logarithm), or differences where a reference is not positive.
+        """
+        if self.sessions.form != "trials":
+            return ()
+        rows: list[SubjectRow] = []
+        for parameter in self.sessions.parameters:
+            rows += self._subjects_of(parameter)
+        return tuple(rows)
+
+    def _subjects_of(self, parameter: str) -> Iterator[SubjectRow]:
+        columns = [f"{parameter}_ref", f"{parameter}_adj"]
+        rows = self.sessions.table.dropna(subset=columns)
+        reference, adjusted = rows[columns].to_numpy(dtype=float).T
+        relative = bool((reference > 0).all())
+        log = relative and self.asked.family == "lognormal" and bool((adjusted > 0).all())
+        deviation = adjusted - reference
+        if log:
+            deviation = np.log(adjusted / reference)
+        elif relative:
+            deviation = adjusted / reference - 1.0
+        cell_of_row = rows.assign(deviation=deviation).groupby(["subject", "environment"])
+        cells = cell_of_row["deviation"].mean().unstack()
+        # Environments are centred, so that subjects with different environments compare.
+        centred = (cells - cells.mean()).mean(axis=1)
+        trials_of = rows["subject"].value_counts()
+        for subject in self.sessions.subjects:
+            if subject not in cells.index:
+                continue
+            values = cells.loc[subject].dropna().to_numpy(dtype=float)
+            mean = float(values.mean())
+            yield SubjectRow(
+                subject=subject,
+                parameter=parameter,
+                n=len(values),
+                trials=int(trials_of[subject]),
+                relative=relative,
+                log=log,
+                mean=float(np.expm1(mean)) if log else mean,
+                sd=float(values.std(ddof=1)) if len(values) > 1 else None,
+                distance=_distance(centred, subject),
+                unit="" if relative else self.quantities[parameter].unit,
+            )
+
+
+def _published(table: pd.DataFrame, parameter: str, family: Family) -> Moments | str:
+    """Moments of a cell of published limits, or why there are none."""
+    row = table[table["parameter"] == parameter]
+    if row.empty:
+        return "it was not published"
+    limits = row.iloc[0]
+    level = float(limits["level"])
+    moments = Moments.from_limits(limits["lower"], limits["upper"], int(limits["n"]), level=level)
+    if family == "lognormal" and np.any(moments.mean <= 0):
+        return "the published mean is zero or negative"
+    return moments
+
+
+def _distance(centred: pd.Series[float], subject: str) -> float | None:
+    """How far a subject lies from the others' mean, in the others' SDs; None without scatter."""
+    others = centred.drop(subject).to_numpy(dtype=float)
+    scatter = float(others.std(ddof=1)) if len(others) >= _FEWEST_OTHERS else 0.0
+    return float((centred[subject] - others.mean()) / scatter) if scatter > 0.0 else None

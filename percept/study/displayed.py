@@ -1,0 +1,282 @@
+"""What a study says of its device: curves, the coupling, what is rendered and what feels real."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from percept import haptics
+from percept.boundary.users import Users
+from percept.errors import RefusalError
+from percept.haptics.records import AnyDevice
+from percept.results import (
+    AdmissibleCouplings,
+    Band,
+    BandPair,
+    Boundary,
+    Coupling,
+    OtherDevices,
+    Rendered,
+    Verdict,
+    ZWidth,
+)
+from percept.results.fields import Method
+from percept.study.band import Banded, band_study, with_band
+from percept.study.basics import Skipped, select
+from percept.study.boundaries import (
+    JOINTS,
+    BoundaryDrawing,
+    band_pairs,
+    increasing,
+    zoom_windows,
+)
+from percept.study.coupling_map import coupling_map, no_coupling_map
+from percept.study.data import Data
+from percept.study.device import Setup, device_of, referenced, setup_of, study_coupling
+from percept.study.inferred import Inferred
+from percept.study.other_devices import no_other_devices, other_devices
+from percept.study.regions import Law, Region, SubjectPairs, laws_of, regions_of, subject_pairs
+from percept.study.rendering import study_rendering, study_zwidth
+from percept.study.verdicts import (
+    Subjects,
+    leaning_on_slips,
+    likely_users,
+    posterior_users,
+    study_verdicts,
+    subjects_of,
+)
+
+__all__ = ["Displayed"]
+
+#: Frequencies of a close view; its window is narrow, and its curves are smooth.
+_CLOSE_POINTS = 61
+_LABELS = ("environment", "kind", "method", "family", "joint", "shape", "level")
+_CURVES = ("omega", "lower", "upper", "reference", "coupled")
+
+
+class Displayed(Inferred):
+    """Parts of a study that need its device, or stiffness and damping together."""
+
+    @cached_property
+    def device(self) -> AnyDevice | None:
+        """The scene's device; None without one."""
+        return device_of(self.scene)
+
+    @cached_property
+    def with_reference(self) -> tuple[str, ...]:
+        """Environments with a reference of stiffness and damping, which curves are drawn for."""
+        return self._kept("with_reference", referenced(self.data))
+
+    @cached_property
+    def setup(self) -> Setup | None:
+        """Device, coupling and references of curves; None without device or reference."""
+        shown = {}
+        for name in self.with_reference:
+            stiffness, damping = (self.data.reference[p, name] for p in ("k", "b"))
+            shown[name] = haptics.Environment(stiffness, damping, self.sessions.masses[name])
+        found = self._kept("setup", setup_of(self.scene, self.device, shown))
+        return next((one for one in found if one.references), None)
+
+    @cached_property
+    def pairs(self) -> tuple[SubjectPairs, ...]:
+        """Stiffness and damping of each subject, by environment and family."""
+        return self._kept("pairs", subject_pairs(self.data))
+
+    @cached_property
+    def curve_laws(self) -> tuple[Law, ...]:
+        """Laws of (k, b) of the average and the next user; empty where no correlation is known."""
+        return laws_of(self.pairs, self.passed, self.data.asked)
+
+    @cached_property
+    def regions(self) -> tuple[Region, ...]:
+        """Rectangles and ellipses of (k, b) of every method, kind and joint treatment."""
+        return regions_of(self.interval_rows, self.curve_laws, self.passed, self.data.asked)
+
+    @cached_property
+    def _drawing(self) -> BoundaryDrawing | None:
+        if self.setup is None:
+            return None
+        tolerance = self.data.asked.tolerance
+        laws = self.curve_laws
+        return BoundaryDrawing(self.setup, self.regions, laws, self.scene.frequency, tolerance)
+
+    @cached_property
+    def boundaries(self) -> tuple[Boundary, ...]:
+        """Boundaries of abs(Z_h) over the scene's frequencies; empty without device, k or b."""
+        return self.boundaries_at(None)
+
+    def boundaries_at(
+        self,
+        omega: ArrayLike | None,
+        environments: Collection[str] | None = None,
+        *,
+        kinds: Collection[str] | None = None,
+        joints: Collection[str] | None = None,
+    ) -> tuple[Boundary, ...]:
+        """Boundaries at frequencies, rad/s, or on grids of their own; of all, or of those named."""
+        grid = None if omega is None else increasing(omega)
+        environments = select("environment", environments, self.with_reference)
+        kinds = select("kind", kinds, self.data.asked.kinds)
+        joints = select("joint treatment", joints, JOINTS)
+        if self._drawing is None:
+            return ()
+        return self._drawing.at(grid, environments, kinds, joints)
+
+    @property
+    def curves(self) -> pd.DataFrame:
+        """The boundaries as one tidy table: a row per curve and frequency, rad/s and N·s/m."""
+        names = (*_LABELS, *_CURVES)
+        tables = [
+            pd.DataFrame({name: getattr(one, name) for name in names}) for one in self.boundaries
+        ]
+        if not tables:
+            return pd.DataFrame(columns=names)
+        # Without a coupling its column is empty, and still of numbers.
+        return pd.concat(tables, ignore_index=True).astype({"coupled": float})
+
+    @cached_property
+    def zoom_windows(self) -> dict[str, tuple[float, float]]:
+        """Window of omega, rad/s, that the scene asks to look at closely, by environment."""
+        names = self.data.environments if self.with_reference else ()
+        return dict(self._kept("zoom_windows", zoom_windows(self.scene, names)))
+
+    @property
+    def zoom(self) -> dict[str, tuple[float, float]]:
+        """Windows of the environments that have boundaries."""
+        drawn = {boundary.environment for boundary in self.boundaries}
+        return {name: window for name, window in self.zoom_windows.items() if name in drawn}
+
+    @cached_property
+    def close(self) -> tuple[Boundary, ...]:
+        """Boundaries in these windows: k and b each at the level asked for, or drawn together."""
+        found: list[Boundary] = []
+        for name, window in self.zoom.items():
+            omega = np.linspace(*window, _CLOSE_POINTS)
+            joints = ("marginal", "joint")
+            found += self.boundaries_at(omega, (name,), kinds=(self.main_kind,), joints=joints)
+        return tuple(found)
+
+    @property
+    def main_kind(self) -> str:
+        """The kind shown alone: the next user, if such intervals are asked for."""
+        kinds = self.data.asked.kinds
+        return "user" if "user" in kinds else kinds[0]
+
+    @cached_property
+    def banded(self) -> tuple[Banded, ...]:
+        """What bands are set against: environments' impedance, or quantities' references."""
+        names = self.with_reference if self.data.is_impedance else self.data.environments
+        return self._kept("banded", with_band(self.data, names))
+
+    @cached_property
+    def band(self) -> Band | None:
+        """Band of the environments' size and its law; None with one environment, or no size."""
+        if not self.banded or len(self.data.environments) < 2:
+            return None
+        return band_study(self.interval_rows, self.banded, self.data, self.passed)
+
+    @cached_property
+    def band_pairs(self) -> tuple[BandPair, ...] | None:
+        """How the methods' boundaries differ; None without both methods, and without a device."""
+        if self.comparison is None or self._drawing is None:
+            return None
+        return tuple(band_pairs(self.boundaries))
+
+    @cached_property
+    def coupling(self) -> Coupling | None:
+        """The coupling by the paper, Eq. 10 and its rule; None without device and coupling."""
+        if self.setup is None or self.setup.coupling is None:
+            return None
+        return study_coupling(
+            self.setup, self.regions, self.data.asked.family, self.scene.frequency
+        )
+
+    @cached_property
+    def rendering(self) -> tuple[Rendered, ...]:
+        """What the device renders with every passive hand, in time; empty without a device."""
+        return () if self.setup is None else study_rendering(self.setup)
+
+    @property
+    def zwidth(self) -> ZWidth | None:
+        """The edge of what the device renders with every passive hand; None without a device."""
+        return study_zwidth(self.setup)
+
+    @cached_property
+    def users(self) -> dict[str, Users]:
+        """Posterior draws of the population of users by environment; empty without a passed fit."""
+        if self.passed is None or self.setup is None:
+            return {}
+        return posterior_users(self.passed, self.data.asked)
+
+    @cached_property
+    def subjects(self) -> dict[str, Subjects]:
+        """What the classical method knows of the users of each environment."""
+        return subjects_of(self.data, self.pairs)
+
+    @cached_property
+    def map_users(self) -> dict[str, Users]:
+        """Draws of users behind maps: posterior ones, else fiducial ones of subjects."""
+        if self.users or self.setup is None or self.data.asked.method == "bayesian":
+            return self.users
+        return likely_users(self.subjects, self.setup, self.data.asked)
+
+    @property
+    def map_method(self) -> Method:
+        """Whose draws the maps are made from."""
+        return "bayesian" if self.users else "classical"
+
+    @cached_property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Whether each environment feels real, directly and coupled; empty without a device."""
+        if self.setup is None:
+            return ()
+        stable = {(row.environment, row.coupled): row.stable for row in self.rendering}
+        judged = study_verdicts(self.setup, self.users, self.subjects, self.scene, stable=stable)
+        if not self.sessions.slips:
+            return tuple(judged)
+        return tuple(leaning_on_slips(judged, self.sessions, self._without_slips))
+
+    @cached_property
+    def _without_slips(self) -> tuple[Verdict, ...]:
+        """Verdicts without the rows that look mistyped; empty where the rest carries none."""
+        doubted = {slip.index for slip in self.sessions.slips}
+        kept = self.sessions.table.drop(index=list(doubted))
+        sessions = dataclasses.replace(self.sessions, table=kept)
+        try:
+            return Displayed(Data(sessions, self.scene), self.progress, self.store).verdicts
+        except RefusalError:
+            return ()
+
+    @cached_property
+    def without_maps(self) -> tuple[object, ...]:
+        """Note why there is no map of couplings, or of devices."""
+        found: list[Skipped | None] = []
+        if self.setup is not None:
+            found.append(no_other_devices(self.setup, self.map_users))
+            if self.setup.coupling is not None:
+                found.append(no_coupling_map(self.setup, self.map_users))
+        return self._kept("without_maps", found)
+
+    @cached_property
+    def coupling_map(self) -> AdmissibleCouplings | None:
+        """How probably stable couplings feel real, and the ends of those that do."""
+        if self.setup is None:
+            return None
+        return coupling_map(self.setup, self.map_users, self.map_method, self.scene)
+
+    @property
+    def design(self) -> AdmissibleCouplings | None:
+        """The map of couplings, where there is a coupling to compare with."""
+        return self.coupling_map if self.boundaries and self.scene.coupling else None
+
+    @cached_property
+    def other_devices(self) -> OtherDevices | None:
+        """How verdicts move with the device's mass and damping; None without both."""
+        if self.setup is None:
+            return None
+        return other_devices(self.setup, self.map_users, self.map_method, self.scene)

@@ -1,0 +1,258 @@
+"""What a study infers from its sessions: the fit, intervals, contrasts, psychophysics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import cached_property
+from typing import TYPE_CHECKING, TypeVar
+
+import pandas as pd
+
+from percept.results import (
+    AnovaRow,
+    Checks,
+    ContrastRow,
+    EquivalenceRow,
+    IntervalRow,
+    Ladder,
+    LevelValues,
+    MethodPair,
+    PseLineRow,
+    PsychophysicsRow,
+)
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.study.anova import anova_rows, level_values
+from percept.study.basics import Skipped
+from percept.study.contrast_table import chosen_contrasts
+from percept.study.data import Data
+from percept.study.intervals import COLUMNS, KEYS, classical_rows, method_pairs
+from percept.study.psychophysics import equivalence, psychophysics
+from percept.study.responses import refuse_lone_subject
+
+# What imports the hierarchical model is imported where it is needed: the classical method does
+# without.
+if TYPE_CHECKING:
+    from xarray import DataTree
+
+    from percept.inference.sampling.gate import Progress
+    from percept.study.fit import Fit, RunStore
+
+__all__ = ["Inferred"]
+
+T = TypeVar("T")
+
+
+class Inferred:
+    """Parts of a study that rest on its sessions alone, each computed when it is first read.
+
+    Parameters
+    ----------
+    data : Data
+        Sessions under a scene.
+    progress : callable or None
+        Told the state of the sampler after every round.
+    store : RunStore or None
+        Where finished runs of the sampler are kept.
+    """
+
+    def __init__(
+        self,
+        data: Data,
+        progress: Callable[[Progress], None] | None,
+        store: RunStore | None,
+    ) -> None:
+        self.data = data
+        self.progress = progress
+        self.store = store
+        self._skipped: dict[str, list[Skipped]] = {}
+
+    @property
+    def sessions(self) -> Sessions:
+        """The sessions, their environments told apart by the levels of the scene's factors."""
+        return self.data.sessions
+
+    @property
+    def scene(self) -> Scene:
+        """What is analysed."""
+        return self.data.scene
+
+    def _kept(self, part: str, found: Iterable[T | Skipped]) -> tuple[T, ...]:
+        """Keep what was computed, and note what was skipped under the name of its part."""
+        kept = []
+        self._skipped[part] = []
+        for one in found:
+            if isinstance(one, Skipped):
+                self._skipped[part].append(one)
+            else:
+                kept.append(one)
+        return tuple(kept)
+
+    def skipped_of(self, *parts: str) -> tuple[Skipped, ...]:
+        """Return what some parts skip, and why."""
+        found: list[Skipped] = []
+        for part in parts:
+            # A part notes what it skips when it is computed.
+            getattr(self, part)
+            found += self._skipped.get(part, [])
+        return tuple(dict.fromkeys(found))
+
+    @cached_property
+    def interval_rows(self) -> tuple[IntervalRow, ...]:
+        """Intervals of every method, kind and family."""
+        return self._kept("interval_rows", self._intervals())
+
+    def _intervals(self) -> Iterator[IntervalRow | Skipped]:
+        if self.data.asked.method != "bayesian":
+            if self.sessions.form == "trials":
+                refuse_lone_subject(self.sessions.subjects)
+            yield from classical_rows(self.data)
+        if self.fit is not None:
+            from percept.study.fit import bayesian_rows
+
+            yield from bayesian_rows(self.fit, self.data)
+
+    @property
+    def intervals(self) -> pd.DataFrame:
+        """Intervals of every method, kind and family, one row each, in their units; a copy."""
+        table = pd.DataFrame(self.interval_rows, columns=COLUMNS)
+        return table.astype({"reference": float})
+
+    @property
+    def interpretation(self) -> pd.DataFrame:
+        """What each row of `intervals` covers, in a sentence."""
+        return pd.DataFrame(self.interval_rows, columns=[*KEYS, "covers"])
+
+    @property
+    def comparison(self) -> tuple[MethodPair, ...] | None:
+        """The methods' intervals in equal family and kind; None without both methods."""
+        if self.passed is None or self.data.asked.method != "both":
+            return None
+        return tuple(method_pairs(self.interval_rows))
+
+    @cached_property
+    def psychophysics_rows(self) -> tuple[PsychophysicsRow, ...]:
+        """Points of equality, thresholds, spreads and reliability, in the scene's family."""
+        return self._kept("psychophysics_rows", psychophysics(self.data, self.passed))
+
+    @property
+    def psychophysics(self) -> pd.DataFrame:
+        """Points of equality, thresholds, spreads and reliability, one row each."""
+        return pd.DataFrame(self.psychophysics_rows)
+
+    @cached_property
+    def pse_lines(self) -> tuple[PseLineRow, ...]:
+        """Points of equality over the reference; empty without the model."""
+        if self.passed is None:
+            return ()
+        from percept.study.psychophysics.lines import posterior_lines
+
+        return self._kept("pse_lines", posterior_lines(self.passed, self.data))
+
+    @cached_property
+    def equivalence_rows(self) -> tuple[EquivalenceRow, ...]:
+        """Whether biases are smaller than one JND; empty without a JND."""
+        return self._kept("equivalence_rows", equivalence(self.data, self.passed))
+
+    @property
+    def equivalence(self) -> pd.DataFrame:
+        """Whether each bias is smaller than the JND of `[study] jnd`; empty without one."""
+        return pd.DataFrame(self.equivalence_rows)
+
+    @cached_property
+    def contrast_rows(self) -> tuple[ContrastRow, ...]:
+        """Contrasts of the model's terms; empty without factors and covariates."""
+        if not self.scene.terms:
+            return ()
+        from percept.study.contrasts import contrast_rows
+
+        return self._kept("contrast_rows", contrast_rows(self.data, self.passed))
+
+    @property
+    def contrasts(self) -> pd.DataFrame:
+        """Contrasts as `contrast` gives them, of all terms; empty without one."""
+        return pd.DataFrame(self.contrast_rows)
+
+    def contrast(self, asked: str) -> pd.DataFrame:
+        """Contrasts of one factor, covariate or interaction, of every method.
+
+        Parameters
+        ----------
+        asked : str
+            A factor with two levels, such as "hand: left - right", or the name of a factor, a
+            covariate or an interaction, such as "hand:load", for all that there is of it.
+
+        Returns
+        -------
+        DataFrame
+            A row per pair of levels (`second` against `first`), reference, parameter, `of` (bias,
+            spread, interaction or slope), kind and method. Limits are ratios under the lognormal
+            family; of bias under the normal one they are differences in `unit`. `environment` is
+            None for the average over `references`.
+
+        Raises
+        ------
+        UsageError
+            A factor or a level that the model does not have.
+        """
+        return pd.DataFrame(chosen_contrasts(self.contrast_rows, asked))
+
+    @cached_property
+    def levels(self) -> tuple[LevelValues, ...]:
+        """What the subjects set at every level of the factors."""
+        return tuple(level_values(self.data))
+
+    @cached_property
+    def anova(self) -> tuple[AnovaRow, ...]:
+        """The analysis of variance of the model's terms."""
+        return self._kept("anova", anova_rows(self.data))
+
+    @cached_property
+    def fit(self) -> Fit | None:
+        """The sampled hierarchical model; None where not asked for, or beyond the data."""
+        if self.data.asked.method == "classical":
+            return None
+        from percept.study.fit import fitted
+        from percept.study.prepare import prepared_beside
+
+        found = self._kept("fit", [prepared_beside(self.data)])
+        if not found:
+            return None
+        return fitted(found[0], self.data.asked, progress=self.progress, store=self.store)
+
+    @property
+    def passed(self) -> Fit | None:
+        """The fit, where the gate has passed it."""
+        return self.fit if self.fit and self.fit.passed else None
+
+    @cached_property
+    def posterior(self) -> DataTree | None:
+        """Posterior as an ArviZ DataTree, thinned to the effective size; None unless it passed."""
+        if self.passed is None:
+            return None
+        from percept.study.posterior import posterior_tree
+
+        return posterior_tree(self.passed, seed=self.data.asked.seed)
+
+    @cached_property
+    def checks(self) -> Checks | None:
+        """Checks of the hierarchical model; None without a passed fit that pools sessions."""
+        if self.passed is None:
+            return None
+        from percept.study.checks import model_checks
+
+        asked = self.data.asked
+        found = self._kept(
+            "checks", [model_checks(self.passed, level=asked.level, seed=asked.seed)]
+        )
+        return next(iter(found), None)
+
+    @cached_property
+    def ladder(self) -> Ladder | None:
+        """Why the methods differ, by steps that are sampled; None without both methods."""
+        if self.passed is None or self.data.asked.method != "both":
+            return None
+        from percept.study.ladder import climb
+
+        how = {"progress": self.progress, "store": self.store}
+        return climb(self.data, self.interval_rows, self.passed, **how)

@@ -1,0 +1,123 @@
+"""What was read, how it was sampled and what made it, as records of `percept.results`."""
+
+from __future__ import annotations
+
+import dataclasses
+import platform
+from collections.abc import Iterable
+from importlib import metadata
+from pathlib import PurePath
+from typing import TYPE_CHECKING
+
+from percept import results
+from percept.results import (
+    Checks,
+    Diagnostics,
+    GateVerdict,
+    LeftOutRow,
+    Note,
+    Nouns,
+    Prior,
+    Provenance,
+    SourceFile,
+    plain,
+)
+from percept.scene import Scene
+from percept.sessions import Sessions
+from percept.sessions.records import Notice
+from percept.study.basics import known
+from percept.study.data import Data
+
+if TYPE_CHECKING:
+    from percept.study.fit import Fit
+
+__all__ = ["checks_of", "diagnostics_of", "provenance_of", "what_was_read"]
+
+#: Libraries whose versions decide the last digits of a result.
+_PACKAGES = ("numpy", "scipy", "pandas", "emcee", "arviz-base", "arviz-stats")
+#: Measures of the gate that a run too short for them leaves unknown.
+_MEASURES = (
+    "rhat", "autocorrelation_time", "times_run", "effective_draws", "acceptance",
+    "lowest_acceptance", "worst_error",
+)  # fmt: skip
+
+
+def what_was_read(data: Data) -> results.Data:
+    """Say what was read: subjects, quantities, notices, and every cell's values."""
+    sessions = data.sessions
+    scene = data.scene
+    factors = sessions.factors
+    exclusions = []
+    for row in sessions.exclusions:
+        exclusions.append(LeftOutRow(row.who, row.what, row.why, _name(row.file), row.row))
+    return results.Data(
+        form=sessions.form,
+        simulated=sessions.simulated,
+        subjects=len(sessions.subjects),
+        rows=len(sessions.table),
+        environments=sessions.environments,
+        references=len(factors.environments if factors else sessions.environments),
+        factor=factors.name if factors else None,
+        parameters=sessions.parameters,
+        quantities={name: sessions.quantities[name] for name in sessions.parameters},
+        words=Nouns(scene.environment_noun, scene.study.subject, scene.user_noun),
+        counts=dict(sessions.counts),
+        notices=_notes(sessions.notices),
+        doubts=_notes(sessions.warnings),
+        exclusions=tuple(exclusions),
+        design=data.design_counts,
+        cells=data.values_by_cell,
+        people=data.people,
+    )
+
+
+def _notes(notices: Iterable[Notice]) -> tuple[Note, ...]:
+    return tuple(Note(notice.text, _name(notice.file), notice.row) for notice in notices)
+
+
+def _name(file: str | None) -> str | None:
+    """Return a file's name without its folders, which are nobody else's business."""
+    return PurePath(file).name if file else None
+
+
+def provenance_of(sessions: Sessions, scene: Scene) -> Provenance:
+    """Say what the results were made from: versions, seed, files and scene."""
+    import percept
+
+    versions = {"percept": percept.__version__, "python": platform.python_version()}
+    versions |= {package: metadata.version(package) for package in _PACKAGES}
+    files = []
+    for source in sessions.sources:
+        files.append(SourceFile(PurePath(source.name).name, source.sha256, source.rows))
+    return Provenance(versions, scene.inference.seed, tuple(files), plain(scene.to_dict()))
+
+
+def checks_of(data: Data, model: Checks | None) -> Checks | None:
+    """Put the tests of normality and the checks of the hierarchical model together."""
+    if model is None or model.loo is None:
+        return Checks(normality=data.normality) if data.normality else None
+    # A row per subject, environment and parameter would be most of report.json.
+    outliers = tuple(cell for cell in model.loo.cells if cell.outlier)
+    loo = dataclasses.replace(model.loo, cells=outliers)
+    return dataclasses.replace(model, normality=data.normality, loo=loo)
+
+
+def diagnostics_of(fit: Fit | None) -> Diagnostics | None:
+    """Say how the fit was sampled, and which priors were in force; None without a fit."""
+    if fit is None:
+        return None
+    from percept.inference.model.priors import MEANINGS
+
+    priors = fit.model.priors_in_force
+    ensembles, _, walkers, dimension = fit.run.points.shape
+    gate = dataclasses.asdict(fit.run.gate)
+    gate |= {name: known(gate[name]) for name in _MEASURES}
+    return Diagnostics(
+        gate=GateVerdict(**gate),
+        steps=fit.run.steps,
+        ensembles=ensembles,
+        walkers=walkers,
+        dimension=dimension,
+        tolerance=fit.run.settings.tolerance,
+        priors=tuple(Prior(name, value, MEANINGS[name]) for name, value in priors.items()),
+    )
