@@ -57,8 +57,12 @@ def _call(name: str, value: Any) -> str:
 
 
 def _members(owner: type) -> Iterator[tuple[str, Any]]:
-    """Yield the public methods and properties that a class itself defines, as calls."""
-    for name, value in vars(owner).items():
+    """Yield the public methods and properties that percept defines of a class, as calls."""
+    found: dict[str, Any] = {}
+    for base in reversed(owner.__mro__):
+        if base.__module__.startswith("percept"):
+            found |= vars(base)
+    for name, value in found.items():
         if name.startswith(("_", "model_")) or not inspect.getdoc(value):
             continue
         if isinstance(value, classmethod | staticmethod) or inspect.isfunction(value):

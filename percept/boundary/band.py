@@ -99,8 +99,11 @@ def band_laws(
         None where a law fitted to sizes close together leaves the range of doubles.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        drawn = {law: fit_law(law, sizes, replicates) for law in LAWS}
-        left_out = {law: leave_one_out(law, sizes, replicates) for law in LAWS}
+        drawn = {}
+        left_out = {}
+        for law in LAWS:
+            drawn[law] = fit_law(law, sizes, replicates)
+            left_out[law] = leave_one_out(law, sizes, replicates)
     within_range = [np.isfinite(error).all() for error, _ in left_out.values()]
     if not all(within_range):
         return
@@ -123,8 +126,9 @@ def band_laws(
         if bands is not None:
             values = fit_law(law, sizes, bands[None])[0]
         lower, upper = np.quantile(drawn[law], tails, axis=0)
-        limits = np.stack([values, lower, upper], axis=1).tolist()
-        parameters = {name: Estimate(*row) for name, row in zip(names, limits, strict=True)}
+        parameters = {}
+        for i, name in enumerate(names):
+            parameters[name] = Estimate(float(values[i]), float(lower[i]), float(upper[i]))
         carried_by = carrier if law == "offset" else None
         size = size_name(whose.parameter)
         judged = overtaken if law == clearly_ahead else None
