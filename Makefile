@@ -29,9 +29,7 @@ test: lint  ## lint, types and the whole test suite
 
 evidence: $(STAMP)  ## tests that take minutes: refits, kills, sweeps; their page in reports/evidence
 	@$(BIN)/python -m tests.evidence --workers $(JOBS) --out reports/evidence
-	@for part in throughout loop factor_costs; do \
-	    $(BIN)/python -m reports.evidence $$part --out reports/evidence || exit 1; \
-	done
+	@$(BIN)/python -m reports.evidence --out reports/evidence
 
 test-page: $(STAMP) build/node_modules/axe-core  ## the report's page in a headless Chromium
 	@$(BIN)/python -m pytest -m page tests/page -q -rs
@@ -86,9 +84,10 @@ digits: $(STAMP)  ## digits kept, and what skipping saves, in reports/benchmark 
 	    $(BIN)/python -m reports.benchmark $$part --out reports/benchmark || exit 1; \
 	done
 
-bench: $(STAMP)  ## run time against error of reports/benchmark, next to other samplers (an hour; extra peers)
-	@$(BIN)/python -m reports.benchmark peers --out reports/benchmark
-	@$(BIN)/python -m reports.calibration peers --out reports/calibration
+bench: $(STAMP)  ## run time against error of reports/benchmark, next to other samplers (hours; extra peers)
+	@for part in commands peers designs; do \
+	    $(BIN)/python -m reports.benchmark $$part --out reports/benchmark || exit 1; \
+	done
 
 coverage: $(STAMP)  ## real coverage of every interval in reports/coverage (hours); it resumes
 	@$(BIN)/percept calibrate datasets/hbfd_sessions.csv --scene datasets/hbfd.toml --subjects 10 3 30 \

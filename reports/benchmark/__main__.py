@@ -10,16 +10,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from reports.benchmark.designs import design_costs, summary
+from reports.benchmark import designs, peers
+from reports.benchmark.commands import command_costs
 from reports.benchmark.digits import density_digits, moment_digits
 from reports.benchmark.digits_haptics import haptics_digits
 from reports.benchmark.measure import measurement, write_measurement
-from reports.benchmark.peers.reference import make_references
-from reports.benchmark.peers.run import run_benchmark
 from reports.benchmark.skipping import skipping_cost
 from reports.command import run, say
 
-_PARTS = ("designs", "digits", "skipping", "peers", "reference")
+_PARTS = ("designs", "digits", "skipping", "peers", "commands")
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -33,54 +32,45 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--rows", nargs="+", default=(), help="designs, or studies of peers (all)")
     parser.add_argument("--engines", nargs="+", default=(), help="of peers, only these")
     parser.add_argument("--seconds", type=float, default=150.0, help="when peers begin no new run")
-    parser.add_argument("--repeats", type=int, default=5, help="of peers, rounds of commands (5)")
-    parser.add_argument("--quick", action="store_true", help="of peers, the smallest budgets")
+    parser.add_argument("--repeats", type=int, default=7, help="rounds of commands (7)")
     return run(parser, _run, words)
 
 
 def _run(arguments: argparse.Namespace) -> None:
-    if arguments.part == "reference":
-        print(make_references(arguments.out, arguments.rows))
-    elif arguments.part == "peers":
-        run_benchmark(
-            arguments.out,
-            command=arguments.typed,
-            engines=arguments.engines,
-            studies=arguments.rows,
-            seconds=arguments.seconds,
-            repeats=arguments.repeats,
-            quick=arguments.quick,
-        )
-    else:
-        _measure(arguments)
-
-
-def _measure(arguments: argparse.Namespace) -> None:
     """Measure a part and write it."""
     part = arguments.part
     say(f"measuring {part}")
     started = time.perf_counter()
     load_before = os.getloadavg()[0]
-    rows = _rows(arguments)
+    rows, notes = _rows(arguments)
     document = measurement(
         part,
         rows,
         command=arguments.typed,
         loads=(load_before, os.getloadavg()[0]),
         seconds=time.perf_counter() - started,
-        notes=summary(rows) if part == "designs" else (),
+        notes=notes,
     )
     write_measurement(document, arguments.out)
 
 
-def _rows(arguments: argparse.Namespace) -> Sequence[Any]:
-    """Return the records of a part."""
+def _rows(arguments: argparse.Namespace) -> tuple[Sequence[Any], Sequence[str]]:
+    """Return the records of a part, and what follows from all of them."""
+    out = arguments.out
     if arguments.part == "designs":
         peer = not arguments.no_peer
-        return design_costs(arguments.rows, seeds=arguments.seeds, peer=peer, out=arguments.out)
+        costs = designs.design_costs(arguments.rows, seeds=arguments.seeds, peer=peer, out=out)
+        return costs, designs.summary(costs)
+    if arguments.part == "peers":
+        of_peers = peers.peer_costs(
+            out, engines=arguments.engines, studies=arguments.rows, seconds=arguments.seconds
+        )
+        return of_peers, peers.summary(of_peers)
+    if arguments.part == "commands":
+        return command_costs(arguments.repeats), ()
     if arguments.part == "digits":
-        return [*moment_digits(), *density_digits(), *haptics_digits(arguments.cases)]
-    return skipping_cost()
+        return [*moment_digits(), *density_digits(), *haptics_digits(arguments.cases)], ()
+    return skipping_cost(), ()
 
 
 if __name__ == "__main__":

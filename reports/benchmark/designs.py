@@ -19,7 +19,7 @@ import numpy as np
 
 from percept.errors import RefusalError, UsageError
 from reports.benchmark.measure import Printed, in_a_process, print_result
-from reports.benchmark.simulated import DESIGNS, observed, simulated, statistics_of
+from reports.benchmark.simulated import DESIGNS, simulated
 from reports.command import say
 from reports.store import store
 
@@ -46,13 +46,14 @@ _MUCH_MEMORY = 1000.0  # MB
 
 @dataclass(frozen=True)
 class DesignCost:
-    """Fits of simulated studies to the default tolerance, from the statistics to the gate."""
+    """Fits of simulated studies to the default tolerance, from the model to the gate."""
 
     design: Annotated[
         str,
-        "Subjects x environments x trials. weak: sigma_w = 0.02. none: sigma_w = 0, k-b correlation"
-        " 0.9. irregular: a fifth of the cells missing, 1 to 4 trials (10x5: 1 to 6; 40x20: 2 to 5,"
-        " none missing). outlier: one subject three times off. k: stiffness only.",
+        "Subjects x environments x levels of factors x trials. weak: sigma_w = 0.02. none: sigma_w"
+        " = 0, k-b correlation 0.9. irregular: a fifth of the cells missing, 1 to 4 trials (10x5: 1"
+        " to 6; 40x20: 2 to 5, none missing). outlier: one subject three times off. k: stiffness"
+        " only. own: subjects have trial SDs of their own. covariate: it varies by trial.",
     ]
     seed: Annotated[int, "Of the data and of the fit."]
     allowed_s: Annotated[float, "Time the fit may take, s."]
@@ -60,7 +61,7 @@ class DesignCost:
     in_wall_time: Annotated[
         bool, "Whether the wall time is within it, which other work on the machine stretches."
     ]
-    wall_s: Annotated[float, "Wall time: density, warm-up and run, s."]
+    wall_s: Annotated[float, "Wall time: warm-up and run, s."]
     processor_s: Annotated[float, "Processor time of the same, s."]
     coordinates: Annotated[int, "Of the density."]
     steps: Annotated[int, "Steps per ensemble."]
@@ -261,14 +262,12 @@ def _fit(study: Prepared, seed: int) -> Printed:
     import resource
 
     from percept.inference.model.interval_estimands import IntervalEstimands
-    from percept.inference.model.linear_posterior import plain_model
     from percept.inference.sampling.gate import Settings
     from percept.inference.sampling.run import sample
 
-    statistics = statistics_of(study)
+    model = study.model
     started = time.perf_counter()
     before = time.process_time()
-    model = plain_model(statistics)
     run = sample(model, IntervalEstimands(model), Settings(seed=seed))
     wall = time.perf_counter() - started
     processor = time.process_time() - before
@@ -293,8 +292,13 @@ def _fit(study: Prepared, seed: int) -> Printed:
 
 def _nutpie(study: Prepared, seed: int) -> Printed:
     """Sample for at most `_SAMPLING`; limits of kinds mean and user, and what the run took."""
-    from reports.benchmark.peers.engines import limits_of_draws
-    from reports.peers import CHAINS, nutpie_sampler, plain_model
+    from reports.benchmark.nutpie import (
+        CHAINS,
+        limits_of_draws,
+        nutpie_sampler,
+        observed,
+        plain_model,
+    )
 
     draw = nutpie_sampler(plain_model(observed(study)), ["beta", "spread"])
     # A thread per chain, whatever the processors: a run cut short then has draws of every chain.

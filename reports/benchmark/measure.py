@@ -73,6 +73,12 @@ def in_a_process(module: str, task: object, *, timeout: float | None = None) -> 
     return dict(json.loads(results[-1]))
 
 
+def processor_seconds() -> float:
+    """Return processor seconds of this process and of those it has waited for."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
 def print_result(result: Mapping[str, object]) -> None:
     """Print what `in_a_process` returns, on a line of its own."""
     sys.stdout.write(f"\n{json.dumps(result, default=np.ndarray.tolist)}\n")
@@ -165,14 +171,12 @@ def measurement(
 def measurement_markdown(document: Measurement) -> str:
     """Write the document as a page."""
     at = document.machine
-    about = document.about
-    if document.part != "digits":
-        about += " The studies are simulated."
     run = (
         f"The run took {at.seconds:.0f} s on {at.processors} processors ({at.system},"
         f" {at.architecture}), load {at.load_before:.1f} before and {at.load_after:.1f} after."
     )
-    lines = [f"# {document.part.capitalize()}", "", about, "", f"{document.made.sentence} {run}"]
+    lines = [f"# {document.part.capitalize()}", "", document.about]
+    lines += ["", f"{document.made.sentence} {run}"]
     for note in document.notes:
         lines += ["", note]
     names = list(document.rows[0])

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from percept.provenance import made_by
 from percept.workers import processes
-from reports.calibration import factor_peers
 from reports.calibration.fits import PLANS, WRONG_SHARE, page, place_study, verdicts_json
 from reports.calibration.uniformity import Calibration, calibrate
 from reports.command import run, say, write_page
@@ -18,25 +17,19 @@ from reports.command import run, say, write_page
 def main(words: Sequence[str] | None = None) -> int:
     """Fit what is not kept yet, and write the page of one part."""
     parser = argparse.ArgumentParser("python -m reports.calibration", description=__doc__)
-    parser.add_argument("part", choices=(*PLANS, "peers"), help="the page to make")
+    parser.add_argument("part", choices=tuple(PLANS), help="the page to make")
     parser.add_argument("--out", type=Path, required=True, help="folder of the page")
     parser.add_argument("--fits", type=int, default=300, help="studies of each kind (300)")
     parser.add_argument("--kinds", nargs="+", help="of studies (all)")
     parser.add_argument("--workers", type=int, default=1, help="processes (1)")
-    parser.add_argument("--draws", type=int, default=4000, help="of peers, of each chain (4000)")
     return run(parser, _run, words)
 
 
-def _run(arguments: argparse.Namespace) -> int:
+def _run(arguments: argparse.Namespace) -> None:
     out = arguments.out
-    if arguments.part == "peers":
-        differ, text = factor_peers.compared(arguments.draws, out, arguments.typed)
-        write_page(out / "factors_peers.md", text)
-        return int(differ)
     calibrations = _calibrated(arguments)
     write_page(out / f"{arguments.part}.json", verdicts_json(calibrations))
     write_page(out / f"{arguments.part}.md", page(calibrations, made_by(arguments.typed)))
-    return 0
 
 
 def _calibrated(arguments: argparse.Namespace) -> list[Calibration]:

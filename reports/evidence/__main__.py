@@ -1,4 +1,4 @@
-"""`python -m reports.evidence`: verdicts beside a grid and beside motion; what factors cost."""
+"""`python -m reports.evidence`: what is called renderable, beside motion in time."""
 
 from __future__ import annotations
 
@@ -9,36 +9,22 @@ from pathlib import Path
 
 from percept.provenance import made_by
 from reports.command import run, write_page
-from reports.evidence import factor_costs, loop, throughout
+from reports.evidence import loop
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Write one page."""
+    """Write the page."""
     parser = argparse.ArgumentParser("python -m reports.evidence", description=__doc__)
-    parser.add_argument(
-        "part", choices=("throughout", "loop", "factor_costs"), help="the page to make"
-    )
     parser.add_argument("--out", type=Path, required=True, help="folder of the page")
-    parser.add_argument("--scenes", type=int, help="scenes (50 of throughout, 500 of loop)")
-    parser.add_argument("--points", type=int, default=20_000, help="of the grid (20000)")
-    parser.add_argument("--couplings", type=int, default=200, help="of loop (200)")
-    parser.add_argument("--repeats", type=int, default=3, help="of factor_costs, processes (3)")
+    parser.add_argument("--loops", type=int, default=500, help="loops (500)")
+    parser.add_argument("--plain", type=int, default=200, help="loops without modes (200)")
     return run(parser, _run, words)
 
 
-def _run(arguments: argparse.Namespace) -> int:
-    differ = False
+def _run(arguments: argparse.Namespace) -> None:
+    text = loop.page(arguments.loops, arguments.plain)
     made = made_by(arguments.typed)
-    path = arguments.out / f"{arguments.part}.md"
-    if arguments.part == "factor_costs":
-        write_page(path, factor_costs.page(arguments.repeats, made))
-        return 0
-    if arguments.part == "loop":
-        text = loop.page(arguments.scenes or 500, arguments.couplings)
-    else:
-        differ, text = throughout.page(arguments.scenes or 50, arguments.points)
-    write_page(path, f"{text}{made.sentence}\n")
-    return int(differ)
+    write_page(arguments.out / "loop.md", f"{text}{made.sentence}\n")
 
 
 if __name__ == "__main__":

@@ -367,14 +367,14 @@ def not_tight(rng: np.random.Generator) -> tuple[bool, bool]:
     return spring, max(beyond.growth(hand) for hand in hands) <= 1
 
 
-def page(scenes: int, walls: int) -> str:
+def page(loops: int, walls: int) -> str:
     """Draw loops, and as many plain ones as `walls`; count what grows."""
     rng = np.random.default_rng(2)
-    outcomes = [outcome(rng, RANDOM_HANDS) for _ in range(scenes)]
+    outcomes = [outcome(rng, RANDOM_HANDS) for _ in range(loops)]
     plain_ones = [not_tight(rng) for _ in range(walls)]
     eq10 = [one for one in outcomes if one.eq10_met]
     return PAGE.format(
-        scenes=scenes,
+        scenes=loops,
         hands=RANDOM_HANDS,
         below=sum(one.below for one in outcomes),
         above=sum(one.above for one in outcomes),

@@ -19,7 +19,6 @@ from percept.haptics import (
     Loop,
     corner_curves,
     environment_impedance,
-    magnitude_envelope,
 )
 from reports.hbfd.published import LOOKED_AT, Array, Published, Wall
 from reports.hbfd.squares import cells, felt_square, share
@@ -33,7 +32,6 @@ DAMPINGS = np.geomspace(0.05, 50.0, 61)
 
 _POINTS = 9  # Of ω over a window, which is at most 13 % of its frequency wide
 _FINE = 201  # Of ω over a window where a share of it is counted, and of masses on the ridge
-_COARSE = 31  # Of ω over the perceivable range, for each of many devices
 _NARROW = 1e-12  # Relative width to which a limit is halved
 
 
@@ -264,30 +262,3 @@ def largest(true_at: Callable[[Array], BoolArray], candidates: Array) -> float |
         else:
             high = middle
     return low
-
-
-def environments_inside(published: Published, mass: Array, damping: Array) -> NDArray[np.int64]:
-    """Count the environments that feel real through the tuned coupling, by device.
-
-    Parameters
-    ----------
-    published : Published
-        The paper.
-    mass, damping : ndarray
-        Of the devices, kg and N·s/m; their shapes broadcast.
-
-    Returns
-    -------
-    ndarray of int
-        Of the broadcast shape: references inside the next user's envelope at every perceivable ω.
-    """
-    device = Device(mass[..., None], damping[..., None])
-    omega = published.omega(_COARSE)
-    shape = np.broadcast_shapes(mass.shape, damping.shape)
-    count = np.zeros(shape, dtype=np.int64)
-    for wall, (k, b) in zip(published.walls, published.next_user, strict=True):
-        lower, upper = magnitude_envelope(Loop(device, published.period), omega, k, b)
-        felt = published.felt(omega, wall.environment, device=device, coupling=published.tuned)
-        inside = (lower <= felt) & (felt <= upper)
-        count += inside.all(axis=-1)
-    return count

@@ -1,24 +1,17 @@
-"""The paper's figures drawn again, and maps of devices."""
+"""The paper's figures drawn again."""
 
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from percept.haptics import Coupling, Device, Loop, corner_curves, required_damping
 from percept.haptics.impedance import coupling_admittance
 from percept.haptics.stability import coupling_bound
-from percept.report.figures.canvas import COLOURS, Drawing, Frame, legend, log_scale, panels
+from percept.report.figures.canvas import Drawing, Frame, legend, panels
 from percept.report.figures.curves import Limits, draw_magnitude, draw_stability
 from reports.hbfd import devices
-from reports.hbfd.devices import (
-    DAMPINGS,
-    MASSES,
-    Panel,
-    environments_inside,
-    over_devices,
-)
+from reports.hbfd.devices import Panel, over_devices
 from reports.hbfd.published import THEORETICAL, Array, Published, Wall
 
 _KILO = 1e3  # N/m in kN/m
@@ -26,8 +19,6 @@ _PAIR = (86.0, 72.0)  # mm, width and height: two figures stand side by side
 # rad/s; the paper's axes reach past the device's resonances at 300
 _WIDE = np.geomspace(0.1, 1000.0, 241)
 _CLOSE = 121  # Points over an enlarged panel
-_MAP_MASSES = np.geomspace(MASSES[0], MASSES[-1], 141)
-_MAP_DAMPINGS = np.geomspace(DAMPINGS[0], DAMPINGS[-1], 121)
 
 
 def drawings(published: Published) -> list[Drawing]:
@@ -35,7 +26,7 @@ def drawings(published: Published) -> list[Drawing]:
     drawn = [_fig4(published), _fig5(published)]
     for panel, letter in zip(devices.panels(published), "ace", strict=True):
         drawn += [_whole(published, panel, letter), _enlarged(published, panel)]
-    return [*drawn, _maps(published)]
+    return drawn
 
 
 def _fig4(published: Published) -> Drawing:
@@ -143,80 +134,3 @@ def _curves(
         legend(ax, ncols=1)
 
     return Drawing(name, title, description, _PAIR, draw)
-
-
-def _maps(published: Published) -> Drawing:
-    enlarged = devices.panels(published)
-
-    def draw(figure: Figure) -> None:
-        frame = Frame(left=14, gap=14, top=6, bottom=22, line=18)
-        axes = panels(figure, len(enlarged) + 1, columns=2, frame=frame)
-        for ax, panel in zip(axes, enlarged, strict=False):
-            true = over_devices(published, panel, _MAP_MASSES, _MAP_DAMPINGS[:, None])
-            _shade(ax, true, [0.5, 1.5], 0.35)
-            ax.set_title(f"Fig. {panel.name}: {panel.says}", loc="left", fontsize=7)
-        _count_map(axes[-1], published)
-        for ax in axes:
-            _mark_devices(ax, published)
-            ax.set_xlabel("device mass (kg)")
-        for ax in axes[::2]:
-            ax.set_ylabel("device damping (N·s/m)")
-        # Contours have no entry in a legend: an empty area of their colour has one.
-        label = "true over the window"
-        colour = COLOURS["coupled"]
-        axes[0].fill_between([], [], [], color=colour, alpha=0.35, linewidth=0, label=label)
-        legend(axes[0], ncols=2)
-
-    return Drawing(
-        "device-maps",
-        "How verdicts move with the device, whose mass and damping were not published",
-        "Shaded: the reading of the paper is true over the whole window; in the last map the"
-        " darker, the more environments stay inside the next user’s boundary through the tuned"
-        " coupling. Above a line the coupling named meets Eq. 10, which does"
-        " not say what a sampled loop renders; the cross is the scene’s device.",
-        (150.0, 128.0),
-        draw,
-    )
-
-
-def _count_map(ax: Axes, published: Published) -> None:
-    """Shade how many environments feel real through the tuned coupling."""
-    count = environments_inside(published, _MAP_MASSES, _MAP_DAMPINGS[:, None])
-    for least in range(1, len(published.walls) + 1):
-        _shade(ax, count, [least - 0.5, np.inf], 0.18)
-    ends = sorted({int(count.min()), int(count.max())})
-    told = " to ".join(map(str, ends))
-    title = f"real through the tuned coupling: {told} of {len(published.walls)}"
-    ax.set_title(title, loc="left", fontsize=7)
-
-
-def _shade(ax: Axes, values: np.ndarray, levels: list[float], alpha: float) -> None:
-    colour = COLOURS["coupled"]
-    ax.contourf(_MAP_MASSES, _MAP_DAMPINGS, values, levels=levels, colors=colour, alpha=alpha)
-
-
-def _mark_devices(ax: Axes, published: Published) -> None:
-    _mark_needed(ax, published, THEORETICAL, (0, (6, 2)))
-    _mark_needed(ax, published, published.tuned, (0, (2, 1.5)))
-    device = published.device
-    ax.plot(
-        device.mass,
-        device.damping,
-        color=COLOURS["warn"],
-        marker="X",
-        markersize=5,
-        linestyle="none",
-        label="the scene’s device",
-    )
-    log_scale(ax, plain=True)
-    ax.set_xlim(MASSES[0], MASSES[-1])
-    ax.set_ylim(DAMPINGS[0], DAMPINGS[-1])
-
-
-def _mark_needed(
-    ax: Axes, published: Published, coupling: Coupling, dashes: tuple[int, tuple[float, float]]
-) -> None:
-    needed = published.needed(coupling)
-    label = f"{_stiffness(coupling)} meets Eq. 10 above {needed:.4g} N·s/m"
-    colour = COLOURS["classical"]
-    ax.axhline(needed, color=colour, linestyle=dashes, linewidth=0.9, label=label)

@@ -11,7 +11,12 @@ import pytest
 from percept.errors import UsageError
 from reports.benchmark.__main__ import main
 from reports.benchmark.designs import DesignCost, design_costs, summary
-from reports.benchmark.simulated import DESIGNS, simulated, statistics_of
+from reports.benchmark.simulated import DESIGNS, simulated
+
+
+def statistics_of(study):
+    return study.trials.statistics
+
 
 BENCHMARK = Path(__file__).resolve().parents[3] / "reports" / "benchmark"
 
@@ -50,6 +55,12 @@ def test_scatter_between_subjects_vanishes_where_sigma_w_does():
     trials = (statistics.trial_rows**2).sum(axis=(1, 2)) / statistics.trial_df.sum() / 3
     # The ratio of variances of 253 and 576 degrees of freedom has a relative SD of about 0.11.
     assert between / trials == pytest.approx(np.ones(2), abs=0.45)
+
+
+def test_levels_of_factors_share_a_reference_and_a_covariate_varies_by_trial():
+    study = simulated(DESIGNS["16x5x2x2-covariate"], 1)
+    assert len(study.model.cells) == 2 * 5 * 2
+    assert len(np.unique(study.trials.statistics.x[0])) == 5
 
 
 @pytest.mark.evidence

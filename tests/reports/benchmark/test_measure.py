@@ -27,12 +27,9 @@ def test_the_page_rounds_and_the_document_does_not() -> None:
     document = measurement("skipping", [saving], command="typed", loads=(0.5, 1.5), seconds=12.4)
     assert document.rows[0]["seconds"] == 1 / 3
     page = measurement_markdown(document)
-    assert page.startswith(
-        "# Skipping\n\nThe cost of one scene. The studies are simulated.\n\nMade on 20"
-    )
+    assert page.startswith("# Skipping\n\nThe cost of one scene.\n\nMade on 20")
     assert " by `typed` from commit " in page
     assert " The run took 12 s on " in page
     assert "load 0.5 before and 1.5 after." in page
     assert "| device\\|hand | 0.3333 | 1 | emcee, jinja2 |  | 22 |" in page
     assert "- seconds: Processor time of the whole process, imports" in page
-    assert "simulated" not in measurement_markdown(dataclasses.replace(document, part="digits"))

@@ -3,7 +3,6 @@ import pytest
 
 from percept.haptics import Device, Loop, magnitude_envelope
 from reports.hbfd import devices
-from reports.hbfd.devices import environments_inside
 
 
 def felt(s, zoh, device, k, b, coupling=None):
@@ -75,28 +74,6 @@ def test_largest_at_the_ends():
     scale = np.geomspace(0.01, 10.0, 20)
     assert devices.largest(lambda x: x > 0, scale) == np.inf
     assert devices.largest(lambda x: x < 0, scale) is None
-
-
-def test_environments_inside_are_the_same_one_device_at_a_time(published):
-    masses, dampings = np.array([0.05, 1.0, 8.0]), np.array([0.5, 5.0, 20.0])
-    omega = published.omega(31)
-    z = np.exp(1j * omega * published.period)
-    s, zoh = 2 / published.period * (z - 1) / (z + 1), (z + 1) / (2 * z)
-    wanted = []
-    for mass, damping in zip(masses, dampings, strict=True):
-        inside = 0
-        for limits, wall in zip(published.next_user, published.walls, strict=True):
-            lower, upper = magnitude_envelope(
-                Loop(Device(mass, damping), published.period), omega, *limits
-            )
-            seen = [
-                felt(one, hold, (mass, damping), wall.k, wall.b, (50e3, 100.0))
-                for one, hold in zip(s, zoh, strict=True)
-            ]
-            inside += all(lower <= seen) and all(seen <= upper)
-        wanted.append(inside)
-    assert environments_inside(published, masses, dampings).tolist() == wanted
-    assert 0 < wanted[0] < 5
 
 
 def test_boundaries_are_of_the_next_user(published):

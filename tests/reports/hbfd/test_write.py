@@ -73,7 +73,7 @@ def test_every_figure_is_a_file_and_on_the_page(written):
     page = (written / PAGE).read_text(encoding="utf-8")
     names = {path.stem for path in (written / "figures").iterdir()}
     panels = {f"fig-7{letter}" for letter in "abcdef"}
-    assert names == panels | {"fig-4", "fig-5", "device-maps"}
+    assert names == panels | {"fig-4", "fig-5"}
     for name in names:
         assert f'id="figure-{name}"' in page
 

@@ -1,1 +1,0 @@
-"""percept against general samplers: run time, error, effective draws, whole commands."""
