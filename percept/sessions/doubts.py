@@ -5,16 +5,15 @@ from __future__ import annotations
 import json
 import re
 import unicodedata
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from percept.errors import counted
-from percept.sessions.ends import by_environment
+from percept.sessions.merged import by_environment
 from percept.sessions.quantities import Quantity
 from percept.sessions.records import IDS, Factors, Notice, Places, clip, shown
 from percept.sessions.slips import slips
@@ -42,32 +41,23 @@ _HOMOGLYPHS = str.maketrans(
 )
 
 
-def doubtful_ids(table: pd.DataFrame, place: Places) -> Iterator[Notice]:
+def names(table: pd.DataFrame, places: Places) -> Iterator[Notice]:
     """Notice ids that look alike or like a missing value, with the first row of each."""
     for column in IDS:
-        firsts = table[column].drop_duplicates()
-        names = firsts.tolist()
-        rows = [_where(place(int(position))) for position in firsts.index]
-        written = [f"{_written(name)} ({row})" for name, row in zip(names, rows, strict=True)]
-        by_look: dict[str, list[str]] = {}
-        for name, text in zip(names, written, strict=True):
-            by_look.setdefault(_look(name), []).append(text)
+        alike: dict[str, list[str]] = {}
+        for row, name in table[column].drop_duplicates().items():
+            place = places(int(str(row)))
+            written = clip(name)
+            # Letters that look like Latin ones are written by their number.
+            quoted = repr(written) if name == name.translate(_HOMOGLYPHS) else ascii(written)
+            text = f"{quoted} ({place.get('file')}:{place.get('row')})"
+            alike.setdefault(_look(name), []).append(text)
             if is_missing(name):
                 yield Notice(f"{column} {text} is taken as a name: is it a missing value?")
-        for texts in by_look.values():
+        for texts in alike.values():
             if len(texts) > 1:
                 text = f"{column}s {', '.join(texts)} look alike and are kept apart"
                 yield Notice(f"{text}: if they are one, write them alike in the files")
-
-
-def _where(place: Any) -> str:
-    return f"{place['file']}:{place['row']}"
-
-
-def _written(name: str) -> str:
-    """Quote a name; letters that look like Latin ones are written by their number."""
-    clipped = clip(name)
-    return ascii(clipped) if name.translate(_HOMOGLYPHS) != name else repr(clipped)
 
 
 def _look(name: str) -> str:
@@ -80,33 +70,30 @@ def _look(name: str) -> str:
         return re.sub(r"(?<!\d)0+(?=\d)", "", joined)
 
 
-def doubtful_scales(references: pd.DataFrame, quantities: Iterable[Quantity]) -> Iterator[Notice]:
+def repeats_over_sessions(table: pd.DataFrame) -> Iterator[Notice]:
+    """Notice cells whose trials are from several sessions."""
+    counts = table.groupby(["subject", "environment"], sort=False)["session"].nunique()
+    several = int((counts > 1).sum())
+    if several:
+        yield Notice(
+            f"{several} of {counts.size} cells (a subject in an environment) have trials of several"
+            " sessions. All count as repeats: changes between sessions are part of the scatter of"
+            " trials"
+        )
+
+
+def scales(references: pd.DataFrame, quantities: Iterable[Quantity]) -> Iterator[Notice]:
     """Warn of quantities whose unit has no ratios; `references` has a column for each of them."""
     for quantity in quantities:
-        values = references[quantity.name].dropna().to_numpy(dtype=float)
-        if not (_LOGARITHMIC.fullmatch(quantity.unit.casefold()) and values.any()):
-            continue
         name = quantity.name
-        text = (
-            f"{quantity.label} in {quantity.unit} is a logarithm, so that ratios of its values mean"
-            f" nothing. Analyse its errors instead: give {name}_adj a column of adjusted −"
-            f' reference, set {name}_ref = 0 in [environments], family = "normal" in [inference]'
-            f" and scale = {{ {name} = 1.0 }} in [model]."
-        )
-        yield Notice(text, column=f"{name}_adj")
-
-
-def _single_trials(trials: Trials) -> Iterator[Notice]:
-    """Warn of references that differ on every trial."""
-    counts = trials.table["environment"].value_counts(sort=False)
-    single = int((counts == 1).sum())
-    if len(counts) > _MANY and single > len(counts) / 2:
-        text = (
-            f"{single} of {len(counts)} environments have one trial: the reference seems to differ"
-            " on every trial. Name a column of conditions, environment in [columns], and give each"
-            " condition one reference in [environments]."
-        )
-        yield Notice(text, column="environment")
+        if _LOGARITHMIC.fullmatch(quantity.unit.casefold()) and references[name].fillna(0).any():
+            text = (
+                f"{quantity.label} in {quantity.unit} is a logarithm, so that ratios of its values"
+                f" mean nothing. Analyse its errors instead: give {name}_adj a column of adjusted −"
+                f' reference, set {name}_ref = 0 in [environments], family = "normal" in'
+                f" [inference] and scale = {{ {name} = 1.0 }} in [model]."
+            )
+            yield Notice(text, column=f"{name}_adj")
 
 
 @dataclass(frozen=True)
@@ -138,15 +125,7 @@ def _slips(trials: Trials) -> Iterator[Notice]:
         yield Notice(f"{counted(len(found) - _MOST_SLIPS, 'more value')} may be mistyped")
 
 
-def _of_quantities(trials: Trials) -> Iterator[Notice]:
-    """Look at the adjustments of each quantity."""
-    for quantity in trials.quantities:
-        yield from _without_logarithm(trials, quantity.name)
-        yield from _at_a_limit(trials, quantity.name)
-        yield from _never_moved(trials.table, quantity.name)
-
-
-def missing_codes(values: pd.Series[float]) -> list[float]:
+def _missing_codes(values: pd.Series[float]) -> list[float]:
     """Give the numbers, at either end of all values, that seem to stand for a missing one."""
     codes = []
     for code in (values.min(), values.max()):
@@ -162,17 +141,17 @@ def missing_codes(values: pd.Series[float]) -> list[float]:
 
 def _codes(trials: Trials) -> Iterator[Notice]:
     """Ask whether a number is a code for a missing value."""
-    table = trials.table
     for quantity in trials.quantities:
         column = f"{quantity.name}_adj"
-        for code in missing_codes(table[column].dropna()):
-            rows = table.index[table[column] == code]
+        values = trials.table[column].dropna()
+        for code in _missing_codes(values):
+            rows = values.index[values == code]
             limit = f"below = {code + 0.5!r}" if code < 0 else f"above = {code - 0.5!r}"
-            rule = f'{{ column = "{column}", {limit}, why = "missing" }}'
             verb = "is" if len(rows) == 1 else "are"
             text = (
                 f"{counted(len(rows), 'value')} of {quantity.name} {verb} {code:g}: a code for a"
-                f" missing value? Then [sessions] exclude = [{rule}] leaves such rows out."
+                " missing value? Then [sessions] exclude ="
+                f' [{{ column = "{column}", {limit}, why = "missing" }}] leaves such rows out.'
             )
             yield Notice(text, column=column, **trials.place(rows[0]))
 
@@ -191,12 +170,123 @@ def _copies(trials: Trials) -> Iterator[Notice]:
         if first == subject:
             continue
         name = json.dumps(str(subject), ensure_ascii=False)
-        rule = f'{{ column = "subject", equals = {name}, why = "a copy" }}'
         text = (
             f"subjects {shown([first])} and {shown([str(subject)])} have the same {len(known)}"
-            f" settings: a copy? Then [sessions] exclude = [{rule}] leaves it out."
+            " settings: a copy? Then [sessions] exclude ="
+            f' [{{ column = "subject", equals = {name}, why = "a copy" }}] leaves it out.'
         )
         yield Notice(text, column="subject", **trials.place(rows.index.min()))
+
+
+def _single_trials(trials: Trials) -> Iterator[Notice]:
+    """Warn of references that differ on every trial."""
+    counts = trials.table["environment"].value_counts(sort=False)
+    single = int((counts == 1).sum())
+    if len(counts) > _MANY and single > len(counts) / 2:
+        text = (
+            f"{single} of {len(counts)} environments have one trial: the reference seems to differ"
+            " on every trial. Name a column of conditions, environment in [columns], and give each"
+            " condition one reference in [environments]."
+        )
+        yield Notice(text, column="environment")
+
+
+def _of_quantities(trials: Trials) -> Iterator[Notice]:
+    """Look at the adjustments of each quantity."""
+    for quantity in trials.quantities:
+        yield from _without_logarithm(trials, quantity.name)
+        yield from _at_a_limit(trials, quantity.name)
+        yield from _never_moved(trials, quantity.name)
+
+
+def _without_logarithm(trials: Trials, parameter: str) -> Iterator[Notice]:
+    """Count zeros and negative values, and say which way out fits them."""
+    column = f"{parameter}_adj"
+    reference = f"{parameter}_ref"
+    known = trials.table.dropna(subset=column)
+    values = known[column]
+    low = known[values <= 0]
+    if low.empty or set(low[column]) <= set(_missing_codes(values)):
+        return
+    few = len(low) <= _FEW * len(known)
+    few_zeros = few and bool((low[column] == 0).all())
+    no_ratio = bool((low[reference] <= 0).any())
+    # The normal family takes zeros and negative values; only a few zeros are doubted there.
+    if trials.family != "lognormal" and (no_ratio or not few_zeros):
+        return
+    why = "no adjustment" if few_zeros else "slip of sign"
+    least = float(values[values > 0].min())
+    rule = f'[sessions] exclude = [{{ column = "{column}", below = {least!r}, why = "{why}" }}]'
+    if no_ratio:
+        way = (
+            'References of zero or below have no ratio: set family = "normal" in [inference] and'
+            " scale in [model]. If the zero of the scale is arbitrary, add one offset to"
+            f" {reference} and {column} in [columns]."
+        )
+    elif few_zeros:
+        way = (
+            f"If they are failed trials, {rule} leaves them out and logs"
+            f" them. If zero is an end of the control, limits = [0.0, inf] below"
+            f" [quantities.{parameter}] leaves them out and counts them. If people meant them,"
+            ' set family = "normal" in [inference].'
+        )
+    elif few:
+        way = (
+            f"If nobody meant that, {rule} leaves such trials out and logs"
+            ' them. If people meant it, set family = "normal" in [inference].'
+        )
+    else:
+        way = 'To leave out this many biases the rest: set family = "normal" in [inference].'
+    text = f"{_share(len(low), len(known), parameter)} zero or negative, here the first. {way}"
+    if not no_ratio:
+        text += f" There are {by_environment(known, values <= 0)}."
+    yield Notice(text, column=column, **trials.place(low.index[0]))
+
+
+def _share(count: int, total: int, parameter: str) -> str:
+    """Such as "2 values of k (20.0% of 10) are"."""
+    verb = "is" if count == 1 else "are"
+    return f"{counted(count, 'value')} of {parameter} ({count / total:.1%} of {total:,}) {verb}"
+
+
+def _at_a_limit(trials: Trials, parameter: str) -> Iterator[Notice]:
+    """Warn where many more values equal the largest or least than the one next to it."""
+    column = f"{parameter}_adj"
+    values = trials.table[column]
+    counts = values.value_counts().sort_index()
+    if len(counts) < 3:
+        return
+    for extreme, beside, which, way in ((-1, -2, "largest", "above"), (0, 1, "least", "below")):
+        count = int(counts.iloc[extreme])
+        value = float(counts.index[extreme])
+        many = count >= max(_ENOUGH, _FEW * counts.sum(), 3 * counts.iloc[beside])
+        # Zeros have a warning of their own.
+        if not many or value <= 0:
+            continue
+        limits = f"[-inf, {value:g}]" if way == "above" else f"[{value:g}, inf]"
+        text = (
+            f"{_share(count, counts.sum(), parameter)} the {which} of all, {value:g}: the limit of"
+            f" the control? There are {by_environment(trials.table, values == value)}. Such a value"
+            f" says only that the adjustment lies {way} it, and makes the spread too small."
+            f" [quantities.{parameter}] limits = {limits} leaves them out, counts them and logs"
+            " them."
+        )
+        first = values.index[values == value][0]
+        yield Notice(text, column=column, **trials.place(first))
+
+
+def _never_moved(trials: Trials, parameter: str) -> Iterator[Notice]:
+    """Name subjects who have several trials, and left the reference in all of them."""
+    column = f"{parameter}_adj"
+    known = trials.table.dropna(subset=column)
+    same = known[column] == known[f"{parameter}_ref"]
+    by_subject = same.groupby(known["subject"], sort=False).agg(["all", "size"])
+    still = by_subject.index[by_subject["all"] & (by_subject["size"] > 1)]
+    if len(still):
+        noun = "subject" if len(still) == 1 else "subjects"
+        who = f"{noun} {shown([str(name) for name in still])}"
+        text = f"{who} left {parameter} at the reference in every trial: was the setting recorded?"
+        yield Notice(text, column=column)
 
 
 def empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[tuple[str, str]]:
@@ -214,21 +304,19 @@ def empty_cells(table: pd.DataFrame, factors: Factors | None) -> Iterator[tuple[
     tuple of str
         Subject and environment.
     """
+    subjects = table.drop_duplicates("subject").set_index("subject")
+    environments = table.drop_duplicates("environment").set_index("environment")
+    by_subject = table.groupby("subject", sort=False)
+    groups = (
+        [name for name in factors.levels if (by_subject[name].nunique() == 1).all()]
+        if factors
+        else []
+    )
     tried = set(table.groupby(["subject", "environment"], sort=False).groups)
-    group_of: list[Mapping[Hashable, str]] = []
-    group_at: list[Mapping[Hashable, str]] = []
-    for column in factors.levels if factors else ():
-        own = table.groupby("subject", sort=False)[column]
-        if (own.nunique() == 1).all():
-            group_of.append(own.first().astype(str).to_dict())
-            cells = table.drop_duplicates("environment").set_index("environment")[column]
-            group_at.append(cells.astype(str).to_dict())
-    for subject, name in product(table["subject"].unique(), table["environment"].unique()):
-        meant = all(
-            of_subject[subject] == at[name]
-            for of_subject, at in zip(group_of, group_at, strict=True)
-        )
-        if meant and (subject, name) not in tried:
+    group_of = {name: tuple(own) for name, *own in subjects[groups].astype(str).itertuples()}
+    group_at = {name: tuple(own) for name, *own in environments[groups].astype(str).itertuples()}
+    for subject, name in product(group_of, group_at):
+        if group_of[subject] == group_at[name] and (subject, name) not in tried:
             yield subject, name
 
 
@@ -245,124 +333,31 @@ def _empty_cells(trials: Trials) -> Iterator[Notice]:
         yield Notice(f"{counted(len(lacking), 'cell')} {has} {what}: {shown(lacking)}")
 
 
-def _without_logarithm(trials: Trials, parameter: str) -> Iterator[Notice]:
-    """Count zeros and negative values, and say which way out fits them."""
-    column = f"{parameter}_adj"
-    reference = f"{parameter}_ref"
-    known = trials.table.dropna(subset=column)
-    low = known[known[column] <= 0]
-    if low.empty or set(low[column]) <= set(missing_codes(known[column])):
-        return
-    few = len(low) <= _FEW * len(known)
-    few_zeros = few and bool((low[column] == 0).all())
-    no_ratio = bool((low[reference] <= 0).any())
-    # The normal family takes zeros and negative values; only a few zeros are doubted there.
-    if trials.family != "lognormal" and (no_ratio or not few_zeros):
-        return
-    if no_ratio:
-        way = (
-            'References of zero or below have no ratio: set family = "normal" in [inference] and'
-            " scale in [model]. If the zero of the scale is arbitrary, add one offset to"
-            f" {reference} and {column} in [columns]."
-        )
-    elif few_zeros:
-        least = float(known.loc[known[column] > 0, column].min())
-        rule = f'{{ column = "{column}", below = {least!r}, why = "no adjustment" }}'
-        way = (
-            f"If they are failed trials, [sessions] exclude = [{rule}] leaves them out and logs"
-            f" them. If zero is an end of the control, limits = [0.0, inf] below"
-            f" [quantities.{parameter}] leaves them out and counts them. If people meant them,"
-            ' set family = "normal" in [inference].'
-        )
-    elif few:
-        least = float(known.loc[known[column] > 0, column].min())
-        rule = f'{{ column = "{column}", below = {least!r}, why = "slip of sign" }}'
-        way = (
-            f"If nobody meant that, [sessions] exclude = [{rule}] leaves such trials out and logs"
-            ' them. If people meant it, set family = "normal" in [inference].'
-        )
-    else:
-        way = 'To leave out this many biases the rest: set family = "normal" in [inference].'
-    text = f"{_share(len(low), len(known), parameter)} zero or negative, here the first. {way}"
-    if not no_ratio:
-        text += f" There are {by_environment(known, (known[column] <= 0).to_numpy())}."
-    yield Notice(text, column=column, **trials.place(low.index[0]))
-
-
-def _share(count: int, total: int, parameter: str) -> str:
-    """Such as "2 values of k (20.0% of 10) are"."""
-    verb = "is" if count == 1 else "are"
-    return f"{counted(count, 'value')} of {parameter} ({count / total:.1%} of {total:,}) {verb}"
-
-
-def _at_a_limit(trials: Trials, parameter: str) -> Iterator[Notice]:
-    """Warn where many more values equal the largest or least than the one next to it."""
-    table = trials.table
-    column = f"{parameter}_adj"
-    counts = table[column].value_counts().sort_index()
-    if len(counts) < 3:
-        return
-    total = int(counts.sum())
-    for extreme, beside, which, way in ((-1, -2, "largest", "above"), (0, 1, "least", "below")):
-        count = int(counts.iloc[extreme])
-        value = float(counts.index[extreme])
-        many = count >= max(_ENOUGH, _FEW * total, 3 * counts.iloc[beside])
-        # Zeros have a warning of their own.
-        if not many or value <= 0:
-            continue
-        limits = f"[-inf, {value:g}]" if way == "above" else f"[{value:g}, inf]"
-        there = by_environment(table, (table[column] == value).to_numpy())
-        text = (
-            f"{_share(count, total, parameter)} the {which} of all, {value:g}: the limit of the"
-            f" control? There are {there}. Such a value says only that the adjustment lies {way}"
-            f" it, and makes the spread too small. [quantities.{parameter}] limits ="
-            f" {limits} leaves them out, counts them and logs them."
-        )
-        first = table.index[table[column] == value][0]
-        yield Notice(text, column=column, **trials.place(first))
-
-
-def _never_moved(table: pd.DataFrame, parameter: str) -> Iterator[Notice]:
-    """Name subjects who have several trials, and left the reference in all of them."""
-    column = f"{parameter}_adj"
-    known = table.dropna(subset=column)
-    same = known[column] == known[f"{parameter}_ref"]
-    by_subject = same.groupby(known["subject"], sort=False).agg(["all", "size"])
-    still = by_subject.index[by_subject["all"] & (by_subject["size"] > 1)]
-    if len(still):
-        noun = "subject" if len(still) == 1 else "subjects"
-        who = f"{noun} {shown([str(name) for name in still])}"
-        text = f"{who} left {parameter} at the reference in every trial: was the setting recorded?"
-        yield Notice(text, column=column)
-
-
 def _pooled(trials: Trials) -> Iterator[Notice]:
-    """Say what becomes of groups that the analysis does not tell apart."""
+    """Say how groups that the analysis does not tell apart are analysed."""
     for column in trials.pooled:
-        yield from _pooled_by(trials.table, column)
-
-
-def _pooled_by(table: pd.DataFrame, column: str) -> Iterator[Notice]:
-    """Say how the groups of a column are analysed, where there are several."""
-    levels = table.groupby(column, sort=False)["subject"].nunique()
-    if len(levels) < 2:
-        return
-    sizes = ", ".join(
-        f"{shown([str(name)])} {counted(int(n), 'subject')}" for name, n in levels.items()
-    )
-    text = f"{len(levels)} groups ({sizes}) are pooled: "
-    if (table.groupby("subject", sort=False)[column].nunique() > 1).any():
-        text += "a subject's trials of every group count as repeats of one another. "
-        text += f'[study] factor = "{column}" contrasts them.'
-    else:
-        text += "every interval is of all groups together. "
-        if len(levels) == 2:
-            text += f'"percept compare FILE --by {column}" compares them.'
+        levels = trials.table.groupby(column, sort=False)["subject"].nunique()
+        if len(levels) < 2:
+            continue
+        sizes = ", ".join(
+            f"{shown([str(name)])} {counted(int(n), 'subject')}" for name, n in levels.items()
+        )
+        text = f"{len(levels)} groups ({sizes}) are pooled: "
+        compare = f'"percept compare FILE --by {column}" compares'
+        if (trials.table.groupby("subject", sort=False)[column].nunique() > 1).any():
+            text += (
+                "a subject's trials of every group count as repeats of one another."
+                f' [study] factor = "{column}" contrasts them.'
+            )
+        elif len(levels) == 2:
+            text += f"every interval is of all groups together. {compare} them."
         else:
             two = ", ".join(f'"{name}"' for name in levels.index[:2])
-            text += f'"percept compare FILE --by {column}" compares two of them, which [sessions]'
-            text += f" only = {{ {column} = [{two}] }} keeps."
-    yield Notice(text, column=column)
+            text += (
+                f"every interval is of all groups together. {compare} two of them, which [sessions]"
+                f" only = {{ {column} = [{two}] }} keeps."
+            )
+        yield Notice(text, column=column)
 
 
 _CHECKS: tuple[Callable[[Trials], Iterator[Notice]], ...] = (

@@ -129,6 +129,11 @@ class ColumnRule(Table):
     scale: Number = 1.0
     response: Literal["ratio", "difference", "log"] | None = None
 
+    @property
+    def has_known_unit(self) -> bool:
+        """Whether the scene says the unit, or the numbers have none."""
+        return self.unit is not None or self.response in ("ratio", "log")
+
     @model_validator(mode="after")
     def _units_of_the_quantity(self) -> Self:
         if self.response in ("ratio", "log") and self.unit is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,8 +15,9 @@ import numpy as np
 import pandas as pd
 
 from percept.errors import UsageError, counted
-from percept.sessions import checks, doubts
-from percept.sessions.ends import without_ends
+from percept.sessions import doubts
+from percept.sessions.checks import TRIAL, check_summary, check_units, refuse_repeats
+from percept.sessions.merged import count_grid, make_absolute, settle_references, without_ends
 from percept.sessions.options import DataTables, ReadOptions
 from percept.sessions.quantities import Quantities, trial_columns
 from percept.sessions.records import (
@@ -30,7 +31,6 @@ from percept.sessions.records import (
     Source,
     once_per_kind,
 )
-from percept.sessions.responses import complete_responses
 from percept.sessions.slips import Slip, slips
 from percept.sessions.summary import read_summary
 from percept.sessions.tables import Log, OpenFile, open_files, open_frame
@@ -129,7 +129,7 @@ class Sessions:
     def environments(self) -> tuple[str, ...]:
         """Environment ids as the scene lists them, then by their references."""
         listed = self.options.environments if self.factors is None else self.factors.cells
-        return checks.in_order(self._references, listed)
+        return _in_order(self._references, listed)
 
     @property
     def _references(self) -> pd.DataFrame:
@@ -160,7 +160,7 @@ class Sessions:
     def warnings(self) -> tuple[Notice, ...]:
         """What to look at before believing the study."""
         quantities = [self.quantities[p] for p in self.parameters]
-        scales = doubts.doubtful_scales(self._references, quantities)
+        scales = doubts.scales(self._references, quantities)
         if self.form != "trials":
             return tuple(scales)
         trials = doubts.Trials(
@@ -257,7 +257,7 @@ def read_sessions(
 def _merged(options: ReadOptions, opened: _Opened, paths: Sequence[str] = ()) -> Sessions:
     """Merge the files by column name and check them together."""
     log = Log(options, paths)
-    frames: list[pd.DataFrame] = []
+    frames = []
     first_of_form: dict[str, str] = {}
     for file in opened(log):
         with log.problems.collecting():
@@ -265,15 +265,15 @@ def _merged(options: ReadOptions, opened: _Opened, paths: Sequence[str] = ()) ->
             first_of_form.setdefault(form, file.name)
             frame = read_summary(file) if form == "summary" else read_trials(file)
             frames.append(frame.assign(file=len(log.sources)))
-    if len(first_of_form) > 1:
+    form, *others = first_of_form or [""]
+    if others:
         message = "trials and a published summary cannot be read together."
-        name = list(first_of_form.values())[1]
+        name = first_of_form[others[0]]
         log.problems.add(message, file=name, hint="Read them one by one.")
     _refuse_nothing(log, frames)
     merged = pd.concat(frames, ignore_index=True)
-    summary = "summary" in first_of_form
-    if summary:
-        checks.check_summary(merged, log)
+    if form == "summary":
+        check_summary(merged, log)
         log.problems.raise_if_any()
         log.counts["observations"] = len(merged)
         tidy = merged[list(SUMMARY_COLUMNS)].astype({"n": np.int64})
@@ -282,7 +282,7 @@ def _merged(options: ReadOptions, opened: _Opened, paths: Sequence[str] = ()) ->
         tidy = _laid_out(options, merged)
     return Sessions(
         table=tidy,
-        form="summary" if summary else "trials",
+        form="summary" if form == "summary" else "trials",
         sources=tuple(log.sources),
         notices=once_per_kind(log.notices),
         exclusions=tuple(log.exclusions),
@@ -323,40 +323,46 @@ def _refuse_nothing(log: Log, frames: Sequence[pd.DataFrame]) -> None:
             log.notices.append(Notice("[environments] names it, but no row has it", column=name))
 
 
-def _checked_trials(log: Log, merged: pd.DataFrame, opened: _Opened) -> pd.DataFrame:
+def _checked_trials(log: Log, table: pd.DataFrame, opened: _Opened) -> pd.DataFrame:
     """Settle the references of all trials, and check them as a whole."""
     options = log.options
     parameters = [p for p in options.quantities if p in log.parameters]
     quantities = [options.quantities[p] for p in parameters]
-    checks.settle_references(merged, parameters, log)
-    complete_responses(merged, parameters, log)
-    merged = without_ends(merged, quantities, log)
+    settle_references(table, parameters, log)
+    make_absolute(table, parameters, log)
+    table = without_ends(table, quantities, log)
     if options.sessions.trial == "order":
-        merged["trial"] = merged.groupby(list(IDS), sort=False).cumcount() + 1
-    split = [name for name in options.split if name in merged]
-    cell = list(dict.fromkeys((*checks.TRIAL, *split)))
-    if merged.duplicated(cell).any():
-        checks.refuse_repeats(merged, cell, log, _telling_columns(log, opened))
-    checks.check_plausible(merged, quantities, log)
+        table["trial"] = table.groupby(list(IDS), sort=False).cumcount() + 1
+    cell = [*TRIAL, *(name for name in options.split if name in table and name not in TRIAL)]
+    if table.duplicated(cell).any():
+        refuse_repeats(table, cell, log, _telling_columns(log, opened))
+    check_units(table, quantities, log)
     log.problems.raise_if_any()
     log.notices += log.names.notices()
-    log.notices += doubts.doubtful_ids(merged, log.places(merged))
-    log.notices += checks.repeats_over_sessions(merged)
-    log.counts.update(checks.count_grid(merged))
-    for p in parameters:
-        log.counts[f"rows without {p}"] = int(merged[f"{p}_adj"].isna().sum())
-    return merged
+    log.notices += doubts.names(table, log.places(table))
+    log.notices += doubts.repeats_over_sessions(table)
+    log.counts.update(count_grid(table, parameters))
+    return table
 
 
-def _laid_out(options: ReadOptions, merged: pd.DataFrame) -> pd.DataFrame:
+def _laid_out(options: ReadOptions, table: pd.DataFrame) -> pd.DataFrame:
     """Order the columns: those of trials, groups, and a mass."""
     columns = list(trial_columns(options.quantities))
-    groups = [str(name) for name in merged if name not in (*columns, MASS, "row", "file")]
-    if MASS in merged:
+    groups = [str(name) for name in table if name not in (*columns, MASS, "row", "file")]
+    if MASS in table:
         columns.append(MASS)
     # A file that lacks a group column leaves blanks, never the text "nan".
-    blank = {group: merged[group].fillna("").astype("str") for group in groups}
-    return merged[[*columns, *groups]].assign(**blank)
+    blank = {group: table[group].fillna("").astype("str") for group in groups}
+    return table[[*columns, *groups]].assign(**blank)
+
+
+def _in_order(references: pd.DataFrame, listed: Iterable[str]) -> tuple[str, ...]:
+    """Order environments as the scene lists them, and the rest by references."""
+    ranks = {name: rank for rank, name in enumerate(listed)}
+    rank = [ranks.get(str(name), len(ranks)) for name in references.index]
+    ranked = references.assign(_rank=rank)
+    by = ["_rank", *references.columns]
+    return tuple(str(name) for name in ranked.sort_values(by, kind="stable").index)
 
 
 def _telling_columns(log: Log, opened: _Opened) -> list[str]:
@@ -368,7 +374,7 @@ def _telling_columns(log: Log, opened: _Opened) -> list[str]:
         merged = pd.concat([read_trials(file) for file in files])
         for name in merged.columns.intersection(log.unused):
             levels = merged[name].nunique()
-            if levels <= _MOST_LEVELS and not merged.duplicated([*checks.TRIAL, name]).any():
+            if levels <= _MOST_LEVELS and not merged.duplicated([*TRIAL, name]).any():
                 telling[name] = levels
     return sorted(telling, key=lambda name: telling[name])
 

@@ -217,7 +217,7 @@ def _open(grid: Grid, ids: Mapping[str, str], log: Log) -> OpenFile:
             raise
         log.numbered |= found.is_numbered
         log.parameters |= {p for p in log.options.quantities if f"{p}_adj" in found.rules}
-        log.declared_units |= {c for c, rule in found.rules.items() if rule.unit is not None}
+        log.declared_units |= {c for c, rule in found.rules.items() if rule.has_known_unit}
     for text in found.announced:
         file.notice(text)
     for column in sorted(ids.keys() & found.rules.keys()):
