@@ -29,7 +29,7 @@ test: lint  ## lint, types and the whole test suite
 
 evidence: $(STAMP)  ## tests that take minutes: refits, kills, sweeps; their page in reports/evidence
 	@$(BIN)/python -m tests.evidence --workers $(JOBS) --out reports/evidence
-	@$(BIN)/python -m reports.evidence --out reports/evidence
+	@$(BIN)/python -m reports loop --out reports/evidence
 
 test-page: $(STAMP) build/node_modules/axe-core  ## the report's page in a headless Chromium
 	@$(BIN)/python -m pytest -m page tests/page -q -rs
@@ -67,7 +67,7 @@ lint: $(STAMP)  ## ruff (with docstring rules) and strict types
 	@$(BIN)/mypy --num-workers $(JOBS)
 
 reproduce: $(STAMP)  ## the paper claim by claim, and print the page's path
-	@$(BIN)/python -m reports.hbfd --out build/reproduction
+	@$(BIN)/python -m reports hbfd --out build/reproduction
 
 # Pages name the commit they are made from: make them in a clean tree, and commit them alone.
 reports: reproduced digits bench coverage calibrate evidence  ## every page of reports/ (hours; each target alone resumes)
@@ -76,28 +76,26 @@ reports: reproduced digits bench coverage calibrate evidence  ## every page of r
 reproduced: $(STAMP)  ## the example page and the paper of reports/ (minutes)
 	@$(MAKE) --no-print-directory report
 	@cp build/hbfd/report.html reports/example/report.html
-	@$(BIN)/python -m reports.hbfd --out reports/hbfd --quiet
+	@$(BIN)/python -m reports hbfd --out reports/hbfd
 	@$(BIN)/python -m tests.page.screenshots
 
-digits: $(STAMP)  ## digits kept, and what skipping saves, in reports/benchmark (minutes)
-	@for part in digits skipping; do \
-	    $(BIN)/python -m reports.benchmark $$part --out reports/benchmark || exit 1; \
-	done
+digits: $(STAMP)  ## digits kept, and what whole commands cost and skip, in reports/benchmark (half an hour)
+	@$(BIN)/python -m reports digits --out reports/benchmark
+	@$(BIN)/python -m reports commands --scale --out reports/benchmark
 
-bench: $(STAMP)  ## run time against error of reports/benchmark, next to other samplers (hours; extra peers)
-	@for part in commands peers designs; do \
-	    $(BIN)/python -m reports.benchmark $$part --out reports/benchmark || exit 1; \
-	done
+bench: $(STAMP)  ## run time against error, and fits of many designs, next to other samplers (hours; extra peers)
+	@$(BIN)/python -m reports samplers --out reports/benchmark
+	@$(BIN)/python -m reports designs --nutpie --out reports/benchmark
 
 coverage: $(STAMP)  ## real coverage of every interval in reports/coverage (hours); it resumes
 	@$(BIN)/percept calibrate datasets/hbfd_sessions.csv --scene datasets/hbfd.toml --subjects 10 3 30 \
 	    --truth lognormal normal --studies 300 --classical 1000 --workers $(JOBS) --out reports/coverage --quiet
-	@$(BIN)/python -m reports.coverage --out reports/coverage/verdicts
-	@$(BIN)/python -m reports.equivalence --out reports/equivalence
+	@$(BIN)/python -m reports verdicts --out reports/coverage/verdicts
+	@$(BIN)/python -m reports equivalence --out reports/equivalence
 
 calibrate: $(STAMP)  ## simulation-based calibration, 300 fits of each design (hours); it resumes
 	@for part in sbc factors; do \
-	    $(BIN)/python -m reports.calibration $$part --workers $(JOBS) --out reports/calibration || exit 1; \
+	    $(BIN)/python -m reports $$part --workers $(JOBS) --out reports/calibration || exit 1; \
 	done
 
 docs: $(STAMP)  ## the documentation as a site in build/docs

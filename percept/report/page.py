@@ -1,4 +1,4 @@
-"""Pages that need nothing else: the report's from its results, and others in its style."""
+"""The report's page from its results: it needs nothing else."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import base64
 import dataclasses
 import hashlib
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from jinja2 import FunctionLoader, StrictUndefined
 from jinja2.sandbox import SandboxedEnvironment
@@ -16,7 +16,7 @@ from markupsafe import Markup, escape
 
 from percept.errors import capitalised
 from percept.provenance import commit_of_code
-from percept.report.numbers import digits_of, number, percentage, rounded
+from percept.report.numbers import digits_of, number, percentage
 from percept.report.sections import build_sections
 from percept.report.select import gives_means, listed, makes_impedance, title_of, words_of
 from percept.results import Findings, Results
@@ -24,7 +24,7 @@ from percept.results import Findings, Results
 if TYPE_CHECKING:
     from percept.report.figures.canvas import Drawing
 
-__all__ = ["Places", "render_page", "render_standalone"]
+__all__ = ["Places", "render_page"]
 
 _PACKAGE = "percept.report"
 #: What stands on a page where there is no number.
@@ -51,7 +51,7 @@ def render_page(
         )
 
     script = _asset(_PACKAGE, "page.js")
-    environment = _environment(_PACKAGE)
+    environment = _environment()
     environment.filters["symbols"] = _symbols
     environment.filters["listed"] = listed
     environment.filters["percentage"] = percentage
@@ -76,37 +76,12 @@ def render_page(
     )
 
 
-def render_standalone(
-    package: str,
-    template: str,
-    plots: Mapping[str, Drawing],
-    *,
-    digits: int,
-    symbols: Callable[[str], str] = str,
-    styles: Iterable[str] = (),
-    **values: Any,
-) -> str:
-    """Render a package's template, which may use the report's; numbers are exact in `value`."""
-
-    def written(value: float | str | None, digits: int = digits) -> Markup:
-        if value is None:
-            return _NO_NUMBER
-        return Markup('<data value="{}">{}</data>').format(value, rounded(float(value), digits))
-
-    environment = _environment(package, _PACKAGE)
-    environment.filters["symbols"] = symbols
-    style = _asset(_PACKAGE, "page.css") + Markup("").join(_asset(package, name) for name in styles)
-    return environment.get_template(template).render(
-        plots=plots, n=written, style=style, policy=_policy(), **values
-    )
-
-
-def _environment(*packages: str) -> SandboxedEnvironment:
-    """Return the templates of packages, looked for in this order; all are percept's own."""
+def _environment() -> SandboxedEnvironment:
+    """Return percept's own templates."""
 
     def load(name: str) -> str | None:
-        files = (resources.files(package).joinpath("templates", name) for package in packages)
-        return next((file.read_text(encoding="utf-8") for file in files if file.is_file()), None)
+        file = resources.files(_PACKAGE).joinpath("templates", name)
+        return file.read_text(encoding="utf-8") if file.is_file() else None
 
     environment = SandboxedEnvironment(
         loader=FunctionLoader(load),

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from fractions import Fraction
-from typing import Annotated, Any, TypeAlias
+from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,16 @@ from percept.inference.model.linear_posterior import plain_model
 from percept.inference.model.statistics import from_trials
 from reports.benchmark import twins as twin
 from reports.benchmark.twins import Levels, Number
+from reports.page import Page
 
 Array: TypeAlias = NDArray[np.float64]
 
+_INTRODUCTION = """\
+The worst case of one quantity at one point, against exact arithmetic or 120 digits. What varies
+are data sets; subjects; variances in squared units of the response; 1 − correlation; an offset of
+all responses; floor(log10(ωT)), which is 1 at Nyquist. `digits` are decimal, at most 16: of the
+value, for log p of 1 + abs(log p), for haptics beyond what the formula's condition costs.
+`over promise` is the worst error over the promised one."""
 _MOST_DIGITS = 16.0  # A double has no more
 
 
@@ -27,22 +35,12 @@ _MOST_DIGITS = 16.0  # A double has no more
 class Digits:
     """The worst case of one quantity at one point, against exact arithmetic or 120 digits."""
 
-    quantity: Annotated[str, "What percept computes."]
-    along: Annotated[
-        str,
-        "What varies: data sets; subjects; variances in squared units of the response; 1 −"
-        " correlation; an offset of all responses; floor(log10(ωT)), which is 1 at Nyquist.",
-    ]
-    at: Annotated[str | float, "Its value."]
-    cases: Annotated[int, "Comparisons."]
-    digits: Annotated[
-        float,
-        "Decimal digits percept keeps in the worst case, at most 16: of the value, for log p of "
-        "1 + abs(log p), for haptics beyond what the formula's condition costs.",
-    ]
-    over_promise: Annotated[
-        float, "Worst error over the promised one: the promise is kept up to 1."
-    ]
+    quantity: str
+    along: str  # What varies
+    at: str | float  # Its value
+    cases: int
+    digits: float  # Kept in the worst case
+    over_promise: float  # Worst error over the promised one: the promise is kept up to 1
 
 
 def digits_of(error: float) -> float:
@@ -266,3 +264,26 @@ def _density_error(computed: float, exact: Number) -> float:
     if not math.isfinite(computed):
         return math.inf
     return float(abs(computed - exact) / (1 + abs(exact)))
+
+
+def page(out: Path, *, cases: int = 2000) -> Page:
+    """Count the digits that means, SDs, the density and the haptics formulas keep.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of the page.
+    cases : int
+        Sets of parameters of the haptics formulas.
+
+    Returns
+    -------
+    Page
+    """
+    from reports.benchmark.digits_haptics import haptics_digits
+
+    rows = [*moment_digits(), *density_digits(), *haptics_digits(cases)]
+    page = Page("Digits", _INTRODUCTION, right=max(row.over_promise for row in rows) <= 1.0)
+    heads = ["quantity", "along", "at", "cases", "digits", "over promise"]
+    page.table(heads, [astuple(row) for row in rows])
+    return page

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
@@ -14,10 +14,8 @@ from scipy import stats
 
 from percept.checkpoint import Line, plan_digest
 from percept.errors import RefusalError
-from percept.inference.sampling.gate import Run
-from percept.provenance import markdown_table
 from percept.workers import Mapper, in_process
-from reports.store import store
+from reports.page import store
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -150,18 +148,23 @@ class Calibration:
 
     kind: str  # Of study, or the wrong model it is fitted by
     fits: int
-    failed: int
-    reasons: tuple[str, ...]  # Why, each reason once
-    error: float  # Probability of any quantity leaving its band if all is right, at most
+    reasons: tuple[str, ...]  # Why fits failed
     tail: float  # The band's tail probability at one edge
-    lower: tuple[int, ...]  # Of the band, at each edge
-    upper: tuple[int, ...]
-    quantities: tuple[Uniformity, ...]  # Scales, correlations, locations, distribution functions
+    quantities: tuple[Uniformity, ...]  # Scales, correlations, distribution functions
 
     @property
-    def outside(self) -> tuple[str, ...]:
+    def outside(self) -> list[str]:
         """Quantities outside the band."""
-        return tuple(judged.quantity for judged in self.quantities if not judged.inside)
+        return [judged.quantity for judged in self.quantities if not judged.inside]
+
+    @property
+    def row(self) -> list[object]:
+        """What a table says of it."""
+        counts = [self.fits, len(self.reasons), len(self.quantities), len(self.outside)]
+        if not self.quantities:
+            return [self.kind, *counts, "", "", self.tail]
+        worst = min(self.quantities, key=lambda judged: judged.least_tail)
+        return [self.kind, *counts, worst.quantity, worst.least_tail, self.tail]
 
 
 def judge_places(kind: str, bins: int, lines: Sequence[Line]) -> Calibration:
@@ -172,17 +175,7 @@ def judge_places(kind: str, bins: int, lines: Sequence[Line]) -> Calibration:
     # The error is shared among the quantities.
     band = ecdf_band(len(values), bins, ERROR / max(len(names), 1))
     judged = [band.judge(name, np.array([each[name] for each in values])) for name in names]
-    return Calibration(
-        kind=kind,
-        fits=len(lines),
-        failed=len(reasons),
-        reasons=tuple(dict.fromkeys(reasons)),
-        error=ERROR,
-        tail=band.tail,
-        lower=tuple(band.lower.tolist()),
-        upper=tuple(band.upper.tolist()),
-        quantities=tuple(judged),
-    )
+    return Calibration(kind, len(lines), tuple(reasons), band.tail, tuple(judged))
 
 
 def placed(place: Place, plan: Plan, index: int) -> Line:
@@ -191,19 +184,6 @@ def placed(place: Place, plan: Plan, index: int) -> Line:
         return {"reason": "", "values": place(plan, index)}
     except RefusalError as refusal:
         return {"reason": str(refusal), "values": {}}
-
-
-def passed(run: Run) -> Run:
-    """Refuse a run that the gate withholds."""
-    if not run.gate.passed:
-        raise RefusalError(" ".join(run.gate.reasons))
-    return run
-
-
-def ranks(draws: Array, true: Array) -> Array:
-    """Return the place of every true value (Q,) among its draws (S, …), between 0 and 1."""
-    below = (draws.reshape(len(draws), -1) < true).sum(axis=0)
-    return np.asarray((below + 0.5) / (len(draws) + 1))
 
 
 def calibrate(
@@ -236,20 +216,3 @@ def calibrate(
     study = functools.partial(placed, place, plan)
     lines = kept.complete(study, fits, mapper=mapper, progress=progress)
     return judge_places(plan.name, plan.bins, lines)
-
-
-def verdict_table(calibrations: Iterable[Calibration]) -> str:
-    """Write verdicts as a table in Markdown."""
-    heads = ["design", "fits", "failed", "quantities", "outside", "farthest", "tail", "band"]
-    rows = []
-    for calibration in calibrations:
-        farthest = ""
-        tail = ""
-        quantities = calibration.quantities
-        if quantities:
-            worst = min(quantities, key=lambda judged: judged.least_tail)
-            farthest = worst.quantity
-            tail = f"{worst.least_tail:.2g}"
-        counts = [calibration.fits, calibration.failed, len(quantities), len(calibration.outside)]
-        rows.append([calibration.kind, *counts, farthest, tail, f"{calibration.tail:.2g}"])
-    return markdown_table(heads, rows)

@@ -8,6 +8,7 @@ says how often what is called renderable grows, and how near to its limit a loop
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -27,6 +28,7 @@ from percept.haptics import (
     required_damping,
 )
 from percept.haptics.rendering import Rendering
+from reports.page import Page
 
 Array: TypeAlias = NDArray[np.float64]
 #: Numerator and denominator in powers of z⁻¹.
@@ -46,24 +48,12 @@ WITH_SPRING = 1.25
 #: Reactance zeros of the hands that are tuned to Nyquist and its aliases.
 ZEROS = (8, 10)
 RANDOM_HANDS = 60
-PAGE = """# Loops in time
-
+_INTRODUCTION = """\
 A device with a hand renders an environment directly or through a coupling, or a coupling with a
 rigid wall behind it. Devices have up to two flexible modes; some environments have a mass, some
 loops a delay of whole samples or of a fraction, some a velocity filter. Motion is exact between
 samples, by the matrix exponential. Whether a hand makes it grow is read off the eigenvalues of one
 sample's step. All loops are simulated, and scaled to a part of the limit that `can_render` states.
-
-| part of the limit | loops | hands | some hand makes the motion grow |
-|---|---|---|---|
-| .999 | {scenes} | {hands} random ones, and those its worst frequency suggests | {below} |
-| 1.05 | {scenes} | those its worst frequency suggests | {above} |
-| 1.25, without modes, mass, filter and delay | {walls} | a spring tuned to Nyquist | {spring} |
-| 1.05, without them | {walls} | hands of eight or ten reactance zeros at (2j + 1)π/T | {resonant} |
-
-At 1.05 of the limit, {eq10} of the couplings meet the paper's Eq. 10 for all that: it leaves out
-that sampled forces alias. The motion of {eq10_grew} of them grows.
-
 """
 
 
@@ -367,20 +357,44 @@ def not_tight(rng: np.random.Generator) -> tuple[bool, bool]:
     return spring, max(beyond.growth(hand) for hand in hands) <= 1
 
 
-def page(loops: int, walls: int) -> str:
-    """Draw loops, and as many plain ones as `walls`; count what grows."""
+def page(out: Path, *, scenes: int = 500, couplings: int = 200) -> Page:
+    """Draw loops, and as many plain ones as `couplings`; count what grows.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of the page.
+    scenes, couplings : int
+        Loops of any kind, and plain ones.
+
+    Returns
+    -------
+    Page
+    """
     rng = np.random.default_rng(2)
-    outcomes = [outcome(rng, RANDOM_HANDS) for _ in range(loops)]
-    plain_ones = [not_tight(rng) for _ in range(walls)]
+    outcomes = [outcome(rng, RANDOM_HANDS) for _ in range(scenes)]
+    plain_ones = [not_tight(rng) for _ in range(couplings)]
     eq10 = [one for one in outcomes if one.eq10_met]
-    return PAGE.format(
-        scenes=loops,
-        hands=RANDOM_HANDS,
-        below=sum(one.below for one in outcomes),
-        above=sum(one.above for one in outcomes),
-        walls=walls,
-        spring=sum(not spring for spring, _ in plain_ones),
-        resonant=sum(not resonant for _, resonant in plain_ones),
-        eq10=len(eq10),
-        eq10_grew=sum(one.above for one in eq10),
+    below = sum(one.below for one in outcomes)
+    above = sum(one.above for one in outcomes)
+    spring = sum(not spring for spring, _ in plain_ones)
+    resonant = sum(not resonant for _, resonant in plain_ones)
+    suggested = "those its worst frequency suggests"
+    tuned = "hands of eight or ten reactance zeros at (2j + 1)π/T"
+    page = Page("Loops in time", _INTRODUCTION.rstrip(), right=below == 0)
+    page.table(
+        ["part of the limit", "loops", "hands", "some hand makes the motion grow"],
+        [
+            [BELOW, scenes, f"{RANDOM_HANDS} random ones, and {suggested}", below],
+            [ABOVE, scenes, suggested, above],
+            [f"{WITH_SPRING}, plain", couplings, "a spring tuned to Nyquist", spring],
+            [f"{ABOVE}, plain", couplings, tuned, resonant],
+        ],
     )
+    page.add(
+        "Plain loops are without modes, mass, filter and delay. At"
+        f" {ABOVE} of the limit, {len(eq10)} of the couplings meet the paper's Eq. 10 for all that:"
+        " it leaves out that sampled forces alias. The motion of"
+        f" {sum(one.above for one in eq10)} of them grows."
+    )
+    return page

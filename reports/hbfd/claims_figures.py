@@ -13,6 +13,7 @@ from percept.haptics import (
     Device,
     Environment,
     Loop,
+    Mode,
     corner_curves,
     magnitude_envelope,
     required_damping_at,
@@ -42,7 +43,6 @@ from reports.hbfd.published import (
     evidence,
     undecided,
 )
-from reports.hbfd.squares import cells, felt_square, largest_ratio, share
 
 _MASSLESS_TOO = np.append(0.0, MASSES)
 _UNDAMPED_TOO = np.append(0.0, DAMPINGS)
@@ -139,14 +139,12 @@ def _extent(published: Published, panel: Panel) -> tuple[float, float]:
 
 def upper_above(published: Published) -> Evidence:
     """Judge whether the curve of the upper limits runs above that of the lower ones."""
-    device = published.device
-    period = published.period
     bottom, top = published.span
     cases = []
     first = {}
     for wall in published.walls:
-        crossings = corner_crossings(Loop(device, period), wall.stiffness, wall.damping)
-        at_low, at_high = corner_curves(Loop(device, period), bottom, wall.stiffness, wall.damping)
+        crossings = corner_crossings(published.loop, wall.stiffness, wall.damping)
+        at_low, at_high = corner_curves(published.loop, bottom, wall.stiffness, wall.damping)
         inside = (crossings > bottom) & (crossings < top)
         cases.append(bool(at_high >= at_low) and not inside.any())
         if crossings.size:
@@ -272,28 +270,23 @@ def window_suffices(published: Published) -> Evidence:
 
 def like_shapes(published: Published) -> Evidence:
     """Judge whether higher impedance means higher curves throughout, all four of a panel."""
-    period = published.period
     drawn = [wall for wall, _ in published.drawn]
     drawn.sort(key=lambda wall: wall.k)
-    squares = []
-    for wall in drawn:
-        squares.append(
-            felt_square(published.device, wall.environment, period, coupling=published.tuned)
-        )
-        for environment in (wall.environment, wall.lower, wall.upper):
-            squares.append(felt_square(published.device, environment, period))
-    edges, middles = cells(squares, *published.span, period)
-    lines = [curves(published, wall, middles) for wall in drawn]
-    ordered = np.ones(middles.size, dtype=bool)
-    for name in ("lower", "upper", "direct", "coupled"):
-        steps = np.diff([getattr(one, name) for one in lines], axis=0)
-        ordered &= (steps > 0).all(axis=0)
-    first_unordered = int(np.append(ordered, False).argmin())
+
+    def ordered(omega: Array) -> BoolArray:
+        lines = [curves(published, wall, omega) for wall in drawn]
+        in_order = np.ones(omega.size, dtype=bool)
+        for name in ("lower", "upper", "direct", "coupled"):
+            steps = np.diff([getattr(one, name) for one in lines], axis=0)
+            in_order &= (steps > 0).all(axis=0)
+        return in_order
+
+    in_order = ordered(published.omega())
     return evidence(
-        ordered,
+        in_order,
         names=[wall.name for wall in drawn],
-        fraction=share(edges, ordered),
-        until=float(edges[first_unordered]),
+        fraction=float(in_order.mean()),
+        until=largest(ordered, published.omega()) or 0.0,
     )
 
 
@@ -323,17 +316,22 @@ def four_lines(published: Published) -> Evidence:
 def resonance_ignored(published: Published) -> Evidence:
     """Judge whether resonances above 300 rad/s may be ignored below 100."""
     device = published.device
-    period = published.period
+    mass = float(device.mass)
+    flexible = Device(0.0, device.damping, (Mode(mass, mass * _RESONANCE**2, 0.0),))
     cases = []
     change = {}
     told = []
     most_at_ten = 0.0
     for wall, _ in published.drawn:
-        rigid = felt_square(device, wall.environment, period)
-        flexible = felt_square(device, wall.environment, period, resonance=_RESONANCE)
-        fraction = largest_ratio(rigid, flexible, *published.span, period) - 1
-        at_ten = largest_ratio(rigid, flexible, LOOKED_AT, LOOKED_AT, period) - 1
-        width = relative_width(wall, period)
+
+        def changed(omega: Array, wall: Wall = wall) -> float:
+            ratio = published.felt(omega, wall.environment, device=flexible)
+            ratio = ratio / published.felt(omega, wall.environment)
+            return float(np.maximum(ratio, 1 / ratio).max()) - 1
+
+        fraction = changed(published.omega())
+        at_ten = changed(_AT)
+        width = relative_width(wall, published.period)
         change[wall.name] = fraction
         told.append(f"{fraction:.1%} ({wall.name}, {width:.1%} wide)")
         most_at_ten = max(most_at_ten, at_ten)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from decimal import Decimal
-from itertools import pairwise
 
 import numpy as np
 from scipy import special
@@ -13,9 +12,8 @@ from scipy import special
 from percept.haptics import Coupling, Device, Environment, Loop
 from percept.haptics.envelope import Ellipse, magnitude_envelope_ellipse
 from percept.inference import Moments, bias, t_interval, tolerance_factor
-from reports.hbfd.devices import direct_inside, share_true
-from reports.hbfd.published import LOOKED_AT, Evidence, Published, evidence, undecided
-from reports.hbfd.squares import VARIABLE, Square, crossings, felt_square, tustin_rate
+from reports.hbfd.devices import BoolArray, direct_inside, largest, share_true
+from reports.hbfd.published import LOOKED_AT, Array, Evidence, Published, evidence, undecided
 
 _SHARE_CONFIDENCE = 0.95
 _ENOUGH_SUBJECTS = 30  # Section 3.1: this number of subjects is said to represent everybody
@@ -24,6 +22,7 @@ _CORRELATIONS = (-0.9, 0.0, 0.9)
 # hand.
 _TOUCH_HERTZ = (40.0, 250.0)
 _HEAVIEST = 100.0  # kg; no m_e above it is looked at
+_MASSES = 1001  # Tried up to there
 
 
 @dataclass(frozen=True)
@@ -223,30 +222,23 @@ def _moments_of(published: Published, row: int) -> tuple[Moments, Moments]:
 def mass_left_out(published: Published) -> Evidence:
     """Judge whether Fig. 7d follows from k_e and b_e, the mass m_e being left out."""
     wall, _ = published.drawn[1]
-    device = published.device
-    period = published.period
-    rate = tustin_rate(LOOKED_AT, period)
 
-    def square(environment: Environment, coupling: Coupling | None = None) -> Square:
-        return felt_square(device, environment, period, coupling=coupling, rate=rate, mass=VARIABLE)
+    def felt(environment: Environment, mass: Array, coupling: Coupling | None = None) -> Array:
+        with_mass = Environment(environment.stiffness, environment.damping, mass)
+        return published.felt(LOOKED_AT, with_mass, coupling=coupling)
 
-    direct = square(wall.environment)
-    coupled = square(wall.environment, published.tuned)
-    at_lower = square(wall.lower)
-    at_upper = square(wall.upper)
+    def as_drawn(mass: Array) -> BoolArray:
+        ends = [felt(wall.lower, mass), felt(wall.upper, mass)]
+        direct = felt(wall.environment, mass)
+        coupled = felt(wall.environment, mass, published.tuned)
+        low = np.minimum(*ends)
+        high = np.maximum(*ends)
+        inside = (low <= coupled) & (coupled < direct) & (direct <= high)
+        # Beyond the first mass with which it is otherwise, none counts.
+        return np.logical_and.accumulate(inside)
 
-    def as_drawn(mass: float) -> bool:
-        ends = sorted([at_lower.at(mass), at_upper.at(mass)])
-        return ends[0] <= coupled.at(mass) < direct.at(mass) <= ends[1]
-
-    cuts = crossings([direct, coupled, at_lower, at_upper], 0.0, _HEAVIEST)
-    edges = [0.0, *cuts.tolist(), _HEAVIEST]
-    until = 0.0
-    for low, high in pairwise(edges):
-        if not as_drawn((low + high) / 2):
-            break
-        until = high
-    return evidence([until > 0, until == _HEAVIEST], wall=wall, until=until)
+    until = largest(as_drawn, np.linspace(0.0, _HEAVIEST, _MASSES)) or 0.0
+    return evidence([until > 0, until == math.inf], wall=wall, until=min(until, _HEAVIEST))
 
 
 def perceivable_range(published: Published) -> Evidence:

@@ -1,4 +1,4 @@
-"""What depends on the device: readings of Fig. 7.
+"""The four curves of a panel of Fig. 7, where they are read, and with which devices.
 
 The mass and the damping of the device behind the figures were never published. So each reading is
 tried on a grid of devices that a hand can move.
@@ -13,15 +13,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.haptics import (
-    Device,
-    Environment,
-    Loop,
-    corner_curves,
-    environment_impedance,
-)
+from percept.haptics import Device, Environment, Loop, corner_curves, environment_impedance
 from reports.hbfd.published import LOOKED_AT, Array, Published, Wall
-from reports.hbfd.squares import cells, felt_square, share
 
 BoolArray: TypeAlias = NDArray[np.bool_]
 
@@ -32,7 +25,7 @@ DAMPINGS = np.geomspace(0.05, 50.0, 61)
 
 _POINTS = 9  # Of ω over a window, which is at most 13 % of its frequency wide
 _FINE = 201  # Of ω over a window where a share of it is counted, and of masses on the ridge
-_NARROW = 1e-12  # Relative width to which a limit is halved
+_HALVINGS = 60  # Of a step of a scale, down to the digits of a double
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +91,8 @@ def _both_below(lines: Curves) -> BoolArray:
 
 
 def _both_inside(lines: Curves) -> BoolArray:
-    above_lower = lines.lower <= lines.coupled
     below_upper = lines.direct <= lines.upper
-    return above_lower & (lines.coupled < lines.direct) & below_upper
+    return (lines.lower <= lines.coupled) & (lines.coupled < lines.direct) & below_upper
 
 
 def _either_side(lines: Curves) -> BoolArray:
@@ -152,14 +144,7 @@ def over_devices(published: Published, panel: Panel, mass: Array, damping: Array
 
 def share_true(published: Published, wall: Wall, reading: Reading) -> float:
     """Return the share of the perceivable range, on a log scale, over which a reading is true."""
-    period = published.period
-    device = published.device
-    # The four curves of a panel change places where two are equal.
-    squares = [felt_square(device, wall.environment, period, coupling=published.tuned)]
-    for environment in (wall.environment, wall.lower, wall.upper):
-        squares.append(felt_square(device, environment, period))
-    edges, middles = cells(squares, *published.span, period)
-    return share(edges, reading(curves(published, wall, middles)))
+    return float(reading(curves(published, wall, published.omega())).mean())
 
 
 def change_over_band(published: Published, panel: Panel, device: Device) -> Array:
@@ -181,37 +166,28 @@ def most_passed(published: Published, panel: Panel) -> tuple[float, Device]:
     That happens about an ω where the two boundaries cross, so only devices are tried whose
     boundaries cross in the window.
     """
-    start, end = panel.window
+    wall = panel.wall
+    window = np.array(panel.window)
     most = 0.0
     device_of_most = published.device
     for damping in (0.0, *DAMPINGS[::6].tolist()):
-        first = _mass_of_crossing(published, panel.wall, start, damping)
-        last = _mass_of_crossing(published, panel.wall, end, damping)
-        ridge = np.linspace(first, last, _FINE)
-        masses = np.clip(ridge, 0.0, MASSES[-1])
+        # |Z_h|² at the upper limits less that at the lower ones is linear in the mass.
+        gaps = []
+        for mass in (0.0, 1.0):
+            low, high = corner_curves(
+                Loop(Device(mass, damping), published.period), window, wall.stiffness, wall.damping
+            )
+            gaps.append(high**2 - low**2)
+        massless, with_one = gaps
+        first, last = massless / (massless - with_one)
+        masses = np.clip(np.linspace(first, last, _FINE), 0.0, MASSES[-1])
         devices = Device(masses, np.full_like(masses, damping))
-        ratios = change_over_band(published, panel, devices)
-        passed = (ratios > 1).mean(axis=-1)
+        passed = (change_over_band(published, panel, devices) > 1).mean(axis=-1)
         row = int(passed.argmax())
         if passed[row] > most:
             most = float(passed[row])
             device_of_most = Device(float(masses[row]), damping)
     return most, device_of_most
-
-
-def _mass_of_crossing(published: Published, wall: Wall, omega: float, damping: float) -> float:
-    """Return the device's mass, kg, with which the boundaries cross at ω; negative if none does."""
-
-    def gap(mass: float) -> float:
-        device = Device(mass, damping)
-        at_low, at_high = corner_curves(
-            Loop(device, published.period), omega, wall.stiffness, wall.damping
-        )
-        return float(at_high**2 - at_low**2)
-
-    # |Z_h|² at the upper limits less that at the lower ones is linear in the mass.
-    massless = gap(0.0)
-    return massless / (massless - gap(1.0))
 
 
 def relative_width(wall: Wall, period: float) -> float:
@@ -221,14 +197,13 @@ def relative_width(wall: Wall, period: float) -> float:
 
 def absolute_width(wall: Wall, period: float) -> float:
     """Return how far apart |Z_e| is at the upper and the lower limits, N·s/m."""
-    at_low = _magnitude(wall.lower, period)
-    at_high = _magnitude(wall.upper, period)
-    return abs(at_high - at_low)
+    return abs(_magnitude(wall.upper, period) - _magnitude(wall.lower, period))
 
 
 def _magnitude(environment: Environment, period: float) -> float:
-    z_e = environment_impedance(Loop(Device(0.0, 0.0), period), LOOKED_AT, environment)
-    return float(np.abs(z_e))
+    return float(
+        np.abs(environment_impedance(Loop(Device(0.0, 0.0), period), LOOKED_AT, environment))
+    )
 
 
 def largest(true_at: Callable[[Array], BoolArray], candidates: Array) -> float | None:
@@ -253,12 +228,11 @@ def largest(true_at: Callable[[Array], BoolArray], candidates: Array) -> float |
     last = int(true[-1])
     if last == candidates.size - 1:
         return float("inf")
-    low = float(candidates[last])
-    high = float(candidates[last + 1])
-    while high > low * (1 + _NARROW):
-        middle = float(np.sqrt(low * high))
+    low, high = candidates[[last, last + 1]].tolist()
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
         if true_at(np.array([middle]))[0]:
             low = middle
         else:
             high = middle
-    return low
+    return float(low)

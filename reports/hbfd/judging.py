@@ -54,7 +54,6 @@ class Claim:
     name: str  # Short, unique
     place: str  # Where in the paper
     quote: str  # The sentence, or the part of it that is judged, as printed
-    source: str  # The function or command that gives the numbers
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,6 @@ class Sentence:
     place: str
     quote: str
     finding: str
-    source: str
     condition: str = ""
     numbers: Sequence[tuple[str, str, str]] = ()  # Name, the value's key or path, and unit
 
@@ -153,7 +151,6 @@ def judge(published: Published, sentence: Sentence) -> Claim:
         sentence.name,
         sentence.place,
         sentence.quote,
-        sentence.source,
     )
 
 

@@ -36,6 +36,8 @@ Value: TypeAlias = Any
 THEORETICAL = Coupling(110e3, 100.0)
 #: Where Fig. 7 looks closely, rad/s.
 LOOKED_AT = 10.0
+#: Points of ω that count shares of the perceivable range to four digits.
+_DENSE = 100_001
 
 
 @dataclass(frozen=True)
@@ -178,7 +180,7 @@ class Published:
         """The perceivable range, rad/s."""
         return self.scene.frequency.lower, self.scene.frequency.upper
 
-    def omega(self, points: int = 241) -> Array:
+    def omega(self, points: int = _DENSE) -> Array:
         """Return ω over the perceivable range, rad/s, shape (points,), evenly on a log scale."""
         return np.geomspace(*self.span, points)
 

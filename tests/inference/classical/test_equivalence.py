@@ -11,7 +11,7 @@ from scipy import integrate, special, stats
 from percept.errors import RefusalError, UsageError
 from percept.inference.classical.equivalence import tost, tost_power
 from percept.inference.classical.moments import Moments
-from reports.equivalence.__main__ import SIZE, rates
+from reports.equivalence.rates import SIZE, rates
 
 #: PowerTOST 1.5 (Labes, Schütz and Lang), `sampleN.TOST(CV, theta0 = 0.95)`: the power of a 2 × 2
 #: crossover whose limits are 0.8 and 1.25, by Owen's Q.

@@ -4,14 +4,13 @@ page."""
 import numpy as np
 import pytest
 
-from reports.coverage.verdict_rates import (
+from reports.coverage.rates import (
     CLEAR,
     DECISION,
     PLACES,
     SIZES,
     bayesian_study,
     binomial_error,
-    by_wide_limits,
     edge_score,
     errors_of,
     kept_fits,
@@ -47,12 +46,6 @@ def test_more_subjects_leave_fewer_undecided(rates):
         assert undecided[0] > undecided[-1]
 
 
-@pytest.mark.evidence(reduced=True)
-def test_limits_that_widen_with_fewer_subjects_break_the_promise():
-    for n in SIZES:
-        assert part_rates(n, "at the edge", STUDIES, rule=by_wide_limits).real > MOST_WRONG
-
-
 @pytest.mark.evidence
 def test_magnitude_rates_are_near_the_promise_though_not_exact():
     studies = 400
@@ -63,7 +56,7 @@ def test_magnitude_rates_are_near_the_promise_though_not_exact():
 
 
 def test_bayesian_verdicts_keep_their_error_rates():
-    found = {n: errors_of(kept_fits(n, REPORT).read().values()) for n in SIZES}
+    found = {n: errors_of(list(kept_fits(n, REPORT).read().values())) for n in SIZES}
     for errors in found.values():
         assert errors.studies >= 50
         assert errors.within_promise()
@@ -71,9 +64,11 @@ def test_bayesian_verdicts_keep_their_error_rates():
     assert undecided == sorted(undecided, reverse=True)
 
 
-def test_bayesian_boundaries_that_widen_with_fewer_subjects_break_the_promise():
-    old = errors_of(kept_fits(5, REPORT).read().values(), rule="old")
-    assert not old.within_promise()
+def test_too_many_errors_break_the_promise():
+    verdicts = [{"inside": number > 10, "outcome": "feels real"} for number in range(100)]
+    # Eleven of 100 where five are allowed: 2.8 binomial errors too many, and of 300 4.8.
+    assert errors_of([{"verdicts": verdicts}]).within_promise()
+    assert not errors_of([{"verdicts": verdicts}] * 3).within_promise()
 
 
 @pytest.mark.evidence(reduced=True)
@@ -84,6 +79,5 @@ def test_committed_studies_come_out_again(n):
         again = bayesian_study(n, index)["verdicts"]
         for verdict, before in zip(again, kept[index]["verdicts"], strict=True):
             assert verdict["inside"] == before["inside"]
-            assert verdict["old"] == before["old"]
             # Other versions of libraries draw another posterior sample.
             assert np.isclose(verdict["probability"], before["probability"], atol=0.1)

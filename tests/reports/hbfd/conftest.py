@@ -1,11 +1,9 @@
-import json
 from dataclasses import replace
 from decimal import Decimal
-from types import SimpleNamespace
 
 import pytest
 
-from reports.hbfd.__main__ import main
+from reports.hbfd.judging import judge_all
 from reports.hbfd.published import Published, load_published
 
 
@@ -15,19 +13,9 @@ def published():
 
 
 @pytest.fixture(scope="session")
-def written(tmp_path_factory):
-    """The folder the command writes."""
-    folder = tmp_path_factory.mktemp("reproduction") / "out"
-    assert main(["--out", str(folder), "--quiet"]) == 0
-    return folder
-
-
-@pytest.fixture(scope="session")
-def claims(written):
-    """The claims the command writes, by name."""
-    text = (written / "claims.json").read_text(encoding="utf-8")
-    document = json.loads(text, object_hook=lambda table: SimpleNamespace(**table))
-    return {claim.name: claim for claim in document.claims}
+def claims(published):
+    """The claims by name."""
+    return {claim.name: claim for claim in judge_all(published)}
 
 
 @pytest.fixture(scope="session")

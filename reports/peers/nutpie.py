@@ -1,59 +1,30 @@
-"""The model written plainly in PyMC, for nutpie: the same limits by another density.
+"""The whole model written plainly in PyMC, for nutpie: the same limits by another density.
 
-Locations, deviations and subjects' effects are unknowns. Only a subject's departure in an
-environment is summed into the scatter of its mean. It needs the extra `peers`.
+Locations, deviations and subjects' effects are unknowns. Only a subject's departure in a cell is
+summed into the scatter of the cell's mean. It needs the extra `peers`.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
-from arviz_stats.base.array import BaseArray
 from numpy.typing import NDArray
-from scipy import special
-from scipy.optimize import elementwise
 
-from percept.inference.model.priors import Priors
-from percept.study.prepare import Prepared
+from percept.errors import RefusalError
+from reports.fitted import CONFIDENCE, LEVEL, SHARE, Fitted
+from reports.studies import Array, Observed
 
-Array: TypeAlias = NDArray[np.float64]
-Indices: TypeAlias = NDArray[np.intp]
 #: A number or an array of PyMC, or of numpy; PyMC has no types.
 Term: TypeAlias = Any
 
 #: nutpie's default is 6; R-hat needs several.
 CHAINS = 4
-#: Of the intervals compared.
-LEVEL = 0.99
-SHARE = 0.99
-CONFIDENCE = 0.95
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Observed:
-    """M trials of P quantities in J environments."""
-
-    response: Array  # (M, P)
-    subject: Indices  # (M,)
-    environment: Indices  # (M,)
-    x: Array  # (P, J) Decades of references above their geometric mean
-
-    @property
-    def subjects(self) -> int:
-        """How many."""
-        return int(self.subject.max()) + 1
-
-
-def observed(study: Prepared) -> Observed:
-    """Return a study as the plainly written model takes it."""
-    data = study.trials
-    assert data is not None
-    return Observed(data.response, data.subject, data.environment, data.statistics.x)
+#: Draws per chain below which a limit's Monte Carlo error is itself unknown.
+_FEWEST_DRAWS = 100
 
 
 class _Plain:
@@ -61,8 +32,8 @@ class _Plain:
 
     def __init__(self, observed: Observed, *, centred: bool) -> None:
         self.observed = observed
-        self.priors = Priors()
-        self.size, self.count = observed.x.shape
+        self.priors = observed.priors
+        self.size, self.cells = observed.x.shape
         self.centred = centred
 
     def normal(self, name: str, sd: Term, *shape: int, centre: Term = 0.0) -> Term:
@@ -92,17 +63,27 @@ class _Plain:
             return self.normal(name, sd[:, None], count, centre=centre)
         return centre + sd[:, None] * self.normal(multiple, 1.0, count)
 
+    def deviations(self, name: str) -> Term:
+        """Return what each environment has of its own, at the cells."""
+        tau = self.half(name, self.priors.tau_scale)
+        environment = self.observed.environment
+        count = int(environment.max()) + 1
+        return self.about(0.0, tau, f"own_{name}", f"z_{name}", count)[:, environment]
+
     def locations(self) -> Term:
-        """Return the means of the environments."""
+        """Return the means of the cells."""
         import pymc as pm
 
         beta = self.normal("alpha", self.priors.alpha_sd)[:, None]
         beta = beta + self.normal("gamma", self.priors.gamma_sd)[:, None] * self.observed.x
-        tau = self.half("tau", self.priors.tau_scale)
-        return pm.Deterministic("beta", beta + self.about(0.0, tau, "own_tau", "z_tau", self.count))
+        beta = beta + self.deviations("tau")
+        for term, contrast in self.observed.contrast.items():
+            coefficient = self.normal(f"lambda_{term}", self.priors.lambda_sd)[:, None]
+            beta = beta + contrast * (coefficient + self.deviations(f"tau_{term}"))
+        return pm.Deterministic("beta", beta)
 
     def sds(self, suffix: str) -> Term:
-        """Return the SDs of all environments: "" between subjects, "_e" between trials."""
+        """Return the SDs of all cells: "" between subjects, "_e" between trials."""
         import pymc as pm
 
         prior = vars(self.priors)
@@ -110,21 +91,40 @@ class _Plain:
         log_s = self.normal(f"log_s{suffix}", sd, centre=prior[f"log_s{suffix}_mean"])
         kappa = self.normal(f"kappa{suffix}", prior[f"kappa{suffix}_sd"])
         trend = log_s[:, None] + kappa[:, None] * self.observed.x
+        for factor in self.observed.factors:
+            psi = self.normal(f"psi{suffix}_{factor}", prior["psi_sd"])[:, None]
+            trend = trend + psi * self.observed.contrast[factor]
         omega = self.half(f"omega{suffix}", prior[f"omega{suffix}_scale"])
-        log_sigma = self.about(trend, omega, f"log_sigma{suffix}", f"z{suffix}", self.count)
+        log_sigma = self.about(trend, omega, f"log_sigma{suffix}", f"z{suffix}", self.cells)
         return pm.Deterministic(f"sigma{suffix}", pm.math.exp(log_sigma))
 
-    def effects(self) -> tuple[Term, Term]:
-        """Return what every subject adds to all environments, (P, N), and its SD, (P,)."""
+    def stretch(self) -> Term:
+        """Return the sizes of subjects' effects in the cells."""
         import pymc as pm
 
-        sd = self.half("sigma_u", self.priors.sigma_u_scale)
-        rho = self.correlation("rho_u")
-        z = self.normal("z_u", 1.0, self.observed.subjects)
-        effects = [sd[0] * z[0]]
-        if self.size == 2:
-            effects.append(sd[1] * (rho * z[0] + pm.math.sqrt(1.0 - rho**2) * z[1]))
-        return pm.math.stack(effects), sd
+        log_size: Term = np.zeros((self.size, self.cells))
+        for factor in self.observed.spread:
+            eta = self.normal(f"eta_{factor}", self.priors.psi_sd)[:, None]
+            log_size = log_size + eta * self.observed.contrast[factor]
+        return pm.Deterministic("stretch", pm.math.exp(log_size))
+
+    def effects(self, stretch: Term) -> tuple[Term, Term]:
+        """Return what every subject adds to the cells, (P, N, C), and its variance, (P, C)."""
+        import pymc as pm
+
+        total: Term = 0.0
+        variance: Term = 0.0
+        for name, contrast in self.observed.columns.items():
+            sd = self.half(f"sigma_{name}", self.priors.sigma_u_scale)
+            rho = self.correlation(f"rho_{name}")
+            z = self.normal(f"z_{name}", 1.0, self.observed.subjects)
+            effects = [sd[0] * z[0]]
+            if self.size == 2:
+                effects.append(sd[1] * (rho * z[0] + pm.math.sqrt(1.0 - rho**2) * z[1]))
+            column = stretch * contrast
+            total = total + pm.math.stack(effects)[:, :, None] * column[:, None, :]
+            variance = variance + (sd[:, None] * column) ** 2
+        return total, variance
 
 
 def plain_model(observed: Observed, *, centred: bool = False) -> Any:
@@ -141,7 +141,7 @@ def plain_model(observed: Observed, *, centred: bool = False) -> Any:
     Returns
     -------
     pymc.Model
-        `beta` are the means of the environments, and `spread` SDs between users, (P, J).
+        `beta` are the means of the cells, and `spread` SDs between users, (P, C).
     """
     # PyMC and nutpie import arviz-plots if it is there. Release 0.8 wants this module, which
     # matplotlib 3.11 no longer imports itself.
@@ -150,31 +150,46 @@ def plain_model(observed: Observed, *, centred: bool = False) -> Any:
         import matplotlib.style.core  # noqa: F401
     import pymc as pm
 
-    _, environments = observed.x.shape
+    size, cells = observed.x.shape
     pair, of_trial, trials = np.unique(
-        observed.subject * environments + observed.environment,
-        return_inverse=True,
-        return_counts=True,
+        observed.subject * cells + observed.cell, return_inverse=True, return_counts=True
     )
-    subject, environment = np.divmod(pair, environments)
+    subject, cell = np.divmod(pair, cells)
 
     def summed(values: Array) -> Array:
         return np.bincount(of_trial, weights=values, minlength=len(pair)).astype(float)
 
     mean = np.stack([summed(column) / trials for column in observed.response.T])
     departure = observed.response.T - mean[:, of_trial]
+    off = np.zeros(len(of_trial))
+    slope: Term = np.zeros(size)
     with pm.Model() as model:
         plain = _Plain(observed, centred=centred)
         beta = plain.locations()
-        shared, sd_u = plain.effects()
-        residual = mean - beta[:, environment] - shared[:, subject]
+        shared, variance_u = plain.effects(plain.stretch())
+        residual = mean - beta[:, cell] - shared[:, subject, cell]
+        if observed.covariate is not None:
+            slope = plain.normal("slope", plain.priors.covariate_sd)
+            mean_covariate = summed(observed.covariate) / trials
+            residual = residual - slope[:, None] * mean_covariate
+            off = observed.covariate - mean_covariate[of_trial]
         sigma = plain.sds("")
-        pm.Deterministic("spread", pm.math.sqrt(sd_u[:, None] ** 2 + sigma**2))
-        covariance = _covariance(sigma[:, environment], plain.correlation("rho_w"))
+        pm.Deterministic("spread", pm.math.sqrt(variance_u + sigma**2))
+        covariance = _covariance(sigma[:, cell], plain.correlation("rho_w"))
         if trials.max() > 1:
-            sigma_e = plain.sds("_e")[:, environment]
+            sigma_e = plain.sds("_e")[:, cell]
+            if observed.own_trial_sds:
+                omega_s = plain.half("omega_s", plain.priors.omega_s_scale)
+                phi = omega_s[:, None] * plain.normal("z_phi", 1.0, observed.subjects)
+                sigma_e = sigma_e * pm.math.exp(phi)[:, subject]
             within = _covariance(sigma_e, plain.correlation("rho_e"))
-            squares = {(p, q): summed(departure[p] * departure[q]) for p, q in within}
+            squares = {}
+            for p, q in within:
+                # Of departures from which the slopes are taken.
+                products = summed(departure[p] * departure[q])
+                products = products - slope[p] * summed(off * departure[q])
+                products = products - slope[q] * summed(off * departure[p])
+                squares[p, q] = products + slope[p] * slope[q] * summed(off * off)
             # Departures from a mean of n trials have the density of n - 1 trials.
             pm.Potential("departures", _log_density(squares, within, trials - 1))
             covariance = {key: term + within[key] / trials for key, term in covariance.items()}
@@ -208,67 +223,58 @@ def _log_density(squares: _Pairs, covariance: _Pairs, counts: NDArray[Any]) -> T
     return -0.5 * (distance / determinant + counts * pm.math.log(determinant)).sum()
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Draws:
-    """What nutpie drew, by name: (chains, draws, …). Chains cut short are filled up with NaN."""
-
-    values: Mapping[str, Array]
-    divergences: int
-    seconds: float  # Wall time of sampling
-
-
-def nutpie_sampler(model: Any, names: Sequence[str] | None = None) -> Callable[..., Draws]:
-    """Compile a model of PyMC for nutpie.
+def sampler(study: Observed, *, centred: bool) -> Callable[..., Fitted]:
+    """Compile the model of a study for nutpie.
 
     Parameters
     ----------
-    model : pymc.Model
-        As `plain_model` writes it.
-    names : sequence of str, optional
-        Variables that are kept; all by default.
+    study : Observed
+        The study.
+    centred : bool
+        As `plain_model` takes it.
 
     Returns
     -------
     callable
-        Takes the draws of each chain, other arguments of `nutpie.sample`, and as `patience` the
-        seconds after which it stops.
+        Takes the draws of each chain, a seed, other arguments of `nutpie.sample`, and as `patience`
+        the seconds after which it stops.
     """
     import nutpie
 
-    compiled = nutpie.compile_pymc_model(model, var_names=names)
+    names = ["beta", "spread"]
+    compiled = nutpie.compile_pymc_model(plain_model(study, centred=centred), var_names=names)
 
-    def draw(draws: int, *, patience: float | None = None, **options: object) -> Draws:
+    def fit(draws: float, seed: int, *, patience: float | None = None, **options: object) -> Fitted:
         started = time.perf_counter()
-        sampler = nutpie.sample(
+        running = nutpie.sample(
             compiled,
-            draws=draws,
+            draws=int(draws),
             chains=CHAINS,
+            seed=seed,
             progress_bar=False,
             save_warmup=False,
             blocking=False,
             **options,
         )
         try:
-            tree = sampler.wait(timeout=patience)
+            tree = running.wait(timeout=patience)
         except TimeoutError:
-            tree = sampler.abort()
-        seconds = time.perf_counter() - started
-        values = {name: np.asarray(tree.posterior[name]) for name in tree.posterior.data_vars}
-        return Draws(values, int(np.nansum(tree.sample_stats.diverging)), seconds)
+            tree = running.abort()
+        beta = np.asarray(tree.posterior["beta"])
+        spread = np.asarray(tree.posterior["spread"])
+        # Chains cut short are filled up with NaN.
+        length = int(np.isfinite(beta[:, :, 0, 0]).sum(axis=1).min())
+        if length < _FEWEST_DRAWS:
+            raise RefusalError(f"nutpie made {length} draws of a chain in its time.")
+        rng = np.random.default_rng(seed)
+        limits = limits_of_draws(beta[:, :length], spread[:, :length], rng)
+        notes = {
+            "draws": float(CHAINS * length),
+            "divergences": float(np.nansum(tree.sample_stats.diverging)),
+        }
+        return Fitted(*limits, time.perf_counter() - started, notes)
 
-    return draw
-
-
-def share_half_widths(off: Array, spread: Array, share: float = SHARE) -> Array:
-    """Return the half-width h with Phi((h - off)/spread) - Phi((-h - off)/spread) = share."""
-
-    def missing(t: Array, apart: Array) -> Array:
-        return special.ndtr(apart - t) + special.ndtr(-apart - t) - (1.0 - share)
-
-    apart = np.abs(off) / spread
-    enough = apart + special.ndtri(0.5 * (1.0 + share)) + 1.0
-    root = elementwise.find_root(missing, (np.zeros_like(apart), enough), args=(apart,))
-    return np.asarray(root.x * spread)
+    return fit
 
 
 def limits_of_draws(
@@ -290,29 +296,28 @@ def limits_of_draws(
     effective : float
         Effective draws of the slowest quantity.
     """
+    from arviz_stats.base.array import BaseArray
+
     beta = beta.reshape(*beta.shape[:2], -1)
     spread = spread.reshape(beta.shape)
     array_stats: Any = BaseArray()
     tails = (0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL))
 
-    def error_of_mean(draws: Array) -> Array:
-        return np.asarray(array_stats.mcse(np.moveaxis(draws, -1, 0), method="mean"))
-
-    def error_of_quantile(draws: Array, probability: float) -> Array:
-        series = np.moveaxis(draws, -1, 0)
-        return np.asarray(array_stats.mcse(series, method="quantile", prob=probability))
+    def error_of(draws: Array, **what: object) -> Array:
+        return np.asarray(array_stats.mcse(np.moveaxis(draws, -1, 0), **what))
 
     value = []
     error = []
     user = beta + spread * rng.standard_normal(beta.shape)
     for draws in (beta, user):
         value.append(np.quantile(draws, tails, axis=(0, 1)))
-        error.append([error_of_quantile(draws, tail) for tail in tails])
+        error.append([error_of(draws, method="quantile", prob=tail) for tail in tails])
     centre = beta.mean(axis=(0, 1))
     half = share_half_widths(beta - centre, spread)
     h = np.quantile(half, CONFIDENCE, axis=(0, 1))
     value.append(np.stack([centre - h, centre + h]))
-    of_share = np.hypot(error_of_quantile(half, CONFIDENCE), error_of_mean(beta))
+    of_half = error_of(half, method="quantile", prob=CONFIDENCE)
+    of_share = np.hypot(of_half, error_of(beta, method="mean"))
     error.append([of_share, of_share])
     effective = []
     for draws in (beta, np.log(spread)):
@@ -321,3 +326,17 @@ def limits_of_draws(
         # 5 and 95 %: the tails whose draws are counted since Vehtari et al. (2021).
         effective.append(array_stats.ess(series, method="tail", prob=(0.05, 0.95)))
     return np.stack(value), np.stack(error), float(np.nanmin(effective))
+
+
+def share_half_widths(off: Array, spread: Array, share: float = SHARE) -> Array:
+    """Return the half-width h with Phi((h - off)/spread) - Phi((-h - off)/spread) = share."""
+    from scipy import special
+    from scipy.optimize import elementwise
+
+    def missing(t: Array, apart: Array) -> Array:
+        return special.ndtr(apart - t) + special.ndtr(-apart - t) - (1.0 - share)
+
+    apart = np.abs(off) / spread
+    enough = apart + special.ndtri(0.5 * (1.0 + share)) + 1.0
+    root = elementwise.find_root(missing, (np.zeros_like(apart), enough), args=(apart,))
+    return np.asarray(root.x * spread)

@@ -1,0 +1,1 @@
+"""Other samplers of the same model, one in each file."""

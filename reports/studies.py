@@ -1,0 +1,129 @@
+"""Trials of a study as every sampler takes them, and percept's model of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.inference.model.covariates import with_covariates
+from percept.inference.model.design import Cells, Factors, design_of
+from percept.inference.model.linear_posterior import LinearPosterior
+from percept.inference.model.priors import Priors
+from percept.inference.model.statistics import apart_by_subject, from_trials
+from percept.inference.model.trial_scatter import trial_scatter
+
+Array: TypeAlias = NDArray[np.float64]
+Indices: TypeAlias = NDArray[np.intp]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Observed:
+    """M trials of P quantities in C cells, and what the cells are.
+
+    No contrast comes from the model's own columns: every factor has two levels, whose contrast is
+    minus or plus one half. An interaction's contrast is the product of those of its factors.
+    """
+
+    parameters: tuple[str, ...]
+    response: Array  # (M, P)
+    subject: Indices  # (M,)
+    cell: Indices  # (M,)
+    environment: Indices  # (C,)
+    x: Array  # (P, C) Decades of references above their geometric mean
+    priors: Priors = dataclasses.field(default_factory=Priors)
+    contrast: Mapping[str, Array] = dataclasses.field(default_factory=dict)  # (C,) by term
+    groups: tuple[str, ...] = ()  # Factors of which a subject has one level only
+    spread: tuple[str, ...] = ()  # Factors whose levels differ in the spread of subjects' effects
+    covariate: Array | None = None  # (M,) centred
+    own_trial_sds: bool = False
+
+    @property
+    def subjects(self) -> int:
+        """How many."""
+        return int(self.subject.max()) + 1
+
+    @property
+    def factors(self) -> list[str]:
+        """Terms that are no interaction."""
+        return [term for term in self.contrast if ":" not in term]
+
+    @property
+    def own(self) -> dict[str, Array]:
+        """Contrasts of which each subject has an own size."""
+        own = {}
+        for term, contrast in self.contrast.items():
+            if not set(term.split(":")) & set(self.groups):
+                own[term] = contrast
+        return own
+
+    @property
+    def columns(self) -> dict[str, Array]:
+        """Columns of the subjects' effects over the cells, by name."""
+        ones = np.ones(len(self.environment))
+        return {"u": ones} | {f"v_{term}": contrast for term, contrast in self.own.items()}
+
+
+def model_of(
+    study: Observed, *, subjects_contrasts: bool = True, own_trial_sds: bool = True
+) -> LinearPosterior:
+    """Return percept's model of a study: the right one, or one that leaves something out.
+
+    Parameters
+    ----------
+    study : Observed
+        The study.
+    subjects_contrasts : bool
+        Whether subjects have contrasts of their own.
+    own_trial_sds : bool
+        Whether subjects have trial SDs of their own, where the study's subjects do.
+
+    Returns
+    -------
+    LinearPosterior
+    """
+    environments = tuple(f"VE{j + 1}" for j in range(int(study.environment.max()) + 1))
+    levels = dict.fromkeys(study.factors, ("first", "second"))
+    level = {factor: (study.contrast[factor] > 0).astype(np.intp) for factor in levels}
+    names = []
+    for c, environment in enumerate(study.environment):
+        own = [levels[factor][level[factor][c]] for factor in levels]
+        names.append(" ".join([environments[environment], *own]))
+    statistics = from_trials(
+        study.response,
+        study.subject,
+        study.cell,
+        study.x,
+        parameters=study.parameters,
+        environments=tuple(names),
+        subjects=tuple(f"S{i + 1}" for i in range(study.subjects)),
+    )
+    by_subject = own_trial_sds and study.own_trial_sds
+    if by_subject:
+        statistics = apart_by_subject(statistics)
+    covariate = np.zeros((len(study.cell), 0))
+    if study.covariate is not None:
+        covariate = study.covariate[:, None]
+    trials = (study.response, study.subject, study.cell, covariate)
+    covariates = None
+    if study.covariate is not None:
+        pooled = trial_scatter(*trials, by_subject=False)
+        statistics, covariates = with_covariates(
+            covariate, study.subject, study.cell, ("order",), statistics, pooled
+        )
+    scatter = trial_scatter(*trials, by_subject=by_subject)
+    cells = Cells(tuple(names), study.environment, environments, study.x)
+    factors = Factors(
+        levels=levels,
+        level=level,
+        terms=tuple(tuple(term.split(":")) for term in study.contrast),
+        between_subjects=frozenset(study.groups),
+        spread=study.spread,
+    )
+    design = design_of(cells, factors, study.priors)
+    if not subjects_contrasts:
+        design = dataclasses.replace(design, subject=design.subject[:1])
+    return LinearPosterior(statistics, design, study.priors, covariates, scatter)

@@ -1,0 +1,139 @@
+"""What each scene imports and works out, and nothing more; costs reduced; studies of a size."""
+
+from collections.abc import Sized
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from percept import Scene, Study, read_sessions
+from percept.sessions import Sessions
+from percept.study.prepare import prepare
+from reports import dataset
+from reports.benchmark.commands import (
+    COMMANDS,
+    Size,
+    exponent,
+    least,
+    not_imported,
+    report_of,
+    sessions_of,
+    study_without,
+    timed,
+)
+from reports.measure import Cost, in_a_process
+from tests.documents import build_document
+
+#: What a study works out, each only when it is asked for.
+STAGES = {
+    "interval_rows",
+    "regions",
+    "curve_laws",
+    "boundaries",
+    "other_devices",
+    "coupling",
+    "verdicts",
+    "coupling_map",
+    "band",
+}
+CURVES = {"curve_laws", "boundaries", "verdicts", "other_devices", "coupling_map"}
+
+
+@pytest.mark.parametrize(
+    ("scene", "left_out"),
+    [
+        pytest.param("nothing", set(), marks=pytest.mark.evidence),
+        pytest.param("coupling", {"coupling", "coupling_map"}, marks=pytest.mark.evidence),
+        ("device", CURVES | {"coupling", "regions"}),
+        # Its own band law stays: the band against its reference.
+        ("one parameter", CURVES | {"regions"}),
+        ("all but one environment", {"band"}),
+    ],
+)
+def test_a_study_works_out_nothing_that_the_scene_leaves_out(scene, left_out):
+    tables = study_without(scene, points=9).scene.to_dict()
+    tables["inference"]["method"] = "classical"
+    study = Study(study_without(scene).sessions, Scene(**tables))
+    build_document(study)
+    assert {name for name in STAGES if is_empty(vars(study).get(name))} == left_out
+
+
+def is_empty(result):
+    return result is None or (isinstance(result, Sized) and len(result) == 0)
+
+
+@pytest.mark.parametrize(
+    ("scene", "left_out"),
+    [
+        pytest.param(
+            "bayesian",
+            ["emcee", "arviz_base", "arviz_stats", "xarray", "h5netcdf"],
+            marks=pytest.mark.evidence,
+        ),
+        pytest.param("one parameter", [], marks=pytest.mark.evidence),
+    ],
+)
+def test_a_process_imports_only_what_it_needs(scene, left_out):
+    found, _ = in_a_process(not_imported, scene, 0.5)
+    assert found == left_out
+
+
+def coordinates_of(table, **inference):
+    tables = Scene.load(dataset("hbfd.toml")).to_dict()
+    tables["inference"] |= inference
+    study = Study(Sessions.from_frame(table), Scene(**tables))
+    return len(prepare(study.data).model.names)
+
+
+def test_the_model_has_no_level_that_the_data_or_the_scene_leave_out():
+    table = read_sessions(dataset("hbfd_sessions.csv")).table
+    again = table.assign(trial=2)
+    again["k_adj"] *= 1.0 + 0.04 * np.cos(np.arange(len(table)))
+    again["b_adj"] *= 1.0 + 0.04 * np.sin(np.arange(len(table)))
+    repeated = pd.concat([table.assign(trial=1), again], ignore_index=True)
+    one = table[table["environment"] == "VE3"]
+    # k and b: tau, sigma_u, s, kappa, omega each, two correlations, and a spread per environment.
+    assert coordinates_of(table) == 2 * 5 + 2 + 2 * 5
+    # Trials: s, kappa and omega of each, a correlation, and a spread per environment.
+    assert coordinates_of(repeated) == 22 + 2 * 3 + 1 + 2 * 5
+    assert coordinates_of(table, parameters=["k"]) == 5 + 5
+    # One environment: two spreads and one correlation.
+    assert coordinates_of(one) == 3
+
+
+def test_the_least_of_each_part_counts():
+    found = least({"report": [Cost(3.0, 2.0, 100.0), Cost(2.5, 2.2, 90.0)]})
+    assert found == {"report": Cost(2.5, 2.0, 90.0)}
+
+
+@pytest.mark.evidence
+def test_commands_are_timed_beside_imports():
+    costs, imports = timed({"validate": COMMANDS["validate"]}, 1)
+    assert costs.keys() == imports.keys() == {"validate"}
+    assert costs["validate"].processor > 0.1
+    assert imports["validate"].memory > 50.0
+
+
+def test_the_power_that_time_goes_with():
+    amounts = [10, 20, 40, 80, 160]
+    assert exponent(amounts, [0.01 * n**1.5 for n in amounts]) == pytest.approx(1.5, rel=1e-9)
+    # A start that counts for the smallest alone is left out.
+    assert exponent(amounts, [9.0, 9.0, 4.0, 8.0, 16.0]) == pytest.approx(1.0, rel=1e-9)
+
+
+def test_a_study_of_a_size_has_all_its_trials():
+    table = sessions_of(Size(3, 4, trials=5, levels=2))
+    assert len(table) == 3 * 4 * 5 * 2
+    cells = table.groupby(["subject", "environment", "hand"])["trial"]
+    assert cells.apply(list).tolist() == [[1, 2, 3, 4, 5]] * 24
+    assert "hand" not in sessions_of(Size(3, 4))
+    # Every subject sets b a hundredth as high as k, but for the scatter.
+    ratio = table["b_ref"] / table["k_ref"]
+    assert ratio.to_numpy() == pytest.approx(np.full(len(table), 0.01), rel=1e-12)
+
+
+@pytest.mark.evidence
+def test_a_report_of_a_study_of_a_size():
+    cost, page_size = report_of(Size(8, 3, trials=2, levels=2, method="classical"))
+    assert cost.processor > 1.0
+    assert 0.1 < page_size < 10.0

@@ -1,0 +1,96 @@
+"""From runs to times at given errors, ratios and the page."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+
+from reports.benchmark.reference import Reference
+from reports.benchmark.samplers import (
+    LEVELS,
+    Measured,
+    losses,
+    measured,
+    page,
+    ratio_cells,
+    time_to,
+    written,
+)
+
+
+def row(engine, size, warm, error, *, cold_more=10.0):
+    cold = warm + cold_more
+    return Measured("published", engine, size, 3, warm, cold, 2.0 * warm, error, 100.0, 1.0, None)
+
+
+OURS = [row("percept", 0.1, 1.0, 0.02, cold_more=1.0),
+        row("percept", 0.01, 4.0, 0.01, cold_more=1.0)]  # fmt: skip
+NUTPIE = [row("nutpie", 250, 8.0, 0.2), row("nutpie", 1000, 30.0, 0.1)]
+
+
+def test_times_to_an_error_are_measured_where_they_can_be():
+    # Measured: the fastest run that was accurate enough.
+    ours = time_to(0.1, OURS)
+    assert (ours.warm, ours.cold, ours.processor, ours.measured) == (1.0, 2.0, 2.0, True)
+    assert (time_to(0.1, NUTPIE).warm, time_to(0.1, NUTPIE).measured) == (30.0, True)
+    # Beyond: time over error squared from the most accurate run; the start-up is paid once.
+    assert time_to(0.005, OURS).warm == pytest.approx(16.0)
+    assert time_to(0.005, OURS).cold == pytest.approx(17.0)
+    beyond = time_to(0.02, NUTPIE)
+    assert not beyond.measured
+    assert (beyond.warm, beyond.cold) == (pytest.approx(750.0), pytest.approx(760.0))
+    assert dict(zip(LEVELS, ratio_cells(NUTPIE, OURS), strict=True))[0.02] == "*750 / 380 / 750*"
+
+
+def test_losses_are_said():
+    slow = [row("percept", 0.01, 400.0, 0.01)]
+    found = losses("published", {"percept": slow, "nutpie": NUTPIE})
+    assert (
+        "- published: nutpie, written plainly reaches 10.0% warm in 0.07 times percept's time."
+        in found
+    )
+    assert losses("published", {"percept": OURS, "nutpie": NUTPIE}) == []
+    assert losses("published", {"nutpie": NUTPIE}) == []
+
+
+def run_at(size, seconds, off):
+    """One whose limits are off by so many half-widths; its own error is a tenth of a half-width."""
+    value = np.stack([np.full((3, 10), -1.0), np.full((3, 10), 1.0)], axis=1) + off
+    error = np.full(value.shape, 0.1)
+    told = {"processor": 2.0 * seconds, "effective": 50.0, "notes": {"divergences": 4.0}}
+    return {"size": size, "seconds": seconds, "value": value, "error": error, **told}
+
+
+def test_runs_are_reduced_by_budget():
+    exact = run_at(0, 1.0, 0.0)["value"]
+    reference = Reference(exact, np.zeros(exact.shape), 1e6, 30, 1.0)
+    runs = [{"size": "cold", "seconds": 7.0}]
+    runs += [run_at(250, 1.0, 0.3), run_at(250, 3.0, 0.4), run_at(1000, 5.0, 0.1)]
+    small, large = measured("published", "nutpie", runs, reference)
+    assert (small.repeats, small.warm, small.cold, small.processor) == (2, 2.0, 7.0, 4.0)
+    assert small.error == pytest.approx(np.sqrt((0.3**2 + 0.4**2) / 2), rel=1e-12)
+    assert small.agreement == pytest.approx(small.error / 0.1, rel=1e-12)
+    assert (large.cold, large.effective, large.divergences) == (10.0, 10.0, 4.0)
+
+
+def test_the_page_holds_everything(tmp_path):
+    text = written({"published": {"percept": OURS, "nutpie": NUTPIE}}, tmp_path, ["stan"]).text
+    assert "Not installed, and left out: stan." in text
+    assert "(figures/time-published.svg)" in text
+    assert "time (s)" in (tmp_path / "figures" / "time-published.svg").read_text(encoding="utf-8")
+    assert "Nowhere in this run: every other engine took longer." in text
+    assert "| published | percept | 1 / 2 / 2 | *1 /" not in text
+    assert "| published | nutpie, written plainly | 30 / 20 / 30 |" in text
+
+
+@pytest.mark.evidence
+@pytest.mark.skipif(importlib.util.find_spec("pymc") is not None, reason="peers are installed")
+def test_a_quick_run_of_what_is_installed(tmp_path):
+    text = page(tmp_path, studies=("published",), quick=True).text
+    assert "Not installed, and left out: nutpie, written plainly." in text
+    rows = [line.split(" | ") for line in text.splitlines() if line.startswith("| published |")]
+    ours, emcee = rows[-2:]
+    assert (ours[1], emcee[1]) == ("percept", "emcee")
+    # emcee's stretch moves, far too short: an error that is shown, not agreement.
+    assert float(emcee[8]) > 2.0 * float(ours[8])
+    assert float(ours[8]) < 0.1
