@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -19,7 +20,7 @@ from concurrent.futures import (
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import partial
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 from percept.cache import numbers_version
 from percept.errors import RefusalError, UsageError
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 Given = TypeVar("Given")
 Result = TypeVar("Result")
 
-# A fresh interpreter everywhere: a fork would copy the threads' locks of numerical libraries.
-_SPAWN = multiprocessing.get_context("spawn")
 # Each worker has a core, and its matrices are a few tens wide: a second thread costs time.
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 # s until a scheduler that does not answer counts as none.
@@ -156,12 +155,12 @@ def _until_death(
 
 
 def _submitted(
-    executor: Executor, function: Callable[[Given], Result], argument: Given
+    executor: Executor, function: Callable[..., Result], *arguments: object
 ) -> Future[Result]:
-    """Hand out an argument; an executor that broke meanwhile says so in the future."""
+    """Hand out arguments; an executor that broke, or cannot start, says so in the future."""
     try:
-        return executor.submit(function, argument)
-    except BrokenExecutor as error:
+        return executor.submit(function, *arguments)
+    except (BrokenExecutor, OSError) as error:
         future: Future[Result] = Future()
         future.set_exception(error)
         return future
@@ -176,13 +175,44 @@ def _outcome(future: Future[Result]) -> Result | Exception:
 
 
 @contextmanager
+def beside(work: Callable[[], Result]) -> Iterator[Callable[[], Result]]:
+    """Work in a copy of this process while the caller goes on.
+
+    The copy sees all that this process has computed. Of locks that other threads hold it would wait
+    for ever: it may compute and write files of its own, and not print.
+
+    Parameters
+    ----------
+    work : callable
+        Its result must be one that can be pickled.
+
+    Yields
+    ------
+    callable
+        Waits for the result. It does the work itself where no copy can start, on one core, and
+        where the copy ended without a result.
+    """
+    if cores() == 1 or "fork" not in multiprocessing.get_all_start_methods():
+        yield work
+        return
+    with _opened(1, "fork", work) as executor, warnings.catch_warnings():
+        # Python warns of a fork beside other threads: ours only show progress.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        future = _submitted(executor, _do_copied_work)
+
+        def result() -> Result:
+            try:
+                return future.result()
+            except Exception:  # noqa: BLE001 - the work itself says what is wrong
+                return work()
+
+        yield result
+
+
+@contextmanager
 def _pool(count: int) -> Iterator[Executor]:
-    """Open processes, and end them whatever they do: a run that was interrupted waits for none."""
-    theirs, ours = _SPAWN.Pipe(duplex=False)
-    executor = ProcessPoolExecutor(
-        count, mp_context=_SPAWN, initializer=_begin_worker, initargs=(theirs,)
-    )
-    try:
+    """Open fresh processes that have started: a fork copies locks that a thread may hold."""
+    with _opened(count, "spawn") as executor:
         try:
             executor.submit(os.getpid).result()
         except BrokenExecutor as error:
@@ -191,17 +221,48 @@ def _pool(count: int) -> Iterator[Executor]:
                 hint='A script that starts workers does so under `if __name__ == "__main__":`.',
             ) from error
         yield executor
+
+
+@contextmanager
+def _opened(
+    count: int, method: Literal["spawn", "fork"], work: Callable[[], Any] | None = None
+) -> Iterator[Executor]:
+    """Open processes, and end them whatever they do: a run that was interrupted waits for none."""
+    context = multiprocessing.get_context(method)
+    theirs, ours = context.Pipe(duplex=False)
+    # A fork copies our end of the pipe, which then would never close.
+    copied = ours if method == "fork" else None
+    executor = ProcessPoolExecutor(
+        count, mp_context=context, initializer=_begin_worker, initargs=(theirs, copied, work)
+    )
+    try:
+        yield executor
     finally:
         ours.close()
         executor.shutdown(cancel_futures=True)
         theirs.close()
 
 
-def _begin_worker(pipe: Connection) -> None:
+# What a copy of this process is to do; nothing elsewhere.
+_copied_work: Callable[[], Any] | None = None
+
+
+def _do_copied_work() -> Any:
+    assert _copied_work is not None
+    return _copied_work()
+
+
+def _begin_worker(
+    pipe: Connection, copied: Connection | None, work: Callable[[], Any] | None
+) -> None:
     """Prepare a worker process."""
+    global _copied_work
     # An interrupt goes to every process of a terminal; the one that asks ends its workers itself.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.update(_ONE_THREAD)
+    if copied is not None:
+        copied.close()
+    _copied_work = work
     threading.Thread(target=_end_worker, args=(pipe,), daemon=True).start()
 
 

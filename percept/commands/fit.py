@@ -117,6 +117,8 @@ def _report(arguments: argparse.Namespace) -> int:
         return _report_again(arguments)
     if not arguments.sessions:
         raise UsageError("there are no sessions.", hint="Name files or folders, or give --from.")
+    from percept.workers import beside
+
     with Working("writing the report", shown=not arguments.quiet) as progress:
         study = open_study(arguments, progress)
         page = study.report(
@@ -124,6 +126,7 @@ def _report(arguments: argparse.Namespace) -> int:
             formats=arguments.formats,
             why=arguments.why,
             progress=progress.stage,
+            beside=beside,
             force=arguments.force,
         )
     if not arguments.quiet:

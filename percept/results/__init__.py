@@ -72,7 +72,7 @@ from percept.results.intervals import (
 )
 from percept.results.plain import dumps, plain
 from percept.results.psychophysics import EquivalenceRow, PseLineRow, PsychophysicsRow
-from percept.results.results import SCHEMA, Results, Skipped
+from percept.results.results import SCHEMA, Part, Results, Skipped
 
 __all__ = [
     "SCHEMA", "AdmissibleCouplings", "AnovaRow", "Band", "BandDifference", "BandLaw", "BandPair",
@@ -82,7 +82,7 @@ __all__ = [
     "EquivalenceRow", "Estimate", "Findings", "GateVerdict", "IntervalRow", "IntervalWithout",
     "Ladder", "LadderEffect", "Leaning", "LeftOut", "LeftOutRow", "LevelValues", "Membership",
     "MethodPair", "MoreSubjects", "NormalityTest", "Note", "Nouns", "OtherDevices", "Overview",
-    "OverviewRow", "PosteriorEvidence", "PredictiveCheck", "Prior", "PriorQuantiles",
+    "OverviewRow", "Part", "PosteriorEvidence", "PredictiveCheck", "Prior", "PriorQuantiles",
     "Provenance", "PseLineRow", "PsychophysicsRow", "Rendered", "RenderedEdge", "RenderedWall",
     "Results", "Shape", "Skipped", "SourceFile", "SubjectCheck", "SubjectRow", "Verdict",
     "WeberTrend", "ZWidth", "dumps", "plain",

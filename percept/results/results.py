@@ -69,13 +69,18 @@ class Part:
     step: str  # What a command shows while it is worked out; empty of what takes no time
     of: str  # The attribute; empty where it has the field's name
     needs: Literal["", "curves", "why"]  # What must be asked for
+    beside: bool  # Whether a second process works it out, where there is one
 
 
 def _part(
-    step: str = "", *, of: str = "", needs: Literal["", "curves", "why"] = ""
+    step: str = "",
+    *,
+    of: str = "",
+    needs: Literal["", "curves", "why"] = "",
+    beside: bool = False,
 ) -> dict[str, Part]:
     """Describe where a field comes from."""
-    return {"part": Part(step, of, needs)}
+    return {"part": Part(step, of, needs, beside)}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,7 +111,7 @@ class Results:
     )  # Drawn in those windows
     #: Empty without a device
     verdicts: tuple[Verdict, ...] = field(
-        metadata=_part("judging what feels real", needs="curves"), default=()
+        metadata=_part("judging what feels real", needs="curves", beside=True), default=()
     )
     #: In time; None without curves
     rendering: tuple[Rendered, ...] | None = field(metadata=_part(needs="curves"), default=None)
@@ -118,10 +123,11 @@ class Results:
     )
     band: Band | None = field(metadata=_part("fitting the band law", needs="curves"), default=None)
     design: AdmissibleCouplings | None = field(
-        metadata=_part("mapping couplings", needs="curves"), default=None
+        metadata=_part("mapping couplings", needs="curves", beside=True), default=None
     )
     sensitivity: OtherDevices | None = field(
-        metadata=_part("trying other devices", of="other_devices", needs="curves"), default=None
+        metadata=_part("trying other devices", of="other_devices", needs="curves", beside=True),
+        default=None,
     )
     comparison: tuple[MethodPair, ...] | None = field(metadata=_part("comparing the methods"))
     #: The methods' boundaries against each other

@@ -272,7 +272,7 @@ class Displayed(Inferred):
     @property
     def design(self) -> AdmissibleCouplings | None:
         """The map of couplings, where there is a coupling to compare with."""
-        return self.coupling_map if self.boundaries and self.scene.coupling else None
+        return self.coupling_map if self.scene.coupling else None
 
     @cached_property
     def other_devices(self) -> OtherDevices | None:

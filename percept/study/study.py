@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import html
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +15,7 @@ import pandas as pd
 from percept import results
 from percept.errors import RefusalError, UsageError, counted
 from percept.html import fields_html
-from percept.results import Checks, Diagnostics, Provenance, Results
+from percept.results import Checks, Diagnostics, Part, Provenance, Results
 from percept.scene import Scene
 from percept.sessions import Sessions
 from percept.study import records
@@ -27,6 +29,9 @@ if TYPE_CHECKING:
     from percept.study.fit import RunStore
 
 __all__ = ["Study"]
+
+#: Does some work while the caller goes on: gives a function that waits for its result.
+Beside = Callable[[Callable[[], Any]], AbstractContextManager[Callable[[], Any]]]
 
 #: More environments than anybody tests: their contrasts and page would take hours.
 _MOST_ENVIRONMENTS = 1_000
@@ -186,6 +191,7 @@ class Study(Displayed):
         curves: bool = True,
         why: bool = False,
         progress: Callable[[str], None] | None = None,
+        beside: Beside = nullcontext,
     ) -> Results:
         """Compute everything that a report needs, and put it into records.
 
@@ -198,6 +204,9 @@ class Study(Displayed):
             Whether the reasons why the methods differ are wanted; it samples the models between.
         progress : callable, optional
             Called with the name of each step.
+        beside : callable
+            Works out verdicts and maps while the rest is computed, as `percept.workers.beside`
+            does; by default all is computed in turn.
 
         Returns
         -------
@@ -210,14 +219,24 @@ class Study(Displayed):
             What the study refuses.
         """
         given = {"": True, "curves": curves, "why": why}
-        found: dict[str, Any] = {}
-        for field in dataclasses.fields(Results):
-            part = field.metadata["part"]
-            if not given[part.needs]:
-                continue
-            if progress and part.step:
-                progress(part.step)
-            found[field.name] = getattr(self, part.of or field.name)
+        parts: dict[str, Part] = {one.name: one.metadata["part"] for one in fields(Results)}
+        asked = [name for name, part in parts.items() if given[part.needs]]
+
+        def work_out(names: Iterable[str]) -> dict[str, Any]:
+            found = {}
+            for name in names:
+                part = parts[name]
+                if progress and part.step:
+                    progress(part.step)
+                found[name] = getattr(self, part.of or name)
+            return found
+
+        # What both need: the fit.
+        found = work_out(["intervals"])
+        of_copy = [name for name in asked if parts[name].beside]
+        with beside(partial(work_out, of_copy)) as done:
+            found |= work_out(name for name in asked if name not in (*found, *of_copy))
+            found |= done()
         if not curves and self.interval_rows:
             absent = Skipped("boundaries, coupling and band law", "run percept report")
             found["skipped"] = (*self.skipped_before_curves, absent)
@@ -237,9 +256,10 @@ class Study(Displayed):
         formats = options.pop("formats", ("svg",))
         force = options.pop("force", False)
         why = options.pop("why", False)
+        beside = options.pop("beside", nullcontext)
         progress = options.get("progress")
         with report_folder(directory, formats=formats, force=force) as folder:
-            made = self.results(why=why, progress=progress)
+            made = self.results(why=why, progress=progress, beside=beside)
             fill_report(folder, made, posterior=self.posterior, formats=formats, **options)
         return Path(directory) / "report.html"
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from percept.workers import in_process, processes
+from percept.workers import beside, cores, in_process, processes
 
 
 def inverse(x):
@@ -165,3 +165,51 @@ def test_workers_end_with_the_process_that_started_them():
             return
         time.sleep(0.1)
     raise AssertionError("workers are left")
+
+
+two_cores = pytest.mark.skipif(cores() < 2, reason="one core: no copy would gain anything")
+
+
+@two_cores
+def test_a_copy_knows_what_this_process_knows():
+    known = {"pid": os.getpid(), "square": lambda x: x * x}
+    with beside(lambda: (os.getpid(), known["pid"], known["square"](3))) as result:
+        copy, here, square = result()
+    assert copy != here == os.getpid()
+    assert square == 9
+
+
+@two_cores
+@pytest.mark.parametrize("end", [lambda: os.kill(os.getpid(), signal.SIGKILL), lambda: 1 / 0])
+def test_what_a_copy_leaves_undone_is_done_here(end):
+    here = os.getpid()
+
+    def work():
+        if os.getpid() != here:
+            end()
+        return os.getpid()
+
+    with beside(work) as result:
+        assert result() == here
+
+
+@two_cores
+def test_a_copy_ends_with_what_it_was_for(tmp_path):
+    started = tmp_path / "pid"
+
+    def work():
+        started.write_text(str(os.getpid()))
+        time.sleep(60)
+
+    def interrupted():
+        with beside(work):
+            while not started.exists() or not started.read_text():
+                time.sleep(0.01)
+            raise KeyboardInterrupt
+
+    before = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert time.monotonic() - before < 30
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(started.read_text()), 0)
