@@ -72,15 +72,20 @@ class Displayed(Inferred):
         """Environments with a reference of stiffness and damping, which curves are drawn for."""
         return self._kept("with_reference", referenced(self.data))
 
-    @cached_property
+    @property
     def setup(self) -> Setup | None:
         """Device, coupling and references of curves; None without device or reference."""
+        found = self._device_and_coupling
+        return found if found is not None and found.references else None
+
+    @cached_property
+    def _device_and_coupling(self) -> Setup | None:
+        """The same, also where no environment has a reference of both quantities."""
         shown = {}
         for name in self.with_reference:
             stiffness, damping = (self.data.reference[p, name] for p in ("k", "b"))
             shown[name] = haptics.Environment(stiffness, damping, self.sessions.masses[name])
-        found = self._kept("setup", setup_of(self.scene, self.device, shown))
-        return next((one for one in found if one.references), None)
+        return next(iter(self._kept("setup", setup_of(self.scene, self.device, shown))), None)
 
     @cached_property
     def pairs(self) -> tuple[SubjectPairs, ...]:
@@ -190,11 +195,10 @@ class Displayed(Inferred):
     @cached_property
     def coupling(self) -> Coupling | None:
         """The coupling by the paper, Eq. 10 and its rule; None without device and coupling."""
-        if self.setup is None or self.setup.coupling is None:
+        setup = self._device_and_coupling
+        if setup is None or setup.coupling is None:
             return None
-        return study_coupling(
-            self.setup, self.regions, self.data.asked.family, self.scene.frequency
-        )
+        return study_coupling(setup, self.regions, self.data.asked.family, self.scene.frequency)
 
     @cached_property
     def rendering(self) -> tuple[Rendered, ...]:
