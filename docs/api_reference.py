@@ -49,11 +49,17 @@ def _call(name: str, value: Any) -> str:
     ):
         return name
     bare = [
-        parameter.replace(annotation=inspect.Parameter.empty)
+        parameter.replace(annotation=inspect.Parameter.empty, default=_shown(parameter.default))
         for parameter in signature.parameters.values()
         if parameter.name not in {"self", "cls"}
     ]
     return name + str(inspect.Signature(bare))
+
+
+def _shown(default: Any) -> Any:
+    """Return a default as it is written in a call; dots stand for a function or a class."""
+    is_class = isinstance(default, type) and default is not inspect.Parameter.empty
+    return ... if is_class or inspect.isroutine(default) else default
 
 
 def _members(owner: type) -> Iterator[tuple[str, Any]]:
