@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from percept.inference.model.interval_estimands import IntervalEstimands
+from percept.inference.model.limits import Limits
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 from reports.studies import Array, Observed, model_of
@@ -67,7 +67,7 @@ def by_percept(study: Observed, tolerance: float, seed: int) -> Fitted:
     )
 
 
-def estimands_of(study: Observed) -> IntervalEstimands:
+def estimands_of(study: Observed) -> Limits:
     """Return the limits that are compared."""
     model = model_of(study)
-    return IntervalEstimands(model, kinds=KINDS, level=LEVEL, share=SHARE, confidence=CONFIDENCE)
+    return Limits(model, kinds=KINDS, level=LEVEL, share=SHARE, confidence=CONFIDENCE)

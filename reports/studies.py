@@ -9,15 +9,17 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.model.covariates import with_covariates
 from percept.inference.model.design import Cells, Factors, design_of
-from percept.inference.model.linear_posterior import LinearPosterior
+from percept.inference.model.model import LinearModel
 from percept.inference.model.priors import Priors
 from percept.inference.model.statistics import apart_by_subject, from_trials
-from percept.inference.model.trial_scatter import trial_scatter
+from percept.inference.model.trials import trial_scatter, with_covariates
 
 Array: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.intp]
+
+#: Name of the covariate.
+COVARIATE = "order"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,7 +40,7 @@ class Observed:
     contrast: Mapping[str, Array] = dataclasses.field(default_factory=dict)  # (C,) by term
     groups: tuple[str, ...] = ()  # Factors of which a subject has one level only
     spread: tuple[str, ...] = ()  # Factors whose levels differ in the spread of subjects' effects
-    covariate: Array | None = None  # (M,) centred
+    covariate: Array | None = None  # (M,) Centred within subjects, who have slopes of their own
     own_trial_sds: bool = False
 
     @property
@@ -69,7 +71,7 @@ class Observed:
 
 def model_of(
     study: Observed, *, subjects_contrasts: bool = True, own_trial_sds: bool = True
-) -> LinearPosterior:
+) -> LinearModel:
     """Return percept's model of a study: the right one, or one that leaves something out.
 
     Parameters
@@ -83,7 +85,7 @@ def model_of(
 
     Returns
     -------
-    LinearPosterior
+    LinearModel
     """
     environments = tuple(f"VE{j + 1}" for j in range(int(study.environment.max()) + 1))
     levels = dict.fromkeys(study.factors, ("first", "second"))
@@ -104,17 +106,14 @@ def model_of(
     by_subject = own_trial_sds and study.own_trial_sds
     if by_subject:
         statistics = apart_by_subject(statistics)
-    covariate = np.zeros((len(study.cell), 0))
-    if study.covariate is not None:
-        covariate = study.covariate[:, None]
-    trials = (study.response, study.subject, study.cell, covariate)
+    trials = (study.response, study.subject, study.cell)
+    scatter = trial_scatter(*trials, by_subject=by_subject)
     covariates = None
     if study.covariate is not None:
-        pooled = trial_scatter(*trials, by_subject=False)
-        statistics, covariates = with_covariates(
-            covariate, study.subject, study.cell, ("order",), statistics, pooled
+        values = study.covariate[:, None]
+        statistics, scatter, covariates = with_covariates(
+            values, (COVARIATE,), trials, statistics, by_subject=by_subject
         )
-    scatter = trial_scatter(*trials, by_subject=by_subject)
     cells = Cells(tuple(names), study.environment, environments, study.x)
     factors = Factors(
         levels=levels,
@@ -126,4 +125,4 @@ def model_of(
     design = design_of(cells, factors, study.priors)
     if not subjects_contrasts:
         design = dataclasses.replace(design, subject=design.subject[:1])
-    return LinearPosterior(statistics, design, study.priors, covariates, scatter)
+    return LinearModel(statistics, design, study.priors, covariates, scatter)

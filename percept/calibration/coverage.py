@@ -90,7 +90,7 @@ def fitted_values(study: Study, rng: np.random.Generator | None = None) -> TrueV
     model = fit.model
     points = fit.points
     if rng is None:
-        cells = model.laws(points).mean.mean(axis=0)
+        cells = model.moments(points).mean.mean(axis=0)
     else:
         points = points[[rng.integers(len(points))]]
         cells = model.draw(points, rng)[0][0]

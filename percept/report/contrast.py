@@ -117,6 +117,7 @@ class Design:
     within: str  # "2 levels of hand and 3 levels of load"; empty without
     groups: list[str]  # "12 novice and 11 expert (group)"
     covariates: str
+    own_slopes: str  # Covariates of which each subject has a slope
 
 
 def design_words(results: Results) -> Design:
@@ -136,8 +137,10 @@ def design_words(results: Results) -> Design:
             of_level = matching(every, factor=factor, level=row.level)
             sizes.append(f"{_subjects_at(of_level)} {row.level}")
         groups.append(f"{listed(sizes)} ({factor})")
-    covariates = listed(distinct(matching(results.contrast, of="slope"), "factor"))
-    return Design(listed(within), groups, covariates)
+    slopes = matching(results.contrast, of="slope")
+    covariates = listed(distinct(slopes, "factor"))
+    own_slopes = listed(distinct(matching(slopes, within=True), "factor"))
+    return Design(listed(within), groups, covariates, own_slopes)
 
 
 def _subjects_at(rows: Sequence[LevelValues]) -> int:

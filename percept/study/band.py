@@ -154,7 +154,7 @@ def posterior_replicates(fit: Fit, asked: InferenceTable) -> Replicates:
     stride = max(1, len(fit.points) // _DRAWS)
     points = fit.points[::stride]
     means, _ = fit.model.draw(points, generator(asked.seed, Stream.POSTERIOR_BANDS))
-    laws = fit.model.laws(points)
+    laws = fit.model.moments(points)
     out = -special.ndtri(0.5 * (1.0 - asked.level))
     lower = fit.scale.native(means - out * laws.population_sd)
     upper = fit.scale.native(means + out * laws.population_sd)

@@ -21,6 +21,7 @@ from percept.inference.checks.predictive import (
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity
+from percept.inference.model.predictions import draw_prior
 from percept.inference.record import Kind
 from percept.results import (
     CellOutlier,
@@ -201,8 +202,9 @@ def _statistics(
 
 def _prior_quantiles(fit: Fit, subjects: SubjectDensity, *, seed: int) -> Iterator[PriorQuantiles]:
     """Yield quantiles of the average and the next user before any data."""
-    prior = subjects.density.draw_prior(_PRIOR_DRAWS, generator(seed, Stream.PRIOR))
-    kinds: dict[Kind, Array] = {"mean": prior.means, "user": prior.users}
+    rng = generator(seed, Stream.PRIOR)
+    _, means, users = draw_prior(subjects.density, _PRIOR_DRAWS, rng)
+    kinds: dict[Kind, Array] = {"mean": means, "user": users}
     for kind, drawn in kinds.items():
         # The map to the quantity is increasing, so quantiles pass through it; far tails may be
         # infinite.

@@ -59,7 +59,7 @@ class Comparison:
     environment: str | None  # None over all references
     references: tuple[str, ...]  # Environments it rests on
     weights: Mapping[CellKey, float]  # Of the cells' locations
-    within: bool  # Whether each subject has all levels
+    within: bool  # Whether each subject has all levels; of a slope, whether each has one
     interaction: bool = False
     groups: tuple[str, str] = ("", "")  # Levels of a factor between subjects that it compares
     unit: float = 1.0  # SD of a covariate: its slope is told for one of its units

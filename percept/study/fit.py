@@ -10,10 +10,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.model.interval_estimands import IntervalEstimands
-from percept.inference.model.laws import ConditionalMoments
+from percept.inference.model.laws import Moments
+from percept.inference.model.limits import Limits, limits_of
 from percept.inference.model.model import Model
-from percept.inference.model.product import pooled_parts
 from percept.inference.sampling.gate import Estimands, Progress, Run, Settings
 from percept.results import IntervalRow
 from percept.scene import InferenceTable
@@ -61,21 +60,15 @@ class Fit(Prepared):
         return kept.reshape(-1, kept.shape[-1])
 
     @cached_property
-    def moments(self) -> ConditionalMoments:
-        """Moments per kept draw and cell, on the response scale."""
-        columns = self.components.shape[-1]
-        flat = self.components.reshape(-1, columns)
-        return ConditionalMoments.unpack(flat)
+    def all_moments(self) -> Moments:
+        """Moments per kept draw of cells and then contrasts, on the response scale."""
+        kept = self.run.components
+        return Moments.unpack(kept.reshape(-1, kept.shape[-1]))
 
     @cached_property
-    def components(self) -> Array:
-        """What the run kept of the cells, `ConditionalMoments` packed, (E, T, W, 3 C)."""
-        kept = self.run.components
-        draws = kept.shape[:-1]
-        columns = 3 * self.user_rows
-        of_users = kept[..., :columns].reshape(*draws, 3, -1)
-        of_cells = of_users[..., : len(self.model.cells)]
-        return of_cells.reshape(*draws, -1)
+    def moments(self) -> Moments:
+        """Moments per kept draw and cell, on the response scale."""
+        return self.all_moments.of(slice(len(self.model.cells)))
 
     @cached_property
     def estimate(self) -> Array:
@@ -110,7 +103,7 @@ class Fit(Prepared):
     @cached_property
     def subjects(self) -> SubjectDensity | Skipped:
         """Densities of the subjects' data under the pooled model of sessions."""
-        parts = pooled_parts(self.model, self.points)
+        parts = self.model.split(self.points)
         if self.trials is None or len(parts) != 1:
             needed = "they need the sessions of subjects, pooled over environments"
             return Skipped("checks of the model", needed)
@@ -138,9 +131,9 @@ class RunStore(Protocol):
         """Keep the run of what is asked."""
 
 
-def estimands_of(model: Model, asked: InferenceTable) -> IntervalEstimands:
+def estimands_of(model: Model, asked: InferenceTable) -> Limits:
     """Limits of the intervals that the scene asks for."""
-    return IntervalEstimands(model, kinds=asked.kinds, **claim_of(asked))
+    return Limits(model, kinds=asked.kinds, **claim_of(asked))
 
 
 def simpler_models(model: Model) -> list[str]:
@@ -158,14 +151,11 @@ def simpler_models(model: Model) -> list[str]:
 
 def fit_of(prepared: Prepared, asked: InferenceTable, run: Run) -> Fit:
     """Put a model and its finished run together, with the limits that the scene asks for."""
-    of_users = run.estimates.value[: 2 * len(asked.kinds) * prepared.user_rows]
-    cells = len(prepared.model.cells)
-    by_kind = of_users.reshape(len(asked.kinds), 2, -1)
-    responses = by_kind[..., :cells]
-    native = prepared.scale.native(responses)
+    estimates = run.estimates
     limits = {}
-    for index, kind in enumerate(asked.kinds):
-        lower, upper = native[index]
+    for kind in asked.kinds:
+        ends = limits_of(estimates.names, estimates.value, kind, prepared.model.cells)
+        lower, upper = prepared.scale.native(np.stack(ends))
         limits[str(kind)] = (lower, upper)
     return Fit(**vars(prepared), run=run, limits=limits)
 

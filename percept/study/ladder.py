@@ -169,14 +169,12 @@ def _subject_means(data: Data) -> pd.DataFrame:
 
 def _measured(fit: Fit, asked: InferenceTable) -> dict[_Cell, _Interval]:
     """Limits of a fit, with errors of log width and midpoint by the draws' influence on both."""
-    components = fit.components
     scale = fit.scale
     found = {}
-    flat = components.reshape(-1, components.shape[-1])
-    parts = estimands_of(fit.model, asked).estimates(flat)
+    parts = estimands_of(fit.model, asked).estimates(fit.moments.pack())
     for kind, (_, influence) in zip(asked.kinds, parts, strict=True):
         lower, upper = fit.limits[kind]
-        pulls = influence.reshape(*components.shape[:3], 2, -1) * scale.unit
+        pulls = influence.reshape(*fit.run.points.shape[:3], 2, -1) * scale.unit
         if scale.log:
             pulls *= np.stack([lower, upper])
         on_lower = pulls[..., 0, :]

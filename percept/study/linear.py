@@ -7,19 +7,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 
 from percept.errors import RefusalError, UsageError
-from percept.inference.model.contrasts import ContrastEstimands, ContrastRows
-from percept.inference.model.covariates import Covariates, with_covariates
 from percept.inference.model.design import Cells, Options, design_of
 from percept.inference.model.design import Factors as CellFactors
-from percept.inference.model.interval_estimands import IntervalEstimands
-from percept.inference.model.linear_posterior import LinearPosterior
-from percept.inference.model.model import Resolution
-from percept.inference.model.product import Product, linear_parts
+from percept.inference.model.limits import Combinations, Limits
+from percept.inference.model.model import LinearModel, Resolution
+from percept.inference.model.product import Product
 from percept.inference.model.statistics import Statistics, apart_by_subject
-from percept.inference.model.trial_scatter import TrialScatter, trial_scatter
+from percept.inference.model.trials import Covariates, TrialScatter, trial_scatter, with_covariates
 from percept.scene import InferenceTable, ModelTable
 from percept.sessions import Sessions
 from percept.sessions.formula import TRIAL_REFERENCE
@@ -55,6 +51,11 @@ class Compared:
         versus = f"{comparison.second} against {comparison.first}"
         return f"{self.parameter}, {comparison.factor}: {versus}, {where}"
 
+    @property
+    def place(self) -> tuple[str, str]:
+        """The contrast among the names of limits."""
+        return ("contrast", self.name)
+
     def padded(self, before: int, after: int) -> Compared:
         """Weigh the locations of a model that has others before and after these."""
         row = np.pad(self.row, (before, after))
@@ -65,24 +66,20 @@ class Compared:
 class ContrastPlan:
     """What a model of R locations estimates beside its cells."""
 
-    model: LinearPosterior | Product
-    cell_rows: Array  # (C, R) Where the cells stand among the locations
+    model: LinearModel | Product
     users: tuple[Compared, ...]  # Contrasts that each user has too
     groups: tuple[Compared, ...]  # Contrasts of different users, and slopes
     spreads: tuple[Compared, ...]  # Ratios of SDs between users
 
-    def estimands(self, asked: InferenceTable) -> ContrastEstimands:
+    def estimands(self, asked: InferenceTable) -> Limits:
         """Limits of the cells' intervals and of all contrasts, to one tolerance."""
-        rows = ContrastRows(
-            cells=self.cell_rows,
-            users=self.rows(self.users),
-            groups=self.rows(self.groups),
+        of_users = tuple(compared.place for compared in self.users)
+        of_groups = tuple(compared.place for compared in self.groups)
+        further = (
+            Combinations(of_users, self.rows(self.users), asked.kinds),
+            Combinations(of_groups, self.rows(self.groups), ("mean",)),
         )
-        of_users = [("contrast", compared.name) for compared in self.users]
-        of_groups = [("contrast", compared.name) for compared in self.groups]
-        claims = IntervalEstimands(self.model, kinds=asked.kinds, **claim_of(asked))
-        names = (*self.model.cells, *of_users)
-        return ContrastEstimands(self.model, rows, names, tuple(of_groups), claims)
+        return Limits(self.model, kinds=asked.kinds, **claim_of(asked), further=further)
 
     @property
     def slopes(self) -> bool:
@@ -92,8 +89,7 @@ class ContrastPlan:
     def rows(self, compared: Sequence[Compared]) -> Array:
         """Weights of contrasts, (L, R)."""
         rows = [own.row for own in compared]
-        locations = self.cell_rows.shape[1]
-        return np.reshape(rows, (-1, locations))
+        return np.reshape(rows, (-1, self.model.cell_rows.shape[1]))
 
     def log_ratio(self, compared: Compared) -> Callable[[Array], Array]:
         """Log ratio of the SDs of one of `spreads`, of coordinates (W, d)."""
@@ -102,16 +98,16 @@ class ContrastPlan:
         rows = np.stack([second_row, first_row])
 
         def ratio(points: Array) -> Array:
-            second, first = self.model.log_user_sds(rows, points).T
-            return np.asarray(second - first)
+            second, first = self.model.user_sds(points, rows).T
+            return np.log(second / first)
 
         return ratio
 
 
 def side_by_side(plans: Sequence[ContrastPlan]) -> ContrastPlan:
     """Put the contrasts of models of different quantities together."""
-    model = Product([part for plan in plans for part in linear_parts(plan.model)])
-    widths = [plan.cell_rows.shape[1] for plan in plans]
+    model = Product([plan.model for plan in plans])
+    widths = [plan.model.cell_rows.shape[1] for plan in plans]
     users: list[Compared] = []
     groups: list[Compared] = []
     spreads: list[Compared] = []
@@ -122,10 +118,8 @@ def side_by_side(plans: Sequence[ContrastPlan]) -> ContrastPlan:
         groups += [compared.padded(before, after) for compared in plan.groups]
         spreads += [compared.padded(before, after) for compared in plan.spreads]
         before += width
-    rows = linalg.block_diag(*(plan.cell_rows for plan in plans))
     return ContrastPlan(
         model=model,
-        cell_rows=rows,
         users=tuple(users),
         groups=tuple(groups),
         spreads=tuple(spreads),
@@ -169,7 +163,7 @@ def linear_study(
     own_slopes = scene.model.subjects_slope
     cells, factors = _design(keys, statistics, sessions, conditions, own_slopes)
     design = design_of(cells, factors, priors, Options(weber=scene.model.weber))
-    model = LinearPosterior(statistics, design, priors, covariates, scatter, resolution)
+    model = LinearModel(statistics, design, priors, covariates, scatter, resolution)
     found: list[Comparison] = []
     if sessions.factors is not None:
         found = list(comparisons(conditions, sessions.factors, keys))
@@ -178,8 +172,10 @@ def linear_study(
     slopes = []
     for name, size in zip(conditions.covariates, sizes, strict=True):
         step = "1 decade more" if name == TRIAL_REFERENCE else "1 more"
-        slopes.append(Comparison(name, "the same", step, None, environments, {}, True, unit=size))
-    weigh = _Weights(keys, statistics, conditions)
+        within = covariates is not None and name in covariates.within
+        slope = Comparison(name, "the same", step, None, environments, {}, within, unit=size)
+        slopes.append(slope)
+    weigh = _Weights(keys, statistics, conditions, model.locations)
     users = [own for own in found if own.of_users]
     groups = [own for own in found if not own.of_users]
     # Where the spread of subjects' effects is one for all levels, a ratio would be falsely certain.
@@ -187,7 +183,6 @@ def linear_study(
     spreads = [own for own in contrasts if own.factor in conditions.spread]
     return ContrastPlan(
         model=model,
-        cell_rows=np.eye(len(model.cells), model.locations_count),
         users=tuple(weigh.all_quantities(users)),
         groups=tuple(weigh.all_quantities(groups + slopes)),
         spreads=tuple(weigh.all_quantities(spreads)),
@@ -213,21 +208,15 @@ def _reduced(
     """Statistics of the trials, their covariates, scatter, and the covariates' SDs."""
     names = conditions.covariates
     statistics = apart_by_subject(data.statistics) if by_subject else data.statistics
-    covariates = None
-    sizes = np.ones(0)
-    values = np.zeros((len(data.response), 0))
-    if names:
-        table = sessions.table.loc[data.rows]
-        values = covariate_values(table, names)
-        columns = table[list(names)].astype(float)
-        sizes = columns.std(ddof=0).to_numpy()
-    trials_of = (data.response, data.subject, data.environment, values)
-    pooled = trial_scatter(*trials_of, by_subject=False)
-    if names:
-        statistics, covariates = with_covariates(
-            values, data.subject, data.environment, names, statistics, pooled
-        )
-    scatter = trial_scatter(*trials_of, by_subject=True) if by_subject else pooled
+    trials_of = (data.response, data.subject, data.environment)
+    if not names:
+        scatter = trial_scatter(*trials_of, by_subject=by_subject)
+        return statistics, None, scatter, np.ones(0)
+    table = sessions.table.loc[data.rows]
+    sizes = table[list(names)].astype(float).std(ddof=0).to_numpy()
+    statistics, scatter, covariates = with_covariates(
+        covariate_values(table, names), names, trials_of, statistics, by_subject=by_subject
+    )
     return statistics, covariates, scatter, sizes
 
 
@@ -274,11 +263,16 @@ def _design(
 
 
 class _Weights:
-    """Contrasts as weights of a model's locations: cells quantity by quantity, then slopes."""
+    """Contrasts as weights of R locations: cells quantity by quantity, slopes, fixed terms."""
 
     def __init__(
-        self, keys: tuple[CellKey, ...], statistics: Statistics, conditions: Conditions
+        self,
+        keys: tuple[CellKey, ...],
+        statistics: Statistics,
+        conditions: Conditions,
+        locations: int,
     ) -> None:
+        self._locations = locations
         self._keys = keys
         self._parameters = statistics.parameters
         self._covariates = conditions.covariates
@@ -298,7 +292,7 @@ class _Weights:
         """Weights of all locations (R,)."""
         size = len(self._parameters)
         cells = len(self._keys)
-        row = np.zeros(size * (cells + len(self._covariates)))
+        row = np.zeros(self._locations)
         if comparison.weights:
             row[p * cells : (p + 1) * cells] = comparison.row(self._keys)
         else:

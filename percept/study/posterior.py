@@ -21,7 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 import percept
 from percept.inference.checks.predictive import new_studies
 from percept.inference.checks.subjects import SubjectDensity
+from percept.inference.model.predictions import draw_prior
 from percept.inference.model.priors import Named
+from percept.inference.model.subjects import draw_subject_effects
 from percept.study.basics import Array, Stream, generator
 from percept.study.fit import Fit
 
@@ -117,7 +119,7 @@ def _groups(fit: Fit, seed: int) -> dict[str, Named]:
     if not isinstance(subjects, SubjectDensity):
         return groups
     density = subjects.density
-    effects = density.draw_subject_effects(points, means, rng)
+    effects = draw_subject_effects(density, points, means, rng)
     if effects is not None:
         posterior["subject_effect"] = _named(effects, "subject", "parameter")
     left_out = _left_out(subjects, points)
@@ -128,9 +130,8 @@ def _groups(fit: Fit, seed: int) -> dict[str, Named]:
     observed = density.statistics.cell_means[None]
     groups["observed_data"] = {"response": _observations(subjects, observed)}
     rng_of_prior = generator(seed, Stream.PRIOR)
-    prior = density.draw_prior(_PRIOR_DRAWS, rng_of_prior)
-    prior_mean = _in_cells(fit, prior.means)
-    groups["prior"] = prior.scales | {"population_mean": prior_mean}
+    scales, prior_means, _ = draw_prior(density, _PRIOR_DRAWS, rng_of_prior)
+    groups["prior"] = scales | {"population_mean": _in_cells(fit, prior_means)}
     return groups
 
 

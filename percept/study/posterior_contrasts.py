@@ -21,10 +21,8 @@ from typing import Self
 
 import numpy as np
 
-from percept.inference.model.contrasts import ContrastLimits
-from percept.inference.model.families import level_together
-from percept.inference.model.interval_estimands import IntervalEstimands
-from percept.inference.model.laws import ConditionalMoments
+from percept.inference.model.laws import Moments
+from percept.inference.model.limits import Limits, level_together, limits_of
 from percept.inference.record import Kind
 from percept.inference.sampling.lines import line_limits
 from percept.results import ContrastRow
@@ -97,43 +95,39 @@ class _Contrasts:
         """Yield every contrast with its limits: all kinds of one contrast, then the next one."""
         users = self._plan.users
         groups = self._plan.groups
-        estimands = self._plan.estimands(self._inference)
-        value = self._fit.run.estimates.value
-        components = self._fit.run.components
-        components = components.reshape(-1, components.shape[-1])
         ends_by_kind = []
         for kind in self._inference.kinds:
-            single = estimands.of_users(kind, value, components)
-            ends_by_kind.append(self._ends(users, kind, single, first_column=0))
+            ends_by_kind.append(self._ends(users, kind, first_column=0))
         for index, compared in enumerate(users):
             for ends in ends_by_kind:
                 yield compared, ends[index]
-        single = estimands.of_groups(value, components)
-        ends_of_groups = self._ends(groups, "mean", single, first_column=len(users))
+        ends_of_groups = self._ends(groups, "mean", first_column=len(users))
         yield from zip(groups, ends_of_groups, strict=True)
 
-    def _ends(
-        self, compared: Sequence[Compared], kind: Kind, single: ContrastLimits, *, first_column: int
-    ) -> list[_Ends]:
+    def _ends(self, compared: Sequence[Compared], kind: Kind, *, first_column: int) -> list[_Ends]:
         """Join single limits of one kind with the limits that hold together.
 
         `first_column` is the column of the first of these contrasts in the joint draws.
         """
+        found = self._fit.run.estimates
+        names = [own.place for own in compared]
+        lowers, uppers = limits_of(found.names, found.value, kind, names)
+        first = len(self._fit.model.cells) + first_column
+        moments = self._fit.all_moments.of(slice(first, first + len(compared)))
         together: dict[int, tuple[float, float]] = {}
         # Limits of a share hold for one contrast only.
         families = [] if kind == "share" else _families(compared)
         for members in families:
             columns = [first_column + member for member in members]
             level = self._joint.level_of_single(columns, kind, self._inference.level)
-            intervals = IntervalEstimands(self._fit.model, level=level)
-            limits = intervals.limits(kind, single.laws.of(members))
-            pairs = zip(limits.lower.tolist(), limits.upper.tolist(), strict=True)
+            joint = Limits(self._fit.model, level=level)
+            lower_ends, upper_ends, _ = joint.of(kind, moments.of(members))
+            pairs = zip(lower_ends.tolist(), upper_ends.tolist(), strict=True)
             together |= zip(members, pairs, strict=True)
-        estimates = single.laws.mean.mean(axis=0).tolist()
         ends = []
-        for index, estimate in enumerate(estimates):
-            lower = float(single.lower[index])
-            upper = float(single.upper[index])
+        estimates = moments.mean.mean(axis=0)
+        rows = np.stack([lowers, uppers, estimates], axis=1).tolist()
+        for index, (lower, upper, estimate) in enumerate(rows):
             ends.append(_Ends(kind, lower, upper, estimate, together.get(index)))
         return ends
 
@@ -142,7 +136,7 @@ class _Contrasts:
 class _JointDraws:
     """Joint draws of all L contrasts of a plan."""
 
-    laws: ConditionalMoments  # (S, L) Of each contrast, given a draw of the scales
+    laws: Moments  # (S, L) Of each contrast, given a draw of the scales
     average_users: Array  # (N, L)
     next_users: Array  # (N, L)
 
@@ -156,8 +150,8 @@ class _JointDraws:
         affordable = max(1, _MOST_NUMBERS // numbers_per_repeat)
         repeats = min(affordable, _MOST_REPEATS)
         rng = generator(seed, Stream.CONTRASTS)
-        laws = plan.model.laws_of(weights, points)
-        average_users, next_users = plan.model.draw_of(weights, points, rng, repeats=repeats)
+        laws = plan.model.moments(points, weights)
+        average_users, next_users = plan.model.draw(points, rng, weights, repeats=repeats)
         return cls(laws, average_users, next_users)
 
     def level_of_single(self, columns: list[int], kind: Kind, level: float) -> float:

@@ -12,8 +12,9 @@ import pandas as pd
 from percept import haptics
 from percept.errors import RefusalError, UsageError
 from percept.html import NotebookRecord
-from percept.inference.model.laws import NewEnvironment
-from percept.inference.model.new_environment import NewEstimands, new_environment, new_name
+from percept.inference.model.laws import Joint
+from percept.inference.model.limits import NewLimits, limits_of
+from percept.inference.model.predictions import new_environment, new_name
 from percept.inference.record import Kind
 from percept.results import Boundary, IntervalRow
 from percept.scene import InferenceTable
@@ -225,7 +226,7 @@ class _NewLimits:
 
 def _expect(
     study: Study, fit: Fit, decades: Array
-) -> tuple[dict[str, NewEnvironment], Fit, dict[str, dict[Kind, _NewLimits]]]:
+) -> tuple[dict[str, Joint], Fit, dict[str, dict[Kind, _NewLimits]]]:
     """Work out the new environment's users and limits, with more draws where needed.
 
     Both stand by the environment's name in each condition.
@@ -243,23 +244,23 @@ def _expect(
     if worst <= asked.tolerance:
         return expected, fit, limits
     claims = estimands_of(fit.model, asked)
-    target = NewEstimands(claims, decades, _REPEATS, asked.seed, list(expected))
+    target = NewLimits(claims, decades, _REPEATS, asked.seed, list(expected))
     run = sampled(fit.model, asked, target, progress=study.progress, store=study.store)
     if not run.gate.passed:
         return expected, fit, limits
     fit = dataclasses.replace(fit, run=run)
     # The run's own limits and errors rest on all draws that it kept.
-    shape = len(asked.kinds), 2, len(expected), -1
-    ends = run.estimates.value.reshape(shape)
-    errors = run.errors.reshape(shape)
-    for number, name in enumerate(expected):
-        for index, kind in enumerate(asked.kinds):
-            lower, upper = ends[index, :, number]
-            limits[name][kind] = _NewLimits.of(lower, upper, errors[index, :, number])
+    found = run.estimates
+    for name in expected:
+        places = [(parameter, name) for parameter in fit.parameters]
+        for kind in asked.kinds:
+            lower, upper = limits_of(found.names, found.value, kind, places)
+            errors = limits_of(found.names, run.errors, kind, places)
+            limits[name][kind] = _NewLimits.of(lower, upper, np.stack(errors))
     return expected_users(fit, decades, asked), fit, limits
 
 
-def expected_users(fit: Fit, x: Array, asked: InferenceTable) -> dict[str, NewEnvironment]:
+def expected_users(fit: Fit, x: Array, asked: InferenceTable) -> dict[str, Joint]:
     """Work out what a fit expects of the users of a new environment, by its name in a condition."""
     rng = generator(asked.seed, Stream.NEW_ENVIRONMENT)
     laws = new_environment(fit.model, fit.points, x, repeats=_REPEATS, rng=rng)
@@ -304,23 +305,23 @@ def _positive(quantity: Quantity, value: float | None) -> float:
     return float(value)
 
 
-def _limits(fit: Fit, expected: NewEnvironment, kind: Kind, asked: InferenceTable) -> _NewLimits:
+def _limits(fit: Fit, expected: Joint, kind: Kind, asked: InferenceTable) -> _NewLimits:
     """Work out the limits of a kind, with errors from means over batches of draws."""
-    limits = estimands_of(fit.model, asked).limits(kind, expected.laws)
+    lower, upper, influence = estimands_of(fit.model, asked).of(kind, expected.moments())
     batch = fit.run.batches()
     # A draw's repeats belong together.
-    repeats = limits.influence.reshape(len(batch), -1, limits.influence.shape[1])
+    repeats = influence.reshape(len(batch), -1, influence.shape[1])
     of_draws = repeats.mean(axis=1)
     means = []
     for number in np.unique(batch):
         means.append(of_draws[batch == number].mean(axis=0))
     errors = np.std(means, axis=0, ddof=1) / np.sqrt(len(means))
-    return _NewLimits.of(limits.lower, limits.upper, errors.reshape(2, -1))
+    return _NewLimits.of(lower, upper, errors.reshape(2, -1))
 
 
 def _rows(
     fit: Fit,
-    expected: NewEnvironment,
+    expected: Joint,
     name: str,
     scale: ResponseScale,
     asked: InferenceTable,
@@ -328,7 +329,7 @@ def _rows(
 ) -> Iterator[IntervalRow]:
     """Yield a row for every kind and parameter."""
     n = int(fit.counts.max())
-    centre = expected.laws.mean.mean(axis=0)
+    centre = expected.mean[:, 0].mean(axis=0)
     for kind, of_kind in limits.items():
         with np.errstate(over="ignore", under="ignore"):
             values = scale.native(np.stack([of_kind.lower, of_kind.upper, centre]))
@@ -348,15 +349,16 @@ def _rows(
 
 
 def _laws(
-    fit: Fit, expected: NewEnvironment, name: str, scale: ResponseScale, asked: InferenceTable
+    fit: Fit, expected: Joint, name: str, scale: ResponseScale, asked: InferenceTable
 ) -> Iterator[Law]:
     """Yield the laws of the average and the next user of the environment."""
     n = int(fit.counts.max())
     batch = np.repeat(fit.run.batches(), _REPEATS)
-    location = expected.covariance
+    centre = expected.mean[:, 0]
+    location = expected.location[:, 0]
     # The average does not depend on the spread, which takes the repeats.
-    mean = PosteriorPairs(expected.mean[::_REPEATS], location[::_REPEATS], batch[::_REPEATS], n)
-    user = PosteriorPairs(expected.mean, location + expected.population, batch, n)
+    mean = PosteriorPairs(centre[::_REPEATS], location[::_REPEATS], batch[::_REPEATS], n)
+    user = PosteriorPairs(centre, location + expected.users[:, 0], batch, n)
     drawn: Mapping[LawKind, PosteriorPairs] = {"mean": mean, "user": user}
     for kind, pairs in drawn.items():
         if kind in asked.kinds:

@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from percept.errors import RefusalError
 from percept.inference.model.design import Options
-from percept.inference.model.linear_posterior import LinearPosterior, plain_model
-from percept.inference.model.model import Model, Resolution
-from percept.inference.model.product import Product
+from percept.inference.model.model import LinearModel, Model, Resolution, plain_model
+from percept.inference.model.product import Product, Unpooled
 from percept.inference.model.statistics import Statistics, from_summary
-from percept.inference.model.unpooled import Unpooled
 from percept.scene import Scene
 from percept.sessions.quantities import IMPEDANCE, Quantities
 from percept.study.basics import Array, Skipped, priors_of
@@ -45,14 +43,6 @@ class Prepared:
     quantities: Quantities = dataclasses.field(default_factory=lambda: IMPEDANCE)
     skipped: tuple[Skipped, ...] = ()  # Trials and environments that are not in the model
     contrasts: ContrastPlan | None = None  # Of factors and covariates; None without these
-
-    @property
-    def user_rows(self) -> int:
-        """Number of quantities that each user has: cells, then contrasts."""
-        cells = len(self.model.cells)
-        if self.contrasts is None:
-            return cells
-        return cells + len(self.contrasts.users)
 
 
 def prepare(data: Data, parameters: tuple[str, ...] | None = None) -> Prepared:
@@ -165,7 +155,7 @@ def _of_trials(
 
 def _model(
     statistics: Statistics, scene: Scene, resolution: Resolution | None = None
-) -> LinearPosterior:
+) -> LinearModel:
     table = scene.model
     options = Options(
         subject_effect=table.subject_effect, weber=table.weber, common_spread=table.common_spread

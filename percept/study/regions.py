@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from percept.boundary.law import BEYOND, PairLaw, confidence_law, mixture_law
 from percept.errors import RefusalError
-from percept.inference.model.product import pooled_parts
 from percept.inference.record import Family, Kind, Method
 from percept.inference.regions import EllipseRegion, ellipse_region
 from percept.results import IntervalRow
@@ -173,18 +172,18 @@ def _halved(probability: float) -> float:
 
 def _bonferroni(fit: Fit, asked: InferenceTable) -> Iterator[Region]:
     """Yield posterior rectangles whose sides leave out half as much each."""
-    from percept.inference.model.interval_estimands import IntervalEstimands
+    from percept.inference.model.limits import Limits
 
-    halved = IntervalEstimands(
+    halved = Limits(
         fit.model,
         level=_halved(asked.level),
         share=_halved(asked.share),
         confidence=_halved(asked.confidence),
     )
-    laws = fit.model.laws(fit.points)
+    moments = fit.model.moments(fit.points)
     for kind in asked.kinds:
-        limits = halved.limits(kind, laws)
-        ends = fit.scale.native(np.stack([limits.lower, limits.upper]))
+        lower, upper, _ = halved.of(kind, moments)
+        ends = fit.scale.native(np.stack([lower, upper]))
         for environment, (k, b) in fit.pairs(ends).items():
             yield Region(
                 environment=environment,
@@ -265,11 +264,11 @@ def _classical_laws(pairs: SubjectPairs, kinds: Sequence[LawKind], level: float)
 
 
 def _posterior_laws(fit: Fit, asked: InferenceTable, kinds: Sequence[LawKind]) -> Iterator[Law]:
-    parts = pooled_parts(fit.model, fit.points)
+    parts = fit.model.split(fit.points)
     if len(parts) != 1:
         return
     ((density, points),) = parts
-    pairs = density.pairs(points)
+    pairs = density.joint(points, density.pair_rows)
     batch = fit.run.batches()
     for j, environment in enumerate(fit.environments):
         cells = [fit.column[parameter, environment] for parameter in ("k", "b")]

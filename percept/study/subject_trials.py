@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from percept.inference.model.subject_spreads import chance_of_differences
-from percept.inference.model.trial_scatter import trial_scatter
+from percept.inference.model.trials import trial_scatter
 from percept.scene import Scene
 from percept.study.basics import Array, Skipped
 from percept.study.responses import Trials
@@ -135,8 +135,7 @@ def _vanishing(df: Array, scatters: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 def _differences(data: Trials) -> str:
     """Say whether subjects' trial SDs differ more than chance lets them."""
-    nothing = np.zeros((len(data.response), 0))
-    scatter = trial_scatter(data.response, data.subject, data.environment, nothing, by_subject=True)
+    scatter = trial_scatter(data.response, data.subject, data.environment, by_subject=True)
     chances = chance_of_differences(scatter, len(data.subjects), len(data.environments))
     smallest = min(1.0, chances.min() * len(chances))
     if smallest >= _DOUBTFUL:

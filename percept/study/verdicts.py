@@ -23,7 +23,6 @@ from percept.haptics import TabulatedDevice
 from percept.haptics.perceived import Display
 from percept.inference.classical.fiducial import fiducial_draws
 from percept.inference.classical.moments import Moments
-from percept.inference.model.product import pooled_parts
 from percept.inference.record import Family
 from percept.results import (
     CentralProbability,
@@ -129,7 +128,7 @@ def posterior_users(fit: Fit, asked: InferenceTable) -> dict[str, Users]:
     """
     rng = generator(asked.seed, Stream.USERS)
     points = rng.permutation(fit.points)[:_MOST_DRAWS]
-    parts = pooled_parts(fit.model, points)
+    parts = fit.model.split(points)
     draw = _joint_draws if len(parts) == 1 else _separate_draws
     users = {}
     for environment, mean, covariance in draw(fit, points, rng):
@@ -155,8 +154,8 @@ def _joint_draws(
     fit: Fit, points: Array, rng: np.random.Generator
 ) -> Iterator[tuple[str, Array, Array]]:
     """Yield environment, mean (S, 2) and covariance (S, 2, 2) between users, as responses."""
-    ((density, coordinates),) = pooled_parts(fit.model, points)
-    laws = density.pairs(coordinates)
+    ((density, coordinates),) = fit.model.split(points)
+    laws = density.joint(coordinates, density.pair_rows)
     for j, environment in enumerate(fit.environments):
         noise = rng.standard_normal((len(points), 2, 1))
         values, vectors = np.linalg.eigh(laws.location[:, j])
@@ -169,7 +168,7 @@ def _separate_draws(
     fit: Fit, points: Array, rng: np.random.Generator
 ) -> Iterator[tuple[str, Array, Array]]:
     means, _ = fit.model.draw(points, rng)
-    variances = fit.model.laws(points).population_sd ** 2
+    variances = fit.model.moments(points).population_sd ** 2
     for environment in fit.environments:
         cells = [fit.column[name, environment] for name in _NAMES]
         yield environment, means[:, cells], variances[:, cells][:, :, None] * np.eye(2)

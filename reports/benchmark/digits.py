@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from percept.inference import Moments
 from percept.inference.classical.trials import subject_means
-from percept.inference.model.linear_posterior import plain_model
+from percept.inference.model.model import plain_model
 from percept.inference.model.statistics import from_trials
 from reports.benchmark import twins as twin
 from reports.benchmark.twins import Levels, Number

@@ -17,8 +17,8 @@ import numpy as np
 from scipy import special
 
 from percept.errors import RefusalError
-from percept.inference.model.interval_estimands import IntervalEstimands
-from percept.inference.model.linear_posterior import LinearPosterior
+from percept.inference.model.limits import Limits
+from percept.inference.model.model import LinearModel
 from percept.inference.sampling.gate import Run, Settings
 from percept.inference.sampling.run import sample
 from percept.workers import processes
@@ -50,7 +50,7 @@ class Fitted:
     """A study of a plan, its model, and the run."""
 
     drawn: Drawn
-    model: LinearPosterior
+    model: LinearModel
     run: Run
     rng: np.random.Generator  # Chooses among the draws
 
@@ -58,7 +58,7 @@ class Fitted:
 def fit_study(
     plan: Plan,
     index: int,
-    change: Callable[[LinearPosterior], LinearPosterior] = lambda model: model,
+    change: Callable[[LinearModel], LinearModel] = lambda model: model,
 ) -> Fitted:
     """Draw study `index` of a plan and fit it; a changed model must be caught."""
     seeds = np.random.SeedSequence(plan.seed, spawn_key=(list(KINDS).index(plan.kind), index))
@@ -67,14 +67,14 @@ def fit_study(
     options = WRONG[plan.wrong][1] if plan.wrong else {}
     model = change(model_of(drawn.observed, **options))
     settings = Settings(tolerance=plan.tolerance, seed=int(run_seed.generate_state(1)[0]))
-    run = sample(model, IntervalEstimands(model, kinds=("mean", "user")), settings)
+    run = sample(model, Limits(model, kinds=("mean", "user")), settings)
     return Fitted(drawn, model, run, np.random.default_rng(draw_seed))
 
 
 def place_study(
     plan: Plan,
     index: int,
-    change: Callable[[LinearPosterior], LinearPosterior] = lambda model: model,
+    change: Callable[[LinearModel], LinearModel] = lambda model: model,
 ) -> dict[str, float]:
     """Place the true values of study `index` of a plan; RefusalError without a fit."""
     fitted = fit_study(plan, index, change)
@@ -103,7 +103,9 @@ def places_of_locations(fitted: Fitted, points: Array) -> dict[str, float]:
     rows = location_rows(study)
     slopes = drawn.slope if study.covariate is not None else np.empty(0)
     weights = np.array(list(rows.values()))
-    laws = fitted.model.laws_of(weights, points)
+    # Coefficients of fixed terms, which stand last, have no weights.
+    others = fitted.model.locations - weights.shape[1]
+    laws = fitted.model.moments(points, np.pad(weights, ((0, 0), (0, others))))
     means = weights @ np.concatenate([drawn.beta.ravel(), slopes])
     users = weights @ np.concatenate([drawn.user.ravel(), slopes])
     below_mean = special.ndtr((means - laws.mean) / laws.sd).mean(axis=0)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from percept.inference.model.priors import Priors
-from reports.studies import Array, Indices, Observed
+from reports.studies import COVARIATE, Array, Indices, Observed
 
 #: Narrower than the defaults, so that few draws of the prior are studies nobody would run.
 NARROW = Priors(
@@ -221,11 +221,14 @@ def draw_study(kind: Kind, rng: np.random.Generator) -> Drawn:
     covariate = None
     slope = np.zeros(prior.size)
     if kind.covariate:
-        # It varies between trials and between subjects.
-        values = rng.normal(0.0, 1.0, len(cell)) + rng.normal(0.0, 0.5, kind.subjects)[subject]
-        covariate = values - values.mean()
+        # It varies within subjects, and each has a slope of their own.
+        values = rng.normal(0.0, 1.0, len(cell))
+        covariate = values - (np.bincount(subject, values) / np.bincount(subject))[subject]
         slope = prior.normal(kind.priors.covariate_sd)
-        response = response + covariate[:, None] * slope
+        own_sd = prior.half(f"sigma_v:{COVARIATE}", kind.priors.sigma_u_scale)
+        correlation = prior.correlation(f"rho_v:{COVARIATE}")
+        own_slopes = own_sd * prior.normals(correlation, kind.subjects)
+        response = response + covariate[:, None] * (slope + own_slopes[subject])
     observed = dataclasses.replace(observed, response=response, covariate=covariate)
     return Drawn(observed, prior.truth, beta, slope, means[-1])
 

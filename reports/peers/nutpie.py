@@ -110,21 +110,26 @@ class _Plain:
 
     def effects(self, stretch: Term) -> tuple[Term, Term]:
         """Return what every subject adds to the cells, (P, N, C), and its variance, (P, C)."""
-        import pymc as pm
-
         total: Term = 0.0
         variance: Term = 0.0
         for name, contrast in self.observed.columns.items():
-            sd = self.half(f"sigma_{name}", self.priors.sigma_u_scale)
-            rho = self.correlation(f"rho_{name}")
-            z = self.normal(f"z_{name}", 1.0, self.observed.subjects)
-            effects = [sd[0] * z[0]]
-            if self.size == 2:
-                effects.append(sd[1] * (rho * z[0] + pm.math.sqrt(1.0 - rho**2) * z[1]))
+            effects, sd = self.of_subjects(name)
             column = stretch * contrast
-            total = total + pm.math.stack(effects)[:, :, None] * column[:, None, :]
+            total = total + effects[:, :, None] * column[:, None, :]
             variance = variance + (sd[:, None] * column) ** 2
         return total, variance
+
+    def of_subjects(self, name: str) -> tuple[Term, Term]:
+        """Return an effect of every subject, (P, N), and its SD, (P,)."""
+        import pymc as pm
+
+        sd = self.half(f"sigma_{name}", self.priors.sigma_u_scale)
+        rho = self.correlation(f"rho_{name}")
+        z = self.normal(f"z_{name}", 1.0, self.observed.subjects)
+        effects = [sd[0] * z[0]]
+        if self.size == 2:
+            effects.append(sd[1] * (rho * z[0] + pm.math.sqrt(1.0 - rho**2) * z[1]))
+        return pm.math.stack(effects), sd
 
 
 def plain_model(observed: Observed, *, centred: bool = False) -> Any:
@@ -169,9 +174,11 @@ def plain_model(observed: Observed, *, centred: bool = False) -> Any:
         shared, variance_u = plain.effects(plain.stretch())
         residual = mean - beta[:, cell] - shared[:, subject, cell]
         if observed.covariate is not None:
-            slope = plain.normal("slope", plain.priors.covariate_sd)
+            average = plain.normal("slope", plain.priors.covariate_sd)
+            own, _ = plain.of_subjects("v_covariate")
+            slope = average[:, None] + own[:, subject]
             mean_covariate = summed(observed.covariate) / trials
-            residual = residual - slope[:, None] * mean_covariate
+            residual = residual - slope * mean_covariate
             off = observed.covariate - mean_covariate[of_trial]
         sigma = plain.sds("")
         pm.Deterministic("spread", pm.math.sqrt(variance_u + sigma**2))

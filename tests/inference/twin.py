@@ -30,7 +30,8 @@ class Study:
     between: tuple[str, ...] = ()
     spread: tuple[str, ...] = ()
     slopes: bool = False
-    covariates: Array | None = None  # (M, covariates)
+    covariates: Array | None = None  # (M, covariates) Centred, within subjects if they vary there
+    own_slopes: Mapping[str, int] = dataclasses.field(default_factory=dict)  # Numbers of covariates
     resolution: tuple[float, float] = (0.0, 0.0)  # Variances added to cell means and to trials
 
     def columns(self) -> dict[str, Array]:
@@ -133,6 +134,10 @@ class Twin:
         total = self.loadings @ self.locations @ self.loadings.T
         total += np.tile(by_subject, (self.size, self.size)) * self.users[:, at[:, None], at]
         by_quantity = total.reshape(self.width, self.size, trials, self.size, trials)
+        for name, number in study.own_slopes.items():
+            slopes = self._covariance(self.named[f"sigma_v:{name}"], f"rho_v:{name}")
+            values = by_subject * np.outer(*[self.covariates[:, number]] * 2)
+            by_quantity += np.einsum("wpq,mn->wpmqn", slopes, values)
         for p, q in itertools.product(range(self.size), repeat=2):
             if p == q:
                 by_quantity[:, p, :, p] += study.resolution[0] * same_cell

@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
-from percept.inference.model.laws import ConditionalMoments
+from percept.inference.model.laws import Moments
 from percept.sessions import ReadOptions, Sessions
 from percept.study.compare import compare_studies, split_by
 from percept.study.fit import Fit
@@ -137,7 +137,7 @@ def test_an_environment_without_a_difference_is_named(fitted: Study) -> None:
 
 def log_spreads(fit: Fit, cell: tuple[str, str]) -> np.ndarray:
     """Logs of a cell's SD between users over all kept draws, in order."""
-    laws = ConditionalMoments.unpack(fit.run.components.reshape(-1, fit.run.components.shape[-1]))
+    laws = Moments.unpack(fit.run.components.reshape(-1, fit.run.components.shape[-1]))
     return np.sort(np.log(laws.population_sd[:, fit.model.cells.index(cell)]))
 
 

@@ -121,7 +121,7 @@ def test_three_factors_have_an_interaction_of_their_own():
         "left, low, early",
         "right, high, late",
     )
-    weights = dict(zip(plan.model.cells, second.row, strict=True))
+    weights = dict(zip(plan.model.cells, second.row, strict=False))
     levels = [("left", "right"), ("low", "high"), ("early", "late")]
     for corner in itertools.product(*levels):
         sign = (-1.0) ** sum(level in ("left", "low", "early") for level in corner)

@@ -63,11 +63,12 @@ def test_limits_hold_what_is_planted(slopes, covariate):
     assert missed.sum() <= (4 if LONG else 0)
     if effect:
         assert (rows["lower"] > 0.0).all()
-    # With a trial SD of 0.08 over 96 trials the limits are nearly those of least squares.
+    # With a trial SD of 0.08 over 96 trials the limits are those of least squares, or wider:
+    # subjects might have had slopes of their own.
     sd = {"order": np.sqrt(35.0 / 12.0), "start": 0.7, "idle": 1.0}[covariate]
     half_width = 1.96 * 0.08 / (sd * np.sqrt(96))
     ratio = 0.5 * (rows["upper"] - rows["lower"]) / half_width
-    assert ratio.between(0.7, 1.5).all()
+    assert ratio.between(0.7, 2.0).all()
 
 
 def test_a_covariate_of_one_environment_has_the_slope_of_least_squares():

@@ -9,8 +9,7 @@ import pandas as pd
 import pytest
 
 from percept import RefusalError, Scene, Study, UsageError, read_sessions
-from percept.inference.model.new_environment import new_environment
-from percept.inference.model.product import pooled_parts
+from percept.inference.model.predictions import new_environment
 from percept.sessions import Sessions
 from percept.study.prediction import predict
 from tests import DATASETS
@@ -94,8 +93,8 @@ def test_published_limits_are_predicted_parameter_by_parameter(published: Study)
     points = published.fit.points[:40]
     x = np.array([0.7, -1.3])
     found = new_environment(model, points, x, repeats=1, rng=np.random.default_rng(0))[""]
-    np.testing.assert_array_equal(found.covariance[:, 0, 1], 0.0)
-    for p, (part, own) in enumerate(pooled_parts(model, points)):
+    np.testing.assert_array_equal(found.location[:, 0, 0, 1], 0.0)
+    for p, (part, own) in enumerate(model.split(points)):
         statistics = part.statistics
         priors, named = part.priors, {n: v for n, (_, v) in part.scales(own).items()}
         response = np.array([pattern.mean[0, 0] for pattern in statistics.patterns])
@@ -110,8 +109,8 @@ def test_published_limits_are_predicted_parameter_by_parameter(published: Study)
             cross = priors.alpha_sd**2 + priors.gamma_sd**2 * x[p] * decades
             weights = np.linalg.solve(joint, cross)
             own_variance = priors.alpha_sd**2 + priors.gamma_sd**2 * x[p] ** 2 + tau**2
-            assert found.mean[s, p] == pytest.approx(weights @ response, rel=1e-9, abs=1e-12)
-            assert found.covariance[s, p, p] == pytest.approx(
+            assert found.mean[s, 0, p] == pytest.approx(weights @ response, rel=1e-9, abs=1e-12)
+            assert found.location[s, 0, p, p] == pytest.approx(
                 own_variance - weights @ cross, rel=1e-8
             )
 

@@ -6,7 +6,7 @@ import pytest
 from scipy import optimize, stats
 
 from percept import Scene, Study
-from percept.inference.model.new_environment import new_environment
+from percept.inference.model.predictions import new_environment
 from percept.results import PseLineRow
 from percept.sessions import Sessions
 from percept.study.basics import Skipped
@@ -34,7 +34,7 @@ def moments(fitted, parameter, reference):
     new = new_environment(fit.model, fit.points, x, repeats=1, rng=rng)[""]
     # A new environment lies about the line as all environments do.
     own = fit.model.scales(fit.points)["tau"][1][:, p]
-    return new.mean[:, p], np.sqrt(new.covariance[:, p, p] - own**2)
+    return new.mean[:, 0, p], np.sqrt(new.location[:, 0, p, p] - own**2)
 
 
 @pytest.mark.parametrize("number", [0, 17, 24])

@@ -15,7 +15,7 @@ def test_two_shares_of_users_together_leave_out_half_as_much_each(fitted: Study)
     %."""
     assert fitted.fit is not None
     model, rng = fitted.fit.model, np.random.default_rng(1)
-    laws = model.laws(np.repeat(fitted.fit.points, 8, axis=0))
+    laws = model.moments(np.repeat(fitted.fit.points, 8, axis=0))
     centre = laws.mean + laws.sd * rng.standard_normal(laws.mean.shape)
     found = [
         r

@@ -7,7 +7,7 @@ from scipy import stats
 
 from percept import Scene, Study
 from percept.inference.model.subject_spreads import chance_of_differences
-from percept.inference.model.trial_scatter import trial_scatter
+from percept.inference.model.trials import trial_scatter
 from percept.sessions import ReadOptions, Sessions
 from percept.study.prepare import prepare
 
@@ -169,11 +169,10 @@ def test_subjects_with_one_trial_sd_seldom_seem_to_differ():
     subject = np.repeat(np.arange(5), 24)
     cell = np.tile(np.repeat(np.arange(4), 6), 5)
     spread = np.array([0.5, 1.0, 2.0, 1.0])[cell]
-    nothing = np.zeros((120, 0))
     chances = []
     for _ in range(300):
         response = spread[:, None] * rng.normal(size=(120, 2))
-        scatter = trial_scatter(response, subject, cell, nothing, by_subject=True)
+        scatter = trial_scatter(response, subject, cell, by_subject=True)
         chances.append(chance_of_differences(scatter, 5, 4))
     for of_quantity in np.array(chances).T:
         assert stats.kstest(of_quantity, "uniform").pvalue > 1e-3

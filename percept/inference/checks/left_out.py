@@ -194,7 +194,7 @@ def intervals_left_out(
     lower, mean, upper : ndarray, shape (N, P, J)
         On the response scale.
     """
-    whole = subjects.density.laws(points)
+    whole = subjects.density.moments(points)
     spread = np.hypot(whole.mean.std(axis=0), np.sqrt(np.square(whole.sd).mean(axis=0)))
     steps = np.linspace(-_GRID_END, _GRID_END, _GRID_POINTS)
     shape = (subjects.parameters, subjects.environments)

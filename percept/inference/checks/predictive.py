@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.model.laws import SubjectLaws
+from percept.inference.model.subjects import SubjectLaws
 
 __all__ = ["STATISTICS", "new_studies", "statistics_of"]
 

@@ -22,10 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.model.blocks import Block
-from percept.inference.model.laws import SubjectLaws
-from percept.inference.model.linear_posterior import LinearPosterior
-from percept.inference.model.small_cholesky import stacked_factor
-from percept.inference.model.subject_covariance import SubjectCovariance
+from percept.inference.model.gaussian import SubjectCovariance
+from percept.inference.model.model import LinearModel
+from percept.inference.model.subjects import SubjectLaws, subject_laws, trial_groups
 
 __all__ = ["LeftOut", "SubjectDensity"]
 
@@ -59,7 +58,7 @@ class SubjectDensity:
 
     Parameters
     ----------
-    density : LinearPosterior
+    density : LinearModel
         The model.
     response : ndarray
         One row per trial, on the response scale, shape (trials, P).
@@ -69,7 +68,7 @@ class SubjectDensity:
 
     def __init__(
         self,
-        density: LinearPosterior,
+        density: LinearModel,
         response: Array,
         subject: Indices,
         environment: Indices,
@@ -102,7 +101,7 @@ class SubjectDensity:
         step = max(1, _BATCH // numbers)
         for start in range(0, len(points), step):
             cut = slice(start, min(start + step, len(points)))
-            yield cut, self.density.subject_laws(points[cut])
+            yield cut, subject_laws(self.density, points[cut])
 
     def left_out(self, laws: SubjectLaws) -> LeftOut:
         """Predict each subject's data from W sets of scales and the other subjects' data."""
@@ -142,7 +141,7 @@ class SubjectDensity:
         """Log density of trials about their cell means, (W, N); zero without repeats."""
         if groups is None:
             return 0.0
-        trial = groups[self.density.trial_group]  # (N, J, W)
+        trial = groups[trial_groups(self.density)]  # (N, J, W)
         first = self._scatter.first[..., None]
         squares = first / trial.leading
         if trial.slope is not None:
@@ -217,11 +216,27 @@ def _variances(noise: Block, effects: Array) -> Array:
 
 def _factor(matrices: Array) -> Array:
     """Lower factors of (W, R, R) matrices, NaN of all that are singular but for rounding."""
-    factor = stacked_factor(matrices)
+    factor = _stacked_factor(matrices)
     if np.isnan(factor).any():
         smallest = np.linalg.eigvalsh(matrices)[:, 0]
         factor[~(smallest > _LEAST_EIGENVALUE)] = np.nan
     return factor
+
+
+def _stacked_factor(matrices: Array) -> Array:
+    """Lower factors of matrices (W, K, K), NaN where rounding left no positive definite one.
+
+    numpy refuses a whole stack if one matrix fails, so the stack is halved until it stands alone.
+    """
+    try:
+        factor = np.linalg.cholesky(matrices)
+        return np.asarray(factor)
+    except np.linalg.LinAlgError:
+        if len(matrices) == 1:
+            return np.full_like(matrices, np.nan)
+        halves = np.array_split(matrices, 2)
+        factors = [_stacked_factor(half) for half in halves]
+        return np.concatenate(factors)
 
 
 def _whitened(covariance: SubjectCovariance, vectors: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Covariance blocks of one or two parameters, in algebra that does not cancel.
+"""Algebra of many small matrices: covariance blocks that do not cancel, and Cholesky factors.
 
 A block holds a 1 x 1 or 2 x 2 covariance for every entry of its axes. The 2 x 2 form is kept as a
 regression: the variance v of the leading parameter, the slope g of the other on it and the variance
@@ -9,6 +9,10 @@ and distances then need positive terms only, and a correlation of 1 - 1e-9 keeps
 The first parameter leads a covariance. The inverse of a regression of the second on the first is a
 regression of the first on the second, so the second parameter leads a precision. Blocks that are
 added have the same parameter leading.
+
+Cholesky factors have their axes first and draws last, (K, K, ...), and vectors (K, ...). A loop
+over rows with whole arrays of draws takes 0.6 to 1 of the time of LAPACK, which needs copies with
+the draws first, measured for K from 14 to 128 and 256 draws.
 """
 
 from __future__ import annotations
@@ -24,8 +28,12 @@ __all__ = [
     "Block",
     "Vector",
     "block",
-    "precision_entries",
-    "precision_parts",
+    "entries",
+    "log_diagonal",
+    "lower_factor",
+    "solve_lower",
+    "solve_upper",
+    "with_prior",
 ]
 
 Array = NDArray[np.float64]
@@ -186,20 +194,78 @@ def block(
     return Block((first, second * unexplained), rho * ratio)
 
 
-def precision_parts(precision: Block) -> list[Array]:
-    """Distinct entries of precisions: of the first quantity, of both, of the second."""
-    second = precision.leading
-    slope = precision.slope
-    if slope is None:
-        return [second]
-    cross = second * slope
-    return [precision.rest + cross * slope, cross, second]
+def entries(blocks: Block) -> list[Array]:
+    """Distinct entries of blocks: of the first parameter, of both, of the second."""
+    leading = blocks.leading
+    if blocks.slope is None:
+        return [leading]
+    cross = leading * blocks.slope
+    parts = [leading, cross, blocks.rest + cross * blocks.slope]
+    return parts[::-1] if blocks.precision else parts
 
 
-def precision_entries(precision: Block) -> Array:
-    """Entries (P, P, ...) of precisions (...)."""
-    parts = precision_parts(precision)
-    if len(parts) == 1:
-        return parts[0][None, None]
-    first, cross, second = parts
-    return np.stack([np.stack([first, cross]), np.stack([cross, second])])
+def lower_factor(matrices: Array) -> Array:
+    """Lower factors L of matrices LL', (K, K, ...), of which only the lower triangle is read.
+
+    Rows x' below the square, (K + n, K, ...), become (L⁻¹x)'.
+    """
+    factor = np.zeros_like(matrices)
+    for i in range(matrices.shape[1]):
+        column = matrices[i:, i]
+        if i > 0:
+            row = factor[i, :i]
+            rows_from_here = factor[i:, :i]
+            column = column - np.einsum("k...,ik...->i...", row, rows_from_here)
+        pivot = np.sqrt(column[0])
+        np.divide(column, pivot, out=factor[i:, i])
+    return factor
+
+
+def solve_lower(factor: Array, right: Array) -> Array:
+    """Solve L x = right for lower factors (K, K, ...) and vectors (K, ...)."""
+    x = _unsolved(factor, right)
+    for i in range(len(factor)):
+        remaining = right[i]
+        if i > 0:
+            row = factor[i, :i]
+            before = x[:i]
+            remaining = remaining - np.einsum("k...,k...->...", row, before)
+        np.divide(remaining, factor[i, i], out=x[i])
+    return x
+
+
+def solve_upper(factor: Array, right: Array) -> Array:
+    """Solve L'x = right."""
+    x = _unsolved(factor, right)
+    last = len(factor) - 1
+    for i in range(last, -1, -1):
+        remaining = right[i]
+        if i < last:
+            next_row = i + 1
+            column = factor[next_row:, i]
+            after = x[next_row:]
+            remaining = remaining - np.einsum("k...,k...->...", column, after)
+        np.divide(remaining, factor[i, i], out=x[i])
+    return x
+
+
+def _unsolved(factor: Array, right: Array) -> Array:
+    """Room for the solution, with the axes of right sides that share a factor."""
+    one_solution = factor.shape[1:]
+    shape = np.broadcast_shapes(right.shape, one_solution)
+    return np.empty(shape)
+
+
+def with_prior(precision: Array) -> Array:
+    """Add the precision of a standard normal prior to precisions (K, K, ...)."""
+    whole = precision.copy()
+    diagonal = np.arange(len(precision))
+    whole[diagonal, diagonal] += 1.0
+    return whole
+
+
+def log_diagonal(factor: Array) -> Array:
+    """Log determinants of lower factors (K, K, ...)."""
+    pivots = np.einsum("ii...->i...", factor)
+    logs = np.log(pivots)
+    return np.asarray(logs.sum(axis=0))

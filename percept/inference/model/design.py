@@ -37,12 +37,10 @@ __all__ = [
     "Factors",
     "Options",
     "Term",
-    "cell_columns",
     "columns_by_quantity",
     "contrast_columns",
     "design_of",
     "new_cells",
-    "trend_rows",
 ]
 
 Array = NDArray[np.float64]
@@ -94,10 +92,6 @@ class Term:
     name: str
     columns: Array  # (K, P, C)
 
-    def at(self, cells: Indices) -> Term:
-        """Columns over some of the cells."""
-        return Term(self.name, self.columns[:, :, cells])
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Design:
@@ -125,39 +119,6 @@ class Design:
             terms: tuple[Term, ...] = getattr(self, name)
             parts.append(tuple(dataclasses.astuple(term) for term in terms))
         return tuple(parts)
-
-    def under(self, priors: Priors) -> Design:
-        """Columns under other priors."""
-        return design_of(self.cells, self.factors, priors, self.options)
-
-    def at(self, cells: Indices) -> Design:
-        """Columns of some of the cells."""
-        some_cells = Cells(
-            names=tuple(self.cells.names[cell] for cell in cells),
-            environment=self.cells.environment[cells],
-            environments=self.cells.environments,
-            x=self.cells.x[:, cells],
-        )
-        level = {}
-        for name, values in self.factors.level.items():
-            level[name] = values[cells]
-        factors = dataclasses.replace(self.factors, level=level)
-        return Design(
-            cells=some_cells,
-            factors=factors,
-            options=self.options,
-            fixed=_at(self.fixed, cells),
-            deviation=_at(self.deviation, cells),
-            subject=_at(self.subject, cells),
-            sd_between=_at(self.sd_between, cells),
-            sd_trial=_at(self.sd_trial, cells),
-            effect_size=_at(self.effect_size, cells),
-        )
-
-
-def _at(terms: tuple[Term, ...], cells: Indices) -> tuple[Term, ...]:
-    """Columns of terms over some of the cells."""
-    return tuple(term.at(cells) for term in terms)
 
 
 def contrast_columns(levels: int) -> Array:
@@ -193,8 +154,8 @@ def design_of(
     Design
     """
     options = options or Options()
-    several_cells = len(cells.names) > 1
     several_environments = len(cells.environments) > 1
+    several_cells = len(cells.names) > 1 or several_environments
     level = Term(LEVEL, np.ones_like(cells.x)[None])
     trend = [Term(TREND, cells.x[None])] if several_environments else []
     effects = []
@@ -266,7 +227,11 @@ def _effect(
     return Term(":".join(factor_names), every_quantity)
 
 
-def new_cells(design: Design, x: Array, priors: Priors) -> Design:
+def new_cells(
+    design: Design,
+    x: Array,
+    priors: Priors,
+) -> Design:
     """Write out the columns of an untested environment, in every condition.
 
     A condition is a level of each factor that some cell has.
@@ -288,21 +253,16 @@ def new_cells(design: Design, x: Array, priors: Priors) -> Design:
     cells = design.cells
     factors = design.factors
     examples = _first_cells(cells, factors)
-    names = [_condition_name(factors, cell) for cell in examples]
-    added_environment = np.full(len(examples), len(cells.environments))
-    added_x = np.repeat(x[:, None], len(examples), axis=1)
-    all_cells = Cells(
-        names=(*cells.names, *names),
-        environment=np.concatenate([cells.environment, added_environment]),
+    added = Cells(
+        names=tuple(_condition_name(factors, cell) for cell in examples),
+        environment=np.full(len(examples), len(cells.environments)),
         environments=(*cells.environments, ""),
-        x=np.concatenate([cells.x, added_x], axis=1),
+        x=np.repeat(x[:, None], len(examples), axis=1),
     )
-    all_levels = {}
-    for name, level in factors.level.items():
-        all_levels[name] = np.concatenate([level, level[examples]])
-    all_factors = dataclasses.replace(factors, level=all_levels)
-    wider = dataclasses.replace(design, cells=all_cells, factors=all_factors).under(priors)
-    return wider.at(np.arange(len(cells.names), len(all_cells.names)))
+    level = {}
+    for name, of_cells in factors.level.items():
+        level[name] = of_cells[examples]
+    return design_of(added, dataclasses.replace(factors, level=level), priors, design.options)
 
 
 def _first_cells(cells: Cells, factors: Factors) -> Indices:
@@ -320,35 +280,6 @@ def _condition_name(factors: Factors, cell: int) -> str:
         of_factor = factors.levels[name]
         labels.append(of_factor[level[cell]])
     return ", ".join(labels)
-
-
-def trend_rows(design: Design, priors: Priors) -> dict[str, Array]:
-    """Weights (2 P, f) of the f fixed coefficients in each condition's intercepts, then its slopes.
-
-    Coefficients stand over their prior SDs.
-    """
-    identity = np.eye(design.parameters)
-    # At the geometric mean of the references a location is the intercept.
-    centre = new_cells(design, np.zeros(design.parameters), priors)
-    slopes = []
-    for term in design.fixed:
-        weight = priors.gamma_sd if term.name == TREND else 0.0
-        slopes += [weight * identity] * len(term.columns)
-    rows = {}
-    for number, name in enumerate(centre.cells.names):
-        cell = centre.at(np.array([number]))
-        intercepts = [np.diag(column) for column in cell_columns(cell.fixed)]
-        rows[name] = np.block([intercepts, slopes])
-    return rows
-
-
-def cell_columns(terms: tuple[Term, ...]) -> list[Array]:
-    """Columns (P,) of the terms of a design with one cell."""
-    columns = []
-    for term in terms:
-        for column in term.columns:
-            columns.append(column[:, 0])
-    return columns
 
 
 def columns_by_quantity(

@@ -1,137 +1,80 @@
-"""Laws that a model gives of cells, of pairs of quantities and of new environments, per draw."""
+"""Laws of locations and users given draws of the scales.
+
+The R locations are the cells by quantity, slopes of covariates, and coefficients of fixed terms.
+Whatever is reported is a row of weights on them: a cell is a unit row, a contrast has ones of
+either sign, and a trend weighs coefficients. Given the scales all laws are normal. A user differs
+from the locations by effects on all cells, with columns Z, and by a departure in each cell.
+
+Arrays have S or W draws, L rows, P quantities and C cells.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
+from scipy import sparse
 
-from percept.inference.model.blocks import Block
-from percept.inference.model.priors import Named
-from percept.inference.model.subject_covariance import SubjectCovariance
+from percept.inference.model.blocks import entries
+from percept.inference.model.rows import Rows
+from percept.inference.model.scales import CellScales
 
-__all__ = [
-    "ConditionalMoments",
-    "NewEnvironment",
-    "PairLaws",
-    "PriorDraws",
-    "SubjectLaws",
-    "TrendLaw",
-    "covariances",
-    "even_normals",
-    "joined",
-]
+__all__ = ["Joint", "Law", "Moments", "Solved", "joined", "user_columns", "user_sd"]
 
 Array = NDArray[np.float64]
 
-#: Real root of x³ = x + 1: multiples of its powers fill the square evenly (Roberts 2018), which
-#: `scipy.stats.qmc` does for numbers of points that are powers of two alone.
-_PLASTIC = 1.32471795724474602596
-_STEPS = _PLASTIC ** np.array([-1.0, -2.0])
-#: Least probability whose normal score is taken: zero has none.
-_LEAST = 1e-12
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ConditionalMoments:
-    """Law of each cell's location and of its users, given each draw, on the response scale.
+class Moments:
+    """Law of each of L quantities and of users about it, given each draw: both are normal."""
 
-    A cell is a parameter in an environment. Both laws are normal.
-    """
-
-    mean: Array  # (S, C) Mean of the location, and of the users
-    sd: Array  # (S, C) SD of the location
-    population_sd: Array  # (S, C) SD of users about the location
+    mean: Array  # (S, L) Mean of the location, and of the users
+    sd: Array  # (S, L) SD of the location
+    population_sd: Array  # (S, L) SD of users about the location
 
     def pack(self) -> Array:
-        """Return all three side by side, shape (S, 3 C)."""
+        """Return all three side by side, shape (S, 3 L)."""
         return np.hstack([self.mean, self.sd, self.population_sd])
 
-    def of(self, numbers: slice | list[int]) -> ConditionalMoments:
-        """Laws of some of the cells."""
-        return ConditionalMoments(
-            self.mean[:, numbers], self.sd[:, numbers], self.population_sd[:, numbers]
-        )
+    def of(self, numbers: slice | list[int]) -> Moments:
+        """Laws of some of the quantities."""
+        return Moments(self.mean[:, numbers], self.sd[:, numbers], self.population_sd[:, numbers])
 
     @classmethod
-    def unpack(cls, packed: Array) -> ConditionalMoments:
+    def unpack(cls, packed: Array) -> Moments:
         """Undo `pack`."""
         return cls(*np.split(packed, 3, axis=1))
 
-    def draw(self, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Draw each cell's location and a new user of it, independently of other cells."""
-        mean = self.mean + self.sd * rng.standard_normal(self.mean.shape)
-        users = mean + self.population_sd * rng.standard_normal(mean.shape)
-        return mean, users
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class PairLaws:
-    """Joint law of two parameters in each environment, given each draw."""
+class Joint:
+    """Joint law of n quantities, in each of some groups, given each draw."""
 
-    mean: Array  # (S, J, 2) Mean of the locations
-    location: Array  # (S, J, 2, 2) Covariance of the locations
-    users: Array  # (S, J, 2, 2) Covariance of users about them
+    mean: Array  # (S, groups, n) Mean of the locations
+    location: Array  # (S, groups, n, n) Covariance of the locations
+    users: Array  # (S, groups, n, n) Covariance of users about them
 
+    def apart(self) -> list[Joint]:
+        """Each group by itself."""
+        groups = range(self.mean.shape[1])
+        return [Joint(self.mean[:, [g]], self.location[:, [g]], self.users[:, [g]]) for g in groups]
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class TrendLaw:
-    """Law of the line that the locations scatter about, given each draw: it is normal.
-
-    A line has an intercept, at the geometric mean of the references, and a slope per decade.
-    """
-
-    mean: Array  # (S, P, 2) Of intercept and slope
-    covariance: Array  # (S, P, 2, 2)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class SubjectLaws:
-    """What W sets of scales say of subjects' cell means: P quantities in C cells."""
-
-    mean: Array  # (P, C, W) Mean of the locations
-    columns: Array  # (R, P, C, W) Columns whose products sum to the locations' covariance
-    effects: Array  # (q, P, C, W) What a unit of each of a subject's effects adds
-    noise: tuple[Block, ...]  # (E, W) By pattern: the rest of the variance of cell means
-    covariances: tuple[SubjectCovariance, ...]  # By pattern: of the cell means about the locations
-    trial: Block | None  # Covariance between trials, one for each group of trials
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class PriorDraws:
-    """Draws of scales, population means and new users before any data."""
-
-    scales: Named
-    means: Array  # (draws, C)
-    users: Array  # (draws, C)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class NewEnvironment:
-    """What S posterior draws say of one new environment; P parameters, on the response scale."""
-
-    mean: Array  # (S, P) Conditional mean of β*
-    covariance: Array  # (S, P, P) Conditional covariance of β*
-    population: Array  # (S, P, P) Σ_u + Σ_w*: covariance of users about β*
-
-    @property
-    def laws(self) -> ConditionalMoments:
-        """Each parameter by itself, cells being parameters."""
-        variance = np.diagonal(self.covariance, axis1=1, axis2=2)
-        population_variance = np.diagonal(self.population, axis1=1, axis2=2)
-        return ConditionalMoments(
-            mean=self.mean,
-            sd=np.sqrt(variance),
-            population_sd=np.sqrt(population_variance),
+    def moments(self) -> Moments:
+        """Each quantity by itself, group by group."""
+        variance = np.einsum("sgnn->sgn", self.location)
+        of_users = np.einsum("sgnn->sgn", self.users)
+        flat = (len(variance), -1)
+        return Moments(
+            mean=self.mean.reshape(flat),
+            sd=np.sqrt(variance).reshape(flat),
+            population_sd=np.sqrt(of_users).reshape(flat),
         )
 
 
-#: Laws whose fields are arrays, draws first.
-_Laws = TypeVar("_Laws", ConditionalMoments, PairLaws, TrendLaw, NewEnvironment)
+_Laws = TypeVar("_Laws", Moments, Joint)
 
 
 def joined(laws: Sequence[_Laws]) -> _Laws:
@@ -142,24 +85,120 @@ def joined(laws: Sequence[_Laws]) -> _Laws:
     return dataclasses.replace(laws[0], **fields)
 
 
-def even_normals(
-    repeats: int,
-    count: int,
-    width: int,
-    rng: np.random.Generator,
-) -> Array:
-    """Return standard normals (R, P, W) that fill the square evenly, R in turn for each draw."""
-    points = np.arange(width * repeats)
-    multiples = np.multiply.outer(points, _STEPS[:count])
-    uniforms = (multiples + rng.random(count)) % 1.0
-    normals = special.ndtri(np.clip(uniforms, _LEAST, 1.0 - _LEAST))
-    return np.moveaxis(normals.reshape(width, repeats, count), 0, -1)
+class Solved(Protocol):
+    """Latents of a study, given W sets of scales."""
+
+    latents: Array  # (a J + r, W) Own deviations over their SDs and the rest, that fit best
+
+    def columns_of(self, own: Array, rest: Array) -> Array:
+        """Columns (n, L, W) of combinations with weights (L, a J) and (L, r)."""
 
 
-def covariances(sd: Array, rho: Array | None) -> Array:
-    """Covariances (W, R, P, P) from SDs (W, R, P) and a correlation (W,)."""
-    matrix = sd[..., :, None] * sd[..., None, :]
-    if rho is not None:
-        matrix[..., 0, 1] *= rho[:, None]
-        matrix[..., 1, 0] *= rho[:, None]
-    return matrix
+class Law:
+    """Law of the locations, and of one user, at W sets of scales.
+
+    Parameters
+    ----------
+    rows : Rows
+        Units and columns of the study.
+    scales : CellScales
+        The scales.
+    solved : Solved
+        The latents.
+
+    Attributes
+    ----------
+    mean : ndarray
+        Means of the locations, (W, R).
+    """
+
+    def __init__(
+        self,
+        rows: Rows,
+        scales: CellScales,
+        solved: Solved,
+    ) -> None:
+        self._rows = rows
+        self._scales = scales
+        self._solved = solved
+        latents = solved.latents.copy()
+        own_sd = rows.own_sd(scales.tau)
+        latents[: rows.deviations] *= np.repeat(own_sd, rows.environments, axis=0)
+        self.mean = (rows.basis @ latents).T
+
+    def columns(self, weights: Array) -> Array:
+        """Columns (W, L, K) whose products are the covariance of combinations (L, R)."""
+        of_latents = weights @ self._rows.basis
+        own, rest = np.split(of_latents, [self._rows.deviations], axis=1)
+        return self._solved.columns_of(own, rest).T
+
+    def sd(self, weights: Array) -> Array:
+        """SDs (W, L) of combinations (L, R) of the locations."""
+        columns = self.columns(weights)
+        return np.sqrt(np.einsum("wlk,wlk->wl", columns, columns))
+
+    def user_sd(self, weights: Array) -> Array:
+        """SDs (W, L) of the same combinations of one user's cells about the locations'."""
+        return user_sd(self._scales, self._of_cells(weights))
+
+    def joint(self, weights: Array) -> Joint:
+        """Joint laws of groups of combinations, (groups, n, R)."""
+        groups, count, _ = weights.shape
+        flat = weights.reshape(groups * count, -1)
+        columns = self.columns(flat)
+        by_group = columns.reshape(len(columns), groups, count, -1)
+        of_users = user_columns(self._scales, self._of_cells(flat))
+        of_users = of_users.reshape(len(columns), groups, count, -1)
+        mean = self.mean @ flat.T
+        return Joint(
+            mean=mean.reshape(len(mean), groups, count),
+            location=by_group @ by_group.swapaxes(2, 3),
+            users=of_users @ of_users.swapaxes(2, 3),
+        )
+
+    def draw(
+        self,
+        weights: Array,
+        rng: np.random.Generator,
+        repeats: int,
+    ) -> tuple[Array, Array]:
+        """Draw combinations (L, R) of the locations and of new users, (repeats, W, L) each."""
+        columns = self.columns(weights)
+        latents = rng.standard_normal((repeats, len(columns), columns.shape[2]))
+        locations = self.mean @ weights.T + np.einsum("wlk,rwk->rwl", columns, latents)
+        of_users = user_columns(self._scales, self._of_cells(weights))
+        normals = rng.standard_normal((repeats, len(columns), of_users.shape[2]))
+        return locations, locations + np.einsum("wlk,rwk->rwl", of_users, normals)
+
+    def _of_cells(self, weights: Array) -> Array:
+        """Weights (L, P, C) of the cells among those (L, R) of all locations."""
+        size = self._rows.size
+        cells = self._rows.cells
+        return weights[:, : size * cells].reshape(-1, size, cells)
+
+
+def user_sd(scales: CellScales, weights: Array) -> Array:
+    """SDs (W, L) of combinations (L, P, C) of one user's cells about the locations."""
+    count = len(weights)
+    width = scales.tau.shape[-1]
+    # Most combinations are of few cells.
+    flat = sparse.csr_array(weights.reshape(count, -1))
+    variance = np.zeros((count, width))
+    for column in scales.effects:
+        variance += (flat @ column.reshape(-1, width)) ** 2
+    first = weights[:, 0]
+    last = weights[:, -1]
+    products = [first * first]
+    if weights.shape[1] == 2:
+        products += [2.0 * first * last, last * last]
+    of_cells = sparse.csr_array(np.concatenate(products, axis=1))
+    variance += of_cells @ np.concatenate(entries(scales.between))
+    return np.sqrt(variance).T
+
+
+def user_columns(scales: CellScales, weights: Array) -> Array:
+    """Columns (W, L, K) of combinations (L, P, C) of one user's cells about the locations."""
+    columns = [np.einsum("lpc,qpcw->wlq", weights, scales.effects)]
+    for parts in scales.between.factor_columns():
+        columns.append(np.einsum("lpc,pcw->wlc", weights, np.stack(parts)))
+    return np.concatenate(columns, axis=2)

@@ -1,30 +1,54 @@
-"""What every model offers, to the sampler and to reports."""
+"""Models of studies: what the sampler and reports need of a posterior.
+
+A model has its locations integrated out. Its coordinates are those of the scales, near standard
+normal under the prior; at coordinates x with scales s(x),
+
+    log density(x) = log prior(x) + log p(cell means | s) + log p(scatter between trials | s)
+
+`LinearModel` serves every study of subjects or published limits, whatever its design. Arrays have W
+sets of d coordinates, P quantities, C cells, and L rows of weights on R locations, as `laws` says.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from abc import ABC, abstractmethod
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.model.laws import ConditionalMoments
-from percept.inference.model.priors import Named
+from percept.inference.model.design import (
+    TREND,
+    Cells,
+    Design,
+    Factors,
+    Options,
+    design_of,
+)
+from percept.inference.model.laws import Joint, Law, Moments, joined, user_sd
+from percept.inference.model.one_row import OneRow, is_one_row
+from percept.inference.model.patterns import SeveralPatterns
+from percept.inference.model.priors import Named, Priors, draws_first
+from percept.inference.model.rows import Rows
+from percept.inference.model.scales import CellScales, Coordinates, Scales
+from percept.inference.model.statistics import Statistics
+from percept.inference.model.trials import Covariates, TrialScatter
 
-__all__ = ["MORE_ENVIRONMENTS", "ONE_ENVIRONMENT", "Model", "Resolution"]
+__all__ = ["LinearModel", "Model", "Resolution", "plain_model"]
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
-ONE_ENVIRONMENT = "one environment shows no trend to predict others from."
-MORE_ENVIRONMENTS = "Add sessions with more reference environments."
+_LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 @dataclasses.dataclass(frozen=True)
 class Resolution:
     """Variance that a finite resolution of the adjustment adds, on the response scale."""
 
-    between: Array | None = None  # (P, J)
-    trial: Array | None = None  # (P, J)
+    between: Array | None = None  # (P, C)
+    trial: Array | None = None  # (P, C)
 
 
 class Model(ABC):
@@ -47,13 +71,348 @@ class Model(ABC):
         """Log density at coordinates (W, d), up to a constant, shape (W,)."""
 
     @abstractmethod
-    def laws(self, points: Array) -> ConditionalMoments:
-        """Law of the locations and of users at coordinates (W, d)."""
-
-    @abstractmethod
     def scales(self, points: Array) -> Named:
         """Scales and correlations by name, as dimensions and values, at coordinates (W, d)."""
 
-    def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Draw the locations and a new user of every cell, each (W, C)."""
-        return self.laws(points).draw(rng)
+    @property
+    @abstractmethod
+    def cell_rows(self) -> Array:
+        """Weights (C, R) of each cell's location by itself."""
+
+    @abstractmethod
+    def moments(self, points: Array, rows: Array | None = None) -> Moments:
+        """Laws of combinations (L, R) of the locations and of users: of all cells by default."""
+
+    @abstractmethod
+    def draw(
+        self,
+        points: Array,
+        rng: np.random.Generator,
+        rows: Array | None = None,
+        *,
+        repeats: int = 1,
+    ) -> tuple[Array, Array]:
+        """Draw combinations of the locations jointly, and the same of new users, (W repeats, L)."""
+
+    def split(self, points: Array) -> list[tuple[LinearModel, Array]]:
+        """Pooled models of which this is the product, each with its part of coordinates (W, d)."""
+        return []
+
+
+class LinearModel(Model):
+    """Posterior of the scales and correlations of a linear design.
+
+    Parameters
+    ----------
+    statistics : Statistics
+        Of the responses; its environments are the design's cells.
+    design : Design
+        The columns.
+    priors : Priors, optional
+        Prior scales.
+    covariates : Covariates, optional
+        Covariates of trials or subjects.
+    scatter : TrialScatter, optional
+        Scatter between trials: of every subject if subjects have their own trial SDs, pooled with
+        covariates. Without either, it comes from the statistics.
+    resolution : Resolution, optional
+        Variance that the adjustment's resolution adds to cell means and trials.
+
+    Attributes
+    ----------
+    coordinates : Coordinates
+        Names of the coordinates, and their map to scales.
+    rows : Rows
+        What the data and the design say of the locations before any scale is known.
+    """
+
+    def __init__(
+        self,
+        statistics: Statistics,
+        design: Design,
+        priors: Priors | None = None,
+        covariates: Covariates | None = None,
+        scatter: TrialScatter | None = None,
+        resolution: Resolution | None = None,
+    ) -> None:
+        self.statistics = statistics
+        self.design = design
+        self.priors = priors or Priors()
+        self.covariates = covariates
+        self.scatter = scatter or _pooled(statistics)
+        self.resolution = resolution or Resolution()
+        cells = itertools.product(statistics.parameters, design.cells.names)
+        self.cells = tuple(cells)
+        own_slopes = covariates.within if covariates is not None else ()
+        self.coordinates = Coordinates(statistics, design, self.priors, self.scatter, own_slopes)
+        self.names = self.coordinates.names
+        self.priors_in_force = self._priors_in_use()
+        covariate_sd = self.priors.covariate_sd
+        compares = bool(design.factors.terms) or design.factors.slopes or covariates is not None
+        self.takes_options = not compares and self.scatter.subject is None
+        self.rows = Rows(statistics, design, self.scatter, covariate_sd, covariates)
+        effects = len(own_slopes) * design.parameters
+        for term in design.subject:
+            effects += len(term.columns) * design.parameters
+        self._form: OneRow | SeveralPatterns
+        if covariates is None and is_one_row(statistics, design):
+            self._form = OneRow(statistics, design, self.rows.own, self.rows.fixed)
+            self._draws_per_pass = self._form.draws_per_pass(effects)
+        else:
+            self._form = SeveralPatterns(statistics, self.rows, effects)
+            self._draws_per_pass = self._form.draws_per_pass
+        trials = 0.0
+        for pattern in statistics.patterns:
+            trials += pattern.subjects * pattern.trials.sum()
+        log_powers = 0.5 * _LOG_2PI * trials * design.parameters
+        self._constant = statistics.constant - log_powers
+
+    def _priors_in_use(self) -> dict[str, float]:
+        """Priors the model uses, by their names in `Priors`."""
+        scales = list(self.coordinates.slots)
+        for level in self.coordinates.levels:
+            scales += [f"log_s{level.suffix}", *level.coefficients]
+        used = {name.partition(":")[0] for name in scales}
+        used.add("alpha")
+        if any(term.name == TREND for term in self.design.fixed):
+            used.add("gamma")
+        if any(name.startswith("rho") for name in used):
+            used.add("rho")
+        if self.design.factors.terms:
+            used.add("lambda")
+        if self.covariates is not None:
+            used.add("covariate")
+        in_use = {}
+        for name, value in vars(self.priors).items():
+            # "log_s_mean" and "log_s_sd" are priors of "log_s".
+            quantity, _, _ = name.rpartition("_")
+            if quantity in used:
+                in_use[name] = value
+        return in_use
+
+    def identity(self) -> tuple[object, ...]:
+        """Return what decides density and locations."""
+        covariates: tuple[object, ...] | None = None
+        if self.covariates is not None:
+            covariates = dataclasses.astuple(self.covariates)
+        return (
+            "linear",
+            dataclasses.astuple(self.statistics),
+            self.design.identity(),
+            dataclasses.astuple(self.priors),
+            covariates,
+            dataclasses.astuple(self.scatter),
+            dataclasses.astuple(self.resolution),
+        )
+
+    @property
+    def locations(self) -> int:
+        """Number R of locations."""
+        return self.rows.locations
+
+    @property
+    def cell_rows(self) -> Array:
+        """Weights (P C, R) of each cell's location by itself."""
+        return np.eye(len(self.cells), self.locations)
+
+    @property
+    def pair_rows(self) -> Array:
+        """Weights (C, P, R) of the quantities of each cell."""
+        by_quantity = self.cell_rows.reshape(self.design.parameters, -1, self.locations)
+        return by_quantity.swapaxes(0, 1)
+
+    def split(self, points: Array) -> list[tuple[LinearModel, Array]]:
+        """Return the model itself."""
+        return [(self, points)]
+
+    def passes(self, points: Array) -> list[Array]:
+        """Points in parts that the processor's cache holds."""
+        parts = []
+        for start in range(0, len(points), self._draws_per_pass):
+            end = start + self._draws_per_pass
+            parts.append(points[start:end])
+        return parts
+
+    def linear_scales(self, points: Array) -> Scales:
+        """Map coordinates (W, d) to scales."""
+        return self.coordinates(points)
+
+    def scales(self, points: Array) -> Named:
+        """Scales and correlations by name at coordinates: dimensions and values, draws first."""
+        parts = []
+        for part in self.passes(points):
+            parts.append(draws_first(self.linear_scales(part).named))
+        named: Named = {}
+        for name, (dimensions, _) in parts[0].items():
+            values = np.concatenate([part[name][1] for part in parts])
+            named[name] = (dimensions, values)
+        # The last dimension of these is not the environment.
+        last_dimensions = {"phi": "subject"}
+        for term in self.design.effect_size:
+            last_dimensions[f"eta:{term.name}"] = f"{term.name} column"
+        for name, last in last_dimensions.items():
+            if name in named:
+                _, values = named[name]
+                named[name] = (("parameter", last), values)
+        prior_means = {"": self.priors.log_s_mean, "_e": self.priors.log_s_e_mean}
+        for level in self.coordinates.levels:
+            if f"log_s{level.suffix}" not in named:
+                continue
+            # Typical SDs themselves.
+            dimensions, deviation = named.pop(f"log_s{level.suffix}")
+            typical_sd = np.exp(prior_means[level.suffix] + deviation)
+            named[f"s{level.suffix}"] = (dimensions, typical_sd)
+        return named
+
+    def __call__(self, points: Array) -> Array:
+        """Log density of coordinates (W, d), shape (W,)."""
+        count = len(points)
+        if count % self._draws_per_pass == 1:
+            # Sums over a single column run in another order: keep values independent of the batch.
+            points = np.concatenate([points, points[-1:]])
+        inside = np.all(np.abs(points) <= self.coordinates.limits, axis=1)
+        # Points outside are computed at zero, so that no pass depends on how many there are.
+        coordinates = np.where(inside[:, None], points, 0.0)
+        values = []
+        # Draws far out overflow; they become NaN, which has no density.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore", under="ignore"):
+            for part in self.passes(coordinates):
+                scales = self.linear_scales(part)
+                values.append(scales.log_prior + self.log_likelihood(scales.cells))
+        value = np.concatenate(values)[:count]
+        possible = inside[:count] & ~np.isnan(value)
+        return np.where(possible, value, -np.inf)
+
+    def log_likelihood(self, scales: CellScales) -> Array:
+        """Log density of the data given scales, locations and subject effects integrated out."""
+        observed = self.with_resolution(scales)
+        value = self._constant + self._form.log_density(observed)
+        if observed.trial is None:
+            return value
+        rows = tuple(self.scatter.rows[..., None])
+        squares = observed.trial.distance(rows).sum(axis=0)
+        determinants = self.scatter.df @ observed.trial.log_determinant()
+        return np.asarray(value - 0.5 * (squares + determinants))
+
+    def with_resolution(self, scales: CellScales) -> CellScales:
+        """Scales of the adjustments as recorded: their resolution adds variance."""
+        if self.resolution.between is None and self.resolution.trial is None:
+            return scales
+        between = scales.between
+        trial = scales.trial
+        if self.resolution.between is not None:
+            every_draw = self.resolution.between[..., None]
+            between = between.plus_diagonal(tuple(every_draw))
+        if trial is not None and self.resolution.trial is not None:
+            by_group = self.resolution.trial[:, self.scatter.cell, None]
+            trial = trial.plus_diagonal(tuple(by_group))
+        return dataclasses.replace(scales, between=between, trial=trial)
+
+    def law(self, points: Array) -> Law:
+        """Law of the locations and of users at coordinates (W, d) of one pass."""
+        scales = self.linear_scales(points).cells
+        return Law(self.rows, scales, self._form.solve(self.with_resolution(scales)))
+
+    def moments(self, points: Array, rows: Array | None = None) -> Moments:
+        """Laws of combinations (L, R) of the locations and of users: of all cells by default."""
+        weights = self.cell_rows if rows is None else rows
+        parts = []
+        for part in self.passes(points):
+            law = self.law(part)
+            sd = law.sd(weights)
+            parts.append(Moments(law.mean @ weights.T, sd, law.user_sd(weights)))
+        return joined(parts)
+
+    def user_sds(self, points: Array, rows: Array) -> Array:
+        """SDs of one user's combinations (L, R) about the locations', at (W, d): (W, L)."""
+        size, cells = self.design.cells.x.shape
+        weights = rows[:, : size * cells].reshape(-1, size, cells)
+        parts = []
+        for part in self.passes(points):
+            parts.append(user_sd(self.linear_scales(part).cells, weights))
+        return np.concatenate(parts)
+
+    def joint(self, points: Array, rows: Array) -> Joint:
+        """Joint laws of groups of n combinations, (groups, n, R), at coordinates (W, d)."""
+        return joined([self.law(part).joint(rows) for part in self.passes(points)])
+
+    def draw(
+        self,
+        points: Array,
+        rng: np.random.Generator,
+        rows: Array | None = None,
+        *,
+        repeats: int = 1,
+    ) -> tuple[Array, Array]:
+        """Draw combinations (L, R) of the locations jointly, and the same of new users.
+
+        Parameters
+        ----------
+        points : ndarray
+            Coordinates (W, d).
+        rng : Generator
+            Where draws come from.
+        rows : ndarray, optional
+            Weights (L, R); of all cells by default.
+        repeats : int
+            Draws for each set of coordinates.
+
+        Returns
+        -------
+        locations, users : ndarray
+            Shape (W repeats, L) each. Coordinates are worked on in passes. A pass gives one draw
+            for each of its coordinates, then another for each, before the next pass begins.
+        """
+        weights = self.cell_rows if rows is None else rows
+        locations = []
+        users = []
+        for part in self.passes(points):
+            location, user = self.law(part).draw(weights, rng, repeats)
+            locations.append(location.reshape(-1, len(weights)))
+            users.append(user.reshape(-1, len(weights)))
+        return np.concatenate(locations), np.concatenate(users)
+
+
+def _pooled(statistics: Statistics) -> TrialScatter:
+    """Scatter between trials of subjects pooled, as the statistics hold it."""
+    return TrialScatter(
+        cell=np.arange(len(statistics.environments)),
+        subject=None,
+        df=statistics.trial_df,
+        rows=statistics.trial_rows,
+        squares=np.square(statistics.trial_rows).sum(axis=1),
+    )
+
+
+def plain_model(
+    statistics: Statistics,
+    priors: Priors | None = None,
+    options: Options | None = None,
+    resolution: Resolution | None = None,
+) -> LinearModel:
+    """Build the model of environments without factors, which are its cells.
+
+    Parameters
+    ----------
+    statistics : Statistics
+        Of the responses, or of published limits: these show no effects of subjects.
+    priors : Priors, optional
+        Prior scales.
+    options : Options, optional
+        Simpler models.
+    resolution : Resolution, optional
+        Variance that the adjustment's resolution adds.
+
+    Returns
+    -------
+    LinearModel
+    """
+    priors = priors or Priors()
+    options = options or Options()
+    if statistics.summary:
+        options = dataclasses.replace(options, subject_effect=False)
+    names = statistics.environments
+    cells = Cells(names, np.arange(len(names)), names, statistics.x)
+    factors = Factors(levels={}, level={}, terms=())
+    design = design_of(cells, factors, priors, options)
+    return LinearModel(statistics, design, priors, resolution=resolution)

@@ -32,19 +32,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.model.blocks import Block
-from percept.inference.model.cell_scales import CellScales
-from percept.inference.model.design import Design, columns_by_quantity
-from percept.inference.model.elimination import OwnFirst
-from percept.inference.model.small_cholesky import (
+from percept.inference.model.blocks import (
+    Block,
     log_diagonal,
     lower_factor,
     solve_lower,
     solve_upper,
     with_prior,
 )
+from percept.inference.model.design import Design, columns_by_quantity
+from percept.inference.model.gaussian import Eliminated, OwnFirst, SubjectCovariance
+from percept.inference.model.scales import CellScales
 from percept.inference.model.statistics import Statistics
-from percept.inference.model.subject_covariance import SubjectCovariance
 
 __all__ = ["OneRow", "is_one_row"]
 
@@ -81,7 +80,13 @@ class OneRow:
         Columns of own deviations without their SDs, (a, P, C), and of fixed terms, (f, P, C).
     """
 
-    def __init__(self, statistics: Statistics, design: Design, own: Array, fixed: Array) -> None:
+    def __init__(
+        self,
+        statistics: Statistics,
+        design: Design,
+        own: Array,
+        fixed: Array,
+    ) -> None:
         size, cells = design.cells.x.shape
         subjects = np.zeros(cells)
         trials = np.ones(cells)
@@ -141,13 +146,9 @@ class OneRow:
         """Own deviations, effects and fixed columns' coefficients that fit best, and their law."""
         effects = scales.effects / np.sqrt(self._subjects)
         own = self._regressed(self._noise(scales), scales, effects, self._fixed_and_mean)
-        return OwnFirst(
-            deviation_sd=self._own_sd(scales),
-            factor=own.factor,
-            explained=own.explained,
-            joint=_products(own.rows),
-            effects=len(scales.effects),
-        )
+        solved = Eliminated(own.factor, own.explained, _products(own.rows))
+        deviation_sd = np.repeat(self._own_sd(scales), self._cells_of_environment.shape[1], axis=0)
+        return OwnFirst(solved, deviation_sd, len(self._fixed_and_mean) - 1)
 
     def draws_per_pass(self, effects: int) -> int:
         """Draws worked on at once, for so many columns of subjects' effects."""
@@ -203,7 +204,10 @@ class OneRow:
         self._unshared_and_mean = np.concatenate([unshared, self._fixed_and_mean[-1:]])
 
     def _rows_of_single_cells(
-        self, noise: Block, scales: CellScales, varying: Array
+        self,
+        noise: Block,
+        scales: CellScales,
+        varying: Array,
     ) -> tuple[Array, Array]:
         """Whitened columns (K + 1, P C, W), and log det of their noise (W,): a cell is a block."""
         variances = np.einsum("apc,aw->pcw", self._own**2, self._own_sd(scales) ** 2)
@@ -212,7 +216,11 @@ class OneRow:
         return rows.reshape(len(rows), -1, rows.shape[-1]), covariance.log_determinant().sum(axis=0)
 
     def _regressed(
-        self, noise: Block, scales: CellScales, varying: Array, constant: Array
+        self,
+        noise: Block,
+        scales: CellScales,
+        varying: Array,
+        constant: Array,
     ) -> _Regressed:
         """Columns regressed on own deviations, environment by environment."""
         of_mean = noise.scaled(1.0 / self._subjects)
@@ -251,7 +259,11 @@ class _Regressed:
         self.rows = rows.reshape(len(rows), -1, rows.shape[-1])
 
 
-def _whitened(covariance: Block, varying: Array, constant: Array) -> Array:
+def _whitened(
+    covariance: Block,
+    varying: Array,
+    constant: Array,
+) -> Array:
     """Columns (k, P, C, W), then columns (m, P, C) that all draws share: over unit noise."""
     count, size, cells, width = varying.shape
     rows = np.empty((count + len(constant), size, cells, width))

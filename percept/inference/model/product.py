@@ -1,30 +1,24 @@
-"""Independent models of different quantities, as one posterior."""
+"""Posteriors that are not one linear model: several side by side, and cells that pool nothing."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 
-from percept.inference.model.laws import ConditionalMoments
-from percept.inference.model.linear_posterior import LinearPosterior
-from percept.inference.model.model import Model
+from percept.errors import RefusalError
+from percept.inference.model.laws import Moments
+from percept.inference.model.model import LinearModel, Model
 from percept.inference.model.priors import Named
 
-__all__ = ["Product", "linear_parts", "pooled_parts"]
+__all__ = ["Product", "Unpooled"]
 
 Array = NDArray[np.float64]
 
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Share:
-    """What one model of the product is asked: L combinations at W sets of coordinates."""
-
-    model: LinearPosterior
-    rows: Array  # (L, R of the model) Weights of its locations
-    points: Array  # (W, d of the model) Its coordinates
+#: An SD of one subject is unknown.
+_FEWEST_SUBJECTS = 2
 
 
 class Product(Model):
@@ -36,150 +30,177 @@ class Product(Model):
 
     Attributes
     ----------
-    models : tuple of Model
+    models : list of LinearModel
         The factors.
     """
 
     def __init__(self, models: Sequence[Model]) -> None:
-        self.models = tuple(models)
+        self.models: list[LinearModel] = []
+        for model in models:
+            self.models += [part for part, _ in model.split(np.zeros((0, len(model.names))))]
         self.names: list[str] = []
         self.cells: tuple[tuple[str, str], ...] = ()
         self.priors_in_force: dict[str, float] = {}
-        for model in models:
+        for model in self.models:
             self.names += model.names
             self.cells += model.cells
             self.priors_in_force |= model.priors_in_force
 
-    def split(self, points: Array) -> list[tuple[Model, Array]]:
-        """Each model with its coordinates (W, d), views."""
+    def split(self, points: Array) -> list[tuple[LinearModel, Array]]:
+        """Each model with its part of coordinates (W, d), views."""
         counts = [len(model.names) for model in self.models]
-        coordinates = _split_columns(points, counts)
+        coordinates = np.split(points, np.cumsum(counts)[:-1], axis=1)
         return list(zip(self.models, coordinates, strict=True))
 
     def identity(self) -> tuple[object, ...]:
         """Return what decides each of the models."""
-        identities = [model.identity() for model in self.models]
-        return ("product", *identities)
+        return ("product", *(model.identity() for model in self.models))
 
     def __call__(self, points: Array) -> Array:
         """Log density of coordinates (W, d), shape (W,)."""
-        log_densities = []
-        for model, coordinates in self.split(points):
-            log_densities.append(model(coordinates))
-        return np.sum(log_densities, axis=0)
-
-    def laws(self, points: Array) -> ConditionalMoments:
-        """Moments of all cells at coordinates (W, d)."""
-        means = []
-        sds = []
-        population_sds = []
-        for model, coordinates in self.split(points):
-            laws = model.laws(coordinates)
-            means.append(laws.mean)
-            sds.append(laws.sd)
-            population_sds.append(laws.population_sd)
-        return ConditionalMoments(
-            mean=np.hstack(means),
-            sd=np.hstack(sds),
-            population_sd=np.hstack(population_sds),
-        )
-
-    def draw(self, points: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Draw population means and new users of all cells, each (W, C)."""
-        means = []
-        users = []
-        for model, coordinates in self.split(points):
-            model_means, model_users = model.draw(coordinates, rng)
-            means.append(model_means)
-            users.append(model_users)
-        return np.hstack(means), np.hstack(users)
+        return np.sum([model(part) for model, part in self.split(points)], axis=0)
 
     def scales(self, points: Array) -> Named:
         """Scales of all models by name, side by side along the quantities."""
-        parts = []
-        for model, coordinates in self.split(points):
-            parts.append(model.scales(coordinates))
+        parts = [model.scales(coordinates) for model, coordinates in self.split(points)]
         named: Named = {}
         for name, (dimensions, _) in parts[0].items():
-            values = np.hstack([part[name][1] for part in parts])
-            named[name] = (dimensions, values)
+            named[name] = (dimensions, np.hstack([part[name][1] for part in parts]))
         return named
 
-    def _shares(self, rows: Array, points: Array) -> list[_Share]:
-        """Split weights (L, R) and coordinates (W, d) by model."""
-        models = linear_parts(self)
-        weights = _split_columns(rows, [model.locations_count for model in models])
-        coordinates = _split_columns(points, [len(model.names) for model in models])
-        shares = []
-        for m, model in enumerate(models):
-            shares.append(_Share(model, weights[m], coordinates[m]))
-        return shares
+    @property
+    def cell_rows(self) -> Array:
+        """Weights (C, R) of each cell's location by itself."""
+        return np.asarray(linalg.block_diag(*(model.cell_rows for model in self.models)))
 
-    def laws_of(self, rows: Array, points: Array) -> ConditionalMoments:
-        """Law of linear combinations of all locations, (L, R), as `LinearModel.laws_of`."""
-        means = []
-        variances = []
-        population_variances = []
-        for share in self._shares(rows, points):
-            law = share.model.laws_of(share.rows, share.points)
-            means.append(law.mean)
-            variances.append(law.sd**2)
-            population_variances.append(law.population_sd**2)
-        variance = np.sum(variances, axis=0)
-        population_variance = np.sum(population_variances, axis=0)
-        return ConditionalMoments(
-            mean=np.sum(means, axis=0),
-            sd=np.sqrt(variance),
-            population_sd=np.sqrt(population_variance),
+    def _shares(
+        self, points: Array, rows: Array | None
+    ) -> Iterator[tuple[LinearModel, Array, Array]]:
+        """Each model with its part of coordinates (W, d) and of weights (L, R)."""
+        weights = self.cell_rows if rows is None else rows
+        counts = [model.locations for model in self.models]
+        own_weights = np.split(weights, np.cumsum(counts)[:-1], axis=1)
+        for (model, coordinates), own in zip(self.split(points), own_weights, strict=True):
+            yield model, coordinates, own
+
+    def moments(self, points: Array, rows: Array | None = None) -> Moments:
+        """Laws of combinations (L, R) of the locations and of users: of all cells by default."""
+        parts = [model.moments(part, own) for model, part, own in self._shares(points, rows)]
+        return Moments(
+            mean=np.sum([part.mean for part in parts], axis=0),
+            sd=_root_of_squares([part.sd for part in parts]),
+            population_sd=_root_of_squares([part.population_sd for part in parts]),
         )
 
-    def log_user_sds(self, rows: Array, points: Array) -> Array:
-        """Log SDs of one user's combinations about the locations', at (W, d): shape (W, L)."""
-        log_variances = []
-        # A combination may have no weights in a model: its variance there is zero.
-        with np.errstate(divide="ignore"):
-            for share in self._shares(rows, points):
-                log_sds = share.model.log_user_sds(share.rows, share.points)
-                log_variances.append(2.0 * log_sds)
-        log_variance = np.logaddexp.reduce(log_variances, axis=0)
-        return np.asarray(0.5 * log_variance)
+    def user_sds(self, points: Array, rows: Array) -> Array:
+        """SDs of one user's combinations (L, R) about the locations', at (W, d): (W, L)."""
+        parts = [model.user_sds(part, own) for model, part, own in self._shares(points, rows)]
+        return _root_of_squares(parts)
 
-    def draw_of(
+    def draw(
         self,
-        rows: Array,
         points: Array,
         rng: np.random.Generator,
+        rows: Array | None = None,
         *,
         repeats: int = 1,
     ) -> tuple[Array, Array]:
-        """Draw combinations of all locations, as `LinearPosterior.draw_of`."""
-        locations = []
-        users = []
-        for share in self._shares(rows, points):
-            drawn = share.model.draw_of(share.rows, share.points, rng, repeats=repeats)
-            locations.append(drawn[0])
-            users.append(drawn[1])
-        return np.sum(locations, axis=0), np.sum(users, axis=0)
+        """Draw combinations of all locations, as `LinearModel.draw`."""
+        parts = []
+        for model, part, own in self._shares(points, rows):
+            parts.append(model.draw(part, rng, own, repeats=repeats))
+        locations, users = np.sum(parts, axis=0)
+        return locations, users
 
 
-def linear_parts(model: Model) -> list[LinearPosterior]:
-    """Models of subjects whose product a model is; none without pooling."""
-    if isinstance(model, LinearPosterior):
-        return [model]
-    models = model.models if isinstance(model, Product) else ()
-    return [part for factor in models for part in linear_parts(factor)]
+def _root_of_squares(parts: list[Array]) -> Array:
+    """Root of the sum of squares of several arrays."""
+    return np.asarray(np.sqrt(np.sum(np.square(parts), axis=0)))
 
 
-def pooled_parts(model: Model, points: Array) -> list[tuple[LinearPosterior, Array]]:
-    """Models of subjects whose product a model is, each with its part of coordinates (W, d)."""
-    parts = linear_parts(model)
-    if not parts:
-        return []
-    coordinates = _split_columns(points, [len(part.names) for part in parts])
-    return list(zip(parts, coordinates, strict=True))
+class Unpooled(Model):
+    """Each cell by itself: y ~ N(beta, sigma²), beta and log sigma flat.
 
+    Responses are standardised by the cell's own mean and SD, so that an offset costs no digits.
+    With t = log(sigma/SD) and n subjects the posterior is exp(-nu t - nu exp(-2t)/2), nu = n - 1,
+    and beta given sigma is N(0, exp(2t)/n). The coordinate is t in units of 1/sqrt(2 nu), the SD of
+    t at the mode.
 
-def _split_columns(matrix: Array, counts: Sequence[int]) -> list[Array]:
-    """Split the columns of a matrix (rows, sum of counts) into parts (rows, count), views."""
-    starts = np.cumsum(counts)[:-1]
-    return np.split(matrix, starts, axis=1)
+    Parameters
+    ----------
+    cells : tuple of (str, str)
+        Parameter and environment of each of the C cells.
+    counts : ndarray of int
+        Subjects n of each cell, (C,).
+
+    Raises
+    ------
+    RefusalError
+        If a cell has one subject.
+    """
+
+    def __init__(
+        self,
+        cells: tuple[tuple[str, str], ...],
+        counts: NDArray[np.int64],
+    ) -> None:
+        if np.any(counts < _FEWEST_SUBJECTS):
+            parameter, environment = cells[int(np.argmin(counts))]
+            raise RefusalError(
+                f"{parameter} in {environment} has one subject; the reference prior needs two.",
+                hint='Add subjects, or use pooling = "partial".',
+            )
+        self.cells = cells
+        self.names = [f"log sigma[{parameter},{environment}]" for parameter, environment in cells]
+        self.priors_in_force: dict[str, float] = {}
+        self._n = np.asarray(counts, dtype=float)
+        self._nu = self._n - 1.0
+        self._unit = 1.0 / np.sqrt(2.0 * self._nu)
+
+    def identity(self) -> tuple[object, ...]:
+        """Return cells and counts: the data are standardised."""
+        return ("unpooled", self.cells, self._n)
+
+    def __call__(self, points: Array) -> Array:
+        """Log density of coordinates (W, C), shape (W,)."""
+        t = points * self._unit
+        with np.errstate(over="ignore"):
+            inverse_variance = np.exp(-2.0 * t)
+            cost = self._nu * (t + 0.5 * inverse_variance)
+        return -cost.sum(axis=1)
+
+    def _sigma_ratio(self, points: Array) -> Array:
+        """exp(t), sigma over the cell's SD, (W, C)."""
+        return np.exp(points * self._unit)
+
+    @property
+    def cell_rows(self) -> Array:
+        """Each cell by itself."""
+        return np.eye(len(self.cells))
+
+    def moments(self, points: Array, rows: Array | None = None) -> Moments:
+        """Laws of combinations of standardised cells, which are independent."""
+        weights = self.cell_rows if rows is None else rows
+        sigma = self._sigma_ratio(points)
+        population_sd = np.sqrt(np.square(sigma) @ np.square(weights).T)
+        sd = np.sqrt(np.square(sigma) / self._n @ np.square(weights).T)
+        return Moments(np.zeros_like(sd), sd, population_sd)
+
+    def draw(
+        self,
+        points: Array,
+        rng: np.random.Generator,
+        rows: Array | None = None,
+        *,
+        repeats: int = 1,
+    ) -> tuple[Array, Array]:
+        """Draw standardised locations and new users, cell by cell."""
+        weights = self.cell_rows if rows is None else rows
+        sigma = np.tile(self._sigma_ratio(points), (repeats, 1))
+        locations = sigma / np.sqrt(self._n) * rng.standard_normal(sigma.shape)
+        users = locations + sigma * rng.standard_normal(sigma.shape)
+        return locations @ weights.T, users @ weights.T
+
+    def scales(self, points: Array) -> Named:
+        """Ratio of sigma to the sample SD per cell."""
+        return {"sigma_ratio": (("cell",), self._sigma_ratio(points))}

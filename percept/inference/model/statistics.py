@@ -1,4 +1,8 @@
-"""Sufficient statistics of a matching study: what the density reads instead of trials."""
+"""Sufficient statistics of a matching study: what the density reads instead of trials.
+
+Subjects who share one vector of trial counts are a pattern. Arrays have N subjects, P quantities, J
+cells, and E cells in a pattern.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,13 @@ from scipy import linalg
 
 from percept.errors import RefusalError
 
-__all__ = ["Pattern", "Statistics", "apart_by_subject", "from_summary", "from_trials"]
+__all__ = [
+    "Pattern",
+    "Statistics",
+    "apart_by_subject",
+    "from_summary",
+    "from_trials",
+]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from percept.inference.model.trial_scatter import TrialScatter
+from percept.inference.model.trials import TrialScatter
 
 __all__ = ["SubjectSpreads", "chance_of_differences"]
 
@@ -54,7 +54,7 @@ class _Table:
         cells: int,
     ) -> _Table:
         """Spread groups of trials over subjects and cells."""
-        groups = scatter.squares()
+        groups = scatter.squares
         size = len(groups)
         squares = np.zeros((size, subjects, cells))
         squares[:, scatter.subject, scatter.cell] = groups

@@ -44,19 +44,26 @@ exact law given log sigma and omega, of which the data say nothing more.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from percept.inference.model.log_linear import LogSpreads
-from percept.inference.model.two_by_two import Lower, Symmetric
-
-__all__ = ["TrendMap"]
+__all__ = ["LogSpreads", "TrendMap"]
 
 Array = NDArray[np.float64]
 
 _LOG_2PI = math.log(2.0 * math.pi)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LogSpreads:
+    """Log SDs at W sets of coordinates, and what they are made of."""
+
+    log_sigma: Array  # (C, W)
+    multiples: Array  # (K, W) h: coefficients over their prior SDs
+    log_density: Array  # (W,) Of the coordinates under the prior
 
 
 class TrendMap:
@@ -171,7 +178,7 @@ class TrendMap:
             log_density=log_density,
         )
 
-    def _trend_factor(self, weight: Array) -> Lower:
+    def _trend_factor(self, weight: Array) -> _Lower:
         """L, from the weights q (J, W)."""
         n11, n12, n22 = self._products @ weight  # U' diag(q) U
         first = 1.0 + n11
@@ -180,9 +187,9 @@ class TrendMap:
         determinant = np.maximum(n11 * n22 - n12 * n12, 0.0)
         whole = first + n22 + determinant
         l22 = np.sqrt(whole / first)
-        return Lower(l11, n12 / l11, l22)
+        return _Lower(l11, n12 / l11, l22)
 
-    def _b(self, precision: Array, lower: Lower) -> Symmetric:
+    def _b(self, precision: Array, lower: _Lower) -> _Symmetric:
         """B = G'G = L^(-1) U' diag(1/s) U L'^(-1), from the precisions s (J, W)."""
         inverse = 1.0 / precision
         c11, c12, c22 = self._products @ inverse  # U' diag(1/s) U
@@ -193,8 +200,71 @@ class TrendMap:
         c22_across = c22 - 2.0 * tilt * c12 + tilt * tilt * c11
         # Rounding may leave a square just below zero.
         c22_across = np.maximum(c22_across, 0.0)
-        return Symmetric(
+        return _Symmetric(
             s11=c11 / (l11 * l11),
             s12=c12_across / (l11 * l22),
             s22=c22_across / (l22 * l22),
         )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Lower:
+    """Lower triangular matrices L."""
+
+    l11: Array
+    l21: Array
+    l22: Array
+
+    def solve(self, right: Array) -> Array:
+        """L^(-1) times vectors."""
+        x = np.empty_like(right)
+        x[0] = right[0] / self.l11
+        remaining = right[1] - self.l21 * x[0]
+        x[1] = remaining / self.l22
+        return x
+
+    def solve_transposed(self, right: Array) -> Array:
+        """L'^(-1) times vectors."""
+        x = np.empty_like(right)
+        x[1] = right[1] / self.l22
+        remaining = right[0] - self.l21 * x[1]
+        x[0] = remaining / self.l11
+        return x
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Symmetric:
+    """Symmetric matrices, positive definite wherever a root or a solution is asked for."""
+
+    s11: Array
+    s12: Array
+    s22: Array
+
+    def plus_identity(self, factor: Array) -> _Symmetric:
+        """Sum with the identity matrix times a factor (W,)."""
+        return _Symmetric(self.s11 + factor, self.s12, self.s22 + factor)
+
+    def determinant(self) -> Array:
+        """Return the determinants."""
+        product = self.s11 * self.s22
+        return product - self.s12 * self.s12
+
+    def root(self) -> _Symmetric:
+        """Symmetric square root of a matrix D: (D + √det(D) I) / √(trace(D) + 2 √det(D))."""
+        root_determinant = np.sqrt(self.determinant())
+        trace = self.s11 + self.s22
+        scale = 1.0 / np.sqrt(trace + 2.0 * root_determinant)
+        shifted = self.plus_identity(root_determinant)
+        return _Symmetric(
+            s11=shifted.s11 * scale,
+            s12=shifted.s12 * scale,
+            s22=shifted.s22 * scale,
+        )
+
+    def solve(self, right: Array) -> Array:
+        """Inverse times vectors."""
+        determinant = self.determinant()
+        x = np.empty_like(right)
+        x[0] = self.s22 * right[0] - self.s12 * right[1]
+        x[1] = self.s11 * right[1] - self.s12 * right[0]
+        return x / determinant

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from percept.inference.classical.variability import Bounded
-from percept.inference.model.laws import ConditionalMoments
+from percept.inference.model.laws import Moments
 from percept.inference.sampling.endpoints import mixture_quantile
 from percept.study.basics import Array
 
@@ -41,7 +41,7 @@ class DrawLimits:
         return Bounded(median, lower, upper, error=max(error_of_lower, error_of_upper))
 
 
-def bounded_means(laws: ConditionalMoments, level: float, effective: int) -> list[Bounded]:
+def bounded_means(laws: Moments, level: float, effective: int) -> list[Bounded]:
     """Bound what is normal given each draw, by roots of mixtures.
 
     The draws are worth `effective` independent ones.

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from percept.inference.classical.variability import Bounded
-from percept.inference.model.laws import ConditionalMoments
-from percept.inference.model.linear_posterior import LinearPosterior
-from percept.inference.model.product import pooled_parts
+from percept.inference.model.model import LinearModel
+from percept.inference.model.predictions import trend_rows
 from percept.results import PseLineRow
 from percept.scene import InferenceTable
 from percept.study.basics import Array, Skipped
@@ -35,7 +34,7 @@ _MOST_TOLERANCES = 10.0
 
 def posterior_lines(fit: Fit, data: Data) -> Iterator[PseLineRow | Skipped]:
     """Yield the line of each quantity in each condition, reference by reference."""
-    for density, points in pooled_parts(fit.model, fit.points):
+    for density, points in fit.model.split(fit.points):
         lines = []
         for p, parameter in enumerate(density.statistics.parameters):
             names = density.statistics.environments
@@ -47,10 +46,11 @@ def posterior_lines(fit: Fit, data: Data) -> Iterator[PseLineRow | Skipped]:
             else:
                 lines.append(_Line(fit, density, data.asked, p, tested))
         if lines:
-            for condition, trend in density.trends(points).items():
+            for condition, (heights, slopes) in trend_rows(density).items():
                 for line in lines:
-                    mean = trend.mean[:, line.number]
-                    yield from line.rows(condition, mean, trend.covariance[:, line.number])
+                    height = heights[line.number]
+                    slope = slopes[line.number]
+                    yield from line.rows(condition, points, height, slope)
 
 
 def _why_not(references: Array) -> str:
@@ -69,24 +69,21 @@ class _Line:
     """What the lines of one quantity have in common."""
 
     fit: Fit
-    density: LinearPosterior
+    density: LinearModel
     asked: InferenceTable
     number: int  # Of the quantity, in its model
     tested: Array  # (J,) References of the environments
 
     def rows(
-        self, condition: str, mean: Array, covariance: Array
+        self, condition: str, points: Array, height: Array, slope: Array
     ) -> Iterator[PseLineRow | Skipped]:
-        """Yield a row for each reference; intercepts and slopes have means (S, 2)."""
+        """Yield a row for each reference, by weights (R,) of the line's height and its slope."""
         asked = self.asked
         quantity = self.fit.quantities[self.density.statistics.parameters[self.number]]
         references = np.geomspace(self.tested.min(), self.tested.max(), _POINTS)
         decades = np.log10(references) - np.log10(self.tested).mean()
-        weights = np.stack([np.ones(_POINTS), decades])
-        variance = np.einsum("sab,an,bn->sn", covariance, weights, weights)
-        # Of the location alone: users are not asked for.
-        laws = ConditionalMoments(mean @ weights, np.sqrt(variance), np.zeros_like(variance))
-        limits_at = bounded_means(laws, asked.level, len(mean))
+        rows = height + np.multiply.outer(decades, slope)
+        limits_at = bounded_means(self.density.moments(points, rows), asked.level, len(points))
         # In half-widths.
         worst = max(2.0 * (own.error or 0.0) / (own.upper - own.lower) for own in limits_at)
         if worst > _MOST_TOLERANCES * asked.tolerance:

@@ -22,9 +22,9 @@ from typing import Self
 
 import numpy as np
 
-from percept.inference.model.laws import ConditionalMoments
-from percept.inference.model.linear_posterior import LinearPosterior
-from percept.inference.model.product import pooled_parts
+from percept.inference.model.model import LinearModel
+from percept.inference.model.predictions import trend_rows
+from percept.inference.model.subjects import cells_of_subjects
 from percept.results import PsychophysicsRow
 from percept.study.basics import Array, Stream, generator
 from percept.study.data import Data
@@ -52,8 +52,8 @@ def posterior_psychophysics(fit: Fit, data: Data) -> Iterator[PsychophysicsRow]:
     rng = generator(scene.inference.seed, Stream.PSYCHOPHYSICS)
     locations, _ = fit.model.draw(independent, rng)
     every = fit.run.points.reshape(len(population_sd), -1)
-    every_by_model = pooled_parts(fit.model, every)
-    independent_by_model = pooled_parts(fit.model, independent)
+    every_by_model = fit.model.split(every)
+    independent_by_model = fit.model.split(independent)
     for (model, every_draw), (_, independent_draws) in zip(
         every_by_model, independent_by_model, strict=True
     ):
@@ -125,7 +125,7 @@ class _Scales:
         return of_typical_user * np.exp(2.0 * self.omega_s**2)[:, :, None]
 
     @classmethod
-    def of(cls, model: LinearPosterior, points: Array) -> Self:
+    def of(cls, model: LinearModel, points: Array) -> Self:
         """Read the scales at coordinates (S, d)."""
         values = {}
         for name, (_, scale) in model.scales(points).items():
@@ -144,7 +144,7 @@ class _Scales:
 class _Posterior:
     """Draws of one model, and where its rows belong."""
 
-    model: LinearPosterior
+    model: LinearModel
     sites: list[Site]  # P J, of the cells
     limits: DrawLimits
     scales: _Scales  # S draws
@@ -192,7 +192,7 @@ class _Posterior:
         """Yield each subject's own trial SD: the geometric mean over the cells of its groups."""
         if self.scales.sigma_e is None or self.scales.phi is None:
             return
-        own = self.model.cells_of_subjects.T
+        own = cells_of_subjects(self.model).T
         mean_log_sd = np.log(self.scales.sigma_e) @ (own / own.sum(axis=0))
         trial_sd = np.exp(mean_log_sd + self.scales.phi)  # (S, P, N)
         for p, site in enumerate(self._overall_sites):
@@ -206,10 +206,9 @@ class _Posterior:
         if not several.any():
             return
         # Trends of all levels of factors have the same slope: the first one's tells it.
-        trend = next(iter(self.model.trends(self.independent).values()))
-        slope_sd = np.sqrt(trend.covariance[..., 1, 1])
-        laws = ConditionalMoments(trend.mean[..., 1], slope_sd, np.zeros_like(slope_sd))
-        slopes = bounded_means(laws, self.limits.level, self.limits.effective)
+        _, slope_rows = next(iter(trend_rows(self.model).values()))
+        moments = self.model.moments(self.independent, slope_rows)
+        slopes = bounded_means(moments, self.limits.level, self.limits.effective)
         scales = self.model.scales(self.independent)
         _, sd_of_subjects = scales.get("sigma_v:trend", ((), None))
         for p, site in enumerate(self._overall_sites):
@@ -252,7 +251,7 @@ class _Posterior:
     def _correlation_rows(self) -> Iterator[PsychophysicsRow]:
         """Yield the correlation of both quantities between users, environment by environment."""
         statistics = self.model.statistics
-        users = self.model.pairs(self.independent).users
+        users = self.model.joint(self.independent, self.model.pair_rows).users
         covariance = users[..., 0, 1]
         variances = np.diagonal(users, axis1=2, axis2=3)
         correlation = covariance / np.sqrt(variances.prod(axis=2))
@@ -262,7 +261,7 @@ class _Posterior:
             yield dataclasses.replace(row, parameter=", ".join(statistics.parameters))
 
 
-def _mean_trials(model: LinearPosterior) -> float:
+def _mean_trials(model: LinearModel) -> float:
     """Harmonic mean of the numbers of trials of all cells."""
     cells = 0.0
     sum_of_inverses = 0.0

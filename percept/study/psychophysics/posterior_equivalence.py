@@ -8,7 +8,6 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import special
 
-from percept.inference.model.product import pooled_parts
 from percept.results import EquivalenceRow
 from percept.study.basics import Array, Skipped
 from percept.study.data import Data
@@ -94,7 +93,7 @@ def _trial_sds(fit: Fit) -> dict[tuple[str, str], Array]:
     """Return every cell's draws of the SD between trials; empty without repeats."""
     points = fit.run.points.reshape(len(fit.moments.mean), -1)
     sds: dict[tuple[str, str], Array] = {}
-    for density, coordinates in pooled_parts(fit.model, points):
+    for density, coordinates in fit.model.split(points):
         named = density.scales(coordinates)
         if "sigma_e" not in named:
             continue

@@ -6,13 +6,13 @@ from __future__ import annotations
 import numpy as np
 
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.model.linear_posterior import LinearPosterior, plain_model
+from percept.inference.model.model import LinearModel, plain_model
 from percept.inference.model.statistics import from_trials
 
 GRID = np.linspace(-12.0, 12.0, 24_001)
 
 
-def density_of(response: np.ndarray) -> LinearPosterior:
+def density_of(response: np.ndarray) -> LinearModel:
     subjects = len(response)
     statistics = from_trials(
         response[:, None],
@@ -33,7 +33,7 @@ def subjects_of(response: np.ndarray) -> SubjectDensity:
     )
 
 
-def weights(density: LinearPosterior) -> tuple[np.ndarray, float]:
+def weights(density: LinearModel) -> tuple[np.ndarray, float]:
     """Posterior weights of the grid, and the log evidence."""
     value = density(GRID[:, None])
     largest = value.max()
@@ -41,7 +41,7 @@ def weights(density: LinearPosterior) -> tuple[np.ndarray, float]:
     return mass / mass.sum(), float(largest + np.log(mass.sum() * (GRID[1] - GRID[0])))
 
 
-def even_draws(density: LinearPosterior, count: int) -> np.ndarray:
+def even_draws(density: LinearModel, count: int) -> np.ndarray:
     """Draws of the coordinate at even probabilities: Monte Carlo error next to none."""
     cumulative = np.cumsum(weights(density)[0])
     points = np.interp((np.arange(count) + 0.5) / count, cumulative, GRID)

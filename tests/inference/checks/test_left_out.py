@@ -11,6 +11,7 @@ from percept.inference.checks.left_out import (
     predict_left_out,
     smoothed_subjects,
 )
+from percept.inference.model.subjects import subject_laws
 from tests.inference.checks import small
 
 RESPONSE = np.array([0.12, -0.05, 0.2, 0.31, 0.02, -0.11, 0.17, 0.26])
@@ -83,7 +84,7 @@ def test_left_out_probabilities_equal_quadrature_over_the_posterior_of_the_other
         others = small.density_of(np.delete(RESPONSE, i))
         mass, _ = small.weights(others)
         keep = mass > 1e-12
-        law = others.laws(small.GRID[keep][:, None])
+        law = others.moments(small.GRID[keep][:, None])
         standard = (own - law.mean[:, 0]) / np.hypot(law.sd, law.population_sd)[:, 0]
         below = np.sum(mass[keep] * stats.norm.cdf(standard))
         # Draws of the others' posterior, in the coordinates of all: here by weights on a grid.
@@ -98,7 +99,7 @@ def test_left_out_probabilities_equal_quadrature_over_the_posterior_of_the_other
 
 
 def left_out(subjects, i):
-    return subjects.left_out(subjects.density.subject_laws(small.GRID[:, None])).log_density[:, i]
+    return subjects.left_out(subject_laws(subjects.density, small.GRID[:, None])).log_density[:, i]
 
 
 def test_intervals_without_a_subject_equal_quadrature_over_the_posterior_of_the_others():
@@ -110,7 +111,7 @@ def test_intervals_without_a_subject_equal_quadrature_over_the_posterior_of_the_
         others = small.density_of(np.delete(RESPONSE, i))
         mass, _ = small.weights(others)
         keep = mass > 1e-12
-        law = others.laws(small.GRID[keep][:, None])
+        law = others.moments(small.GRID[keep][:, None])
         assert mean[i, 0, 0] == pytest.approx(mass[keep] @ law.mean[:, 0], abs=2e-3)
         for end, probability in ((lower, 0.025), (upper, 0.975)):
             below = stats.norm.cdf((end[i, 0, 0] - law.mean[:, 0]) / law.sd[:, 0])

@@ -9,7 +9,8 @@ from percept.inference.checks.predictive import (
     statistics_of,
 )
 from percept.inference.checks.subjects import SubjectDensity
-from percept.inference.model.linear_posterior import plain_model
+from percept.inference.model.model import plain_model
+from percept.inference.model.predictions import draw_prior
 from tests.inference.checks.test_subjects import averages, opened
 from tests.inference.model.designs import OTHER, made
 from tests.inference.model.test_statistics import reduce
@@ -39,8 +40,7 @@ def test_draws_have_their_priors(name):
     rng = np.random.default_rng(31)
     study = made(name, priors=OTHER)
     draws = 20_000
-    prior = study.model.draw_prior(draws, rng)
-    named, means, users = prior.scales, prior.means, prior.users
+    named, means, users = draw_prior(study.model, draws, rng)
     known = laws(OTHER)
     for key, (dimensions, value) in named.items():
         assert len(dimensions) == value.ndim - 1
@@ -72,8 +72,7 @@ def test_draws_have_their_priors(name):
 
 def test_users_of_one_draw_are_correlated_as_the_draw_says():
     rng = np.random.default_rng(32)
-    prior = made("one cell").model.draw_prior(20_000, rng)
-    named, means, users = prior.scales, prior.means, prior.users
+    named, means, users = draw_prior(made("one cell").model, 20_000, rng)
     off = (users - means) / named["sigma"][1][:, :, 0]
     rho = named["rho_w"][1]
     left = (off[:, 1] - rho * off[:, 0]) / np.sqrt(1.0 - rho**2)
@@ -150,24 +149,24 @@ def test_the_farthest_of_new_subjects_is_that_of_a_normal_sample():
 def test_draws_before_any_data_have_the_priors(name):
     density = made(name).model
     count = 4000
-    prior = density.draw_prior(count, np.random.default_rng(5))
-    _, s = prior.scales["s"]
+    named, means, _ = draw_prior(density, count, np.random.default_rng(5))
+    _, s = named["s"]
     scores = (np.log(s) - density.priors.log_s_mean) / density.priors.log_s_sd
     assert stats.kstest(scores.ravel(), "norm").pvalue > 1e-3
-    _, psi = prior.scales["psi:hand"]
+    _, psi = named["psi:hand"]
     assert stats.kstest(psi.ravel() / density.priors.psi_sd, "norm").pvalue > 1e-3
-    if "omega_s" in prior.scales:
+    if "omega_s" in named:
         # A subject's trial SD over the others' has a normal logarithm of SD omega_s.
-        phi = prior.scales["phi"][1] / prior.scales["omega_s"][1][..., None]
+        phi = named["phi"][1] / named["omega_s"][1][..., None]
         assert stats.kstest(phi[:, 0, 0], "norm").pvalue > 1e-3
     # Locations: the variance of the columns, given each draw's tau.
     design = density.design
     fixed = sum((term.columns**2).sum(axis=0) for term in design.fixed)
     own = np.zeros((count, *fixed.shape))
     for term in design.deviation:
-        tau = prior.scales["tau" if term.name == "level" else f"tau:{term.name}"][1]
+        tau = named["tau" if term.name == "level" else f"tau:{term.name}"][1]
         own += tau[..., None] ** 2 * (term.columns**2).sum(axis=0)
-    scores = prior.means.reshape(own.shape) / np.sqrt(fixed + own)
+    scores = means.reshape(own.shape) / np.sqrt(fixed + own)
     assert stats.kstest(scores[:, 0, 0], "norm").pvalue > 1e-3
     assert stats.kstest(scores[:, -1, -1], "norm").pvalue > 1e-3
 

@@ -8,8 +8,9 @@ from percept.errors import RefusalError
 from percept.inference.checks.left_out import leave_one_out
 from percept.inference.checks.subjects import SubjectDensity
 from percept.inference.model.design import Options
-from percept.inference.model.linear_posterior import plain_model
+from percept.inference.model.model import plain_model
 from percept.inference.model.statistics import from_trials
+from percept.inference.model.subjects import subject_laws
 from tests.inference.model.designs import made
 
 DESIGNS = [
@@ -55,7 +56,7 @@ def test_a_subject_left_out_is_predicted_by_the_others_trials(name):
     trials = study.study
     response = trials.response.T.ravel()
     size = trials.response.shape[1]
-    found = subjects.left_out(subjects.density.subject_laws(point))
+    found = subjects.left_out(subject_laws(subjects.density, point))
     for i in range(subjects.subjects):
         own = np.tile(trials.subject == i, size)
         gain = np.linalg.solve(covariance[np.ix_(~own, ~own)], covariance[np.ix_(~own, own)]).T
@@ -101,7 +102,7 @@ def test_scales_of_any_size_keep_the_digits_of_the_densities():
     assert sd.max() / sd.min() > 1e7
     every = model.log_likelihood(scales.cells)
     others = without_the_first(study).log_likelihood(scales.cells)
-    found = subjects.left_out(model.subject_laws(points)).log_density[:, 0]
+    found = subjects.left_out(subject_laws(model, points)).log_density[:, 0]
     # The difference itself rounds at the size of its terms.
     np.testing.assert_array_less(np.abs(found - (every - others)), 1e-9 * (1.0 + np.abs(every)))
 
@@ -122,7 +123,7 @@ def test_one_subject_alone_with_next_to_no_scatter_is_refused():
     subjects = SubjectDensity(model, response, subject, cell)
     points = np.zeros((4, len(model.names)))
     points[:, [name.startswith("sigma[") for name in model.names]] = -20.0
-    found = subjects.left_out(model.subject_laws(points))
+    found = subjects.left_out(subject_laws(model, points))
     assert np.isnan(found.log_density[:, 0]).all()
     assert np.isnan(found.standard[:, 0]).all()
     with pytest.raises(RefusalError, match="S01 cannot be predicted from the others"):

@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from percept.inference.model.covariates import with_covariates
 from percept.inference.model.design import Cells, Factors, Options, design_of
-from percept.inference.model.linear_posterior import LinearPosterior
-from percept.inference.model.model import Resolution
+from percept.inference.model.model import LinearModel, Resolution
 from percept.inference.model.priors import Priors
 from percept.inference.model.statistics import apart_by_subject, from_trials
-from percept.inference.model.trial_scatter import trial_scatter
+from percept.inference.model.trials import trial_scatter, with_covariates
 from tests.inference.twin import Study, Twin
 
 HAND = {"hand": ("left", "right")}
@@ -94,7 +92,7 @@ class Made:
     """A simulated study and its model."""
 
     study: Study
-    model: LinearPosterior
+    model: LinearModel
 
     def twin(self, points: np.ndarray) -> Twin:
         """Write the model out at coordinates (W, d)."""
@@ -135,6 +133,10 @@ def made(name: str, seed: int = 0, priors: Priors | None = None, **changes: Any)
     values = rng.normal(0.0, 1.0, (len(cell), len(names)))
     if "age" in names:
         values[:, names.index("age")] = rng.normal(0.0, 1.0, subjects)[subject]
+    within = tuple(name for name in names if name != "age")
+    for name in within:
+        column = values[:, names.index(name)]
+        column -= (np.bincount(subject, column) / np.bincount(subject))[subject]
     study = Study(
         response=response,
         subject=subject,
@@ -147,6 +149,7 @@ def made(name: str, seed: int = 0, priors: Priors | None = None, **changes: Any)
         spread=asked.get("spread", ()),
         slopes=asked.get("slopes", False),
         covariates=values,
+        own_slopes={name: names.index(name) for name in within},
         resolution=asked.get("resolution", (0.0, 0.0)),
     )
     options = Options(**asked.get("options", {}))
@@ -163,7 +166,7 @@ def model_of(
     priors: Priors | None,
     *,
     own: bool,
-) -> LinearPosterior:
+) -> LinearModel:
     """Build the model of a study."""
     priors = priors or Priors()
     cells = Cells(
@@ -191,20 +194,21 @@ def model_of(
     )
     held = None
     scatter = None
+    trials = (study.response, *at)
     if own:
         statistics = apart_by_subject(statistics)
-    values = np.zeros((len(study.cell), 0)) if study.covariates is None else study.covariates
+        scatter = trial_scatter(*trials, by_subject=True)
     if covariates:
-        pooled = trial_scatter(study.response, *at, values, by_subject=False)
-        statistics, held = with_covariates(values, *at, covariates, statistics, pooled)
-    if covariates or own:
-        scatter = trial_scatter(study.response, *at, values, by_subject=own)
+        values = study.covariates
+        statistics, scatter, held = with_covariates(
+            values, covariates, trials, statistics, by_subject=own
+        )
     resolution = None
     if any(study.resolution):
         between, trial = study.resolution
         resolution = Resolution(np.full(study.x.shape, between), np.full(study.x.shape, trial))
     design = design_of(cells, factors, priors, options)
-    return LinearPosterior(statistics, design, priors, held, scatter, resolution)
+    return LinearModel(statistics, design, priors, held, scatter, resolution)
 
 
 def trials_of(asked, rng, subjects, grid, levels):

@@ -53,7 +53,7 @@ def test_extreme_scales_have_a_density_and_laws_or_none(name, spread):
     assert not np.isnan(values).any()
     weighed = points[np.isfinite(values)]
     assert len(weighed) > 20
-    laws = study.model.laws(weighed)
+    laws = study.model.moments(weighed)
     assert np.isfinite(laws.mean).all()
     assert (laws.sd > 0.0).all()
     assert np.isneginf(study.model(np.full((1, len(study.model.names)), 1e4))).all()

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from percept.inference.model.interval_estimands import IntervalEstimands
+from percept.inference.model.limits import Limits
 from tests.inference.model.designs import made
 
 
 def test_the_scale_of_both_ends_is_half_the_width() -> None:
     model = made("plain").model
-    estimands = IntervalEstimands(model)
+    estimands = Limits(model)
     points = np.random.default_rng(2).normal(size=(50, len(model.names)))
     names = []
     for found, _ in estimands.estimates(estimands.components(points)):

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mpmath import mp
 
-from percept.inference.model.linear_posterior import plain_model
+from percept.inference.model.model import plain_model
 from percept.inference.model.statistics import from_trials
 from tests import LONG
 from tests.inference.model import exact

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import special
 
-from percept.inference.model.families import level_together
+from percept.inference.model.limits import level_together
 
 DRAWS = 200_000
 LEVEL = 0.95

@@ -7,14 +7,23 @@ import pytest
 from scipy import linalg
 
 from percept.errors import RefusalError
+from percept.inference.model.predictions import new_environment, trend_rows
 from percept.inference.model.product import Product
 from tests.inference.model.designs import DESIGNS, made
 from tests.inference.twin import Twin
 
 
+def random_rows(count, model):
+    """Weights of cells and slopes; coefficients of fixed terms, which are last, have none."""
+    rows = np.random.default_rng(3).normal(size=(count, model.locations))
+    rows[:, model.locations - len(model.rows.fixed) :] = 0.0
+    return rows
+
+
 def weighed(twin, rows):
     """Mean, SD and users' SD of combinations (L, R), each (W, L)."""
     mean, covariance = twin.posterior()
+    rows = rows[:, : mean.shape[1]]
     of_cells = rows[:, : twin.users.shape[1]]
     variance = np.einsum("lr,wrs,ls->wl", rows, covariance, rows)
     own = np.einsum("lr,wrs,ls->wl", of_cells, twin.users, of_cells)
@@ -35,11 +44,11 @@ def test_cells_and_contrasts_have_their_conditional_law(name):
     points = study.points(3)
     twin = study.twin(points)
     model = study.model
-    check(model.laws(points), weighed(twin, model.cell_rows))
-    rows = np.random.default_rng(3).normal(size=(3, model.locations_count))
+    check(model.moments(points), weighed(twin, model.cell_rows))
+    rows = random_rows(3, model)
     expected = weighed(twin, rows)
-    check(model.laws_of(rows, points), expected)
-    np.testing.assert_allclose(np.exp(model.log_user_sds(rows, points)), expected[2], rtol=1e-10)
+    check(model.moments(points, rows), expected)
+    np.testing.assert_allclose(model.user_sds(points, rows), expected[2], rtol=1e-10)
 
 
 @pytest.mark.parametrize("name", ["plain, trials", "plain, missing cells", "unequal trials"])
@@ -47,7 +56,7 @@ def test_pairs_have_the_joint_law_of_their_quantities(name):
     study = made(name)
     points = study.points(3)
     twin = study.twin(points)
-    pairs = study.model.pairs(points)
+    pairs = study.model.joint(points, study.model.pair_rows)
     mean, covariance = twin.posterior()
     for c in range(twin.cells):
         at = np.array([c, twin.cells + c])
@@ -64,10 +73,11 @@ def test_draws_have_the_law_of_cells_and_users(name):
     study = made(name)
     point = study.points(1)
     count = 20_000
-    rows = np.random.default_rng(3).normal(size=(4, study.model.locations_count))
+    rows = random_rows(4, study.model)
     rng = np.random.default_rng(4)
-    location, user = study.model.draw_of(rows, point, rng, repeats=count)
+    location, user = study.model.draw(point, rng, rows, repeats=count)
     twin = study.twin(point)
+    rows = rows[:, : len(twin.locations[0])]
     of_cells = rows[:, : twin.users.shape[1]]
     mean, covariance = twin.posterior()
     of_location = rows @ covariance[0] @ rows.T
@@ -118,24 +128,23 @@ def test_an_untested_environment_has_the_law_of_a_cell_without_trials(name):
             scales[sd] = (dimensions, np.pad(values, ((0, 0), (0, 0), (0, added))))
     twin = Twin(wider, model.priors, scales)
     mean, covariance = twin.posterior()
-    new = model.new_environment(points, x, 2, np.random.default_rng(5))
-    trends = model.trends(points)
+    new = new_environment(model, points, x, repeats=2, rng=np.random.default_rng(5))
+    trends = trend_rows(model)
     assert len(new) == added
     for number, of_condition in enumerate(new.values()):
         at = np.array([tested + number, twin.cells + tested + number])
         both = (slice(None), at[:, None], at)
-        np.testing.assert_allclose(of_condition.mean[::2], mean[:, at], rtol=1e-7, atol=1e-9)
-        np.testing.assert_allclose(of_condition.covariance[1::2], covariance[both], rtol=1e-6)
-        shared = of_condition.population - np.repeat(twin.users[both], 2, axis=0)
+        np.testing.assert_allclose(of_condition.mean[::2, 0], mean[:, at], rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(of_condition.location[1::2, 0], covariance[both], rtol=1e-6)
+        shared = of_condition.users[:, 0] - np.repeat(twin.users[both], 2, axis=0)
         # What is left is the spread within the new environment: both SDs and their correlation.
         sd = np.sqrt(np.diagonal(shared, axis1=1, axis2=2))
         rho = shared[:, 0, 1] / sd.prod(axis=1)
         np.testing.assert_allclose(rho, np.repeat(scales["rho_w"][1], 2), rtol=1e-7)
-    for number, (condition, line) in enumerate(trends.items()):
+    for number, (condition, (height, slope)) in enumerate(trends.items()):
         at = np.array([tested + number, twin.cells + tested + number])
-        np.testing.assert_allclose(
-            line.mean[..., 0] + x * line.mean[..., 1], mean[:, at], rtol=1e-7, atol=1e-9
-        )
+        line = model.moments(points, height + x[:, None] * slope)
+        np.testing.assert_allclose(line.mean, mean[:, at], rtol=1e-7, atol=1e-9)
         assert condition in new
 
 
@@ -144,8 +153,10 @@ def test_one_environment_predicts_no_other(name):
     study = made(name)
     points = study.points(2)
     for ask in (
-        lambda: study.model.trends(points),
-        lambda: study.model.new_environment(points, np.zeros(2), 1, np.random.default_rng(1)),
+        lambda: trend_rows(study.model),
+        lambda: new_environment(
+            study.model, points, np.zeros(2), repeats=1, rng=np.random.default_rng(1)
+        ),
     ):
         with pytest.raises(RefusalError, match="no trend to predict others from"):
             ask()
@@ -160,14 +171,13 @@ def test_models_side_by_side_have_the_law_of_all_their_locations():
     split = np.split(points, [len(models[0].names)], axis=1)
     values = sum(model(part) for model, part in zip(models, split, strict=True))
     np.testing.assert_allclose(product(points), values, rtol=1e-14)
-    count = sum(model.locations_count for model in models)
-    rows = np.random.default_rng(3).normal(size=(4, count))
-    parts = np.split(rows, [models[0].locations_count], axis=1)
+    parts = [random_rows(4, model) for model in models]
+    rows = np.hstack(parts)
     found = []
     for study, coordinates, own in zip(studies, split, parts, strict=True):
         found.append(weighed(study.twin(coordinates), own))
     means, sds, user_sds = zip(*found, strict=True)
     expected = (sum(means), np.hypot(*sds), np.hypot(*user_sds))
-    check(product.laws_of(rows, points), expected)
-    np.testing.assert_allclose(np.exp(product.log_user_sds(rows, points)), expected[2], rtol=1e-9)
+    check(product.moments(points, rows), expected)
+    np.testing.assert_allclose(product.user_sds(points, rows), expected[2], rtol=1e-9)
     assert linalg.norm(expected[0]) > 0.0

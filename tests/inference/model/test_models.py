@@ -5,11 +5,9 @@ import pytest
 from scipy import integrate, stats
 
 from percept.errors import RefusalError
-from percept.inference.model.linear_posterior import plain_model
-from percept.inference.model.model import Resolution
-from percept.inference.model.product import Product
+from percept.inference.model.model import Resolution, plain_model
+from percept.inference.model.product import Product, Unpooled
 from percept.inference.model.statistics import from_summary
-from percept.inference.model.unpooled import Unpooled
 from tests.inference.model.designs import made
 from tests.inference.model.test_statistics import reduce
 
@@ -50,12 +48,11 @@ def test_product_is_its_models_side_by_side():
     np.testing.assert_allclose(
         product(points), models[0](parts[0]) + models[1](parts[1]), rtol=1e-14
     )
-    laws = [model.laws(part) for model, part in zip(models, parts, strict=True)]
-    joined = product.laws(points)
+    laws = [model.moments(part) for model, part in zip(models, parts, strict=True)]
+    joined = product.moments(points)
     for name in ("mean", "sd", "population_sd"):
-        np.testing.assert_array_equal(
-            getattr(joined, name), np.hstack([getattr(law, name) for law in laws])
-        )
+        expected = np.hstack([getattr(law, name) for law in laws])
+        np.testing.assert_allclose(getattr(joined, name), expected, rtol=1e-14)
     scales = [model.scales(part) for model, part in zip(models, parts, strict=True)]
     for name, (dimensions, values) in product.scales(points).items():
         assert dimensions == scales[0][name][0]
@@ -80,7 +77,7 @@ def test_unpooled_integrates_to_student_t():
         def law(u, c=c):
             point = np.zeros((1, 3))
             point[0, c] = u
-            return model(point)[0] - model(np.zeros((1, 3)))[0], model.laws(point)
+            return model(point)[0] - model(np.zeros((1, 3)))[0], model.moments(point)
 
         def density(u, law=law):
             return np.exp(law(u)[0])
@@ -101,7 +98,7 @@ def test_unpooled_integrates_to_student_t():
 def test_unpooled_laws_and_draws():
     model = Unpooled(CELLS, np.array([3, 5, 9]))
     points = np.repeat(np.array([[0.3, -1.0, 0.5]]), 40_000, axis=0)
-    laws = model.laws(points[:1])
+    laws = model.moments(points[:1])
     sigma = np.exp(points[0] / np.sqrt(2 * np.array([2.0, 4.0, 8.0])))
     np.testing.assert_allclose(laws.population_sd[0], sigma, rtol=1e-14)
     np.testing.assert_allclose(laws.sd[0], sigma / np.sqrt([3, 5, 9]), rtol=1e-14)

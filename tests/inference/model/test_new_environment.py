@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from percept.inference.model.interval_estimands import IntervalEstimands
-from percept.inference.model.new_environment import NewEstimands, new_environment
+from percept.inference.model.limits import Limits, NewLimits
+from percept.inference.model.predictions import new_environment
 from tests.inference.model.designs import made
 
 PLACE = np.array([0.3, -0.4])
@@ -28,22 +27,22 @@ def expected(model, points, repeats):
 def test_users_correlate_by_what_they_share_and_by_what_is_their_own() -> None:
     found, named = expected(*model_and_points(), repeats=3)
     shared = named["sigma_u"]
-    own = np.sqrt(np.diagonal(found.population, axis1=1, axis2=2) - shared**2)
+    own = np.sqrt(np.diagonal(found.users[:, 0], axis1=1, axis2=2) - shared**2)
     wanted = named["rho_u"] * shared.prod(axis=1) + named["rho_w"] * own.prod(axis=1)
-    np.testing.assert_allclose(found.population[:, 0, 1], wanted, rtol=1e-9)
-    np.testing.assert_array_equal(found.population[:, 0, 1], found.population[:, 1, 0])
+    np.testing.assert_allclose(found.users[:, 0, 0, 1], wanted, rtol=1e-9)
+    np.testing.assert_array_equal(found.users[:, 0, 0, 1], found.users[:, 0, 1, 0])
 
 
 def test_repeats_of_a_draw_stand_together() -> None:
     model, points = model_and_points()
     once, thrice = (expected(model, points, repeats)[0] for repeats in (1, 3))
     np.testing.assert_array_equal(thrice.mean, np.repeat(once.mean, 3, axis=0))
-    np.testing.assert_array_equal(thrice.covariance, np.repeat(once.covariance, 3, axis=0))
+    np.testing.assert_array_equal(thrice.location, np.repeat(once.location, 3, axis=0))
 
 
 def test_spreads_of_stiffness_and_damping_leave_their_trends_independently() -> None:
     found, named = expected(*model_and_points(width=200), repeats=20)
-    own = np.diagonal(found.population, axis1=1, axis2=2) - named["sigma_u"] ** 2
+    own = np.diagonal(found.users[:, 0], axis1=1, axis2=2) - named["sigma_u"] ** 2
     off = (0.5 * np.log(own) - np.log(named["s"]) - named["kappa"] * PLACE) / named["omega"]
     # Where next to nothing leaves the trend the difference is rounding.
     off = off[(named["omega"] > 0.1).all(axis=1)]
@@ -54,43 +53,17 @@ def test_spreads_of_stiffness_and_damping_leave_their_trends_independently() -> 
 
 def test_estimands_average_the_pull_of_a_draw_over_its_spreads() -> None:
     model, points = model_and_points(width=300)
-    asked = IntervalEstimands(model, kinds=("mean", "user"), level=0.9)
-    new = NewEstimands(asked, PLACE, 3, seed=0, names=["new"])
+    asked = Limits(model, kinds=("mean", "user"), level=0.9)
+    new = NewLimits(asked, PLACE, 3, seed=0, names=["new"])
     parts = list(new.estimates(new.components(points)))
-    laws = new_environment(model, points, PLACE, repeats=3, rng=np.random.default_rng(0))[""].laws
+    laws = new_environment(model, points, PLACE, repeats=3, rng=np.random.default_rng(0))[""]
     assert parts[0][0].names[0] == "lower mean limit of k in new"
     for kind, (found, influence) in zip(("mean", "user"), parts, strict=True):
-        limits = asked.limits(kind, laws)
-        np.testing.assert_array_equal(found.value, np.concatenate([limits.lower, limits.upper]))
-        np.testing.assert_allclose(influence, limits.influence.reshape(300, 3, 4).mean(axis=1))
+        lower, upper, pull = asked.of(kind, laws.moments())
+        np.testing.assert_array_equal(found.value, np.concatenate([lower, upper]))
+        np.testing.assert_allclose(influence, pull.reshape(300, 3, 4).mean(axis=1))
     assert (
         new.identity()
-        != NewEstimands(asked, 2.0 * PLACE, 3, seed=0, names=["new"]).identity()
+        != NewLimits(asked, 2.0 * PLACE, 3, seed=0, names=["new"]).identity()
         != asked.identity()
     )
-
-
-@pytest.mark.parametrize(
-    "name", ["plain", "two by two, two groups, covariate", "slopes over references"]
-)
-def test_a_trend_is_a_new_environment_less_what_that_has_of_its_own(name):
-    """New environments are checked against the twin in test_laws."""
-    study = made(name)
-    model, points = study.model, study.points(5)
-    found = model.trends(points)
-    new = model.new_environment(points, PLACE, 1, np.random.default_rng(0))
-    named = model.scales(points)
-    own = named["tau"][1] ** 2
-    for scale, (_, values) in named.items():
-        if scale.startswith("tau:"):
-            # Columns of a factor of two levels are half a unit high, and of two by two a quarter.
-            columns = 0.5 ** len(scale.split(":")[1:])
-            own = own + (columns * values) ** 2
-    assert list(found) == list(new)
-    for condition, trend in found.items():
-        weights = np.stack([np.ones(2), PLACE], axis=1)
-        mean = np.einsum("wpa,pa->wp", trend.mean, weights)
-        np.testing.assert_allclose(mean, new[condition].mean, rtol=1e-10)
-        variance = np.einsum("wpab,pa,pb->wp", trend.covariance, weights, weights)
-        expected = np.diagonal(new[condition].covariance, axis1=1, axis2=2) - own
-        np.testing.assert_allclose(variance, expected, rtol=1e-9)

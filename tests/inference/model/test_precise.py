@@ -5,7 +5,7 @@ import pytest
 from mpmath import mp
 from scipy import stats
 
-from percept.inference.model.interval_estimands import IntervalEstimands
+from percept.inference.model.limits import Limits
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
 from tests import LONG
@@ -91,7 +91,7 @@ def test_intervals_of_precise_data_are_as_wide_as_the_classical_ones(name, chang
     ratios = []
     for cv in (1e-4, 2e-7):
         model = made(name, cv=cv, **changes).model
-        estimands = IntervalEstimands(model, kinds=("mean",))
+        estimands = Limits(model, kinds=("mean",))
         run = sample(model, estimands, Settings(tolerance=0.1, seed=1))
         assert run.gate.passed, run.gate.reasons
         statistics = model.statistics

@@ -8,10 +8,10 @@ from scipy import optimize
 
 from percept.inference.model import priors as coordinates
 from percept.inference.model.design import Options
-from percept.inference.model.interval_estimands import IntervalEstimands
-from percept.inference.model.linear_posterior import plain_model
+from percept.inference.model.limits import Limits
+from percept.inference.model.model import plain_model
 from percept.inference.model.priors import Priors
-from percept.inference.model.rough_spreads import rough_trial
+from percept.inference.model.rough import rough_trial
 from percept.inference.model.statistics import from_summary, from_trials
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
@@ -157,7 +157,7 @@ def test_subjects_that_differ_less_than_their_trials_are_sampled_soon():
     model = model_of_rows(rows, environments=6)
     run = sample(
         model,
-        IntervalEstimands(model, kinds=("mean", "user")),
+        Limits(model, kinds=("mean", "user")),
         Settings(tolerance=0.05, seed=1, most_steps=250),
     )
     assert run.gate.passed, run.gate.reasons
@@ -186,6 +186,6 @@ def test_trials_that_covariates_explain_say_nothing_of_their_spread(explained):
 @pytest.mark.evidence
 def test_trials_that_covariates_explain_are_sampled_soon(explained):
     """Coordinates that followed the rounding took 20,000 steps and did not mix."""
-    estimands = IntervalEstimands(explained, kinds=("mean", "user"))
+    estimands = Limits(explained, kinds=("mean", "user"))
     run = sample(explained, estimands, Settings(tolerance=0.2, seed=1, most_steps=3000))
     assert run.gate.passed, run.gate.reasons

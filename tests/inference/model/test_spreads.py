@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from mpmath import mp
 
-from percept.inference.model.rough_likelihood import RoughLikelihood
-from percept.inference.model.ties import _tie
+from percept.inference.model.rough import RoughLikelihood, _tie
 from percept.inference.model.trend_map import TrendMap
 
 CENTRE = -1.6

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from percept.errors import RefusalError
 from percept.inference.model.design import Options
-from percept.inference.model.linear_posterior import plain_model
+from percept.inference.model.model import plain_model
 from percept.inference.model.statistics import from_summary, from_trials
 from tests.inference.model.designs import made
 

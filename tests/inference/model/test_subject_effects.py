@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from percept.inference.model.subjects import draw_subject_effects
 from tests.inference.model.designs import made
 
 DRAWS = 20_000
@@ -42,7 +43,8 @@ def test_effects_have_the_conditional_mean_and_covariance(name):
     point = study.points(1, spread=0.3)
     size, cells = study.study.x.shape
     location = np.linspace(-0.2, 0.3, size * cells)
-    found = model.draw_subject_effects(
+    found = draw_subject_effects(
+        model,
         np.repeat(point, DRAWS, axis=0),
         np.repeat(location[None], DRAWS, axis=0),
         np.random.default_rng(2),
@@ -66,4 +68,4 @@ def test_a_model_without_them_or_with_covariates_has_none(name):
     study = made(name)
     locations = np.zeros((2, len(study.model.cells)))
     rng = np.random.default_rng(0)
-    assert study.model.draw_subject_effects(study.points(2), locations, rng) is None
+    assert draw_subject_effects(study.model, study.points(2), locations, rng) is None

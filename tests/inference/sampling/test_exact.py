@@ -8,7 +8,7 @@ from scipy import special, stats
 
 import percept
 from percept.inference import prediction_interval, t_interval, tolerance_interval
-from percept.inference.model.laws import ConditionalMoments
+from percept.inference.model.laws import Moments
 from percept.inference.sampling.diagnostics import autocorrelation_time, monte_carlo_error
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
@@ -73,7 +73,7 @@ def test_nist_markov_chain_case(offset, tmp_path):
     if offset == 0.0:
         certified = np.array([0.132819085883166, 0.267180914116834])
         assert np.all(np.abs(np.ravel(study.fit.limits["mean"]) - certified) < 4 * run.errors * 0.1)
-        laws = ConditionalMoments.unpack(run.components.reshape(-1, 3))
+        laws = Moments.unpack(run.components.reshape(-1, 3))
         spread = laws.population_sd.reshape(*run.components.shape[:3], 1)
         influence = spread - spread.mean()
         error = monte_carlo_error(influence, autocorrelation_time(influence))[0]

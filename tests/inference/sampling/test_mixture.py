@@ -7,8 +7,8 @@ from scipy import integrate, optimize, special, stats
 
 from percept.errors import UsageError
 from percept.inference import tolerance_factor
-from percept.inference.model.interval_estimands import IntervalEstimands
-from percept.inference.model.unpooled import Unpooled
+from percept.inference.model.limits import Limits
+from percept.inference.model.product import Unpooled
 from percept.inference.sampling.endpoints import mixture_quantile, share_content, share_half_width
 from percept.inference.sampling.gate import Settings
 from percept.inference.sampling.run import sample
@@ -159,7 +159,7 @@ def test_share_under_the_reference_prior_is_the_classical_tolerance_interval():
     counts = np.array([5, 10, 30])
     cells = tuple(("k", f"n = {n}") for n in counts)
     model = Unpooled(cells, counts)
-    estimands = IntervalEstimands(model, share=0.99, confidence=0.95)
+    estimands = Limits(model, share=0.99, confidence=0.95)
     run = sample(model, estimands, Settings(tolerance=0.01, seed=3))
     assert run.gate.passed, run.gate.reasons
     limits = dict(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from percept.inference.model.design import design_of
-from percept.inference.model.linear_posterior import LinearPosterior
+from percept.inference.model.model import LinearModel
 from percept.inference.sampling.moves import ReferenceLaw, standard_moves
 from reports.__main__ import main
 from reports.calibration.fits import place_study, written
@@ -56,7 +56,7 @@ def test_right_density_stays_inside():
     assert names == {"sigma", "rho_w", "mean", "user"}
 
 
-class WithoutJacobian(LinearPosterior):
+class WithoutJacobian(LinearModel):
     """The prior of log sigma taken as a density of sigma squared: wrong by twice the sum of log
     sigma."""
 
@@ -73,7 +73,7 @@ def without_jacobian(model):
 def with_a_narrow_prior(model):
     priors = dataclasses.replace(model.priors, log_s_sd=0.1 * model.priors.log_s_sd)
     design = design_of(model.design.cells, model.design.factors, priors)
-    return LinearPosterior(model.statistics, design, priors)
+    return LinearModel(model.statistics, design, priors)
 
 
 @pytest.mark.evidence(reduced=True)

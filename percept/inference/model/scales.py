@@ -1,6 +1,6 @@
 """The coordinates of a linear design, and the scales that they stand for.
 
-The sampler moves in d coordinates, all near standard normal. `LinearCoordinates` names them and
+The sampler moves in d coordinates, all near standard normal. `Coordinates` names them and
 maps W sets of them to SDs and correlations. In this order there are, with P quantities p, C cells
 c, N subjects i and J environments:
 
@@ -8,7 +8,8 @@ c, N subjects i and J environments:
     sigma_e[p,c], log_s_e[p], …, omega_e[p], rho_e      SDs between trials, with repeats only
     phi[p,i], omega_s[p]        log ratios of subjects' trial SDs, if they have their own
     sigma_u[p], rho_u           covariance of the subjects' effects on all cells
-    sigma_v:hand[p], rho_v:hand the same of their effects under the factor `hand`
+    sigma_v:hand[p], rho_v:hand the same of their effects under the factor `hand`, and of their own
+                                slopes of a covariate that varies within subjects
     tau[p], tau:hand[p]         SDs of the environments' deviations
     eta:hand[p,·]               how the size of the subjects' effects differs between levels
 
@@ -28,16 +29,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from percept.inference.model.blocks import Block, block
-from percept.inference.model.cell_scales import CellScales
-from percept.inference.model.cell_spreads import CellSpreads, numbered
 from percept.inference.model.design import LEVEL, Design, Term
 from percept.inference.model.priors import LIMIT, Priors, correlation, half_normal
+from percept.inference.model.rough import tie_trial
+from percept.inference.model.spreads import CellSpreads, numbered
 from percept.inference.model.statistics import Statistics
 from percept.inference.model.subject_spreads import SubjectSpreads
-from percept.inference.model.ties import tie_trial
-from percept.inference.model.trial_scatter import TrialScatter
+from percept.inference.model.trials import TrialScatter
 
-__all__ = ["EffectScales", "LinearCoordinates", "LinearScales", "effect_columns"]
+__all__ = ["CellScales", "Coordinates", "Scales", "effect_columns"]
 
 Array = NDArray[np.float64]
 
@@ -49,49 +49,55 @@ _OF_FACTOR = {"sigma": "sigma_v", "rho": "rho_v", "tau": "tau"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class EffectScales:
-    """Scales of the subjects' effects at W sets of coordinates."""
+class CellScales:
+    """All that the laws of the locations depend on, at W sets of coordinates.
 
-    covariances: list[Block]  # (W,) Over the quantities, for each subject term of the design
-    size_coefficients: list[
-        Array
-    ]  # (P, K, W) Coefficients of each effect size term, over their prior SD
+    There are T groups of trials, q columns of a subject's effects, and o columns of the
+    environments' own deviations.
+    """
+
+    between: Block  # (C, W) Covariance between subjects within a cell
+    trial: Block | None  # (T, W) Covariance between the trials of a group; None without repeats
+    covariances: list[Block]  # (W,) Of subjects' effects over the quantities, one for each term
+    effects: Array  # (q, P, C, W) Columns Z: what a unit of each subject's effect adds to a cell
+    sizes: list[Array]  # (P, K, W) Coefficients of each effect size term, over their prior SD
+    slopes: list[Block]  # (W,) Of subjects' own slopes of covariates over the quantities
+    tau: Array  # (o, P, W) SDs of the environments' own deviations, one for each column
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class LinearScales:
+class Scales:
     """Scales and correlations at W sets of coordinates."""
 
     named: dict[str, Array]  # By name: (W,), (P, W), (P, C, W), or (P, N, W) for phi
     cells: CellScales  # As the locations need them
-    effects: EffectScales  # As the columns of an untested environment need them
     log_prior: Array  # (W,) Prior density of the coordinates
 
 
-def effect_columns(scales: EffectScales, design: Design, width: int) -> Array:
-    """Columns Z (q, P, C, W) of the subjects' effects in a design's cells.
+def effect_columns(
+    covariances: list[Block],
+    sizes: list[Array],
+    design: Design,
+) -> list[Array]:
+    """Columns Z of the subjects' effects in a design's cells, (P, C, W) each.
 
     An effect of a term adds its column, times a column of the root of its covariance over the
     quantities, times the size of effects in the cell.
     """
-    count = design.parameters * sum(len(term.columns) for term in design.subject)
-    columns = np.empty((count, *design.cells.x.shape, width))
-    number = 0
-    for term, covariance in zip(design.subject, scales.covariances, strict=True):
+    columns = []
+    for term, covariance in zip(design.subject, covariances, strict=True):
+        roots = [np.stack(root)[:, None] for root in covariance.factor_columns()]
         for column in term.columns:
-            for root in covariance.factor_columns():
-                of_quantity = np.stack(root)[:, None]
-                np.multiply(column[..., None], of_quantity, out=columns[number])
-                number += 1
+            columns += [column[..., None] * root for root in roots]
     if design.effect_size:
-        log_size = np.zeros((*design.cells.x.shape, width))
-        for term, coefficients in zip(design.effect_size, scales.size_coefficients, strict=True):
-            log_size += np.einsum("kpc,pkw->pcw", term.columns, coefficients)
-        columns *= np.exp(log_size)
+        terms = zip(design.effect_size, sizes, strict=True)
+        log_size = sum(np.einsum("kpc,pkw->pcw", term.columns, size) for term, size in terms)
+        size = np.exp(log_size)
+        columns = [column * size for column in columns]
     return columns
 
 
-class LinearCoordinates:
+class Coordinates:
     """Names of the coordinates of a linear design, and their map to scales.
 
     Parameters
@@ -104,6 +110,8 @@ class LinearCoordinates:
         Prior scales.
     scatter : TrialScatter
         Scatter between trials, in T groups.
+    own_slopes : tuple of str
+        Covariates of which subjects have slopes of their own.
 
     Attributes
     ----------
@@ -123,7 +131,9 @@ class LinearCoordinates:
         design: Design,
         priors: Priors,
         scatter: TrialScatter,
+        own_slopes: tuple[str, ...] = (),
     ) -> None:
+        self._own_slopes = own_slopes
         self._statistics = statistics
         self._design = design
         self._priors = priors
@@ -142,14 +152,15 @@ class LinearCoordinates:
                 )
         self.names: list[str] = []
         self.slots: dict[str, slice] = {}
+        #: Scales of half-normal priors, by the names of the SDs.
+        self._half_normals: dict[str, float] = {}
         #: Coordinates that are standard normal under the prior, whatever the rest.
         self._standard: list[int] = []
         self._name_coordinates()
         self.limits = self._limits()
-        #: SDs under half-normal priors, and correlations: each kind is mapped at once.
-        self._half_normals = self._half_normal_scales()
-        scales = [np.full(self._count(name), scale) for name, scale in self._half_normals.items()]
-        self._half_normal_scale = np.concatenate(scales)[:, None] if scales else np.zeros((0, 1))
+        # SDs under half-normal priors, and correlations, are mapped at once each.
+        scales = [[scale] * self._count(name) for name, scale in self._half_normals.items()]
+        self._half_normal_scale = np.concatenate([[], *scales])[:, None]
         self._correlations = [name for name in self.slots if name.startswith("rho")]
 
     @property
@@ -162,6 +173,7 @@ class LinearCoordinates:
     def _name_coordinates(self) -> None:
         """Give every coordinate its name, and every scale its coordinates."""
         design = self._design
+        priors = self._priors
         parameters = self._statistics.parameters
         pair = len(parameters) == 2
         for level in self.levels:
@@ -170,13 +182,15 @@ class LinearCoordinates:
                 self._name(level.rho)
         if self._subject_spreads is not None:
             self._name("phi", parameters, self._statistics.subjects, standard=False)
-            self._name("omega_s", parameters)
-        for term in design.subject:
-            self._name(_name_of("sigma", term), parameters)
+            self._name("omega_s", parameters, half_normal=priors.omega_s_scale)
+        own = [(_name_of("sigma", term), _name_of("rho", term)) for term in design.subject]
+        own += [(f"sigma_v:{name}", f"rho_v:{name}") for name in self._own_slopes]
+        for sigma, rho in own:
+            self._name(sigma, parameters, half_normal=priors.sigma_u_scale)
             if pair:
-                self._name(_name_of("rho", term))
+                self._name(rho)
         for term in design.deviation:
-            self._name(_name_of("tau", term), parameters)
+            self._name(_name_of("tau", term), parameters, half_normal=priors.tau_scale)
         for term in design.effect_size:
             self._name(f"eta:{term.name}", parameters, numbered("column", len(term.columns)))
 
@@ -193,15 +207,19 @@ class LinearCoordinates:
             coefficients = f"coefficients{level.suffix}"
             self._name(coefficients, parameters, level.coefficients, standard=False)
         if level.departures and level.single_sd is None:
-            self._name(f"omega{level.suffix}", parameters)
+            scale = getattr(self._priors, f"omega{level.suffix}_scale")
+            self._name(f"omega{level.suffix}", parameters, half_normal=scale)
 
     def _name(
         self,
         scale: str,
         *axes: Sequence[str],
+        half_normal: float | None = None,
         standard: bool = True,
     ) -> None:
         """Append the coordinates of a scale, one for each combination of labels."""
+        if half_normal is not None:
+            self._half_normals[scale] = half_normal
         first = len(self.names)
         for labels in itertools.product(*axes):
             joined = ",".join(labels)
@@ -227,7 +245,7 @@ class LinearCoordinates:
             limits[self.slots["phi"]] *= units
         return limits
 
-    def __call__(self, points: Array) -> LinearScales:
+    def __call__(self, points: Array) -> Scales:
         """Map coordinates (W, d) to scales."""
         coordinates = np.ascontiguousarray(points.T)
         standard = coordinates[self._standard]
@@ -260,8 +278,7 @@ class LinearCoordinates:
                 log_prior += log_density
                 shift = self._subject_spreads.cells_given(named["phi"])
             log_prior += self._level_sds(self.trial, coordinates, shift, named)
-        effects = self._effects(named, rests)
-        return LinearScales(named, self.cell_scales(named, rests), effects, log_prior)
+        return Scales(named, self.cell_scales(named, rests), log_prior)
 
     def cell_scales(self, named: Mapping[str, Array], rests: Mapping[str, Array]) -> CellScales:
         """Scales of the cells from scales and correlations by name.
@@ -269,7 +286,7 @@ class LinearCoordinates:
         Parameters
         ----------
         named : mapping
-            Values as `LinearScales.named` has them. Of log SDs it needs the SDs alone.
+            Values as `Scales.named` has them. Of log SDs it needs the SDs alone.
         rests : mapping
             1 - abs(rho) of every correlation, with the digits that one near one loses.
         """
@@ -286,12 +303,24 @@ class LinearCoordinates:
         for term in self._design.deviation:
             # A term may have several columns.
             taus += [named[_name_of("tau", term)]] * len(term.columns)
-        effects = self._effects(named, rests)
+        sizes = [named[f"eta:{t.name}"] / self._priors.psi_sd for t in self._design.effect_size]
+        covariances = []
+        for term in self._design.subject:
+            sd = named[_name_of("sigma", term)]
+            covariances.append(_covariance(sd, _name_of("rho", term), named, rests))
+        slopes = []
+        for covariate in self._own_slopes:
+            sd = named[f"sigma_v:{covariate}"]
+            slopes.append(_covariance(sd, f"rho_v:{covariate}", named, rests))
+        effects = effect_columns(covariances, sizes, self._design)
+        shape = (*self._design.cells.x.shape, width)
         return CellScales(
             between=_covariance(sigma, "rho_w", named, rests),
             trial=trial,
-            covariances=effects.covariances,
-            effects=effect_columns(effects, self._design, width),
+            covariances=covariances,
+            effects=np.reshape(effects, (len(effects), *shape)),
+            sizes=sizes,
+            slopes=slopes,
             tau=np.reshape(taus, (len(taus), self._design.parameters, width)),
         )
 
@@ -305,24 +334,17 @@ class LinearCoordinates:
         rows = [coordinates[self.slots[name]] for name in names]
         return np.concatenate([coordinates[:0], *rows])
 
-    def _half_normal_scales(self) -> dict[str, float]:
-        """Scales of half-normal priors, by the names of the SDs."""
-        priors = self._priors
-        scales = {"omega": priors.omega_scale, "omega_e": priors.omega_e_scale}
-        scales["omega_s"] = priors.omega_s_scale
-        for term in self._design.subject:
-            scales[_name_of("sigma", term)] = priors.sigma_u_scale
-        for term in self._design.deviation:
-            scales[_name_of("tau", term)] = priors.tau_scale
-        return {name: scale for name, scale in scales.items() if name in self.slots}
-
     def _by_quantity(self, name: str, coordinates: Array) -> Array:
         """Coordinates of a scale, (P, count, W)."""
         flat = coordinates[self.slots[name]]
         return flat.reshape(self._design.parameters, -1, flat.shape[-1])
 
     def _level_sds(
-        self, level: CellSpreads, coordinates: Array, shift: Array, named: dict[str, Array]
+        self,
+        level: CellSpreads,
+        coordinates: Array,
+        shift: Array,
+        named: dict[str, Array],
     ) -> Array:
         """Name the SDs of one level, and return the log density of their coordinates, (W,).
 
@@ -358,17 +380,6 @@ class LinearCoordinates:
             return self._priors.psi_sd
         return float(getattr(self._priors, f"{name}_sd"))
 
-    def _effects(self, named: Mapping[str, Array], rests: Mapping[str, Array]) -> EffectScales:
-        """Scales of the subjects' effects."""
-        size_coefficients = []
-        for term in self._design.effect_size:
-            size_coefficients.append(named[f"eta:{term.name}"] / self._priors.psi_sd)
-        covariances = []
-        for term in self._design.subject:
-            sd = named[_name_of("sigma", term)]
-            covariances.append(_covariance(sd, _name_of("rho", term), named, rests))
-        return EffectScales(covariances, size_coefficients)
-
 
 def _name_of(symbol: str, term: Term) -> str:
     """Name of a scale of a term: sigma_u, and sigma_v:hand for the factor `hand`."""
@@ -378,7 +389,10 @@ def _name_of(symbol: str, term: Term) -> str:
 
 
 def _covariance(
-    sd: Array, rho: str, named: Mapping[str, Array], rests: Mapping[str, Array]
+    sd: Array,
+    rho: str,
+    named: Mapping[str, Array],
+    rests: Mapping[str, Array],
 ) -> Block:
     """Covariance over the quantities of SDs (P, ..., W) and a correlation."""
     if rho not in named:

@@ -1,0 +1,293 @@
+"""Gaussian unknowns given scales: eliminated block by block, and the law of combinations of them.
+
+All unknowns are standard normal a priori: own deviations, a in each of J environments; effects, q
+of each pattern; and the rest, r fixed terms and slopes of covariates. Given the others, own
+deviations of two environments are independent, and so are effects of two patterns. W are the sets
+of scales, last in all arrays.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from percept.inference.model.blocks import (
+    Block,
+    Vector,
+    log_diagonal,
+    lower_factor,
+    solve_lower,
+    solve_upper,
+    with_prior,
+)
+
+__all__ = [
+    "Eliminated",
+    "OwnFirst",
+    "SubjectCovariance",
+    "SubjectsFirst",
+    "eliminate",
+    "latent_weights",
+]
+
+Array = NDArray[np.float64]
+
+
+class Eliminated:
+    """Unknowns in two groups: B blocks of k that are independent given K others.
+
+    With the joint precision [[A, X], [X', Y]] and A^(-1/2) the inverse of a lower factor, T is
+    A^(-1/2) X, and Y - T'T is the precision of the others. The data are one more column of X and
+    Y, the last one: the right side of the equations.
+
+    Parameters
+    ----------
+    factor : ndarray
+        Lower factors of A, (k, k, B, W).
+    explained : ndarray
+        T, (k, K + 1, B, W).
+    joint : ndarray
+        Y - T'T, of which the lower triangle is read, (K + 1, K + 1, W).
+
+    Attributes
+    ----------
+    blocks, others : ndarray
+        The unknowns that fit best, (k, B, W) and (K, W).
+    log_determinant : ndarray
+        Of the joint precision, (W,).
+    pivots : ndarray
+        Of Y - T'T, (K, W).
+    """
+
+    def __init__(
+        self,
+        factor: Array,
+        explained: Array,
+        joint: Array,
+    ) -> None:
+        self._factor = factor
+        self._explained = explained[:, :-1]
+        size = len(joint) - 1
+        # The row of the data below the square becomes the whitened right side.
+        whole = lower_factor(joint[:, :size])
+        self._factor_of_others = whole[:size]
+        self.others = solve_upper(self._factor_of_others, whole[size])
+        fitted = np.einsum("kcbw,cw->kbw", self._explained, self.others)
+        self.blocks = solve_upper(factor, explained[:, -1] - fitted)
+        self.log_determinant = 2.0 * log_diagonal(factor).sum(axis=0)
+        self.log_determinant += 2.0 * log_diagonal(self._factor_of_others)
+        self.pivots = np.einsum("ccw->cw", self._factor_of_others) ** 2
+
+    def columns_of_others(self, weights: Array) -> Array:
+        """Columns (K, L, W) of combinations with weights (K, L, W) of the others alone."""
+        return solve_lower(self._factor_of_others[:, :, None], weights)
+
+    def columns(self, weights: Array, of_others: Array) -> Array:
+        """Columns of combinations with weights (k, B, L, W) and (K, L, W).
+
+        Products of the columns, of blocks first, sum to the covariance.
+        """
+        whitened = solve_lower(self._factor[:, :, :, None], weights)
+        taken = np.einsum("kcbw,kblw->clw", self._explained, whitened)
+        columns = self.columns_of_others(of_others - taken)
+        return np.concatenate(
+            [whitened.reshape(whitened[..., 0, 0].size, *columns.shape[1:]), columns]
+        )
+
+
+def eliminate(
+    blocks: Array,
+    cross: Array,
+    joint: Array,
+) -> tuple[Eliminated, Array]:
+    """Integrate out independent blocks of unknowns.
+
+    Parameters
+    ----------
+    blocks : ndarray
+        Their precision, (k, k, B, W).
+    cross : ndarray
+        By the K others and the data, which are last, (k, K + 1, B, W).
+    joint : ndarray
+        The others by themselves and the data, (K + 1, K + 1, W); it is overwritten.
+
+    Returns
+    -------
+    Eliminated
+    ndarray
+        Least part of a pivot of the others that is left, (W,): the part of its digits.
+    """
+    factor = lower_factor(blocks)
+    explained = solve_lower(factor[:, :, None], cross)
+    whole = np.einsum("ccw->cw", joint)[:-1].copy()
+    for row in range(len(joint)):
+        end = row + 1
+        joint[row, :end] -= np.einsum("kbw,kcbw->cw", explained[:, row], explained[:, :end])
+    solved = Eliminated(factor, explained, joint)
+    return solved, (solved.pivots / whole).min(axis=0, initial=1.0)
+
+
+class SubjectsFirst:
+    """Latents where effects are the blocks; own deviations and then the rest are the others.
+
+    Parameters
+    ----------
+    solved : Eliminated
+        The unknowns.
+    deviation_sd : ndarray
+        SDs of own deviations, (a J, W).
+
+    Attributes
+    ----------
+    latents : ndarray
+        Own deviations and the rest that fit best, (a J + r, W).
+    effects : ndarray
+        Effects that fit best, (q, G, W).
+    """
+
+    def __init__(self, solved: Eliminated, deviation_sd: Array) -> None:
+        self._solved = solved
+        self._deviation_sd = deviation_sd
+        self.latents = solved.others.copy()
+        self.effects = solved.blocks
+
+    def columns_of(self, own: Array, rest: Array) -> Array:
+        """Columns (n, L, W) whose products are the covariance of L combinations of latents.
+
+        Weights are (L, a J) of own deviations in response units, and (L, r) of the rest.
+        """
+        return self._solved.columns_of_others(latent_weights(own, rest, self._deviation_sd))
+
+
+class OwnFirst:
+    """Latents where own deviations are the blocks; q G effects and then the rest are the others.
+
+    Parameters and attributes are those of `SubjectsFirst`, but for the number r of the rest.
+    """
+
+    def __init__(
+        self,
+        solved: Eliminated,
+        deviation_sd: Array,
+        rest: int,
+    ) -> None:
+        self._solved = solved
+        self._deviation_sd = deviation_sd
+        effects, of_rest = np.split(solved.others, [len(solved.others) - rest])
+        own = solved.blocks.reshape(deviation_sd.shape)
+        self.latents = np.concatenate([own, of_rest])
+        #: (q G, W)
+        self.effects = effects
+
+    def columns_of(self, own: Array, rest: Array) -> Array:
+        """Columns (n, L, W) of combinations of latents, as in `SubjectsFirst`."""
+        weights = latent_weights(own, rest, self._deviation_sd)
+        of_own, of_rest = np.split(weights, [own.shape[1]])
+        by_environment = of_own.reshape(*self._solved.blocks.shape[:2], *of_own.shape[1:])
+        no_effects = np.zeros((len(self.effects), *of_rest.shape[1:]))
+        return self._solved.columns(by_environment, np.concatenate([no_effects, of_rest]))
+
+
+def latent_weights(
+    own: Array,
+    rest: Array,
+    deviation_sd: Array,
+) -> Array:
+    """Weights (a J + r, L, W) of standard normal latents, from (L, a J) and (L, r)."""
+    of_own = own.T[..., None] * deviation_sd[:, None]
+    of_rest = np.broadcast_to(rest.T[..., None], (rest.shape[1], len(own), deviation_sd.shape[1]))
+    return np.concatenate([of_own, of_rest])
+
+
+class SubjectCovariance:
+    """Covariance V = D + ZZ' of one subject's cell means, used without being formed.
+
+    D is the noise of the E cells, and Z are the columns of the q effects. With H = D⁻¹Z,
+    LL' = I + Z'H, and r a vector of cell means less their locations,
+
+        log det V = log det D + 2 log det L
+        r'V⁻¹r    = (r - Zb)'D⁻¹(r - Zb) + b'b,    b = (LL')⁻¹H'r
+
+    b are the effects that fit r best: squares are added, and nothing is subtracted.
+
+    Parameters
+    ----------
+    noise : Block
+        D, entries (E, W).
+    effects : ndarray
+        Z, shape (q, P, E, W).
+    """
+
+    def __init__(self, noise: Block, effects: Array) -> None:
+        self._noise = noise
+        self._effects = effects
+        by_quantity = np.moveaxis(effects, 1, 0)
+        precision = noise.inverse()
+        weighted = precision.apply(tuple(by_quantity))
+        #: (q, P, E, W) H.
+        self._weighted_effects = np.stack(weighted, axis=1)
+        products = np.einsum("apew,bpew->abw", effects, self._weighted_effects)
+        #: (q, q, W) L.
+        self._factor = lower_factor(with_prior(products))
+        #: (q, q, 1, W) L, to be used for n vectors at once.
+        self._factor_for_rows = self._factor[:, :, None]
+
+    def log_determinant(self) -> Array:
+        """Return log det V, shape (W,)."""
+        of_cells = self._noise.log_determinant()
+        of_effects = 2.0 * log_diagonal(self._factor)
+        return of_cells.sum(axis=0) + of_effects
+
+    def whiten(self, r: Vector) -> list[Vector]:
+        """Split vectors (n, E, W) into pieces whose squares sum to r'V⁻¹r."""
+        rows = np.stack(r, axis=1)
+        whitened = self._whitened_effects_by_draw(rows)
+        effects = solve_upper(self._factor_for_rows, whitened)
+        unexplained = self._unexplained(rows, effects)
+        of_cells = self._noise.whiten(unexplained)
+        of_effects = tuple(effects)
+        return [of_cells, of_effects]
+
+    def scatter_distance(self, rows: Array) -> Array:
+        """Sum of r'V⁻¹r over rows r, (n, P, E, W), or (n, P, E, 1) of constants: shape (W,)."""
+        if rows.shape[-1] == 1:
+            whitened = self.whitened_effects(rows[..., 0])
+        else:
+            whitened = self._whitened_effects_by_draw(rows)
+        effects = solve_upper(self._factor_for_rows, whitened)
+        unexplained = self._unexplained(rows, effects)
+        by_cell = self._noise.distance(unexplained)
+        of_cells = by_cell.sum(axis=0)
+        of_effects = np.einsum("qnw,qnw->w", effects, effects)
+        return np.asarray(of_cells + of_effects)
+
+    def draw_effects(self, rows: Array, rng: np.random.Generator) -> Array:
+        """Draw subjects' effects (q, n, W) given rows r (n, P, E, W).
+
+        Given r, effects have the mean b and the covariance (LL')⁻¹: b + L'⁻¹ times normal draws.
+        """
+        whitened = self._whitened_effects_by_draw(rows)
+        normals = rng.standard_normal(whitened.shape)
+        return solve_upper(self._factor_for_rows, whitened + normals)
+
+    def whitened_effects(self, rows: Array) -> Array:
+        """L⁻¹H'r of constant rows r (n, P, E), one product of matrices: shape (q, n, W)."""
+        effects, size, cells, width = self._weighted_effects.shape
+        by_cell = self._weighted_effects.reshape(effects, size * cells, width)
+        flat_rows = rows.reshape(len(rows), size * cells)
+        products = flat_rows @ by_cell
+        return solve_lower(self._factor_for_rows, products)
+
+    def _whitened_effects_by_draw(self, rows: Array) -> Array:
+        """L⁻¹H'r of rows r (n, P, E, W) that differ between draws: shape (q, n, W)."""
+        products = np.einsum("npew,qpew->qnw", rows, self._weighted_effects)
+        return solve_lower(self._factor_for_rows, products)
+
+    def _unexplained(self, rows: Array, effects: Array) -> Vector:
+        """R - Zb of rows r (n, P, E, W or 1) and effects b (q, n, W)."""
+        unexplained = []
+        for p in range(rows.shape[1]):
+            columns = self._effects[:, p]
+            explained = np.einsum("qew,qnw->new", columns, effects)
+            unexplained.append(rows[:, p] - explained)
+        return tuple(unexplained)

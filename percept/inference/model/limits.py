@@ -1,0 +1,268 @@
+"""Limits of what a fit reports: intervals of cells, contrasts and untested environments.
+
+Given draw s, a quantity's location is N(mean_s, sd_s²) and a user about it N(0, population_sd_s²).
+So each kind of interval has limits that are roots of a mean over S draws of a normal law:
+
+    mean    the location lies in it with the level's probability
+    user    the location + a user lies in it with the level's probability
+    share   it holds a share of all users with the confidence's probability
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, special
+
+from percept.inference.model.laws import Moments
+from percept.inference.model.model import Model
+from percept.inference.model.predictions import new_environment
+from percept.inference.sampling.endpoints import mixture_quantile, share_half_width
+from percept.inference.sampling.gate import Estimates
+
+__all__ = ["KINDS", "Combinations", "Limits", "NewLimits", "level_together", "limits_of"]
+
+Array = NDArray[np.float64]
+#: What a limit is of: a quantity, and an environment or another place.
+Name = tuple[str, str]
+
+#: What an interval covers: the average user, the next user, a share of all users.
+KINDS = ("mean", "user", "share")
+#: SDs of a normal to which a score is searched: a thousandth of a usual half-width.
+_ACCURACY = 0.003
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Combinations:
+    """Combinations of a model's locations, and the kinds of intervals that they have."""
+
+    names: tuple[Name, ...]
+    rows: Array  # (L, R) Weights
+    kinds: tuple[str, ...]
+
+
+class Limits:
+    """Limits of a model's cells and of further combinations, all under one tolerance.
+
+    Parameters
+    ----------
+    model : Model
+        Whose locations they are.
+    kinds : tuple of str
+        Of `KINDS`, for the cells.
+    level : float
+        Credibility of the intervals of the average user and of the next user.
+    share, confidence : float
+        The third kind holds this share of all users with this probability.
+    further : sequence of Combinations
+        Beside the cells.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        *,
+        kinds: tuple[str, ...] = KINDS,
+        level: float = 0.99,
+        share: float = 0.99,
+        confidence: float = 0.95,
+        further: Sequence[Combinations] = (),
+    ) -> None:
+        self.model = model
+        self.kinds = kinds
+        self.level = level
+        self.share = share
+        self.confidence = confidence
+        self._further = tuple(further)
+        self.groups = [(model.cells, kinds)]
+        self.groups += [(group.names, group.kinds) for group in further]
+
+    def identity(self) -> tuple[object, ...]:
+        """Return what beside the model decides the limits."""
+        further = [dataclasses.astuple(group) for group in self._further]
+        return ("limits", self.kinds, self.level, self.share, self.confidence, *further)
+
+    def components(self, points: Array) -> Array:
+        """Moments per draw of cells and further combinations, packed: shape (W, 3 L)."""
+        if not self._further:
+            return self.model.moments(points).pack()
+        rows = [self.model.cell_rows, *(group.rows for group in self._further)]
+        return self.model.moments(points, np.vstack(rows)).pack()
+
+    def of(self, kind: str, moments: Moments) -> tuple[Array, Array, Array]:
+        """Lower and upper limits (L,) of one kind, and each draw's pull on them, (S, 2 L)."""
+        if kind == "share":
+            centre, half_width, influence = share_half_width(
+                moments.mean,
+                moments.sd,
+                moments.population_sd,
+                share=self.share,
+                confidence=self.confidence,
+            )
+            return centre - half_width, centre + half_width, influence
+        sd = moments.sd
+        if kind == "user":
+            sd = np.hypot(moments.sd, moments.population_sd)
+        tail = 0.5 * (1.0 - self.level)
+        lower, on_lower = mixture_quantile(moments.mean, sd, tail, upper=False)
+        upper, on_upper = mixture_quantile(moments.mean, sd, tail, upper=True)
+        return lower, upper, np.hstack([on_lower, on_upper])
+
+    def estimates(self, components: Array) -> Iterator[tuple[Estimates, Array]]:
+        """Limits of one kind after another, with their influence; the scale is the half-width."""
+        moments = Moments.unpack(components)
+        first = 0
+        for names, kinds in self.groups:
+            last = first + len(names)
+            for kind in kinds if names else ():
+                lower, upper, influence = self.of(kind, moments.of(slice(first, last)))
+                lower_names = [_limit_name("lower", kind, name) for name in names]
+                upper_names = [_limit_name("upper", kind, name) for name in names]
+                estimates = Estimates(
+                    names=(*lower_names, *upper_names),
+                    value=np.concatenate([lower, upper]),
+                    scale=np.tile(0.5 * (upper - lower), 2),
+                )
+                yield estimates, influence
+            first = last
+
+
+def _limit_name(
+    end: str,
+    kind: str,
+    name: Name,
+) -> str:
+    quantity, where = name
+    return f"{end} {kind} limit of {quantity} in {where}"
+
+
+def limits_of(
+    names: Sequence[str],
+    values: Array,
+    kind: str,
+    wanted: Sequence[Name],
+) -> tuple[Array, Array]:
+    """Find what belongs to lower and upper limits of one kind, (L,) each, in values by name."""
+    by_name = dict(zip(names, values.tolist(), strict=True))
+    lower = [by_name[_limit_name("lower", kind, name)] for name in wanted]
+    upper = [by_name[_limit_name("upper", kind, name)] for name in wanted]
+    return np.array(lower), np.array(upper)
+
+
+class NewLimits(Limits):
+    """Limits of the intervals of an untested environment, in each of some conditions.
+
+    Parameters
+    ----------
+    limits : Limits
+        Kinds, level, share and confidence, and the model.
+    x : ndarray
+        Decades of the references above the geometric mean of those tested, shape (P,).
+    repeats, seed : int
+        Spreads drawn for each draw, and what draws them.
+    names : sequence of str
+        Of the environment in each condition.
+    """
+
+    def __init__(
+        self,
+        limits: Limits,
+        x: Array,
+        repeats: int,
+        seed: int,
+        names: Sequence[str],
+    ) -> None:
+        super().__init__(
+            limits.model,
+            kinds=limits.kinds,
+            level=limits.level,
+            share=limits.share,
+            confidence=limits.confidence,
+        )
+        self._x = x
+        self._repeats = repeats
+        self._seed = seed
+        self._rng = np.random.default_rng(seed)
+        parameters = dict.fromkeys(parameter for parameter, _ in limits.model.cells)
+        places = itertools.product(names, parameters)
+        self.groups = [(tuple((parameter, name) for name, parameter in places), limits.kinds)]
+
+    def identity(self) -> tuple[object, ...]:
+        """Return what beside the model decides the limits."""
+        decades = tuple(self._x.tolist())
+        return (*super().identity(), "new", decades, self._repeats, self._seed)
+
+    def components(self, points: Array) -> Array:
+        """Moments per draw, packed: shape (W, 3 L repeats), every spread side by side."""
+        new = new_environment(self.model, points, self._x, repeats=self._repeats, rng=self._rng)
+        moments = [law.moments() for law in new.values()]
+        of_all = Moments(
+            mean=np.hstack([own.mean for own in moments]),
+            sd=np.hstack([own.sd for own in moments]),
+            population_sd=np.hstack([own.population_sd for own in moments]),
+        )
+        return of_all.pack().reshape(len(points), -1)
+
+    def estimates(self, components: Array) -> Iterator[tuple[Estimates, Array]]:
+        """Limits of each kind, and the influence of each draw over all its spreads."""
+        draws = len(components)
+        spreads = components.reshape(draws * self._repeats, -1)
+        for estimates, influence in super().estimates(spreads):
+            by_draw = influence.reshape(draws, self._repeats, -1)
+            yield estimates, by_draw.mean(axis=1)
+
+
+def level_together(
+    mean: Array,
+    sd: Array,
+    values: Array,
+    level: float,
+) -> float:
+    """Search for the level of single limits that hold a whole family.
+
+    A score s stands for limits of level 2 Phi(s) - 1, each quantity by itself. Joint draws tell how
+    often some quantity lies outside its limits. The score searched for leaves out as many as a
+    single interval would. It is at most Bonferroni's, which always suffices.
+
+    Parameters
+    ----------
+    mean, sd : ndarray
+        Normal laws of L quantities given S posterior draws, shape (S, L).
+    values : ndarray
+        Joint posterior draws of the quantities, shape (N, L).
+    level : float
+        Probability that all quantities lie within their limits.
+
+    Returns
+    -------
+    float
+        Of single limits, from `level` to the one that Bonferroni's inequality gives.
+    """
+    outside = 1.0 - level
+    first = _score(outside)
+    last = _score(outside / values.shape[1])
+
+    def excess(score: float) -> float:
+        """Share of draws with a quantity outside, less what is allowed."""
+        tail = float(special.ndtr(-score))
+        lower, _ = mixture_quantile(mean, sd, tail, upper=False)
+        upper, _ = mixture_quantile(mean, sd, tail, upper=True)
+        leaves = (values < lower) | (values > upper)
+        return float(leaves.any(axis=1).mean()) - outside
+
+    score = last
+    # Noise of the draws may put the crossing beyond either end.
+    if excess(first) <= 0.0:
+        score = first
+    elif excess(last) < 0.0:
+        score = float(optimize.brentq(excess, first, last, xtol=_ACCURACY))
+    return 1.0 - 2.0 * float(special.ndtr(-score))
+
+
+def _score(outside: float) -> float:
+    """SDs of a normal beyond which a probability lies, half of it on either side."""
+    return -float(special.ndtri(0.5 * outside))
