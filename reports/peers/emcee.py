@@ -41,7 +41,7 @@ def sampler(study: Observed) -> Callable[[float, int], Fitted]:
         parts = list(estimands.estimates(components))
         value = np.concatenate([estimates.value for estimates, _ in parts])
         sd = np.concatenate([influence.std(axis=0) for _, influence in parts])
-        shape = (len(KINDS), 2, len(estimands.cells))
+        shape = (len(KINDS), 2, len(estimands.model.cells))
         notes = {
             "acceptance": float(np.mean(ensemble.acceptance_fraction)),
             "tau": slowest * _KEPT_EVERY,
