@@ -53,7 +53,7 @@ def _call(name: str, value: Any) -> str:
         for parameter in signature.parameters.values()
         if parameter.name not in {"self", "cls"}
     ]
-    return name + str(inspect.Signature(bare))
+    return name + str(inspect.Signature(bare)).replace("Ellipsis", "...")
 
 
 def _shown(default: Any) -> Any:
