@@ -153,8 +153,9 @@ class Balls:
         self.law = law
         self.finite = finite  # (M,) frequencies that have balls; all that follows is about them
         self.plane = plane.select(finite)
-        self.k = Term(k_axis, self.plane.per_rate, -self.plane.imaginary)
-        self.b = Term(b_axis, self.plane.gain, self.plane.real)
+        of_k, of_b = self.plane.terms()
+        self.k = Term(k_axis, *of_k)
+        self.b = Term(b_axis, *of_b)
         self.count = int(finite.sum())
 
     def log_range(self) -> tuple[Array, Array]:

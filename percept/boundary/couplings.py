@@ -6,17 +6,30 @@ import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
+from scipy.optimize import elementwise
 
-from percept.boundary.users import MagnitudeRanges, Users, magnitude_ranges
+from percept.boundary.shares import DiscIntegral, Discs, shares_of_cells
+from percept.boundary.users import Users
 from percept.haptics.perceived import Display, shown_element
-from percept.haptics.plane import DistancePlane, Point, Range
+from percept.haptics.plane import Boxes, DistancePlane, Point, Range
 from percept.haptics.records import Coupling
 
-__all__ = ["CouplingJudge"]
+__all__ = ["CouplingJudge", "magnitude_ranges"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
+
+#: Accuracy of shares of users: next to all limits move by less than a hundredth of an SD.
+_SHARE_ACCURACY = 3e-5
+#: Accuracy of the logarithm of a limit, and of its normal score; a map shows no finer step.
+_LIMIT_ACCURACY = 1e-4
+_SCORE_ACCURACY = 1e-3
+#: Shares nearer to 0 or 1 than this count as this much: a normal score stays finite.
+_LEAST_SHARE = 1e-9
+#: Of the largest abs(Z_h) of users: below it lie next to none, also where abs(Z_h) can vanish.
+_LEAST_FRACTION = 1e-4
 
 
 class CouplingJudge:
@@ -47,9 +60,8 @@ class CouplingJudge:
         self._plane = DistancePlane.of(grid, display.environment.mass).flat()
         # Ranges of abs(Z_h), the most work, are for draws that k and b do not rule out.
         self._ranged = np.zeros(users.size, dtype=bool)
-        lower = np.empty((users.size, omega.size))
-        upper = np.empty_like(lower)
-        self._ranges = MagnitudeRanges(lower, upper)
+        nothing = np.empty((users.size, omega.size))
+        self._ranges = Range(nothing, nothing.copy())
 
     def probabilities(self, couplings: Coupling) -> Array:
         """Return the share of draws under which each coupling feels real.
@@ -67,39 +79,29 @@ class CouplingJudge:
         grid = display.loop.at(self._omega[:, None])
         shown = shown_element(grid, display)
         stiffness, damping = np.broadcast_arrays(shown.stiffness, shown.damping)
-        inside = self._inside_plane(stiffness, damping)
+        inside = _stays_in(stiffness, self._boxes.stiffness)
+        inside &= _stays_in(damping, self._boxes.damping)
         (rows,) = np.nonzero(inside.any(axis=1))
         (draws,) = np.nonzero(inside.any(axis=0))
-        known = self._ranged[draws]
-        self._work_out(draws[~known])
-        cells = np.ix_(rows, draws)
-        kept = inside[cells]
+        self._work_out(draws[~self._ranged[draws]])
+        kept = inside[np.ix_(rows, draws)]
         shown_points = Point(stiffness[:, rows], damping[:, rows])
         displayed = self._plane.column().distance(shown_points)
         for index, radius in enumerate(displayed):
-            lower = self._ranges.lower[draws, index]
-            upper = self._ranges.upper[draws, index]
             column = radius[:, None]
-            kept &= column >= lower
-            kept &= column <= upper
-        counts = kept.sum(axis=1)
+            kept &= column >= self._ranges.low[draws, index]
+            kept &= column <= self._ranges.high[draws, index]
         probabilities = np.zeros(len(inside))
-        probabilities[rows] = counts / self._users.size
+        probabilities[rows] = kept.sum(axis=1) / self._users.size
         return probabilities
-
-    def _inside_plane(self, stiffness: Array, damping: Array) -> Flags:
-        """Say under which draws what is shown, (M, C), lies in the ranges of k and b, (C, D)."""
-        by_stiffness = _stays_in(stiffness, self._boxes.stiffness)
-        by_damping = _stays_in(damping, self._boxes.damping)
-        return by_stiffness & by_damping
 
     def _work_out(self, draws: Indices) -> None:
         """Work out the ranges of abs(Z_h) of some draws."""
         if draws.size:
             some = self._users.select(draws)
             found = magnitude_ranges(some, self._plane, self._central)
-            self._ranges.lower[draws] = found.lower
-            self._ranges.upper[draws] = found.upper
+            self._ranges.low[draws] = found.low
+            self._ranges.high[draws] = found.high
             self._ranged[draws] = True
 
 
@@ -108,3 +110,84 @@ def _stays_in(shown: Array, limits: Range) -> Flags:
     least = shown.min(axis=0)[:, None]
     most = shown.max(axis=0)[:, None]
     return (least >= limits.low) & (most <= limits.high)
+
+
+def magnitude_ranges(users: Users, plane: DistancePlane, level: float) -> Range:
+    """Return between which abs(Z_h) the central `level` of each population's users lie.
+
+    Parameters
+    ----------
+    users : Users
+        D populations.
+    plane : DistancePlane
+        Flat, of M frequencies.
+    level : float
+        Share of all users that a range holds.
+
+    Returns
+    -------
+    Range
+        N·s/m, (D, M), to about a ten-thousandth.
+    """
+    tail = 0.5 * (1.0 - level)
+    # Outside one of four such limits lie fewer users than in one tail of abs(Z_h).
+    boxes = users.central_ranges(1.0 - 0.5 * tail)
+    logs = _log_range(boxes, plane)
+    edge = -float(special.ndtri(tail))
+    return Range(_limit(users, plane, logs, -edge), _limit(users, plane, logs, edge))
+
+
+def _log_range(boxes: Boxes, plane: DistancePlane) -> Range:
+    """Return the smallest and the largest log abs(Z_h) over the box of each population, (D, M)."""
+    k, b = ([end[:, None] for end in limits] for limits in (boxes.stiffness, boxes.damping))
+    extremes = Boxes(Range(*k), Range(*b)).extremes(plane)
+    farthest = plane.distance(extremes.farthest)
+    nearest = plane.distance(extremes.nearest)
+    low = np.log(np.maximum(nearest, _LEAST_FRACTION * farthest))
+    return Range(low, np.log(farthest))
+
+
+def _limit(users: Users, plane: DistancePlane, logs: Range, score: float) -> Array:
+    """Return the abs(Z_h) below which lie as many users as below a normal score, (D, M)."""
+    log_middle = 0.5 * np.median(logs.low + logs.high, axis=0)
+    one_device = DistancePlane(*(field[None] for field in plane))
+    discs = Discs(users, one_device, np.exp(log_middle)[None])
+    limit = np.empty_like(logs.low)
+    for integral, frequencies in discs.integrals(_SHARE_ACCURACY).items():
+        cells = np.nonzero(np.broadcast_to(frequencies, limit.shape))
+        limit[cells] = _solve(users, plane, logs, score, integral, cells)
+    return limit
+
+
+def _solve(
+    users: Users,
+    plane: DistancePlane,
+    logs: Range,
+    score: float,
+    integral: DiscIntegral,
+    cells: tuple[Indices, ...],
+) -> Array:
+    """Return the limits (n,) of n cells, each a draw and a frequency."""
+
+    def excess(log_radius: Array, draw: Array, column: Array) -> Array:
+        some = users.select(draw.astype(np.intp))
+        there = plane.select(column.astype(np.intp))
+        shares = shares_of_cells(some, there, np.exp(log_radius), integral)
+        bounded = np.clip(shares, _LEAST_SHARE, 1.0 - _LEAST_SHARE)
+        return np.asarray(special.ndtri(bounded) - score)
+
+    draw, column = cells
+    low = logs.low[cells]
+    root = elementwise.find_root(
+        excess,
+        (low, logs.high[cells]),
+        args=(draw.astype(float), column.astype(float)),
+        tolerances={
+            "xatol": _LIMIT_ACCURACY,
+            "fatol": _SCORE_ACCURACY,
+            "xrtol": 0.0,
+            "frtol": 0.0,
+        },
+    )
+    # Without a change of sign next to no user lies between the low end and the limit.
+    return np.exp(np.where(root.success, root.x, low))

@@ -17,17 +17,9 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import elementwise
 
-from percept.boundary.users import (
-    ACCURACY,
-    PASS,
-    DiscIntegral,
-    Users,
-    by_integral,
-    choose_integral,
-    share_within,
-)
-from percept.haptics.perceived import Display, shown_element
-from percept.haptics.plane import DistancePlane, Point
+from percept.boundary.shares import DiscIntegral, Discs, share_within
+from percept.boundary.users import Users
+from percept.haptics.perceived import Display, displayed
 from percept.haptics.shown import shown_limits
 from percept.html import NotebookRecord
 
@@ -72,6 +64,8 @@ _PEAK_PLACE = 1e-5
 _PEAK_SCORE = 1e-8
 #: Draws judged first; they are doubled while the error straddles a threshold.
 _FIRST_DRAWS = 512
+#: Shares are as good as exact from here on: verdicts look at shares of 0.005 and their like.
+_ACCURACY = 1e-7
 #: Accuracy of shares that are looked at first; a score near an edge is then worked out again.
 _FIRST_ACCURACY = 1e-4
 #: Distances from an edge, in SDs, below which the first shares do not tell the side: at the edge of
@@ -194,7 +188,7 @@ def rough_probability(display: Display, users: Users, omega: Array, *, central: 
     if not inside.size:
         return 0.0
     some = users.select(inside)
-    scores = _rough_scores(_Discs.of(display, omega), some)
+    scores = _scores(Discs.of(display, some, omega).shares(_FIRST_ACCURACY))
     return np.count_nonzero(scores.max(axis=1) <= edge) / users.size
 
 
@@ -279,55 +273,6 @@ def search_grid(lower: float, upper: float, resonances: Array, half_widths: Arra
     return np.sort(both, axis=1)
 
 
-@dataclasses.dataclass(frozen=True)
-class _Discs:
-    """Around where abs(Z_h) vanishes, through what is displayed: (1, M) of one device, or (D, M).
-
-    Selected ones have the shape of the selection.
-    """
-
-    plane: DistancePlane
-    radius: Array  # abs(Z_h) as displayed, N·s/m
-
-    @classmethod
-    def of(cls, display: Display, omega: Array) -> _Discs:
-        """Take one display at frequencies (M,), or D displays at frequencies (D, M)."""
-        omega = np.atleast_2d(omega)
-        flat = display
-        if display.count is not None:
-            omega = np.broadcast_to(omega, (display.count, omega.shape[1]))
-            rows = np.arange(display.count)
-            flat = display.select(np.repeat(rows, omega.shape[1]))
-        discs = cls.at(flat, omega.ravel())
-        fields = [field.reshape(omega.shape) for field in discs.plane]
-        radius = discs.radius.reshape(omega.shape)
-        return cls(DistancePlane(*fields), radius)
-
-    @classmethod
-    def at(cls, display: Display, omega: Array) -> _Discs:
-        """Take frequencies (n,) of one display, or one of each of n displays."""
-        grid = display.loop.at(omega)
-        plane = DistancePlane.of(grid, display.environment.mass).flat()
-        shown = shown_element(grid, display)
-        return cls(plane, plane.distance(Point(shown.stiffness, shown.damping)))
-
-    def select(self, rows: slice | Indices, columns: slice | Flags | Indices) -> _Discs:
-        """Return those of some draws, and of some frequencies."""
-        if len(self.radius) == 1:
-            rows = np.zeros_like(rows) if isinstance(rows, np.ndarray) else slice(None)
-        both = isinstance(rows, np.ndarray)
-
-        def selected(field: Array) -> Array:
-            return field[rows, columns] if both else field[rows][:, columns]
-
-        return _Discs(DistancePlane(*map(selected, self.plane)), selected(self.radius))
-
-    def scores(self, users: Users, integral: DiscIntegral) -> Array:
-        """Return scores of populations, whose shape broadcasts with that of the discs."""
-        shares = share_within(users, self.plane, self.radius, integral)
-        return np.abs(special.ndtri(np.clip(shares, 0.0, 1.0)))
-
-
 class Scores(NamedTuple):
     """By how many SDs of a normal abs(Z_h) as displayed lies from the median user's.
 
@@ -338,34 +283,15 @@ class Scores(NamedTuple):
     largest: Array  # (D,) over the whole range; outside every range, that of the M frequencies
 
 
-def _integrals(discs: _Discs, users: Users, accuracy: float) -> dict[DiscIntegral, Flags]:
-    """Say for each integral at which frequencies it is taken, by a few of the populations."""
-    few = users.few()
-    some = discs.select(few, slice(None))
-    tried = users.select(few).column()
-    chosen = choose_integral(tried, some.plane, some.radius, accuracy)
-    return by_integral(chosen)
-
-
-def _rough_scores(discs: _Discs, users: Users) -> Array:
-    """Return scores (D, M) from shares that are known to a ten-thousandth."""
-    scores = np.empty((users.size, discs.radius.shape[1]))
-    for integral, frequencies in _integrals(discs, users, _FIRST_ACCURACY).items():
-        nodes = int(frequencies.sum()) * integral.nodes
-        step = max(1, PASS // nodes)
-        for start in range(0, users.size, step):
-            rows = slice(start, start + step)
-            part = discs.select(rows, frequencies)
-            some = users.select(rows)
-            scores[rows, frequencies] = part.scores(some.column(), integral)
-    return scores
+def _scores(shares: Array) -> Array:
+    """Return by how many SDs of a normal shares lie from a half, in size."""
+    return np.abs(special.ndtri(np.clip(shares, 0.0, 1.0)))
 
 
 def search_scores(display: Display, users: Users, omega: Array, central: float) -> Scores:
     """Look at every frequency of `omega`, (M,) or (D, M), and between those where a score peaks."""
-    discs = _Discs.of(display, omega)
-    exact = _integrals(discs, users, ACCURACY)
-    scores = _rough_scores(discs, users)
+    discs = Discs.of(display, users, omega)
+    scores = _scores(discs.shares(_FIRST_ACCURACY))
     shares = *CENTRALS, central
     edges = np.sort([edge_of(share) for share in shares])
     unsure = np.zeros(scores.shape, dtype=bool)
@@ -375,11 +301,8 @@ def search_scores(display: Display, users: Users, omega: Array, central: float) 
     # The largest has all digits, also where it is no peak but an end of the range.
     every = np.arange(users.size)
     unsure[every, scores.argmax(axis=1)] = True
-    for integral, frequencies in exact.items():
-        draw, index = np.nonzero(unsure & frequencies)
-        if draw.size:
-            some = discs.select(draw, index)
-            scores[draw, index] = some.scores(users.select(draw), integral)
+    draw, index = np.nonzero(unsure)
+    scores[draw, index] = _scores(discs.shares_of(draw, index, _ACCURACY))
     largest = scores.max(axis=1)
     # The next edge that a peak could pass; outside all ranges no peak is asked.
     following = np.searchsorted(edges, largest)
@@ -388,7 +311,7 @@ def search_scores(display: Display, users: Users, omega: Array, central: float) 
     low = next_edge - _SEARCHED_BELOW
     peaks = _peaks(scores, np.atleast_2d(omega))
     peaks &= scores > low[:, None]
-    for integral, frequencies in exact.items():
+    for integral, frequencies in discs.integrals(_ACCURACY).items():
         draw, index = np.nonzero(peaks & frequencies)
         if draw.size:
             found = _search_peaks(display, users, omega, (draw, index), integral)
@@ -426,8 +349,8 @@ def _search_peaks(
         shown = display
         if display.count is not None:
             shown = display.select(which)
-        discs = _Discs.at(shown, np.exp(log_omega))
-        return -discs.scores(users.select(which), integral)
+        plane, radius = displayed(shown, np.exp(log_omega))
+        return -_scores(share_within(users.select(which), plane, radius, integral))
 
     low = log_omega[row, index - 1]
     middle = log_omega[row, index]

@@ -18,8 +18,8 @@ import numpy as np
 
 from percept.haptics.arrays import FloatArray, IntArray
 from percept.haptics.frequencies import search_grid
-from percept.haptics.perceived import Display, shown_element
-from percept.haptics.plane import Boxes, DistancePlane, Point
+from percept.haptics.perceived import Display, displayed, shown_element
+from percept.haptics.plane import Boxes
 from percept.haptics.records import Mode
 from percept.haptics.shown import turning_points
 from percept.minima import lowest
@@ -70,21 +70,17 @@ def departure(display: Display, box: Boxes, lower: float, upper: float) -> Depar
     UsageError
         The range passes Nyquist or leaves a device's table.
     """
-    mass = display.environment.mass
 
     def inside(omega: FloatArray, _: IntArray) -> FloatArray:
-        grid = display.loop.at(omega)
-        plane = DistancePlane.of(grid, mass)
-        shown = shown_element(grid, display)
-        displayed = plane.distance(Point(shown.stiffness, shown.damping))
+        plane, magnitude = displayed(display, omega.ravel())
         extremes = box.extremes(plane)
         with np.errstate(divide="ignore", invalid="ignore"):
-            above = displayed / plane.distance(extremes.farthest)
-            below = plane.distance(extremes.nearest) / displayed
+            above = magnitude / plane.distance(extremes.farthest)
+            below = plane.distance(extremes.nearest) / magnitude
             departs = np.log(np.fmax(above, below))
         # NaN is 0/0: the display vanishes with the region's own curve, and departs from nothing.
         departs = np.where(np.isnan(departs), -_LARGEST, departs)
-        return -np.clip(departs, -_LARGEST, _LARGEST)
+        return -np.clip(departs, -_LARGEST, _LARGEST).reshape(omega.shape)
 
     grid = search_grid(display.loop, _resonances(display, box), within=(lower, upper))
     least = lowest(inside, grid, 1)

@@ -29,6 +29,7 @@ from percept.haptics.records import Coupling, Device, Environment
 
 __all__ = [
     "Display",
+    "displayed",
     "effective_impedance",
     "perceived_impedance",
     "perceived_magnitude",
@@ -140,6 +141,14 @@ def shown_element(grid: Warp, display: Display) -> Element:
         return Element(element.stiffness, element.damping)
     inertia = np.multiply(display.environment.mass, grid.rate**2)
     return Element(element.stiffness + inertia, element.damping)
+
+
+def displayed(display: Display, omega: ArrayLike) -> tuple[DistancePlane, FloatArray]:
+    """Return the plane of abs(Z_h) at each ω, rad/s, flat, and the abs(Z_h) displayed, N·s/m."""
+    grid = display.loop.at(omega)
+    plane = DistancePlane.of(grid, display.environment.mass).flat()
+    shown = shown_element(grid, display)
+    return plane, plane.distance(Point(shown.stiffness, shown.damping))
 
 
 def perceived_impedance(

@@ -12,7 +12,7 @@ from percept.haptics.arrays import BoolArray, FloatArray, IntArray, Scalars, rat
 from percept.haptics.impedance import rotated_device
 from percept.haptics.loop import Warp
 
-__all__ = ["Boxes", "DistancePlane", "Extremes", "Point", "Range"]
+__all__ = ["Boxes", "DistancePlane", "Extremes", "Point", "Range", "Term"]
 
 
 class Point(NamedTuple):
@@ -20,6 +20,13 @@ class Point(NamedTuple):
 
     stiffness: Scalars  # N/m
     damping: Scalars  # N·s/m
+
+
+class Term(NamedTuple):
+    """A term of stiffness or damping, gain·value + offset, N·s/m."""
+
+    gain: FloatArray
+    offset: FloatArray
 
 
 class Extremes(NamedTuple):
@@ -52,9 +59,13 @@ class DistancePlane(NamedTuple):
         """Return all fields in one shape (n,)."""
         return DistancePlane(*(field.ravel() for field in np.broadcast_arrays(*self)))
 
-    def select(self, which: IntArray | BoolArray) -> DistancePlane:
+    def select(self, which: IntArray | BoolArray | slice) -> DistancePlane:
         """Return some of the n elements of a flat plane, or of the last axis of another."""
         return DistancePlane(*(field[..., which] for field in self))
+
+    def terms(self) -> tuple[Term, Term]:
+        """Return the terms of stiffness and of damping, whose squares add up to abs(Z_h)²."""
+        return Term(self.per_rate, -self.imaginary), Term(self.gain, self.real)
 
     def column(self) -> DistancePlane:
         """Return the n elements of a flat plane as a column, which points broadcast against."""

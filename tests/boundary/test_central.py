@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from percept.boundary.couplings import CouplingJudge
+from percept.boundary.couplings import CouplingJudge, magnitude_ranges
 from percept.boundary.feels_real import feels_real, search_grid
-from percept.boundary.users import Users, magnitude_ranges
+from percept.boundary.users import Users
 from percept.haptics import Coupling, Device, Environment, Loop
 from percept.haptics.perceived import Display
 from percept.haptics.plane import DistancePlane, Point
@@ -44,8 +44,8 @@ def test_ranges_hold_their_share_of_drawn_users(log):
         for column in range(omega.size):
             there = plane.select(np.array([column]))
             magnitude = there.distance(Point(stiffness, damping))
-            below = np.mean(magnitude < ranges.lower[draw, column])
-            above = np.mean(magnitude > ranges.upper[draw, column])
+            below = np.mean(magnitude < ranges.low[draw, column])
+            above = np.mean(magnitude > ranges.high[draw, column])
             # Three binomial errors and a half, of 96 shares.
             assert (below, above) == pytest.approx((0.05, 0.05), abs=0.004)
 

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from scipy import special
 
-from percept.boundary.users import DiscIntegral, Users, share_within
+from percept.boundary.shares import DiscIntegral, share_within
+from percept.boundary.users import Users
 from percept.haptics import Device, Loop
 from percept.haptics.perceived import perceived_magnitude
 from percept.haptics.plane import DistancePlane

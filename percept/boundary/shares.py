@@ -1,0 +1,293 @@
+"""The share of users within some abs(Z_h).
+
+abs(Z_h) is a distance in the plane of (b, k/Omega), so the users with at most a given abs(Z_h) lie
+in a disc. The share is an integral over one of k and b, by Gauss-Legendre nodes; the other has a
+normal law given the first. `Discs` takes it by the fewest nodes that settle its digits.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from percept.boundary.users import DAMPING, LEAST, STIFFNESS, Users
+from percept.haptics.perceived import Display, displayed
+from percept.haptics.plane import DistancePlane
+
+__all__ = ["DiscIntegral", "Discs", "share_within", "shares_of_cells"]
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+
+#: Beyond so many SDs lies less than 1e-12 of a population.
+_FARTHEST = 7.2
+#: Nodes tried, from the fewest on: two counts in a row that agree have settled. Narrow discs in
+#: wide populations need the last.
+_NODE_COUNTS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384)
+#: Of an integral's accuracy, what may lie beyond each of its ends.
+_BEYOND_EDGE = 0.05
+#: Of the accuracy, by how much two counts in a row may differ: half as many nodes again gain little
+#: where a disc ends at a slant.
+_AGREEMENT = 0.25
+_SQRT_2PI = float(np.sqrt(2.0 * np.pi))
+#: Values of (shares, nodes) computed at once. Temporaries of 128 KiB or more come from fresh pages
+#: of memory, and take twice as long.
+_PASS = 15_000
+#: Populations that show how the integral is best taken: it depends on the frequency far more.
+_TRIED = 8
+
+
+class DiscIntegral(NamedTuple):
+    """How the integral over a disc is taken."""
+
+    inner: int  # 0 where stiffness has its law given damping, 1 the other way round
+    nodes: int  # Over the other quantity
+    edge: float = _FARTHEST  # SDs of it from the mean at which the integral ends
+    #: Even nodes from edge to edge, by far the best where the disc does not end between; else dense
+    #: at the ends of the disc.
+    even: bool = False
+
+
+class _Quantity(NamedTuple):
+    """One quantity's term of the distance, gain·value + offset, and its law."""
+
+    gain: Array
+    offset: Array
+    mean: Array
+    sd: Array
+
+    def beside_nodes(self) -> _Quantity:
+        """Return all fields with a last axis of one, which nodes broadcast against."""
+        return _Quantity(*(field[..., None] for field in self))
+
+    def score_at(self, term: Array, *, log: bool) -> Array:
+        """Return how many SDs from the mean the value lies that makes a term, N·s/m."""
+        value = (term - self.offset) / self.gain
+        if log:
+            value = np.log(np.maximum(value, LEAST))
+        return (value - self.mean) / self.sd
+
+    def term_at(self, score: Array, *, log: bool) -> Array:
+        """Return the term of a value `score` SDs from the mean, N·s/m."""
+        value = self.mean + self.sd * score
+        if log:
+            value = np.exp(value)
+        return self.gain * value + self.offset
+
+
+@cache
+def _nodes(count: int, *, even: bool) -> tuple[Array, Array]:
+    """Return places from -1 to 1 and weights; even, or in the angle, as a disc ends like a root."""
+    if even:
+        places = np.linspace(-1.0, 1.0, count)
+        spacing = 2.0 / (count - 1)
+        return places, np.full(count, spacing)
+    places, weights = special.roots_legendre(count)
+    quarter = 0.5 * np.pi
+    angle = quarter * places
+    return np.sin(angle), quarter * np.cos(angle) * weights
+
+
+def share_within(
+    users: Users, plane: DistancePlane, radius: Array, integral: DiscIntegral
+) -> Array:
+    """Return the share of each population with abs(Z_h) of at most `radius`, N·s/m.
+
+    Fields of populations, plane and radius have shapes that broadcast; so has the result.
+    """
+    outer, inner = _outer_and_inner(users, plane, integral.inner)
+    if integral.even:
+        low = np.array(-integral.edge)
+        high = -low
+    else:
+        low, high = _ends(outer, radius, integral.edge, log=users.log)
+    half = 0.5 * (high - low)
+    middle = 0.5 * (high + low)
+    places, weights = _nodes(integral.nodes, even=integral.even)
+    score = middle[..., None] + half[..., None] * places
+    density = np.exp(-0.5 * score**2) / _SQRT_2PI
+    outer = outer.beside_nodes()
+    inner = inner.beside_nodes()
+    chord = _chord(users, outer, inner, score, radius[..., None])
+    integral_over_half = (density * chord) @ weights
+    return np.asarray(half * integral_over_half)
+
+
+def _outer_and_inner(users: Users, plane: DistancePlane, inner: int) -> tuple[_Quantity, _Quantity]:
+    """Return the outer and the inner quantity of an integral."""
+    of_stiffness, of_damping = plane.terms()
+    stiffness = _Quantity(*of_stiffness, users.mean[STIFFNESS], users.sd[STIFFNESS])
+    damping = _Quantity(*of_damping, users.mean[DAMPING], users.sd[DAMPING])
+    return (stiffness, damping) if inner == DAMPING else (damping, stiffness)
+
+
+def _ends(outer: _Quantity, radius: Array, edge: float, *, log: bool) -> tuple[Array, Array]:
+    """Return the scores of the outer quantity between which the disc lies, within an edge."""
+    first = np.clip(outer.score_at(-radius, log=log), -edge, edge)
+    second = np.clip(outer.score_at(radius, log=log), -edge, edge)
+    return np.minimum(first, second), np.maximum(first, second)
+
+
+def _chord(users: Users, outer: _Quantity, inner: _Quantity, score: Array, radius: Array) -> Array:
+    """Return the probability of the inner quantity's chord through the disc at each outer score."""
+    across = outer.term_at(score, log=users.log)
+    rest = radius - across
+    square = rest * (radius + across)
+    half_chord = np.sqrt(np.maximum(square, 0.0)) / inner.gain
+    middle = -inner.offset / inner.gain
+    correlation = users.correlation[..., None]
+    remainder = (1.0 - correlation) * (1.0 + correlation)
+    sd_given_outer = inner.sd * np.sqrt(remainder)
+    mean_given_outer = inner.mean + (correlation * inner.sd) * score
+    shares = []
+    for value in (middle - half_chord, middle + half_chord):
+        if users.log:
+            positive = np.maximum(value, LEAST)
+            value = np.log(positive)
+        off = value - mean_given_outer
+        score_given_outer = off / sd_given_outer
+        share = special.ndtr(score_given_outer)
+        shares.append(share)
+    below_first, below_second = shares
+    return np.abs(below_second - below_first)
+
+
+def shares_of_cells(
+    users: Users, plane: DistancePlane, radius: Array, integral: DiscIntegral
+) -> Array:
+    """Return the shares of n populations, each in a disc of its own, (n,), pass by pass."""
+    shares = np.empty(radius.shape)
+    step = _PASS // integral.nodes
+    for start in range(0, radius.size, step):
+        part = slice(start, start + step)
+        some = users.select(part)
+        shares[part] = share_within(some, plane.select(part), radius[part], integral)
+    return shares
+
+
+class Discs:
+    """Discs at M frequencies, and the share that each of D populations has in them.
+
+    Parameters
+    ----------
+    users : Users
+        D populations.
+    plane : DistancePlane
+        In which the discs lie; fields of shape (1, M), or (D, M) with a device for each population.
+    radius : ndarray, of that shape
+        abs(Z_h), N·s/m.
+    """
+
+    def __init__(self, users: Users, plane: DistancePlane, radius: Array) -> None:
+        self._users = users
+        self._plane = plane
+        self._radius = radius
+        self._integrals: dict[float, dict[DiscIntegral, Flags]] = {}
+
+    @classmethod
+    def of(cls, display: Display, users: Users, omega: Array) -> Discs:
+        """Take what is displayed: by one display at (M,) rad/s, or by D at (M,) or (D, M)."""
+        omega = np.atleast_2d(omega)
+        if display.count is not None:
+            omega = np.broadcast_to(omega, (display.count, omega.shape[1]))
+            rows = np.arange(display.count)
+            display = display.select(np.repeat(rows, omega.shape[1]))
+        plane, radius = displayed(display, omega.ravel())
+        fields = [field.reshape(omega.shape) for field in plane]
+        return cls(users, DistancePlane(*fields), radius.reshape(omega.shape))
+
+    def shares(self, accuracy: float) -> Array:
+        """Return all shares, (D, M)."""
+        shares = np.empty((self._users.size, self._radius.shape[1]))
+        for integral, frequencies in self.integrals(accuracy).items():
+            nodes = int(frequencies.sum()) * integral.nodes
+            step = max(1, _PASS // nodes)
+            for start in range(0, self._users.size, step):
+                rows = slice(start, start + step)
+                plane, radius = self._block(rows, frequencies)
+                some = self._users.select(rows).column()
+                shares[rows, frequencies] = share_within(some, plane, radius, integral)
+        return shares
+
+    def shares_of(self, draw: Indices, index: Indices, accuracy: float) -> Array:
+        """Return the shares of some populations at some frequencies, (n,)."""
+        shares = np.empty(draw.shape)
+        row = draw if len(self._radius) > 1 else np.zeros_like(draw)
+        for integral, frequencies in self.integrals(accuracy).items():
+            (here,) = np.nonzero(frequencies[index])
+            cells = row[here], index[here]
+            plane = DistancePlane(*(field[cells] for field in self._plane))
+            users = self._users.select(draw[here])
+            shares[here] = share_within(users, plane, self._radius[cells], integral)
+        return shares
+
+    def integrals(self, accuracy: float) -> dict[DiscIntegral, Flags]:
+        """Say for each integral at which frequencies (M,) it settles with the fewest nodes.
+
+        A few populations are tried: which order is smooth depends on the frequency more than on the
+        draw.
+        """
+        if accuracy not in self._integrals:
+            few = slice(None, None, max(1, self._users.size // _TRIED))
+            every = np.ones(self._radius.shape[1], dtype=bool)
+            plane, radius = self._block(few, every)
+            users = self._users.select(few).column()
+            self._integrals[accuracy] = _chosen(users, plane, radius, accuracy)
+        return self._integrals[accuracy]
+
+    def _block(self, rows: slice, columns: Flags) -> tuple[DistancePlane, Array]:
+        """Return the discs of some populations at some frequencies."""
+        if len(self._radius) == 1:
+            rows = slice(None)
+        plane = DistancePlane(*(field[rows][:, columns] for field in self._plane))
+        return plane, self._radius[rows][:, columns]
+
+
+def _chosen(
+    users: Users, plane: DistancePlane, radius: Array, accuracy: float
+) -> dict[DiscIntegral, Flags]:
+    """Try integrals on populations (D, 1), from the fewest nodes on."""
+    shape = np.broadcast_shapes(users.correlation.shape, radius.shape)
+    edge = float(-special.ndtri(_BEYOND_EDGE * accuracy))
+    candidates = [
+        DiscIntegral(inner, nodes, edge, even)
+        for nodes in _NODE_COUNTS
+        for even in (True, False)
+        for inner in (STIFFNESS, DAMPING)
+    ]
+    chosen = np.full(shape[1], len(candidates) - 1)
+    unsettled = np.arange(shape[1])
+    # The last shares of each kind of integral.
+    shares = np.full((2, 2, *shape), np.nan)
+    for number, integral in enumerate(candidates):
+        if not unsettled.size:
+            break
+        some = plane.select(unsettled)
+        there = radius[..., unsettled]
+        finer = share_within(users, some, there, integral)
+        coarser = shares[int(integral.even), integral.inner]
+        change = np.abs(finer - coarser[:, unsettled]).max(axis=0)
+        coarser[:, unsettled] = finer
+        settled = change < _AGREEMENT * accuracy
+        if integral.even:
+            settled &= _reaches_edges(users, some, there, integral)
+        chosen[unsettled[settled]] = number
+        unsettled = unsettled[~settled]
+    return {candidates[number]: chosen == number for number in np.unique(chosen).tolist()}
+
+
+def _reaches_edges(
+    users: Users, plane: DistancePlane, radius: Array, integral: DiscIntegral
+) -> Flags:
+    """Say at which frequencies (M,) no population's disc ends between the edges."""
+    outer, _ = _outer_and_inner(users, plane, integral.inner)
+    low, high = _ends(outer, radius, integral.edge, log=users.log)
+    below = low == -integral.edge
+    above = high == integral.edge
+    whole = below & above
+    return np.asarray(whole.all(axis=0))
