@@ -7,7 +7,6 @@ apart.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -30,7 +29,6 @@ __all__ = [
     "fit_law",
     "law_band",
     "leave_one_out",
-    "overtaken_without",
     "size_name",
 ]
 
@@ -49,10 +47,6 @@ _GONE = 0.1
 _OF_NO_USE = math.log(10.0)
 # Laws within this factor in leave-one-out error are called equal.
 _ALIKE = 1.25
-# Whether a law stays ahead is a matter of medians, for which so many replicates are enough.
-_REPLICATES = 200
-# More environments would take seconds, and one of so many hardly decides.
-_MOST_ENVIRONMENTS = 16
 #: Sizes that differ by a smaller share count as one: an exponent would divide scatter of the bands
 #: by a difference of next to nothing, and its powers overflow.
 _EQUAL = 0.05
@@ -113,10 +107,6 @@ def band_laws(
         errors.append(np.sqrt(squares))
     medians = np.median(errors, axis=1).tolist()
     typical = dict(zip(LAWS, medians, strict=True))
-    clearly_ahead = _clearly_ahead(typical)
-    overtaken = None
-    if clearly_ahead:
-        overtaken = overtaken_without(clearly_ahead, environments, sizes, replicates)
     winners = np.argmin(errors, axis=0)
     _, offsets_without = left_out["offset"]
     carrier = _carrier(environments, drawn["offset"], offsets_without)
@@ -131,8 +121,7 @@ def band_laws(
             parameters[name] = Estimate(float(values[i]), float(lower[i]), float(upper[i]))
         carried_by = carrier if law == "offset" else None
         size = size_name(whose.parameter)
-        judged = overtaken if law == clearly_ahead else None
-        left_out_sentence = _error_sentence(law, typical, judged)
+        left_out_sentence = _error_sentence(law, typical)
         yield BandLaw(
             **vars(whose),
             model=law,
@@ -142,7 +131,6 @@ def band_laws(
             left_out_error=typical[law],
             best=float(np.mean(winners == index)),
             carried_by=carried_by,
-            overtaken_without=judged,
         )
 
 
@@ -206,7 +194,7 @@ def _sentence(
     return f"{grows}: the exponent's interval does not hold 1. {error}"
 
 
-def _error_sentence(law: str, errors: dict[str, float], overtaken: tuple[str, ...] | None) -> str:
+def _error_sentence(law: str, errors: dict[str, float]) -> str:
     smallest = min(errors.values())
     if not smallest < _OF_NO_USE:
         return "With one reference left out, no law predicts the band to within a factor of ten."
@@ -215,10 +203,6 @@ def _error_sentence(law: str, errors: dict[str, float], overtaken: tuple[str, ..
         rank = "no law of the three does clearly better"
     if law == _clearly_ahead(errors):
         rank = "it is ahead of both other laws"
-        if overtaken:
-            rank = f"it is ahead, but not without {' or '.join(overtaken)}"
-        elif overtaken is not None:
-            rank = "it is the best of the three, and stays so without any one reference"
     off = f"{_NAMES[law]} is typically off by a factor {math.exp(errors[law]):.3g}"
     return f"With one reference left out, {off}; {rank}."
 
@@ -229,33 +213,6 @@ def _clearly_ahead(errors: dict[str, float]) -> str | None:
     smallest, second, _ = sorted(errors.values())
     clear = smallest < _OF_NO_USE and second > _ALIKE * smallest
     return ahead if clear else None
-
-
-def overtaken_without(
-    law: str, environments: tuple[str, ...], sizes: Array, replicates: Array
-) -> tuple[str, ...] | None:
-    """Name the environments without which another law has the smallest leave-one-out error.
-
-    None where too few are left to fit the laws, or where there are too many to try.
-    """
-    count = len(environments)
-    determined = all(determines_laws(np.delete(sizes, j)) for j in range(count))
-    if count > _MOST_ENVIRONMENTS or not determined:
-        return None
-    bands = replicates[:: 1 + len(replicates) // _REPLICATES]
-    typical = []
-    for one_law in LAWS:
-        squares = np.zeros((len(bands), count))  # Summed over the others, by environment left out
-        for pair in itertools.combinations(range(count), 2):
-            others = np.delete(sizes, pair)
-            fitted = fit_law(one_law, others, np.delete(bands, pair, axis=1))
-            predicted = law_band(one_law, fitted, sizes[list(pair)])
-            error = np.log(predicted / bands[:, pair])
-            # Each of the pair is predicted while the other is the one left out.
-            squares[:, pair] += error[:, ::-1] ** 2
-        typical.append(np.median(squares, axis=0))
-    behind = np.argmin(typical, axis=0) != list(LAWS).index(law)
-    return tuple(environments[j] for j in np.flatnonzero(behind))
 
 
 def size_name(parameter: str | None) -> str:

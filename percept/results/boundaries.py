@@ -121,8 +121,6 @@ class BandLaw(NotebookRecord):
     left_out_error: float  # Typical error of the logarithm of a band left out
     best: float  # Share of the draws in which this law has the smallest such error of the three
     carried_by: str | None = None  # The one environment without which the offset all but vanishes
-    # Environments without which another law is ahead; None unless this law is clearly ahead.
-    overtaken_without: tuple[str, ...] | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
