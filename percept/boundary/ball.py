@@ -143,7 +143,14 @@ class _Slices:
 class Balls:
     """Balls of abs(Z_h) at frequencies (M,), rad/s, and what a law of (k, b) puts into them."""
 
-    def __init__(self, law: PairLaw, loop: Loop, omega: Array, *, mass: float) -> None:
+    def __init__(
+        self,
+        law: PairLaw,
+        loop: Loop,
+        omega: Array,
+        *,
+        mass: float,
+    ) -> None:
         plane = DistancePlane.of(loop.at(omega), mass).flat()
         # At Nyquist a mass is infinite, whatever k and b are.
         finite = np.isfinite(plane.real) & np.isfinite(plane.imaginary)
@@ -177,7 +184,12 @@ class Balls:
         roughness = [k_inner.roughness, b_inner.roughness]
         return np.argmin(roughness, axis=0)
 
-    def content(self, frequency: Indices, radius: Array, inner_of: Indices) -> Content:
+    def content(
+        self,
+        frequency: Indices,
+        radius: Array,
+        inner_of: Indices,
+    ) -> Content:
         """Return what balls (Q,) hold; the inner variable is k where `inner_of` is 0, b where 1."""
         content = np.zeros((len(Content._fields), frequency.size))
         for inner in (0, 1):
@@ -187,7 +199,12 @@ class Balls:
                 content[:, rows] = found
         return Content(*content)
 
-    def content_by(self, inner: int, frequency: Indices, radius: Array) -> Content:
+    def content_by(
+        self,
+        inner: int,
+        frequency: Indices,
+        radius: Array,
+    ) -> Content:
         """Return what balls (Q,) hold, integrating over the variable that is not `inner`."""
         slices = self._slices(inner, frequency, radius)
         table = self.law.cumulated[inner]
@@ -210,7 +227,12 @@ class Balls:
         roughness = np.divide(highest, slope, out=infinite, where=is_known)
         return Content(probability, slope, roughness)
 
-    def content_by_batch(self, frequency: Indices, radius: Array, inner_of: Indices) -> Array:
+    def content_by_batch(
+        self,
+        frequency: Indices,
+        radius: Array,
+        inner_of: Indices,
+    ) -> Array:
         """Return what balls (Q,) hold of all draws and of each batch, (Q, 1 + B).
 
         The tables of batches are coarser, which is enough for differences between them.
@@ -239,7 +261,12 @@ class Balls:
         exact = up_to_end[:, 1] - up_to_end[:, 0]
         return np.asarray(exact - by_nodes)
 
-    def _slices(self, inner: int, frequency: Indices, radius: Array) -> _Slices:
+    def _slices(
+        self,
+        inner: int,
+        frequency: Indices,
+        radius: Array,
+    ) -> _Slices:
         """Lay nodes over the outer variable's span in each ball, and find the inner intervals."""
         terms = (self.k, self.b)
         inner_term = terms[inner].at(frequency).by_row()
@@ -263,7 +290,12 @@ class Balls:
             right=_edge(inner_term, leg, radius),
         )
 
-    def _by_batch(self, inner: int, frequency: Indices, radius: Array) -> Array:
+    def _by_batch(
+        self,
+        inner: int,
+        frequency: Indices,
+        radius: Array,
+    ) -> Array:
         """Sum all batches in one product with a sparse matrix of interpolation weights."""
         slices = self._slices(inner, frequency, radius)
         table = self.law.by_batch[inner]
@@ -318,7 +350,12 @@ class _Interpolated:
     rise: Array  # Over the column that the place lies in
 
 
-def _interpolate(table: Array, row: Indices, row_fraction: Array, place: Array) -> _Interpolated:
+def _interpolate(
+    table: Array,
+    row: Indices,
+    row_fraction: Array,
+    place: Array,
+) -> _Interpolated:
     """Interpolate a table (rows, columns) so far over rows, and at places along its columns."""
     columns = table.shape[1]
     column, fraction = cell_and_fraction(place, columns)

@@ -183,7 +183,13 @@ def limits_confidence(
     )
 
 
-def _least(extremes: Array, users: Moments, central: float, *, log: bool) -> tuple[float, int]:
+def _least(
+    extremes: Array,
+    users: Moments,
+    central: float,
+    *,
+    log: bool,
+) -> tuple[float, int]:
     """Return the smallest confidence over omega, and how many tests that is.
 
     It falls to both sides of the mean, so an extreme has it. Extremes on both sides may each

@@ -50,7 +50,14 @@ class CouplingJudge:
         Share of all users that a central range holds.
     """
 
-    def __init__(self, display: Display, users: Users, omega: Array, *, central: float) -> None:
+    def __init__(
+        self,
+        display: Display,
+        users: Users,
+        omega: Array,
+        *,
+        central: float,
+    ) -> None:
         self._display = display
         self._users = users
         self._omega = omega
@@ -147,7 +154,12 @@ def _log_range(boxes: Boxes, plane: DistancePlane) -> Range:
     return Range(low, np.log(farthest))
 
 
-def _limit(users: Users, plane: DistancePlane, logs: Range, score: float) -> Array:
+def _limit(
+    users: Users,
+    plane: DistancePlane,
+    logs: Range,
+    score: float,
+) -> Array:
     """Return the abs(Z_h) below which lie as many users as below a normal score, (D, M)."""
     log_middle = 0.5 * np.median(logs.low + logs.high, axis=0)
     one_device = DistancePlane(*(field[None] for field in plane))

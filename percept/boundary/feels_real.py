@@ -122,7 +122,12 @@ def edge_of(central: float) -> float:
 
 
 def feels_real(
-    display: Display, users: Users, omega: Array, *, central: float, decision: float
+    display: Display,
+    users: Users,
+    omega: Array,
+    *,
+    central: float,
+    decision: float,
 ) -> Evidence:
     """Judge a display under draws of the population, as many as the verdict needs.
 
@@ -164,7 +169,13 @@ def feels_real(
         stop = min(2 * stop, users.size)
 
 
-def rough_probability(display: Display, users: Users, omega: Array, *, central: float) -> float:
+def rough_probability(
+    display: Display,
+    users: Users,
+    omega: Array,
+    *,
+    central: float,
+) -> float:
     """Return the share of draws under which a display feels real, without a search between omega.
 
     Parameters
@@ -192,7 +203,12 @@ def rough_probability(display: Display, users: Users, omega: Array, *, central: 
     return np.count_nonzero(scores.max(axis=1) <= edge) / users.size
 
 
-def plane_scores(display: Display, users: Users, lower: float, upper: float) -> Array:
+def plane_scores(
+    display: Display,
+    users: Users,
+    lower: float,
+    upper: float,
+) -> Array:
     """Return how far stiffness and damping as displayed lie from the median user's, in SDs, (D,).
 
     The farther of both, at its farthest omega of a range, rad/s.
@@ -216,7 +232,12 @@ def share_error(share: float, count: int) -> float:
     return max(float(np.sqrt(variance)), 1.0 / count)
 
 
-def _evidence(judged: list[Scores], plane: Array, omega: Array, central: float) -> Evidence:
+def _evidence(
+    judged: list[Scores],
+    plane: Array,
+    omega: Array,
+    central: float,
+) -> Evidence:
     """Count the draws under which a display feels real."""
     edge = edge_of(central)
     magnitude = np.concatenate([scores.largest for scores in judged])
@@ -251,7 +272,12 @@ def _share(flags: Flags) -> float:
     return float(flags.mean())
 
 
-def search_grid(lower: float, upper: float, resonances: Array, half_widths: Array) -> Array:
+def search_grid(
+    lower: float,
+    upper: float,
+    resonances: Array,
+    half_widths: Array,
+) -> Array:
     """Choose frequencies from `lower` to `upper`, rad/s, so close that no peak of a score hides.
 
     `half_widths` are relative, one per resonance. Resonances (R,) of one device, or (D, R) of D,
@@ -288,7 +314,12 @@ def _scores(shares: Array) -> Array:
     return np.abs(special.ndtri(np.clip(shares, 0.0, 1.0)))
 
 
-def search_scores(display: Display, users: Users, omega: Array, central: float) -> Scores:
+def search_scores(
+    display: Display,
+    users: Users,
+    omega: Array,
+    central: float,
+) -> Scores:
     """Look at every frequency of `omega`, (M,) or (D, M), and between those where a score peaks."""
     discs = Discs.of(display, users, omega)
     scores = _scores(discs.shares(_FIRST_ACCURACY))

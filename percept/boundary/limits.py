@@ -115,7 +115,14 @@ class Magnitude:
         Mass of the environment, kg.
     """
 
-    def __init__(self, law: PairLaw, loop: Loop, omega: Array, *, mass: float = 0.0) -> None:
+    def __init__(
+        self,
+        law: PairLaw,
+        loop: Loop,
+        omega: Array,
+        *,
+        mass: float = 0.0,
+    ) -> None:
         self.law = law
         self.balls = Balls(law, loop, omega, mass=mass)
         self._logs_at: dict[float, Array] = {}
@@ -291,7 +298,13 @@ class Magnitude:
 class _Search:
     """Misfit of log limits (2 M,), lower ones first, which remembers what it was called with."""
 
-    def __init__(self, balls: Balls, frequency: Indices, inner: Indices, score: float) -> None:
+    def __init__(
+        self,
+        balls: Balls,
+        frequency: Indices,
+        inner: Indices,
+        score: float,
+    ) -> None:
         self.balls = balls
         self.frequency = frequency
         self.inner = inner

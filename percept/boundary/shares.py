@@ -94,7 +94,10 @@ def _nodes(count: int, *, even: bool) -> tuple[Array, Array]:
 
 
 def share_within(
-    users: Users, plane: DistancePlane, radius: Array, integral: DiscIntegral
+    users: Users,
+    plane: DistancePlane,
+    radius: Array,
+    integral: DiscIntegral,
 ) -> Array:
     """Return the share of each population with abs(Z_h) of at most `radius`, N·s/m.
 
@@ -126,14 +129,26 @@ def _outer_and_inner(users: Users, plane: DistancePlane, inner: int) -> tuple[_Q
     return (stiffness, damping) if inner == DAMPING else (damping, stiffness)
 
 
-def _ends(outer: _Quantity, radius: Array, edge: float, *, log: bool) -> tuple[Array, Array]:
+def _ends(
+    outer: _Quantity,
+    radius: Array,
+    edge: float,
+    *,
+    log: bool,
+) -> tuple[Array, Array]:
     """Return the scores of the outer quantity between which the disc lies, within an edge."""
     first = np.clip(outer.score_at(-radius, log=log), -edge, edge)
     second = np.clip(outer.score_at(radius, log=log), -edge, edge)
     return np.minimum(first, second), np.maximum(first, second)
 
 
-def _chord(users: Users, outer: _Quantity, inner: _Quantity, score: Array, radius: Array) -> Array:
+def _chord(
+    users: Users,
+    outer: _Quantity,
+    inner: _Quantity,
+    score: Array,
+    radius: Array,
+) -> Array:
     """Return the probability of the inner quantity's chord through the disc at each outer score."""
     across = outer.term_at(score, log=users.log)
     rest = radius - across
@@ -158,7 +173,10 @@ def _chord(users: Users, outer: _Quantity, inner: _Quantity, score: Array, radiu
 
 
 def shares_of_cells(
-    users: Users, plane: DistancePlane, radius: Array, integral: DiscIntegral
+    users: Users,
+    plane: DistancePlane,
+    radius: Array,
+    integral: DiscIntegral,
 ) -> Array:
     """Return the shares of n populations, each in a disc of its own, (n,), pass by pass."""
     shares = np.empty(radius.shape)
@@ -183,14 +201,24 @@ class Discs:
         abs(Z_h), N·s/m.
     """
 
-    def __init__(self, users: Users, plane: DistancePlane, radius: Array) -> None:
+    def __init__(
+        self,
+        users: Users,
+        plane: DistancePlane,
+        radius: Array,
+    ) -> None:
         self._users = users
         self._plane = plane
         self._radius = radius
         self._integrals: dict[float, dict[DiscIntegral, Flags]] = {}
 
     @classmethod
-    def of(cls, display: Display, users: Users, omega: Array) -> Discs:
+    def of(
+        cls,
+        display: Display,
+        users: Users,
+        omega: Array,
+    ) -> Discs:
         """Take what is displayed: by one display at (M,) rad/s, or by D at (M,) or (D, M)."""
         omega = np.atleast_2d(omega)
         if display.count is not None:
@@ -214,7 +242,12 @@ class Discs:
                 shares[rows, frequencies] = share_within(some, plane, radius, integral)
         return shares
 
-    def shares_of(self, draw: Indices, index: Indices, accuracy: float) -> Array:
+    def shares_of(
+        self,
+        draw: Indices,
+        index: Indices,
+        accuracy: float,
+    ) -> Array:
         """Return the shares of some populations at some frequencies, (n,)."""
         shares = np.empty(draw.shape)
         row = draw if len(self._radius) > 1 else np.zeros_like(draw)
@@ -249,7 +282,10 @@ class Discs:
 
 
 def _chosen(
-    users: Users, plane: DistancePlane, radius: Array, accuracy: float
+    users: Users,
+    plane: DistancePlane,
+    radius: Array,
+    accuracy: float,
 ) -> dict[DiscIntegral, Flags]:
     """Try integrals on populations (D, 1), from the fewest nodes on."""
     shape = np.broadcast_shapes(users.correlation.shape, radius.shape)
@@ -282,7 +318,10 @@ def _chosen(
 
 
 def _reaches_edges(
-    users: Users, plane: DistancePlane, radius: Array, integral: DiscIntegral
+    users: Users,
+    plane: DistancePlane,
+    radius: Array,
+    integral: DiscIntegral,
 ) -> Flags:
     """Say at which frequencies (M,) no population's disc ends between the edges."""
     outer, _ = _outer_and_inner(users, plane, integral.inner)

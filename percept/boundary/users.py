@@ -34,7 +34,13 @@ class Users:
     correlation: Array  # (D,)
 
     @classmethod
-    def of(cls, mean: Array, covariance: Array, *, log: bool) -> Users:
+    def of(
+        cls,
+        mean: Array,
+        covariance: Array,
+        *,
+        log: bool,
+    ) -> Users:
         """Take means (D, 2) and covariances (D, 2, 2)."""
         variance = np.diagonal(covariance, axis1=1, axis2=2)
         sd = np.sqrt(variance)
